@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from made import explain_seeds as seeds
-from twin.validation.explain.numeric import Rebuilder, unguarded
+from twin.validation.explain.function_source import Edit
+from twin.validation.explain.rebuilt_functions import Rebuilder, unguarded
 from twin.validation.explain.row_deviations import Judge, _renamed
-from twin.validation.explain.source import Edit
 
 RIGHT = "    return -(q2 + q3), atan2(-u[0], u[2]), asin(-u[1])"
 SAME = "    turned = {value}\n    turned += {term}\n    return -turned, atan2(-u[0], u[2]), asin(-u[1])"
@@ -75,12 +75,12 @@ def loaded(tmp_path, text):
 @pytest.mark.parametrize("value", ["q2", 'if_else(q2 < 9, q2, float("nan"))', "1 * q2"])
 def test_a_row_changes_no_value_of_the_mechanism(value, tmp_path):
     case, formula = lapbot(tmp_path, value, "q3")
-    before = {name: np.array(x) for name, x in case.truth.symbols.items() if isinstance(x, np.ndarray)}
+    before = {name: np.array(x) for name, x in case.reference.symbols.items() if isinstance(x, np.ndarray)}
     with unguarded():
-        judge = Judge(formula, None, case.truth)
+        judge = Judge(formula, None, case.reference)
     assert judge.failing() == []
     for name, x in before.items():
-        np.testing.assert_array_equal(case.truth.symbols[name], x)
+        np.testing.assert_array_equal(case.reference.symbols[name], x)
 
 
 @pytest.mark.slow

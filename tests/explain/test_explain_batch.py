@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from twin.validation.explain import batch, double
+from twin.validation.explain import batched_solutions, required_pairs
 from twin.validation.explain.deadline import Deadline
 
 POSES = 6
@@ -15,7 +15,7 @@ POSES = 6
 
 def steps(J, r, swivel=False):
     unknowns = np.ones((len(J), J.shape[3]), bool)
-    return batch._steps(J, r, unknowns, np.ones(J.shape[:2], bool), swivel)
+    return batched_solutions._steps(J, r, unknowns, np.ones(J.shape[:2], bool), swivel)
 
 
 def test_a_swivel_without_effect_leaves_an_expression_unique():
@@ -56,7 +56,7 @@ def test_an_expression_without_a_derivative_is_not_unique():
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_first_values_do_not_depend_on_a_choice_without_a_value(count):
-    newton = batch._Newton.__new__(batch._Newton)
+    newton = batched_solutions._Newton.__new__(batched_solutions._Newton)
     newton.expressions = 1
 
     def residuals(values):
@@ -72,7 +72,7 @@ def test_first_values_do_not_depend_on_a_choice_without_a_value(count):
 
 
 def test_a_choice_without_a_value_starts_where_it_has_one():
-    newton = batch._Newton.__new__(batch._Newton)
+    newton = batched_solutions._Newton.__new__(batched_solutions._Newton)
     newton.expressions = 1
 
     def residuals(values):
@@ -88,7 +88,7 @@ def test_a_choice_without_a_value_starts_where_it_has_one():
 @pytest.mark.parametrize("fails_at", [2, 3])
 def test_a_choice_keeps_its_residuals_if_a_step_has_no_value(fails_at):
     """The shift of choice 0 has no effect, and choice 1 is wrong; rows cannot be evaluated after a step of choice 1."""
-    newton = batch._Newton.__new__(batch._Newton)
+    newton = batched_solutions._Newton.__new__(batched_solutions._Newton)
     newton.expressions = 1
     newton.free = False
     newton.choices = [SimpleNamespace(cuts=(0,)), SimpleNamespace(cuts=(0,))]
@@ -124,7 +124,7 @@ class Late:
 
 @pytest.fixture
 def search():
-    return double.Double.__new__(double.Double)
+    return required_pairs.RequiredPairs.__new__(required_pairs.RequiredPairs)
 
 
 def test_no_first_edit_is_tried_after_the_time(search, monkeypatch):
@@ -133,8 +133,8 @@ def test_no_first_edit_is_tried_after_the_time(search, monkeypatch):
     def required(judge, step, rows, deadline, fixed):
         tried.append(fixed)
 
-    monkeypatch.setattr(double, "Required", required)
-    monkeypatch.setattr(double.Double, "judge", None)
+    monkeypatch.setattr(required_pairs, "RequiredValues", required)
+    monkeypatch.setattr(required_pairs.RequiredPairs, "judge", None)
     search.step = None
     search.sites = []
     assert list(search.required(["a", "b", "c"], [], Late(2))) == []
@@ -160,6 +160,6 @@ def test_no_part_of_the_choices_is_solved_after_the_time(search):
     search.coarse = SimpleNamespace(solved=solve)
     search.full = SimpleNamespace(solved=lambda *_: [])
     search._binding = lambda cuts, rows: ()
-    choices = [(n,) for n in range(3 * double._AT_ONCE)]
+    choices = [(n,) for n in range(3 * required_pairs._AT_ONCE)]
     assert list(search._solutions((), choices, [], Late(2))) == []
-    assert solved == [double._AT_ONCE] * 2
+    assert solved == [required_pairs._AT_ONCE] * 2

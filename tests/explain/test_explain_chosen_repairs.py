@@ -8,13 +8,13 @@ from types import SimpleNamespace
 import pytest
 
 from twin.validation.explain import repair_choice, trials
-from twin.validation.explain.candidate import Candidate, Found
+from twin.validation.explain.candidate import Candidate, GroupResult
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.edited_functions import EditedFunctions
+from twin.validation.explain.equation_steps import RowPlace
 from twin.validation.explain.formula_state import FormulaState
-from twin.validation.explain.repair import Search
-from twin.validation.explain.rows import RowPlace
-from twin.validation.explain.source import Edit
+from twin.validation.explain.function_source import Edit
+from twin.validation.explain.repair_search import RepairSearch
 
 A = ("e", 0, 0)
 B = ("e", 1, 0)
@@ -40,7 +40,7 @@ def starts(c):
 def search():
     """A search that evaluates nothing: `states` has the state after edits at some places."""
     judge = SimpleNamespace(residuals={}, failing=list, formula=SimpleNamespace(parameters=()))
-    out = Search(judge)
+    out = RepairSearch(judge)
     out.states = {}
     out.failing = [A, B]
     out.base = {A: 9.0, B: 9.0}
@@ -68,7 +68,7 @@ def pairs_found(search, *found):
 def single(search):
     c = candidate(0, scores={A: 0.0})
     search._singles = [c]
-    return Found([A], [[c]], None, 0.0, 9.0, 1)
+    return GroupResult([A], [[c]], None, 0.0, 9.0, 1)
 
 
 def test_a_pair_that_is_refused_is_not_found_again(search):
@@ -106,7 +106,7 @@ def test_a_refused_pair_is_refused_when_it_is_tried_again(search, monkeypatch):
         trials, "evaluate", lambda judge, step, change, extra: {RowPlace("e", "printed", 0, 0, "x", 1): 0.0}
     )
     monkeypatch.setattr(trials, "worst", lambda r: r)
-    monkeypatch.setattr(Search, "dependence", SimpleNamespace(judged=lambda c, rows: None))
+    monkeypatch.setattr(RepairSearch, "dependence", SimpleNamespace(judged=lambda c, rows: None))
     search.raw = {}
     assert search.attempt(STEP, [edit(10), edit(20)]).serves
     search.rejected.add(frozenset([edit(10), edit(20)]))

@@ -18,7 +18,7 @@ from twin.formula import symbolic
 from twin.robots import _authoring, load_formula
 from twin.validation.explain.conventions import ORDERS, conventions, dh_form
 from twin.validation.explain.explain import known
-from twin.validation.explain.numeric import Matrix, Rebuilder, of_formula
+from twin.validation.explain.rebuilt_functions import Matrix, Rebuilder, of_formula
 from twin.validation.explain.row_deviations import Judge
 
 
@@ -50,9 +50,9 @@ def test_angles_of_every_sequence(order, a, b, c):
 
 @pytest.mark.slow
 def test_another_euler_sequence(sils):
-    formula, truth = sils
-    a, b, c = spatial.euler_angles(truth.Ts[:, :3, :3], "xyz").T
-    other = replace(truth, symbols={**truth.symbols, "phi": a, "theta": b, "psi": c})
+    formula, reference = sils
+    a, b, c = spatial.euler_angles(reference.Ts[:, :3, :3], "xyz").T
+    other = replace(reference, symbols={**reference.symbols, "phi": a, "theta": b, "psi": c})
     found = conventions(Judge(formula, None, other))
     assert found[0].kind == "euler"
     assert "Rz(psi) Ry(theta) Rx(phi)" in found[0].message
@@ -79,15 +79,15 @@ def eq1_mirrored(X_E, Y_E, Z_E, psi, theta, phi, l_p):
 
 @pytest.mark.slow
 def test_degrees(sils):
-    formula, truth = sils
-    found = conventions(Judge(replaced(formula, "eq1", eq1_degrees), None, truth))
+    formula, reference = sils
+    found = conventions(Judge(replaced(formula, "eq1", eq1_degrees), None, reference))
     assert any(c.kind == "unit" and "degrees" in c.message for c in found)
 
 
 @pytest.mark.slow
 def test_a_left_handed_frame(sils):
-    formula, truth = sils
-    found = conventions(Judge(replaced(formula, "eq1", eq1_mirrored), None, truth))
+    formula, reference = sils
+    found = conventions(Judge(replaced(formula, "eq1", eq1_mirrored), None, reference))
     hand = next(c for c in found if c.kind == "handedness")
     assert "y = -y" in hand.message
     assert "x = x" in hand.message
@@ -95,11 +95,13 @@ def test_a_left_handed_frame(sils):
 
 @pytest.mark.slow
 def test_sign_and_zero_of_a_joint(sils):
-    formula, truth = sils
-    rows = {"rf1": truth.symbols["rf1"] + 0.1}
-    found = conventions(Judge(formula, None, replace(truth, symbols={**truth.symbols, **rows})))
+    formula, reference = sils
+    rows = {"rf1": reference.symbols["rf1"] + 0.1}
+    found = conventions(Judge(formula, None, replace(reference, symbols={**reference.symbols, **rows})))
     assert any("its zero position differs by -5.72958°" in c.message for c in found)
-    found = conventions(Judge(formula, None, replace(truth, symbols={**truth.symbols, "rf2": -truth.symbols["rf2"]})))
+    found = conventions(
+        Judge(formula, None, replace(reference, symbols={**reference.symbols, "rf2": -reference.symbols["rf2"]}))
+    )
     assert any(c.kind == "sign" and "rf2" in c.message for c in found)
 
 
@@ -153,8 +155,8 @@ def test_helpers_are_found_whatever_the_folder_of_a_robot_is_called(folder, tmp_
 
 @pytest.mark.slow
 def test_a_table_multiplied_in_the_other_form(pa10):
-    formula, truth = pa10
-    found = conventions(Judge(replaced(formula, "table1", table1_standard), None, truth))
+    formula, reference = pa10
+    found = conventions(Judge(replaced(formula, "table1", table1_standard), None, reference))
     (dh,) = [c for c in found if c.kind == "dh"]
     assert "standard Denavit-Hartenberg form" in dh.message
     assert dh.rows == ("table1.T_base_tool",)
@@ -162,12 +164,12 @@ def test_a_table_multiplied_in_the_other_form(pa10):
 
 @pytest.mark.slow
 def test_a_base_that_lies_on_its_side(pa10):
-    formula, truth = pa10
-    found = conventions(Judge(replaced(formula, "table1", table1_turned), None, truth))
+    formula, reference = pa10
+    found = conventions(Judge(replaced(formula, "table1", table1_turned), None, reference))
     assert any(c.kind == "axes" and "base axes" in c.message for c in found)
 
 
 @pytest.mark.slow
 def test_no_convention_is_found_where_all_is_well(sils, pa10):
-    for formula, truth in (sils, pa10):
-        assert conventions(Judge(formula, None, truth)) == []
+    for formula, reference in (sils, pa10):
+        assert conventions(Judge(formula, None, reference)) == []

@@ -7,7 +7,7 @@ import importlib.util
 import pytest
 
 from twin.validation.explain.counterparts import counterpart_edits
-from twin.validation.explain.source import Source
+from twin.validation.explain.function_source import Source
 
 
 def edits(folder, *statements):

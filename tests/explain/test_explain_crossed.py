@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from made import explain_seeds as seeds
-from twin.validation.explain.crossed import _at_best_angle
 from twin.validation.explain.deadline import Deadline
-from twin.validation.explain.numeric import unguarded
-from twin.validation.explain.repair import Search
+from twin.validation.explain.function_source import Edit
+from twin.validation.explain.rebuilt_functions import unguarded
+from twin.validation.explain.repair_search import RepairSearch
 from twin.validation.explain.row_deviations import Judge, evaluate
-from twin.validation.explain.source import Edit
+from twin.validation.explain.statement_pairs import _at_best_angle
 
 TROCAR = "u = W - vertcat(trocar_x, trocar_y, trocar_z)"
 OUTER = (
@@ -40,7 +40,7 @@ def changed(name, folder, *changes):
 
 def searched(name, folder, *changes):
     case, formula = changed(name, folder, *changes)
-    return Search(Judge(formula, None, case.truth), deadline=Deadline(30.0))
+    return RepairSearch(Judge(formula, None, case.reference), deadline=Deadline(30.0))
 
 
 @pytest.mark.slow

@@ -23,9 +23,9 @@ from twin.cad import frames
 from twin.core.units import MM
 from twin.reference import ReferenceModel
 from twin.validation.explain.explain import ExplainOptions, explain
-from twin.validation.explain.identify import Identified, Moved
-from twin.validation.explain.repair import Found
-from twin.validation.explain.weigh import weigh
+from twin.validation.explain.repair_search import GroupResult
+from twin.validation.explain.simplest_explanation import simplest_explanation
+from twin.validation.explain.wrong_parameters import Identified, Moved
 
 ROOT = Path(__file__).parents[2]
 
@@ -130,8 +130,8 @@ def _numbers(*notes: str, alternatives: bool = False, exact: bool = True) -> Ide
     return Identified(exact, 9.0, 0.0, moved, alternatives, (), (), ())
 
 
-def _edits(*counts: int) -> list[Found]:
-    return [Found([], [[SimpleNamespace(edits=[None] * n)]], None, 0.0, 1.0, 1) for n in counts]
+def _edits(*counts: int) -> list[GroupResult]:
+    return [GroupResult([], [[SimpleNamespace(edits=[None] * n)]], None, 0.0, 1.0, 1) for n in counts]
 
 
 @pytest.mark.parametrize(
@@ -151,4 +151,4 @@ def _edits(*counts: int) -> list[Found]:
     ],
 )
 def test_the_simpler_explanation_leads_and_a_tie_names_both(found, lost, numbers, lead):
-    assert weigh(found, lost, numbers) == lead
+    assert simplest_explanation(found, lost, numbers) == lead

@@ -92,7 +92,7 @@ def check_rewrites(cases, count, tmp_path):
         done += 1
         path = tmp_path / f"same{done}.py"
         path.write_text(text, encoding="utf-8")
-        judge = Judge(case.load(path), None, case.truth)
+        judge = Judge(case.load(path), None, case.reference)
         assert judge.residuals
         assert judge.failing() == [], f"{case.name}, rewrite {done}"
 

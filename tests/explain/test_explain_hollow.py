@@ -13,11 +13,11 @@ import pytest
 from made import explain_seeds as seeds
 from made.lanes import nightly
 from twin.core.errors import TwinError
-from twin.validation.explain import numeric
-from twin.validation.explain.numeric import Matrix
-from twin.validation.explain.repair import Search
+from twin.validation.explain import rebuilt_functions
+from twin.validation.explain.function_source import Edit
+from twin.validation.explain.rebuilt_functions import Matrix
+from twin.validation.explain.repair_search import RepairSearch
 from twin.validation.explain.row_deviations import Judge
-from twin.validation.explain.source import Edit
 
 SEARCHES = int(os.environ.get("TWIN_SEARCHES", "4"))
 """Searches whose cures are checked; `TWIN_SEARCHES=2000` takes an hour, `TWIN_SEARCHES_SEED` splits it."""
@@ -58,8 +58,8 @@ TAUTOLOGIES = (
 @pytest.mark.parametrize(("row", "changes"), nightly(TAUTOLOGIES, every=3))
 def test_a_row_that_says_nothing_is_no_cure(row, changes, sils):
     """It agrees at every pose, whatever the dimensions are, and is refused all the same."""
-    formula, truth = sils
-    search = Search(Judge(formula, None, truth.with_parameters({"l_0": truth.symbols["l_0"] + 1e-4})))
+    formula, reference = sils
+    search = RepairSearch(Judge(formula, None, reference.with_parameters({"l_0": reference.symbols["l_0"] + 1e-4})))
     k = next(
         (p.equation, p.statement, p.position) for p in search.judge.residuals if (p.equation, p.symbol) == ("eq2", row)
     )
@@ -75,9 +75,9 @@ def test_a_row_that_says_nothing_is_no_cure(row, changes, sils):
 
 @pytest.mark.nightly
 def test_a_changed_dimension_is_not_explained_by_edits(sils):
-    formula, truth = sils
+    formula, reference = sils
     for name, d in (("L_V", 2e-4), ("l_2", 3e-4)):
-        search = Search(Judge(formula, None, truth.with_parameters({name: truth.symbols[name] + d})))
+        search = RepairSearch(Judge(formula, None, reference.with_parameters({name: reference.symbols[name] + d})))
         search.targets, search.failing = search.targets[-1:], search.failing[-1:]
         found, lost = search.run(budget=0.3)
         assert lost == search.failing
@@ -92,12 +92,12 @@ def test_what_a_repair_drops_is_said(sils, tmp_path):
 
     from twin.robots import load_formula
 
-    formula, truth = sils
+    formula, reference = sils
     text = inspect.getsource(inspect.getmodule(formula.equations[0].variants["corrected"]))
     head, rest = text.split("def eq2_corrected", 1)
     right = "(l_2 - l_1) * (q2 - q1) + Z_S1"
     (tmp_path / "formula.py").write_text(head + "def eq2_corrected" + rest.replace(right, right.replace("q1", "X_S2")))
-    (found,), lost = Search(Judge(load_formula(tmp_path / "formula.py", trial=True), None, truth)).run()
+    (found,), lost = RepairSearch(Judge(load_formula(tmp_path / "formula.py", trial=True), None, reference)).run()
     assert not lost
     assert found.cures[0][0].edits[0].text == "X_S2 -> q1"
     assert found.cures[0][0].dropped == ("X_S2",)
@@ -110,7 +110,7 @@ def test_an_index_of_a_scalar_is_no_cure(tmp_path):
     text, right = case.path.read_text(encoding="utf-8"), "atan2(w[1], w[0])"
     assert text.count(right) == 1
     (tmp_path / "formula.py").write_text(text.replace(right, "atan2(w[1], w[1])"), encoding="utf-8")
-    search = Search(Judge(case.load(tmp_path / "formula.py"), None, case.truth))
+    search = RepairSearch(Judge(case.load(tmp_path / "formula.py"), None, case.reference))
     found, lost = search.run(budget=2.0)
     assert not lost
     texts = [e.text for f in found for cure in f.cures for c in cure for e in c.edits]
@@ -122,10 +122,10 @@ def test_an_index_of_a_scalar_is_no_cure(tmp_path):
 def test_products_of_a_scalar_and_a_vector_are_refused_as_by_casadi(name):
     vector = Matrix(np.ones((4, 3, 1)))
     with pytest.raises(ValueError, match="vectors have 1 and 3 entries"):
-        numeric._FUNCTIONS[name](np.ones(4), vector)
+        rebuilt_functions._FUNCTIONS[name](np.ones(4), vector)
     with pytest.raises(RuntimeError):
         getattr(ca, name)(ca.SX.sym("s"), ca.SX.sym("v", 3))
-    numeric._FUNCTIONS[name](vector, vector)
+    rebuilt_functions._FUNCTIONS[name](vector, vector)
 
 
 @pytest.mark.nightly
@@ -140,10 +140,10 @@ def test_no_search_offers_a_tautology(tmp_path, capsys, monkeypatch):
         folder = tmp_path / "one"
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir()
-        faulty, truth, what = case.formula, case.truth, ""
+        faulty, reference, what = case.formula, case.reference, ""
         if kind == 0:
             p = case.formula.parameters[rng.integers(len(case.formula.parameters))].name
-            truth = case.changed(**{p: float(rng.uniform(5e-5, 5e-4))})
+            reference = case.changed(**{p: float(rng.uniform(5e-5, 5e-4))})
         else:
             path = tmp_path / f"formula{rng.integers(10**9)}.py"
             what = seeds.seeded(case, path, rng, 2 if kind == 3 else 1)
@@ -151,10 +151,10 @@ def test_no_search_offers_a_tautology(tmp_path, capsys, monkeypatch):
                 faulty = case.load(path) if what else None
             except TwinError:
                 continue
-        judge = Judge(faulty, None, truth) if faulty is not None else None
+        judge = Judge(faulty, None, reference) if faulty is not None else None
         if judge is None or not judge.failing():
             continue
-        search = Search(judge)
+        search = RepairSearch(judge)
         i = int(rng.integers(len(search.failing)))
         search.targets, search.failing = [search.targets[i]], [search.failing[i]]
         done += 1

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from twin.robots import _authoring
-from twin.validation.explain.numeric import Rebuilder
+from twin.validation.explain.rebuilt_functions import Rebuilder
 
 TEXT = """
 from casadi import cos, sin, vertcat

@@ -21,11 +21,11 @@ from twin import api
 from twin.robots import _raven
 from twin.validation.explain.counterparts import counterpart_edits
 from twin.validation.explain.deadline import Deadline
-from twin.validation.explain.edits import Pool, edits
 from twin.validation.explain.explain import explain
-from twin.validation.explain.repair import Search
+from twin.validation.explain.parameter_coincidences import coincidences
+from twin.validation.explain.repair_search import RepairSearch
 from twin.validation.explain.row_deviations import Judge
-from twin.validation.explain.varied import coincidences
+from twin.validation.explain.statement_edits import NamePool, edits
 
 COUNT = int(os.environ.get("TWIN_MUTANTS", "8"))
 PAIRS = int(os.environ.get("TWIN_MUTANT_PAIRS", "1"))
@@ -316,7 +316,7 @@ def test_each_element_of_a_return_is_judged_although_another_has_no_value(tmp_pa
     first, second = ELEMENTS
     _, formula = changed("lapbot", *first, tmp_path, second)
     case = seeds.built_in("lapbot")
-    judge = Judge(formula, None, case.truth)
+    judge = Judge(formula, None, case.reference)
     assert [(place.symbol, np.isnan(judge.residuals[place]).all()) for place in judge.failing()] == [
         ("q7", False),
         ("q9", True),
@@ -337,12 +337,12 @@ def test_rows_after_one_without_a_value_are_judged(tmp_path):
     right = "X_S2 = X_E - sqrt(3) / 3 * l_p"
     second = ("return X_S1, Y_S1, Z_S1, X_S2,", "return X_S1, Y_S1, Z_S3, X_S2,")
     case, formula = changed("sils", right, right.replace("l_p", "Z_S3"), tmp_path, second)
-    assert [place.symbol for place in Judge(formula, None, case.truth).failing()] == ["X_S2", "Z_S1"]
+    assert [place.symbol for place in Judge(formula, None, case.reference).failing()] == ["X_S2", "Z_S1"]
 
 
 def test_a_part_that_stands_whole_elsewhere_is_put_back(tmp_path):
     case, formula = changed("sher", *WHOLE_ELSEWHERE, tmp_path)
-    source = Judge(formula, None, case.truth).step("tilt_inverse").source
+    source = Judge(formula, None, case.reference).step("tilt_inverse").source
     assert ("phi4", "(theta - pi / 2 + phi4)") in [
         (e.old, e.new) for e in counterpart_edits(source, source.statements[0])
     ]
@@ -370,9 +370,9 @@ _ROW = "(l_1 + l_2) * q5 + 2 * l_1 * sqrt(-X_S3**2 - l_0**2 + (l_1 + l_2)**2 - (
 def test_a_missing_square_of_a_parenthesis_is_one_edit(parenthesis, tmp_path):
     wrong = _ROW.replace(f"{parenthesis}**2", parenthesis)
     case, formula = changed("sils", _ROW, wrong, tmp_path)
-    source = Judge(formula, None, case.truth).step("eq2").source
+    source = Judge(formula, None, case.reference).step("eq2").source
     statement = source.statements[5]
-    found = edits(source, statement, Pool(frozenset(), {}, frozenset(), frozenset(), frozenset()), ("exponent",))
+    found = edits(source, statement, NamePool(frozenset(), {}, frozenset(), frozenset(), frozenset()), ("exponent",))
     right = source.data.decode()
     assert case.path.read_text(encoding="utf-8") in [right[: e.start] + e.new + right[e.end :] for e in found]
 
@@ -382,7 +382,7 @@ def test_a_cure_that_needs_another_swivel_than_that_of_the_formula_is_none(tmp_p
     """With a fitted swivel, the elbow row agrees without its cross product, but the pose does not follow from it."""
     second = ("sqrt(RL3**2 - a**2)", "sqrt(RL5**2 - a**3)")
     case, formula = changed("pa10", *second, tmp_path)
-    found, lost = Search(Judge(formula, None, case.truth), deadline=Deadline(8.0)).run(0.0)
+    found, lost = RepairSearch(Judge(formula, None, case.reference), deadline=Deadline(8.0)).run(0.0)
     assert lost
     assert not found[0].cures
 
@@ -390,13 +390,13 @@ def test_a_cure_that_needs_another_swivel_than_that_of_the_formula_is_none(tmp_p
 @pytest.mark.parametrize("name", ["pa10", "sher", "hibou", "davinci_psm"])
 def test_right_equations_hold_for_other_values_of_equal_and_assumed_parameters(name):
     case = seeds.built_in(name)
-    assert coincidences(Judge(case.formula, None, case.truth)) == []
+    assert coincidences(Judge(case.formula, None, case.reference)) == []
 
 
 def test_a_term_that_is_zero_for_the_assumed_value_is_found_out(tmp_path):
     """The trocar's y is zero: this term shows only if a length of zero is varied as well."""
     case, formula = changed("hibou", "P_7 + r6 * u", "P_7 + r6 * u + trocar_y", tmp_path)
-    judge = Judge(formula, None, case.truth)
+    judge = Judge(formula, None, case.reference)
     assert not judge.failing()
     assert [p.name for group in coincidences(judge) for p in group] == ["trocar_y"]
 
@@ -418,12 +418,12 @@ def test_a_cure_holds_for_other_values_if_a_derived_parameter_follows(tmp_path):
         '        mm("square", 180, "DERIVED", "squares"),\n        *trocar(400, 0, 300),',
     )
     case, formula = changed("lapbot", *right, tmp_path, arguments, parameter)
-    truth = replace(case.truth, symbols={**case.truth.symbols, "square": 0.18})
-    assert coincidences(Judge(formula, None, truth)) == []
+    reference = replace(case.reference, symbols={**case.reference.symbols, "square": 0.18})
+    assert coincidences(Judge(formula, None, reference)) == []
     wrong = ("W[1] ** 2 - a**2 - b**2) / (2 * a * b)", "W[1] ** 2 - square) / (2 * a * a)")
     case, formula = changed("lapbot", *wrong, tmp_path, arguments, parameter)
-    assert not Judge(formula, None, truth).failing()
-    assert coincidences(Judge(formula, None, truth)) != []
+    assert not Judge(formula, None, reference).failing()
+    assert coincidences(Judge(formula, None, reference)) != []
 
 
 @pytest.mark.parametrize("part", [0.2, 0.0], ids=["at once", "late"])
@@ -431,8 +431,8 @@ def test_the_search_goes_on_after_a_cure_that_holds_by_chance(part, tmp_path, mo
     """`a**2` for `a` agrees because a = b: no stage of the search is left out because of it, also if found out late."""
     right = "acos((W[0] ** 2 + W[1] ** 2 - a**2 - b**2) / (2 * a * b))"
     case, formula = changed("lapbot", right, right.replace("b**2", "a"), tmp_path)
-    monkeypatch.setattr("twin.validation.explain.repair._CHANCE_PART", part)
-    search = Search(Judge(formula, None, case.truth), deadline=Deadline(30.0))
+    monkeypatch.setattr("twin.validation.explain.repair_search._CHANCE_PART", part)
+    search = RepairSearch(Judge(formula, None, case.reference), deadline=Deadline(30.0))
     run = search._stage
     stages = []
 
@@ -449,7 +449,7 @@ def test_the_search_goes_on_after_a_cure_that_holds_by_chance(part, tmp_path, mo
 def test_an_expression_in_a_function_with_several_calls_is_not_refuted(tmp_path):
     """All calls of row() have a matrix of the same form, but an edit may change an entry by other amounts in each."""
     case, formula = changed("lapbot", "-pi / 2 + q6", "pi / 2 + q6", tmp_path)
-    search = Search(Judge(formula, None, case.truth), deadline=Deadline(30.0))
+    search = RepairSearch(Judge(formula, None, case.reference), deadline=Deadline(30.0))
     search._refute()
     (row,) = {h.source.path for s in search.judge.steps for h in search.judge.helpers(s) if h.source.name == "row"}
     assert search._refuted
@@ -458,9 +458,9 @@ def test_an_expression_in_a_function_with_several_calls_is_not_refuted(tmp_path)
 
 def test_expressions_with_a_swivel_are_unknowns(tmp_path):
     case, formula = changed("pa10", "sqrt(RL3**2 - a**2)", "sqrt(RL3**2 - a**3)", tmp_path)
-    judge = Judge(formula, None, case.truth)
+    judge = Judge(formula, None, case.reference)
     assert judge.step("elbow").free
-    search = Search(judge, deadline=Deadline(30.0))
+    search = RepairSearch(judge, deadline=Deadline(30.0))
     (double,) = (d for d in search.pair_search.doubles if d.step.equation.name == "elbow")
     cuts = double.cuts(search.failing, Deadline(30.0))
     assert "sqrt(RL3**2 - a**3)" in {ast.unparse(cut.node).replace(" ** ", "**") for cut in cuts}
@@ -515,6 +515,6 @@ def test_a_length_of_the_trocar_for_one_of_the_arm_is_found_out(tmp_path):
     """The trocar's z is equal to a. With other values, no pose has its shaft through the trocar: no value is left."""
     right = "(_to_elbow(q1, q2, q3, a, h) @ vertcat(b"
     case, formula = changed("hibou", right, right.replace("a, h", "trocar_z, h"), tmp_path)
-    judge = Judge(formula, None, case.truth)
+    judge = Judge(formula, None, case.reference)
     assert not judge.failing()
     assert ("a",) in [tuple(p.name for p in group) for group in coincidences(judge)]

@@ -120,7 +120,7 @@ def test_a_wrong_equation_is_named_with_a_noisy_cad(tmp_path):
             faulty = case.load(path)
         except TwinError:
             continue
-        exact = Judge(faulty, None, case.truth)
+        exact = Judge(faulty, None, case.reference)
         wrong = {p.symbol: np.abs(exact.residuals[p]).max() for p in exact.failing()}
         worst = max(wrong.values(), default=0.0)
         if not worst * exact.tolerance.length > ABOVE:

@@ -9,8 +9,8 @@ from twin import api
 from twin.core.units import DEG
 from twin.robots import load_formula
 from twin.validation.explain.explain import explain, known
-from twin.validation.explain.identify import Fit, ParameterResiduals, _covariance, identify
 from twin.validation.explain.row_deviations import Judge
+from twin.validation.explain.wrong_parameters import Fit, ParameterResiduals, _covariance, identify
 
 pytestmark = pytest.mark.usefixtures("sampled_once")
 
@@ -29,14 +29,14 @@ def sher():
 
 def wrong(case, **by):
     """A judge of the formula with some parameters changed by so much (SI)."""
-    formula, truth = case
-    return Judge(formula, None, truth.with_parameters({n: truth.symbols[n] + d for n, d in by.items()}))
+    formula, reference = case
+    return Judge(formula, None, reference.with_parameters({n: reference.symbols[n] + d for n, d in by.items()}))
 
 
 @pytest.mark.nightly
 def test_a_length_that_moved_is_named_with_both_values(sils, sils_model):
-    formula, truth = sils
-    x = explain("sils", formula, sils_model, truth=truth.with_parameters({"l_p": 0.1344}))
+    formula, reference = sils
+    x = explain("sils", formula, sils_model, reference=reference.with_parameters({"l_p": 0.1344}))
     assert x.explained
     (moved,) = x.identified.moved
     assert (moved.name, moved.unit) == ("l_p", "mm")
@@ -92,14 +92,14 @@ def test_covariance_is_that_of_the_errors(sils):
 
 
 def test_a_unit_slip_is_called_one(sils):
-    formula, truth = sils
-    found = identify(Judge(formula, None, truth.with_parameters({"l_p": 0.000135})))
+    formula, reference = sils
+    found = identify(Judge(formula, None, reference.with_parameters({"l_p": 0.000135})))
     assert found.moved[0].note == "looks like metres instead of millimetres"
 
 
 def test_a_wrong_form_is_not_explained_by_numbers(sils):
-    formula, truth = sils
-    found = identify(Judge(formula, {"eq1": "printed"}, truth))
+    formula, reference = sils
+    found = identify(Judge(formula, {"eq1": "printed"}, reference))
     assert not found.exact
     assert found.moved == ()
 
@@ -113,8 +113,8 @@ def test_rows_without_a_value_are_not_explained_by_numbers(sils):
 
 @pytest.mark.parametrize("only_row", [False, True])
 def test_a_row_that_is_lost_at_other_values_leaves_no_residuals(sils, monkeypatch, only_row):
-    formula, truth = sils
-    residuals = ParameterResiduals(Judge(formula, None, truth))
+    formula, reference = sils
+    residuals = ParameterResiduals(Judge(formula, None, reference))
     assert len(residuals.rows) > 1
     if only_row:
         first = residuals.rows[0]
@@ -124,9 +124,9 @@ def test_a_row_that_is_lost_at_other_values_leaves_no_residuals(sils, monkeypatc
     assert size > 1
     on = residuals.judge.on
 
-    def with_a_lost_row(truth):
-        judge = on(truth)
-        if truth.symbols["l_1"] != residuals.start["l_1"]:
+    def with_a_lost_row(reference):
+        judge = on(reference)
+        if reference.symbols["l_1"] != residuals.start["l_1"]:
             del judge.residuals[residuals.rows[0]]
         return judge
 
@@ -139,8 +139,8 @@ def test_a_row_that_is_lost_at_other_values_leaves_no_residuals(sils, monkeypatc
 
 
 def test_no_number_is_named_where_every_row_holds(sils):
-    formula, truth = sils
-    judge = Judge(formula, None, truth)
+    formula, reference = sils
+    judge = Judge(formula, None, reference)
     found = identify(judge, alone=True)
     assert found is None
 

@@ -11,7 +11,7 @@ from twin import api
 from twin.robots import load_formula
 from twin.robots._authoring import row
 from twin.validation.explain.explain import known
-from twin.validation.explain.offsets import axes_text, offsets
+from twin.validation.explain.joint_offsets import axes_text, offsets
 from twin.validation.explain.row_deviations import Judge
 
 
@@ -47,11 +47,11 @@ def other_twist(q1, q2, q3, q4, q5, q6, q7, RL3, RL5, RL7, RL8):
     return T @ row(-pi / 2, 0, q6, 0) @ row(pi / 2, 0, q7, RL7 + RL8)
 
 
-def messages(formula, truth, variants=None, **functions):
+def messages(formula, reference, variants=None, **functions):
     for name, function in functions.items():
         formula = replaced(formula, name, function)
     with np.errstate(all="ignore"):
-        return [c.message for c in offsets(Judge(formula, variants, truth))]
+        return [c.message for c in offsets(Judge(formula, variants, reference))]
 
 
 def test_the_printed_table_of_the_psm_lacks_three_offsets(psm):

@@ -13,10 +13,10 @@ from twin.api.proved_repairs import ProverOfRepairs, _verdict
 from twin.formula import variant_choice
 from twin.proof.equality import equal_outputs
 from twin.robots import load_formula
-from twin.validation.explain.candidate import Candidate, Found
+from twin.validation.explain.candidate import Candidate, GroupResult
 from twin.validation.explain.edited_formula import edited_formula, source_path
+from twin.validation.explain.function_source import Edit
 from twin.validation.explain.proved_repairs import proved
-from twin.validation.explain.source import Edit
 
 RIGHT = "a**2 - b**2) / (2 * a * b)"
 WRONG = "a**2 - b**2) / (2 * a * 1)"
@@ -49,7 +49,7 @@ def cure(formula, new):
 
 
 def judged(lapbot, formula, *news):
-    found = Found([], [cure(formula, new) for new in news], None, 0.0, 1.0, len(news))
+    found = GroupResult([], [cure(formula, new) for new in news], None, 0.0, 1.0, len(news))
     (result,) = proved(formula, [found], ProverOfRepairs(lapbot, None))
     return result
 
@@ -90,7 +90,7 @@ def test_an_edit_of_another_file_or_of_a_left_side_is_not_judged(lapbot, wrong):
 
 
 def test_without_a_prover_nothing_is_said(wrong):
-    found = Found([], [cure(wrong, "b")], None, 0.0, 1.0, 1)
+    found = GroupResult([], [cure(wrong, "b")], None, 0.0, 1.0, 1)
     (result,) = proved(wrong, [found], None)
     assert (result.found, result.proofs) == (found, ())
 

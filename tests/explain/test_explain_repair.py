@@ -10,9 +10,9 @@ import pytest
 
 from twin.robots import load_formula
 from twin.validation.explain.explain import ExplainOptions, explain, known
-from twin.validation.explain.repair import Search
+from twin.validation.explain.function_source import patched
+from twin.validation.explain.repair_search import RepairSearch
 from twin.validation.explain.row_deviations import Judge
-from twin.validation.explain.source import patched
 
 pytestmark = pytest.mark.usefixtures("sampled_once")
 
@@ -23,23 +23,23 @@ def sils():
 
 
 @pytest.fixture(scope="module")
-def truth(sils, sils_model):
+def reference(sils, sils_model):
     return known(sils, sils_model)
 
 
 @pytest.fixture(scope="module")
-def printed1(sils, sils_model, truth):
-    return explain("sils", sils, sils_model, {"eq1": "printed"}, truth=truth)
+def printed1(sils, sils_model, reference):
+    return explain("sils", sils, sils_model, {"eq1": "printed"}, reference=reference)
 
 
 @pytest.fixture(scope="module")
-def printed2(sils, sils_model, truth):
-    return explain("sils", sils, sils_model, {"eq2": "printed"}, truth=truth)
+def printed2(sils, sils_model, reference):
+    return explain("sils", sils, sils_model, {"eq2": "printed"}, reference=reference)
 
 
 @pytest.mark.nightly
-def test_the_corrected_equations_need_no_explanation(sils, sils_model, truth):
-    x = explain("sils", sils, sils_model, truth=truth)
+def test_the_corrected_equations_need_no_explanation(sils, sils_model, reference):
+    x = explain("sils", sils, sils_model, reference=reference)
     assert (x.verdict, x.exit_code, x.rows, x.invariants) == ("agree", 0, (), ())
 
 
@@ -68,14 +68,14 @@ def test_eq1_printed_is_no_rigid_platform(printed1):
 
 
 @pytest.mark.slow
-def test_the_repair_can_be_applied(sils, truth, tmp_path):
-    search = Search(Judge(sils, {"eq1": "printed"}, truth))
+def test_the_repair_can_be_applied(sils, reference, tmp_path):
+    search = RepairSearch(Judge(sils, {"eq1": "printed"}, reference))
     found, lost = search.run()
     assert not lost
     path = tmp_path / "formula.py"
     path.write_text(patched([e for f in found for e in f.cures[0][0].edits]), encoding="utf-8")
     assert "c_psi, c_theta, c_phi = cos(psi), cos(theta), cos(phi)" in path.read_text(encoding="utf-8")
-    assert Judge(load_formula(path), {"eq1": "printed"}, truth).failing() == []
+    assert Judge(load_formula(path), {"eq1": "printed"}, reference).failing() == []
 
 
 @pytest.mark.slow
@@ -97,8 +97,8 @@ def test_eq2_printed_is_a_tie_that_the_paper_cannot_settle(printed2):
 
 
 @pytest.mark.nightly
-def test_a_root_that_closes_early_is_found(sils, truth):
-    found, lost = Search(Judge(sils, {"eq2": "literal"}, truth)).run()
+def test_a_root_that_closes_early_is_found(sils, reference):
+    found, lost = RepairSearch(Judge(sils, {"eq2": "literal"}, reference)).run()
     assert not lost
     kinds = {f.rows[0][1]: f.cures[0][0].edits[0].kind for f in found}
     assert [kinds[i] for i in (1, 3, 5)] == ["parenthesis"] * 3
@@ -124,34 +124,34 @@ def faulty(tmp_path):
     return make
 
 
-def test_two_edits_in_one_row(faulty, truth):
+def test_two_edits_in_one_row(faulty, reference):
     right = "Z_S1 = Z_E - sqrt(3) / 6 * l_p * s_theta - l_p / 2"
     formula = faulty((right, "Z_S1 = Z_E - sqrt(3) / 3 * l_p * s_theta + l_p / 2"))
-    (found,), lost = Search(Judge(formula, None, truth)).run()
+    (found,), lost = RepairSearch(Judge(formula, None, reference)).run()
     assert not lost
     assert sorted(e.text for e in found.cures[0][0].edits) == ["3 -> 6", "insert `-`"]
 
 
-def test_a_row_of_mixed_dimensions_is_told(faulty, sils_model, truth):
+def test_a_row_of_mixed_dimensions_is_told(faulty, sils_model, reference):
     formula = faulty(("Z_S2 = Z_E + sqrt(3) / 3 * l_p", "Z_S2 = Z_E + sqrt(3) / 3 * l_p**2"))
-    x = explain("sils", formula, sils_model, truth=truth)
+    x = explain("sils", formula, sils_model, reference=reference)
     assert [f.where.split(",")[0] for f in x.invariants if f.code == "invariant.dimension"] == ["eq1.Z_S2"]
     assert x.repairs[0].cures[0][0].changes[0].edit == "2 -> 1"
 
 
 @pytest.mark.slow
-def test_one_edit_cures_several_rows(faulty, truth):
+def test_one_edit_cures_several_rows(faulty, reference):
     formula = faulty(("c_psi, c_theta, c_phi = cos(psi)", "c_psi, c_theta, c_phi = sin(psi)"))
-    (found,), lost = Search(Judge(formula, None, truth)).run()
+    (found,), lost = RepairSearch(Judge(formula, None, reference)).run()
     assert not lost
     assert [e.text for e in found.cures[0][0].edits] == ["sin -> cos"]
     assert len(found.rows) == 5
 
 
 @pytest.mark.slow
-def test_a_name_that_is_not_there_is_put_right(faulty, sils_model, truth):
+def test_a_name_that_is_not_there_is_put_right(faulty, sils_model, reference):
     formula = faulty(("c_psi * s_theta * s_phi", "c_psi * s_theta * s_phy"))
-    x = explain("sils", formula, sils_model, truth=truth)
+    x = explain("sils", formula, sils_model, reference=reference)
     (repair,) = x.repairs
     assert repair.rows == ("eq1.X_S1",)  # the rows after it are judged with the mechanism's value
     assert (x.verdict, x.exit_code) == ("unchecked", 2)
@@ -161,10 +161,10 @@ def test_a_name_that_is_not_there_is_put_right(faulty, sils_model, truth):
 
 
 @pytest.mark.slow
-def test_what_no_edit_explains_is_said_to_be_unexplained(faulty, sils_model, truth):
+def test_what_no_edit_explains_is_said_to_be_unexplained(faulty, sils_model, reference):
     right = "Z_S2 = Z_E + sqrt(3) / 3 * l_p * s_theta"
     formula = faulty((right, "Z_S2 = Z_E * cos(phi * X_E * 7.3) + psi ** 3 * theta"))
-    x = explain("sils", formula, sils_model, truth=truth, options=ExplainOptions(budget=0.5))
+    x = explain("sils", formula, sils_model, reference=reference, options=ExplainOptions(budget=0.5))
     assert (x.verdict, x.explained) == ("disagree", False)
     assert not x.repairs[0].cures
     assert "makes the rows agree" in x.repairs[0].note
@@ -172,37 +172,37 @@ def test_what_no_edit_explains_is_said_to_be_unexplained(faulty, sils_model, tru
 
 
 @pytest.mark.nightly
-def test_the_search_leaves_the_truth_as_it_was(sils, truth):
+def test_the_search_leaves_the_reference_values_as_it_was(sils, reference):
     """A moved parenthesis makes sin(a, b), which in numpy would write into b."""
-    before = {n: np.array(getattr(v, "a", v)) for n, v in truth.symbols.items()}
-    Search(Judge(sils, {"eq2": "literal"}, truth)).run(budget=0.0)
+    before = {n: np.array(getattr(v, "a", v)) for n, v in reference.symbols.items()}
+    RepairSearch(Judge(sils, {"eq2": "literal"}, reference)).run(budget=0.0)
     for name, value in before.items():
-        np.testing.assert_array_equal(getattr(truth.symbols[name], "a", truth.symbols[name]), value)
-    from twin.validation.explain.numeric import _FUNCTIONS
+        np.testing.assert_array_equal(getattr(reference.symbols[name], "a", reference.symbols[name]), value)
+    from twin.validation.explain.rebuilt_functions import _FUNCTIONS
 
     for name in ("sin", "sqrt", "acos"):
         with pytest.raises(TypeError):
             _FUNCTIONS[name](np.zeros(3), np.zeros(3))
 
 
-def test_a_fault_is_not_seen_where_none_is(sils, truth):
-    """The judge must not find fault with one robot's truth in another sample of it."""
-    shifted = truth.with_parameters({"l_p": 0.1351})
+def test_a_fault_is_not_seen_where_none_is(sils, reference):
+    """The judge must not find fault with one robot's reference values in another sample of it."""
+    shifted = reference.with_parameters({"l_p": 0.1351})
     assert {p.equation for p in Judge(sils, None, shifted).failing()} == {"eq1"}
-    assert Judge(sils, None, truth).failing() == []
+    assert Judge(sils, None, reference).failing() == []
 
 
-def test_values_are_those_of_casadi(sils, truth):
+def test_values_are_those_of_casadi(sils, reference):
     from twin.kinematics import compile_formula
 
-    judge = Judge(sils, {"eq1": "printed"}, truth)
+    judge = Judge(sils, {"eq1": "printed"}, reference)
     kin = compile_formula(sils, {"eq1": "printed"})
     mine = {p.symbol: r for p, r in judge.residuals.items() if p.equation == "eq1" and p.statement > 1}
-    points = kin.points_many(Ts=truth.Ts)
+    points = kin.points_many(Ts=reference.Ts)
     for i in (1, 2, 3):
         for j, axis in enumerate("XYZ"):
             symbol = f"{axis}_S{i}"
-            true = truth.symbols[symbol]
+            true = reference.symbols[symbol]
             place = next(p for p in judge.residuals if p.symbol == symbol)
             np.testing.assert_allclose(true + judge.residuals[place][:, 0] * 1e-9, points[f"s{i}"][:, j], atol=1e-14)
     assert set(mine) == set(sils.equations[0].outputs)

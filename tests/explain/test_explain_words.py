@@ -10,8 +10,8 @@ import pytest
 from twin.core.errors import KinematicsError
 from twin.robots import load_formula
 from twin.validation.explain.explain import explain, known
-from twin.validation.explain.source import Source
-from twin.validation.explain.tidy import tidy
+from twin.validation.explain.function_source import Source
+from twin.validation.explain.tidying import tidy
 
 pytestmark = pytest.mark.usefixtures("sampled_once")
 
@@ -72,19 +72,19 @@ def sils_text():
 
 
 @pytest.fixture(scope="module")
-def truth(sils_model):
+def reference(sils_model):
     return known(load_formula("sils"), sils_model)
 
 
 @pytest.mark.slow
-def test_two_edits_are_one_diff_of_finished_lines(sils_text, sils_model, truth, tmp_path):
+def test_two_edits_are_one_diff_of_finished_lines(sils_text, sils_model, reference, tmp_path):
     head, rest = sils_text.split("def eq1_corrected", 1)
     right = "Z_S1 = Z_E - sqrt(3) / 6 * l_p * s_theta - l_p / 2 * s_phi * c_theta"
     wrong = "Z_S1 = Z_E - sqrt(3) / 3 * l_p * s_theta + l_p / 2 * s_phi * c_theta"
     assert right in rest
     path = tmp_path / "formula.py"
     path.write_text(f"{head}def eq1_corrected{rest.replace(right, wrong)}", encoding="utf-8")
-    x = explain("sils", load_formula(path, trial=True), sils_model, truth=truth)
+    x = explain("sils", load_formula(path, trial=True), sils_model, reference=reference)
     reading = x.repairs[0].cures[0][0]
     assert len(reading.changes) == 2
     assert {c.after for c in reading.changes} == {f"{right}  # (1)"}

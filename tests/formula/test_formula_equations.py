@@ -10,7 +10,7 @@ import pytest
 from twin.core.errors import KinematicsError
 from twin.formula.equations import rows
 from twin.robots import load_formula, names
-from twin.validation.explain.source import Source
+from twin.validation.explain.function_source import Source
 
 HEAD = '''
 from twin.formula.contract import *

@@ -19,7 +19,7 @@ from twin.formula.lift import scope
 from twin.formula.symbol import Symbol
 from twin.kinematics import compile_formula
 from twin.robots import load_formula
-from twin.validation.explain.plain import SampledScalar, leave
+from twin.validation.explain.plain_values import SampledScalar, leave
 
 ROOT = Path(__file__).parents[2]
 

@@ -26,7 +26,7 @@ SEEDED = {"sher": ("margins",), "pa10": ("margins",), "lapbot": ("margins",)}
 def setting(name):
     """Formula, independent model and states of a robot."""
     from twin import api
-    from twin.validation.explain.truth import sample_states
+    from twin.validation.explain.reference_values import sample_states
 
     robot = api.load(name)
     return robot.formula, robot.reference(), sample_states(robot.reference())
@@ -135,8 +135,8 @@ def seeded(name, rng):
     from twin.analysis.mutation.formula import KINDS
     from twin.core.errors import TwinError
     from twin.robots import load_formula
-    from twin.validation.explain.edits import edits, pool
-    from twin.validation.explain.source import Source, patched
+    from twin.validation.explain.function_source import Source, patched
+    from twin.validation.explain.statement_edits import edits, pool
 
     formula, model, run = setting(name)
     sources = [Source(e.variants[e.default]) for e in formula.equations if e.name in SEEDED[name]]

@@ -20,10 +20,10 @@ STRANGERS = Path(__file__).parents[1] / "data/strangers"
 
 
 class Case:
-    """A correct formula, the mechanism's values of its symbols (`truth`), and a loader of changed files."""
+    """A correct formula, the mechanism's values of its symbols (`reference`), and a loader of changed files."""
 
-    def __init__(self, name, path, formula, truth):
-        self.name, self.path, self.formula, self.truth = name, path, formula, truth
+    def __init__(self, name, path, formula, reference):
+        self.name, self.path, self.formula, self.reference = name, path, formula, reference
 
     def load(self, path):
         from twin.robots import load_formula
@@ -32,9 +32,9 @@ class Case:
         return load_formula(path, self.name, lambda: (joints, np.eye(4), None), trial=True)
 
     def changed(self, **by):
-        """Return the truth with parameters increased by `by` in SI: the mechanism then differs from the formula."""
-        symbols = self.truth.symbols
-        return self.truth.with_parameters({n: symbols[n] + d for n, d in by.items()})
+        """Return values of another mechanism: its parameters are larger by `by` in SI than those of the formula."""
+        symbols = self.reference.symbols
+        return self.reference.with_parameters({n: symbols[n] + d for n, d in by.items()})
 
 
 def built_ins():
@@ -54,9 +54,9 @@ def built_in(name):
 
 
 def stranger(path):
-    """Return the case of a plain formula that is not built in; its truth is the formula, evaluated on numbers."""
-    from twin.validation.explain.numeric import Matrix, Rebuilder
-    from twin.validation.explain.truth import SAMPLES, Truth
+    """Return the case of a plain formula that is not built in; its reference values are what it returns for numbers."""
+    from twin.validation.explain.rebuilt_functions import Matrix, Rebuilder
+    from twin.validation.explain.reference_values import SAMPLES, ReferenceValues
 
     spec = importlib.util.spec_from_file_location(path.stem, path)
     module = importlib.util.module_from_spec(spec)
@@ -75,8 +75,8 @@ def stranger(path):
         symbols[name], kinds[name] = x, "angle" if unit == "rad" else "length"
     for i, (name, angle) in enumerate(joints):
         symbols[name], kinds[name] = q[:, i], "angle" if angle else "length"
-    truth = Truth(symbols, kinds, SAMPLES, Ts, None, tuple(zip(c.names, c.units, strict=True)), {})
-    return Case(path.stem, path, formula, truth)
+    reference = ReferenceValues(symbols, kinds, SAMPLES, Ts, None, tuple(zip(c.names, c.units, strict=True)), {})
+    return Case(path.stem, path, formula, reference)
 
 
 class _Joints:
@@ -189,7 +189,7 @@ def seeded(case, path, rng, count=1):
         alone = path.with_name(f"alone{i}_{path.name}")
         alone.write_text(write([one]), encoding="utf-8")
         try:
-            if not Judge(case.load(alone), None, case.truth).failing():
+            if not Judge(case.load(alone), None, case.reference).failing():
                 return None
         except TwinError:
             return None
@@ -200,11 +200,11 @@ def seeded(case, path, rng, count=1):
 # ------------------------------------------------------------------------------------------------------ verdicts
 
 
-def same_function(formula, other, truth):
+def same_function(formula, other, reference):
     """Return whether two formulas give equal residuals at perturbed values, which no mechanism has."""
     from twin.validation.explain.row_deviations import Judge, worst
 
-    shaken = truth.perturbed(5)
+    shaken = reference.perturbed(5)
     a, b = (
         {(p.equation, p.symbol): r for p, r in Judge(x, None, shaken).residuals.items() if worst(r) != 0}
         for x in (formula, other)
@@ -241,17 +241,17 @@ def outcome(case, faulty, folder, budget):
     parameters become different, or if assumed ones have another value.
     """
     from twin.validation.explain.deadline import Deadline
-    from twin.validation.explain.repair import Search
+    from twin.validation.explain.parameter_coincidences import coincidences
+    from twin.validation.explain.repair_search import RepairSearch
     from twin.validation.explain.row_deviations import Judge
-    from twin.validation.explain.varied import coincidences
 
-    truth = case.truth
-    judge, whole = Judge(faulty, None, truth), Judge(case.formula, None, truth)
+    reference = case.reference
+    judge, whole = Judge(faulty, None, reference), Judge(case.formula, None, reference)
     if {s.equation.name for s in judge.steps if s.missing} != {s.equation.name for s in whole.steps if s.missing}:
         return "no formula"  # Python itself reports this error
     if not judge.failing():
         return "no fault"
-    found, lost = Search(judge, deadline=Deadline(max(budget, 4.0))).run(budget)
+    found, lost = RepairSearch(judge, deadline=Deadline(max(budget, 4.0))).run(budget)
     cures = [c for f in found for way in f.cures for c in way]
     worse = [c.edits[0].text for c in cures if any(_worse(judge, k, s) for k, s in c.scores.items())]
     assert not worse, f"a cure makes a row worse: {worse}"
@@ -263,11 +263,11 @@ def outcome(case, faulty, folder, budget):
         if not edits:
             return False
         with _edited(case, _file_of(faulty), edits, folder / f"{name}.py") as cured:
-            return same_function(case.formula, cured, truth)
+            return same_function(case.formula, cured, reference)
 
     best = [(f, f.cures[0][0]) for f in found]
     with _edited(case, _file_of(faulty), _kept(best), folder / "varied.py") as cured:
-        if coincidences(Judge(cured, None, truth)):
+        if coincidences(Judge(cured, None, reference)):
             return BY_CHANCE
     single = all(len(f.cures) == 1 for f in found)
     if repaired(best, "best"):
@@ -359,7 +359,7 @@ def in_place_of(home, text, folder):
 @contextmanager
 def _edited(case, own, edits, path):
     """Yield a formula after edits of its own file and of files that it shares with other formulas."""
-    from twin.validation.explain.source import patched
+    from twin.validation.explain.function_source import patched
 
     texts = {home: patched([e for e in edits if e.path == home]) for home in {e.path for e in edits}}
     path.write_text(texts.pop(own, None) or own.read_text(encoding="utf-8"), encoding="utf-8")
@@ -374,7 +374,7 @@ def empty(case, judge, faulty, candidate, rows, folder):
 
     The symbol is one that the row used before, or the row's own unknown.
     """
-    from twin.validation.explain.source import patched
+    from twin.validation.explain.function_source import patched
 
     edits = [e for e in candidate.edits if e.kind != "left side"]
     own = _file_of(faulty)
@@ -391,7 +391,7 @@ def empty(case, judge, faulty, candidate, rows, folder):
         step = judge.step(place.equation)
         if not step.before:
             continue
-        on, off = ({**step.computed, **t.symbols} for t in (judge.truth, judge.truth.perturbed(11)))
+        on, off = ({**step.computed, **t.symbols} for t in (judge.reference, judge.reference.perturbed(11)))
         was, now, far, meant = {}, {}, {}, {}
         for values, into in ((on, now), (off, far)):
             for n, x in _read(faulty, place.equation, values, place.symbol).items():

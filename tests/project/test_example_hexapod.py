@@ -12,9 +12,9 @@ from twin import api
 from twin.core.errors import ProtocolError
 from twin.core.program_end import ProgramEndError
 from twin.validation.explain.explain import ExplainOptions, explain, known
-from twin.validation.explain.repair import Search
+from twin.validation.explain.function_source import patched
+from twin.validation.explain.repair_search import RepairSearch
 from twin.validation.explain.row_deviations import Judge
-from twin.validation.explain.source import patched
 
 pytestmark = pytest.mark.usefixtures("sampled_once")
 
@@ -156,7 +156,7 @@ def test_a_fault_of_one_token_is_found_and_undone(text, right, wrong, truths, fo
     faulty = formula_of(text.replace(right, wrong))
     judge = Judge(faulty, None, truths[text])
     assert judge.failing()
-    found, lost = Search(judge).run(2.0)
+    found, lost = RepairSearch(judge).run(2.0)
     assert lost == []
     assert all(len(f.cures) == 1 for f in found), "another function fits as well"
     edits = [e for f in found for e in f.cures[0][0].edits]
@@ -178,8 +178,8 @@ def test_points_that_are_right_are_not_blamed(truths, formula_of):
 @pytest.mark.slow
 def test_a_wrong_number_is_told_from_a_wrong_form(model, truths, formula_of):
     faulty = formula_of(NUMPY.replace('"r_b": mm(95.0', '"r_b": mm(95.1'))
-    truth = known(faulty, model)
-    result = explain("hexapod", faulty, model, truth=truth, options=ExplainOptions(budget=0.5))
+    reference = known(faulty, model)
+    result = explain("hexapod", faulty, model, reference=reference, options=ExplainOptions(budget=0.5))
     assert result.identified is not None
     moved = {m.name: m.fitted for m in result.identified.moved}
     assert moved["r_b"] == pytest.approx(95.0, abs=1e-3)

@@ -20,8 +20,8 @@ from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
 from twin.formula.contract import Formula
 from twin.robots import load_formula
-from twin.validation.explain.edits import edits, pool
-from twin.validation.explain.source import Edit, Source, patched
+from twin.validation.explain.function_source import Edit, Source, patched
+from twin.validation.explain.statement_edits import edits, pool
 
 KINDS: dict[str, tuple[str, ...]] = {
     "sign": ("sign",),

@@ -22,8 +22,8 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.formula.scalar import Scalar
+from twin.validation.explain.function_source import Edit, Source, Statement, apply, comprehension_targets
 from twin.validation.explain.shifts import Shift
-from twin.validation.explain.source import Edit, Source, Statement, apply, comprehension_targets
 from twin.validation.explain.term_texts import Atom
 
 _LONGEST = 240

@@ -11,9 +11,9 @@ import numpy as np
 from twin.core.errors import KinematicsError
 from twin.core.spatial import Array
 from twin.formula.scalar import Value
+from twin.validation.explain.equation_steps import RowKey, Step
+from twin.validation.explain.function_source import Edit
 from twin.validation.explain.row_deviations import Judge, evaluate
-from twin.validation.explain.rows import Key, Step
-from twin.validation.explain.source import Edit
 
 TOKENS = ("trig", "index", "parameter", "name", "sign", "left side", "function", "number", "operator", "exponent")
 """Kinds of edits that change one token, like a misprint; these edits are ranked before edits of other kinds."""
@@ -46,14 +46,14 @@ class Candidate:
     step: Step
     edits: list[Edit]
     extra: dict[str, Value]
-    scores: dict[Key, float]
+    scores: dict[RowKey, float]
     broken: bool
-    changed: dict[Key, Array] = field(default_factory=dict, repr=False)
+    changed: dict[RowKey, Array] = field(default_factory=dict, repr=False)
     hollow: bool = False
     dropped: tuple[str, ...] = ()
     by_chance: bool = False
 
-    def over(self, rows: Iterable[Key], base: dict[Key, float]) -> float:
+    def over(self, rows: Iterable[RowKey], base: dict[RowKey, float]) -> float:
         """Return the worst residual over the given rows after the edits, in units of the tolerance.
 
         `base` is the worst residual of each row before the edits. It is used for rows that the edits do not change.
@@ -83,7 +83,7 @@ class Candidate:
 
 
 @dataclass
-class Found:
+class GroupResult:
     """Search result for one group of rows: the edits that fix these rows, and the best of all other edits.
 
     A cure is an edited function that makes the rows agree. Different edits that result in this function are the
@@ -99,7 +99,7 @@ class Found:
         seconds: duration of the search for pairs, in s.
     """
 
-    rows: list[Key]
+    rows: list[RowKey]
     cures: list[list[Candidate]]
     runner_up: Candidate | None
     after: float
@@ -127,7 +127,7 @@ def aliases(judge: Judge, step: Step, change: Sequence[Edit]) -> dict[str, Value
 
 def residuals(
     judge: Judge, equation: str, change: Sequence[Edit], extra: dict[str, Value] | None = None
-) -> dict[Key, Array] | None:
+) -> dict[RowKey, Array] | None:
     """Return the residuals of the rows that edits of an equation change; None if the edits cannot be evaluated.
 
     Without edits, the residuals of all rows are returned. `extra` contains the values of the names that the edits
@@ -151,7 +151,7 @@ def residuals(
 
 def evaluated(
     judge: Judge, equation: str, change: Sequence[Edit], extra: Mapping[str, Any], angle: Array | None = None
-) -> dict[Key, Array] | None:
+) -> dict[RowKey, Array] | None:
     """Return the residuals of the rows that edits change; None if they cannot be evaluated.
 
     `extra` are functions in the edited text, `angle` is the swivel; see `Judge.trial`.

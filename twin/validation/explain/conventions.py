@@ -17,15 +17,15 @@ from twin.core import spatial
 from twin.core.spatial import Array
 from twin.formula.contract import POSE_SYMBOL
 from twin.formula.scalar import Value
+from twin.validation.explain.equation_steps import Helper, RowKey, Step
 from twin.validation.explain.explanation import Convention
-from twin.validation.explain.invariants import said, said_pose
-from twin.validation.explain.numeric import Matrix, to_array, turn
-from twin.validation.explain.offsets import axes_text, offsets
-from twin.validation.explain.plain import enter, leave
+from twin.validation.explain.invariants import formula_pose, formula_values
+from twin.validation.explain.joint_offsets import axes_text, offsets
+from twin.validation.explain.plain_values import enter, leave
+from twin.validation.explain.rebuilt_functions import Matrix, to_array, turn
+from twin.validation.explain.reference_values import ReferenceValues
 from twin.validation.explain.row_deviations import Judge, RowPlace, worst
-from twin.validation.explain.rows import Helper, Key, Step
 from twin.validation.explain.suspects import suspects
-from twin.validation.explain.truth import Truth
 
 _NAMED = (
     (-1.0, "the opposite sign"),
@@ -132,8 +132,8 @@ def _euler_conventions(R: Array) -> Iterator[tuple[_EulerConvention, Array]]:
 
 def _euler(judge: Judge) -> Iterator[Convention]:
     """Yield a convention if the rows agree with the mechanism for another Euler sequence, or for other signs."""
-    truth = judge.truth
-    angles = [n for n, unit in truth.coordinates if unit == "rad"]
+    reference = judge.reference
+    angles = [n for n, unit in reference.coordinates if unit == "rad"]
     if len(angles) != 3 or not _read(judge, angles):
         return
     wrong = [p for p in judge.failing() if judge.step(p.equation).stage == "inverse"]
@@ -142,12 +142,12 @@ def _euler(judge: Judge) -> Iterator[Convention]:
     involved: set[str] = set()
     for place in wrong:
         involved.update(suspects(judge, place))
-    angle_values = np.column_stack([truth.symbols[a] for a in angles])
-    for convention, values in _euler_conventions(truth.Ts[:, :3, :3]):
+    angle_values = np.column_stack([reference.symbols[a] for a in angles])
+    for convention, values in _euler_conventions(reference.Ts[:, :3, :3]):
         if np.abs(np.sin(values - angle_values)).max() < 1e-9:
             continue  # the formula's own convention
-        symbols = {**truth.symbols, **dict(zip(angles, values.T, strict=True))}
-        other = replace(truth, symbols=symbols)
+        symbols = {**reference.symbols, **dict(zip(angles, values.T, strict=True))}
+        other = replace(reference, symbols=symbols)
         # Few equations first: nearly all of the conventions fail there.
         if not _one_agrees(judge.on(other, involved), wrong):
             continue
@@ -195,33 +195,33 @@ def _angles_in(judge: Judge) -> Iterator[Convention]:
             yield Convention("unit", text, _names(cured), max(cured.values()))
 
 
-def _scaled(judge: Judge, kind: str, units: Sequence[str], factor: float) -> Truth:
+def _scaled(judge: Judge, kind: str, units: Sequence[str], factor: float) -> ReferenceValues:
     """Return the mechanism's values with all angles or all lengths multiplied by a factor."""
-    truth = judge.truth
+    reference = judge.reference
     scaled_parameters = {p.name for p in judge.formula.parameters if p.unit in units}
-    symbols = dict(truth.symbols)
-    for name, value in truth.symbols.items():
-        if truth.kinds.get(name) == kind or name in scaled_parameters:
+    symbols = dict(reference.symbols)
+    for name, value in reference.symbols.items():
+        if reference.kinds.get(name) == kind or name in scaled_parameters:
             symbols[name] = value * factor
     if kind == "length":
-        T = truth.symbols[POSE_SYMBOL].a.copy()
+        T = reference.symbols[POSE_SYMBOL].a.copy()
         T[:, :3, 3] *= factor
         symbols[POSE_SYMBOL] = Matrix(T)
-    return replace(truth, symbols=symbols)
+    return replace(reference, symbols=symbols)
 
 
 def _cured_in_unit(judge: Judge, other: Judge, kind: str, factor: float) -> dict[RowPlace, float]:
     """Return {row that is wrong in `judge` and agrees in `other`: its residual}, where `other` has another unit."""
-    residuals: dict[Key, Array] = {}
+    residuals: dict[RowKey, Array] = {}
     for place, residual in other.residuals.items():
         residuals.setdefault(place.key, residual)
     cured: dict[RowPlace, float] = {}
     for place, r in judge.residuals.items():
-        if place.key not in residuals or worst(r) <= 1 or judge.truth.kinds[place.symbol] == "pose":
+        if place.key not in residuals or worst(r) <= 1 or judge.reference.kinds[place.symbol] == "pose":
             continue
         residual = residuals[place.key]
         after = worst(residual)
-        if judge.truth.kinds[place.symbol] == kind:
+        if judge.reference.kinds[place.symbol] == kind:
             # An output may be in either unit: it must agree in one of them.
             after = min(after, worst(residual / factor))
         if after <= 1:
@@ -231,14 +231,14 @@ def _cured_in_unit(judge: Judge, other: Judge, kind: str, factor: float) -> dict
 
 def _scalars(judge: Judge) -> Iterator[Convention]:
     """Yield a convention for rows whose value differs from the mechanism's only by a sign, a unit or a zero offset."""
-    truth = judge.truth
-    values = said(judge)
+    reference = judge.reference
+    values = formula_values(judge)
     groups: dict[str, list[tuple[RowPlace, float]]] = {}
     for place in judge.failing():
-        true = to_array(truth.symbols[place.symbol], truth.k)
+        true = to_array(reference.symbols[place.symbol], reference.k)
         if place.symbol not in values or true.shape[1] != 1 or np.ptp(true) < 1e-9:
             continue
-        angle = truth.kinds[place.symbol] == "angle"
+        angle = reference.kinds[place.symbol] == "angle"
         tolerance = judge.tolerance.angle if angle else judge.tolerance.length
         value = np.asarray(values[place.symbol], float)
         for slope, text in (*_NAMED, (1.0, "")):
@@ -288,8 +288,8 @@ class _WrongPoint:
 
 
 def _wrong_points(judge: Judge) -> list[_WrongPoint]:
-    truth = judge.truth
-    values = said(judge)
+    reference = judge.reference
+    values = formula_values(judge)
     failing = judge.failing()
     points: list[_WrongPoint] = []
     for name, symbol in judge.formula.points.items():
@@ -297,8 +297,8 @@ def _wrong_points(judge: Judge) -> list[_WrongPoint]:
         places = [p for p in failing if p.symbol in parts]
         if not places or not values.keys() >= set(parts):
             continue
-        value = np.hstack([to_array(values[p], truth.k) for p in parts])
-        true = np.hstack([to_array(truth.symbols[p], truth.k) for p in parts])
+        value = np.hstack([to_array(values[p], reference.k) for p in parts])
+        true = np.hstack([to_array(reference.symbols[p], reference.k) for p in parts])
         points.append(_WrongPoint(name, places, value, true))
     return points
 
@@ -343,12 +343,12 @@ def signed_permutations() -> list[Array]:
 def _frames(judge: Judge) -> Iterator[Convention]:
     """Yield a convention for each pose that agrees after an inversion, or after constant rotations of base and tool."""
     for place in judge.failing():
-        if judge.truth.kinds[place.symbol] != "pose":
+        if judge.reference.kinds[place.symbol] != "pose":
             continue
-        T = said_pose(judge, place)
+        T = formula_pose(judge, place)
         if not np.isfinite(T).all():
             continue
-        found = _other_frames(judge, judge.truth.symbols[place.symbol].a, T)
+        found = _other_frames(judge, judge.reference.symbols[place.symbol].a, T)
         if found is not None:
             text, after = found
             message = f"{place.symbol} of {place.equation} agrees with the mechanism's pose: {text}"
@@ -430,7 +430,7 @@ def _with_helper(
                 replaced.append((scope, name))
                 scope[name] = stand_in
     try:
-        return _cured(judge, judge.on(judge.truth))
+        return _cured(judge, judge.on(judge.reference))
     finally:
         for scope, name in replaced:
             scope[name] = helper.function

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 
 from twin.validation.explain.analogies import unread_names
-from twin.validation.explain.source import Edit, Source, Statement
+from twin.validation.explain.function_source import Edit, Source, Statement
 
 _FEWEST_NAMES, _FEWEST_RENAMED = 2, 3
 """Minimum numbers of different names of an expression, so that its form means something: with the same names, and with

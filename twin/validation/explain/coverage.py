@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from twin.reference.boundary import Judged
+from twin.validation.explain.equation_steps import Step
 from twin.validation.explain.row_deviations import Judge
-from twin.validation.explain.rows import Step
 from twin.validation.explain.suspects import passed
 
 

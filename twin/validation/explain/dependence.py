@@ -15,10 +15,10 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.formula.scalar import Value
 from twin.validation.explain.candidate import Candidate, residuals
-from twin.validation.explain.numeric import Matrix
+from twin.validation.explain.equation_steps import RowKey, Step
+from twin.validation.explain.function_source import Edit, Source
+from twin.validation.explain.rebuilt_functions import Matrix
 from twin.validation.explain.row_deviations import Judge
-from twin.validation.explain.rows import Key, Step
-from twin.validation.explain.source import Edit, Source
 
 _STIR = 1e-3
 """Relative perturbation of a symbol, to test whether a row depends on the symbol."""
@@ -43,9 +43,9 @@ class Dependence:
         self._stirred: dict[tuple[int, str, frozenset[str], str], Judge] = {}
         self._stepped: dict[tuple[str, str, int], Judge] = {}
         self._symbol = {p.key: p.symbol for p in judge.residuals}
-        self._read: dict[tuple[str, Key], set[str]] = {}
+        self._read: dict[tuple[str, RowKey], set[str]] = {}
 
-    def judged(self, c: Candidate, rows: Collection[Key]) -> None:
+    def judged(self, c: Candidate, rows: Collection[RowKey]) -> None:
         """Set `hollow` and `dropped` of a candidate that repairs `rows`; see `Candidate`."""
         if not rows:
             return
@@ -70,7 +70,7 @@ class Dependence:
             hollow = True
         c.hollow = hollow
 
-    def _returns_own(self, c: Candidate, row: Key) -> bool:
+    def _returns_own(self, c: Candidate, row: RowKey) -> bool:
         """Return whether an edited return statement gives a symbol that another row computes and that is judged there.
 
         Such a row always agrees, because the symbol has the mechanism's value; it is not trivial.
@@ -94,7 +94,7 @@ class Dependence:
                 return True
         return False
 
-    def reads(self, step: Step, row: Key, rows: Collection[Key] = ()) -> set[str]:
+    def reads(self, step: Step, row: RowKey, rows: Collection[RowKey] = ()) -> set[str]:
         """Return the symbols on which an unedited row depends; `rows`: further rows to evaluate in the same run."""
         name = step.equation.name
         if (name, row) not in self._read:
@@ -104,7 +104,7 @@ class Dependence:
 
     # -- symbols of rows ----------------------------------------------------------------------------------------
 
-    def _answers(self, step: Step, change: Sequence[Edit], rows: Collection[Key]) -> dict[Key, set[str]]:
+    def _answers(self, step: Step, change: Sequence[Edit], rows: Collection[RowKey]) -> dict[RowKey, set[str]]:
         """Return {row: symbols on which the row depends} after the edits `change`; no edits: the original rows."""
         name = step.equation.name
         equations = frozenset({name})
@@ -116,7 +116,7 @@ class Dependence:
         for output in step.equation.outputs:
             if output in step.held and output not in step.inputs:
                 symbols.append(output)
-        symbols_of_row: dict[Key, set[str]] = {row: set() for row in rows}
+        symbols_of_row: dict[RowKey, set[str]] = {row: set() for row in rows}
         for i, base in enumerate(self.bases):
             before = residuals(base, name, change)
             if before is None:
@@ -141,16 +141,16 @@ class Dependence:
         if at not in self._stirred:
             base = self.bases[i]
             # Results of earlier equations are reused.
-            values = {**base.step(step.equation.name).computed, **base.truth.symbols}
+            values = {**base.step(step.equation.name).computed, **base.reference.symbols}
             if symbol not in values:
                 return None
-            values[symbol] = _stirred(values[symbol], base.truth.k)
-            self._stirred[at] = base.on(base.truth.with_parameters(values), equations)
+            values[symbol] = _stirred(values[symbol], base.reference.k)
+            self._stirred[at] = base.on(base.reference.with_parameters(values), equations)
         return self._stirred[at]
 
     # -- unknowns of implicit rows ---------------------------------------------------------------------------
 
-    def determined(self, c: Candidate, row: Key) -> bool:
+    def determined(self, c: Candidate, row: RowKey) -> bool:
         """Return whether an edited row still determines its unknown, together with the other rows of the equation.
 
         Only an equation that uses its own outputs can fail this check. The gradient of each row (right side minus left
@@ -165,11 +165,11 @@ class Dependence:
                 unknown.append(name)
         if not unknown:
             return True
-        kinds: dict[Key, str] = {}
+        kinds: dict[RowKey, str] = {}
         scalar = False
         for place, residual in self.judge.residuals.items():
             if place.equation == row[0]:
-                kinds[place.key] = self.judge.truth.kinds[place.symbol]
+                kinds[place.key] = self.judge.reference.kinds[place.symbol]
             if place.key == row:
                 scalar = residual.shape[1] == 1
         if not scalar:
@@ -191,11 +191,11 @@ class Dependence:
         return float(share) > 0.5
 
     def _gradients(
-        self, c: Candidate, equation: str, unknown: Sequence[str], kinds: Mapping[Key, str]
-    ) -> dict[Key, Array] | None:
+        self, c: Candidate, equation: str, unknown: Sequence[str], kinds: Mapping[RowKey, str]
+    ) -> dict[RowKey, Array] | None:
         """Return {row: gradient (k, unknowns) of right minus left side in SI}, NaN for vectors; None after an error."""
         tolerance = self.judge.tolerance
-        slopes: dict[Key, list[Array]] = {row: [] for row in kinds}
+        slopes: dict[RowKey, list[Array]] = {row: [] for row in kinds}
         for name in unknown:
             above = self._sides(c, equation, name, 1)
             below = self._sides(c, equation, name, -1)
@@ -210,13 +210,13 @@ class Dependence:
                     slopes[row].append(np.full(len(slope), np.nan))
         return {row: np.stack(columns, axis=1) for row, columns in slopes.items()}
 
-    def _sides(self, c: Candidate, equation: str, name: str, sign: int) -> dict[Key, Array] | None:
+    def _sides(self, c: Candidate, equation: str, name: str, sign: int) -> dict[RowKey, Array] | None:
         """Return the residuals of an edited equation with one symbol moved by a step; None after an error."""
         moved = (equation, name, sign)
         if moved not in self._stepped:
-            values = {**self.judge.step(equation).computed, **self.judge.truth.symbols}
+            values = {**self.judge.step(equation).computed, **self.judge.reference.symbols}
             values[name] = values[name] + sign * _STEP
-            self._stepped[moved] = self.judge.on(self.judge.truth.with_parameters(values), {equation})
+            self._stepped[moved] = self.judge.on(self.judge.reference.with_parameters(values), {equation})
         judge = self._stepped[moved]
         unedited = residuals(judge, equation, ()) or {}
         if c.step.equation.name != equation:

@@ -62,9 +62,9 @@ class _Tried:
     @property
     def closes(self) -> bool:
         """Whether every loop closes at every pose."""
-        if self.judge is None or self.judge.truth.run is None:
+        if self.judge is None or self.judge.reference.run is None:
             return False
-        gaps = self.judge.truth.run.gaps
+        gaps = self.judge.reference.run.gaps
         return not gaps.size or bool((gaps.max(axis=(0, 1)) < _OPEN).all())
 
     @property

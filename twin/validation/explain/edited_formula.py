@@ -13,7 +13,7 @@ from twin.core.atomic import Scratch
 from twin.core.errors import KinematicsError
 from twin.formula.contract import Formula
 from twin.robots import load_formula
-from twin.validation.explain.source import Edit, patched
+from twin.validation.explain.function_source import Edit, patched
 
 
 def source_path(formula: Formula) -> Path:

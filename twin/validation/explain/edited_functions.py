@@ -8,16 +8,16 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.validation.explain.candidate import Candidate, residuals
-from twin.validation.explain.canonical import canonical
+from twin.validation.explain.canonical_text import canonical
+from twin.validation.explain.equation_steps import RowKey
+from twin.validation.explain.function_source import Source
 from twin.validation.explain.row_deviations import Judge
-from twin.validation.explain.rows import Key
-from twin.validation.explain.source import Source
 
 _SAME = 1e-7
 """Relative difference of residuals, also at perturbed values, below which two edited rows count as the same
 function."""
 
-_Group = tuple[dict[Key, Array] | None, list[Candidate], set[str]]
+_Group = tuple[dict[RowKey, Array] | None, list[Candidate], set[str]]
 """Residuals at perturbed values, candidates of one function, and their canonical texts."""
 
 
@@ -29,7 +29,7 @@ class EditedFunctions:
         self.judge = judge
         self.shaken = shaken
 
-    def distinct(self, exact: list[Candidate], rows: list[Key]) -> list[list[Candidate]]:
+    def distinct(self, exact: list[Candidate], rows: list[RowKey]) -> list[list[Candidate]]:
         """Group exact candidates by the resulting function; keep one candidate per different canonical text."""
         groups: list[_Group] = []
         for candidate in exact:
@@ -62,7 +62,7 @@ class EditedFunctions:
         called = [helper.source for helper in self.judge.helpers(c.step)]
         return next(source for source in called if (source.path, source.name) == (path, name))
 
-    def perturbed(self, c: Candidate, rows: list[Key]) -> dict[Key, Array] | None:
+    def perturbed(self, c: Candidate, rows: list[RowKey]) -> dict[RowKey, Array] | None:
         """Return a candidate's residuals at perturbed values, to compare functions; None if a row has only NaN."""
         deviations = residuals(self.shaken, c.step.equation.name, c.edits)
         if not deviations:
@@ -76,7 +76,7 @@ class EditedFunctions:
         return of_rows
 
 
-def _group_of(groups: list[_Group], text: str, value: dict[Key, Array] | None) -> _Group | None:
+def _group_of(groups: list[_Group], text: str, value: dict[RowKey, Array] | None) -> _Group | None:
     """Return the group with the same canonical text, or else with the same values."""
     for group in groups:
         if text in group[2]:
@@ -89,7 +89,7 @@ def _group_of(groups: list[_Group], text: str, value: dict[Key, Array] | None) -
     return None
 
 
-def _same(a: dict[Key, Array], b: dict[Key, Array]) -> bool:
+def _same(a: dict[RowKey, Array], b: dict[RowKey, Array]) -> bool:
     """Return whether two edited equations are equivalent: their residuals differ by a constant factor only."""
     if a.keys() != b.keys():
         return False

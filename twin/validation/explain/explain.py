@@ -22,11 +22,12 @@ from twin.formula.variant_choice import choose
 from twin.kinematics import compile_formula
 from twin.reference import ReferenceModel
 from twin.reference.boundary import Judged
-from twin.validation.explain.candidate import TOKENS, Candidate, Found
+from twin.validation.explain.candidate import TOKENS, Candidate, GroupResult
 from twin.validation.explain.conventions import conventions, general
 from twin.validation.explain.coverage import coverage
 from twin.validation.explain.deadline import Deadline, LateError
 from twin.validation.explain.drawing import Corrected, correct, drawing
+from twin.validation.explain.equation_steps import RowKey
 from twin.validation.explain.explanation import (
     Change,
     Convention,
@@ -36,20 +37,19 @@ from twin.validation.explain.explanation import (
     Repair,
     Row,
 )
-from twin.validation.explain.heldout import held_out
-from twin.validation.explain.identify import identify
+from twin.validation.explain.function_source import Edit, diff, patched
+from twin.validation.explain.held_out_states import held_out
 from twin.validation.explain.invariants import invariants
-from twin.validation.explain.noise import limits
-from twin.validation.explain.proved_repairs import ProvedFound, RepairProver, proved
-from twin.validation.explain.repair import Search
+from twin.validation.explain.noise_limits import limits
+from twin.validation.explain.parameter_coincidences import coincidences, condition
+from twin.validation.explain.proved_repairs import ProvedResult, RepairProver, proved
+from twin.validation.explain.reference_values import ReferenceValues, sample_states, symbol_values
+from twin.validation.explain.repair_search import RepairSearch
 from twin.validation.explain.row_deviations import Judge, RowPlace, Tolerance
-from twin.validation.explain.rows import Key
-from twin.validation.explain.source import Edit, diff, patched
+from twin.validation.explain.simplest_explanation import simplest_explanation
 from twin.validation.explain.suspects import shared
-from twin.validation.explain.truth import Truth, sample_states, symbol_values
-from twin.validation.explain.unvalued import unvalued
-from twin.validation.explain.varied import coincidences, condition
-from twin.validation.explain.weigh import weigh
+from twin.validation.explain.unvalued_symbols import unvalued
+from twin.validation.explain.wrong_parameters import identify
 from twin.validation.explain.zero_margins import check_margins
 from twin.validation.joint_range import range_errors
 from twin.validation.rows import Tolerances
@@ -72,7 +72,7 @@ def known(
     parameters: Mapping[str, float] | None = None,
     progress: Progress = lambda label, fraction: None,
     variants: Mapping[str, str] | str | None = None,
-) -> Truth:
+) -> ReferenceValues:
     """Return the mechanism's values of the formula's symbols at sampled poses.
 
     A redundant mechanism has many solutions for a pose. The formula is judged with two of them: the sampled solution,
@@ -134,7 +134,7 @@ def explain(
     parameters: Mapping[str, float] | None = None,
     *,
     options: ExplainOptions | None = None,
-    truth: Truth | None = None,
+    reference: ReferenceValues | None = None,
     cad: CadModel | None = None,
     progress: Progress = lambda label, fraction: None,
 ) -> Explanation:
@@ -147,7 +147,7 @@ def explain(
         variants: the variants to judge, by equation; None: the default variant of each equation.
         parameters: values in SI that replace published ones.
         options: tolerance, time limit, names of files and proofs; None for the defaults.
-        truth: the mechanism's values of the symbols; None: they are computed.
+        reference: the mechanism's values of the symbols; None: they are computed.
         cad: the CAD of the model; joints whose parts do not meet are analysed first. None: not analysed.
         progress: called with a description of the current step and the fraction done.
 
@@ -159,7 +159,7 @@ def explain(
     if cad is not None and cad.noise is None:
         corrected = correct(formula, cad, task.judge_of, lambda f: progress("correct the CAD", f))
     task.laps.end("drawing")
-    drawn = _judge_of_drawing(task, model, truth, corrected)
+    drawn = _judge_of_drawing(task, model, reference, corrected)
     judge = drawn or (corrected.judge if corrected is not None else None)
     assert judge is not None
     skipped = any((s.missing or s.stuck) and s.stage != "helper" for s in judge.steps)
@@ -176,9 +176,9 @@ def explain(
             judge = corrected.judge
             model = corrected.model
             notes.append("the corrected CAD does not explain every row; the rows below were judged against it")
-    if cad is not None and cad.noise is not None and judge.truth.run is not None:
+    if cad is not None and cad.noise is not None and judge.reference.run is not None:
         made = partial(made, drawing=drawing(cad))
-        judge = task.judge(judge.truth, limits(cad.noise, cad, judge, parameters))
+        judge = task.judge(judge.reference, limits(cad.noise, cad, judge, parameters))
         task.laps.end("noise")
         if not judge.failing():
             return _explained_by_cad(made, judge, skipped, (), notes, "noise")
@@ -201,9 +201,9 @@ class _Task:
     progress: Progress
     laps: _Laps
 
-    def judge(self, truth: Truth, limits: Mapping[str, Array] | None = None) -> Judge:
+    def judge(self, reference: ReferenceValues, limits: Mapping[str, Array] | None = None) -> Judge:
         """Return the judge of the equations at given states; for `limits`, see `Judge`."""
-        return Judge(self.formula, self.variants, truth, self.options.tolerance, limits)
+        return Judge(self.formula, self.variants, reference, self.options.tolerance, limits)
 
     def judge_of(self, model: ReferenceModel) -> Judge:
         """Return the judge of the equations at sampled states of a model."""
@@ -211,9 +211,9 @@ class _Task:
 
 
 def _judge_of_drawing(
-    task: _Task, model: ReferenceModel, truth: Truth | None, corrected: Corrected | None
+    task: _Task, model: ReferenceModel, reference: ReferenceValues | None, corrected: Corrected | None
 ) -> Judge | None:
-    """Return the judge of the equations at states of the mechanism as it is drawn, or at those of `truth`.
+    """Return the judge of the equations at states of the mechanism as it is drawn, or at those of `reference`.
 
     Returns None if no row can be judged with the drawn mechanism, but can with the corrected one.
 
@@ -221,11 +221,11 @@ def _judge_of_drawing(
         TwinError: no row can be judged.
     """
     try:
-        if truth is None:
-            truth = known(task.formula, model, task.parameters, task.progress, task.variants)
+        if reference is None:
+            reference = known(task.formula, model, task.parameters, task.progress, task.variants)
         task.laps.end("sample")
         task.progress("judge rows", 0.0)
-        judge = task.judge(truth)
+        judge = task.judge(reference)
         task.laps.end("judge")
     except TwinError:
         if corrected is None or corrected.judge is None:
@@ -241,7 +241,7 @@ def _explained_by_cad(
     return made(
         "unchecked" if skipped or not judge.residuals else "disagree",
         explained=True,
-        samples=judge.truth.k,
+        samples=judge.reference.k,
         invariants=(),
         rows=rows,
         notes=tuple(notes),
@@ -262,7 +262,7 @@ def _elsewhere(task: _Task, model: ReferenceModel, judge: Judge, notes: list[str
         return wider
     by_chance = coincidences(judge)
     notes += [_by_chance(group) for group in by_chance]
-    if any(p.name == judge.truth.free for group in by_chance for p in group):
+    if any(p.name == judge.reference.free for group in by_chance for p in group):
         # At the values of the formula, the rows agree; at other states of the redundant mechanism they do not.
         other = task.judge(symbol_values(task.formula, sample_states(model, regular=True), model, task.parameters))
         if other.failing():
@@ -295,7 +295,7 @@ def _agreement(
     return made(
         verdict,
         explained=not off,
-        samples=judge.truth.k,
+        samples=judge.reference.k,
         invariants=tuple(unvalued(judge)),
         rows=off,
         notes=(*notes, *left),
@@ -327,7 +327,7 @@ def _disagreement(
     return made(
         "unchecked" if skipped else "disagree",
         explained=cures.lead != "",
-        samples=judge.truth.k,
+        samples=judge.reference.k,
         invariants=violated,
         rows=tuple(_row(judge, p, found, options.root) for p in judge.failing()),
         repairs=tuple(_repair(judge, cures.search, result, options.root) for result in judged),
@@ -367,8 +367,8 @@ def _over_range(
         return None
     # As many right states as wrong ones, so that an edit must keep what is right.
     rows = np.concatenate([wrong[:: max(1, len(wrong) // _OF_EACH)][:_OF_EACH], right[:_OF_EACH]])
-    truth = symbol_values(formula, model.collect(found.drawn.run.x[rows]), model, parameters)
-    judge = Judge(formula, variants, truth, tolerance)
+    reference = symbol_values(formula, model.collect(found.drawn.run.x[rows]), model, parameters)
+    judge = Judge(formula, variants, reference, tolerance)
     return judge if judge.failing() else None
 
 
@@ -384,8 +384,8 @@ class _Cures:
         notes: remarks.
     """
 
-    search: Search
-    found: list[Found]
+    search: RepairSearch
+    found: list[GroupResult]
     identified: Identified | None
     conventions: tuple[Convention, ...]
     lead: str
@@ -412,7 +412,7 @@ def _cures(judge: Judge, model: ReferenceModel, budget: float, progress: Progres
 
     identified = numbers(alone=True)
     conventional: tuple[Convention, ...] | None = None
-    search = Search(judge, lambda f: progress("try edits", f), Deadline(max(budget, _LEAST_EDITS)))
+    search = RepairSearch(judge, lambda f: progress("try edits", f), Deadline(max(budget, _LEAST_EDITS)))
     if identified is None:
         edited = search.run(0.0)
         laps.end("repair")
@@ -432,7 +432,7 @@ def _cures(judge: Judge, model: ReferenceModel, budget: float, progress: Progres
     laps.end("repair")
     if identified is None and (lost or not found):
         identified = numbers()
-    lead = weigh(found, lost, identified)
+    lead = simplest_explanation(found, lost, identified)
     if lead == "edits":
         return _Cures(search, found, None, (), lead, tuple(remarks))
     if lead == "numbers":
@@ -449,20 +449,20 @@ def _cures(judge: Judge, model: ReferenceModel, budget: float, progress: Progres
     return _Cures(search, found, identified, conventional, lead, tuple(remarks))
 
 
-def _all_cured(judge: Judge, found: Sequence[Convention], rows: Sequence[Key]) -> bool:
+def _all_cured(judge: Judge, found: Sequence[Convention], rows: Sequence[RowKey]) -> bool:
     """Return whether conventions fix all the given rows."""
     cured = {r for c in found for r in c.rows}
     return bool(found) and all(f"{k[0]}.{_symbol(judge, k)}" in cured for k in rows)
 
 
 def _notes(judge: Judge) -> list[str]:
-    if not judge.truth.borrowed:
+    if not judge.reference.borrowed:
         return []
-    pairs = ", ".join(f"{s} (point {p})" for s, p in judge.truth.borrowed.items())
+    pairs = ", ".join(f"{s} (point {p})" for s, p in judge.reference.borrowed.items())
     return [f"a helper defines symbols as named points; their positions are taken from the CAD: {pairs}"]
 
 
-def _symbol(judge: Judge, k: Key) -> str:
+def _symbol(judge: Judge, k: RowKey) -> str:
     return next(p.symbol for p in judge.residuals if p.key == k)
 
 
@@ -470,8 +470,8 @@ def _shown(path: Path, root: Path | None) -> str:
     return str(path.relative_to(root)) if root is not None and path.is_relative_to(root) else str(path)
 
 
-def _row(judge: Judge, place: RowPlace, found: list[Found], root: Path | None) -> Row:
-    step, truth = judge.step(place.equation), judge.truth
+def _row(judge: Judge, place: RowPlace, found: list[GroupResult], root: Path | None) -> Row:
+    step, reference = judge.step(place.equation), judge.reference
     size = np.abs(judge.residuals[place]).max(axis=1)
     limit = judge.limits[place.symbol][:, 0] if place.symbol in judge.limits else 1.0
     name, scale = _unit(judge, place.symbol)
@@ -490,15 +490,15 @@ def _row(judge: Judge, place: RowPlace, found: list[Found], root: Path | None) -
         float((size * limit)[known].max()) * scale if (size[known] > 1).any() else float("nan"),
         name,
         float((~(size <= 1)).mean()),
-        truth.pose_text(int(np.argmax(np.where(known, size, np.inf)))),
-        truth.pose_text(int(np.argmin(np.where(known, size, np.inf)))),
+        reference.pose_text(int(np.argmax(np.where(known, size, np.inf)))),
+        reference.pose_text(int(np.argmin(np.where(known, size, np.inf)))),
         _term(best) if best is not None and best.edits[0].statement == place.statement else "",
     )
 
 
 def _unit(judge: Judge, symbol: str) -> tuple[str, float]:
     """Return the display unit of a symbol's residuals, and the tolerance of the symbol in this unit."""
-    kind = judge.truth.kinds[symbol]
+    kind = judge.reference.kinds[symbol]
     name, scale = display_unit(kind == "angle")
     return name, (judge.tolerance.angle if kind == "angle" else judge.tolerance.length) / scale
 
@@ -526,13 +526,13 @@ def _means(judge: Judge, symbol: str) -> str:
             return f"point {name}"
         if not isinstance(s, str) and symbol in s:
             return f"{'xyz'[s.index(symbol)]} of point {name}"
-    if symbol in judge.truth.borrowed:
-        return f"point {judge.truth.borrowed[symbol]}"
+    if symbol in judge.reference.borrowed:
+        return f"point {judge.reference.borrowed[symbol]}"
     if symbol in {j.name for j in f.joints}:
         return f"joint {symbol}"
     if symbol in f.passive:
         return f"passive joint {symbol}"
-    return "tool pose" if judge.truth.kinds[symbol] == "pose" else symbol
+    return "tool pose" if judge.reference.kinds[symbol] == "pose" else symbol
 
 
 def _term(c: Candidate) -> str:
@@ -561,7 +561,7 @@ def _short(text: str, n: int = 90) -> str:
     return text if len(text) <= n else f"{text[: n - 1]}…"
 
 
-def _repair(judge: Judge, search: Search, judged: ProvedFound, root: Path | None) -> Repair:
+def _repair(judge: Judge, search: RepairSearch, judged: ProvedResult, root: Path | None) -> Repair:
     f = judged.found
     cures = [tuple(_reading(c, root) for c in _told(way)) for way in f.cures]
     tie = ""
@@ -614,7 +614,7 @@ def _told(way: list[Candidate]) -> list[Candidate]:
     return [c for c in own if all(e.kind in TOKENS for e in c.edits)] or own[:1]
 
 
-def _size(judge: Judge, rows: list[Key], score: float) -> str:
+def _size(judge: Judge, rows: list[RowKey], score: float) -> str:
     if not np.isfinite(score):
         return "not a number"
     symbol = _symbol(judge, rows[0])

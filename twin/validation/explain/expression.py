@@ -17,11 +17,11 @@ from twin.core.spatial import Array
 from twin.formula.scalar import Scalar
 from twin.validation.explain.candidate import REST, TOKENS
 from twin.validation.explain.deadline import Deadline
-from twin.validation.explain.edits import Pool, edits
+from twin.validation.explain.function_source import Edit, Source, Statement, apply
 from twin.validation.explain.inverses import inverse
-from twin.validation.explain.required import expressions, scalar_atoms, written
+from twin.validation.explain.required_values import expressions, scalar_atoms, written
 from twin.validation.explain.shifts import DIFFERENCE, Flat, Shift
-from twin.validation.explain.source import Edit, Source, Statement, apply
+from twin.validation.explain.statement_edits import NamePool, edits
 from twin.validation.explain.term_texts import EQUAL, Atom
 
 _HOLE = "_hole_"
@@ -43,7 +43,7 @@ class Site:
 
     source: Source
     statement: Statement
-    pool: Pool
+    pool: NamePool
 
     @cached_property
     def edits(self) -> tuple[Edit, ...]:

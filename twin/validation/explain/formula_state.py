@@ -9,10 +9,10 @@ import numpy as np
 
 from twin.formula.contract import Formula
 from twin.validation.explain.edited_formula import edited_formula
+from twin.validation.explain.equation_steps import RowKey
+from twin.validation.explain.function_source import Edit
+from twin.validation.explain.parameter_coincidences import closes, coincidences, condition
 from twin.validation.explain.row_deviations import Judge, worst
-from twin.validation.explain.rows import Key
-from twin.validation.explain.source import Edit
-from twin.validation.explain.varied import closes, coincidences, condition
 
 _WORSE = 1.001
 """An edit is refused if the residual of a row is larger than before by this factor."""
@@ -30,10 +30,10 @@ class FormulaState:
     wrong: int
     chance: str
     worse: bool = False
-    failing: frozenset[Key] = frozenset()
+    failing: frozenset[RowKey] = frozenset()
 
 
-def is_worse(base: Mapping[Key, float], row: Key, off: float) -> bool:
+def is_worse(base: Mapping[RowKey, float], row: RowKey, off: float) -> bool:
     """Return whether a row with the worst residual `off` disagrees, and more than before; `base`: residuals before."""
     before = base.get(row, np.inf)
     return off > max(1.0, _WORSE * before)
@@ -42,7 +42,7 @@ def is_worse(base: Mapping[Key, float], row: Key, off: float) -> bool:
 class FormulaStates:
     """The states of one formula after edits; each is computed once."""
 
-    def __init__(self, judge: Judge, base: Mapping[Key, float]) -> None:
+    def __init__(self, judge: Judge, base: Mapping[RowKey, float]) -> None:
         """Set up for a judged formula; `base` are the worst residuals of its rows, in units of the tolerance."""
         self.judge = judge
         self.base = base
@@ -65,7 +65,7 @@ class FormulaStates:
 
     def _state(self, formula: Formula) -> FormulaState:
         before = self.judge
-        judge = Judge(formula, before.variants, before.truth, before.tolerance, before.limits)
+        judge = Judge(formula, before.variants, before.reference, before.tolerance, before.limits)
         failing = frozenset(place.key for place in judge.failing())
         wrong = len(failing)
         worse = False
@@ -73,7 +73,7 @@ class FormulaStates:
             worse |= is_worse(self.base, place.key, worst(residual))
         conditions = [condition(group) for group in coincidences(judge)]
         chance = " and ".join(conditions)
-        free = before.truth.free
+        free = before.reference.free
         if not wrong and not chance and free and closes(judge, {}) is False:
             # The rows were judged at the best value of the free parameter, which need not be the formula's value.
             chance = f"for another {free} than that of the equations"

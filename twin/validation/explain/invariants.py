@@ -16,48 +16,48 @@ from twin.core.units import MM, decimals
 from twin.formula.scalar import Value
 from twin.model.joint import Joint
 from twin.reference import ReferenceModel
-from twin.validation.explain.numeric import Matrix, to_array
-from twin.validation.explain.plain import copied
+from twin.validation.explain.equation_steps import RowKey
+from twin.validation.explain.function_source import OUT
+from twin.validation.explain.plain_values import copied
+from twin.validation.explain.rebuilt_functions import Matrix, to_array
+from twin.validation.explain.reference_values import ReferenceValues
 from twin.validation.explain.row_deviations import Judge, RowPlace, returned_values, worst
-from twin.validation.explain.rows import Key
-from twin.validation.explain.source import OUT
-from twin.validation.explain.truth import Truth
 
 _LOOP = Kind("invariant.loop", "disagreement", word="tolerance")
 
 
-def said(judge: Judge) -> dict[str, Value]:
+def formula_values(judge: Judge) -> dict[str, Value]:
     """Return {symbol: value computed by the formula from the mechanism's values}, for the compared symbols."""
-    truth = judge.truth
+    reference = judge.reference
     values: dict[str, Value] = {}
     units = {"length": judge.tolerance.length, "angle": judge.tolerance.angle}
     for place, r in judge.residuals.items():
         symbol = place.symbol
-        kind = truth.kinds[symbol]
+        kind = reference.kinds[symbol]
         if kind == "pose":
             continue
         if symbol in values and worst(r) == 0:  # a row that only passes on the mechanism's value says nothing new
             continue
-        value = to_array(truth.symbols[symbol], truth.k) + r * units[kind]
-        if isinstance(truth.symbols[symbol], Matrix):
+        value = to_array(reference.symbols[symbol], reference.k) + r * units[kind]
+        if isinstance(reference.symbols[symbol], Matrix):
             values[symbol] = Matrix(value[:, :, None])
         else:
             values[symbol] = value[:, 0]
     return values
 
 
-def said_pose(judge: Judge, place: RowPlace) -> Array:
+def formula_pose(judge: Judge, place: RowPlace) -> Array:
     """Return the pose (k, 4, 4) that a row of the formula computes; it is recovered from the residual of the row."""
     scale = np.full(16, judge.tolerance.angle)
     scale[[3, 7, 11]] = judge.tolerance.length
-    return judge.truth.symbols[place.symbol].a + (judge.residuals[place] * scale).reshape(-1, 4, 4)
+    return judge.reference.symbols[place.symbol].a + (judge.residuals[place] * scale).reshape(-1, 4, 4)
 
 
 def solved(judge: Judge) -> dict[str, Value]:
     """Return the outputs of implicit equations; the coupled rows of an equation are solved together."""
     values: dict[str, Value] = {}
     for step in judge.steps:
-        names = [n for n in step.equation.outputs if n in step.required and n in judge.truth.kinds]
+        names = [n for n in step.equation.outputs if n in step.required and n in judge.reference.kinds]
         if not names or step.missing or step.stage == "helper":
             continue
         x = _solution(judge, step.equation.name, names)
@@ -96,12 +96,12 @@ def _outputs_at(judge: Judge, equation: str, names: list[str], x: list[float]) -
     values = outputs(judge, equation, dict(zip(names, x, strict=True)))
     if not values:
         return None
-    return np.stack([to_array(values[name], judge.truth.k)[:, 0] for name in names], axis=1)
+    return np.stack([to_array(values[name], judge.reference.k)[:, 0] for name in names], axis=1)
 
 
 def invariants(judge: Judge, model: ReferenceModel) -> list[Finding]:
     """Return findings on violated invariants; none if the formula agrees."""
-    values = {**said(judge), **solved(judge)}
+    values = {**formula_values(judge), **solved(judge)}
     violated = [*_rigid(judge, model, values), *_rods(judge, model, values), *_loops(judge, model, values)]
     return [*violated, *_rotations(judge), *_dimensions(judge)]
 
@@ -118,7 +118,7 @@ def _points(judge: Judge, values: Mapping[str, Value]) -> dict[str, Array]:
     for name in judge.formula.points:
         parts = _parts(judge, name)
         if values.keys() >= set(parts):
-            positions[name] = np.hstack([to_array(values[p], judge.truth.k) for p in parts])
+            positions[name] = np.hstack([to_array(values[p], judge.reference.k) for p in parts])
     return positions
 
 
@@ -168,23 +168,23 @@ def _distance(
         text,
         mm(largest),
         mm(judge.tolerance.length),
-        when=judge.truth.pose_text(int(np.nanargmax(error))),
+        when=judge.reference.pose_text(int(np.nanargmax(error))),
         word="",
     )
 
 
 def _rods(judge: Judge, model: ReferenceModel, values: Mapping[str, Value]) -> Iterator[Finding]:
     """Yield a finding for each link whose length would change if the joints had the formula's values."""
-    truth = judge.truth
+    reference = judge.reference
     mechanism = model.mechanism
     wrong: set[str] = set()
     for joint in mechanism.active:
         if joint.name in values and _moved(judge, joint.name, values[joint.name]):
             wrong.add(joint.name)
-    if truth.run is None or not wrong:
+    if reference.run is None or not wrong:
         return
-    moved = model.link_poses(_with_values(truth.run.x, model, {n: values[n] for n in wrong}))
-    real = model.link_poses(truth.run.x)
+    moved = model.link_poses(_with_values(reference.run.x, model, {n: values[n] for n in wrong}))
+    real = model.link_poses(reference.run.x)
     drive_of = {j.child: j.name for j in mechanism.tree if j.name in wrong}  # by the body that the joint moves
     for link in mechanism.bodies:
         joints = [j for j in mechanism.joints if link.name in (j.parent, j.child)]
@@ -232,7 +232,7 @@ def _centre(joint: Joint, body: str, poses: Mapping[str, Array]) -> Array:
 
 def _loops(judge: Judge, model: ReferenceModel, values: Mapping[str, Value]) -> Iterator[Finding]:
     """Yield a finding for each loop that opens if wrong joint values of the formula replace those of the mechanism."""
-    run = judge.truth.run
+    run = judge.reference.run
     wrong = {n: values[n] for n in model.tree.configuration if n in values and _moved(judge, n, values[n])}
     if run is None or not wrong or not model.mechanism.loops:
         return
@@ -250,7 +250,7 @@ def _loops(judge: Judge, model: ReferenceModel, values: Mapping[str, Value]) -> 
                 f"with {', '.join(wrong)} from the formula, the loop at {loop} opens",
                 mm(gap[k]),
                 mm(judge.tolerance.length),
-                when=judge.truth.pose_text(k),
+                when=judge.reference.pose_text(k),
             )
 
 
@@ -303,11 +303,11 @@ def _dimensions(judge: Judge) -> Iterator[Finding]:
     failing = judge.failing()
     if not failing:
         return
-    residuals: dict[Key, Array] = {}
+    residuals: dict[RowKey, Array] = {}
     for place, residual in judge.on(_scaled(judge)).residuals.items():
         residuals.setdefault(place.key, residual)
     for place in failing:
-        kind = judge.truth.kinds[place.symbol]
+        kind = judge.reference.kinds[place.symbol]
         if place.key not in residuals or kind == "pose":
             continue
         before = judge.residuals[place]
@@ -326,17 +326,17 @@ def _dimensions(judge: Judge) -> Iterator[Finding]:
             )
 
 
-def _scaled(judge: Judge) -> Truth:
+def _scaled(judge: Judge) -> ReferenceValues:
     """Return the values of a mechanism that is larger in all its lengths."""
-    truth = judge.truth
-    symbols = dict(truth.symbols)
+    reference = judge.reference
+    symbols = dict(reference.symbols)
     lengths = {p.name for p in judge.formula.parameters if p.unit in ("mm", "m", "cm", "um")}
     for name, value in symbols.items():
-        kind = truth.kinds.get(name)
+        kind = reference.kinds.get(name)
         if kind == "pose":
             T = value.a.copy()
             T[:, :3, 3] *= _SCALE
             symbols[name] = Matrix(T)
         elif kind == "length" or name in lengths:
             symbols[name] = value * _SCALE
-    return replace(truth, symbols=symbols)
+    return replace(reference, symbols=symbols)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from twin.formula.scalar import Value
-from twin.validation.explain.numeric import Matrix
+from twin.validation.explain.rebuilt_functions import Matrix
 
 
 def form(value: Value, size: int) -> Value:

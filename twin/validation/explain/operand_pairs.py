@@ -14,11 +14,11 @@ from typing import Protocol
 from twin.core.spatial import Array
 from twin.formula.scalar import Value
 from twin.validation.explain.deadline import Deadline
+from twin.validation.explain.equation_steps import RowKey
 from twin.validation.explain.expression import Site, expression_code
+from twin.validation.explain.function_source import OUT, Edit, Source, Statement, apply
 from twin.validation.explain.many_values import form, stacked, tiled
-from twin.validation.explain.plain import copied
-from twin.validation.explain.rows import Key
-from twin.validation.explain.source import OUT, Edit, Source, Statement, apply
+from twin.validation.explain.plain_values import copied
 
 _MOST = 100_000
 """Maximum number of pairs in one evaluation."""
@@ -31,7 +31,7 @@ Scope = dict[str, Value]
 _Group = tuple[list[tuple[Edit, ...]], list[Value]]
 """Edits of an operand after which its values have the same form, and these values."""
 
-Evaluated = tuple[list[tuple[Edit, ...]], list[tuple[Edit, ...]], dict[Key, Array]]
+Evaluated = tuple[list[tuple[Edit, ...]], list[tuple[Edit, ...]], dict[RowKey, Array]]
 """Edits of a second place, edits of a first one, and the residuals (pairs, entries) of rows.
 
 All edits of the first place come with the first edit of the second one, then with the next one.
@@ -41,7 +41,7 @@ All edits of the first place come with the first edit of the second one, then wi
 class Rest(Protocol):
     """Returns the residuals of the rows of a statement and of those after it; None without a value."""
 
-    def __call__(self, statement: Statement, scope: Scope, size: int, /) -> dict[Key, Array] | None:
+    def __call__(self, statement: Statement, scope: Scope, size: int, /) -> dict[RowKey, Array] | None:
         """Evaluate `size` values in a scope that has what the statement writes."""
         ...
 

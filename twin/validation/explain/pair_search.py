@@ -7,15 +7,15 @@ from functools import cached_property
 
 import numpy as np
 
-from twin.validation.explain.batch import Batch
+from twin.validation.explain.batched_solutions import Batch
 from twin.validation.explain.candidate import FORMS, TOKENS, Candidate
-from twin.validation.explain.crossed import Crossed
 from twin.validation.explain.deadline import Deadline
-from twin.validation.explain.double import Double
+from twin.validation.explain.equation_steps import RowKey, Step
 from twin.validation.explain.expression import Site
+from twin.validation.explain.function_source import Edit
 from twin.validation.explain.repair_choice import RepairChoice
-from twin.validation.explain.rows import Key, Step
-from twin.validation.explain.source import Edit
+from twin.validation.explain.required_pairs import RequiredPairs
+from twin.validation.explain.statement_pairs import StatementPairs
 from twin.validation.explain.trials import Trials
 
 _DOUBLE_SHARES = (0.2, 0.2, 0.2, 0.2, 0.7, 0.3, 0.2, 0.4, 0.3, 0.5, 1.0)
@@ -39,7 +39,7 @@ _DOUBLE_PART = 0.85
 _COARSE = 6
 """Number of poses at which most expressions are rejected."""
 
-_Stage = Callable[[Double, Sequence[Key], Deadline], Iterator[tuple[Edit, Edit]]]
+_Stage = Callable[[RequiredPairs, Sequence[RowKey], Deadline], Iterator[tuple[Edit, Edit]]]
 """Yields the pairs of edits of one kind for an equation and its wrong rows, until a deadline."""
 
 
@@ -51,15 +51,15 @@ class PairSearch:
         self.trials = trials
         self.choice = choice
         self._in_two_statements: list[Candidate] | None = None
-        self._crossings: dict[str, Crossed | None] = {}
+        self._crossings: dict[str, StatementPairs | None] = {}
 
     def found(
-        self, k: Key, singles: list[Candidate], shared: list[Candidate], deadline: Deadline
+        self, k: RowKey, singles: list[Candidate], shared: list[Candidate], deadline: Deadline
     ) -> tuple[list[Candidate], bool]:
-        """Return (pairs of edits found from required values of expressions, whether the search ended); see `Double`.
+        """Return (pairs of edits found from required values of expressions, whether the search ended).
 
-        The pairs must repair all failing rows that the expressions move, or row `k` alone. `shared` are repairs of
-        other rows; one of them may be the first edit.
+        See `RequiredPairs`. The pairs must repair all failing rows that the expressions move, or row `k` alone.
+        `shared` are repairs of other rows; one of them may be the first edit.
         """
         until = deadline.within(_DOUBLE_PART * deadline.left)
         pairs: list[Candidate] = []
@@ -72,7 +72,7 @@ class PairSearch:
         known = [c.edits[0] for c in shared]
         parts: dict[int, tuple[list[Edit], list[Edit]]] = {}
 
-        def parted(double: Double) -> tuple[list[Edit], list[Edit]]:
+        def parted(double: RequiredPairs) -> tuple[list[Edit], list[Edit]]:
             if id(double) not in parts:
                 parts[id(double)] = double.outside(firsts, until)
             return parts[id(double)]
@@ -114,7 +114,7 @@ class PairSearch:
         return pairs, not until.passed
 
     def _tried_pairs(
-        self, stage: _Stage, searches: Sequence[tuple[Double, Sequence[Key]]], end: Deadline
+        self, stage: _Stage, searches: Sequence[tuple[RequiredPairs, Sequence[RowKey]]], end: Deadline
     ) -> list[Candidate]:
         """Return the candidates for the pairs of edits that a stage of `found` finds in some equations."""
         candidates: list[Candidate] = []
@@ -127,12 +127,12 @@ class PairSearch:
                     candidates.append(candidate)
         return candidates
 
-    def _has_pose(self, double: Double, rows: Sequence[Key]) -> bool:
+    def _has_pose(self, double: RequiredPairs, rows: Sequence[RowKey]) -> bool:
         """Return whether one of `rows` is a pose that an equation returns."""
         rows_of_equation = [row for row in rows if row[0] == double.step.equation.name]
         return any(self.trials.raw[row].shape[1] >= _POSE for row in rows_of_equation)
 
-    def crossed(self, step: Step) -> Crossed | None:
+    def crossed(self, step: Step) -> StatementPairs | None:
         """Return the search for edits in the statements of an equation itself; None for a plain function."""
         name = step.equation.name
         if name not in self._crossings:
@@ -142,7 +142,7 @@ class PairSearch:
                     own = [site for site in sites if site.source is step.source]
             search = None
             if step.plain is None and own:
-                search = Crossed(self.trials.judge, name, own, self.trials.failing)
+                search = StatementPairs(self.trials.judge, name, own, self.trials.failing)
             self._crossings[name] = search
         return self._crossings[name]
 
@@ -166,26 +166,28 @@ class PairSearch:
                         self._in_two_statements.append(candidate)
         return list(self._in_two_statements)
 
-    def _in_one_statement(self, double: Double, rows: Sequence[Key], end: Deadline) -> Iterator[tuple[Edit, Edit]]:
+    def _in_one_statement(
+        self, double: RequiredPairs, rows: Sequence[RowKey], end: Deadline
+    ) -> Iterator[tuple[Edit, Edit]]:
         search = self.crossed(double.step)
         if search is not None and len(rows) == len(self.trials.failing):
             yield from search.together(end)
 
-    def _pair(self, double: Double, first: Edit, second: Edit) -> Candidate | None:
+    def _pair(self, double: RequiredPairs, first: Edit, second: Edit) -> Candidate | None:
         """Return the candidate for two edits of one function, judged in all equations that call it."""
         source = next(site.source for site in double.sites if site.source.name == first.function)
         others = self.trials.callers(source, double.step)
         return self.trials.everywhere([double.step, *others], [first, second])
 
     @cached_property
-    def doubles(self) -> list[Double]:
+    def doubles(self) -> list[RequiredPairs]:
         """The searches for two edits, one for each equation on which failing rows depend."""
-        k = self.trials.judge.truth.k
+        k = self.trials.judge.reference.k
         few = np.linspace(0, k - 1, min(_COARSE, k)).astype(int)
         coarse = Batch(self.trials.judge, [int(i) for i in few], _COARSE // 2)
         full = Batch(self.trials.judge, range(k))
         searches = []
         for step, sites in self.trials.sites():
-            searches.append(Double(coarse, full, step, sites, self.trials.failing))
+            searches.append(RequiredPairs(coarse, full, step, sites, self.trials.failing))
         # Rows with several entries reject nearly all wrong expressions, so that they are tried first.
         return sorted(searches, key=lambda double: self.trials.entries(double.step), reverse=True)

@@ -9,9 +9,9 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.validation.explain.candidate import TOKENS, Candidate
 from twin.validation.explain.deadline import Deadline
-from twin.validation.explain.pairs import Pairs
-from twin.validation.explain.rows import Key, Step
-from twin.validation.explain.source import Edit
+from twin.validation.explain.equation_steps import RowKey, Step
+from twin.validation.explain.function_source import Edit
+from twin.validation.explain.replacement_pairs import ReplacementPairs
 from twin.validation.explain.trials import Trials
 from twin.validation.explain.undefined_names import ByteRange, undefined
 
@@ -30,7 +30,7 @@ class PositionPairs:
         self.trials = trials
 
     def found(
-        self, row: Key, singles: list[Candidate], shared: list[Candidate], deadline: Deadline
+        self, row: RowKey, singles: list[Candidate], shared: list[Candidate], deadline: Deadline
     ) -> tuple[list[Candidate], bool]:
         """Return (pairs of edits with which a row agrees or nearly agrees, whether all pairs were tried).
 
@@ -54,7 +54,7 @@ class PositionPairs:
                 return out, True
         complete = True
         for step, edits in self._moving(row, singles):
-            search = Pairs(trials.judge, trials.shaken, step, row, edits, deadline, self._undefined(step))
+            search = ReplacementPairs(trials.judge, trials.shaken, step, row, edits, deadline, self._undefined(step))
             for first, second in search.found():
                 candidate = trials.attempt(step, [first, second])
                 if candidate is not None:
@@ -64,7 +64,7 @@ class PositionPairs:
         return out, complete
 
     def _additive(
-        self, row: Key, singles: list[Candidate], deadline: Deadline
+        self, row: RowKey, singles: list[Candidate], deadline: Deadline
     ) -> Iterator[tuple[Candidate, Candidate]]:
         """Yield pairs of edits whose effects on a row add up to its residual, in one direction drawn at random."""
         raw = self.trials.raw[row]
@@ -91,7 +91,7 @@ class PositionPairs:
                 yield first, candidates[j]
 
     def _with_shared(
-        self, row: Key, singles: list[Candidate], shared: list[Candidate], deadline: Deadline
+        self, row: RowKey, singles: list[Candidate], shared: list[Candidate], deadline: Deadline
     ) -> Iterator[tuple[Candidate, Candidate]]:
         """Yield pairs with an edit that repairs other rows: it may also be one of two edits that repair this row."""
         end = deadline.within(_SHARED_PART * deadline.left)
@@ -111,7 +111,7 @@ class PositionPairs:
                     ranges += undefined(site)
         return ranges
 
-    def _moving(self, row: Key, singles: list[Candidate]) -> list[tuple[Step, list[Edit]]]:
+    def _moving(self, row: RowKey, singles: list[Candidate]) -> list[tuple[Step, list[Edit]]]:
         """Return the one-token edits that change a row, grouped by the equation in which they are tried."""
         step_of_row = self.trials.judge.step(row[0])
         called = {(helper.source.path, helper.source.name) for helper in self.trials.judge.helpers(step_of_row)}
@@ -143,6 +143,6 @@ def _fit(a: Candidate, b: Candidate) -> bool:
     return one.end < other.start or other.end < one.start
 
 
-def _moves(c: Candidate, row: Key, raw: Array) -> bool:
+def _moves(c: Candidate, row: RowKey, raw: Array) -> bool:
     after = c.changed.get(row)
     return after is not None and not np.array_equal(after, raw)

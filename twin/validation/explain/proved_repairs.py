@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from twin.formula.contract import Formula
-from twin.validation.explain.candidate import Candidate, Found
+from twin.validation.explain.candidate import Candidate, GroupResult
 from twin.validation.explain.edited_formula import edited_formula
-from twin.validation.explain.source import Edit
+from twin.validation.explain.function_source import Edit
 
 _MOST = 6
 """Maximum number of repairs of one group of rows that are proved: each is a proof of the whole formula."""
@@ -42,7 +42,7 @@ class RepairProver(Protocol):
 
 
 @dataclass(frozen=True)
-class ProvedFound:
+class ProvedResult:
     """The result of a search with proofs.
 
     Attributes:
@@ -51,18 +51,18 @@ class ProvedFound:
         merged: for each cure, whether it is made of several that differ for other dimensions of the mechanism.
     """
 
-    found: Found
+    found: GroupResult
     proofs: tuple[str, ...] = ()
     merged: tuple[bool, ...] = ()
 
 
-def proved(formula: Formula, found: Sequence[Found], prover: RepairProver | None) -> list[ProvedFound]:
+def proved(formula: Formula, found: Sequence[GroupResult], prover: RepairProver | None) -> list[ProvedResult]:
     """Return the results of a search with the verdict on each cure; without a prover, as they are.
 
     A cure is proved together with the first cure of each other group: only a formula without wrong rows is an identity.
     """
     if prover is None:
-        return [ProvedFound(result) for result in found]
+        return [ProvedResult(result) for result in found]
     results = []
     proofs = _Proofs(formula, prover)
     for result in found:
@@ -71,7 +71,7 @@ def proved(formula: Formula, found: Sequence[Found], prover: RepairProver | None
     return results
 
 
-def _first_edits(found: Found) -> list[Edit]:
+def _first_edits(found: GroupResult) -> list[Edit]:
     """Return the edits of the first cure; none if there is no cure."""
     return _edits(found.cures[0]) if found.cures else []
 
@@ -92,7 +92,7 @@ class _Proofs:
         self.prover = prover
         self.known: dict[frozenset[Edit], ProofOfRepair] = {}
 
-    def of(self, found: Found, others: Sequence[Edit]) -> ProvedFound:
+    def of(self, found: GroupResult, others: Sequence[Edit]) -> ProvedResult:
         """Return one result with its verdicts; `others` are the edits of the other groups."""
         groups: list[list[Candidate]] = []
         proofs: list[str] = []
@@ -117,7 +117,7 @@ class _Proofs:
                 groups.append(cure)
                 proofs.append(verdict.text)
                 merged.append(False)
-        return ProvedFound(replace(found, cures=groups), tuple(proofs), tuple(merged))
+        return ProvedResult(replace(found, cures=groups), tuple(proofs), tuple(merged))
 
     def _verdict(self, edited: Formula | None, change: frozenset[Edit]) -> ProofOfRepair:
         if edited is None:

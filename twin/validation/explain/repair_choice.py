@@ -12,11 +12,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from twin.validation.explain.candidate import Candidate, Found
+from twin.validation.explain.candidate import Candidate, GroupResult
 from twin.validation.explain.deadline import Deadline
+from twin.validation.explain.equation_steps import RowKey
 from twin.validation.explain.formula_state import FormulaStates
-from twin.validation.explain.rows import Key
-from twin.validation.explain.source import Edit
+from twin.validation.explain.function_source import Edit
 from twin.validation.explain.trials import Trials
 
 _WHOLE = 12
@@ -68,7 +68,7 @@ class RepairChoice:
         after = self.states.after(c.edits)
         return after is None or not (after.chance or after.worse)
 
-    def has_repair(self, k: Key, candidates: list[Candidate]) -> bool:
+    def has_repair(self, k: RowKey, candidates: list[Candidate]) -> bool:
         """Return whether one of the candidates repairs a row, and not by chance.
 
         Also False if the time is over and the first `LATE` exact candidates do so only by chance: then it is not known.
@@ -102,7 +102,7 @@ class RepairChoice:
                 return
         self.by_chance.append((c, chance))
 
-    def _repaired(self, c: Candidate) -> set[Key]:
+    def _repaired(self, c: Candidate) -> set[RowKey]:
         """Return the failing rows that agree after a candidate's edits."""
         return {row for row in self.trials.failing if c.scores.get(row, np.inf) <= 1}
 
@@ -147,7 +147,7 @@ class RepairChoice:
             confirmed.append((c, wrong))
         return _CheckedCure(confirmed, unchecked)
 
-    def together(self, found: list[Found]) -> tuple[list[Found], list[Key]]:
+    def together(self, found: list[GroupResult]) -> tuple[list[GroupResult], list[RowKey]]:
         """Return (results of which the first repairs of all groups hold together, rows that are left without a repair).
 
         Repairs of several groups may hold together only for the present values of parameters, or one may undo another.
@@ -175,7 +175,7 @@ class RepairChoice:
         n = found.index(unusual)
         return [*found[:n], replace(unusual, cures=[]), *found[n + 1 :]], list(unusual.rows)
 
-    def _hold_together(self, found: Sequence[Found]) -> bool:
+    def _hold_together(self, found: Sequence[GroupResult]) -> bool:
         """Return whether all rows agree after the first repairs of all groups, and not only by chance.
 
         That is also so if it is not known.
@@ -190,7 +190,7 @@ class RepairChoice:
         return not (after.chance or rows & after.failing)
 
 
-def _first_edits(found: Sequence[Found]) -> list[Edit]:
+def _first_edits(found: Sequence[GroupResult]) -> list[Edit]:
     """Return the edits of the first reading of the first repair of each group."""
     first_edits: list[Edit] = []
     for f in found:

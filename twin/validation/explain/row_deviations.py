@@ -23,13 +23,13 @@ from twin.formula.contract import Equation, Formula, Stage, arguments
 from twin.formula.plain_function import PlainRows
 from twin.formula.scalar import Value
 from twin.formula.variant_choice import choose
-from twin.validation.explain import numeric, plain
-from twin.validation.explain.numeric import Matrix, Rebuilder, to_array
-from twin.validation.explain.rows import Helper, RowPlace, Step, Tolerance
+from twin.validation.explain import plain_values, rebuilt_functions
+from twin.validation.explain.equation_steps import Helper, RowPlace, Step, Tolerance
+from twin.validation.explain.function_source import OUT, Edit, Source, Statement
+from twin.validation.explain.rebuilt_functions import Matrix, Rebuilder, to_array
+from twin.validation.explain.reference_values import ReferenceValues
 from twin.validation.explain.shifts import Shift
-from twin.validation.explain.source import OUT, Edit, Source, Statement
 from twin.validation.explain.swivel import fitted
-from twin.validation.explain.truth import Truth
 
 STAGES: tuple[Stage, ...] = ("inverse", "forward", "helper")
 
@@ -51,7 +51,7 @@ class Judge:
         self,
         formula: Formula,
         variants: Mapping[str, str] | str | None,
-        truth: Truth,
+        reference: ReferenceValues,
         tolerance: Tolerance | None = None,
         limits: Mapping[str, Array] | None = None,
     ) -> None:
@@ -62,7 +62,7 @@ class Judge:
         """
         self.limits = dict(limits or {})
         self.formula = formula
-        self.truth = truth
+        self.reference = reference
         self.tolerance = tolerance or Tolerance()
         self.variants = choose(formula, variants)
         self.rebuild = Rebuilder()
@@ -82,13 +82,13 @@ class Judge:
             for stage in STAGES:
                 self._run_stage(stage)
 
-    def on(self, truth: Truth, only: Collection[str] | None = None) -> Judge:
-        """Return a judge that compares the same formula with other values of the mechanism, given by `truth`.
+    def on(self, reference: ReferenceValues, only: Collection[str] | None = None) -> Judge:
+        """Return a judge that compares the same formula with other values of the mechanism, given by `reference`.
 
         `only`: names of the equations to run; None for all.
         """
         other = copy.copy(self)
-        other.truth = truth
+        other.reference = reference
         other.residuals = {}
         other.notes = []
         other._zeros = {}
@@ -145,12 +145,12 @@ class Judge:
             if step.stage != stage:
                 continue
             self._prepare(step, computed)
-            unknown = [n for n in step.required if n not in self.truth.symbols and n not in computed]
+            unknown = [n for n in step.required if n not in self.reference.symbols and n not in computed]
             if unknown:
                 step.missing = ", ".join(unknown)
                 self.notes.append(f"{step.equation.name} ({step.variant}) was not judged: {step.missing} is unknown")
                 continue
-            if self.truth.free in step.inputs:
+            if self.reference.free in step.inputs:
                 self._place(step, [], {})
             if not self._run_step(step):
                 continue
@@ -161,10 +161,10 @@ class Judge:
         """Set the attributes of a step that depend on the mechanism's values and on the earlier equations."""
         names = step.equation.outputs
         step.computed = dict(computed)
-        step.known = frozenset(names).intersection(self.truth.kinds)
+        step.known = frozenset(names).intersection(self.reference.kinds)
         step.held = step.known
         if step.plain is not None:
-            step.held = step.known & plain.held(step.source, names)
+            step.held = step.known & plain_values.held(step.source, names)
         last = step.source.statements[-1]
         returned = getattr(last.node, "value", None)
         # A tuple or a list has `elts`, a dictionary has `values`.
@@ -181,7 +181,7 @@ class Judge:
         label = f"{step.equation.name} ({step.variant})"
         try:
             for statement, code in zip(step.source.statements, step.codes, strict=True):
-                step.before.append(plain.copied(scope))
+                step.before.append(plain_values.copied(scope))
                 try:
                     exec(code, scope)
                 except (NameError, IndexError) as error:
@@ -195,7 +195,7 @@ class Judge:
             step.without_value |= {(statement.index, -1)}
             step.stuck = True
             self._count_as_wrong(step, statement, residuals)
-            step.gave = {name: self.truth.symbols[name] for name in step.known}
+            step.gave = {name: self.reference.symbols[name] for name in step.known}
             self.notes.append(f"{label} fails in line {statement.line}: {error}")
         except Exception as error:
             step.missing = str(error)
@@ -226,7 +226,7 @@ class Judge:
             raise error
         for i, name in enumerate(statement.writes):
             self._unknown(step.place(statement.index, i, name, statement.line), found)
-            scope[name] = plain.inside(step.plain, self.truth.symbols[name])
+            scope[name] = plain_values.inside(step.plain, self.reference.symbols[name])
         return frozenset({(statement.index, -1)})
 
     def _by_element(
@@ -277,24 +277,24 @@ class Judge:
                 self._unknown(step.place(last.index, i, name, step.lines[i]), found)
 
     def _unknown(self, place: RowPlace, found: Residuals) -> None:
-        value = to_array(self.truth.symbols[place.symbol], self.truth.k)
+        value = to_array(self.reference.symbols[place.symbol], self.reference.k)
         found[place] = np.full(value.shape, np.nan)
 
     def _place(self, step: Step, edits: list[Edit], extra: Mapping[str, Value]) -> None:
         """Set the swivel angle of each state so that the residuals of the rows that use this angle are minimal."""
 
         def rows(angle: Array) -> Residuals:
-            step.free = {self.truth.free: angle}
+            step.free = {self.reference.free: angle}
             return self._retry(step, edits, extra, True, onwards=False)
 
         with contextlib.suppress(Exception):  # the same errors are raised and handled when the rows are run
-            step.free = {self.truth.free: fitted(rows, self.truth.k)}
+            step.free = {self.reference.free: fitted(rows, self.reference.k)}
 
     def _environment(self, step: Step, computed: Mapping[str, Value]) -> dict[str, Value]:
         """Return the variables with which an equation starts: its globals and its arguments."""
-        known = {**computed, **self.truth.symbols, **step.free}
+        known = {**computed, **self.reference.symbols, **step.free}
         if step.plain is not None:
-            return {**step.scope, **plain.arguments(step.plain, known)}
+            return {**step.scope, **plain_values.arguments(step.plain, known)}
         scope = dict(step.scope)
         for name in step.inputs:
             if name in known:
@@ -311,9 +311,9 @@ class Judge:
             place = step.place(statement.index, i, name, statement.line)
             if place in found:  # the statement has no value
                 continue
-            value = plain.outside(step.plain, scope[name])
+            value = plain_values.outside(step.plain, scope[name])
             found[place] = self.difference(name, value)
-            scope[name] = plain.inside(step.plain, self.truth.symbols[name])
+            scope[name] = plain_values.inside(step.plain, self.reference.symbols[name])
 
     def _outputs(self, step: Step, scope: Mapping[str, Value], found: Residuals) -> dict[str, Value]:
         """Return the outputs of an equation that was run, and store the residuals of the known ones."""
@@ -332,7 +332,7 @@ class Judge:
                 self._unknown(place, found)
             else:
                 found[place] = self.difference(name, values[i])
-            outputs[name] = self.truth.symbols[name]
+            outputs[name] = self.reference.symbols[name]
         return outputs
 
     def difference(self, name: str, value: Value) -> Array:
@@ -344,15 +344,15 @@ class Judge:
 
     def _difference(self, name: str, value: Value) -> Array:
         """Return a value minus the mechanism's value of the symbol `name`, (k, entries) in units of the tolerance."""
-        true = self.truth.symbols[name]
-        kind = self.truth.kinds[name]
+        true = self.reference.symbols[name]
+        kind = self.reference.kinds[name]
         if value is true:  # a row that passes the mechanism's value on agrees exactly
-            return self._zeros.setdefault(name, np.zeros_like(to_array(true, self.truth.k)))
+            return self._zeros.setdefault(name, np.zeros_like(to_array(true, self.reference.k)))
         if isinstance(true, Matrix) and (not isinstance(value, Matrix) or value.shape != true.shape):
             raise ValueError(f"{name} does not have the shape of its value in the mechanism")
         if not isinstance(true, Matrix) and isinstance(value, Matrix):
             raise ValueError(f"{name} is a matrix; in the mechanism it is a number or a vector")
-        d = to_array(value, self.truth.k) - to_array(true, self.truth.k)
+        d = to_array(value, self.reference.k) - to_array(true, self.reference.k)
         if kind == "angle":
             return np.arctan2(np.sin(d), np.cos(d)) / self.tolerance.angle
         if kind == "pose":
@@ -389,7 +389,7 @@ class Judge:
         free = step.free
         try:
             if free and angle is not None:
-                step.free = {self.truth.free: angle}
+                step.free = {self.reference.free: angle}
             elif free:
                 self._place(step, own_edits, extra)
                 for value in extra.values():
@@ -412,7 +412,7 @@ class Judge:
         for earlier in self.steps[: self.steps.index(step)]:
             if earlier.stage != step.stage or earlier.missing:
                 continue
-            passes = set(earlier.equation.outputs) - set(self.truth.kinds)
+            passes = set(earlier.equation.outputs) - set(self.reference.kinds)
             if not passes or not self._calls(earlier, edits[0].function):
                 continue
             rerun = self._retry(earlier, [], {}, True)
@@ -471,7 +471,7 @@ class Judge:
             scope = self._environment(step, step.computed)
         else:
             first = min(edited)
-            scope = plain.copied(step.before[first])
+            scope = plain_values.copied(step.before[first])
         anew |= step.stuck  # there is no earlier result to reuse
         self._define_arguments(step, edits, scope)
         for name, value in extra.items():
@@ -492,10 +492,10 @@ class Judge:
                 return residuals
             after = step.before[i + 1]
             for name in names:  # these outputs do not change, because their inputs do not change
-                scope[name] = plain.copied({name: after[name]})[name]
+                scope[name] = plain_values.copied({name: after[name]})[name]
                 dirty.discard(name)
         outputs = self._outputs(step, scope, residuals)
-        changed = set(outputs).difference(self.truth.kinds)
+        changed = set(outputs).difference(self.reference.kinds)
         if changed and onwards:
             self._downstream(step, outputs, changed, residuals)
         return residuals
@@ -538,9 +538,9 @@ class Judge:
             if not edit.define or edit.define[1]:  # a definition with an expression is an alias
                 continue
             name = edit.define[0]
-            for values in (step.computed, self.truth.symbols):
+            for values in (step.computed, self.reference.symbols):
                 if name in values:
-                    scope.setdefault(name, plain.inside(step.plain, values[name]))
+                    scope.setdefault(name, plain_values.inside(step.plain, values[name]))
 
     def _downstream(self, step: Step, outputs: dict[str, Value], changed: set[str], found: Residuals) -> None:
         """Run the later equations that use changed outputs, and store their residuals."""
@@ -552,9 +552,9 @@ class Judge:
                 computed = {**later.gave, **computed}
                 continue
             # Do not reuse earlier results: a helper that this equation calls may be edited.
-            scope = {**plain.copied(later.before[0]), **later.scope}
+            scope = {**plain_values.copied(later.before[0]), **later.scope}
             if later.plain is not None:
-                scope |= plain.arguments(later.plain, {**self.truth.symbols, **computed})
+                scope |= plain_values.arguments(later.plain, {**self.reference.symbols, **computed})
             else:
                 for name in later.inputs:
                     if name in changed:
@@ -563,7 +563,7 @@ class Judge:
                 exec(code, scope)
                 self._check(later, statement, statement.writes, scope, found)
             again = self._outputs(later, scope, found)
-            changed |= set(again).difference(self.truth.kinds)
+            changed |= set(again).difference(self.reference.kinds)
             for name, value in again.items():
                 if name in changed or name not in computed:
                     computed[name] = value
@@ -576,16 +576,16 @@ class Judge:
         The mechanism's values stay single numbers: NumPy repeats them.
         """
         other = copy.copy(self)
-        other.truth = replace(self.truth, k=size)
+        other.reference = replace(self.reference, k=size)
         other.residuals = {}
         other._zeros = {}
         return other
 
     def start(self, step: Step) -> dict[str, Value]:
         """Return the variables with which an equation starts, and all symbols that edits may add as arguments."""
-        symbols = {**step.computed, **self.truth.symbols}
-        added = {name: plain.inside(step.plain, value) for name, value in symbols.items()}
-        return plain.copied({**added, **self._environment(step, step.computed)})
+        symbols = {**step.computed, **self.reference.symbols}
+        added = {name: plain_values.inside(step.plain, value) for name, value in symbols.items()}
+        return plain_values.copied({**added, **self._environment(step, step.computed)})
 
     def finished(self, step: Step, statement: Statement, scope: dict[str, Value]) -> Residuals:
         """Return the residuals after `statement` was run in `scope`: of its rows, of later ones, of later equations.
@@ -600,7 +600,7 @@ class Judge:
                 return residuals
             self._check(step, later, later.writes, scope, residuals)
         outputs = self._outputs(step, scope, residuals)
-        changed = set(outputs).difference(self.truth.kinds)
+        changed = set(outputs).difference(self.reference.kinds)
         if changed:
             self._downstream(step, outputs, changed, residuals)
         return residuals
@@ -619,7 +619,11 @@ def _add_helpers(source: Source, scope: Mapping[str, Value], found: dict[int, He
         names |= statement.reads
     for name in sorted(names):
         function = scope.get(name)
-        if not isinstance(function, FunctionType) or id(function) in found or not numeric.of_formula(function):
+        if (
+            not isinstance(function, FunctionType)
+            or id(function) in found
+            or not rebuilt_functions.of_formula(function)
+        ):
             continue
         try:
             called = Source(function)
@@ -644,7 +648,7 @@ def _renamed(names: tuple[str, ...], edits: Iterable[Edit]) -> tuple[str, ...]:
 def returned_values(step: Step, value: Value) -> list[Value]:
     """Split what the function of a step returned into one value for each output."""
     if step.plain is not None:
-        value = plain.parts(step.plain, value)
+        value = plain_values.parts(step.plain, value)
     if isinstance(value, tuple | list):
         return list(value)
     return [value]

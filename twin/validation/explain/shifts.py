@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from twin.core.spatial import Array
 from twin.formula.scalar import Scalar
 from twin.validation.explain.deadline import Deadline
-from twin.validation.explain.numeric import Matrix, to_array
-from twin.validation.explain.source import Edit, Source, Statement
+from twin.validation.explain.function_source import Edit, Source, Statement
+from twin.validation.explain.rebuilt_functions import Matrix, to_array
 
 STEPS = 12
 """Maximum number of Gauss-Newton steps."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from twin.formula.contract import POSE_SYMBOL
+from twin.validation.explain.equation_steps import RowPlace, Step
 from twin.validation.explain.row_deviations import Judge
-from twin.validation.explain.rows import RowPlace, Step
 
 
 def suspects(judge: Judge, place: RowPlace) -> dict[str, set[int]]:
@@ -80,7 +80,7 @@ def available(judge: Judge, step: Step) -> set[str]:
     elif step.stage == "forward":
         names |= {j.name for j in judge.formula.joints}
     else:  # all symbols of the mechanism, except outputs of this equation and of later equations
-        symbols = set(judge.truth.symbols)
+        symbols = set(judge.reference.symbols)
         for later in judge.steps[judge.steps.index(step) :]:
             symbols.difference_update(later.equation.outputs)
         names |= symbols
@@ -108,7 +108,7 @@ def _trace(judge: Judge, step: Step, index: int, position: int, out: dict[str, s
         if not statements[i].reads & written:  # a statement that also reads the variable keeps a part of its value
             wanted -= written
     for name in wanted:
-        if name in judge.truth.kinds or name not in step.inputs:
+        if name in judge.reference.kinds or name not in step.inputs:
             continue
         maker = _maker(judge, step, name)
         if maker is not None and name not in seen:

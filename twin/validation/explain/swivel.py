@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.validation.explain.rows import RowPlace
+from twin.validation.explain.equation_steps import RowPlace
 
 _GRID = 12
 """Number of start angles in a full turn."""

@@ -14,10 +14,10 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.validation.explain.expression import Expression
+from twin.validation.explain.function_source import Edit
 from twin.validation.explain.inverses import inverse
-from twin.validation.explain.required import in_square, is_square, scalar_atoms, written
+from twin.validation.explain.required_values import in_square, is_square, scalar_atoms, written
 from twin.validation.explain.shifts import Flat
-from twin.validation.explain.source import Edit
 from twin.validation.explain.term_texts import Atom, Products, factors, in_product, terms
 
 _MOST_TEXTS = 12

@@ -10,12 +10,12 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.validation.explain.candidate import Candidate, aliases, residuals
 from twin.validation.explain.dependence import Dependence
-from twin.validation.explain.edits import pool
+from twin.validation.explain.equation_steps import RowKey, Step
 from twin.validation.explain.expression import Site
 from twin.validation.explain.formula_state import is_worse
+from twin.validation.explain.function_source import Edit, Source, Statement
 from twin.validation.explain.row_deviations import Judge, evaluate, worst
-from twin.validation.explain.rows import Key, Step
-from twin.validation.explain.source import Edit, Source, Statement
+from twin.validation.explain.statement_edits import pool
 from twin.validation.explain.suspects import available, suspects, unread
 
 
@@ -38,12 +38,12 @@ class Trials:
         self.parameters = {parameter.name for parameter in judge.formula.parameters}
 
     @cached_property
-    def _suspects(self) -> dict[Key, dict[str, set[int]]]:
+    def _suspects(self) -> dict[RowKey, dict[str, set[int]]]:
         """Statements on which each failing row depends, or would depend with another name: {row: {equation: indices}}.
 
         The latter are the statements whose results nobody reads.
         """
-        statements_of_row: dict[Key, dict[str, set[int]]] = {}
+        statements_of_row: dict[RowKey, dict[str, set[int]]] = {}
         for place in self.targets:
             statements = suspects(self.judge, place)
             for equation, indices in statements.items():
@@ -52,7 +52,7 @@ class Trials:
             statements_of_row[place.key] = statements
         return statements_of_row
 
-    def own_sites(self, rows: Container[Key] | None = None) -> list[tuple[Step, Statement]]:
+    def own_sites(self, rows: Container[RowKey] | None = None) -> list[tuple[Step, Statement]]:
         """Return the statements on which a failing row depends; `rows`: only of these rows."""
         sites: dict[tuple[str, int], tuple[Step, Statement]] = {}
         for place in self.targets:
@@ -132,8 +132,8 @@ class Trials:
         residuals = None if extra is None else evaluate(self.judge, step, change, extra)
         if residuals is None:
             return None
-        worsts: dict[Key, float] = {}
-        changed: dict[Key, Array] = {}
+        worsts: dict[RowKey, float] = {}
+        changed: dict[RowKey, Array] = {}
         broken = False
         for place, residual in residuals.items():
             row = place.key
@@ -156,12 +156,12 @@ class Trials:
     @cached_property
     def shaken(self) -> Judge:
         """Judge of the formula with each number perturbed at random; rows that still agree do so by coincidence."""
-        return self.judge.on(self.judge.truth.perturbed())
+        return self.judge.on(self.judge.reference.perturbed())
 
     @cached_property
     def first(self) -> Judge:
         """Judge of the formula at the first sample only."""
-        return self.judge.on(self.judge.truth.first())
+        return self.judge.on(self.judge.reference.first())
 
     @cached_property
     def dependence(self) -> Dependence:
@@ -176,7 +176,7 @@ class Trials:
                 entries = max(entries, self.raw[key].shape[1])
         return entries
 
-    def exact(self, rows: list[Key], candidates: list[Candidate]) -> list[Candidate]:
+    def exact(self, rows: list[RowKey], candidates: list[Candidate]) -> list[Candidate]:
         """Return the candidates after which all given rows agree, the most usual edits first."""
         exact = []
         for c in candidates:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 
 from twin.validation.explain.expression import Site
-from twin.validation.explain.source import Edit
+from twin.validation.explain.function_source import Edit
 
 ByteRange = tuple[int, int]
 """First byte and end of a part of a file."""

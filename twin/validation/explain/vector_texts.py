@@ -9,8 +9,8 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.formula.scalar import Value
-from twin.validation.explain.numeric import Matrix, to_array
-from twin.validation.explain.source import Source
+from twin.validation.explain.function_source import Source
+from twin.validation.explain.rebuilt_functions import Matrix, to_array
 from twin.validation.explain.term_texts import EQUAL, Atom, equal, factors, in_product
 
 VECTOR = 3

@@ -15,7 +15,7 @@ def check_margins(judge: Judge, model: ReferenceModel, parameters: dict[str, flo
     `parameters` are values in SI units that replace those of the formula.
     """
     formula = judge.formula
-    samples = judge.truth.run
+    samples = judge.reference.run
     if samples is None:
         return []
     if not (formula.reach or formula.measures or formula.aspects):

@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 
 from twin.core.spatial import Array
 from twin.formula.scalar import Scalar, Value
-from twin.validation.explain import plain
+from twin.validation.explain import plain_values
 from twin.validation.explain.candidate import aliases, residuals
 from twin.validation.explain.deadline import Deadline
-from twin.validation.explain.numeric import Matrix
+from twin.validation.explain.equation_steps import RowKey, Step
+from twin.validation.explain.function_source import Edit
+from twin.validation.explain.rebuilt_functions import Matrix
 from twin.validation.explain.row_deviations import Judge
-from twin.validation.explain.rows import Key, Step
-from twin.validation.explain.source import Edit
 from twin.validation.explain.undefined_names import ByteRange, replaces
 
 _PLACES = 2
@@ -54,7 +54,7 @@ class _Position:
         return self.edits[0].end
 
 
-class Pairs:
+class ReplacementPairs:
     """Search for pairs of edits that fix one row, in an equation and in the functions that the equation calls."""
 
     def __init__(
@@ -62,7 +62,7 @@ class Pairs:
         judge: Judge,
         shaken: Judge,
         step: Step,
-        row: Key,
+        row: RowKey,
         edits: Sequence[Edit],
         deadline: Deadline,
         needed: Sequence[ByteRange] = (),
@@ -92,7 +92,7 @@ class Pairs:
         residual = next(r for p, r in self.judge.residuals.items() if p.key == self.row)
         valued = np.flatnonzero(np.isfinite(residual).all(axis=1))
         if len(valued) < _PLACES:
-            valued = np.arange(self.judge.truth.k)
+            valued = np.arange(self.judge.reference.k)
         return valued[np.linspace(0, len(valued) - 1, _PLACES).astype(int)]
 
     def found(self) -> Iterator[tuple[Edit, Edit]]:
@@ -242,8 +242,8 @@ class Pairs:
         for edit in defined:
             assert edit.define is not None
             name, expression = edit.define
-            if not expression and name in judge.truth.symbols:  # a new argument of the function
-                extra[name] = plain.inside(step.plain, judge.truth.symbols[name])
+            if not expression and name in judge.reference.symbols:  # a new argument of the function
+                extra[name] = plain_values.inside(step.plain, judge.reference.symbols[name])
         picks: dict[str, Value] = dict(zip(_NAMES, self._pick, strict=True))
         called: list[dict[str, Value]] = []
         if self._foreign(change):
@@ -269,8 +269,8 @@ class Pairs:
         if n not in self._tiled:
             step = self.step
             name = step.equation.name
-            on = {**step.computed, **self.judge.truth.symbols}
-            off = {**self.shaken.step(name).computed, **self.shaken.truth.symbols}
+            on = {**step.computed, **self.judge.reference.symbols}
+            off = {**self.shaken.step(name).computed, **self.shaken.reference.symbols}
             symbols: dict[str, Value] = {}
             for symbol in on:
                 if symbol in off:
@@ -279,8 +279,8 @@ class Pairs:
             if self.row[0] != name:  # the row is in a later equation
                 later = self.judge.steps[self.judge.steps.index(step) :]
                 equations = {s.equation.name for s in later if s.stage == step.stage}
-            truth = dataclasses.replace(self.judge.truth, symbols=symbols, k=n * (_PLACES + 1), run=None)
-            self._tiled[n] = self.judge.on(truth, equations)
+            reference = dataclasses.replace(self.judge.reference, symbols=symbols, k=n * (_PLACES + 1), run=None)
+            self._tiled[n] = self.judge.on(reference, equations)
         return self._tiled[n]
 
     def _tile(self, on: Value, off: Value, n: int) -> Value:
@@ -290,7 +290,7 @@ class Pairs:
         return np.tile(self._few(np.asarray(on, float), np.asarray(off, float)), n)
 
     def _few(self, on: Array, off: Array) -> Array:
-        k = self.judge.truth.k
+        k = self.judge.reference.k
         samples = np.broadcast_to(on, (k, *on.shape[1:]))[self._samples]
         perturbed = np.broadcast_to(off, (k, *off.shape[1:]))[self._samples[:1]]
         return np.concatenate([samples, perturbed])

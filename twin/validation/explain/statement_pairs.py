@@ -24,14 +24,14 @@ from twin.core.spatial import Array
 from twin.formula.scalar import Value
 from twin.validation.explain.candidate import TOKENS
 from twin.validation.explain.deadline import Deadline
+from twin.validation.explain.equation_steps import RowKey
 from twin.validation.explain.expression import Site
+from twin.validation.explain.function_source import OUT, Edit, Statement
 from twin.validation.explain.many_values import form, stacked, tiled
-from twin.validation.explain.numeric import unguarded
 from twin.validation.explain.operand_pairs import Evaluated, operand_pairs
-from twin.validation.explain.plain import copied
+from twin.validation.explain.plain_values import copied
+from twin.validation.explain.rebuilt_functions import unguarded
 from twin.validation.explain.row_deviations import Judge
-from twin.validation.explain.rows import Key
-from twin.validation.explain.source import OUT, Edit, Statement
 from twin.validation.explain.undefined_names import ByteRange, replaces, undefined
 
 _MOST = 100_000
@@ -90,14 +90,14 @@ class _Values:
     written: list[list[Value]] = field(default_factory=list)
 
 
-class Crossed:
+class StatementPairs:
     """Search for two edits in the statements of one equation."""
 
-    def __init__(self, judge: Judge, equation: str, sites: Sequence[Site], rows: Sequence[Key]) -> None:
+    def __init__(self, judge: Judge, equation: str, sites: Sequence[Site], rows: Sequence[RowKey]) -> None:
         """Set up the search for the wrong rows `rows`; `sites` are statements of the equation on which they depend."""
-        pose = [judge.truth.k // 2]
+        pose = [judge.reference.k // 2]
         with unguarded():
-            self.judge = judge.on(judge.truth.repeated(pose, 1))
+            self.judge = judge.on(judge.reference.repeated(pose, 1))
         self.step = self.judge.step(equation)
         self.rows = list(rows)
         self.sites = sorted(sites, key=lambda site: site.statement.index)
@@ -107,7 +107,8 @@ class Crossed:
     def apart(self, deadline: Deadline, scalars: Sequence[tuple[Path, int, int]] = ()) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of edits in different statements after which a row agrees at one pose, of one token first.
 
-        Pairs of other kinds are left out if both are in the expressions at the places `scalars`: `Double` finds these.
+        Pairs of other kinds are left out if both are in the expressions at the places `scalars`, because
+        `RequiredPairs` finds these.
         """
 
         def inside(edit: Edit) -> bool:
@@ -173,7 +174,7 @@ class Crossed:
         runs = []
         with unguarded(), np.errstate(all="ignore"):
             for angle in self._angles:
-                evaluated: list[tuple[list[tuple[Edit, ...]], dict[Key, Array]]] = []
+                evaluated: list[tuple[list[tuple[Edit, ...]], dict[RowKey, Array]]] = []
                 scope = self._before(statement, angle)
                 if scope is None:
                     return None
@@ -417,7 +418,7 @@ class Crossed:
                 if not self.judge.ran(self.step, statement, self.step.codes[statement.index], (), scope, {}):
                     return False
                 for name in self.step.held.intersection(statement.writes):
-                    scope[name] = self.judge.truth.symbols[name]
+                    scope[name] = self.judge.reference.symbols[name]
         except Exception:  # an edit of an earlier statement may make any text invalid
             return False
         return True
@@ -483,7 +484,7 @@ class Crossed:
             entered[name] = stacked([written[n] for written in values.written], size)
         return entered
 
-    def _rest(self, statement: Statement, scope: _Scope, size: int) -> dict[Key, Array] | None:
+    def _rest(self, statement: Statement, scope: _Scope, size: int) -> dict[RowKey, Array] | None:
         """Return the residuals of the rows of a statement and of those after it; None without a value."""
         try:
             deviations = self.judge.of_size(size).finished(self.step, statement, scope)
@@ -521,7 +522,7 @@ def _inserted(site: Site, at: int, new: str) -> Edit:
     return Edit(source.path, line, at, at, "", new, "missing", site.statement.index, source.name)
 
 
-def _agreeing(found: Sequence[Mapping[Key, Array]], rows: Sequence[Key]) -> list[int]:
+def _agreeing(found: Sequence[Mapping[RowKey, Array]], rows: Sequence[RowKey]) -> list[int]:
     """Return the indices of the pairs after which a row agrees, those first after which most rows do.
 
     `found`: residuals, for each value of the swivel.

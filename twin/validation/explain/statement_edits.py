@@ -14,7 +14,7 @@ from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from typing import TypeGuard
 
-from twin.validation.explain.source import Edit, Source, Statement, comprehension_targets
+from twin.validation.explain.function_source import Edit, Source, Statement, comprehension_targets
 from twin.validation.explain.tokens import cut, shape, tokens_of
 
 _FUNCTIONS = (
@@ -41,7 +41,7 @@ _SUM = (ast.Add, ast.Sub)
 
 
 @dataclass(frozen=True)
-class Pool:
+class NamePool:
     """Names that an edit may insert: existing `names`, and new `aliases`, each with the expression that defines it."""
 
     names: frozenset[str]
@@ -53,7 +53,7 @@ class Pool:
 
 def pool(
     source: Source, statement: Statement, available: set[str], parameters: set[str], scope: Container[str]
-) -> Pool:
+) -> NamePool:
     """Return the names that a statement could use: known symbols, earlier local variables, and aliases."""
     local, readable = source.names_at(statement)
     inner = set(comprehension_targets(statement.node))
@@ -70,7 +70,7 @@ def pool(
     for name in statement.reads - names - set(dir(builtins)):
         if name not in scope:
             unknown.append(name)
-    return Pool(frozenset(names), aliases, frozenset(parameters), frozenset(readable), frozenset(unknown))
+    return NamePool(frozenset(names), aliases, frozenset(parameters), frozenset(readable), frozenset(unknown))
 
 
 def _aliases(source: Source, statement: Statement) -> dict[str, str]:
@@ -117,7 +117,7 @@ def _assigned(node: ast.stmt) -> list[tuple[str, ast.expr]]:
     return pairs
 
 
-def edits(source: Source, statement: Statement, pool: Pool, kinds: Container[str]) -> Iterator[Edit]:
+def edits(source: Source, statement: Statement, pool: NamePool, kinds: Container[str]) -> Iterator[Edit]:
     """Yield the edits of a statement that have one of the given kinds."""
     seen: set[tuple[int, int, str]] = set()
     writer = _Writer(source, statement, pool)
@@ -134,7 +134,7 @@ def edits(source: Source, statement: Statement, pool: Pool, kinds: Container[str
 class _Writer:
     """Writes the edits of one statement."""
 
-    def __init__(self, source: Source, statement: Statement, pool: Pool) -> None:
+    def __init__(self, source: Source, statement: Statement, pool: NamePool) -> None:
         self.source = source
         self.statement = statement
         self.pool = pool

@@ -9,14 +9,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal
 
-from twin.validation.explain.candidate import Found
+from twin.validation.explain.candidate import GroupResult
+from twin.validation.explain.equation_steps import RowKey
 from twin.validation.explain.explanation import Identified
-from twin.validation.explain.rows import Key
 
 Lead = Literal["edits", "numbers", "edits or numbers", ""]
 
 
-def weigh(found: Sequence[Found], lost: Sequence[Key], identified: Identified | None) -> Lead:
+def simplest_explanation(found: Sequence[GroupResult], lost: Sequence[RowKey], identified: Identified | None) -> Lead:
     """Return the simplest explanation of all wrong rows: "edits", "numbers", "edits or numbers"; "" if none exists."""
     numbers = _numbers(identified)
     edits = _edits(found, lost)
@@ -37,7 +37,7 @@ def weigh(found: Sequence[Found], lost: Sequence[Key], identified: Identified | 
     return "numbers"
 
 
-def _edits(found: Sequence[Found], lost: Sequence[Key]) -> int | None:
+def _edits(found: Sequence[GroupResult], lost: Sequence[RowKey]) -> int | None:
     """Return the number of edits with which every row agrees; None if there are no such edits."""
     if lost or not found:
         return None

@@ -16,8 +16,8 @@ from twin.cad.noise import Noise, redrawn
 from twin.core.spatial import Array
 from twin.reference import ReferenceModel
 from twin.reference.newton import minimise
+from twin.validation.explain.reference_values import symbol_values
 from twin.validation.explain.row_deviations import Judge, Residuals
-from twin.validation.explain.truth import symbol_values
 
 _DRAWS = 12
 """Number of mechanisms with further random errors."""
@@ -52,6 +52,6 @@ def _residuals(
     """Return the residuals at the driven joint values of `judge`, for a mechanism with further errors."""
     faces = redrawn(cad.measured, noise.position, noise.direction, rng)
     model = ReferenceModel(frames.moved(cad.mechanism, cad.description, faces))
-    assert judge.truth.run is not None
-    X, _ = minimise(model.tree, judge.truth.run.x.copy(), model.loops_only, model.tree.passive)
+    assert judge.reference.run is not None
+    X, _ = minimise(model.tree, judge.reference.run.x.copy(), model.loops_only, model.tree.passive)
     return judge.on(symbol_values(judge.formula, model.collect(X), model, parameters)).residuals

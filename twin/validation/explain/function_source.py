@@ -14,8 +14,8 @@ from types import CodeType
 
 from twin.formula.equations import EquationRow, definition, rows
 from twin.formula.loader import text_of
-from twin.validation.explain import augmented
-from twin.validation.explain.tidy import tidy
+from twin.validation.explain import augmented_assignments
+from twin.validation.explain.tidying import tidy
 from twin.validation.explain.tokens import line_starts, span
 
 _BRANCHES = "the function returns from within a branch or a loop"
@@ -136,7 +136,7 @@ class Source:
         self.path = Path(f.__code__.co_filename)  # type: ignore[attr-defined]
         self.data = text_of(self.path, f.__globals__)  # type: ignore[attr-defined]
         self._starts = line_starts(self.data)
-        self._casadi = augmented.uses_casadi(f.__globals__)  # type: ignore[attr-defined]
+        self._casadi = augmented_assignments.uses_casadi(f.__globals__)  # type: ignore[attr-defined]
         self.node = definition(function)
         self.name = self.node.name
         code = f.__code__  # type: ignore[attr-defined]
@@ -263,7 +263,7 @@ def _code(text: str, path: Path, casadi: bool) -> CodeType:
     `casadi`: whether the text is run as CasADi runs it; see `augmented`.
     """
     if casadi and _AUGMENTED.search(text):
-        return augmented.compiled(text, f"{path}")
+        return augmented_assignments.compiled(text, f"{path}")
     return compile(text, f"{path}", "exec")
 
 

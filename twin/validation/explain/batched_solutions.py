@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from twin.core.spatial import Array
 from twin.validation.explain.candidate import evaluated
 from twin.validation.explain.deadline import Deadline
+from twin.validation.explain.equation_steps import RowKey
 from twin.validation.explain.expression import Site
-from twin.validation.explain.numeric import unguarded
+from twin.validation.explain.function_source import Edit
+from twin.validation.explain.rebuilt_functions import unguarded
 from twin.validation.explain.row_deviations import Judge
-from twin.validation.explain.rows import Key
 from twin.validation.explain.shifts import DIFFERENCE, FEWEST, SINGULAR, STARTS, STEPS, TIGHT, Shift, cost, shifted
-from twin.validation.explain.source import Edit
 
 _SIZES = (1, 4, 16, 64)
 """Numbers of choices that one evaluation may have."""
@@ -45,7 +45,7 @@ class Cut:
 
     site: Site
     node: ast.expr
-    slopes: dict[Key, Array]
+    slopes: dict[RowKey, Array]
     value: Array = field(default_factory=lambda: np.zeros(0))
     several: bool = False
 
@@ -65,7 +65,7 @@ class Choice:
     """Expressions whose values are unknown, the rows that must agree, and first shifts (k, expressions); None: zero."""
 
     cuts: tuple[Cut, ...]
-    rows: tuple[Key, ...]
+    rows: tuple[RowKey, ...]
     start: Array | None = None
 
 
@@ -101,10 +101,10 @@ class Batch:
                 solutions.append((part[n], values))
         return sorted(solutions, key=lambda solution: solution[0])
 
-    def slopes(self, equation: str, cuts: Sequence[Cut]) -> list[dict[Key, Array]]:
+    def slopes(self, equation: str, cuts: Sequence[Cut]) -> list[dict[RowKey, Array]]:
         """Return, of each expression, the derivatives (k, entries) of the residuals of the rows that it moves."""
         rows = tuple(self.residuals)
-        slopes: list[dict[Key, Array]] = [{} for _ in cuts]
+        slopes: list[dict[RowKey, Array]] = [{} for _ in cuts]
         for part in _parts([cut.function for cut in cuts]):
             choices = [Choice((cuts[i],), rows) for i in part]
             with unguarded():
@@ -115,7 +115,7 @@ class Batch:
         return slopes
 
     @cached_property
-    def residuals(self) -> dict[Key, Array]:
+    def residuals(self) -> dict[RowKey, Array]:
         """Residuals (k, entries) of the rows at the poses, without edits."""
         return {p.key: r for p, r in self.copies(1).residuals.items()}
 
@@ -127,7 +127,7 @@ class Batch:
                 size = smaller
         if size not in self._copies:
             with unguarded():
-                self._copies[size] = self._judge.on(self._judge.truth.repeated(self.poses, size))
+                self._copies[size] = self._judge.on(self._judge.reference.repeated(self.poses, size))
         return self._copies[size]
 
 
@@ -165,7 +165,7 @@ class _Newton:
             edit = shifted(cut.site.source, cut.site.statement, cut.node, f"_required_{number}_", scope=False)
             self.change.append(edit)
         self.expressions = max(len(choice.cuts) for choice in choices)
-        self.rows: list[Key] = []
+        self.rows: list[RowKey] = []
         for choice in choices:
             for row in choice.rows:
                 if row not in self.rows:
@@ -173,7 +173,7 @@ class _Newton:
         self.scale = np.zeros(0)
         """Values (choices, poses, unknowns) of the expressions before their shifts, at the latest evaluation."""
 
-    def slopes(self) -> list[dict[Key, Array]]:
+    def slopes(self) -> list[dict[RowKey, Array]]:
         """Return the derivatives of the rows that the one expression of each choice moves."""
         values = self._start()
         base = self._residuals(values)
@@ -181,7 +181,7 @@ class _Newton:
             values, base = self._with_values(values, base)
         values[:, :, 0] += DIFFERENCE
         moved = self._residuals(values)
-        slopes: list[dict[Key, Array]] = []
+        slopes: list[dict[RowKey, Array]] = []
         for n in range(len(self.choices)):
             found = {}
             if base is not None and moved is not None:
@@ -306,7 +306,7 @@ class _Newton:
         """Return the residuals (choices, poses, entries), zero for rows that a choice does not have; None: no value."""
         count, poses, _ = values.shape
         judge = self.batch.copies(count)
-        k = judge.truth.k
+        k = judge.reference.k
         shifts = {}
         for number in self.names.values():
             shifts[number] = Shift(k)
@@ -324,13 +324,13 @@ class _Newton:
         return self._gathered(judge, by_row, shifts, values.shape)
 
     def _gathered(
-        self, judge: Judge, found: dict[Key, Array], shifts: dict[int, Shift], shape: tuple[int, ...]
+        self, judge: Judge, found: dict[RowKey, Array], shifts: dict[int, Shift], shape: tuple[int, ...]
     ) -> Array:
         count, poses, unknowns = shape
         before = {p.key: r for p, r in judge.residuals.items()}
         parts = []
         for row in self.rows:
-            r = np.broadcast_to(found.get(row, before[row]), (judge.truth.k, before[row].shape[1]))
+            r = np.broadcast_to(found.get(row, before[row]), (judge.reference.k, before[row].shape[1]))
             part = r[: count * poses].reshape(count, poses, -1).copy()
             for n, i in enumerate(self.left):
                 if row not in self.choices[i].rows:

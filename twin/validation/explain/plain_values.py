@@ -13,8 +13,8 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.formula.plain_function import PlainRows, entries
 from twin.formula.scalar import METHODS, Scalar, Value
-from twin.validation.explain.numeric import Matrix
-from twin.validation.explain.source import Source
+from twin.validation.explain.function_source import Source
+from twin.validation.explain.rebuilt_functions import Matrix
 
 
 class SampledScalar(Scalar):

@@ -9,7 +9,7 @@ from types import CodeType
 from twin.formula.contract import Equation, Stage
 from twin.formula.plain_function import PlainRows
 from twin.formula.scalar import Value
-from twin.validation.explain.source import Source
+from twin.validation.explain.function_source import Source
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Tolerance:
     angle: float = 1e-8
 
 
-Key = tuple[str, int, int]
+RowKey = tuple[str, int, int]
 """Key of a row (assignment): (equation, statement, position)."""
 
 
@@ -36,7 +36,7 @@ class RowPlace:
     line: int
 
     @property
-    def key(self) -> Key:
+    def key(self) -> RowKey:
         """Key of the row, independent of the assigned symbol."""
         return self.equation, self.statement, self.position
 

@@ -22,12 +22,12 @@ from twin.core.spatial import Array
 from twin.validation.explain.analogies import analogies, scalar_values
 from twin.validation.explain.candidate import evaluated
 from twin.validation.explain.deadline import Deadline
+from twin.validation.explain.equation_steps import RowKey, Step
+from twin.validation.explain.function_source import Edit, Source, Statement, comprehension_targets
 from twin.validation.explain.inverses import inverse
-from twin.validation.explain.numeric import Matrix, unguarded
+from twin.validation.explain.rebuilt_functions import Matrix, unguarded
 from twin.validation.explain.row_deviations import Judge, Residuals, evaluate
-from twin.validation.explain.rows import Key, Step
 from twin.validation.explain.shifts import DIFFERENCE, Calls, Flat, Shift, shifted, solution
-from twin.validation.explain.source import Edit, Source, Statement, comprehension_targets
 from twin.validation.explain.swivel import fitted
 from twin.validation.explain.term_texts import Atom, Products, equal, factors, roots, sums, terms
 from twin.validation.explain.vector_texts import VECTOR, vector_atoms, vector_texts
@@ -54,14 +54,14 @@ _MOST_EDITS = 40
 """Maximum number of edits of one expression."""
 
 
-class Required:
+class RequiredValues:
     """Search for changed expressions in the statements of one equation, and of the functions that it calls."""
 
     def __init__(
         self,
         judge: Judge,
         step: Step,
-        rows: Sequence[Key],
+        rows: Sequence[RowKey],
         deadline: Deadline,
         fixed: Sequence[Edit] = (),
         refuted: Sequence[tuple[Path, int, int]] = (),
@@ -114,7 +114,7 @@ class Required:
         `entries` is the number of entries of a vector, 0 for a scalar.
         """
         edit = shifted(source, statement, node, _NAME)
-        at_zero = Shift(self.judge.truth.k, entries)
+        at_zero = Shift(self.judge.reference.k, entries)
         base = self._residual(edit, at_zero, self._swivel)
         if base is None:
             return None
@@ -143,7 +143,7 @@ class Required:
         With it, the rows agree that the expression moves; see `Calls.flat`.
         """
         edit = shifted(source, statement, node, _NAME)
-        shift = Shift(self.judge.truth.k)
+        shift = Shift(self.judge.reference.k)
         base = self._residual(edit, shift, self._swivel)
         shift.shift = np.full_like(shift.shift, DIFFERENCE)
         moved = self._residual(edit, shift, self._swivel)
@@ -152,7 +152,7 @@ class Required:
         rows = [k for k in moved if k in base and not np.array_equal(base[k], moved[k], equal_nan=True)]
         return self._called(edit, rows, shift) if rows else None
 
-    def _called(self, edit: Edit, rows: Sequence[Key], probe: Shift) -> Shift | None:
+    def _called(self, edit: Edit, rows: Sequence[RowKey], probe: Shift) -> Shift | None:
         """Return the shifts of an expression in each of its calls with which the rows agree, as one.
 
         Return None without such shifts, or if `probe` was called once.
@@ -160,7 +160,7 @@ class Required:
         count = probe.count
         if not 1 < count <= _MOST_CALLS or self._swivel is not None:
             return None
-        shift = Calls(self.judge.truth.k, count)
+        shift = Calls(self.judge.reference.k, count)
 
         def residual(values: Array) -> Array | None:
             shift.shift = values
@@ -175,9 +175,9 @@ class Required:
         _, shift.known = solved
         return shift.flat()
 
-    def _fitted(self, edit: Edit, rows: Sequence[Key], entries: int) -> Shift | None:
+    def _fitted(self, edit: Edit, rows: Sequence[RowKey], entries: int) -> Shift | None:
         """Return the shift with which the rows agree at every pose; None if Gauss-Newton does not find it."""
-        shift = Shift(self.judge.truth.k, entries)
+        shift = Shift(self.judge.reference.k, entries)
         unknowns = shift.shift.shape[1]
         start = np.zeros_like(shift.shift)
         swivel = self._swivel
@@ -203,7 +203,7 @@ class Required:
         _, shift.known = solved
         return shift
 
-    def _residual(self, edit: Edit, shift: Shift, angle: Array | None) -> dict[Key, Array] | None:
+    def _residual(self, edit: Edit, shift: Shift, angle: Array | None) -> dict[RowKey, Array] | None:
         """Return the residuals of the rows with a shifted expression; `angle`: values (k,) of the swivel, if any."""
         shift.begin()
         with unguarded():
@@ -222,7 +222,7 @@ class Required:
             return evaluate(self.judge, self.step, self.fixed, None, angle) or {}
 
         with unguarded():
-            return fitted(rows, self.judge.truth.k)
+            return fitted(rows, self.judge.reference.k)
 
 
 def expressions(root: ast.AST, parents: dict[ast.AST, ast.AST]) -> Iterator[ast.expr]:

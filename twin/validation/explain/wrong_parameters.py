@@ -10,9 +10,9 @@ import numpy as np
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.validation.explain.deadline import Deadline
+from twin.validation.explain.equation_steps import RowPlace
 from twin.validation.explain.explanation import Identified, Moved
 from twin.validation.explain.row_deviations import Judge, worst
-from twin.validation.explain.rows import RowPlace
 
 _BLIND = 1e-7
 """A combination of parameters counts as without effect on the rows if its relative singular value is smaller."""
@@ -81,7 +81,7 @@ class ParameterResiduals:
         """Store the rows; `noise`: standard deviation, in units of the tolerance, added to the mechanism's values."""
         self.judge = judge
         self.deadline = deadline or Deadline()
-        self.start = {p.name: float(np.asarray(judge.truth.symbols[p.name])) for p in judge.formula.parameters}
+        self.start = {p.name: float(np.asarray(judge.reference.symbols[p.name])) for p in judge.formula.parameters}
         failing = judge.failing()
         # Helpers often only repeat the error of a printed row: helper rows are used only if all printed rows agree.
         printed_fails = any(self._printed(p.equation) for p in failing)
@@ -110,7 +110,7 @@ class ParameterResiduals:
             LateError: the time is over.
         """
         self.deadline.check()
-        other = self.judge.on(self.judge.truth.with_parameters(values))
+        other = self.judge.on(self.judge.reference.with_parameters(values))
         lost = np.full(self.noise.shape, np.nan)
         of_rows: list[Array] = [np.zeros(0)]  # there may be no rows
         for place in self.rows:

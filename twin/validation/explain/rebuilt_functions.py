@@ -21,7 +21,7 @@ from twin.core.errors import KinematicsError, no_inverse
 from twin.core.spatial import Array
 from twin.formula.scalar import Value
 from twin.robots import FORMULA_MODULE
-from twin.validation.explain.augmented import NAME, augmented, rewritten, uses_casadi
+from twin.validation.explain.augmented_assignments import NAME, augmented, rewritten, uses_casadi
 
 _SYMBOLIC = "twin.formula.symbolic"
 _TWIN = Path(__file__).resolve().parents[2]

@@ -21,17 +21,17 @@ from numpy.typing import NDArray
 
 from twin.core.spatial import Array
 from twin.formula.scalar import Scalar
-from twin.validation.explain.batch import Batch, Choice, Cut
+from twin.validation.explain.batched_solutions import Batch, Choice, Cut
 from twin.validation.explain.candidate import evaluated
 from twin.validation.explain.counterparts import counterpart_edits
 from twin.validation.explain.deadline import Deadline
+from twin.validation.explain.equation_steps import RowKey, Step
 from twin.validation.explain.expression import Expression, Site
-from twin.validation.explain.numeric import unguarded
-from twin.validation.explain.required import Required
+from twin.validation.explain.function_source import Edit
+from twin.validation.explain.rebuilt_functions import unguarded
+from twin.validation.explain.required_values import RequiredValues
 from twin.validation.explain.row_deviations import Judge, worst
-from twin.validation.explain.rows import Key, Step
 from twin.validation.explain.shifts import FEWEST, Shift, shifted
-from twin.validation.explain.source import Edit
 from twin.validation.explain.term_pairs import with_term
 
 _FULL_TURNS = (0.5, -0.5, 1.0)
@@ -64,10 +64,12 @@ _AT_ONCE = 256
 """Number of choices of expressions of which the solutions are found together."""
 
 
-class Double:
+class RequiredPairs:
     """Search for two edits in the statements of one equation, or of one function that it calls."""
 
-    def __init__(self, coarse: Batch, full: Batch, step: Step, sites: Sequence[Site], failing: Sequence[Key]) -> None:
+    def __init__(
+        self, coarse: Batch, full: Batch, step: Step, sites: Sequence[Site], failing: Sequence[RowKey]
+    ) -> None:
         """Set up the search.
 
         Args:
@@ -95,17 +97,17 @@ class Double:
         """Judge at all poses, at which `if_else(condition, value, nan)` is `value`."""
         return self.full.copies(1)
 
-    def in_one(self, rows: Sequence[Key], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
+    def in_one(self, rows: Sequence[RowKey], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of edits that both are in one expression."""
         for expression, wanted in self._required_of_one(rows, deadline):
             yield from expression.two(wanted)
 
-    def in_one_with_term(self, rows: Sequence[Key], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
+    def in_one_with_term(self, rows: Sequence[RowKey], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of an edit, and a missing term or factor in the same expression."""
         for expression, wanted in self._required_of_one(rows, deadline):
             yield from with_term(expression, wanted)
 
-    def _required_of_one(self, rows: Sequence[Key], deadline: Deadline) -> Iterator[tuple[Expression, Array]]:
+    def _required_of_one(self, rows: Sequence[RowKey], deadline: Deadline) -> Iterator[tuple[Expression, Array]]:
         """Yield expressions with the values (k,) that they must have so that rows agree."""
         choices = [(cut,) for cut in self.cuts(rows, deadline)]
         for (cut,), (shift,) in self._solutions((), choices, rows, deadline):
@@ -113,11 +115,11 @@ class Double:
         for site, node in self._in_loops:
             if deadline.passed:
                 return
-            shift = Required(self.judge, self.step, rows, deadline).in_calls(site.source, site.statement, node)
+            shift = RequiredValues(self.judge, self.step, rows, deadline).in_calls(site.source, site.statement, node)
             if shift is not None:
                 yield Expression(site, node, shift, deadline), (shift.value + shift.shift)[:, 0]
 
-    def in_two(self, rows: Sequence[Key], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
+    def in_two(self, rows: Sequence[RowKey], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of edits in two expressions, the expressions first that explain most of the residuals."""
         unexplained: list[tuple[float, tuple[Cut, Cut]]] = []
         for a, b in combinations(self.cuts(rows, deadline), 2):
@@ -148,7 +150,7 @@ class Double:
             yield from product(known[0], known[1])
 
     def beside(
-        self, firsts: Sequence[Edit], rows: Sequence[Key], deadline: Deadline, composed: bool = False
+        self, firsts: Sequence[Edit], rows: Sequence[RowKey], deadline: Deadline, composed: bool = False
     ) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of one of the edits `firsts` and an edit of an expression that it does not touch.
 
@@ -170,12 +172,14 @@ class Double:
                 for second in seconds:
                     yield first, second
 
-    def required(self, firsts: Sequence[Edit], rows: Sequence[Key], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
+    def required(
+        self, firsts: Sequence[Edit], rows: Sequence[RowKey], deadline: Deadline
+    ) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of one of `firsts` and an edit from the value that a scalar or vector must then have."""
         for first in firsts:
             if deadline.passed:
                 return
-            search = Required(self.judge, self.step, rows, deadline, [first])
+            search = RequiredValues(self.judge, self.step, rows, deadline, [first])
             for site in sorted(self.sites, key=lambda site: not self._assigns(site, rows)):
                 if (first.path, first.function) != (site.source.path, site.source.name):
                     continue
@@ -190,7 +194,7 @@ class Double:
             edits += counterpart_edits(site.source, site.statement)
         return edits
 
-    def _assigns(self, site: Site, rows: Sequence[Key]) -> bool:
+    def _assigns(self, site: Site, rows: Sequence[RowKey]) -> bool:
         """Return whether a statement assigns one of the rows itself."""
         if site.source is not self.step.source:
             return False
@@ -210,7 +214,7 @@ class Double:
             where.append(edit)
         return outside, inside
 
-    def refuted(self, rows: Sequence[Key], deadline: Deadline) -> list[tuple[Path, int, int]]:
+    def refuted(self, rows: Sequence[RowKey], deadline: Deadline) -> list[tuple[Path, int, int]]:
         """Return the places of expressions with no value of which one of the wrong rows `rows` agrees.
 
         No single edit inside them can repair a row. Only rows with several entries can show this.
@@ -237,7 +241,7 @@ class Double:
 
     # -- expressions ------------------------------------------------------------------------------------------------
 
-    def cuts(self, rows: Sequence[Key], deadline: Deadline) -> list[Cut]:
+    def cuts(self, rows: Sequence[RowKey], deadline: Deadline) -> list[Cut]:
         """Return the largest scalar expressions of the statements whose values move the rows."""
         if self._cuts is None:
             largest = self._largest_scalars(deadline)
@@ -301,7 +305,7 @@ class Double:
 
     def _probe(self, nodes: Sequence[tuple[Site, ast.expr]]) -> list[_Probe]:
         """Return the probes of expressions of one function, all at once; an empty list if they have no values."""
-        probes = [_Probe(self.judge.truth.k) for _ in nodes]
+        probes = [_Probe(self.judge.reference.k) for _ in nodes]
         change = []
         extra = {}
         for i, (site, node) in enumerate(nodes):
@@ -314,7 +318,7 @@ class Double:
             return []
         return probes
 
-    def _unexplained(self, a: Cut, b: Cut, rows: Sequence[Key]) -> float:
+    def _unexplained(self, a: Cut, b: Cut, rows: Sequence[RowKey]) -> float:
         """Return the part of the residuals that small changes of two expressions cannot remove, on average."""
         base = self.full.residuals
         residuals: list[Array] = []
@@ -341,7 +345,7 @@ class Double:
 
     # -- values -------------------------------------------------------------------------------------------------------
 
-    def _binding(self, cuts: Sequence[Cut], rows: Sequence[Key]) -> tuple[Key, ...]:
+    def _binding(self, cuts: Sequence[Cut], rows: Sequence[RowKey]) -> tuple[RowKey, ...]:
         """Return the rows that determine the values of expressions: rows that agree must still agree."""
         binding = []
         for key, r in self.full.residuals.items():
@@ -354,7 +358,7 @@ class Double:
         self,
         fixed: Sequence[Edit],
         choices: Sequence[tuple[Cut, ...]],
-        rows: Sequence[Key],
+        rows: Sequence[RowKey],
         deadline: Deadline,
         starts: dict[tuple[Cut, ...], Array] | None = None,
     ) -> Iterator[tuple[tuple[Cut, ...], list[Shift]]]:
@@ -419,7 +423,7 @@ class Double:
         return shifts
 
     def _guesses(
-        self, pairs: Sequence[tuple[Cut, Cut]], rows: Sequence[Key], deadline: Deadline
+        self, pairs: Sequence[tuple[Cut, Cut]], rows: Sequence[RowKey], deadline: Deadline
     ) -> dict[tuple[Cut, ...], Array]:
         """Return pairs of expressions with shifts (k, 2) near which the rows may agree.
 
@@ -435,7 +439,7 @@ class Double:
                     starts[a, b] = np.stack([self._shifts(a)[i], self._shifts(b)[j]], axis=1)
         return starts
 
-    def _guess(self, pairs: Sequence[tuple[Cut, Cut]], rows: Sequence[Key]) -> list[int | None]:
+    def _guess(self, pairs: Sequence[tuple[Cut, Cut]], rows: Sequence[RowKey]) -> list[int | None]:
         """Return the index of the shifts of `_shifts` after which least of the residuals is left, if little."""
         places, grid = self._at_few
         before = {p.key: r for p, r in grid.residuals.items()}
@@ -444,7 +448,7 @@ class Double:
         shifts: dict[Cut, Shift] = {}
         for n, pair in enumerate(pairs):
             for axis, cut in enumerate(pair):
-                shift = shifts.setdefault(cut, Shift(grid.truth.k))
+                shift = shifts.setdefault(cut, Shift(grid.reference.k))
                 shape = (1, _CHOICES, few)
                 if axis == 0:
                     shape = (_CHOICES, 1, few)
@@ -483,16 +487,16 @@ class Double:
     def _scalars(self, cut: Cut) -> list[Array]:
         """Return the values (k,) of the scalar arguments of an expression's function, those that vary first."""
         if cut.function not in self._arguments:
-            shift = Shift(self.judge.truth.k)
+            shift = Shift(self.judge.reference.k)
             self._residuals((cut,), [shift])
             varying: list[Array] = []
             constant: list[Array] = []
             for name in cut.site.source.arguments:
                 value = shift.scope.get(name)
                 x = value.x if isinstance(value, Scalar) else value
-                if not isinstance(x, int | float | np.ndarray) or np.shape(x) not in ((), (self.judge.truth.k,)):
+                if not isinstance(x, int | float | np.ndarray) or np.shape(x) not in ((), (self.judge.reference.k,)):
                     continue
-                values = np.broadcast_to(np.asarray(x, float), (self.judge.truth.k,))
+                values = np.broadcast_to(np.asarray(x, float), (self.judge.reference.k,))
                 where = varying if np.ptp(values) > 0 else constant
                 where.append(values)
             self._arguments[cut.function] = varying + constant
@@ -506,9 +510,9 @@ class Double:
             if key in self.failing:
                 entries = max(entries, residual.shape[1])
         few = 1 if entries >= _POSE else _FEW
-        spaced = np.linspace(0, self.judge.truth.k - 1, few + 2).astype(int)
+        spaced = np.linspace(0, self.judge.reference.k - 1, few + 2).astype(int)
         places = spaced[1:-1]
-        repeated = self.judge.truth.repeated(places.tolist(), _CHOICES**2 * _PAIRS)
+        repeated = self.judge.reference.repeated(places.tolist(), _CHOICES**2 * _PAIRS)
         with unguarded():
             judge = self.judge.on(repeated)
         return places, judge
@@ -525,7 +529,7 @@ class Double:
 
     def _residuals(
         self, cuts: Sequence[Cut], shifts: Sequence[Shift], fixed: Sequence[Edit] = (), judge: Judge | None = None
-    ) -> dict[Key, Array] | None:
+    ) -> dict[RowKey, Array] | None:
         """Return the residuals of the rows with shifted expressions, after the edits `fixed`."""
         change = list(fixed)
         extra: dict[str, Any] = {}

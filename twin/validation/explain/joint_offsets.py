@@ -17,7 +17,7 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.validation.explain.explanation import Convention
-from twin.validation.explain.invariants import said_pose
+from twin.validation.explain.invariants import formula_pose
 from twin.validation.explain.row_deviations import Judge, RowPlace
 
 _QUARTERS = (np.pi / 2, -np.pi / 2, np.pi)
@@ -33,7 +33,7 @@ def offsets(judge: Judge) -> Iterator[Convention]:
     """Yield, for each wrong forward equation, the smallest set of joint offsets with which the pose agrees."""
     for place in judge.failing():
         step = judge.step(place.equation)
-        if step.stage != "forward" or judge.truth.kinds[place.symbol] != "pose":
+        if step.stage != "forward" or judge.reference.kinds[place.symbol] != "pose":
             continue
         fit = _search(judge, place)
         if fit is not None:
@@ -43,10 +43,10 @@ def offsets(judge: Judge) -> Iterator[Convention]:
 
 def _search(judge: Judge, place: RowPlace) -> tuple[str, float] | None:
     """Return (text on the offsets, worst residual) of the first offsets with which the pose agrees, fewest first."""
-    joints = [j for j in judge.formula.joints if j.name in judge.truth.symbols]
+    joints = [j for j in judge.formula.joints if j.name in judge.reference.symbols]
     angles = [j.name for j in joints[1:-1] if j.kind == "revolute"]
     slides = [j.name for j in joints if j.kind == "prismatic"]
-    true = judge.truth.symbols[place.symbol].a
+    true = judge.reference.symbols[place.symbol].a
     for tried, moved in enumerate(_turned(angles)):
         if tried == _TRIALS:
             return None
@@ -72,14 +72,14 @@ def _turned(angles: Sequence[str]) -> Iterator[dict[str, float]]:
 
 def _said(judge: Judge, place: RowPlace, moved: dict[str, float]) -> Array | None:
     """Return the formula's pose (k, 4, 4) with the joint offsets `moved`; None if the pose has no value."""
-    symbols = dict(judge.truth.symbols)
+    symbols = dict(judge.reference.symbols)
     for name, offset in moved.items():
         symbols[name] = symbols[name] + offset
     forward = {s.equation.name for s in judge.steps if s.stage == "forward"}
-    other = judge.on(judge.truth.with_parameters(symbols), forward)
+    other = judge.on(judge.reference.with_parameters(symbols), forward)
     for same in other.residuals:
         if same.key == place.key:
-            T = said_pose(other, same)
+            T = formula_pose(other, same)
             return T if np.isfinite(T).all() else None
     return None
 
@@ -107,7 +107,7 @@ def _placed(
     judge: Judge, place: RowPlace, moved: dict[str, float], slides: list[str], T: Array, base: Array, tool: Array
 ) -> tuple[str, float] | None:
     """Return (text on the offsets, worst residual) if, with the rotations, the positions also agree; otherwise None."""
-    true = judge.truth.symbols[place.symbol].a
+    true = judge.reference.symbols[place.symbol].a
     want = true[:, :3, 3] @ base - T[:, :3, 3]
     slopes: list[Array] = []  # change of the position (k, 3) with the value of each sliding joint
     for name in slides:

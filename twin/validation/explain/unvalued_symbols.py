@@ -16,8 +16,8 @@ def unvalued(judge: Judge) -> list[Finding]:
     The missing symbol may be a parameter that no equation uses, under another name. Each unused parameter is therefore
     substituted for the symbol, and the resulting rows are compared with the mechanism.
     """
-    formula, truth = judge.formula, judge.truth
-    given = set(truth.symbols)
+    formula, reference = judge.formula, judge.reference
+    given = set(reference.symbols)
     for equation in formula.equations:
         given.update(equation.outputs)
     unused_names = unread(formula, judge.variants)
@@ -49,12 +49,12 @@ def unvalued(judge: Judge) -> list[Finding]:
 
 def _holds(judge: Judge, name: str, parameter: str, equations: list[str]) -> bool:
     """Return whether the rows of the equations agree if a symbol has the value of a parameter."""
-    symbols = judge.truth.symbols
+    symbols = judge.reference.symbols
     values: dict[str, Value] = {}
     for equation in equations:
         values |= judge.step(equation).computed
     values |= {**symbols, name: symbols[parameter]}
-    truth = judge.truth.with_parameters(values)
+    reference = judge.reference.with_parameters(values)
     with np.errstate(all="ignore"):
-        residuals = judge.on(truth, equations).residuals
+        residuals = judge.on(reference, equations).residuals
     return bool(residuals) and all(worst(r) <= 1 for r in residuals.values())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 from typing import TypeGuard
 
-from twin.validation.explain.source import Edit, Source, Statement
+from twin.validation.explain.function_source import Edit, Source, Statement
 
 
 def canonical(source: Source, statement: Statement, change: list[Edit]) -> str:

@@ -18,8 +18,8 @@ from twin.model.joint import Joint
 from twin.reference import Assembly, ReferenceModel, SolvedSamples
 from twin.reference.conditioning import conditioning
 from twin.reference.loops import LENGTH_SCALE
-from twin.validation.explain.numeric import Matrix, Rebuilder
-from twin.validation.explain.source import Source
+from twin.validation.explain.function_source import Source
+from twin.validation.explain.rebuilt_functions import Matrix, Rebuilder
 
 SAMPLES = 24
 """Number of poses at which a formula is judged."""
@@ -40,7 +40,7 @@ Kind = Literal["length", "angle", "pose"]
 
 
 @dataclass(frozen=True)
-class Truth:
+class ReferenceValues:
     """Values of the symbols according to the mechanism.
 
     Attributes:
@@ -64,11 +64,11 @@ class Truth:
     borrowed: Mapping[str, str]
     free: str = ""
 
-    def with_parameters(self, values: Mapping[str, Value]) -> Truth:
+    def with_parameters(self, values: Mapping[str, Value]) -> ReferenceValues:
         """Return a copy of this object with other parameter values in SI."""
         return replace(self, symbols={**self.symbols, **values})
 
-    def perturbed(self, seed: int = 1) -> Truth:
+    def perturbed(self, seed: int = 1) -> ReferenceValues:
         """Return randomly perturbed values, which no mechanism can have, to detect rows that agree by coincidence.
 
         All symbols are perturbed at each sample by itself, also floats (parameters), which become arrays (k,). A matrix
@@ -85,11 +85,11 @@ class Truth:
             symbols[name] = x * (1 + 0.01 * rng.standard_normal(self.k)) + 1e-3 * rng.standard_normal(self.k)
         return replace(self, symbols=symbols, run=None)
 
-    def first(self) -> Truth:
+    def first(self) -> ReferenceValues:
         """Return the values at the first sample only, without its state `run`."""
         return self.repeated((0,), 1)
 
-    def repeated(self, samples: Sequence[int], times: int) -> Truth:
+    def repeated(self, samples: Sequence[int], times: int) -> ReferenceValues:
         """Return the values at some samples, repeated several times, without their states `run`."""
         rows = np.tile(np.asarray(samples), times)
         symbols: dict[str, Value] = {}
@@ -200,7 +200,7 @@ def _solved(model: ReferenceModel, q: Array, start: Assembly) -> list[Array]:
 
 def symbol_values(
     formula: Formula, run: SolvedSamples, model: ReferenceModel, parameters: Mapping[str, float] | None = None
-) -> Truth:
+) -> ReferenceValues:
     """Return the values of the formula's symbols at states of the mechanism."""
     symbols: dict[str, Value] = {p.name: float(p.value) for p in formula.parameters}
     symbols |= dict(parameters or {})
@@ -243,7 +243,7 @@ def symbol_values(
                 symbols[source] = p[:, component]
             kinds[source] = "length"
             borrowed[source] = name
-    return Truth(symbols, kinds, len(run.x), run.Ts_base_tool, run, units, borrowed, _free(formula, model))
+    return ReferenceValues(symbols, kinds, len(run.x), run.Ts_base_tool, run, units, borrowed, _free(formula, model))
 
 
 def _free(formula: Formula, model: ReferenceModel) -> str:

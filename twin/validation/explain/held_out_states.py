@@ -6,10 +6,10 @@ from dataclasses import replace
 
 from twin.core.errors import TwinError
 from twin.reference import ReferenceModel
-from twin.validation.explain.candidate import Candidate, Found
+from twin.validation.explain.candidate import Candidate, GroupResult
+from twin.validation.explain.equation_steps import RowKey
+from twin.validation.explain.reference_values import sample_states, symbol_values
 from twin.validation.explain.row_deviations import Judge, evaluate, worst
-from twin.validation.explain.rows import Key
-from twin.validation.explain.truth import sample_states, symbol_values
 
 _STATES = 12
 _SEED = 101  # other states than those of the search
@@ -18,7 +18,9 @@ _ROUNDING = 10
 """Largest residual of a correct repair at new states, in units of the tolerance; wrong repairs have far larger ones."""
 
 
-def held_out(judge: Judge, model: ReferenceModel, found: list[Found], lost: list[Key]) -> tuple[list[Found], list[Key]]:
+def held_out(
+    judge: Judge, model: ReferenceModel, found: list[GroupResult], lost: list[RowKey]
+) -> tuple[list[GroupResult], list[RowKey]]:
     """Return (search results without the repairs that fail at new states, rows for which no repair is left).
 
     If a repaired row agrees at all states of the search, but not at the new states, its agreement was a coincidence.
@@ -27,7 +29,7 @@ def held_out(judge: Judge, model: ReferenceModel, found: list[Found], lost: list
     if fresh is None or not any(f.cures for f in found):
         return found, lost
     failing = {p.key for p in fresh.failing()}
-    kept: list[Found] = []
+    kept: list[GroupResult] = []
     unexplained = list(lost)
     for result in found:
         cures: list[list[Candidate]] = []
@@ -49,13 +51,13 @@ def _fresh(judge: Judge, model: ReferenceModel) -> Judge | None:
         run = sample_states(model, _STATES, _SEED, regular=model.redundant)
     except TwinError:
         return None
-    values = {p.name: float(judge.truth.symbols[p.name]) for p in judge.formula.parameters}
+    values = {p.name: float(judge.reference.symbols[p.name]) for p in judge.formula.parameters}
     fresh = judge.on(symbol_values(judge.formula, run, model, values))
     failing = {p.key for p in judge.failing()}
     return fresh if {p.key for p in fresh.failing()} <= failing else None
 
 
-def _holds(fresh: Judge, c: Candidate, rows: list[Key], failing: set[Key]) -> bool:
+def _holds(fresh: Judge, c: Candidate, rows: list[RowKey], failing: set[RowKey]) -> bool:
     """Return whether the rows agree at the new states after a candidate's edits."""
     if c.extra:  # names defined by the edits have values only at the states of the search
         return True

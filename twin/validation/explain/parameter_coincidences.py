@@ -14,9 +14,9 @@ import numpy as np
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.formula.contract import POSE_SYMBOL, Formula
-from twin.validation.explain.numeric import Matrix, Rebuilder
+from twin.validation.explain.rebuilt_functions import Matrix, Rebuilder
+from twin.validation.explain.reference_values import ReferenceValues
 from twin.validation.explain.row_deviations import Judge
-from twin.validation.explain.truth import Truth
 
 _SAME = 1e-9
 """Relative difference up to which two parameters are equal."""
@@ -149,7 +149,7 @@ def _values(judge: Judge) -> dict[str, float]:
     """Return the parameters in SI with which the equations are judged."""
     values = {}
     for p in judge.formula.parameters:
-        values[p.name] = float(np.asarray(judge.truth.symbols[p.name]))
+        values[p.name] = float(np.asarray(judge.reference.symbols[p.name]))
     return values
 
 
@@ -158,9 +158,9 @@ def _differences(judge: Judge, values: Mapping[str, float]) -> Array | None:
     formula = judge.formula
     if not (formula.has("forward") and formula.has("inverse")):
         return None
-    truth = judge.truth
+    reference = judge.reference
     parameters = _values(judge) | dict(values)
-    joints = {j.name: truth.symbols[j.name] for j in formula.joints if j.name in truth.symbols}
+    joints = {j.name: reference.symbols[j.name] for j in formula.joints if j.name in reference.symbols}
     with np.errstate(all="ignore"):
         pose = _pose(judge, {**parameters, **joints})
         if pose is None or not np.isfinite(pose).any():
@@ -182,14 +182,16 @@ def _pose(judge: Judge, symbols: dict[str, object]) -> Array | None:
     pose = _outputs(judge, symbols, "forward").get(POSE_SYMBOL)
     if not isinstance(pose, Matrix) or pose.shape != (4, 4):
         return None
-    return np.broadcast_to(pose.a, (judge.truth.k, 4, 4))
+    return np.broadcast_to(pose.a, (judge.reference.k, 4, 4))
 
 
 def _outputs(judge: Judge, symbols: dict[str, object], stage: str) -> dict[str, object]:
     """Return the outputs of the equations of one stage."""
-    truth = Truth(symbols, {}, judge.truth.k, judge.truth.Ts, None, judge.truth.coordinates, {})
+    reference = ReferenceValues(
+        symbols, {}, judge.reference.k, judge.reference.Ts, None, judge.reference.coordinates, {}
+    )
     only = [step.equation.name for step in judge.steps if step.stage == stage]
-    run = judge.on(truth, only)
+    run = judge.on(reference, only)
     outputs: dict[str, object] = {}
     for step in run.steps:
         if not step.missing:

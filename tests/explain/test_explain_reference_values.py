@@ -9,12 +9,12 @@ import pytest
 
 from made.arm import arm
 from twin.reference import ReferenceModel
-from twin.validation.explain.numeric import Matrix
-from twin.validation.explain.truth import Truth, sample_states
+from twin.validation.explain.rebuilt_functions import Matrix
+from twin.validation.explain.reference_values import ReferenceValues, sample_states
 
 
 @pytest.fixture
-def truth() -> Truth:
+def reference() -> ReferenceValues:
     """Three samples; `R` is one matrix for all of them."""
     run = sample_states(ReferenceModel(arm(2)), samples=6)
     symbols = {
@@ -23,11 +23,11 @@ def truth() -> Truth:
         "p": Matrix(np.arange(9.0).reshape(3, 3, 1)),
         "R": Matrix(np.eye(3)[None]),
     }
-    return Truth(symbols, {"q": "angle"}, 3, np.tile(np.eye(4), (3, 1, 1)), run, (("q", "rad"),), {})
+    return ReferenceValues(symbols, {"q": "angle"}, 3, np.tile(np.eye(4), (3, 1, 1)), run, (("q", "rad"),), {})
 
 
-def test_the_first_sample_is_the_first_of_every_value(truth):
-    first = truth.first()
+def test_the_first_sample_is_the_first_of_every_value(reference):
+    first = reference.first()
     assert first.k == len(first.Ts) == 1
     assert first.symbols["l"] == 0.2
     assert first.symbols["q"].tolist() == [0.1]
@@ -36,8 +36,8 @@ def test_the_first_sample_is_the_first_of_every_value(truth):
     assert first.run is None
 
 
-def test_samples_are_repeated_in_their_order(truth):
-    repeated = truth.repeated([2, 0], 2)
+def test_samples_are_repeated_in_their_order(reference):
+    repeated = reference.repeated([2, 0], 2)
     assert repeated.k == len(repeated.Ts) == 4
     assert repeated.symbols["q"].tolist() == [0.3, 0.1, 0.3, 0.1]
     assert repeated.symbols["p"].a[:, 0, 0].tolist() == [6.0, 0.0, 6.0, 0.0]
@@ -45,17 +45,17 @@ def test_samples_are_repeated_in_their_order(truth):
     assert repeated.run is None
 
 
-def test_every_symbol_is_perturbed_alike_for_one_seed(truth):
-    perturbed = truth.perturbed()
+def test_every_symbol_is_perturbed_alike_for_one_seed(reference):
+    perturbed = reference.perturbed()
     assert perturbed.run is None
     assert len(set(perturbed.symbols["l"])) == 3  # a parameter too, at each sample by itself
     for name in ("l", "q"):
-        changes = np.abs(perturbed.symbols[name] - truth.symbols[name])
+        changes = np.abs(perturbed.symbols[name] - reference.symbols[name])
         assert np.all((changes > 0) & (changes < 0.02))
     # a zero of a matrix stays
-    assert np.array_equal(perturbed.symbols["R"].a != 0, truth.symbols["R"].a != 0)
-    assert np.array_equal(truth.perturbed().symbols["q"], perturbed.symbols["q"])
-    assert not np.array_equal(truth.perturbed(2).symbols["q"], perturbed.symbols["q"])
+    assert np.array_equal(perturbed.symbols["R"].a != 0, reference.symbols["R"].a != 0)
+    assert np.array_equal(reference.perturbed().symbols["q"], perturbed.symbols["q"])
+    assert not np.array_equal(reference.perturbed(2).symbols["q"], perturbed.symbols["q"])
 
 
 def test_joints_without_an_end_are_sampled_around_their_postures():

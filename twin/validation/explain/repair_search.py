@@ -11,18 +11,18 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.validation.explain.candidate import CALLS, FORMS, OPERATORS, REST, TOKENS, Candidate, Found
+from twin.validation.explain.candidate import CALLS, FORMS, OPERATORS, REST, TOKENS, Candidate, GroupResult
 from twin.validation.explain.counterparts import counterpart_edits
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.edited_functions import EditedFunctions
-from twin.validation.explain.edits import edits, pool
+from twin.validation.explain.equation_steps import Helper, RowKey, Step
+from twin.validation.explain.function_source import Edit, Statement
 from twin.validation.explain.pair_search import PairSearch
 from twin.validation.explain.position_pairs import PositionPairs
 from twin.validation.explain.repair_choice import MOST_EXACT, RepairChoice
-from twin.validation.explain.required import Required
+from twin.validation.explain.required_values import RequiredValues
 from twin.validation.explain.row_deviations import Judge
-from twin.validation.explain.rows import Helper, Key, Step
-from twin.validation.explain.source import Edit, Statement
+from twin.validation.explain.statement_edits import edits, pool
 from twin.validation.explain.suspects import available
 from twin.validation.explain.trials import Trials
 
@@ -65,7 +65,7 @@ _SHARED = 3
 """Number of edits of each repaired group that are also tried in pairs, to fix the remaining rows."""
 
 
-class Search(Trials):
+class RepairSearch(Trials):
     """Repair search over one judged formula."""
 
     def __init__(
@@ -101,7 +101,7 @@ class Search(Trials):
 
     # -- one edit ------------------------------------------------------------------------------------------
 
-    def _shared_sites(self, groups: Sequence[Sequence[Key]]) -> tuple[set[tuple[str, int]], set[int]]:
+    def _shared_sites(self, groups: Sequence[Sequence[RowKey]]) -> tuple[set[tuple[str, int]], set[int]]:
         """Return (statements, called functions) on which rows of several groups depend.
 
         One edit can repair several groups only there. Statements are (equation, index), functions are identities.
@@ -237,8 +237,8 @@ class Search(Trials):
         self._deferred = []
         return candidates
 
-    def required(self, rows: Sequence[Key]) -> list[Candidate]:
-        """Evaluate the edits that give an expression the value with which wrong rows agree; see `Required`."""
+    def required(self, rows: Sequence[RowKey]) -> list[Candidate]:
+        """Evaluate the edits that give an expression the value with which wrong rows agree; see `RequiredValues`."""
         candidates: list[Candidate] = []
         until = self.deadline.within(_REQUIRED * self.deadline.left)
         sites = [(step, step.source, s) for step, s in self.own_sites(rows)]
@@ -251,7 +251,7 @@ class Search(Trials):
             if (source.path, statement.start) in tried_statements:
                 continue
             others = self.callers(source, step)
-            for edit in Required(self.judge, step, rows, until, refuted=self._refuted).edits(source, statement):
+            for edit in RequiredValues(self.judge, step, rows, until, refuted=self._refuted).edits(source, statement):
                 tried_statements.add(
                     (source.path, statement.start)
                 )  # a statement without an edit is tried for the next equation
@@ -260,7 +260,7 @@ class Search(Trials):
                     candidates.append(candidate)
         return candidates
 
-    def counterparts(self, rows: Sequence[Key]) -> list[Candidate]:
+    def counterparts(self, rows: Sequence[RowKey]) -> list[Candidate]:
         """Evaluate the edits that put back what similar expressions of the file have more."""
         candidates: list[Candidate] = []
         tried: set[Edit] = set()
@@ -282,7 +282,7 @@ class Search(Trials):
 
     # -- groups ---------------------------------------------------------------------------------------------
 
-    def run(self, budget: float = 8.0) -> tuple[list[Found], list[Key]]:
+    def run(self, budget: float = 8.0) -> tuple[list[GroupResult], list[RowKey]]:
         """Search repairs; return (results by group of rows, rows without a repair).
 
         `budget` is the time limit in s of the search for pairs of edits; 0: single edits only.
@@ -294,21 +294,25 @@ class Search(Trials):
             return self.pairs(results, unrepaired, budget)
         return results, unrepaired
 
-    def pairs(self, found: list[Found], left: list[Key], budget: float) -> tuple[list[Found], list[Key]]:
+    def pairs(
+        self, found: list[GroupResult], left: list[RowKey], budget: float
+    ) -> tuple[list[GroupResult], list[RowKey]]:
         """Search pairs of edits for rows that single edits do not repair; arguments and result are those of `run`."""
         found = [f for f in found if f.cures]
         return self._quiet(lambda: self._pairs_of(found, left, budget))
 
-    def _quiet(self, search: Callable[[], tuple[list[Found], list[Key]]]) -> tuple[list[Found], list[Key]]:
+    def _quiet(
+        self, search: Callable[[], tuple[list[GroupResult], list[RowKey]]]
+    ) -> tuple[list[GroupResult], list[RowKey]]:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter(
                 "ignore", SyntaxWarning
             )  # Python warns about a call of a number after a moved parenthesis; such an edit fails when tried
             return search()
 
-    def _run(self) -> tuple[list[Found], list[Key]]:
+    def _run(self) -> tuple[list[GroupResult], list[RowKey]]:
         self._singles = []
-        self._groups: list[list[Key]] = []
+        self._groups: list[list[RowKey]] = []
         unrepaired = list(self.failing)
         left_out: list[int] = []
         rest_tried = False
@@ -347,7 +351,7 @@ class Search(Trials):
         self._until = self.deadline
         return results, unrepaired
 
-    def _stage(self, n: int, settled: bool, left: Sequence[Key]) -> bool:
+    def _stage(self, n: int, settled: bool, left: Sequence[RowKey]) -> bool:
         """Try the edits of one stage; return whether they were tried everywhere, and not only where groups meet.
 
         `settled`: whether one edit repairs all rows; `left`: rows without a repair.
@@ -367,9 +371,9 @@ class Search(Trials):
             self._singles += self.singles(kinds, statements)
         return statements is None
 
-    def _results(self, left: Sequence[Key]) -> tuple[list[Found], list[Key]]:
+    def _results(self, left: Sequence[RowKey]) -> tuple[list[GroupResult], list[RowKey]]:
         """Return (results of the groups that have a repair, rows without one)."""
-        results: list[Found] = []
+        results: list[GroupResult] = []
         unrepaired = list(left)
         for group in self._groups:
             result = self._found(group, self._singles, self._singles)
@@ -379,10 +383,12 @@ class Search(Trials):
                 unrepaired += group
         return results, unrepaired
 
-    def _pairs_of(self, out: list[Found], left: list[Key], budget: float) -> tuple[list[Found], list[Key]]:
+    def _pairs_of(
+        self, out: list[GroupResult], left: list[RowKey], budget: float
+    ) -> tuple[list[GroupResult], list[RowKey]]:
         singles = self._singles
         late: list[Candidate] = []
-        lost: list[Key] = []
+        lost: list[RowKey] = []
         deadline = self.deadline.within(budget)
         while True:
             while left:
@@ -414,7 +420,7 @@ class Search(Trials):
                 return found, left
             out = [f for f in found if f.cures]  # what `together` left out is refused, so that others are found now
 
-    def _beside_chance(self, k: Key, singles: list[Candidate], deadline: Deadline) -> list[Candidate]:
+    def _beside_chance(self, k: RowKey, singles: list[Candidate], deadline: Deadline) -> list[Candidate]:
         """Return pairs of an edit that repairs a row only by chance, and one that shows only for other values.
 
         The values of parameters may hide another error of the same function: no row disagrees because of it.
@@ -442,8 +448,8 @@ class Search(Trials):
         return pairs
 
     def _widest(
-        self, k: Key, left: list[Key], out: list[Found], tried: list[Candidate], pairs: list[Candidate]
-    ) -> tuple[Found, list[Found]]:
+        self, k: RowKey, left: list[RowKey], out: list[GroupResult], tried: list[Candidate], pairs: list[Candidate]
+    ) -> tuple[GroupResult, list[GroupResult]]:
         """Return (the result of `pairs` for row `k` and as many other rows as they repair, results that it replaces).
 
         A pair that is no repair, because it holds only by chance, replaces no result.
@@ -462,7 +468,7 @@ class Search(Trials):
                 return found, replaced
         return self._found([k], pairs, tried), []
 
-    def _covered(self) -> list[Key]:
+    def _covered(self) -> list[RowKey]:
         """Put the failing rows in groups as in `_cover`; return those in no group.
 
         Edits that make a group agree only by chance are no repairs.
@@ -478,7 +484,7 @@ class Search(Trials):
         grouped = {key for group in self._groups for key in group}
         return [k for k in self.failing if k not in grouped]
 
-    def _leave_out(self, group: list[Key], until: Deadline) -> bool:
+    def _leave_out(self, group: list[RowKey], until: Deadline) -> bool:
         """Mark the edits that repair a group if all of them do so only by chance; return whether they do."""
         exact = self.exact(group, self._singles)[:MOST_EXACT]
         for c in exact:
@@ -488,16 +494,16 @@ class Search(Trials):
             self.choice.mark(c)
         return bool(exact)
 
-    def _cover(self, candidates: list[Candidate], rows: list[Key]) -> list[list[Key]]:
+    def _cover(self, candidates: list[Candidate], rows: list[RowKey]) -> list[list[RowKey]]:
         """Return the rows in groups, the largest first, such that one single edit fixes all rows of a group."""
         unrepaired = set(rows)
-        repaired: list[frozenset[Key]] = []
+        repaired: list[frozenset[RowKey]] = []
         for c in candidates:
             if c.serves:
                 repaired.append(frozenset(row for row, off in c.scores.items() if off <= 1 and row in unrepaired))
-        groups: list[list[Key]] = []
+        groups: list[list[RowKey]] = []
         while unrepaired:
-            largest: frozenset[Key] = frozenset()
+            largest: frozenset[RowKey] = frozenset()
             for some in repaired:
                 if len(some & unrepaired) > len(largest):
                     largest = some & unrepaired
@@ -507,7 +513,7 @@ class Search(Trials):
             unrepaired -= largest
         return groups
 
-    def _found(self, rows: list[Key], exact_from: list[Candidate], all_: list[Candidate]) -> Found:
+    def _found(self, rows: list[RowKey], exact_from: list[Candidate], all_: list[Candidate]) -> GroupResult:
         """Return the result for a group of rows: `exact_from` may have their repairs, `all_` the next best edit."""
         exact = self.exact(rows, exact_from)[:MOST_EXACT]
         every = self.functions.distinct(exact, rows)
@@ -529,4 +535,4 @@ class Search(Trials):
         after = max(self.base[row] for row in rows)
         if exact:
             after = min(c.over(rows, self.base) for c in exact)
-        return Found(rows, cures, runner_up, after, least, self.tried, self.complete)
+        return GroupResult(rows, cures, runner_up, after, least, self.tried, self.complete)
