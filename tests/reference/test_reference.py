@@ -20,7 +20,7 @@ from twin.model.body import Body, Frame
 from twin.model.joint import Joint
 from twin.model.mechanism import Coupling, Mechanism
 from twin.reference import ReferenceModel, sensitivity
-from twin.reference.model import GAP_TOLERANCE
+from twin.reference.target_continuation import GAP_TOLERANCE
 
 
 @pytest.fixture(scope="module")

@@ -23,8 +23,9 @@ from scipy.spatial import KDTree
 from twin.core.sampling import spread
 from twin.core.spatial import Array
 from twin.core.units import ROUNDING
-from twin.reference.model import GAP_TOLERANCE, ReferenceModel
+from twin.reference.model import ReferenceModel
 from twin.reference.newton import minimise
+from twin.reference.target_continuation import GAP_TOLERANCE
 
 _ITERATIONS = 8
 """Maximum number of Newton steps from a guess; loops that need more steps count as open. 3 steps are usual."""

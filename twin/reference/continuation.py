@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from twin.core.spatial import Array
+from twin.reference import loop_rates
 from twin.reference.model import ReferenceModel
 
 _STRIDE = 0.05
@@ -76,7 +77,7 @@ class LoopContinuation:
             r, A = loops.evaluate_at(X, T0, T, J)
         give = self._pseudoinverses(A)
         self.X = self._moved(X, give, r)
-        gain = model.gains_of(A, give)
+        gain = loop_rates.gains_of(tree, A, give)
         self._half = (gain - self._gain) / 2
         self._half[solved | far] = 0.0
         self._q = np.array(q, float)
@@ -94,8 +95,8 @@ class LoopContinuation:
         model = self._model
         self.X = np.array([model.solve(row).x for row in q])
         _, A = model.loops_only(self.X, np.arange(len(q)))
-        self._give = model.pseudoinverse_of(A)
-        self._gain = model.gains_of(A, self._give)
+        self._give = loop_rates.pseudoinverse_of(model.tree, A)
+        self._gain = loop_rates.gains_of(model.tree, A, self._give)
         self._half = np.zeros_like(self._gain)
         self._q = np.array(q, float)
 
@@ -109,7 +110,7 @@ class LoopContinuation:
         return X, solved
 
     def _pseudoinverses(self, A: Array) -> Array:
-        """Return what `ReferenceModel.pseudoinverse_of` returns, in a third of the time for the loops of SILS.
+        """Return what `loop_rates.pseudoinverse_of` returns, in a third of the time for the loops of SILS.
 
         Where the columns of the passive joints, P, are independent, the pseudoinverse is (P^T P)^-1 P^T. Its rounding
         error grows with the square of the condition number of P; the step G + (I - G P) G squares this error.
@@ -120,13 +121,13 @@ class LoopContinuation:
         try:
             inverses = np.asarray(np.linalg.inv(squares), float)
         except np.linalg.LinAlgError:  # at least one row has dependent columns
-            return self._model.pseudoinverse_of(A)
+            return loop_rates.pseudoinverse_of(self._model.tree, A)
         give = inverses @ Pt
         give += (np.eye(P.shape[2]) - give @ P) @ give
         condition = _size(squares) * _size(inverses)
         poor = ~(condition <= _CONDITION)  # NaN counts as poor
         if poor.any():
-            give[poor] = self._model.pseudoinverse_of(A[poor])
+            give[poor] = loop_rates.pseudoinverse_of(self._model.tree, A[poor])
         return give
 
     def _moved(self, X: Array, give: Array, r: Array) -> Array:

@@ -27,9 +27,8 @@ from scipy.linalg import null_space
 from twin.core.errors import MechanismError
 from twin.core.spatial import Array, Index
 from twin.model.mechanism import Mechanism
-from twin.reference import given
 from twin.reference.continuation import LoopContinuation
-from twin.reference.model import ReferenceModel
+from twin.reference.model import ReferenceModel, checked_joint_motion, checked_joint_values
 from twin.reference.states import Assembly
 
 _IDLE = 1e-12
@@ -120,7 +119,7 @@ class Dynamics:
         """
         if isinstance(at, Assembly):
             return at.x
-        q = given.one(self.mechanism, np.asarray(at, float))
+        q = checked_joint_values(self.mechanism, np.asarray(at, float))
         if self._tied:
             return self.model.solve(q).x
         x = self._home.copy()
@@ -139,7 +138,7 @@ class Dynamics:
 
     def tools(self, q: ArrayLike) -> Array:
         """Return T_base_tool (k, 4, 4) for joint values q (k, n) along a motion."""
-        q = given.along(self.mechanism, np.asarray(q, float))
+        q = checked_joint_motion(self.mechanism, np.asarray(q, float))
         if self._tied:
             return self.model.run(q).Ts_base_tool
         X = np.tile(self._home, (len(q), 1))

@@ -15,10 +15,10 @@ from twin.core import spatial
 from twin.core.errors import AssemblyError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.reference import walk
-from twin.reference.model import GAP_TOLERANCE, ReferenceModel
+from twin.reference.model import ReferenceModel
 from twin.reference.newton import minimise
 from twin.reference.posing import posed
+from twin.reference.target_continuation import GAP_TOLERANCE, between
 
 _JUMP = 0.5
 """Largest change (m, rad) of a coordinate between samples; a larger change means another assembly mode."""
@@ -75,7 +75,7 @@ class Follower:
             step = 1.0
             while done < 1.0:
                 ahead = min(1.0, done + step)
-                target = walk.between(T_before, T, ahead)
+                target = between(T_before, T, ahead)
                 new = self._state_at(x, target, directions, p_tool)
                 if new is not None:
                     x = new

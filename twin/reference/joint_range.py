@@ -16,7 +16,8 @@ from twin.core.spatial import Array
 from twin.core.units import ROUNDING
 from twin.model.mechanism import Mechanism
 from twin.reference.closing import Closing
-from twin.reference.model import ReferenceModel, SolvedSamples
+from twin.reference.model import ReferenceModel
+from twin.reference.states import SolvedSamples
 
 STATES = 512
 """Number of states in a check of the whole range."""

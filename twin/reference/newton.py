@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twin.core.spatial import Array, Index
 from twin.reference.tree import Tree
@@ -40,7 +41,7 @@ def minimise(
     *,
     integrate: Callable[[Array, Array], Array] | None = None,
     enough: float = _COST_DONE,
-) -> tuple[Array, Array]:
+) -> tuple[Array, NDArray[np.bool_]]:
     """Return (configurations (k, nq) near X that minimise the residual, (k,) bool: whether each converged).
 
     X (k, nq) are the start configurations; only the velocity indices `columns` change. A sample that needs more than

@@ -1,4 +1,4 @@
-"""Residual of loop closures and tool pose, for the full pose or for some directions."""
+"""Residuals of loop closures, alone or with the tool pose: of the full pose, or of some directions."""
 
 from __future__ import annotations
 
@@ -12,6 +12,16 @@ from twin.reference.tree import Tree
 
 ALL = np.ones(6, bool)
 """All six directions."""
+
+
+def loops_only(tree: Tree) -> Residual:
+    """Return the residual function of the loops alone, for any pose of the tool."""
+
+    def residual(X: Array, _: Index) -> tuple[Array, Array]:
+        poses, J = tree.update(X, closing_only=True)
+        return tree.loops.evaluate(X, poses, J)
+
+    return residual
 
 
 def posed(tree: Tree, Ts: Array, directions: np.ndarray = ALL, p_tool: Array | None = None) -> Residual:

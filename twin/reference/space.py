@@ -22,12 +22,11 @@ from twin.core.errors import MechanismError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, ROUNDING, display_unit
 from twin.model.mechanism import Mechanism
-from twin.reference.clearance_certificate import Certificate, certify, nearest
+from twin.reference.clearance_certificate import Certificate, Stations, certify, nearest
 from twin.reference.closing import Closing
 from twin.reference.joint_range import within_limits
 from twin.reference.model import ReferenceModel
 from twin.reference.pairs import SEARCHED, CollisionPairs, Still
-from twin.reference.stations import Stations
 
 _ANGLE = 0.1
 """Length in m that is equivalent to 1 rad in comparisons of paths."""

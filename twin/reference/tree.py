@@ -48,6 +48,7 @@ class Tree:
             joint name.
         quaternions: configuration index of the first of the four numbers of each quaternion.
         active, passive: velocity indices of the active joints, in the order of q, and of all others.
+        active_places: configuration indices of the active joints, in the order of q.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -73,6 +74,7 @@ class Tree:
                 # This index differs from the velocity index after a spherical joint (4 numbers, 3 rates).
                 self.configuration[joint.name] = joint_model.idx_q
         self.active = np.array([self.coordinate[j.name] for j in mechanism.active], int)
+        self.active_places = np.array([self.configuration[j.name] for j in mechanism.active], int)
         self.passive = np.setdiff1d(np.arange(self.model.nv), self.active)
         self._mask = self._support_masks()
         tool = mechanism.frame(mechanism.tool)
