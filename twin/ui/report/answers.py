@@ -16,6 +16,15 @@ from twin.validation.result import Report
 
 _KINEMATIC = "forces, bending and play in the joints (the comparison is kinematic)"
 
+_MOST_PLACES = 4
+"""Largest number of further places of a cause that an answer names; the first screen has room for few."""
+
+_MOST_WARNINGS = 2
+"""Largest number of warnings that an answer quotes."""
+
+_MOST_GAPS = 4
+"""Largest number of comparisons and checks that are named as missing."""
+
 
 @dataclass(frozen=True)
 class Answer:
@@ -32,36 +41,42 @@ def answers(report: Report, picture: RobotPicture | None) -> list[Answer]:
     Without a cause, the answers state what was compared, how close it is, and the warnings; then the line "What to do"
     names what was not judged.
     """
-    out = []
+    rows = []
     if report.causes:
         head = report.causes[0].head
-        out.append(Answer("Which joint or link?", _which(report, picture)))
-        out.append(Answer("How much?", _how_much(head)))
-        out.append(_which_line(report, picture))
-        out.append(Answer("What was not judged?", "; ".join(not_judged(report))))
-        return out
-    out.append(Answer("What was compared?", _compared(report)))
+        rows.append(Answer("Which joint or link?", _which(report, picture)))
+        rows.append(Answer("How much?", _how_much(head)))
+        rows.append(_which_line(report, picture))
+        rows.append(Answer("What was not judged?", "; ".join(not_judged(report))))
+        return rows
+    rows.append(Answer("What was compared?", _compared(report)))
     nearest = _nearest(report)
     if nearest:
-        out.append(Answer("How close?", nearest))
+        rows.append(Answer("How close?", nearest))
     warnings = [finding for finding in report.findings if finding.severity == "warning"]
     if warnings:
-        texts = [finding.message for finding in warnings[:2]]
-        if len(warnings) > 2:
-            texts.append(f"{len(warnings) - 2} more below")
-        out.append(Answer("Any warning?", "; ".join(texts)))
-    return out
+        texts = [finding.message for finding in warnings[:_MOST_WARNINGS]]
+        if len(warnings) > _MOST_WARNINGS:
+            texts.append(f"{len(warnings) - _MOST_WARNINGS} more below")
+        rows.append(Answer("Any warning?", "; ".join(texts)))
+    return rows
 
 
 def _nearest(report: Report) -> str:
     """Return the residual that comes nearest to its tolerance, as text; "" without residuals with a tolerance."""
-    judged = [row for row in report.residuals if row.tolerance and math.isfinite(row.worst)]
+    judged = []
+    of_equations = []
+    for row in report.residuals:
+        if row.tolerance and math.isfinite(row.worst):
+            judged.append(row)
+            if row.pair == "A-B":
+                of_equations.append(row)
     # equations against mechanism is what a reader asks for first
-    judged = [row for row in judged if row.pair == "A-B"] or judged
-    if not judged:
+    candidates = of_equations or judged
+    if not candidates:
         return ""
-    row = max(judged, key=lambda row: row.worst / (row.tolerance or 1.0))
-    pair = PAIRS.get(row.pair, (row.pair, row.pair))[0]
+    row = max(candidates, key=lambda row: row.worst / (row.tolerance or 1.0))
+    pair, _ = PAIRS.get(row.pair, (row.pair, row.pair))
     worst = fmt.deviation(row.worst, row.unit, row.tolerance)
     allowed = fmt.quantity(row.tolerance, row.unit)
     return f"{pair}: {label(row)} {worst}; {allowed} allowed; the others are further from their tolerances"
@@ -72,16 +87,20 @@ def _which(report: Report, picture: RobotPicture | None) -> str:
     where = cause.head.where or cause.name
     text = where
     if cause.name and cause.name != where:
-        text += f", by {cause.name}" if cause.side == "equations" else f" ({cause.name})"
+        if cause.side == "equations":
+            text += f", by {cause.name}"
+        else:
+            text += f" ({cause.name})"
     if picture is not None and picture.marked:
         links = [link for link in picture.marked if link != where]
         if links:
             text += f", on {' and '.join(links)}"
     others = [finding.where for finding in cause.also if finding.where]
     if others:
-        text += f"; also {', '.join(dict.fromkeys(others[:4]))}"
-        if len(others) > 4:
-            text += f" and {len(others) - 4} more"
+        named = dict.fromkeys(others[:_MOST_PLACES])
+        text += f"; also {', '.join(named)}"
+        if len(others) > _MOST_PLACES:
+            text += f" and {len(others) - _MOST_PLACES} more"
     return text
 
 
@@ -134,7 +153,7 @@ def not_judged(report: Report) -> list[str]:
     for finding in report.findings:
         if finding.severity == "error":
             texts.append(f"{finding.where or finding.code}: {finding.message}")
-    texts = texts[:4]
+    texts = texts[:_MOST_GAPS]
     if report.assumed:
         texts.append(f"whether the assumed values are those of a built robot: {report.assumed_counts}")
     texts.append(_KINEMATIC)
@@ -151,7 +170,10 @@ def _missing(report: Report) -> Iterator[str]:
         yield "poses off this protocol"
     elif judged and not judged.startswith("100 %"):
         share = re.match(r"(\d+) %", judged)
-        yield f"{100 - int(share[1])} % of the joint range" if share else f"the joint range beyond {judged}"
+        if share:
+            yield f"{100 - int(share[1])} % of the joint range"
+        else:
+            yield f"the joint range beyond {judged}"
     if not pairs & {"B-C", "C"}:
         yield "the USD stage"
     if "B-D" not in pairs:

@@ -20,14 +20,15 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 
 @styled()
-def figure(found: Comparison) -> Figure:
+def figure(comparison: Comparison) -> Figure:
     """Return a picture of both robots of the worst pair: lines from joint to joint, ending at the tool."""
-    pair = max(found.pairs, key=_distance)
-    out = sheet(f"{pair.first.label} and {pair.second.label}", 6.5)
-    ax = out.add_subplot(projection="3d")
+    pair = max(comparison.pairs, key=_worst_distance)
+    drawing = sheet(f"{pair.first.label} and {pair.second.label}", 6.5)
+    ax = drawing.add_subplot(projection="3d")
     q_first: Mapping[str, float] = {}
     q_second: Mapping[str, float] = {}
     title = "at zero"
@@ -65,19 +66,24 @@ def figure(found: Comparison) -> Figure:
     if len(joints_first) and len(joints_second):
         ax.plot(*joints_first.T, "s", color=PALETTE[0], markersize=9, alpha=0.6, label="joints, as drawn")
         ax.plot(*joints_second.T, "x", color=PALETTE[4], markersize=7)
-    ends = np.vstack([first, second, joints_first, joints_second])
-    middle = 0.5 * (ends.min(axis=0) + ends.max(axis=0))
-    half = 0.5 * float(np.ptp(ends, axis=0).max())
+    _equal_axes(ax, np.vstack([first, second, joints_first, joints_second]))
+    ax.set_title(title)
+    ax.legend(loc="upper left")
+    return drawing
+
+
+def _equal_axes(ax: Axes3D, points: Array) -> None:
+    """Give the three axes one scale, with all points (n, 3) in mm inside, so that angles are drawn true."""
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    half = 0.5 * float(np.ptp(points, axis=0).max())
     for k, name in enumerate("xyz"):
         limits = (middle[k] - half, middle[k] + half)
         getattr(ax, f"set_{name}lim")(*limits)
         getattr(ax, f"set_{name}label")(f"{name} [mm]")
-    ax.set_title(title)
-    ax.legend(loc="upper left")
-    return out
 
 
-def _distance(pair: SidePair) -> float:
+def _worst_distance(pair: SidePair) -> float:
+    """Return the largest difference of a frame in m; 0 where no poses were compared."""
     if pair.worst is None:
         return 0.0
     return pair.worst.distance
@@ -110,9 +116,12 @@ def _points(side: RobotSide, q: Mapping[str, float], X: Array) -> tuple[Array, A
     The direction of a base and of a tool is zero.
     """
     tree = side.tree
-    displacements = np.array([[q.get(axis.name, axis.drawn) - axis.drawn for axis in tree]])
+    displacements = np.zeros((1, len(tree)))
+    for k, axis in enumerate(tree):
+        displacements[0, k] = q.get(axis.name, axis.drawn) - axis.drawn
     motions = X @ side.poses(displacements)[0]
     group, T_tool = side.frames[side.tool]
+    # from the tool down to the base
     above = {axis.child: axis for axis in tree}
     points = [(motions[group] @ T_tool)[:3, 3]]
     lines = [np.zeros(3)]

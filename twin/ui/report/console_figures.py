@@ -18,25 +18,25 @@ if TYPE_CHECKING:
 
 
 @styled()
-def figure(found: Contract) -> Figure:
+def figure(contract: Contract) -> Figure:
     """Return a figure with two panels: clauses of each equation, and distance of the tool from its start position.
 
     Satisfied clauses are green, unsatisfied clauses red. The distance is drawn over a hand motion that returns to its
     start.
     """
     by_equation: dict[str, list[Clause]] = {}
-    for clause in sorted(found.clauses, key=lambda clause: clause.equation):
+    for clause in sorted(contract.clauses, key=lambda clause: clause.equation):
         by_equation.setdefault(clause.equation, []).append(clause)
     readings = []
     for name in by_equation:
-        variant = found.variants.get(name, "?")
+        variant = contract.variants.get(name, "?")
         readings.append(f"{name}={variant}")
-    out = sheet(f"{found.console}: {', '.join(readings)}", 4.2)
-    left, right = out.subplots(1, 2)
-    out.subplots_adjust(left=0.08, right=0.97, top=0.84, bottom=0.13, wspace=0.28)
+    drawing = sheet(f"{contract.console}: {', '.join(readings)}", 4.2)
+    left, right = drawing.subplots(1, 2)
+    drawing.subplots_adjust(left=0.08, right=0.97, top=0.84, bottom=0.13, wspace=0.28)
     _draw_clauses(left, by_equation)
-    _draw_drift(right, found.path)
-    return out
+    _draw_drift(right, contract.path)
+    return drawing
 
 
 def _draw_clauses(ax: Axes, by_equation: Mapping[str, Sequence[Clause]]) -> None:

@@ -74,10 +74,10 @@ def named(report: Report, prefix: str, times: str = "t") -> Iterator[tuple[str, 
     for key in report.series:
         if not key.startswith(start):
             continue
-        found = pair(report, key, times)
-        if found is None:
+        curve = pair(report, key, times)
+        if curve is None:
             continue
-        t, y = found
+        t, y = curve
         if y.ndim == 1:
             yield key.removeprefix(start), t, y
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from twin.core.format import count
+from twin.core.json_types import JsonMapping
+from twin.simulation.controllers.cue import Cue
 from twin.simulation.hazards.attacked import HARM
 from twin.simulation.hazards.roc import dangerous, in_time
 from twin.simulation.hazards.summary import Hazards
@@ -19,54 +22,47 @@ if TYPE_CHECKING:
 _LEAST = 1e-2
 """Smallest drawn deviation in mm; smaller deviations are drawn at this value."""
 
+_CUE = Cue().tol
+"""Deviation in mm from which a force warns the operator."""
+
 _MANY = 300
 """Number of sessions above which the points are drawn smaller, so that they do not cover each other."""
 
 
 @styled()
-def figure(found: Hazards) -> Figure:
+def figure(campaign: Hazards) -> Figure:
     """Return a figure of peak deviations (one row for each class of faults), ROC curves and reaction times.
 
     A row has a point for each session. The ROC curves show the detection of dangerous sessions. The reaction times
     are those of the trainee.
     """
-    n = len(found.by_class)
+    n = len(campaign.by_class)
     height = 5.2 + 0.28 * n
-    sessions = count(len(found.rows), "session")
-    out = sheet(f"{found.robot}: {sessions} of '{found.table.title}'", height)
-    grid = out.add_gridspec(2, 2, height_ratios=[0.28 * n + 0.4, 3.3])
-    out.subplots_adjust(left=0.22, right=0.98, top=1 - 0.55 / height, bottom=0.5 / height, hspace=0.22, wspace=0.32)
-    _peaks(out.add_subplot(grid[0, :]), found)
-    _roc(out.add_subplot(grid[1, 0]), found)
-    _times(out.add_subplot(grid[1, 1]), found)
-    return out
+    sessions = count(len(campaign.rows), "session")
+    drawing = sheet(f"{campaign.robot}: {sessions} of '{campaign.table.title}'", height)
+    grid = drawing.add_gridspec(2, 2, height_ratios=[0.28 * n + 0.4, 3.3])
+    drawing.subplots_adjust(left=0.22, right=0.98, top=1 - 0.55 / height, bottom=0.5 / height, hspace=0.22, wspace=0.32)
+    _peaks(drawing.add_subplot(grid[0, :]), campaign)
+    _roc(drawing.add_subplot(grid[1, 0]), campaign)
+    _times(drawing.add_subplot(grid[1, 1]), campaign)
+    return drawing
 
 
-def _peaks(ax: Axes, found: Hazards) -> None:
+def _peaks(ax: Axes, campaign: Hazards) -> None:
     """Draw a row for each class of faults, with a point for each session."""
     size = 5
-    if len(found.rows) > _MANY:
+    if len(campaign.rows) > _MANY:
         size = 2.2
-    for k, (name, rows) in enumerate(found.by_class.items()):
+    for k, (name, rows) in enumerate(campaign.by_class.items()):
         if k % 2:
             ax.axhspan(k - 0.5, k + 0.5, color=BAND, linewidth=0, zorder=0)
-        y = k + 0.3 * np.sin(2.4 * np.arange(len(rows)))  # equal values lie beside each other
-        stopped = np.zeros(len(rows), bool)
-        peaks = np.zeros(len(rows))
-        for i, row in enumerate(rows):
-            stopped[i] = row["stop"] is not None
-            peaks[i] = max(row["peak"], _LEAST)
-        parts = ((~stopped, PALETTE[0], "not stopped"), (stopped, PALETTE[1], "stopped by a check"))
-        for part, color, text in parts:
-            label = text if k == 0 else None  # one entry of the legend for all classes
-            ax.plot(peaks[part], y[part], "o", ms=size, alpha=0.5, color=color, mew=0, label=label)
+        _peaks_of_class(ax, k, rows, size)
         ax.text(-0.01, k, f"{name} ({len(rows)})", transform=ax.get_yaxis_transform(), ha="right", va="center")
     # the labels of the two limits extend to opposite sides, because the limits are close to each other
-    for limit, text, side in ((HARM, f"{HARM:g} mm: harm", "right"), (3.0, "3 mm: cue", "left")):
-        ax.axvline(limit, color=INK, linewidth=0.9, linestyle="--")
-        ax.text(limit, -0.75, text, fontsize=7.5, ha=side, va="bottom")
+    _limit(ax, HARM, "harm", "right")
+    _limit(ax, _CUE, "cue", "left")
     _logarithmic(ax)
-    ax.set_ylim(len(found.by_class) - 0.4, -0.6)
+    ax.set_ylim(len(campaign.by_class) - 0.4, -0.6)
     ax.set_yticks([])
     ax.grid(True, axis="x")
     ax.set_xlabel("peak deviation of the tip without a response [mm]")
@@ -75,21 +71,42 @@ def _peaks(ax: Axes, found: Hazards) -> None:
     _legend(ax, loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0.3, ncols=2, markerscale=6.6 / size)
 
 
-def _roc(ax: Axes, found: Hazards) -> None:
+def _peaks_of_class(ax: Axes, k: int, rows: Sequence[JsonMapping], size: float) -> None:
+    """Draw the peak deviations of the sessions of a class in row k, as points of a size in points."""
+    y = k + 0.3 * np.sin(2.4 * np.arange(len(rows)))  # equal values lie beside each other
+    stopped = np.zeros(len(rows), bool)
+    peaks = np.zeros(len(rows))
+    for i, row in enumerate(rows):
+        stopped[i] = row["stop"] is not None
+        peaks[i] = max(row["peak"], _LEAST)
+    parts = ((~stopped, PALETTE[0], "not stopped"), (stopped, PALETTE[1], "stopped by a check"))
+    for part, color, text in parts:
+        label = text if k == 0 else None  # one entry of the legend for all classes
+        ax.plot(peaks[part], y[part], "o", ms=size, alpha=0.5, color=color, mew=0, label=label)
+
+
+def _limit(ax: Axes, limit: float, meaning: str, side: Literal["left", "right"]) -> None:
+    """Draw a limit in mm as a vertical line; its label ends ("right") or begins ("left") at the line."""
+    ax.axvline(limit, color=INK, linewidth=0.9, linestyle="--")
+    ax.text(limit, -0.75, f"{limit:g} mm: {meaning}", fontsize=7.5, ha=side, va="bottom")
+
+
+def _roc(ax: Axes, campaign: Hazards) -> None:
     """Draw the ROC curves with a dot at each limit in use, and a triangle for the checks of the robot's software."""
-    for k, curve in enumerate(found.roc):
+    for k, curve in enumerate(campaign.roc):
         color = PALETTE[k % 2]
+        # the first two curves are those without the checks of the robot's software
         line = "-" if k > 1 else ":"
         label = f"{curve.name} (area {curve.area:.3f})"
         ax.plot(curve.false, curve.detected, line, color=color, drawstyle="steps-post", label=label)
         detected, false = curve.at(curve.limit)
         ax.plot([false], [detected], "o", color=color, ms=6, clip_on=False, zorder=4)
-    if found.roc:
+    if campaign.roc:
         # each limit is used without and with the checks: its text comes once
-        used = dict.fromkeys(curve.used for curve in found.roc)
+        used = dict.fromkeys(curve.used for curve in campaign.roc)
         ax.plot([], [], "o", color=INK, ms=6, label=f"limit in use, {' or '.join(used)}")
     detections = []
-    for row in found.rows:
+    for row in campaign.rows:
         if dangerous(row):
             detections.append(in_time(row))
     if detections:
@@ -103,13 +120,14 @@ def _roc(ax: Axes, found: Hazards) -> None:
     _legend(ax, loc="lower right")
 
 
-def _times(ax: Axes, found: Hazards) -> None:
+def _times(ax: Axes, campaign: Hazards) -> None:
     """Draw the share of sessions in which the scripted trainee has noticed, or acted, by a time after the fault."""
     responses = []
-    for row in found.rows:
+    for row in campaign.rows:
         if row["response"] is not None:
             responses.append(row["response"])
-    for color, key, text in ((PALETTE[0], "noticed", "could notice"), (PALETTE[1], "acted", "acted")):
+    stages = ((PALETTE[0], "noticed", "could notice"), (PALETTE[1], "acted", "acted"))
+    for color, key, text in stages:
         if responses:
             times = np.sort([response[key] for response in responses])
             times = np.maximum(times, 1)  # ms; the axis is logarithmic

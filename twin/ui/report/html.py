@@ -192,7 +192,7 @@ def key_figures(report: Report) -> list[dict[str, str]]:
     """
     length = curves.duration(report)
     phases = fmt.count(len(report.phases), "phase")
-    out = [
+    numbers = [
         *_headline_figure(report),
         _worst_figure("Tool position, A–B", curves.rows(report, "tool", "m", "A-B")),
         _worst_figure("Tool rotation, A–B", curves.rows(report, "tool", "rad", "A-B")),
@@ -206,8 +206,8 @@ def key_figures(report: Report) -> list[dict[str, str]]:
         others = replace(counts, robot=0)
         note = "of the robot" + (f"; {others}" if str(others) else "")
         assumed = _key_figure("Assumed", str(counts.robot), note)
-        out.append(assumed | {"link": "#parameters"})
-    return out
+        numbers.append(assumed | {"link": "#parameters"})
+    return numbers
 
 
 def _key_figure(label: str, value: str, note: str, state: str = "none") -> dict[str, str]:
@@ -320,10 +320,10 @@ def _size(row: Residual) -> float:
 
 
 def _clearance_figure(report: Report) -> dict[str, str]:
-    found = curves.pair(report, "clearance", "clearance_t")
-    if found is None or found[1].ndim != 1:
+    curve = curves.pair(report, "clearance", "clearance_t")
+    if curve is None or curve[1].ndim != 1:
         return _key_figure("Minimum clearance", fmt.NONE, "not computed")
-    t, distances = found
+    t, distances = curve
     k = int(np.nanargmin(distances))
     distance = float(distances[k])
     state = "bad" if distance < 0 else "none"
@@ -361,7 +361,7 @@ def _counts(report: Report) -> list[str]:
 
 def _groups(report: Report) -> list[JsonObject]:
     """Return the residuals by pair of models: failing residuals first, consequences directly after their cause."""
-    out = []
+    groups = []
     for pair in pair_names(report):
         rows = []
         bad = 0
@@ -380,8 +380,8 @@ def _groups(report: Report) -> list[JsonObject]:
             "bad": bad,
             "judged": judged,
         }
-        out.append(group)
-    return out
+        groups.append(group)
+    return groups
 
 
 def _by_cause(rows: list[Residual]) -> list[Residual]:
@@ -457,7 +457,7 @@ def _shown_size(f: Finding) -> str:
 def _template() -> Template:
     from twin.ui.report import style
 
-    made = style.template(
+    template = style.template(
         "report.html.j2",
         quantity=fmt.quantity,
         shown=fmt.shown,
@@ -474,5 +474,5 @@ def _template() -> Template:
         times=lambda r: fmt.ratio(r.worst, r.tolerance),
         words=lambda name: name.replace("_", " "),
     )
-    made.globals["NONE"] = fmt.NONE
-    return made
+    template.globals["NONE"] = fmt.NONE
+    return template

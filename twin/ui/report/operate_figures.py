@@ -36,22 +36,23 @@ _SHOWN = 4
 
 
 @styled()
-def figure(found: Operated) -> Figure:
+def figure(operated: Operated) -> Figure:
     """Return a figure with a panel for each of the first `_SHOWN` trials: distance to the goal over time.
 
     Insertions are shaded; if an insertion misses its goal, its name is red. A bar shows when the pedal is up.
     """
-    shown = found.trials[:_SHOWN]
+    shown = operated.trials[:_SHOWN]
     height = 1.0 + 2.2 * len(shown)
-    title = f"{found.robot}, {found.protocol}: remaining distance of the simulated operator (hand and tremor ASSUMED)"
-    out = sheet(title, height)
-    axes = out.subplots(len(shown), 1, squeeze=False, sharex=True)[:, 0]
-    out.subplots_adjust(left=0.09, right=0.86, top=1 - 0.62 / height, bottom=0.5 / height, hspace=0.28)
+    title = f"{operated.robot}, {operated.protocol}: "
+    title += "remaining distance of the simulated operator (hand and tremor ASSUMED)"
+    drawing = sheet(title, height)
+    axes = drawing.subplots(len(shown), 1, squeeze=False, sharex=True)[:, 0]
+    drawing.subplots_adjust(left=0.09, right=0.86, top=1 - 0.62 / height, bottom=0.5 / height, hspace=0.28)
     for ax, trial in zip(axes, shown, strict=True):
-        _draw_insertions(ax, trial, found.goals)
+        _draw_insertions(ax, trial, operated.goals)
         t = trial.record.t
         # the axis is logarithmic: 0 would not be drawn
-        distance = np.maximum(remaining(trial.record, found.goals) / MM, _LEAST)
+        distance = np.maximum(remaining(trial.record, operated.goals) / MM, _LEAST)
         ax.plot(t, distance, color=PALETTE[0], linewidth=1.0)
         log_ticks(ax, list(_TICKS), _tick)
         pedal_up = ~trial.record.pedal
@@ -69,7 +70,7 @@ def figure(found: Operated) -> Figure:
         )
         ax.annotate("pedal up", (1.012, 0.0), xycoords="axes fraction", color=PALETTE[1], fontsize=8)
     axes[-1].set_xlabel("time [s]")
-    return out
+    return drawing
 
 
 def _draw_insertions(ax: Axes, trial: Trial, goals: Sequence[Goal]) -> None:

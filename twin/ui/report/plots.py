@@ -61,11 +61,11 @@ def active_joints(report: Report) -> Figure | None:
     series: list[tuple[Array, Array]] = []
     columns_of_series = []
     for key in ("q", "qd", "qdd"):
-        found = curves.pair(report, key)
-        if found is None or found[1].ndim != 2:
+        curve = curves.pair(report, key)
+        if curve is None or curve[1].ndim != 2:
             return None
-        series.append(found)
-        columns_of_series.append(found[1].shape[1])
+        series.append(curve)
+        columns_of_series.append(curve[1].shape[1])
     n = min(columns_of_series)
     names = list(report.joint_names[:n])
     # joints without a name in the report are numbered
@@ -196,10 +196,10 @@ def _residual_groups(report: Report) -> list[_ResidualGroup]:
 
 def rcm(report: Report) -> Figure | None:
     """Draw the distance of the shaft axis from the registered RCM, and the maximum allowed distance."""
-    found = curves.pair(report, "rcm_error")
-    if found is None or found[1].ndim != 1:
+    curve = curves.pair(report, "rcm_error")
+    if curve is None or curve[1].ndim != 1:
         return None
-    t, y = found
+    t, y = curve
     limit = curves.rcm_tolerance(report)
     figure, axes = panels(headline("RCM error", report), [2.0], 1, head=0.62)
     phase_bands(axes, report.phases)
@@ -219,10 +219,10 @@ def rcm(report: Report) -> Figure | None:
 
 def fulcrum(report: Report) -> Figure | None:
     """Draw the sideways displacements of the tip and of a point of the outer shaft; the two have opposite signs."""
-    found = curves.pair(report, "fulcrum")
-    if found is None or found[1].ndim != 2:
+    curve = curves.pair(report, "fulcrum")
+    if curve is None or curve[1].ndim != 2:
         return None
-    t, displacements = found
+    t, displacements = curve
     tip = displacements[:, 0] / MM
     shaft = displacements[:, 1] / MM
     if np.nanmax(tip) - np.nanmin(tip) < 1:
@@ -268,13 +268,13 @@ def margins(report: Report) -> Figure | None:
 
 def clearance(report: Report) -> Figure | None:
     """Draw the minimum distance between two bodies over time; pairs of bodies that touch by design are excluded."""
-    found = curves.pair(report, "clearance", "clearance_t")
-    if found is None or found[1].ndim != 1:
+    curve = curves.pair(report, "clearance", "clearance_t")
+    if curve is None or curve[1].ndim != 1:
         return None
     figure, axes = panels(headline("Minimum clearance", report), [1.8], 1, head=0.62)
     phase_bands(axes, report.phases)
     ax = axes[0][0]
-    _draw_distances(ax, [("", *found)])
+    _draw_distances(ax, [("", *curve)])
     ax.set_ylabel("clearance [mm]")
     return figure
 
@@ -333,10 +333,10 @@ def _finish(figure: Figure, axes: list[list[Axes]], report: Report) -> Figure:
 
 def _angles(report: Report, key: str, times: str) -> list[tuple[Array, Array]] | None:
     """Return (t, values) of the series `key` of angles in rad, its rate and its second derivative; None: no curve."""
-    found = curves.pair(report, key, times)
-    if found is None:
+    curve = curves.pair(report, key, times)
+    if curve is None:
         return None
-    t, angles = found
+    t, angles = curve
     if angles.ndim != 2 or len(t) < 3:
         return None
     angles = np.unwrap(angles, axis=0)

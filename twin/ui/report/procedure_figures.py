@@ -27,18 +27,18 @@ _POINTS = 1500
 
 
 @styled()
-def figure(found: ProcedureSession) -> Figure:
+def figure(session: ProcedureSession) -> Figure:
     """Return a figure with one row for each measured value, and a vertical line at the end of each stage."""
     from matplotlib.figure import Figure
 
-    t = found.ran.kept.t
-    rows = _rows(found)
+    t = session.ran.kept.t
+    rows = _rows(session)
     passed = []
-    for check in found.measures.checks:
+    for check in session.measures.checks:
         if check.t is not None:
             passed.append(check)
-    out = Figure(figsize=(WIDTH, 1.1 + 1.05 * len(rows)), layout="constrained")
-    axes = out.subplots(len(rows), 1, sharex=True)
+    drawing = Figure(figsize=(WIDTH, 1.1 + 1.05 * len(rows)), layout="constrained")
+    axes = drawing.subplots(len(rows), 1, sharex=True)
     for ax, row in zip(axes, rows, strict=True):
         t_drawn, values = thin(t, row.values, _POINTS)
         ax.plot(t_drawn, values, color=PALETTE[0], lw=1.0)
@@ -64,9 +64,9 @@ def figure(found: ProcedureSession) -> Figure:
             va="bottom",
         )
     axes[-1].set_xlabel("time [s]")
-    title = f"{found.scene.name}: {found.task.name}, {operator(found.seed)}"
-    out.suptitle(title, fontsize=10, fontweight="bold", x=0.01, ha="left")
-    return out
+    title = f"{session.scene.name}: {session.task.name}, {operator(session.seed)}"
+    drawing.suptitle(title, fontsize=10, fontweight="bold", x=0.01, ha="left")
+    return drawing
 
 
 @dataclass(frozen=True)
@@ -82,23 +82,26 @@ class _Measured:
     top: float
 
 
-def _rows(found: ProcedureSession) -> list[_Measured]:
+def _rows(session: ProcedureSession) -> list[_Measured]:
     """Return the measured values of a session."""
-    kept = found.ran.kept
-    procedure = found.procedure
+    log = session.ran.kept
+    procedure = session.procedure
     organ = spoken(procedure.organ)
     vessel = spoken(procedure.vessel)
-    nodes = kept[ORGAN_NODES.of(procedure.organ)].reshape(len(kept.t), -1, 3)
-    middle = np.einsum("j,tjk->tk", found.organ.weights.mean(axis=0), nodes)
+    nodes = log[ORGAN_NODES.of(procedure.organ)].reshape(len(log.t), -1, 3)
+    # the weights of a vertex by nodes: their mean over the vertices gives the middle of the surface
+    middle = np.einsum("j,tjk->tk", session.organ.weights.mean(axis=0), nodes)
     lift = (middle[:, 2] - middle[0, 2]) / MM
-    pulls = [np.linalg.norm(kept[ROBOT_PULL.of(robot)], axis=1) for robot in found.measures.paths]
-    depths = [kept[ORGAN_DEPTH.of(spared)][:, 0] for spared in procedure.spare]
-    seen = kept[VESSEL_SEEN.of(procedure.vessel)][:, 0]
-    freed = kept[ORGAN_FREED.of(procedure.organ)].mean(axis=1)
+    pulls = []
+    for robot in session.measures.paths:
+        pulls.append(np.linalg.norm(log[ROBOT_PULL.of(robot)], axis=1))
+    depths = [log[ORGAN_DEPTH.of(spared)][:, 0] for spared in procedure.spare]
+    visible = log[VESSEL_SEEN.of(procedure.vessel)][:, 0]
+    freed = log[ORGAN_FREED.of(procedure.organ)].mean(axis=1)
     return [
         _Measured(f"{organ} raised [mm]", lift, None, procedure.lift_mm),
         _Measured("pull [N]", np.max(pulls, axis=0), None, 1.0),
-        _Measured(f"share of {vessel} seen", seen, procedure.seen, 1.0),
+        _Measured(f"share of {vessel} seen", visible, procedure.seen, 1.0),
         _Measured("share of bed detached", freed, None, 1.0),
         _Measured("depth in organs [mm]", np.max(depths, axis=0) / MM, procedure.depth_mm, procedure.depth_mm),
     ]

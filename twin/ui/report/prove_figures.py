@@ -27,16 +27,20 @@ _TICKS = (1e-12, 1e-9, 1e-6, 1e-3, 1.0)
 _LOWEST = 1e-14
 """Distance in m at which the axis of the RCM begins: smaller ones are rounding."""
 
+_SAMPLES = 60
+"""Number of samples that are drawn as points of a band; more would cover the band."""
+
 
 @styled()
-def figure(found: Proved) -> Figure | None:
+def figure(proved: Proved) -> Figure | None:
     """Return a figure with the bounds along the first protocols; None if nothing is proved along a protocol."""
-    motions = found.motions[:_MOST]
+    motions = proved.motions[:_MOST]
     if not motions:
         return None
     heights = [1.5, 1.5, 1.5, 1.5]
     names = ", ".join(motion.protocol for motion in motions)
-    out, axes = panels(f"{found.robot}: proved at every moment of {names}", heights, columns=len(motions), gap=0.42)
+    title = f"{proved.robot}: proved at every moment of {names}"
+    drawing, axes = panels(title, heights, columns=len(motions), gap=0.42)
     for column, motion in enumerate(motions):
         _draw_speeds(axes[0][column], motion)
         _draw_margins(axes[1][column], motion)
@@ -45,7 +49,7 @@ def figure(found: Proved) -> Figure | None:
     labels = ("speed / limit", "distance from limit", "distance from RCM", "determinant / start")
     for row, text in zip(axes, labels, strict=True):
         row[0].set_ylabel(text)
-    return out
+    return drawing
 
 
 def _draw_speeds(ax: Axes, motion: ProvedMotion) -> None:
@@ -57,16 +61,22 @@ def _draw_speeds(ax: Axes, motion: ProvedMotion) -> None:
     if not claims:
         _empty(ax, "no speed has a limit")
         return
-    curves = [motion.proof.curves[claim.group, claim.name] for claim in claims]
-    high = np.max([curve.high / claim.limit for curve, claim in zip(curves, claims, strict=True)], axis=0)
-    low = np.max([curve.low / claim.limit for curve, claim in zip(curves, claims, strict=True)], axis=0)
+    highs = []
+    lows = []
     samples = []
     for claim in claims:
+        curve = motion.proof.curves[claim.group, claim.name]
+        highs.append(curve.high / claim.limit)
+        lows.append(curve.low / claim.limit)
         values = motion.samples.values.get((claim.group, claim.name))
         if values is not None:
             samples.append(values / claim.limit)
-    sampled = np.max(samples, axis=0) if samples else None
-    _band(ax, curves[0].t, low, high, motion, sampled, PALETTE[0])
+    sampled = None
+    if samples:
+        sampled = np.max(samples, axis=0)
+    # the cells of all curves of a motion begin at the same times
+    t = motion.proof.curves[claims[0].group, claims[0].name].t
+    _band(ax, t, np.max(lows, axis=0), np.max(highs, axis=0), motion, sampled, PALETTE[0])
     ax.axhline(1.0, color=UNFIT, lw=0.8)
     ax.set_title("fastest of joints, motors and tool", fontsize=8.5, loc="left", pad=3)
 
@@ -87,7 +97,11 @@ def _draw_margins(ax: Axes, motion: ProvedMotion) -> None:
     if nearest is None:
         _empty(ax, "no joint has limits")
         return
-    factor, unit = (DEG, "°") if nearest.unit == "rad" else (MM, "mm")
+    factor = MM
+    unit = "mm"
+    if nearest.unit == "rad":
+        factor = DEG
+        unit = "°"
     curve = motion.proof.curves[nearest.group, nearest.name]
     sampled = motion.samples.values.get((nearest.group, nearest.name))
     values = None
@@ -107,9 +121,9 @@ def _draw_rcm(ax: Axes, motion: ProvedMotion) -> None:
     for claim in claims:
         curve = motion.proof.curves[claim.group, claim.name]
         sampled = motion.samples.values.get((claim.group, claim.name))
-        here = np.isfinite(curve.high)
-        low = np.where(here, np.maximum(curve.low, _LOWEST), np.nan)
-        high = np.where(here, np.maximum(curve.high, _LOWEST), np.nan)
+        is_bounded = np.isfinite(curve.high)
+        low = np.where(is_bounded, np.maximum(curve.low, _LOWEST), np.nan)
+        high = np.where(is_bounded, np.maximum(curve.high, _LOWEST), np.nan)
         values = None
         if sampled is not None:
             values = np.maximum(sampled, _LOWEST)
@@ -143,7 +157,7 @@ def _band(ax: Axes, t: Array, low: Array, high: Array, motion: ProvedMotion, sam
     ax.plot(edges, np.repeat(high, 2), color=color, lw=0.9)
     ax.plot(edges, np.repeat(low, 2), color=color, lw=0.5)
     if sampled is not None:
-        stride = max(1, len(sampled) // 60)
+        stride = max(1, len(sampled) // _SAMPLES)
         ax.plot(motion.samples.t[::stride], sampled[::stride], ".", color=INK, ms=2.5)
 
 

@@ -19,25 +19,25 @@ _SECTIONS = ((0, 1, 2), (0, 2, 1), (1, 2, 0))
 
 
 @styled()
-def figure(found: ProvenWorkspace) -> Figure | None:
+def figure(workspace: ProvenWorkspace) -> Figure | None:
     """Return three sections of the proved boxes, by planes through their common middle; None if there is no box."""
-    if not len(found.proof.low):
+    if not len(workspace.proof.low):
         return None
-    out = sheet(f"{found.robot}: tool positions proved assembled, within limits and not singular", 3.6)
-    axes = out.subplots(1, len(_SECTIONS))
-    out.subplots_adjust(left=0.08, right=0.98, top=0.78, bottom=0.16, wspace=0.4)
+    drawing = sheet(f"{workspace.robot}: tool positions proved assembled, within limits and not singular", 3.6)
+    axes = drawing.subplots(1, len(_SECTIONS))
+    drawing.subplots_adjust(left=0.08, right=0.98, top=0.78, bottom=0.16, wspace=0.4)
     for ax, section in zip(axes.flat, _SECTIONS, strict=True):
-        _draw_section(ax, found, section)
-    return out
+        _draw_section(ax, workspace, section)
+    return drawing
 
 
-def _draw_section(ax: Axes, found: ProvenWorkspace, section: tuple[int, int, int]) -> None:
+def _draw_section(ax: Axes, workspace: ProvenWorkspace, section: tuple[int, int, int]) -> None:
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Rectangle
 
     across, up, normal = section
-    low = found.proof.low / MM
-    high = found.proof.high / MM
+    low = workspace.proof.low / MM
+    high = workspace.proof.high / MM
     volumes = np.prod(high - low, axis=1)
     middle = np.average((low + high) / 2, axis=0, weights=volumes)
     cut = (low[:, normal] <= middle[normal]) & (middle[normal] < high[:, normal])

@@ -27,6 +27,17 @@ AHEAD = np.array([-1.0, 1.35, -0.55])
 """Viewing direction in the base frame, z up; the script of the page starts with the same one."""
 
 _LIGHT = np.array([0.35, -0.5, 0.8])
+"""Direction to the lamp in the base frame."""
+
+_AMBIENT = 0.45
+"""Brightness, as a share, of a triangle whose plane contains the direction to the lamp."""
+
+_FILLED = 0.94
+"""Share of the picture that the robot fills in the direction in which it is larger."""
+
+_RING = (15 * _FINE, 18 * _FINE)
+"""Inner and outer radius of the ring around the mark, in fine pixels."""
+
 _PAPER = 255
 _MARK = (214, 40, 40)
 
@@ -44,40 +55,61 @@ def shaded(vertices: Array, triangles: np.ndarray, colors: np.ndarray, mark: Arr
     right = np.cross(ahead, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
     up = np.cross(right, ahead)
-    width, height = WIDTH * _FINE, HEIGHT * _FINE
+    width = WIDTH * _FINE
+    height = HEIGHT * _FINE
+    # columns grow to the right, rows grow downwards
     flat = np.column_stack([vertices @ right, -(vertices @ up)])
     low = flat.min(axis=0)
     extent = np.ptp(flat, axis=0)
-    scale = 0.94 * min(width / max(extent[0], 1e-9), height / max(extent[1], 1e-9))
-    offset = 0.5 * (np.array([width, height]) - scale * extent) - scale * low
-    places = scale * flat + offset
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
-    lengths = np.linalg.norm(normals, axis=1)
-    brightness = 0.45 + 0.55 * np.abs(normals @ (_LIGHT / np.linalg.norm(_LIGHT))) / np.maximum(lengths, 1e-30)
-    lit = np.clip(colors * brightness[:, None], 0, 255).astype(np.uint8)
+    pixels_per_metre = _FILLED * min(width / max(extent[0], 1e-9), height / max(extent[1], 1e-9))
+    offset = 0.5 * (np.array([width, height]) - pixels_per_metre * extent) - pixels_per_metre * low
+    places = pixels_per_metre * flat + offset
+    lit = _lit(vertices, triangles, colors)
 
     # many large triangles one behind the other: a coarser picture, of which each pixel is still that of the nearest
-    points = _DENSITY * float(np.sum(_areas(places, triangles)))
-    coarse = min(1.0, np.sqrt(_MOST_POINTS / max(points, 1.0)))
-    columns, rows = max(1, round(coarse * width)), max(1, round(coarse * height))
-    small = _drawn(places * [columns / width, rows / height], vertices @ ahead, triangles, lit, (columns, rows))
+    point_count = _DENSITY * float(np.sum(_areas(places, triangles)))
+    coarseness = min(1.0, np.sqrt(_MOST_POINTS / max(point_count, 1.0)))
+    columns = max(1, round(coarseness * width))
+    rows = max(1, round(coarseness * height))
+    coarse_places = places * [columns / width, rows / height]
+    small = _drawn(coarse_places, vertices @ ahead, triangles, lit, (columns, rows))
     of_row = np.arange(height) * rows // height
     of_column = np.arange(width) * columns // width
     picture = small[of_row[:, None], of_column]
     if mark is not None:
-        at = scale * np.array([mark @ right, -(mark @ up)]) + offset
-        y, x = np.mgrid[0:height, 0:width]
-        distance = np.hypot(x - at[0], y - at[1])
-        picture[(distance > 15 * _FINE) & (distance < 18 * _FINE)] = _MARK
+        place = pixels_per_metre * np.array([mark @ right, -(mark @ up)]) + offset
+        _draw_ring(picture, place)
     mean = picture.reshape(HEIGHT, _FINE, WIDTH, _FINE, 3).mean(axis=(1, 3))
     return mean.astype(np.uint8)
 
 
+def _lit(vertices: Array, triangles: np.ndarray, colors: np.ndarray) -> np.ndarray:
+    """Return the colours (m, 3) uint8 of triangles under the lamp; both sides of a triangle are lit alike."""
+    a = vertices[triangles[:, 0]]
+    b = vertices[triangles[:, 1]]
+    c = vertices[triangles[:, 2]]
+    normals = np.cross(b - a, c - a)
+    lengths = np.linalg.norm(normals, axis=1)
+    towards_lamp = np.abs(normals @ (_LIGHT / np.linalg.norm(_LIGHT)))
+    # a triangle without area has no normal: it gets the ambient brightness
+    brightness = _AMBIENT + (1 - _AMBIENT) * towards_lamp / np.maximum(lengths, 1e-30)
+    return np.clip(colors * brightness[:, None], 0, 255).astype(np.uint8)
+
+
+def _draw_ring(picture: np.ndarray, place: Array) -> None:
+    """Draw the ring of the mark into a picture (rows, columns, 3); its place (2,) is column and row in fine pixels."""
+    height, width, _ = picture.shape
+    y, x = np.mgrid[0:height, 0:width]
+    distance = np.hypot(x - place[0], y - place[1])
+    inner, outer = _RING
+    picture[(distance > inner) & (distance < outer)] = _MARK
+
+
 def _areas(places: Array, triangles: np.ndarray) -> Array:
     """Return the area (m,) in square pixels of each triangle; `places` (n, 2) are the vertices in pixels."""
-    pa, pb, pc = (places[triangles[:, k]] for k in range(3))
-    u, v = pb - pa, pc - pa
+    corners = places[triangles[:, 0]]
+    u = places[triangles[:, 1]] - corners
+    v = places[triangles[:, 2]] - corners
     return 0.5 * np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
 
 
@@ -97,7 +129,8 @@ def _drawn(places: Array, depth: Array, triangles: np.ndarray, lit: np.ndarray, 
     nearest = np.full(height * width, np.inf)
     # as many triangles at a time as have `_AT_A_TIME` points, because each point takes about 100 bytes
     part = np.cumsum(counts) // _AT_A_TIME
-    for begin, end in pairwise([*np.unique(part, return_index=True)[1], len(triangles)]):
+    _, begins = np.unique(part, return_index=True)
+    for begin, end in pairwise([*begins, len(triangles)]):
         of_point, spots, z = _points(places, depth, triangles[begin:end], counts[begin:end])
         x = np.clip(spots[:, 0].astype(np.int64), 0, width - 1)
         y = np.clip(spots[:, 1].astype(np.int64), 0, height - 1)
@@ -113,14 +146,22 @@ def _drawn(places: Array, depth: Array, triangles: np.ndarray, lit: np.ndarray, 
 def _points(places: Array, depth: Array, triangles: np.ndarray, counts: np.ndarray) -> tuple[np.ndarray, Array, Array]:
     """Return (triangle (k,), place (k, 2) in pixels, depth (k,)) of points on triangles, `counts` (m,) on each one."""
     of_point = np.repeat(np.arange(len(triangles)), counts)
-    number = np.arange(len(of_point)) - np.repeat(np.cumsum(counts) - counts, counts)
+    first_of_triangle = np.cumsum(counts) - counts
+    number = np.arange(len(of_point)) - np.repeat(first_of_triangle, counts)
     # an additive recurrence with the plastic number covers each triangle evenly
     s = (0.5 + 0.7548776662466927 * number) % 1.0
     t = (0.5 + 0.5698402909980532 * number) % 1.0
     outside = s + t > 1.0
     s = np.where(outside, 1.0 - s, s)
     t = np.where(outside, 1.0 - t, t)
-    pa, pb, pc = (places[triangles[:, k]] for k in range(3))
-    spots = pa[of_point] + s[:, None] * (pb - pa)[of_point] + t[:, None] * (pc - pa)[of_point]
-    za, zb, zc = (depth[triangles[:, k]] for k in range(3))
-    return of_point, spots, za[of_point] + s * (zb - za)[of_point] + t * (zc - za)[of_point]
+    # barycentric interpolation: from corner a by s towards b, and by t towards c
+    a = triangles[:, 0]
+    b = triangles[:, 1]
+    c = triangles[:, 2]
+    along_ab = (places[b] - places[a])[of_point]
+    along_ac = (places[c] - places[a])[of_point]
+    spots = places[a][of_point] + s[:, None] * along_ab + t[:, None] * along_ac
+    deeper_ab = (depth[b] - depth[a])[of_point]
+    deeper_ac = (depth[c] - depth[a])[of_point]
+    z = depth[a][of_point] + s * deeper_ab + t * deeper_ac
+    return of_point, spots, z

@@ -21,6 +21,7 @@ from twin.core.findings import Finding
 from twin.core.format import deviation, seconds, shown
 from twin.core.spatial import Array
 from twin.core.units import MM
+from twin.model.body import Body
 from twin.model.mechanism import Mechanism
 from twin.reference.states import Assembly
 from twin.validation.result import Report, Residual
@@ -33,6 +34,15 @@ _FAULTY = (214, 40, 40)
 
 _STEPS = 32767
 """Vertices are stored as integers up to this number; it is the largest extent of the robot."""
+
+_FINEST_GRID = 64.0
+"""Number of cells along the largest side of a mesh, in the first attempt to make the mesh coarser."""
+
+_COARSEST_GRID = 4.0
+"""Number of cells below which a mesh is not made coarser: its shape could not be recognised."""
+
+_COARSENING = 1.4
+"""Factor between two attempts; about a half of the triangles remain, because their number goes with its square."""
 
 
 @dataclass(frozen=True)
@@ -64,16 +74,20 @@ class RobotPicture:
         """The picture for the script of the page, as JSON that is safe within an HTML element."""
         low = self.vertices.min(axis=0)
         extent = float(np.max(self.vertices.max(axis=0) - low)) or 1.0
-        whole = np.round((self.vertices - low) / extent * _STEPS).astype("<i2")
+        steps = np.round((self.vertices - low) / extent * _STEPS).astype("<i2")
+        mark = None
+        if self.mark is not None:
+            mark = _micrometres(self.mark)
         content = {
-            "low": [round(float(v), 6) for v in low],
+            "low": _micrometres(low),
             "step": extent / _STEPS,
-            "vertices": _base64(whole),
+            "vertices": _base64(steps),
             "triangles": _base64(self.triangles.astype("<u4")),
             "colors": _runs(self.colors),
-            "mark": None if self.mark is None else [round(float(v), 6) for v in self.mark],
+            "mark": mark,
             "label": self.label,
         }
+        # a label with "</script>" would end the element
         return json.dumps(content).replace("<", "\\u003c")
 
     @cached_property
@@ -85,10 +99,12 @@ class RobotPicture:
             return ""
         from twin.ui.report.raster import shaded
 
-        out = io.BytesIO()
         pixels = shaded(self.vertices, self.triangles, self.colors, self.mark)
-        Image.fromarray(pixels).convert("P", palette=Image.Palette.ADAPTIVE, colors=128).save(out, "PNG", optimize=True)
-        return base64.b64encode(out.getvalue()).decode()
+        # a palette makes the file smaller, and a robot has few shades
+        image = Image.fromarray(pixels).convert("P", palette=Image.Palette.ADAPTIVE, colors=128)
+        buffer = io.BytesIO()
+        image.save(buffer, "PNG", optimize=True)
+        return base64.b64encode(buffer.getvalue()).decode()
 
 
 def picture_of(robot: Robot, report: Report) -> RobotPicture | None:
@@ -101,9 +117,10 @@ def picture_of(robot: Robot, report: Report) -> RobotPicture | None:
     label = ""
     moment_of_head: tuple[float, str] | None = None
     if report.causes:
-        head = report.causes[0].head
+        cause = report.causes[0]
+        head = cause.head
         places = _names(head.where)
-        if report.causes[0].side == "CAD":
+        if cause.side == "CAD":
             # the message names both parts that do not fit
             places = (*places, *re.findall(r"'(\w+)'", head.message))
         label = head.where
@@ -123,18 +140,24 @@ def picture_of(robot: Robot, report: Report) -> RobotPicture | None:
     if rcm is not None:
         marked, _ = _place(mechanism, assembly, ("tool",))
         mark = rcm
-        label = label.partition(" at ")[0] + label.rpartition(")")[2].removeprefix(" mm")
+        # "RCM at (1, 2, 3) mm  4 mm" becomes "RCM  4 mm": the picture shows the place
+        before, _, _ = label.partition(" at ")
+        _, _, after = label.rpartition(")")
+        label = before + after.removeprefix(" mm")
     parts = _triangles(mechanism, assembly, marked)
     if parts is None:
         return None
     vertices, triangles, colors = parts
-    return RobotPicture(vertices, triangles, colors, marked, mark, label, moment, _line(robot, report, places))
+    line = _line(robot, report, places)
+    return RobotPicture(vertices, triangles, colors, marked, mark, label, moment, line)
 
 
 def _names(where: str) -> tuple[str, ...]:
-    """Return the names in the place of a finding, such as ("s1", "s2") of "s1, s2"."""
+    """Return the names in the place of a finding, such as ("s1", "s2") of "s1, s2"; the whole text is the first."""
     names = [where]
-    names += [part.strip() for part in re.split(r"[,\s]+", where) if part.strip()]
+    for part in re.split(r"[,\s]+", where):
+        if part:
+            names.append(part)
     return tuple(dict.fromkeys(names))
 
 
@@ -144,14 +167,21 @@ def _moment(report: Report, head: Finding) -> tuple[float, str] | None:
     for row in report.residuals:
         if row.name != head.where or row.agrees or not np.isfinite(row.t):
             continue
-        if worst is None or row.worst / (row.tolerance or 1.0) > worst.worst / (worst.tolerance or 1.0):
+        if worst is None or _times_tolerance(row) > _times_tolerance(worst):
             worst = row
     if worst is not None:
-        return worst.t, f"{worst.phase}, t = {seconds(worst.t)}: {deviation(worst.worst, worst.unit, worst.tolerance)}"
+        size = deviation(worst.worst, worst.unit, worst.tolerance)
+        return worst.t, f"{worst.phase}, t = {seconds(worst.t)}: {size}"
+    # without a residual of that name, the time that the finding's text states
     stated = re.search(r"\bt = ([\d.]+) s", head.when)
     if stated is None:
         return None
     return float(stated[1]), head.when
+
+
+def _times_tolerance(row: Residual) -> float:
+    """Return the worst value of a residual as a multiple of its tolerance; without a tolerance, the value itself."""
+    return row.worst / (row.tolerance or 1.0)
 
 
 def _rcm(head: Finding | None) -> Array | None:
@@ -186,46 +216,59 @@ def _state(robot: Robot, report: Report, moment: tuple[float, str] | None) -> tu
 def _place(mechanism: Mechanism, assembly: Assembly, names: tuple[str, ...]) -> tuple[tuple[str, ...], Array | None]:
     """Return the links that the names denote, and the place (3,) in m in base of the first one; ((), None) if none."""
     links: list[str] = []
-    place: Array | None = None
-    points = {point.name: point for point in mechanism.points}
-    frames = {frame.name: frame for frame in mechanism.frames}
-    joints = {joint.name: joint for joint in mechanism.joints}
-    bodies = {body.name: body for body in mechanism.bodies}
+    first_place: Array | None = None
     for name in names:
-        where = None
-        link = ""
-        if name in points:
-            link = points[name].body
-            where = (assembly.link_poses[link] @ np.append(points[name].p_body, 1.0))[:3]
-        elif name in joints:
-            link = joints[name].child
-            where = (assembly.link_poses[link] @ joints[name].T_child_joint)[:3, 3]
-        elif name in frames or name == "tool":
-            frame = frames.get(name) or mechanism.frame(mechanism.tool)
-            link = frame.body
-            where = (assembly.link_poses[link] @ frame.T_body_frame)[:3, 3]
-        elif name in bodies:
-            link = name
-            corners = np.zeros((1, 3))
-            filled = [mesh.vertices for mesh in bodies[name].meshes if len(mesh.vertices)]
-            if filled:
-                corners = np.concatenate(filled)
-            middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
-            where = (assembly.link_poses[link] @ np.append(middle, 1.0))[:3]
-        if where is None:
+        denoted = _denoted(mechanism, name)
+        if denoted is None:
             continue
+        link, p_link = denoted
         if link not in links:
             links.append(link)
-        if place is None:
-            place = where
-    return tuple(links), place
+        if first_place is None:
+            first_place = (assembly.link_poses[link] @ np.append(p_link, 1.0))[:3]
+    return tuple(links), first_place
+
+
+def _denoted(mechanism: Mechanism, name: str) -> tuple[str, Array] | None:
+    """Return (link, point (3,) in m in its frame) of a named point, joint, frame or body; None: there is none.
+
+    Where several have the name, the first kind in this order is meant.
+    """
+    for point in mechanism.points:
+        if point.name == name:
+            return point.body, point.p_body
+    for joint in mechanism.joints:
+        if joint.name == name:
+            return joint.child, joint.T_child_joint[:3, 3]
+    for frame in mechanism.frames:
+        if frame.name == name:
+            return frame.body, frame.T_body_frame[:3, 3]
+    if name == "tool":
+        frame = mechanism.frame(mechanism.tool)
+        return frame.body, frame.T_body_frame[:3, 3]
+    for body in mechanism.bodies:
+        if body.name == name:
+            return name, _middle(body)
+    return None
+
+
+def _middle(body: Body) -> Array:
+    """Return the middle (3,) in m of the box around the meshes of a body; without meshes, its origin."""
+    vertices = [mesh.vertices for mesh in body.meshes if len(mesh.vertices)]
+    if not vertices:
+        return np.zeros(3)
+    corners = np.concatenate(vertices)
+    return 0.5 * (corners.min(axis=0) + corners.max(axis=0))
 
 
 def _triangles(
     mechanism: Mechanism, assembly: Assembly, marked: tuple[str, ...]
 ) -> tuple[Array, np.ndarray, np.ndarray] | None:
     """Return (vertices (n, 3) in base, triangles (m, 3), colours (m, 3)) of all links; None without meshes."""
-    count = sum(len(mesh.triangles) for body in mechanism.bodies for mesh in body.meshes)
+    count = 0
+    for body in mechanism.bodies:
+        for mesh in body.meshes:
+            count += len(mesh.triangles)
     if not count:
         return None
     vertices: list[Array] = []
@@ -235,7 +278,8 @@ def _triangles(
     for body in mechanism.bodies:
         T = assembly.link_poses[body.name]
         for mesh in body.meshes:
-            points, faces = mesh.vertices, np.asarray(mesh.triangles)
+            points = mesh.vertices
+            faces = np.asarray(mesh.triangles)
             if not len(faces):
                 continue
             if count > MOST_TRIANGLES:
@@ -252,16 +296,19 @@ def _triangles(
 
 def _coarser(vertices: Array, triangles: np.ndarray, share: float) -> tuple[Array, np.ndarray]:
     """Return a mesh with about the given share of the triangles: vertices within one cell of a grid become one."""
+    low = vertices.min(axis=0)
     extent = float(np.max(np.ptp(vertices, axis=0))) or 1.0
-    cells = 64.0
+    cells = _FINEST_GRID
     while True:
-        cell = np.floor((vertices - vertices.min(axis=0)) / extent * cells).astype(np.int64)
+        cell = np.floor((vertices - low) / extent * cells).astype(np.int64)
         _, first, of_vertex = np.unique(cell, axis=0, return_index=True, return_inverse=True)
         faces = of_vertex.reshape(-1)[triangles]
-        proper = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
-        if proper.sum() <= share * len(triangles) or cells < 4:
+        a, b, c = faces.T
+        # a triangle with two corners in one cell has become a line or a point
+        proper = (a != b) & (b != c) & (c != a)
+        if proper.sum() <= share * len(triangles) or cells < _COARSEST_GRID:
             return vertices[first], faces[proper]
-        cells /= 1.4
+        cells /= _COARSENING
 
 
 def _line(robot: Robot, report: Report, names: tuple[str, ...]) -> str:
@@ -272,21 +319,22 @@ def _line(robot: Robot, report: Report, names: tuple[str, ...]) -> str:
     """
     if robot.files is None or not report.causes:
         return ""
-    side = report.causes[0].side
-    if side == "equations":
+    cause = report.causes[0]
+    if cause.side == "equations":
         parameters = re.findall(r"(\w+) = \S+ \S* ?instead of", report.cure)
         if robot.files.formula is None:
             return ""
-        return _found([robot.files.formula], parameters, r"\s*[\"']{0}[\"']\s*:")
+        return _first_line([robot.files.formula], parameters, r"\s*[\"']{0}[\"']\s*:")
     files = [robot.files.description]
-    if side == "protocol":
-        head = report.causes[0].head
-        names = (*re.findall(r"'([\w ]+)'", head.when), *_names(head.when), *names)
+    if cause.side == "protocol":
+        when = cause.head.when
+        # a phase with spaces in its name is quoted
+        names = (*re.findall(r"'([\w ]+)'", when), *_names(when), *names)
         files.insert(0, robot.files.protocol(report.protocol))
-    return _found(files, names, r'\s*name\s*=\s*"{0}"|\s*\[\w+\.{0}\]')
+    return _first_line(files, names, r'\s*name\s*=\s*"{0}"|\s*\[\w+\.{0}\]')
 
 
-def _found(files: Sequence[Path], names: Sequence[str], pattern: str) -> str:
+def _first_line(files: Sequence[Path], names: Sequence[str], pattern: str) -> str:
     """Return "FILE:LINE" of the first line that matches the pattern of a name; "" if there is none."""
     for file in files:
         try:
@@ -312,10 +360,16 @@ def _short(file: Path) -> str:
 def _runs(colors: np.ndarray) -> list[list[int]]:
     """Return [number of triangles, red, green, blue] of each sequence of triangles with one colour."""
     runs: list[list[int]] = []
-    begins = [0, *(np.flatnonzero(np.any(np.diff(colors.astype(int), axis=0), axis=1)) + 1), len(colors)]
-    for begin, end in pairwise(begins):
-        runs.append([int(end - begin), *(int(v) for v in colors[begin])])
+    differs_from_last = np.any(np.diff(colors.astype(int), axis=0), axis=1)
+    changes = np.flatnonzero(differs_from_last) + 1
+    for begin, end in pairwise([0, *changes, len(colors)]):
+        runs.append([int(end - begin), *colors[begin].tolist()])
     return runs
+
+
+def _micrometres(point: Array) -> list[float]:
+    """Return a point (3,) in m, rounded to 1 µm: more digits would only lengthen the page."""
+    return [round(float(v), 6) for v in point]
 
 
 def _base64(values: np.ndarray) -> str:

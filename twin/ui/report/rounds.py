@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 _SIDE = 2.3
 """Space at the right in inches for the legend."""
 
+_TICK_RATIO = 1.25
+"""Smallest ratio of two ticks in sequence on the logarithmic axis: labels of closer ones would overlap."""
+
 
 @styled()
 def figure(title: str, searches: Mapping[str, SearchRounds]) -> Figure:
@@ -34,15 +37,15 @@ def figure(title: str, searches: Mapping[str, SearchRounds]) -> Figure:
         kind = (search.cost, search.unit)
         if kind not in kinds:
             kinds.append(kind)
-    out, axes = panels(title, [2.1] * len(kinds), 1, _SIDE, 0.5, 0.3)
+    drawing, axes = panels(title, [2.1] * len(kinds), 1, _SIDE, 0.5, 0.3)
     counts: set[int] = set()
     for (ax,), (cost, unit) in zip(axes, kinds, strict=True):
         for i, (name, search) in enumerate(searches.items()):
             if (search.cost, search.unit) != (cost, unit):
                 continue
             _draw(ax, name, search, PALETTE[i % len(PALETTE)])
-            for found in search.rounds:
-                counts.add(found.samples)
+            for search_round in search.rounds:
+                counts.add(search_round.samples)
         sign = "mm" if unit == "m" else pretty_unit(unit)
         label = cost.replace("_", " ")
         if sign:
@@ -51,16 +54,15 @@ def figure(title: str, searches: Mapping[str, SearchRounds]) -> Figure:
         ax.set_ylim(0, 1.12 * ax.dataLim.ymax)
         ax.legend(loc="upper left", bbox_to_anchor=(1.02, 1), labelspacing=0.5)
     _samples(axes[-1][0], sorted(counts))
-    return out
+    return drawing
 
 
 def _draw(ax: Axes, name: str, search: SearchRounds, color: str) -> None:
     """Draw the rounds of one search."""
     scale = MM if search.unit == "m" else 1.0
-    rows = [(found.samples, found.tree, found.best) for found in search.rounds]
-    x, tree, best = np.array(rows, float).reshape(-1, 3).T
-    tree = tree / scale
-    best = best / scale
+    x = np.array([search_round.samples for search_round in search.rounds], float)
+    tree = np.array([search_round.tree for search_round in search.rounds], float) / scale
+    best = np.array([search_round.best for search_round in search.rounds], float) / scale
     # the cost is infinite as long as there is no path
     tree[~np.isfinite(tree)] = np.nan
     without_path = ~np.isfinite(best)
@@ -84,11 +86,10 @@ def _samples(ax: Axes, counts: list[int]) -> None:
     low = max(min(counts), 1)
     high = max(*counts, 1)
     ax.set_xlim(low / 1.3, high * 1.3)
-    # labels of numbers that differ by less than a quarter would overlap
     ticks = [low]
     for number in counts:
-        far_from_last = number == high or high > 1.25 * number
-        if number > 1.25 * ticks[-1] and far_from_last:
+        is_apart_from_highest = number == high or high > _TICK_RATIO * number
+        if number > _TICK_RATIO * ticks[-1] and is_apart_from_highest:
             ticks.append(number)
     ax.xaxis.set_major_locator(FixedLocator(ticks))
     ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:.0f}"))

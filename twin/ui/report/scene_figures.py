@@ -38,7 +38,7 @@ def figure(played: Played) -> Figure:
     for actor in played.actors:
         phases = [(phase.t0, phase.t1) for phase in actor.trajectory.phases]
         rows.append(RobotPhases(actor.place.name, phases))
-    pairs = {pair: found.distance for pair, found in played.by_pair.items()}
+    pairs = {pair: clearance.distance for pair, clearance in played.by_pair.items()}
     return distances(f"{played.scene.title}: minimum clearances", played.t, pairs, played.scene.clearance, rows)
 
 
@@ -50,12 +50,13 @@ def distances(
     `pairs` has the distances (k,) in m of each pair at the times t (k,) in s; `required` is the required distance in m.
     """
     height = 4.6 + 0.32 * len(rows)
-    out = sheet(title, height)
-    top, below = out.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [4, 0.45 * len(rows)], "hspace": 0.12})
+    drawing = sheet(title, height)
+    spaces = {"height_ratios": [4, 0.45 * len(rows)], "hspace": 0.12}
+    top, below = drawing.subplots(2, 1, sharex=True, gridspec_kw=spaces)
     names = [row.name for row in rows]
     longest = max(map(len, names))
     left = max(0.09, 0.025 + 0.0075 * longest)  # room for the names
-    out.subplots_adjust(left=left, right=0.8, top=1 - 0.5 / height, bottom=0.5 / height)
+    drawing.subplots_adjust(left=left, right=0.8, top=1 - 0.5 / height, bottom=0.5 / height)
     for k, ((a, b), distance) in enumerate(pairs.items()):
         repetition, color = divmod(k, len(PALETTE))
         style = _STYLES[repetition % len(_STYLES)]
@@ -83,4 +84,4 @@ def distances(
     below.grid(visible=False)
     below.set_xlabel("time [s]; each block is a phase")
     below.set_xlim(0, t[-1])
-    return out
+    return drawing

@@ -38,10 +38,10 @@ def _facts(data: JsonObject) -> dict[str, str]:
     score = f"{data['caught']} of {data['counted']} ({share:.1f} %; required {required:.0f} %)"
     facts = {"seeded faults found": f"{score}, {alarms} false alarms on the correct robot"}
     for family in data["families"]:
-        found = family["caught"] + family["warned"]
+        detected = family["caught"] + family["warned"]
         # an equivalent fault changes nothing: there is nothing to find
         counted = family["seeded"] - family["equivalent"]
-        text = f"{found} of {counted}"
+        text = f"{detected} of {counted}"
         checks = list(family["by"])[:3]
         if checks:
             text = f"{text}, by {', '.join(checks)}"

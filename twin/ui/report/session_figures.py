@@ -51,20 +51,20 @@ _POINTS = 2000
 
 
 @styled()
-def figure(found: ConsoleSession) -> Figure:
+def figure(session: ConsoleSession) -> Figure:
     """Return a figure of tip paths and targets in two views, speeds of the tips, and states of pedals and grippers.
 
     In a camera task, the picture and the angle in the picture replace the two views. With machines, the deviation of
     the machines from their models replaces the second view.
     """
-    table = console_scene.console_of(found.scene)
+    table = console_scene.console_of(session.scene)
     arms = []
     longest = 0
-    for hand in console_scene.console_of(found.scene).hands:
+    for hand in table.hands:
         for name in getattr(table, hand):
             arms.append((hand, name))
             longest = max(longest, len(name))
-    rows = _rows(found, arms)
+    rows = _rows(session, arms)
     # in inches; each hand has one more band, for its gripper
     bands = 0.24 * (len(rows) + len(table.hands))
     speeds = 1.6
@@ -72,47 +72,47 @@ def figure(found: ConsoleSession) -> Figure:
     base = foot + bands + speeds + 0.75
     height = 5.9 + bands
     tall = height - base - 0.8
-    out = sheet(f"{found.scene.name}: session of {found.ran.duration:.1f} s, {operator(found.seed)}", height)
-    # space for the names of the bands
-    beside = 1.2 if longest < 8 else 1.5
-    left = beside / WIDTH
-    wide = (WIDTH - beside - 0.25) / WIDTH
-    low = out.add_axes((left, foot / height, wide, bands / height))
-    middle = out.add_axes((left, (foot + bands + 0.2) / height, wide, speeds / height), sharex=low)
+    drawing = sheet(f"{session.scene.name}: session of {session.ran.duration:.1f} s, {operator(session.seed)}", height)
+    # in inches: space for the names of the bands; a name of an arm with 8 letters or more needs the larger one
+    name_space = 1.2 if longest < 8 else 1.5
+    x = name_space / WIDTH
+    wide = (WIDTH - name_space - 0.25) / WIDTH
+    low = drawing.add_axes((x, foot / height, wide, bands / height))
+    middle = drawing.add_axes((x, (foot + bands + 0.2) / height, wide, speeds / height), sharex=low)
     for i in range(len(_VIEWS)):
-        place = (left + i * (wide / 2 + 0.02), base / height, wide / 2 - 0.06, tall / height)
-        ax = out.add_axes(place)
-        _view(ax, i, found, arms)
+        place = (x + i * (wide / 2 + 0.02), base / height, wide / 2 - 0.06, tall / height)
+        ax = drawing.add_axes(place)
+        _view(ax, i, session, arms)
         ax.grid(True, color=GRID)
         ax.tick_params(length=2.5)
     for i, (hand, name) in enumerate(arms):
-        out.text(0.012 + 0.14 * i, 1 - 0.5 / height, f"{hand}: {name}", color=PALETTE[i], fontsize=9, va="center")
-    _speeds(middle, found, arms)
-    _bands(low, found, arms, rows)
-    return out
+        drawing.text(0.012 + 0.14 * i, 1 - 0.5 / height, f"{hand}: {name}", color=PALETTE[i], fontsize=9, va="center")
+    _speeds(middle, session, arms)
+    _bands(low, session, arms, rows)
+    return drawing
 
 
-def _view(ax: Axes, i: int, found: ConsoleSession, arms: list[tuple[str, str]]) -> None:
+def _view(ax: Axes, i: int, session: ConsoleSession, arms: list[tuple[str, str]]) -> None:
     """Draw the upper left (i = 0) or upper right (i = 1) panel."""
-    if found.training and i == 1:
-        _deviation(ax, found)
+    if session.training and i == 1:
+        _deviation(ax, session)
         return
-    outcome = found.outcome
+    outcome = session.outcome
     if not isinstance(outcome, AlignOutcome):
         title, x, y = _VIEWS[i]
-        _paths(ax, found, arms, title, x, y)
+        _paths(ax, session, arms, title, x, y)
         return
     if i == 0:
         _picture(ax, outcome.aligned, outcome.required)
     else:
-        _angle(ax, found, outcome.aligned, outcome.required)
+        _angle(ax, session, outcome.aligned, outcome.required)
 
 
-def _speeds(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]]) -> None:
+def _speeds(ax: Axes, session: ConsoleSession, arms: list[tuple[str, str]]) -> None:
     """Draw the speed of each tip over time, and the limit below which a tip is at rest."""
     for color, (_, name) in zip(PALETTE, arms, strict=False):
-        speed = movement.speed(found.arms[name].tip, found.ran.kept.dt) / MM
-        t, y = thin(found.t, speed, _POINTS)
+        speed = movement.speed(session.arms[name].tip, session.ran.kept.dt) / MM
+        t, y = thin(session.t, speed, _POINTS)
         ax.plot(t, y, color=color, lw=0.8)
     rest = movement.RESTS / MM
     ax.axhline(rest, color=INK, lw=0.6, ls=(0, (5, 2)))
@@ -145,11 +145,11 @@ def _picture(ax: Axes, aligned: AlignMeasures, goal: Alignment) -> None:
     ax.set_title("picture: thick = target line; thin = upper side at start (dashed), end", loc="left", fontsize=9)
 
 
-def _angle(ax: Axes, found: ConsoleSession, aligned: AlignMeasures, goal: Alignment) -> None:
+def _angle(ax: Axes, session: ConsoleSession, aligned: AlignMeasures, goal: Alignment) -> None:
     """Draw, over time, the angle in the picture from target line to upper side of the rectangle; mark the tolerance."""
     side = aligned.course[:, 1] - aligned.course[:, 0]
     angle = np.arctan2(side[:, 1], side[:, 0]) / DEG
-    t, y = thin(found.t, angle, _POINTS)
+    t, y = thin(session.t, angle, _POINTS)
     ax.plot(t, y, color=PALETTE[2], lw=1.0)
     tolerance = goal.tolerance / DEG
     ax.axhspan(-tolerance, tolerance, color=NEAR, alpha=0.4, lw=0)
@@ -157,54 +157,63 @@ def _angle(ax: Axes, found: ConsoleSession, aligned: AlignMeasures, goal: Alignm
     ax.yaxis.tick_right()
 
 
-def _deviation(ax: Axes, found: ConsoleSession) -> None:
+def _deviation(ax: Axes, session: ConsoleSession) -> None:
     """Draw the machines' deviation from their models over time, the cue's limit, and times of rehearsal and replay."""
     colors = {TrainerPhase.REHEARSE: GRID, TrainerPhase.REPLAY: NEAR}
-    for k, machine in enumerate(found.training):
+    for k, machine in enumerate(session.training):
         times, shown = thin(machine.t, machine.deviation / MM, _POINTS)
         ax.plot(times, shown, color=PALETTE[(2 + k) % len(PALETTE)], lw=0.9)
         for step in machine.steps:
             if step.phase in colors:
                 ax.axvspan(step.begin, step.end, color=colors[step.phase], alpha=0.4, lw=0)
-    ax.axhline(found.training[0].limit / MM, color=INK, lw=0.6, ls=(0, (5, 2)))
+    ax.axhline(session.training[0].limit / MM, color=INK, lw=0.6, ls=(0, (5, 2)))
     ax.set_ylim(0, None)
     ax.set_xlabel("time [s]")
     ax.set_title("deviation from model [mm]; grey: rehearsal, yellow: replay", loc="left", fontsize=9)
     ax.yaxis.tick_right()
 
 
-def _paths(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]], title: str, x: int, y: int) -> None:
+def _paths(ax: Axes, session: ConsoleSession, arms: list[tuple[str, str]], title: str, x: int, y: int) -> None:
     """Draw paths of the tips with targets, or with rings and pegs, or with ring and wire, along the axes x and y."""
     for color, (_, name) in zip(PALETTE, arms, strict=False):
-        tip = found.arms[name].tip / MM
+        tip = session.arms[name].tip / MM
         _path(ax, tip[:, [x, y]], color=color, lw=0.8)
         ax.plot(tip[:1, x], tip[:1, y], "o", ms=5, mfc="none", mec=color)
-    legend = ""
-    outcome = found.outcome
-    if isinstance(outcome, TargetOutcome) and found.task is not None:
-        legend = ", cross = target"
-        for target, result in zip(required_goal(found.task, Targets).targets, outcome.touched, strict=True):
-            marker = "x" if result.t is None else "+"
-            for hand, point in target.p_world.items():
-                p = point / MM
-                ax.plot([p[x]], [p[y]], marker, ms=8, mec=_color(arms, hand), mew=1.4)
-    if isinstance(outcome, BoardOutcome) and found.task is not None:
-        legend = ", dashed = rings, square = peg"
-        for transfer in required_goal(found.task, Transfers).transfers:
-            ring = _positions(found, transfer.ring) / MM
-            _path(ax, ring[:, [x, y]], color=INK, lw=0.7, ls=(0, (4, 2)))
-            peg = outcome.pegs[transfer.peg].end / MM
-            ax.plot([peg[x]], [peg[y]], "s", ms=5, mfc="none", mec=INK)
-    if isinstance(outcome, GuideOutcome) and found.task is not None:
-        legend = ", dashed = ring, grey = wire"
-        ring = _positions(found, required_goal(found.task, GuideTable).ring) / MM
-        wire = outcome.wire / MM
-        ax.plot(wire[:, x], wire[:, y], color=INK, lw=3, alpha=0.35)
-        _path(ax, ring[:, [x, y]], color=INK, lw=0.7, ls=(0, (4, 2)))
+    legend = _task_marks(ax, session, arms, x, y)
     ax.set_aspect("equal", adjustable="datalim")
     ax.set_title(f"{title}: circle = start{legend}", loc="left", fontsize=8)
     ax.set_xlabel(f"{'xyz'[x]} [mm]")
     ax.set_ylabel(f"{'xyz'[y]} [mm]")
+
+
+def _task_marks(ax: Axes, session: ConsoleSession, arms: list[tuple[str, str]], x: int, y: int) -> str:
+    """Draw what the task is about, along the axes x and y; return the text of the legend, "" without such a task."""
+    outcome = session.outcome
+    task = session.task
+    if task is None:
+        return ""
+    if isinstance(outcome, TargetOutcome):
+        targets = required_goal(task, Targets).targets
+        for target, result in zip(targets, outcome.touched, strict=True):
+            marker = "x" if result.t is None else "+"
+            for hand, point in target.p_world.items():
+                p = point / MM
+                ax.plot([p[x]], [p[y]], marker, ms=8, mec=_color(arms, hand), mew=1.4)
+        return ", cross = target"
+    if isinstance(outcome, BoardOutcome):
+        for transfer in required_goal(task, Transfers).transfers:
+            ring = _positions(session, transfer.ring) / MM
+            _path(ax, ring[:, [x, y]], color=INK, lw=0.7, ls=(0, (4, 2)))
+            peg = outcome.pegs[transfer.peg].end / MM
+            ax.plot([peg[x]], [peg[y]], "s", ms=5, mfc="none", mec=INK)
+        return ", dashed = rings, square = peg"
+    if isinstance(outcome, GuideOutcome):
+        ring = _positions(session, required_goal(task, GuideTable).ring) / MM
+        wire = outcome.wire / MM
+        ax.plot(wire[:, x], wire[:, y], color=INK, lw=3, alpha=0.35)
+        _path(ax, ring[:, [x, y]], color=INK, lw=0.7, ls=(0, (4, 2)))
+        return ", dashed = ring, grey = wire"
+    return ""
 
 
 def _path(ax: Axes, points: Array, **style: Any) -> None:
@@ -213,9 +222,9 @@ def _path(ax: Axes, points: Array, **style: Any) -> None:
     ax.plot(points[::step, 0], points[::step, 1], **style)
 
 
-def _positions(found: ConsoleSession, ring: str) -> Array:
+def _positions(session: ConsoleSession, ring: str) -> Array:
     """Return the positions (k, 3) of a ring in m, in the World."""
-    poses = found.ran.kept[OBJECT_POSE.of(ring)].reshape(-1, 4, 4)
+    poses = session.ran.kept[OBJECT_POSE.of(ring)].reshape(-1, 4, 4)
     return poses[:, :3, 3]
 
 
@@ -228,44 +237,44 @@ class _Band:
     color: str
 
 
-def _rows(found: ConsoleSession, arms: list[tuple[str, str]]) -> list[_Band]:
+def _rows(session: ConsoleSession, arms: list[tuple[str, str]]) -> list[_Band]:
     """Return the bands of pedals and states."""
-    kept = found.ran.kept
+    log = session.ran.kept
     rows = [
-        _Band("clutch", kept[DEVICE_CLUTCH.of(PEDALS)][:, 0] > 0.5, NEAR),
-        _Band("camera", kept[DEVICE_CAMERA.of(PEDALS)][:, 0] > 0.5, PALETTE[3]),
+        _Band("clutch", log[DEVICE_CLUTCH.of(PEDALS)][:, 0] > 0.5, NEAR),
+        _Band("camera", log[DEVICE_CAMERA.of(PEDALS)][:, 0] > 0.5, PALETTE[3]),
     ]
-    if DEVICE_SILENT.of(PEDALS) in kept.sizes:
-        rows.append(_Band("silent", kept[DEVICE_SILENT.of(PEDALS)][:, 0] > 0.5, INK))
-    for hand in console_scene.console_of(found.scene).hands:
-        rows.append(_Band(f"{hand} arm follows", _leads(found, hand), _color(arms, hand)))
-    guide = goal_of(found.task, GuideTable)
+    if DEVICE_SILENT.of(PEDALS) in log.sizes:
+        rows.append(_Band("silent", log[DEVICE_SILENT.of(PEDALS)][:, 0] > 0.5, INK))
+    for hand in console_scene.console_of(session.scene).hands:
+        rows.append(_Band(f"{hand} arm follows", _leads(session, hand), _color(arms, hand)))
+    guide = goal_of(session.task, GuideTable)
     if guide is not None:
         ring = guide.ring
-        touches = kept[OBJECT_RUBS.of(ring)][:, 0] > 0.5
+        touches = log[OBJECT_RUBS.of(ring)][:, 0] > 0.5
         # the number of the holding instrument; negative: none
-        held = kept[OBJECT_HOLDER.of(ring)][:, 0] >= 0
-        rows.append(_Band("wire touched", touches & held, INK))
-    if found.task is not None and found.task.kind.grasps:
+        is_held = log[OBJECT_HOLDER.of(ring)][:, 0] >= 0
+        rows.append(_Band("wire touched", touches & is_held, INK))
+    if session.task is not None and session.task.kind.grasps:
         # the session has contacts of instruments with props and objects
         for hand, name in arms:
-            rows.append(_Band(f"{name} touches", _hits(found, name), _color(arms, hand)))
+            rows.append(_Band(f"{name} touches", _hits(session, name), _color(arms, hand)))
     return rows
 
 
-def _bands(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]], rows: list[_Band]) -> None:
+def _bands(ax: Axes, session: ConsoleSession, arms: list[tuple[str, str]], rows: list[_Band]) -> None:
     """Draw one band over time for each pedal, state and gripper; the gripper's angle is a curve in its band."""
-    kept = found.ran.kept
-    t = found.t
+    log = session.ran.kept
+    t = session.t
     names = []
     for k, row in enumerate(rows):
         spans = []
         for first, last in movement.runs(row.on):
-            spans.append((t[first], t[last] - t[first] + kept.dt))
+            spans.append((t[first], t[last] - t[first] + log.dt))
         ax.broken_barh(spans, (k - 0.35, 0.7), color=row.color, lw=0)
         names.append(row.name)
-    for hand in console_scene.console_of(found.scene).hands:
-        grip = kept[HAND_GRIP.of(hand)][:, 0]
+    for hand in console_scene.console_of(session.scene).hands:
+        grip = log[HAND_GRIP.of(hand)][:, 0]
         span = float(np.ptp(grip))
         opening = (grip - grip.min()) / max(span, 1e-9)
         times, shown = thin(t, opening, _POINTS)
@@ -274,23 +283,25 @@ def _bands(ax: Axes, found: ConsoleSession, arms: list[tuple[str, str]], rows: l
         names.append(f"{hand} grip, {span / DEG:.0f}°")
     ax.set_yticks(range(len(names)), names)
     ax.set_ylim(len(names) - 0.4, -0.6)
-    ax.set_xlim(0, max(float(t[-1]), kept.dt))
+    ax.set_xlim(0, max(float(t[-1]), log.dt))
     ax.set_xlabel("time [s]")
     ax.grid(False)
     ax.tick_params(length=2.5)
 
 
-def _hits(found: ConsoleSession, robot: str) -> np.ndarray:
+def _hits(session: ConsoleSession, robot: str) -> np.ndarray:
     """Return (k,) bool: whether a robot's instrument touches a fixed part or the other instrument at each tick."""
-    touches = found.ran.kept[ROBOT_TOUCHES.of(robot)][:, 0] > 0.5
-    meets = found.ran.kept[ROBOT_MEETS.of(robot)][:, 0] > 0.5
+    touches = session.ran.kept[ROBOT_TOUCHES.of(robot)][:, 0] > 0.5
+    meets = session.ran.kept[ROBOT_MEETS.of(robot)][:, 0] > 0.5
     return touches | meets
 
 
-def _leads(found: ConsoleSession, hand: str) -> np.ndarray:
+def _leads(session: ConsoleSession, hand: str) -> np.ndarray:
     """Return (k,) bool: whether an arm of a hand follows the hand at each tick."""
-    names = getattr(console_scene.console_of(found.scene), hand)
-    follows = [found.ran.kept[ROBOT_FOLLOWS.of(name)][:, 0] > 0.5 for name in names]
+    names = getattr(console_scene.console_of(session.scene), hand)
+    follows = []
+    for name in names:
+        follows.append(session.ran.kept[ROBOT_FOLLOWS.of(name)][:, 0] > 0.5)
     return np.any(follows, axis=0)
 
 

@@ -31,9 +31,9 @@ def figure(strokes: Strokes) -> Figure:
     top = _axis_end(strokes, required)
     height = 0.9 + 2.3 * len(sweeps)
     title = f"{strokes.robot}: position error of the tool over the range of each joint, the other joints at home"
-    out = sheet(title, height)
-    axes = out.subplots(len(sweeps), 1, squeeze=False)[:, 0]
-    out.subplots_adjust(left=0.09, right=0.83, top=1 - 0.5 / height, bottom=0.55 / height, hspace=0.5)
+    drawing = sheet(title, height)
+    axes = drawing.subplots(len(sweeps), 1, squeeze=False)[:, 0]
+    drawing.subplots_adjust(left=0.09, right=0.83, top=1 - 0.5 / height, bottom=0.55 / height, hspace=0.5)
     for ax, sweep in zip(axes, sweeps, strict=True):
         scale = MM
         unit = "mm"
@@ -54,7 +54,7 @@ def figure(strokes: Strokes) -> Figure:
         ax.set_xlabel(f"{sweep.joint} [{unit}]")
         ax.set_xlim(x[0], x[-1])
         ax.legend(loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
-    return out
+    return drawing
 
 
 def _axis_end(strokes: Strokes, required: float | None) -> float:

@@ -24,13 +24,13 @@ _LETTERS = 124
 
 
 @styled()
-def figure(found: Ranks) -> Figure:
+def figure(ranks: Ranks) -> Figure:
     """Return a figure with a row for each measure: box plots of the groups; for several sessions, also group medians.
 
     The values themselves are drawn, too. A measure with the same value for all users has no row, but is named below the
     title.
     """
-    users = found.users
+    users = ranks.users
     constants = []
     names = []
     for name, values in users.measures.items():
@@ -46,12 +46,12 @@ def figure(found: Ranks) -> Figure:
         columns = 2
 
     height = 0.75 + _ROW * len(names)
-    out = sheet(f"{found.file}: groups", height)
-    axes = out.subplots(len(names), columns, squeeze=False)
-    out.subplots_adjust(left=0.1, right=0.98, top=1 - 0.8 / height, bottom=0.45 / height, hspace=0.7, wspace=0.25)
+    drawing = sheet(f"{ranks.file}: groups", height)
+    axes = drawing.subplots(len(names), columns, squeeze=False)
+    drawing.subplots_adjust(left=0.1, right=0.98, top=1 - 0.8 / height, bottom=0.45 / height, hspace=0.7, wspace=0.25)
     if constants:
         text = f"Equal for all {users.counted}: {', '.join(constants)}"
-        out.text(0.012, 1 - 0.46 / height, text, fontsize=8, va="center")
+        drawing.text(0.012, 1 - 0.46 / height, text, fontsize=8, va="center")
     colors = {}
     for group in users.groups:
         if group not in colors:
@@ -59,8 +59,8 @@ def figure(found: Ranks) -> Figure:
     for row, name in zip(axes, names, strict=True):
         _boxes(row[0], users.samples(name), name, colors, _LETTERS // columns)
         if columns == 2:
-            _course(row[1], found, name, colors)
-    return out
+            _course(row[1], ranks, name, colors)
+    return drawing
 
 
 def _boxes(ax: Axes, samples: dict[str, Array], name: str, colors: Mapping[str, str], letters: int) -> None:
@@ -94,9 +94,9 @@ def _boxes(ax: Axes, samples: dict[str, Array], name: str, colors: Mapping[str, 
     ax.tick_params(length=2.5)
 
 
-def _course(ax: Axes, found: Ranks, name: str, colors: Mapping[str, str]) -> None:
+def _course(ax: Axes, ranks: Ranks, name: str, colors: Mapping[str, str]) -> None:
     """Draw the values of a measure over the number of the session, and the median of each group."""
-    users = found.users
+    users = ranks.users
     values = np.array(users.measures[name], float)
     groups = np.array(users.groups)
     sessions = np.array(users.sessions, float)

@@ -442,8 +442,8 @@ def svg(figure: Figure, name: str, label: str) -> str:
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     # of the element, only its view box is kept: width and height are those of the page
-    found = re.search(r'viewBox="[^"]*"', text)
-    box = found[0] if found else ""
+    view_box = re.search(r'viewBox="[^"]*"', text)
+    box = view_box[0] if view_box else ""
     text = text[text.index(">") + 1 :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
     text = re.sub(r"<!--.*?-->\s*", "", text, flags=re.DOTALL)

@@ -15,17 +15,17 @@ if TYPE_CHECKING:
 
 
 @styled()
-def figure(found: Sweep) -> Figure:
+def figure(sweep: Sweep) -> Figure:
     """Return a figure with the trade-off of the first two objectives, and a panel for each objective and factor.
 
     The panel of an objective and a factor shows the objective over the factor. A point is a design, a star the design
     of the CAD.
     """
-    best = found.best
-    scales = np.array([factor.scale for factor in found.work.factors])
-    designs = found.designs / scales
+    best = sweep.best
+    scales = np.array([factor.scale for factor in sweep.work.factors])
+    designs = sweep.designs / scales
     # the first column of the table is the number of the design, the last one whether it is Pareto-optimal
-    names = list(found.rows[0])[1:-1]
+    names = list(sweep.rows[0])[1:-1]
     factors = names[: len(scales)]
     objectives = names[len(scales) :]
 
@@ -34,17 +34,17 @@ def figure(found: Sweep) -> Figure:
     if has_trade:
         heights.insert(0, 3.4)
     height = 0.7 + sum(heights)
-    out = sheet(f"{found.robot}: {len(designs) - 1} designs, compared with the CAD", height)
-    grid = out.add_gridspec(len(heights), len(factors), height_ratios=heights)
-    out.subplots_adjust(left=0.09, right=0.97, top=1 - 0.5 / height, bottom=0.5 / height, hspace=0.42, wspace=0.25)
+    drawing = sheet(f"{sweep.robot}: {len(designs) - 1} designs, compared with the CAD", height)
+    grid = drawing.add_gridspec(len(heights), len(factors), height_ratios=heights)
+    drawing.subplots_adjust(left=0.09, right=0.97, top=1 - 0.5 / height, bottom=0.5 / height, hspace=0.42, wspace=0.25)
     if has_trade:
-        _trade(out.add_subplot(grid[0, :]), found, objectives)
+        _trade(drawing.add_subplot(grid[0, :]), sweep, objectives)
     first_row = len(heights) - len(objectives)
     for i, objective in enumerate(objectives):
-        y = found.judged[:, i]
+        y = sweep.judged[:, i]
         for j, factor in enumerate(factors):
             x = designs[:, j]
-            ax = out.add_subplot(grid[first_row + i, j])
+            ax = drawing.add_subplot(grid[first_row + i, j])
             ax.scatter(x[~best], y[~best], s=8, color=PALETTE[7])
             ax.scatter(x[best], y[best], s=14, color=PALETTE[0])
             ax.scatter(x[:1], y[:1], s=80, marker="*", color=PALETTE[1], zorder=3)  # design 0: the CAD
@@ -53,14 +53,14 @@ def figure(found: Sweep) -> Figure:
                 ax.set_ylabel(objective)
             if i == len(objectives) - 1:
                 ax.set_xlabel(factor)
-    return out
+    return drawing
 
 
-def _trade(ax: Axes, found: Sweep, objectives: list[str]) -> None:
+def _trade(ax: Axes, sweep: Sweep, objectives: list[str]) -> None:
     """Draw the second objective over the first, with the Pareto-optimal designs connected."""
-    best = found.best
-    x = found.judged[:, 0]
-    y = found.judged[:, 1]
+    best = sweep.best
+    x = sweep.judged[:, 0]
+    y = sweep.judged[:, 1]
     ax.scatter(x[~best], y[~best], s=12, color=PALETTE[7], label="dominated")
     optimal = np.flatnonzero(best)
     optimal = optimal[np.argsort(x[optimal])]

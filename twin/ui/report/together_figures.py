@@ -23,8 +23,8 @@ def figure(planned: PlannedTogether) -> Figure:
         phases = [(phase.t0, phase.t1) for phase in planned.robots[name].phases]
         rows.append(RobotPhases(name, phases))
     clearances = planned.apart
-    pairs = {pair: found.distance for pair, found in clearances.by_pair.items()}
-    out = distances(title, clearances.t, pairs, planned.required, rows)
+    pairs = {pair: clearance.distance for pair, clearance in clearances.by_pair.items()}
+    drawing = distances(title, clearances.t, pairs, planned.required, rows)
     least, t, _ = clearances.least()
-    mark(out.axes[0], t, max(least / MM, LEAST), f"{quantity(least, 'm')} at {seconds(t)}", below=True)
-    return out
+    mark(drawing.axes[0], t, max(least / MM, LEAST), f"{quantity(least, 'm')} at {seconds(t)}", below=True)
+    return drawing

@@ -20,25 +20,25 @@ _SHOWN = 14
 
 
 @styled()
-def figure(found: ToleranceBudget) -> Figure:
+def figure(budget: ToleranceBudget) -> Figure:
     """Return a figure with two panels: tool error at each state, and contributions to the error at the worst state.
 
     The error is the 95th percentile of the position error; a line shows the required value, if there is one.
     """
-    budgets = found.content()["states"]
-    worst = max(budgets, key=lambda budget: budget["within_position"])
+    states = budget.content()["states"]
+    worst = max(states, key=lambda state: state["within_position"])
     contributions = _largest(worst["contributors"])
     # in inches
-    states_height = 0.3 * len(budgets)
+    states_height = 0.3 * len(states)
     contributions_height = 0.27 * len(contributions)
     height = 1.7 + states_height + contributions_height
-    out = sheet(f"{found.robot}: tool error caused by part and encoder errors", height)
-    top, bottom = out.subplots(2, 1, gridspec_kw={"height_ratios": [states_height + 0.2, contributions_height]})
-    out.subplots_adjust(left=0.19, right=0.96, top=1 - 0.65 / height, bottom=0.5 / height, hspace=0.9 / height * 2)
-    _draw_states(top, budgets, found.required)
+    drawing = sheet(f"{budget.robot}: tool error caused by part and encoder errors", height)
+    top, bottom = drawing.subplots(2, 1, gridspec_kw={"height_ratios": [states_height + 0.2, contributions_height]})
+    drawing.subplots_adjust(left=0.19, right=0.96, top=1 - 0.65 / height, bottom=0.5 / height, hspace=0.9 / height * 2)
+    _draw_states(top, states, budget.required)
     _draw_contributions(bottom, contributions)
     bottom.set_xlabel(f"share of the variance in state '{worst['state']}' [%]")
-    return out
+    return drawing
 
 
 def _largest(contributors: list[JsonObject]) -> list[JsonObject]:
@@ -55,13 +55,13 @@ def _largest(contributors: list[JsonObject]) -> list[JsonObject]:
     return [*contributors[:_SHOWN], rest]
 
 
-def _draw_states(ax: Axes, budgets: list[JsonObject], required: float | None) -> None:
+def _draw_states(ax: Axes, states: list[JsonObject], required: float | None) -> None:
     """Draw the position error of each state in µm; `required` is the required value in m."""
     names = []
-    values = np.zeros(len(budgets))
-    for i, budget in enumerate(budgets):
-        names.append(budget["state"])
-        values[i] = budget["within_position"] / UM
+    values = np.zeros(len(states))
+    for i, state in enumerate(states):
+        names.append(state["state"])
+        values[i] = state["within_position"] / UM
     end = values.max()
     bars = ax.barh(names, values, color=FIT, height=0.6)
     for y, value in enumerate(values):

@@ -45,14 +45,14 @@ def figure(result: Tracking) -> Figure:
     for above, tall in panels:
         total += above + tall
     total += foot
-    out = sheet(title, total)
+    drawing = sheet(title, total)
     left = 0.86
     wide = WIDTH - left - 1.75
     axes = []
     bottom = 0.0
     for above, tall in panels:
         bottom += above + tall
-        axes.append(out.add_axes((left / WIDTH, 1 - bottom / total, wide / WIDTH, tall / total)))
+        axes.append(drawing.add_axes((left / WIDTH, 1 - bottom / total, wide / WIDTH, tall / total)))
     _errors(axes[0], result.runs)
     _efforts(axes[1], result, worst)
     for ax in axes[:2]:
@@ -66,7 +66,7 @@ def figure(result: Tracking) -> Figure:
     for ax in axes:
         ax.tick_params(length=2.5)
         ax.yaxis.set_label_coords(-0.66 / wide, 0.5)
-    return out
+    return drawing
 
 
 def _errors(ax: Axes, runs: Mapping[str, Run]) -> None:

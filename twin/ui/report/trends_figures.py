@@ -25,45 +25,47 @@ _LEAST = 1e-2
 
 
 @styled()
-def figure(found: Trends) -> Figure:
+def figure(trends: Trends) -> Figure:
     """Return a figure with a panel for the motion scales, and a panel for each stuck motor command.
 
     The first panel shows the simulated and the published deviation at each motion scale. The panel of a stuck motor
     command shows the deviation of the tip in mm over time.
     """
-    n = len(found.stuck)
+    n = len(trends.stuck)
     height = 3.9 + 1.25 * n
-    out = sheet(f"{found.robot}: published experiments with an ASSUMED plant: trends, not numbers", height)
-    grid = out.add_gridspec(n + 1, 1, height_ratios=[2.7, *[1.1] * n])
-    out.subplots_adjust(left=0.09, right=0.98, top=1 - 0.62 / height, bottom=0.5 / height, hspace=0.55)
-    ax = out.add_subplot(grid[0])
-    _draw_scales(ax, found.by_servo)
-    for i, row in enumerate(found.stuck):
-        ax = out.add_subplot(grid[1 + i])
-        _draw_stuck(ax, found.curves[row.hand, row.counts])
+    drawing = sheet(f"{trends.robot}: published experiments with an ASSUMED plant: trends, not numbers", height)
+    grid = drawing.add_gridspec(n + 1, 1, height_ratios=[2.7, *[1.1] * n])
+    drawing.subplots_adjust(left=0.09, right=0.98, top=1 - 0.62 / height, bottom=0.5 / height, hspace=0.55)
+    ax = drawing.add_subplot(grid[0])
+    _draw_scales(ax, trends.by_servo)
+    for i, row in enumerate(trends.stuck):
+        ax = drawing.add_subplot(grid[1 + i])
+        _draw_stuck(ax, trends.curves[row.hand, row.counts])
         end = "no stop"
         if row.stopped is not None:
             end = f"stopped at fault {row.stopped}"
-        if row in found.as_published:
+        if row in trends.as_published:
             end += ", as published"
-        command = f"hand {row.hand}, {found.motor} stuck at {row.counts:.0f} counts"
+        command = f"hand {row.hand}, {trends.motor} stuck at {row.counts:.0f} counts"
         ax.set_title(f"{command}: jumps above 1 mm: {row.jumps}, {end}", loc="left", fontsize=8.5)
     ax.set_xlabel("time [s]; fault every 8 s for 300 ms; dashed: 3 mm")
-    return out
+    return drawing
 
 
 def _draw_scales(ax: Axes, scales: Mapping[str, Sequence[ScaleRow]]) -> None:
     """Draw simulated deviations by motion scale, for each servo of the model, and the published one."""
     x = np.array([])
     for k, (servo, rows) in enumerate(scales.items()):
-        color = PALETTE[(0, 2)[k % 2]]
-        x, mean, spread, peak = np.array([(row.scale, row.mean, row.spread, row.peak) for row in rows]).T
+        color = PALETTE[0] if k % 2 == 0 else PALETTE[2]
+        x = np.array([row.scale for row in rows])
+        mean = np.array([row.mean for row in rows])
+        spread = np.array([row.spread for row in rows])
+        peak = np.array([row.peak for row in rows])
         # points of two servos beside each other
         beside = x + 0.002 * k
-        ax.errorbar(
-            beside, mean, spread, fmt="o-", color=color, capsize=3, label=f"model's servo: {servo}, mean ± spread"
-        )
-        ax.plot(beside, peak, "v", color=color, ms=5, label=f"model's servo: {servo}, largest")
+        label = f"model's servo: {servo}"
+        ax.errorbar(beside, mean, spread, fmt="o-", color=color, capsize=3, label=f"{label}, mean ± spread")
+        ax.plot(beside, peak, "v", color=color, ms=5, label=f"{label}, largest")
     # the publication states one value for all scales: it is drawn in the middle
     middle = float(x.mean())
     ax.errorbar([middle], *PUBLISHED, fmt="s", color=PALETTE[1], capsize=3, label="published, over all scales")

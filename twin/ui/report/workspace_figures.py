@@ -22,13 +22,13 @@ _SECTIONS = ((0, 1, 2), (0, 2, 1), (1, 2, 0))
 
 
 @styled()
-def figure(found: Workspace) -> Figure:
+def figure(workspace: Workspace) -> Figure:
     """Return a figure with sections of the workspace, and the workspace size as a function of minimum conditioning.
 
     There are three sections, or one if all positions are in one plane. If no condition number was computed, the margin
     to the joint limits is drawn instead of the conditioning.
     """
-    cube = found.cube
+    cube = workspace.cube
     reached = cube[..., 0] > 0
     everywhere = cube[..., 0] == 1
     inverse_condition = cube[..., 1]
@@ -44,26 +44,26 @@ def figure(found: Workspace) -> Figure:
     if reached.any():
         top = float(np.nanquantile(values, 0.995))  # a few singular values must not make all others dark
 
-    if len(found.grid.axes) == 3:
+    if len(workspace.grid.axes) == 3:
         sections = _SECTIONS
         rows = 2
         column_gap = 0.28
         bar_place = (0.915, 0.55, 0.014, 0.33)
     else:
-        sections = (_flat(found.grid.axes),)
+        sections = (_flat(workspace.grid.axes),)
         rows = 1
         column_gap = 0.55  # with room for the colour bar between the two panels
         bar_place = (0.42, 0.16, 0.014, 0.55)
-    out = sheet(f"{found.robot}: workspace of the tool{_around(found.content())}", 3.7 * rows)
-    axes = out.subplots(rows, 2)
-    out.subplots_adjust(left=0.08, right=0.9, top=1 - 0.2 / rows, bottom=0.16 / rows, hspace=0.3, wspace=column_gap)
+    drawing = sheet(f"{workspace.robot}: workspace of the tool{_around(workspace.content())}", 3.7 * rows)
+    axes = drawing.subplots(rows, 2)
+    drawing.subplots_adjust(left=0.08, right=0.9, top=1 - 0.2 / rows, bottom=0.16 / rows, hspace=0.3, wspace=column_gap)
     for ax, section in zip(axes.flat, sections, strict=False):
-        _draw_section(ax, found.grid, values, cut, section, top)
-    bar = out.add_axes(bar_place)
-    out.colorbar(axes.flat[0].images[0], cax=bar)
+        _draw_section(ax, workspace.grid, values, cut, section, top)
+    bar = drawing.add_axes(bar_place)
+    drawing.colorbar(axes.flat[0].images[0], cax=bar)
     bar.set_title(label.replace(" ", "\n"), fontsize=7.5, loc="left")
-    _sizes(axes.flat[-1], values[reached], values[everywhere], found, label)
-    return out
+    _sizes(axes.flat[-1], values[reached], values[everywhere], workspace, label)
+    return drawing
 
 
 def _draw_section(
@@ -114,16 +114,16 @@ def _cut(reached: np.ndarray, values: Array) -> tuple[int, int, int]:
     return i, j, k
 
 
-def _sizes(ax: Axes, somewhere: Array, everywhere: Array, found: Workspace, label: str) -> None:
+def _sizes(ax: Axes, somewhere: Array, everywhere: Array, workspace: Workspace, label: str) -> None:
     """Draw the total size of the cells whose conditioning is at least a minimum, as a function of this minimum.
 
     `somewhere` and `everywhere` are the values of the cells that are reached in at least one and in every orientation.
     """
     cell = 1.0
     unit = "number of cells"
-    measure = found.measure
+    measure = workspace.measure
     if measure is not None:
-        cell = measure.cell(found.grid.step)
+        cell = measure.cell(workspace.grid.step)
         unit = f"{measure.name} [{measure.symbol}]"
     _draw_sizes(ax, somewhere, cell, color=PALETTE[0], label="in at least one orientation")
     if len(everywhere) < len(somewhere):
