@@ -204,12 +204,12 @@ def test_a_target_in_the_dome_is_blocked_with_the_bodies_and_a_free_one_is_not(c
     console.ask("find")
     console.until("aim")
     console.wait(30)
-    assert console.mode.bad
-    assert console.mode.said.startswith("No plan: at the goal, ")
-    assert "props/dome" in console.mode.said
-    assert "nearest free configuration" in console.mode.said
-    assert console.mode.said.endswith("; move the target, or another arm that is in the way")
-    assert "clearance_mm" not in console.mode.said, "the user of a console has no protocol to change"
+    assert console.mode.is_error
+    assert console.mode.message.startswith("No plan: at the goal, ")
+    assert "props/dome" in console.mode.message
+    assert "nearest free configuration" in console.mode.message
+    assert console.mode.message.endswith("; move the target, or another arm that is in the way")
+    assert "clearance_mm" not in console.mode.message, "the user of a console has no protocol to change"
 
 
 @pytest.mark.slow
@@ -222,7 +222,7 @@ def test_an_accepted_plan_is_followed_and_its_session_replays_without_planning(c
     assert console.mode.phase == "plan"
     console.until("preview")
     assert np.array_equal(console.q, q0), "nothing moves before the plan is accepted"
-    found = console.mode.preview.found
+    found = console.mode.preview.motion
     T_first, T_last = found.Ts[0], found.Ts[-1]
     assert T_first == pytest.approx(console.console.members[ARM].kin.forward(q0), abs=1e-9)
     assert T_last[:3, 3] == pytest.approx(goal[:3, 3], abs=0.1 * MM)
@@ -232,8 +232,8 @@ def test_an_accepted_plan_is_followed_and_its_session_replays_without_planning(c
     assert speeds.max() < 0.0601
     console.ask("accept")
     console.until("off")
-    assert "has arrived" in console.mode.said
-    assert not console.mode.bad
+    assert "has arrived" in console.mode.message
+    assert not console.mode.is_error
     assert console.console.members[ARM].kin.forward(console.q) == pytest.approx(T_last, abs=1e-6)
     console.wait(5)
     assert console.console.reading["hands"]["left"]["follows"], "the hand moves the arm again"
@@ -307,14 +307,14 @@ def test_the_reason_why_a_resting_target_has_no_plan_is_told_after_the_release(p
     planned.mode._stream = Here(fails)
     lifted(planned)
     planned.wait(30)
-    assert not planned.mode.said
+    assert not planned.mode.message
     planned.ask("find")
     jobs = len(planned.mode._stream.jobs)
     planned.wait(30)
-    assert (planned.mode.phase, planned.mode.said, planned.mode.bad) == ("aim", "No plan: no path", True)
+    assert (planned.mode.phase, planned.mode.message, planned.mode.is_error) == ("aim", "No plan: no path", True)
     assert len(planned.mode._stream.jobs) == jobs, "what has no plan is not searched again"
     planned.move([0, 0, -5 * MM], 5)
-    assert (planned.mode.said, planned.mode.bad) == ("", False), "the target is elsewhere"
+    assert (planned.mode.message, planned.mode.is_error) == ("", False), "the target is elsewhere"
 
 
 def test_the_geometry_is_loaded_again_after_a_plan_that_came_before_it_and_failed(planned):
@@ -330,7 +330,7 @@ def test_the_geometry_is_loaded_again_after_a_plan_that_came_before_it_and_faile
     assert not planned.mode.ready
     planned.ask("find")
     planned.until("aim")
-    assert planned.mode.said == "No plan: no path"
+    assert planned.mode.message == "No plan: no path"
     planned.wait(70)
     assert planned.mode.ready
 
@@ -344,7 +344,7 @@ def test_a_target_whose_loops_cannot_be_closed_keeps_the_last_ghost(planned):
     members, ghost = planned.console.members, planned.mode.ghost
     members[ARM] = replace(members[ARM], links=links)
     planned.move([3 * MM, 0, -4 * MM], 5)
-    assert planned.mode.said == "the loops cannot be closed; the ghost stays at the last pose within reach"
+    assert planned.mode.message == "the loops cannot be closed; the ghost stays at the last pose within reach"
     assert planned.mode.ghost is ghost
     with pytest.raises(TwinError, match="the target is where"):
         planned.ask("find")
@@ -421,13 +421,13 @@ def test_the_clutch_and_silent_hands_stop_the_arm(planned, act, said):
     lifted(planned)
     planned.ask("find")
     planned.until("preview")
-    goal = planned.mode.preview.found.Ts[-1]
+    goal = planned.mode.preview.motion.Ts[-1]
     planned.ask("accept")
     planned.wait(6)
     act(planned)
     assert planned.mode.phase == "off"
-    assert planned.mode.said == said
-    assert planned.mode.bad
+    assert planned.mode.message == said
+    assert planned.mode.is_error
     T = planned.console.members[ARM].kin.forward(planned.q)
     assert np.linalg.norm((T - goal)[:3, 3]) > 0.5 * MM
 
@@ -547,7 +547,7 @@ def test_in_a_rehearsal_the_models_follow_a_plan_and_the_machines_stay(rehearsin
     with pytest.raises(TwinError, match="raven_left follows a plan: wait until it has arrived, or cancel"):
         rehearsing.console.train("me", Mode.JUDGE)
     rehearsing.until("off")
-    assert "has arrived" in rehearsing.mode.said
+    assert "has arrived" in rehearsing.mode.message
     signals = rehearsing.console.world.signals
     for name, (machine, model) in at.items():
         assert np.array_equal(signals[f"{name}.q"], machine)
@@ -717,8 +717,8 @@ def test_the_work_yields_progress_motion_clearance_and_a_proven_bound(dome):
     assert [k for k in dict.fromkeys(kinds) if k is not float] == [PlannedMotion, Clear, Proven]
     clear = np.concatenate([p.distance for p in pieces if isinstance(p, Clear)])
     proven = pieces[-1]
-    assert 1 * MM < proven.proven <= proven.found + 1e-12
-    assert proven.proven <= clear.min()
+    assert 1 * MM < proven.bound <= proven.computed + 1e-12
+    assert proven.bound <= clear.min()
     found = next(p for p in pieces if isinstance(p, PlannedMotion))
     assert len(found.tree) > 10
     assert found.shown.shape[1:] == (len(found.links), 4, 4)

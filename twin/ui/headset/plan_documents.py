@@ -28,35 +28,35 @@ class PlanDocuments:
     def news(self) -> list[JsonObject]:
         """Return the documents whose content has changed since the last call."""
         mode = self._mode
-        out: list[JsonObject] = []
+        documents: list[JsonObject] = []
         if mode.changes == self._changes:
-            return out
+            return documents
         self._changes = mode.changes
         if mode.ghost is not self._ghost:
             self._ghost = mode.ghost
-            out.append(self._target())
+            documents.append(self._target())
         preview = mode.preview
         if preview is not self._preview:
             self._preview = preview
             self._parts = 0
-            out.append(self._plan(preview))
+            documents.append(self._plan(preview))
         if preview is not None:
             parts = len(preview.clear) + (preview.proven is not None)
             if parts != self._parts:
                 self._parts = parts
-                out.append(self._clearance(preview))
-        return out
+                documents.append(self._clearance(preview))
+        return documents
 
     def all(self) -> list[JsonObject]:
         """Return all documents that a new client needs."""
         mode = self._mode
         if mode.phase == "off":
             return []
-        out = [self._target()]
+        documents = [self._target()]
         if mode.preview is not None:
-            out.append(self._plan(mode.preview))
-            out.append(self._clearance(mode.preview))
-        return out
+            documents.append(self._plan(mode.preview))
+            documents.append(self._clearance(mode.preview))
+        return documents
 
     def _target(self) -> JsonObject:
         robot = self._mode.robot
@@ -70,7 +70,7 @@ class PlanDocuments:
         robot = self._mode.robot
         if preview is None:
             return {"type": "plan", "robot": robot, "poses": "", "tip": "", "tree": "", "every": SHOWN, "duration": 0.0}
-        motion = preview.found
+        motion = preview.motion
         columns = [motion.links.index(name) for name in self._bodies[robot]]
         stride = max(1, len(motion.Ts) // 200)
         return {
@@ -96,8 +96,8 @@ class PlanDocuments:
         }
         certificate = preview.proven
         if certificate is not None:
-            document["proven"] = round(certificate.proven, 6)
-            document["found"] = round(certificate.found, 6)
+            document["proven"] = round(certificate.bound, 6)
+            document["found"] = round(certificate.computed, 6)
             document["bodies"] = list(certificate.bodies)
         return document
 

@@ -41,6 +41,12 @@ from twin.simulation.world.signal_kinds import (
 _STUCK = 30.0
 """Time in s after which a pedal that is still pressed is reported, because it may be stuck (ASSUMED)."""
 
+_AT_JOINT_LIMIT = 1e-6
+"""Distance in rad or m from a limit up to which a joint is at it: solvers stop that near."""
+
+_AT_CAMERA_LIMIT = 1e-9
+"""Distance in rad or m from a limit up to which the camera is at it: it is clipped, so only rounding remains."""
+
 _LIMIT_DISTANCE = 0.5 * MM
 """A joint limit is reported if goal and tool are at least this distance in m apart, or `_LIMIT_ANGLE`."""
 
@@ -154,7 +160,9 @@ class ConsoleState:
 def _mode_name(mode: float) -> str:
     if mode == FREE:
         return "nothing"
-    return "camera" if mode == CAMERA else "instruments"
+    if mode == CAMERA:
+        return "camera"
+    return "instruments"
 
 
 def arm_limit(member: Member, q: Array, goal: Array) -> str | None:
@@ -168,7 +176,7 @@ def arm_limit(member: Member, q: Array, goal: Array) -> str | None:
         if member.kin.auxiliary[k]:  # the gripper is moved by its own input, not by the goal
             continue
         low, high = joint.limits or (-np.inf, np.inf)
-        if _at_limit(q[k], low, high, 1e-6):
+        if _at_limit(q[k], low, high, _AT_JOINT_LIMIT):
             return f"{joint.name} is at its limit, {_length_or_angle(q[k], joint.is_angle)}"
     return None
 
@@ -176,8 +184,9 @@ def arm_limit(member: Member, q: Array, goal: Array) -> str | None:
 def camera_limit(at: Array, drag: Drag) -> str | None:
     """Return a text on the limit that the camera has reached, or None; `at` (4,): see `LiveConsole.camera_at`."""
     for k, name in enumerate(("pan", "tilt", "depth", "roll")):
-        if _at_limit(at[k], drag.lower[k], drag.upper[k], 1e-9):
-            return f"{name} is at its limit, {_length_or_angle(at[k], name != 'depth')}"
+        if _at_limit(at[k], drag.lower[k], drag.upper[k], _AT_CAMERA_LIMIT):
+            is_angle = name != "depth"
+            return f"{name} is at its limit, {_length_or_angle(at[k], is_angle)}"
     return None
 
 
@@ -186,7 +195,9 @@ def _at_limit(value: float, low: float, high: float, tolerance: float) -> bool:
 
 
 def _length_or_angle(value: float, is_angle: bool) -> str:
-    return f"{value / DEG:.0f}°" if is_angle else f"{value / MM:.0f} mm"
+    if is_angle:
+        return f"{value / DEG:.0f}°"
+    return f"{value / MM:.0f} mm"
 
 
 def log_changes(old: JsonMapping, new: JsonMapping, patience: float) -> list[str]:

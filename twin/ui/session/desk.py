@@ -20,15 +20,15 @@ from twin.cad.build import joint_values
 from twin.core import spatial
 from twin.core.errors import AssemblyError, KinematicsError, TwinError, unknown
 from twin.core.spatial import Array
-from twin.core.units import DEG, MM
+from twin.core.units import MM
 from twin.kinematics import Kinematics, Pose, solve
-from twin.kinematics.closed_loops.dragging import Bound, Dragged, Stop
-from twin.kinematics.closed_loops.passive_limits import PassiveLimit
+from twin.kinematics.closed_loops.dragging import Dragged
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.planning.protocol import Protocol
 from twin.reference import ReferenceModel
 from twin.reference.states import Assembly
+from twin.ui.session import stop_reasons as reasons
 from twin.ui.session.drag_solver import DragSolver
 
 _Value = TypeVar("_Value")
@@ -41,6 +41,24 @@ UNDOS = 50
 
 _HALVINGS = 10
 """Number of halvings in the search for the last reachable pose on the way to a target: 1024 parts of the way."""
+
+_ROUNDING = 1e-9
+"""Excess of a limit in m or rad that counts as rounding."""
+
+_ARRIVED = 1e-12
+"""Difference in m or rad between a joint and its target up to which the joint has arrived."""
+
+_REACHED = 0.05 * MM
+"""Distance in m between a dragged point and its target up to which the target is reached: too small to be seen."""
+
+_RIGID = 1e-6
+"""Tolerance of `spatial.is_pose` for requested poses, which clients send as rounded numbers."""
+
+_STEEP = 0.9
+"""Cosine of the angle to the view from which the y axis of the camera is too steep to be the upward direction."""
+
+_AHEAD = 0.1
+"""Distance in m from the camera to the points ahead of it and above it."""
 
 ENDOSCOPE = "endoscope_tip"
 """Name of the frame of a robot's endoscope camera; the camera looks along the z axis of this frame."""
@@ -134,11 +152,11 @@ class Desk:
         else:
             ahead = T[:3, :3] @ self._axis
         # an upward direction that is almost along the view would leave the roll of the picture undefined
-        if abs(ahead @ T[:3, 1]) < 0.9:
+        if abs(ahead @ T[:3, 1]) < _STEEP:
             above = -T[:3, 1]
         else:
             above = T[:3, 0]
-        return lens, lens + 0.1 * ahead, lens + 0.1 * above
+        return lens, lens + _AHEAD * ahead, lens + _AHEAD * above
 
     @property
     def joints(self) -> tuple[Joint, ...]:
@@ -162,7 +180,7 @@ class Desk:
 
         with self.lock:
             result = self._try(go, T_base_tool)
-            if result.good or self._sets_pose or not spatial.is_pose(T_base_tool, 1e-6):
+            if result.good or self._sets_pose or not spatial.is_pose(T_base_tool, _RIGID):
                 return result
             # The orientation is not reached, so `asked` must not be set: it is used in comparisons.
             tool = self.mechanism.frame(self.mechanism.tool)
@@ -182,7 +200,7 @@ class Desk:
         """
         with self.lock:
             result = self.move_tool(T_base_tool)
-            if result.good or not self._sets_pose or not spatial.is_pose(T_base_tool, 1e-6):
+            if result.good or not self._sets_pose or not spatial.is_pose(T_base_tool, _RIGID):
                 return result
             begin = time.perf_counter()
             self._approach(T_base_tool)
@@ -199,13 +217,15 @@ class Desk:
         """Move the tool on the straight way towards a pose (4, 4) as far as it goes."""
         T_begin = self.assembly.T_base_tool.copy()
         w = spatial.log_so3(T_begin[:3, :3].T @ T_target[:3, :3])
-        way = T_target[:3, 3] - T_begin[:3, 3]
+        displacement = T_target[:3, 3] - T_begin[:3, 3]
         reached = 0.0
         step = 1.0
+        # bisection: a step that fails is tried again with half its length
         for _ in range(_HALVINGS):
             fraction = reached + step
             R = T_begin[:3, :3] @ spatial.exp_so3(fraction * w)
-            if self.move_tool(spatial.pose(R, T_begin[:3, 3] + fraction * way)).good:
+            p = T_begin[:3, 3] + fraction * displacement
+            if self.move_tool(spatial.pose(R, p)).good:
                 reached = fraction
             if reached == 1.0:
                 return
@@ -229,8 +249,8 @@ class Desk:
             if drags[0].more:
                 text = f"{self.joints[joint].name} is still moving"
                 self.moved = MoveResult(False, text, result.seconds, True)
-            elif abs(self.assembly.q[joint] - value) > 1e-12:
-                self.moved = replace(result, good=False, reason=self._stopped(joint, value, drags[0]))
+            elif abs(self.assembly.q[joint] - value) > _ARRIVED:
+                self.moved = replace(result, good=False, reason=self._joint_reason(joint, value, drags[0]))
             return self.moved
 
     def move_joints(self, q: Array) -> MoveResult:
@@ -259,10 +279,10 @@ class Desk:
             if drags[0].more:
                 text = f"{body} is still moving, {distance / MM:.1f} mm short of the target"
                 self.moved = MoveResult(False, text, result.seconds, True)
-            elif distance > 0.05 * MM:
+            elif distance > _REACHED:
                 coordinates = " ".join(f"{v:.1f}" for v in position / MM)
                 text = f"{body} stops {distance / MM:.1f} mm short of the target, at [{coordinates}] mm"
-                self.moved = replace(result, good=False, reason=f"{text}: {self._why(drags[0])}")
+                self.moved = replace(result, good=False, reason=f"{text}: {reasons.of_point(self.mechanism, drags[0])}")
             return self.moved
 
     def let_go(self) -> None:
@@ -285,17 +305,22 @@ class Desk:
     def remember(self) -> None:
         """Store the present joint values, so that `undo` can return to them."""
         with self.lock:
-            self._before = [*self._before[1 - UNDOS :], self.assembly.q.copy()]
+            newest = self._before[1 - UNDOS :]
+            self._before = [*newest, self.assembly.q.copy()]
 
     def undo(self) -> MoveResult:
         """Move back to the joint values that `remember` stored last, and that differ from the present ones."""
         with self.lock:
-            while self._before and np.abs(self._before[-1] - self.assembly.q).max(initial=0.0) < 1e-9:
+            while self._before and self._is_at(self._before[-1]):
                 self._before.pop()
             if not self._before:
                 self.moved = MoveResult(False, "nothing to undo: no drag has moved the robot")
                 return self.moved
             return self.move_joints(self._before.pop())
+
+    def _is_at(self, q: Array) -> bool:
+        """Return whether the active joints have the values q (n,)."""
+        return bool(np.abs(q - self.assembly.q).max(initial=0.0) < _ROUNDING)
 
     def keep(self, name: str) -> None:
         """Store the present joint values under a name, so that `go` can move there."""
@@ -393,116 +418,62 @@ class Desk:
         if self.kin is None:
             return None
         if self.model.redundant:  # use the solution nearest to the present q
-            return solve(self.kin, Pose(T), self.assembly.q, self.mechanism.limits, starts=1, any_branch=True).q
+            limits = self.mechanism.limits
+            return solve(self.kin, Pose(T), self.assembly.q, limits, starts=1, any_branch=True).q
         return self.kin.inverse(T, self.assembly.q)
 
     def _assembled(self, q: Array) -> Assembly:
+        """Return the state at q (n,) in m or rad.
+
+        Raises:
+            KinematicsError: a joint, a motor, a gap on a rail or a passive joint would be beyond its limit.
+            AssemblyError: the loops cannot be closed there.
+        """
+        self._check_limits(q)
+        assembly = self.model.solve(q, self.assembly)
+        for joint in self.mechanism.limited:
+            old_excess = _excess(joint, self.assembly)
+            excess = _excess(joint, assembly)
+            # a robot that is beyond a limit already may move, but not farther beyond it
+            if excess > max(0.0, old_excess) + _ROUNDING:
+                limits = reasons.limit_range(joint)
+                text = f"{joint.name} would exceed its limits of {limits} by {reasons.shown(joint, excess)}"
+                raise KinematicsError(text)
+        return assembly
+
+    def _check_limits(self, q: Array) -> None:
+        """Check q (n,) in m or rad against the limits of joints and motors, and the gaps on rails.
+
+        Raises:
+            KinematicsError: a limit is exceeded; the message names it.
+        """
         for joint, value, (low, high) in zip(self.joints, q, self.mechanism.limits, strict=True):
-            if not low - 1e-9 <= value <= high + 1e-9:
-                raise KinematicsError(_beyond(joint, float(value), low, high))
+            if not low - _ROUNDING <= value <= high + _ROUNDING:
+                raise KinematicsError(reasons.beyond(joint, float(value), low, high))
         for bound in self.solver.bounds:
             slack = bound.slack(q)
             # a robot that is beyond a limit already may move, but not farther beyond it
-            if slack >= min(0.0, bound.slack(self.assembly.q)) - 1e-9:
+            if slack >= min(0.0, bound.slack(self.assembly.q)) - _ROUNDING:
                 continue
             if bound.kind == "motor":
-                excess = f"{-slack:.3g} {self._unit(bound)}"
-                text = f"motor {bound.name} would exceed its limits of {self._limits(bound)} by {excess}"
-                raise KinematicsError(text)
+                limits = reasons.motor_limits(self.mechanism, bound)
+                excess = f"{-slack:.3g} {reasons.motor_unit(self.mechanism, bound)}"
+                raise KinematicsError(f"motor {bound.name} would exceed its limits of {limits} by {excess}")
             if bound.kind == "gap":
                 lower, upper = bound.name.split()
                 least = bound.least / MM
                 gap = (slack + bound.least) / MM
                 raise KinematicsError(f"{upper} - {lower} = {gap:.3f} mm is below its minimum of {least:.3f} mm")
-        assembly = self.model.solve(q, self.assembly)
-        for joint in self.mechanism.limited:
-            old_excess = _excess(joint, self.assembly)
-            excess = _excess(joint, assembly)
-            if excess > max(0.0, old_excess) + 1e-9:
-                text = f"{joint.name} would exceed its limits of {_range(joint)} by {_shown(joint, excess)}"
-                raise KinematicsError(text)
-        return assembly
 
-    def _why(self, dragged: Dragged) -> str:
-        """Return a text that states why the motion stopped."""
-        reasons = [self._bound(b) for b in dragged.stops]
-        if dragged.singular:
-            reasons.append(_ended(dragged.singular))
-        return ", ".join(reasons) or "no joint motion brings the point nearer"
-
-    def _bound(self, bound: Stop) -> str:
-        if isinstance(bound, PassiveLimit):
-            joint = bound.joint
-            low, high = joint.limits or (0.0, 0.0)
-            limit = _range(joint)
-            if bound.kind == "lower":
-                limit = _shown(joint, low)
-            elif bound.kind == "upper":
-                limit = _shown(joint, high)
-            return f"{joint.name} is at a limit ({limit})"
-        if bound.kind == "gap":
-            lower, upper = bound.name.split()
-            return f"{upper} - {lower} is at its minimum of {bound.least / MM:.3f} mm ({self._rail(lower, upper)})"
-        if bound.kind == "motor":
-            return f"motor {bound.name} is at a limit ({self._limits(bound)})"
-        joint = self.mechanism.joint(bound.name)
-        # the slack of an upper bound is limit - q, so its least value is the negative limit
-        limit = bound.least if bound.kind == "lower" else -bound.least
-        return f"{joint.name} is at its limit of {_shown(joint, limit)}"
-
-    def _limits(self, bound: Bound) -> str:
-        limits = self.mechanism.actuator(bound.name).limits or ()
-        span = " .. ".join(f"{v:.3g}" for v in limits)
-        return f"{span} {self._unit(bound)}"
-
-    def _unit(self, bound: Bound) -> str:
-        return "rad" if self.mechanism.actuator(bound.name).is_angle else "m"
-
-    def _stopped(self, number: int, value: float, dragged: Dragged) -> str:
-        """Return a text that states why a joint did not reach a value in m or rad."""
-        joint = self.joints[number]
-        low, high = self.mechanism.limits[number]
-        within_limits = low <= value <= high
-        q = self.assembly.q.copy()
-        q[number] = value
-        reasons = []
-        if not within_limits:
-            reasons.append(_beyond(joint, value, low, high))
-        names = [j.name for j in self.joints]
-        for bound in self.solver.bounds:
-            if bound.kind != "gap" or bound.slack(q) >= -1e-9:
-                continue
-            lower, upper = bound.name.split()
-            if joint.name == lower:
-                other = upper
-                side = "below"
-            elif joint.name == upper:
-                other = lower
-                side = "above"
-            else:
-                continue
-            position = _shown(joint, float(q[names.index(other)]))
-            least = f"at least {bound.least / MM:.3f} mm {side} {other} = {position} ({self._rail(lower, upper)})"
-            reasons.append(f"{joint.name} = {_shown(joint, value)} must stay {least}")
-        for stop in dragged.stops:
-            if isinstance(stop, PassiveLimit) or stop.kind == "motor":
-                reasons.append(self._bound(stop))
-        stopped = f"{joint.name} stops at {_shown(joint, float(self.assembly.q[number]))}"
-        if dragged.singular:
-            reasons.append(f"{stopped}: {_ended(dragged.singular)}")
-        elif len(reasons) != 1 or within_limits:
-            # a single reason that names the joint's own limit also says where it stops
-            reasons.append(stopped)
-        return "; ".join(reasons)
-
-    def _rail(self, lower: str, upper: str) -> str:
-        return f"{self.mechanism.joint(lower).child} and {self.mechanism.joint(upper).child} share a rail"
+    def _joint_reason(self, number: int, value: float, dragged: Dragged) -> str:
+        """Return why active joint `number` did not reach a value in m or rad."""
+        return reasons.of_joint(self.mechanism, self.solver.bounds, self.assembly.q, number, value, dragged)
 
     def _try(self, go: Callable[[], Assembly], asked: Array | None = None) -> MoveResult:
         with self.lock:
             start = time.perf_counter()
             try:
-                if asked is not None and not spatial.is_pose(asked, 1e-6):
+                if asked is not None and not spatial.is_pose(asked, _RIGID):
                     raise KinematicsError("the requested pose is not rigid")
                 assembly = go()
             except (KinematicsError, AssemblyError) as error:
@@ -554,27 +525,3 @@ def _changes(values: Mapping[str, _Value], published: Mapping[str, _Value]) -> d
 def _excess(joint: Joint, assembly: Assembly) -> float:
     """Return by how much a passive joint is beyond its limits, in rad or m; negative within the limits."""
     return float(joint.beyond(assembly.link_poses[joint.parent], assembly.link_poses[joint.child]))
-
-
-def _ended(singular: str) -> str:
-    """Return a text on the singularity that stopped the motion."""
-    if singular == "tool":
-        return "the robot is at a singularity; the target is in another assembly mode"
-    return f"{singular} is at a singularity and cannot move further in this assembly mode"
-
-
-def _shown(joint: Joint, value: float) -> str:
-    if joint.is_angle or joint.cone is not None:
-        return f"{value / DEG:.3f}°"
-    return f"{value / MM:.3f} mm"
-
-
-def _range(joint: Joint) -> str:
-    if joint.cone is not None:
-        return f"a cone of {_shown(joint, joint.cone)}"
-    return " .. ".join(_shown(joint, value) for value in joint.limits or ())
-
-
-def _beyond(joint: Joint, value: float, low: float, high: float) -> str:
-    side = low if value < low else high
-    return f"{joint.name} = {_shown(joint, value)} is beyond its limit of {_shown(joint, side)}"

@@ -171,13 +171,13 @@ class StepDrawing:
         if self._description is None:
             return {}
         if body not in self._named:
-            found: dict[str, Face] = {}
+            faces: dict[str, Face] = {}
             for name, spec in self._description.feature.get(body, {}).items():
                 try:
-                    found[name] = find(body, name, spec, self.parts[body], self.tolerance).face
+                    faces[name] = find(body, name, spec, self.parts[body], self.tolerance).face
                 except CadError:  # `twin build` reports it
                     continue
-            self._named[body] = found
+            self._named[body] = faces
         return self._named[body]
 
     def taken_names(self, body: str) -> set[str]:
@@ -227,10 +227,10 @@ def _first_triangle(corners: Array, origin: Array, direction: Array) -> int | No
     q = np.cross(from_a, ab)
     v = q @ direction * scale
     distance = np.einsum("ij,ij->i", ac, q) * scale
-    met = crosses & (u >= 0) & (v >= 0) & (u + v <= 1) & (distance > 0)
-    if not met.any():
+    is_met = crosses & (u >= 0) & (v >= 0) & (u + v <= 1) & (distance > 0)
+    if not is_met.any():
         return None
-    return int(np.argmin(np.where(met, distance, np.inf)))
+    return int(np.argmin(np.where(is_met, distance, np.inf)))
 
 
 def in_mm(point: Array) -> tuple[float, float, float]:

@@ -121,10 +121,10 @@ class DrawnParts:
 
     def bodies(self) -> list[tuple[str, Pattern, Body]]:
         """Return (name of the body that carries it, pattern, drawn body) for every drawn body."""
-        out = []
+        rows = []
         for k, ((link, pattern), meshes) in enumerate(self.meshes.items()):
-            out.append((link, pattern, Body(f"drawn{k}", tuple(meshes))))
-        return out
+            rows.append((link, pattern, Body(f"drawn{k}", tuple(meshes))))
+        return rows
 
 
 def drawn_parts(description: Path, bodies: Iterable[str], props: Iterable[str] = ()) -> DrawnParts | None:
@@ -209,19 +209,19 @@ def _belt(belt: BeltTable) -> list[Mesh]:
     along = (end - start) / length
     across = np.cross(axis, along)
     R = np.column_stack([along, axis, across])
-    out = []
+    meshes = []
     for k, side in enumerate((-1, 1)):
         middle = 0.5 * (start + end) + side * (radius - 0.5 * _STRAND) * across
         points, triangles = box(np.array([length, width, _STRAND]))
-        out.append(Mesh(f"{belt.name}_strand{k}", points @ R.T + middle, triangles, _BLACK, Finish("", 0.0, 0.8)))
+        meshes.append(Mesh(f"{belt.name}_strand{k}", points @ R.T + middle, triangles, _BLACK, Finish("", 0.0, 0.8)))
     for k, centre in enumerate((start, end)):
         ends = np.array([centre - 0.5 * width * axis, centre + 0.5 * width * axis])
-        out.append(_rod(f"{belt.name}_pulley{k}", ends, 2 * (radius - _STRAND), _STEEL))
+        meshes.append(_rod(f"{belt.name}_pulley{k}", ends, 2 * (radius - _STRAND), _STEEL))
     if belt.motor_mm is not None:
         diameter, extent = (value * MM for value in belt.motor_mm)
         face = start + 0.5 * width * axis
-        out.append(_rod(f"{belt.name}_motor", np.array([face, face + extent * axis]), diameter, _BLACK))
-    return out
+        meshes.append(_rod(f"{belt.name}_motor", np.array([face, face + extent * axis]), diameter, _BLACK))
+    return meshes
 
 
 def _rod(name: str, ends: Array, diameter: float, color: tuple[float, float, float, float]) -> Mesh:

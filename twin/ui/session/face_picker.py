@@ -69,7 +69,8 @@ class PickedFace:
         if face is None:
             return known
         place = f"({_numbers(in_mm(face.point))}) mm"
-        direction = f"({_numbers(_pointed(self.drawn, face).tolist())})"
+        towards = _pointed(self.drawn, face)
+        direction = f"({_numbers(towards.tolist())})"
         if face.kind == "plane":
             known += [("outward normal", direction), ("middle of the face", place)]
         elif face.kind == "sphere":
@@ -101,38 +102,44 @@ class FacePicker:
 
         The arguments are those of `StepDrawing.meet`. Return None if the ray meets no face; then nothing changes.
         """
-        met = self.drawing.meet(origin, direction, shown)
-        if met is None:
+        face_met = self.drawing.meet(origin, direction, shown)
+        if face_met is None:
             return None
         for old in self.picked:
-            if old.drawn.part is met.part and old.drawn.index == met.index:
+            if old.drawn.part is face_met.part and old.drawn.index == face_met.index:
                 self.current = old
                 return old
-        self.current = self._named(met)
+        self.current = self._named(face_met)
         self.picked.append(self.current)
         return self.current
 
-    def _named(self, met: DrawnFace) -> PickedFace:
-        face = met.geometry
+    def _named(self, face_met: DrawnFace) -> PickedFace:
+        face = face_met.geometry
         if face is None:
             reason = "a free-form face has neither axis nor centre; pick a plane, a cylinder or a sphere"
-            return PickedFace(met, self._free_name(met.body, "surface"), None, reason, ())
+            return PickedFace(face_met, self._free_name(face_met.body, "surface"), None, reason, ())
         known = []
-        for name, other in self.drawing.names_in(met.body).items():
+        for name, other in self.drawing.names_in(face_met.body).items():
             if other is face:
                 known.append(name)
-        parts = self.drawing.parts[met.body]
+        body = face_met.body
+        parts = self.drawing.parts[body]
+        direction = _pointed(face_met, face)
         try:
-            feature = naming_feature(met.body, face, _pointed(met, face), met.part.name, parts, self.drawing.tolerance)
+            feature = naming_feature(body, face, direction, face_met.part.name, parts, self.drawing.tolerance)
         except CadError as error:
-            return PickedFace(met, self._free_name(met.body, face.kind), None, str(error), tuple(known))
-        return PickedFace(met, self._free_name(met.body, _suggested(met, face)), feature, "", tuple(known))
+            return PickedFace(face_met, self._free_name(body, face.kind), None, str(error), tuple(known))
+        name = self._free_name(body, _suggested(face_met, face))
+        return PickedFace(face_met, name, feature, "", tuple(known))
 
     def _free_name(self, body: str, word: str) -> str:
         """Return WORD_NUMBER with the least number that neither the description nor a picked face of the body has."""
-        taken = self.drawing.taken_names(body) | {face.name for face in self.picked if face.drawn.body == body}
+        taken_names = set(self.drawing.taken_names(body))
+        for face in self.picked:
+            if face.drawn.body == body:
+                taken_names.add(face.name)
         number = 1
-        while f"{word}_{number}" in taken:
+        while f"{word}_{number}" in taken_names:
             number += 1
         return f"{word}_{number}"
 
@@ -185,7 +192,7 @@ class FacePicker:
         return "".join(f"{line}\n" for line in lines)
 
 
-def _pointed(met: DrawnFace, face: Face) -> Array:
+def _pointed(face_met: DrawnFace, face: Face) -> Array:
     """Return the direction (3,) of a face with a definite sign.
 
     The normal of a plane points out of the solid. An axis points along the positive coordinate axis that it is nearest
@@ -193,25 +200,27 @@ def _pointed(met: DrawnFace, face: Face) -> Array:
     """
     direction = face.direction
     if face.kind == "plane":
-        towards = float(direction @ met.normal_sum())
+        towards = float(direction @ face_met.normal_sum())
     else:
-        towards = float(direction[np.argmax(np.round(np.abs(direction), 9))])
+        # rounded, so that of two equal components the first counts whatever the rounding errors are
+        largest = np.argmax(np.round(np.abs(direction), 9))
+        towards = float(direction[largest])
     if towards < 0:
         return -direction
     return direction
 
 
-def _suggested(met: DrawnFace, face: Face) -> str:
+def _suggested(face_met: DrawnFace, face: Face) -> str:
     """Return a word for the name of a face."""
     if face.kind == "cylinder":
-        return _round_name(met, "bore", "pin")
+        return _round_name(face_met, "bore", "pin")
     if face.kind == "sphere":
-        return _round_name(met, "socket", "ball")
+        return _round_name(face_met, "socket", "ball")
     return "face"
 
 
-def _round_name(met: DrawnFace, hollow: str, solid: str) -> str:
-    if met.is_hollow():
+def _round_name(face_met: DrawnFace, hollow: str, solid: str) -> str:
+    if face_met.is_hollow():
         return hollow
     return solid
 

@@ -18,9 +18,15 @@ def unanswered(trials: TrialTable, when: When, names: Sequence[str]) -> list[str
 
     A questionnaire of which all items were left open has no answer.
     """
-    prefix = BEFORE if when == "before" else ""
-    columns = {key.name: [prefix + column for column in key.columns] for key in keys()}
+    columns = {}
+    for key in keys():
+        columns[key.name] = [_prefix(when) + column for column in key.columns]
     return [name for name in names if not trials.has_values(columns[name])]
+
+
+def _prefix(when: When) -> str:
+    """Return the first letters of the columns of the answers in the table of trials."""
+    return BEFORE if when == "before" else ""
 
 
 class QuestionnaireForms:
@@ -49,7 +55,7 @@ class QuestionnaireForms:
         self._one_row = one_row
         self._first = trials.trial + 1
         self._after = [known[name] for name in after]
-        self._asked = {name: known[name] for name in (*before, *after)}
+        self._used = {name: known[name] for name in (*before, *after)}
         self.due: list[tuple[When, Key]] = []
         for name in before:
             self.due.append(("before", known[name]))
@@ -61,11 +67,11 @@ class QuestionnaireForms:
 
     def restart(self) -> None:
         """Forget what was not answered after the last attempt."""
-        kept: list[tuple[When, Key]] = []
+        unanswered_before: list[tuple[When, Key]] = []
         for when, key in self.due:
             if when == "before":
-                kept.append((when, key))
-        self.due = kept
+                unanswered_before.append((when, key))
+        self.due = unanswered_before
 
     def answer(self, when: When, name: str, answers: Sequence[float | None], weights: Sequence[float] | None) -> None:
         """Store the answers of the form that is due; None: an item without an answer.
@@ -76,16 +82,19 @@ class QuestionnaireForms:
         """
         if not self.due:
             raise TwinError(f"no questionnaire is asked now; '{name}' comes before or after an attempt at the task")
-        asked, key = self.due[0]
-        if (asked, key.name) != (when, name):
+        asked_when, key = self.due[0]
+        if (asked_when, key.name) != (when, name):
             raise TwinError(
-                f"the questionnaire '{key.name}' {asked} the task is asked now, not '{name}' {when} the task"
+                f"the questionnaire '{key.name}' {asked_when} the task is asked now, not '{name}' {when} the task"
             )
         key.check(answers, weights)
-        prefix = BEFORE if when == "before" else ""
-        cells = {prefix + column: value for column, value in zip(key.columns, answers, strict=True)}
+        prefix = _prefix(when)
+        cells = {}
+        for column, value in zip(key.columns, answers, strict=True):
+            cells[prefix + column] = value
         if weights is not None:
-            cells |= {prefix + column: value for column, value in zip(key.weight_columns, weights, strict=True)}
+            for column, value in zip(key.weight_columns, weights, strict=True):
+                cells[prefix + column] = value
         self._store(when, cells)
         self.due.pop(0)
 
@@ -105,9 +114,9 @@ class QuestionnaireForms:
 
     def about(self) -> list[JsonObject]:
         """Return the questionnaires for the page: title, items, ends and steps of the scale, comparisons of pairs."""
-        asked = []
-        for key in self._asked.values():
-            about: JsonObject = {
+        forms = []
+        for key in self._used.values():
+            form: JsonObject = {
                 "name": key.name,
                 "title": key.title,
                 "items": [item.name for item in key.item],
@@ -117,8 +126,8 @@ class QuestionnaireForms:
                 "ends": list(key.ends),
                 "pairs": key.weighted is not None,
             }
-            asked.append(about)
-        return asked
+            forms.append(form)
+        return forms
 
     def state(self) -> JsonObject | None:
         """Return the form to answer now, as (when, name); None: there is none."""

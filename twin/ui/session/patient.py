@@ -79,7 +79,7 @@ class Patient:
     @property
     def poses(self) -> dict[str, Array]:
         """Poses T_base_body (4, 4) of the parts, by name."""
-        return {b.name: np.eye(4) for b in self.mechanism.bodies}
+        return {body.name: np.eye(4) for body in self.mechanism.bodies}
 
 
 def patient_of(robot: Robot, protocol: Protocol, floor: float) -> Patient | None:
@@ -95,29 +95,17 @@ def patient_of(robot: Robot, protocol: Protocol, floor: float) -> Patient | None
     if place is None:
         return None
     folder = assets.data_folder() / "cad" / "patients"
-    known = sorted(p.stem for p in folder.glob("*.toml"))
+    known = sorted(path.stem for path in folder.glob("*.toml"))
     if place.body not in known:
         raise TwinError(f"protocol '{protocol.name}': {unknown('patient', place.body, known)}")
     table = read_patient(folder / f"{place.body}.toml")
     if place.port not in table.port:
         raise TwinError(f"protocol '{protocol.name}', patient {table.name}: {unknown('port', place.port, table.port)}")
     for link in place.replaces:
-        robot.mechanism.body(link)
-    trocars = robot.mechanism.trocars
-    if place.trocar and place.trocar in protocol.trocars:
-        rcm = protocol.trocars[place.trocar]
-    elif trocars:
-        rcm = robot.mechanism.with_trocars(protocol.places_of(trocars)).trocar_at(place.trocar)
-    elif place.trocar:
-        raise TwinError(f"protocol '{protocol.name}', [patient]: {unknown('trocar', place.trocar, protocol.trocars)}")
-    else:
-        rcm = protocol.first_rcm
-    if rcm is None:
-        raise TwinError(
-            f"protocol '{protocol.name}' has a patient but no RCM at which to place it: add an insertion, or remove "
-            "[patient]"
-        )
+        robot.mechanism.body(link)  # raises an error if there is no such link
+    rcm = _rcm_of(robot, protocol, place.trocar)
     port = table.port[place.port]
+    # the patient is turned, and then moved so that its port is at the RCM
     R = spatial.rotation_z(place.turn)
     T = spatial.pose(R, rcm - R @ (np.array(port.position_mm) * MM))
     meshes = []
@@ -129,14 +117,37 @@ def patient_of(robot: Robot, protocol: Protocol, floor: float) -> Patient | None
         if part.port == place.port:
             access.add(part.name)
     return Patient(
-        _fixed(table.name, meshes),
-        np.asarray(rcm, float),
-        0.5 * port.diameter_mm * MM,
-        frozenset(port.opens),
-        frozenset(access),
-        place.replaces,
-        f"{table.title}, {table.provenance}: {table.note} Place, {place.provenance}: {place.note}",
+        mechanism=_fixed(table.name, meshes),
+        port=np.asarray(rcm, float),
+        port_radius=0.5 * port.diameter_mm * MM,
+        opens=frozenset(port.opens),
+        access=frozenset(access),
+        replaces=place.replaces,
+        assumed=f"{table.title}, {table.provenance}: {table.note} Place, {place.provenance}: {place.note}",
     )
+
+
+def _rcm_of(robot: Robot, protocol: Protocol, trocar: str) -> Array:
+    """Return the RCM (3,) in m in the base frame at which a patient is placed; `trocar` "": the first RCM.
+
+    Raises:
+        TwinError: there is no such trocar, or no RCM.
+    """
+    trocars = robot.mechanism.trocars
+    if trocar and trocar in protocol.trocars:
+        rcm = protocol.trocars[trocar]
+    elif trocars:
+        rcm = robot.mechanism.with_trocars(protocol.places_of(trocars)).trocar_at(trocar)
+    elif trocar:
+        raise TwinError(f"protocol '{protocol.name}', [patient]: {unknown('trocar', trocar, protocol.trocars)}")
+    else:
+        rcm = protocol.first_rcm
+    if rcm is None:
+        raise TwinError(
+            f"protocol '{protocol.name}' has a patient but no RCM at which to place it: add an insertion, or remove "
+            "[patient]"
+        )
+    return rcm
 
 
 def none_there(robot: Robot, protocol: Protocol) -> str:
@@ -162,7 +173,7 @@ def read_patient(path: Path) -> PatientFile:
         DescriptionError: the file is invalid; the message has file, line, key, value and the allowed values.
     """
     table = load_toml(path, PatientFile)
-    names = [p.name for p in table.part]
+    names = [part.name for part in table.part]
     for k, part in enumerate(table.part):
         if names.count(part.name) > 1:
             raise error_at(path, ("part", k, "name"), f"two parts are named '{part.name}'")
@@ -187,7 +198,9 @@ def floor_of(mechanism: Mechanism, poses: Mapping[str, Array]) -> float:
         T = poses[body.name]
         for mesh in body.meshes:
             if len(mesh.vertices):
-                heights.append(float((mesh.vertices @ T[2, :3]).min() + T[2, 3]))
+                lowest = (mesh.vertices @ T[2, :3]).min()
+                heights.append(float(lowest + T[2, 3]))
+    # to 1 µm, so that rounding errors do not move the floor
     return round(min(heights, default=0.0), 6)
 
 

@@ -47,7 +47,7 @@ _SHARE = 0.75
 _MOVED = 1e-3
 """Change of a joint in rad or m, since the plan was made, above which the arm counts as moved."""
 
-_SAID = 6.0
+_MESSAGE_TIME = 6.0
 """Time in s for which the message about the end of a motion is shown."""
 
 _SAME = 1e-4
@@ -84,7 +84,7 @@ class _Ahead:
 class Preview:
     """A planned motion, the clearances computed so far, and the proven bound of the clearance (None until known)."""
 
-    found: PlannedMotion
+    motion: PlannedMotion
     clear: list[Clear] = field(default_factory=list)
     proven: Proven | None = None
 
@@ -96,10 +96,10 @@ class PlanMode:
         plans: the input device of the World that receives targets and motions.
         phase: "off", "aim" (a hand moves the target), "plan", "preview" or "run" (the arm follows the motion).
         hand, robot: the hand that moves the target, and its arm; "" if `phase` is "off".
-        said: message for the user; "" if there is none.
-        bad: whether `said` is an error.
+        message: text for the user; "" if there is none.
+        is_error: whether `message` is an error.
         blocked: why the arm cannot be at the target; "" if it can, or if the target has not been tested yet.
-        done: completed fraction, 0 to 1, of the search or of the motion.
+        completed: completed fraction, 0 to 1, of the search or of the motion.
         ready: whether the geometry is loaded.
         preview: the planned motion; None before it is found.
         ghost: T_base_body (4, 4) of the arm at the target, by body; empty: no ghost.
@@ -132,10 +132,10 @@ class PlanMode:
         self.phase: PlanPhase = "off"
         self.hand = ""
         self.robot = ""
-        self.said = ""
+        self.message = ""
         self.blocked = ""
-        self.bad = False
-        self.done = 0.0
+        self.is_error = False
+        self.completed = 0.0
         self.ready = False
         self.preview: Preview | None = None
         self.ghost: Mapping[str, Array] = {}
@@ -181,8 +181,8 @@ class PlanMode:
             self.ghost = self._links(self._q)
         self.phase = "aim"
         self.preview = None
-        self.said = ""
-        self.bad = False
+        self.message = ""
+        self.is_error = False
         self._tested = None
         self._error = None
         self.plans.aim(robot)
@@ -213,9 +213,9 @@ class PlanMode:
         self._error = None
         self._start = start
         self.phase = "plan"
-        self.done = 0.0
-        self.said = ""
-        self.bad = False
+        self.completed = 0.0
+        self.message = ""
+        self.is_error = False
         self.plans.hold()
         self._checks = False
         self.changes += 1
@@ -251,10 +251,10 @@ class PlanMode:
                     f"(limit {_MOVED / unit:.2g} {text}); plan again"
                 )
         self.phase = "run"
-        self.done = 0.0
-        self.said = ""
-        self.bad = False
-        self.plans.run(self.preview.found.Ts)
+        self.completed = 0.0
+        self.message = ""
+        self.is_error = False
+        self.plans.run(self.preview.motion.Ts)
         self.changes += 1
 
     def cancel(self, why: str = "") -> None:
@@ -316,13 +316,13 @@ class PlanMode:
 
     def _take(self, piece: Any) -> None:
         if isinstance(piece, float):
-            self.done = piece
+            self.completed = piece
         elif isinstance(piece, CheckedTarget):
             self.blocked = piece.why
         elif isinstance(piece, PlannedMotion):
             self.preview = Preview(piece)
             self.phase = "preview"
-            self.done = 1.0
+            self.completed = 1.0
             self.changes += 1
         elif self.preview is not None and isinstance(piece, Clear):
             self.preview.clear.append(piece)
@@ -337,11 +337,13 @@ class PlanMode:
         if not error:
             self.ready = True
             return
-        planned = self.phase == "plan"
-        self.said = f"No plan: {error}" if planned else error
-        self.bad = True
-        self._error = (self._target, self.said)
-        if planned:
+        self.message = error
+        self.is_error = True
+        was_planning = self.phase == "plan"
+        if was_planning:
+            self.message = f"No plan: {error}"
+        self._error = (self._target, self.message)
+        if was_planning:
             self.phase = "aim"
             self._tested = self._q
             self.plans.aim(self.robot)
@@ -373,17 +375,17 @@ class PlanMode:
 
     def _move_ghost(self, target: Array) -> None:
         """Move the ghost to a new pose (4, 4) of the target, and set the message about this pose."""
-        first = not len(self._target)
+        is_first = not len(self._target)
         self._target = target
         why = self._reach(self._members[self.robot], target)
         if self._error is not None and not _near(target, self._error[0], *_AWAY):
             self._error = None
         if self._error is not None and not why:
-            self.said = self._error[1]
-            self.bad = True
-        elif not first:
-            self.said = why
-            self.bad = False
+            self.message = self._error[1]
+            self.is_error = True
+        elif not is_first:
+            self.message = why
+            self.is_error = False
         self.changes += 1
 
     def _serves(self, job: PlanJob, start: Array) -> bool:
@@ -394,7 +396,8 @@ class PlanMode:
 
     def _plan(self, start: Array) -> PlanJob:
         """Return the job that plans a motion from start (n,) to the target."""
-        return PlanJob(self._require_room(), start, self._q, *self._limits())
+        speed, turn = self._limits()
+        return PlanJob(self._require_room(), start, self._q, speed, turn)
 
     def _reach(self, member: Member, T: Array) -> str:
         """Move the ghost to a pose (4, 4) in the base frame; return why this is not possible, "" if it is possible."""
@@ -404,14 +407,15 @@ class PlanMode:
         try:
             q = np.array(kin.inverse(T, last), float)
             # full turns are removed, so that the arm does not turn once around
-            q[kin.revolute] -= 2 * np.pi * np.rint((q - last)[kin.revolute] / (2 * np.pi))
+            full_turns = np.rint((q - last)[kin.revolute] / (2 * np.pi))
+            q[kin.revolute] -= 2 * np.pi * full_turns
             q[kin.auxiliary] = last[kin.auxiliary]
             for joint, value in zip(member.mechanism.active, q, strict=True):
                 low, high = joint.limits or (-np.inf, np.inf)
                 if not low <= value <= high:
-                    text, unit = display_unit(joint.is_angle)
-                    limits = f"{low / unit:.4g} to {high / unit:.4g} {text}"
-                    return f"The target needs {joint.name} = {value / unit:.4g} {text} (limits {limits}){stays}"
+                    sign, unit = display_unit(joint.is_angle)
+                    limits = f"{low / unit:.4g} to {high / unit:.4g} {sign}"
+                    return f"The target needs {joint.name} = {value / unit:.4g} {sign} (limits {limits}){stays}"
             self.ghost = self._links(q)
         except TwinError as error:  # out of reach, or the loops cannot be closed
             return f"{error}{stays}"
@@ -425,7 +429,7 @@ class PlanMode:
 
     def _watch(self) -> None:
         """Update the completed fraction of the motion, and end planning mode at the end of the motion."""
-        self.done = self.plans.fraction
+        self.completed = self.plans.fraction
         if self.plans.state != OFF:
             return
         robot = self.robot
@@ -439,8 +443,8 @@ class PlanMode:
 
     def _tell(self, text: str, bad: bool) -> None:
         """Set the message on how planning mode has ended."""
-        self.said = text
-        self.bad = bad
+        self.message = text
+        self.is_error = bad
         self._message_time = self._world().t
 
     # -- what surrounds the arm -----------------------------------------------------------------------
@@ -495,17 +499,17 @@ class PlanMode:
 
     def state(self) -> JsonObject | None:
         """Return the state of planning mode as plain data for displays; None if there is nothing to show."""
-        if self.phase == "off" and (not self.said or self._world().t - self._message_time > _SAID):
+        if self.phase == "off" and (not self.message or self._world().t - self._message_time > _MESSAGE_TIME):
             return None
         return {
             "phase": self.phase,
             "hand": self.hand,
             "robot": self.robot,
-            "said": self.said,
-            "bad": self.bad,
+            "said": self.message,
+            "bad": self.is_error,
             "blocked": self.blocked,
             "ready": self.ready,
-            "done": round(self.done, 2),
+            "done": round(self.completed, 2),
         }
 
 

@@ -51,7 +51,7 @@ def status(state: JsonMapping | None, preview: Preview | None) -> tuple[str, str
     if phase == "run":
         return "good", f"{robot} follows the plan: {100 * state['done']:.0f} %"
     if phase == "preview" and preview is not None:
-        length = preview.found.duration
+        length = preview.motion.duration
         return "good", f"Motion of {robot}, {length:.1f} s. {clearance(preview)} Accept it, or cancel."
     return None
 
@@ -61,10 +61,10 @@ def clearance(preview: Preview) -> str:
     certificate = preview.proven
     if certificate is None:
         return "The clearance is being computed."
-    text = f"Minimum clearance {certificate.found / MM:.1f} mm"
+    text = f"Minimum clearance {certificate.computed / MM:.1f} mm"
     if all(certificate.bodies):
         text += f" ({' and '.join(certificate.bodies)})"
-    return f"{text}, proven to be at least {certificate.proven / MM:.1f} mm."
+    return f"{text}, proven to be at least {certificate.bound / MM:.1f} mm."
 
 
 def curve(preview: Preview) -> tuple[Array, Array]:
@@ -87,7 +87,7 @@ def ghost(mode: PlanMode, t: float) -> Mapping[str, Array]:
         return {}
     if mode.preview is None or mode.phase not in ("preview", "run"):
         return mode.ghost
-    motion = mode.preview.found
+    motion = mode.preview.motion
     k = len(motion.shown) - 1
     if mode.phase == "preview":
         t_motion = t % (motion.duration + _PAUSE)

@@ -38,9 +38,17 @@ _CLEARANCE = 2 * MM
 """Minimum clearance of a plan in m. With a smaller minimum, a search would take seconds, and an arm could deviate from
 the plan by more than the clearance."""
 
-_SPEED, _RISE = (0.1, 1.0), 0.25
-"""Speed limits in m/s and rad/s for joints without a speed limit; time in s in which a joint without an acceleration
-limit reaches its largest speed (both ASSUMED)."""
+_LINEAR_SPEED = 0.1
+"""Speed limit in m/s of a prismatic joint without a speed limit (ASSUMED)."""
+
+_ANGULAR_SPEED = 1.0
+"""Speed limit in rad/s of a revolute joint without a speed limit (ASSUMED)."""
+
+_RISE = 0.25
+"""Time in s in which a joint without an acceleration limit reaches its largest speed (ASSUMED)."""
+
+_POINTS_A_PIECE = 8
+"""Number of points of a motion whose clearances are yielded together; a page draws them while others are computed."""
 
 
 @dataclass(frozen=True)
@@ -124,10 +132,10 @@ class Clear:
 
 @dataclass(frozen=True)
 class Proven:
-    """Clearance of a whole motion: proven lower bound in m; smallest computed distance in m; the two nearest bodies."""
+    """Clearance of a whole motion: proven lower `bound` in m; smallest `computed` distance in m; the nearest bodies."""
 
-    proven: float
-    found: float
+    bound: float
+    computed: float
     bodies: tuple[str, str]
 
 
@@ -138,7 +146,7 @@ def work(job: TargetCheck | PlanJob) -> Iterator[Any]:
         TwinError: a file is malformed, or there is no plan; the message has the reason.
     """
     if isinstance(job, PlanJob):
-        yield from _beside(job)
+        yield from _with_progress(job)
         return
     arm = _arm_of(job.room)
     if job.q is not None:
@@ -147,30 +155,33 @@ def work(job: TargetCheck | PlanJob) -> Iterator[Any]:
         arm.space.load()
 
 
-def _beside(job: PlanJob) -> Iterator[Any]:
-    """Yield the results of a plan and, at least every `_EVERY` s, the completed fraction of the search."""
-    said: queue.SimpleQueue[Any] = queue.SimpleQueue()
-    ends, done = threading.Event(), [0.0]
+def _with_progress(job: PlanJob) -> Iterator[Any]:
+    """Yield the results of a plan, made in a thread, and every `_EVERY` s without one the completed fraction."""
+    # results of the plan, then None, or the error that ended it
+    results: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    is_cancelled = threading.Event()
+    completed = 0.0
 
     def report(fraction: float) -> None:
-        done[0] = fraction
+        nonlocal completed
+        completed = fraction
 
     def run() -> None:
         try:
-            for piece in plan(job, report, ends.is_set):
-                said.put(piece)
-            said.put(None)
-        except BaseException as error:
-            said.put(error)
+            for piece in plan(job, report, is_cancelled.is_set):
+                results.put(piece)
+            results.put(None)
+        except BaseException as error:  # raised again in the thread that waits for the results
+            results.put(error)
 
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
     try:
         while True:
             try:
-                piece = said.get(timeout=_EVERY)
+                piece = results.get(timeout=_EVERY)
             except queue.Empty:
-                yield done[0]
+                yield completed
                 continue
             if piece is None:
                 return
@@ -178,7 +189,7 @@ def _beside(job: PlanJob) -> Iterator[Any]:
                 raise piece
             yield piece
     finally:
-        ends.set()
+        is_cancelled.set()
         thread.join()
 
 
@@ -197,7 +208,8 @@ def plan(
         if cancelled():
             raise CancelledError
 
-    arm, trees = _arm_of(job.room), []
+    arm = _arm_of(job.room)
+    trees = []  # the search tree after each round
     try:
         path = around(
             arm.space,
@@ -209,29 +221,46 @@ def plan(
             ended=lambda search_round, tree: trees.append(tree),
         )
     except NoPathError as error:
-        what = "end the planning mode and move the arm" if error.at_start else "move the target"
-        raise TwinError(f"{error.reason}; {what}, or another arm that is in the way") from None
+        remedy = "end the planning mode and move the arm" if error.at_start else "move the target"
+        raise TwinError(f"{error.reason}; {remedy}, or another arm that is in the way") from None
     s = _timed(path, arm, job)
     q = path(s)
     times: Array = np.arange(len(s), dtype=np.float64) * DT
-    rows = np.unique(np.append(np.arange(0, len(s), round(SHOWN / DT)), len(s) - 1))
-    links = [arm.links(x) for x in q[rows]]
-    names = tuple(links[0])
-    shown = np.array([[row[n] for n in names] for row in links])
+    names, shown = _shown_links(arm, q)
     yield PlannedMotion(arm.kin.forward_many(q), shown, names, _tips(arm, trees))
-    for part in np.array_split(spread(len(s), _PLACES), _PLACES // 8):
+    for part in np.array_split(spread(len(s), _PLACES), _PLACES // _POINTS_A_PIECE):
         check()
-        distances = [arm.space.nearest(x)[0] for x in q[part]]
-        yield Clear(times[part], np.array(distances))
-    seen = arm.space.interruptible(check).certify(path)
-    yield Proven(seen.proven, seen.found, seen.bodies)
+        distances = np.zeros(len(part))
+        for k, q_point in enumerate(q[part]):
+            distances[k], *_ = arm.space.nearest(q_point)
+        yield Clear(times[part], distances)
+    certificate = arm.space.interruptible(check).certify(path)
+    yield Proven(certificate.proven, certificate.found, certificate.bodies)
+
+
+def _shown_links(arm: _Arm, q: Array) -> tuple[tuple[str, ...], Array]:
+    """Return (names of the links, their poses (m, links, 4, 4) in the base frame) at every `SHOWN` s of q (k, n).
+
+    The last pose is that of the end of the motion.
+    """
+    every = round(SHOWN / DT)
+    rows = np.append(np.arange(0, len(q), every), len(q) - 1)
+    poses = []
+    names: tuple[str, ...] = ()
+    for row in np.unique(rows):
+        links = arm.links(q[row])
+        names = tuple(links)
+        poses.append([links[name] for name in names])
+    return names, np.array(poses)
 
 
 def _tips(arm: _Arm, trees: Sequence[Any]) -> Array:
     """Return the tip positions (edges, 2, 3) at both ends of each edge of the last tree, in m in the base frame."""
     if not trees or not len(trees[-1].branches):
         return np.zeros((0, 2, 3))
-    return arm.kin.forward_many(trees[-1].q)[:, :3, 3][trees[-1].branches]
+    tree = trees[-1]
+    tips = arm.kin.forward_many(tree.q)[:, :3, 3]
+    return tips[tree.branches]
 
 
 def _timed(path: Any, arm: _Arm, job: PlanJob) -> Array:
@@ -243,9 +272,10 @@ def _timed(path: Any, arm: _Arm, job: PlanJob) -> Array:
     speed = np.linalg.norm(np.diff(Ts[:, :3, 3], axis=0), axis=1).max(initial=0.0) / DT
     turns = np.swapaxes(Ts[:-1, :3, :3], 1, 2) @ Ts[1:, :3, :3]
     turn = float(np.max(spatial.rotation_angle(turns), initial=0.0)) / DT
-    slower = max(1.0, speed / job.speed, turn / job.turn)
-    if slower > 1:
-        timing = time_path(path, arm.speed / slower, arm.acceleration / slower**2, dt=DT)
+    slowdown = max(1.0, speed / job.speed, turn / job.turn)
+    if slowdown > 1:
+        # a motion that takes c times as long has speeds c times, and accelerations c² times smaller
+        timing = time_path(path, arm.speed / slowdown, arm.acceleration / slowdown**2, dt=DT)
     return timing.s
 
 
@@ -265,32 +295,44 @@ _arms: dict[str, tuple[int, _Arm]] = {}
 
 def _arm_of(room: Room) -> _Arm:
     """Return the arm of a room, from a cache that stores the last arm of each robot."""
-    known = _arms.get(room.robot)
-    if known is None or known[0] != room.number:
-        known = _arms[room.robot] = room.number, _make(room)
-    return known[1]
+    if room.robot in _arms:
+        number, arm = _arms[room.robot]
+        if number == room.number:
+            return arm
+    arm = _make(room)
+    _arms[room.robot] = (room.number, arm)
+    return arm
 
 
 def _make(room: Room) -> _Arm:
+    """Load the arm of a room, with the bodies around it as obstacles.
+
+    Raises:
+        TwinError: there is no such scene or robot, or a file is malformed.
+    """
     from twin.api.standing import standing
     from twin.kinematics.closed_loops.placing import LinkPoses
     from twin.reference import ReferenceModel
     from twin.reference.space import JointSpace
 
     scene = _scene(room.scene)
-    place = next((p for p in scene.places if p.name == room.robot), None)
-    if place is None:
+    robots = {place.name: place.robot for place in scene.places}
+    if room.robot not in robots:
         raise TwinError(f"scene '{scene.name}' has no robot '{room.robot}'")
-    robot = _load(place.robot)
+    robot = _load(robots[room.robot])
     space = JointSpace(
         lambda: ReferenceModel(robot.mechanism),
         max(scene.clearance, _CLEARANCE),
         around=lambda: standing(room.scene, room.robot, _load, room.poses),
     )
     active = robot.mechanism.active
-    speed = np.array([j.max_speed or _SPEED[j.is_angle] for j in active])
-    rise = np.array([j.max_acceleration or v / _RISE for j, v in zip(active, speed, strict=True)])
-    return _Arm(space, robot.kinematics(), LinkPoses(robot.loops), speed, rise)
+    speed = np.zeros(len(active))
+    acceleration = np.zeros(len(active))
+    for k, joint in enumerate(active):
+        assumed_speed = _ANGULAR_SPEED if joint.is_angle else _LINEAR_SPEED
+        speed[k] = joint.max_speed or assumed_speed
+        acceleration[k] = joint.max_acceleration or speed[k] / _RISE
+    return _Arm(space, robot.kinematics(), LinkPoses(robot.loops), speed, acceleration)
 
 
 @cache
@@ -305,6 +347,7 @@ def _scene(file: str) -> Any:
     from twin.core import assets
     from twin.model.scene import load_scene
 
-    if (found := assets.scene_file(file)) is None:
+    path = assets.scene_file(file)
+    if path is None:
         raise TwinError(f"there is no scene '{file}'")
-    return load_scene(found)
+    return load_scene(path)

@@ -19,6 +19,7 @@ LONGEST = 200
 
 def link_of(joints: Sequence[Joint], q: Array, t: float | None) -> str:
     """Return joint values q (n,) in rad or m as degrees and millimetres, with a time t in s; None: no time."""
+    # fewer digits of a robot with so many joints that its link would be too long
     for digits in (6, 3, 1):
         numbers = []
         for joint, value in zip(joints, q, strict=True):
@@ -38,20 +39,26 @@ def read_link(text: str, joints: Sequence[Joint]) -> tuple[Array, float | None]:
     Raises:
         TwinError: the text has another form, another number of joints, or a number that is not finite.
     """
-    found = parse_qs(text.strip().removeprefix("#"), keep_blank_values=True)
-    values = found.get("q", [""])[0].split(",")
-    names = ", ".join(f"{joint.name} [{'°' if joint.is_angle else 'mm'}]" for joint in joints)
-    if len(values) != len(joints):
+    values_by_key = parse_qs(text.strip().removeprefix("#"), keep_blank_values=True)
+    values = []
+    if "q" in values_by_key:
+        values = values_by_key["q"][0].split(",")
+    if len(values) != len(joints) or not values:
+        names = []
+        for joint in joints:
+            unit = "°" if joint.is_angle else "mm"
+            names.append(f"{joint.name} [{unit}]")
         raise TwinError(
-            f"a posture is q=NUMBER,NUMBER,... with {len(joints)} numbers ({names}), and &t=SECONDS; "
-            f"'{text[:80]}' has {len(values) if found.get('q') else 0}"
+            f"a posture is q=NUMBER,NUMBER,... with {len(joints)} numbers ({', '.join(names)}), and &t=SECONDS; "
+            f"'{text[:80]}' has {len(values)}"
         )
     q = np.zeros(len(joints))
     for k, (joint, value) in enumerate(zip(joints, values, strict=True)):
-        q[k] = _number(value, joint.name) * (DEG if joint.is_angle else MM)
+        unit = DEG if joint.is_angle else MM
+        q[k] = _number(value, joint.name) * unit
     t = None
-    if "t" in found:
-        t = max(0.0, _number(found["t"][0], "t"))
+    if "t" in values_by_key:
+        t = max(0.0, _number(values_by_key["t"][0], "t"))
     return q, t
 
 

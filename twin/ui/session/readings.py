@@ -100,7 +100,7 @@ class RobotReading:
     @property
     def rcm_error(self) -> float | None:
         """Largest trocar error in m; None without a trocar."""
-        return max((t.error for t in self.trocars), default=None)
+        return max((trocar.error for trocar in self.trocars), default=None)
 
     @property
     def comparable(self) -> bool:
@@ -248,13 +248,22 @@ def _residual(
         return _largest(to_request), _BEYOND_EQUATIONS
     errors.append(_joint_error(desk, q_equations, q))
     if _largest(errors).size > LIVE_TOLERANCE and _agree_at_home(desk):
-        tool_errors = [_pose_error(T_tool, T) for T_tool in desk.solver.tools(now, q_equations)]
-        nearest = min(tool_errors, key=lambda e: e.size, default=None)
+        nearest = _nearest_mode(desk, now, q_equations)
         if nearest is not None and nearest.size <= LIVE_TOLERANCE:
             return _largest([nearest, *to_request]), _ASSEMBLY_MODES_DIFFER
         if not _has_value(kin, q):
             return _largest(to_request), _BEYOND_EQUATIONS
     return _largest(errors + to_request), ""
+
+
+def _nearest_mode(desk: Desk, now: Assembly, q: Array) -> EquationDeviation | None:
+    """Return the smallest tool error of the assembly modes of the mechanism at q (n,); None if it cannot be closed."""
+    nearest: EquationDeviation | None = None
+    for T_tool in desk.solver.tools(now, q):
+        error = _pose_error(T_tool, now.T_base_tool)
+        if nearest is None or error.size < nearest.size:
+            nearest = error
+    return nearest
 
 
 def _request_errors(asked: Array | None, T: Array) -> list[EquationDeviation]:
@@ -289,12 +298,12 @@ def _has_value(kin: Kinematics, q: Array) -> bool:
 def _largest(errors: list[EquationDeviation]) -> EquationDeviation:
     """Return the largest finite error, the first of equal ones; m and rad are compared as numbers."""
     finite = [error for error in errors if np.isfinite(error.size)]
-    return max(finite, key=lambda e: e.size, default=EquationDeviation(0.0, ""))
+    return max(finite, key=lambda error: error.size, default=EquationDeviation(0.0, ""))
 
 
 def _joint_error(desk: Desk, q_equations: Array, q: Array) -> EquationDeviation:
     """Return the largest difference between joint values q_equations (n,) and q (n,); angles modulo full turns."""
-    is_angle = np.array([j.is_angle for j in desk.joints], bool)
+    is_angle = np.array([joint.is_angle for joint in desk.joints], bool)
     difference = q_equations - q
     wrapped = (difference + np.pi) % (2 * np.pi) - np.pi
     difference = np.where(is_angle, wrapped, difference)

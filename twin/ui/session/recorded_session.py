@@ -105,12 +105,12 @@ class RecordedSession:
         """
         if not self.moments:
             raise TwinError(f"session of {self.robot}: the session is empty; add a moment first")
-        times = []
-        rows = []
-        for moment in self.moments:
-            times.append(moment.time)
-            rows.append(moment.q)
-        return np.array([np.interp(t, times, column) for column in np.transpose(rows)])
+        times = [moment.time for moment in self.moments]
+        values = np.array([moment.q for moment in self.moments])
+        q = np.zeros(len(self.joints))
+        for k in range(len(q)):
+            q[k] = np.interp(t, times, values[:, k])
+        return q
 
     def save(self, path: Path) -> None:
         """Write the session as JSON.
@@ -175,24 +175,24 @@ class RecordedSession:
             raise TwinError(text) from error
         except ValueError as error:
             raise TwinError(f"{path}: {error}; give a file that the panel Record has saved") from error
-        out = cls.of(mechanism)
-        if table.robot != out.robot:
+        session = cls.of(mechanism)
+        if table.robot != session.robot:
             raise TwinError(
-                f"{path}: robot = '{table.robot}': the session is not of '{out.robot}'; load robot '{table.robot}'"
+                f"{path}: robot = '{table.robot}': the session is not of '{session.robot}'; load robot '{table.robot}'"
             )
         recorded = [(joint.name, joint.unit) for joint in table.joints]
-        present = list(zip(out.joints, out.units, strict=True))
+        present = list(zip(session.joints, session.units, strict=True))
         if recorded != present:
             raise TwinError(
-                f"{path}: joints: recorded with {_joint_list(recorded)}; {out.robot} has {_joint_list(present)}: "
+                f"{path}: joints: recorded with {_joint_list(recorded)}; {session.robot} has {_joint_list(present)}: "
                 "record it again"
             )
         for moment in table.moments:
             try:
-                out.add(moment.time_s, np.array(moment.q), np.array(moment.T_base_tool), moment.label)
+                session.add(moment.time_s, np.array(moment.q), np.array(moment.T_base_tool), moment.label)
             except TwinError as error:
                 raise TwinError(f"{path}: {error}") from error
-        return out
+        return session
 
 
 def _joint_list(joints: list[tuple[str, str]]) -> str:

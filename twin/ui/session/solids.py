@@ -161,14 +161,14 @@ def _smooth(line: Array, radii: Array) -> tuple[Array, Array]:
     """Return points and radii of a smooth curve through the given points (a spline of Catmull and Rom)."""
     rows = np.column_stack([line, radii])
     ends = np.vstack([2 * rows[0] - rows[1], rows, 2 * rows[-1] - rows[-2]])
-    out = []
+    points = []
     for a, b, c, d in zip(ends, ends[1:], ends[2:], ends[3:], strict=False):
         for t in np.arange(_ALONG) / _ALONG:
             cubic = -a + 3 * b - 3 * c + d
             square = 2 * a - 5 * b + 4 * c - d
-            out.append(0.5 * (2 * b + (c - a) * t + square * t**2 + cubic * t**3))
-    out.append(rows[-1])
-    curve = np.array(out)
+            points.append(0.5 * (2 * b + (c - a) * t + square * t**2 + cubic * t**3))
+    points.append(rows[-1])
+    curve = np.array(points)
     return curve[:, :3], np.maximum(curve[:, 3], 0.2 * radii.min())
 
 

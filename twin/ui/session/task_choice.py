@@ -80,8 +80,8 @@ class TaskChoice:
 
 def judged(tasks: Mapping[str, ConsoleTask]) -> dict[str, ConsoleTask]:
     """Return the tasks that a page judges while they are performed, by name."""
-    found = {}
+    judged_tasks = {}
     for name, task in tasks.items():
         if task.kind.judged:
-            found[name] = task
-    return found
+            judged_tasks[name] = task
+    return judged_tasks

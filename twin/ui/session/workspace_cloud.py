@@ -24,6 +24,15 @@ from twin.model.mechanism import Mechanism
 if TYPE_CHECKING:
     from twin.kinematics import Kinematics
 
+_TRIALS = 1000
+"""Number of poses near the present one that show whether the tool can move in every direction."""
+
+_NEAR = 0.01
+"""Edge length of the box of these poses as a fraction of that of the searched box."""
+
+_SURFACE_SHARE = 0.01
+"""Share of reachable poses in this box below which the reachable ones form a surface, not a volume."""
+
 CHUNK = 20_000
 """Number of poses between two checks for cancellation; this number is computed in less than half a second."""
 
@@ -80,8 +89,11 @@ def poses(job: WorkspaceJob, first: int, last: int) -> Array:
     first n poses cover the searched box evenly.
     """
     i = np.arange(first, last)[:, None]
+    # one generator for each axis: the powers of the inverse root (Roberts, The Unreasonable Effectiveness of
+    # Quasirandom Sequences, 2018)
+    fractions = (0.5 + i / measure.ROOT ** np.arange(1, 4)) % 1
     Ts = np.tile(job.T_base_tool, (last - first, 1, 1))
-    Ts[:, :3, 3] += job.reach * (2 * ((0.5 + i / measure.ROOT ** np.arange(1, 4)) % 1) - 1)
+    Ts[:, :3, 3] += job.reach * (2 * fractions - 1)
     return Ts
 
 
@@ -98,6 +110,7 @@ def evaluate(job: WorkspaceJob) -> Iterator[WorkspaceChunk]:
     _check(kin, job)
     passive = _passive(kin, job)
     bounds = measure.shared(job.bounds)
+    # a column of the kernel's input is a pose by rows; CasADi reshapes by columns
     kernel = measure.kernel(kin, job.limits, lambda T: ca.reshape(T, 4, 4).T, bounds=bounds, passive=passive, size=16)
     reached = 0
     for first in range(0, job.count, CHUNK):
@@ -150,10 +163,10 @@ def _check(kin: Kinematics, job: WorkspaceJob) -> None:
             f"{job.count} (minimum 1)."
         )
     if n < 6:
-        near_poses = poses(replace(job, reach=1e-2 * job.reach), 0, 1000)
+        near_poses = poses(replace(job, reach=_NEAR * job.reach), 0, _TRIALS)
         reachable = np.isfinite(kin.inverse_many(near_poses)[:, 0])
         # the reachable poses form a surface, as thick as the equations' tolerance
-        if reachable[0] and reachable.mean() < 0.01:
+        if reachable[0] and reachable.mean() < _SURFACE_SHARE:
             raise KinematicsError(
                 f"{name}: its {n} joints cannot move the tool in every direction at constant orientation."
             )
