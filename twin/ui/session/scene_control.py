@@ -17,7 +17,6 @@ import numpy as np
 
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError, unknown
-from twin.core.jobs import Call
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.kinematics.closed_loops.placing import LinkPoses
@@ -47,6 +46,7 @@ from twin.simulation.world.signal_kinds import (
     ROBOT_TARGET,
     ROBOT_TOOL,
 )
+from twin.ui.session.attempt_report import AttemptReport
 from twin.ui.session.console_state import ConsoleState, ForcePeaks, log_changes
 from twin.ui.session.exercise import NO_TASK, Exercise
 from twin.ui.session.feed import Feed
@@ -69,8 +69,8 @@ _CHUNK = 4
 _OWED = 0.1
 """Maximum delay in s that the World makes up for by later steps; the rest of a longer delay is never made up for."""
 
-_NICE = 10
-"""Increase of the nice value of the process that makes a report; its lower priority keeps the World in real time."""
+_MEAN_TIME = 2.0
+"""Real time in s over which the displayed rate of the World is a mean, so that it does not flicker."""
 
 PlanStep = Literal["aim", "find", "accept", "cancel"]
 
@@ -118,7 +118,7 @@ class LiveConsole:
         self.scene = scene
         self.table = console_scene.console_of(scene)
         self.task = task
-        self._make_report = exercise.report
+        self._report = AttemptReport(exercise.report)
         self._trials = exercise.trials
         self._forms = exercise.forms
         self._ended = exercise.ended
@@ -150,7 +150,7 @@ class LiveConsole:
         self._scratch = None
         self._session = exercise.session
         # A report is made from a session file: without a file of the user, a temporary one is recorded.
-        if self._session is None and is_judged and self._make_report is not None:
+        if self._session is None and is_judged and self._report.wanted:
             self._scratch = Scratch()
             self._session = Path(self._scratch.name) / "hands.session"
         self.owner: str | None = None
@@ -158,9 +158,10 @@ class LiveConsole:
         if self.machines is not None:  # beside each machine, its model is shown
             places += scene.models
         self._places = {place.name: place for place in places}
-        self.shown = {name: self.members[name.removesuffix(MODEL)] for name in self._places}
+        self.shown: dict[str, Member] = {}
+        for name in self._places:
+            self.shown[name] = self.members[name.removesuffix(MODEL)]
         self._camera = scene.cameras[self.table.camera].robot
-        self._report: tuple[int, Call] | None = None
         self.attempt = 0
         self._begin()
         self.feed: Feed | None = loaded.feed
@@ -172,8 +173,7 @@ class LiveConsole:
         """Return the joint values of all displayed robots, and the poses of the movable objects, in one row."""
         signals = self.world.signals
         values = [signals[ROBOT_Q.of(name)] for name in self.shown]
-        for item in self.objects:
-            values.append(signals[OBJECT_POSE.of(item.name)])
+        values += [signals[OBJECT_POSE.of(item.name)] for item in self.objects]
         return np.concatenate(values)
 
     # -- the task -------------------------------------------------------------------------------------
@@ -184,7 +184,9 @@ class LiveConsole:
         attempt = self.attempt + 1
         if path is not None and attempt > 1:
             path = path.with_name(f"{path.stem}-{attempt}{path.suffix}")
-        tape = None if path is None else Tape()
+        tape = None
+        if path is not None:
+            tape = Tape()
         referee = self._new_referee()
         if self._trials is not None and not isinstance(referee, MeasuringReferee):
             raise TwinError(f"scene '{self.scene.name}': only a task with `holes` has a table of trials; omit --trials")
@@ -333,12 +335,7 @@ class LiveConsole:
         if self.recorder is None:
             return
         self.recorder.close(self.world.tick)
-        if self._make_report is not None and self.recorder.path.is_file():
-            if self._report is not None:
-                _, unfinished = self._report
-                unfinished.close()
-            call = Call(self._make_report, str(self.recorder.path), str(self.scene.file), nice=_NICE)
-            self._report = (self.attempt, call)
+        self._report.begin(self.attempt, self.recorder.path, self.scene.file)
 
     def _add_trial(self) -> None:
         """Add a row for this attempt to the table of trials; a failure is shown, and nothing else stops."""
@@ -368,24 +365,14 @@ class LiveConsole:
         While the report is being made, the page is None and the error is "". After a failure, the page is None and the
         error is the reason.
         """
-        if self._report is None:
-            return None
-        attempt, call = self._report
-        if not call.done:
-            return attempt, None, ""
-        try:
-            return attempt, call.result(), ""
-        except TwinError as error:
-            return attempt, None, str(error)
+        return self._report.newest()
 
     def close(self) -> None:
         """Complete the session file, and remove temporary files."""
         self.planning.close()
         if self.recorder is not None:
             self.recorder.close(self.world.tick)
-        if self._report is not None:
-            _, call = self._report
-            call.close()
+        self._report.close()
         if self._scratch is not None:
             self._scratch.cleanup()
         if self.machines is not None:
@@ -438,8 +425,7 @@ class LiveConsole:
         self._after_steps(remaining > 0)
         simulated = (wanted - remaining) * dt
         self._owed = min(self._owed - simulated, _OWED)
-        # A mean over about 2 s of real time: the displayed rate does not flicker.
-        weight = min(1.0, passed) * 0.5
+        weight = min(1.0, passed) / _MEAN_TIME
         self._rate += weight * (simulated / passed - self._rate)
 
     @property
@@ -657,7 +643,12 @@ class LiveConsole:
 
     def _read(self) -> JsonObject:
         arms = {hand: self.arm(hand) for hand in self.table.hands}
-        machines = None if self.machines is None else self.machines.state(self.world)
+        machines = None
+        if self.machines is not None:
+            machines = self.machines.state(self.world)
+        form = None
+        if self._forms is not None:
+            form = self._forms.state()
         return {
             "owner": self.owner,
             "heard": self.device.heard,
@@ -667,7 +658,7 @@ class LiveConsole:
             "task": self._scoreboard(),
             "leaving": self.choice is not None and self.choice.asked,
             "machines": machines,
-            "form": None if self._forms is None else self._forms.state(),
+            "form": form,
             "plan": self.planning.state(),
         }
 
