@@ -28,7 +28,7 @@ from twin.simulation.session import run
 from twin.simulation.session.forces import ForceMeter
 from twin.simulation.setup import Setup
 from twin.simulation.world import Block, World
-from twin.ui.headset import protocol as wire
+from twin.ui.headset.client_messages import HapticsMessage
 from twin.ui.headset.operation import Operation
 from twin.ui.session.exercise import Exercise
 from twin.ui.session.timeline import RATE
@@ -302,7 +302,7 @@ def test_the_switch_works_while_it_runs_and_the_session_knows(theatre, tmp_path,
     operation.frame(0, 0.0)
     for k in range(75):
         if k == 60:
-            operation.ask("c1", wire.HapticsMessage(type="haptics", on=not operation.reading["haptics"]))
+            operation.ask("c1", HapticsMessage(type="haptics", on=not operation.reading["haptics"]))
         s = k / RATE
         for hand, x in ((0, 0.08), (1, -0.08)):
             way = 2 * ramp(s, 24 * MM * down)

@@ -22,8 +22,8 @@ from twin.model.scene import load_scene
 from twin.simulation.controllers.pivot import CONE, SHALLOW, InstrumentPivot
 from twin.simulation.limits import JointLimits
 from twin.ui.headset import protocol as wire
+from twin.ui.headset.client_messages import FulcrumMessage, HandsMessage, RefusedError, ToolMessage
 from twin.ui.headset.operation import Operation
-from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.scene_frame import unpack_scene
 from twin.ui.session.exercise import Exercise
 from twin.ui.session.loaded_scene import LoadedScene
@@ -159,7 +159,7 @@ class Client:
             q = spatial.rotation_z(self.roll)
             hand = {s: {"pose": wire.sevens(spatial.pose(q, p)).tolist(), "grip": 0.0} for s, p in self.p.items()}
             message = {"type": "hands", "number": self.number, **hand, "clutch": False, "camera": False}
-            self.op.ask("c1", wire.HandsMessage.model_validate(message, strict=False))
+            self.op.ask("c1", HandsMessage.model_validate(message, strict=False))
             self.number += 1
             self.frame = self.op.frame(self.tick, self.tick / RATE) or self.frame
             self.tick += 1
@@ -175,8 +175,8 @@ def test_tools_and_fulcrum_are_chosen_by_the_client_that_leads(scene, robots):
     client = Client(op)
     client.begin()
     name = list(scene.tools)[-1]
-    op.ask("c1", wire.ToolMessage(type="tool", hand="right", name=name))
-    op.ask("c1", wire.FulcrumMessage(type="fulcrum", mode="direct"))
+    op.ask("c1", ToolMessage(type="tool", hand="right", name=name))
+    op.ask("c1", FulcrumMessage(type="fulcrum", mode="direct"))
     client.step(2)
     assert op.reading["hands"]["right"]["tool"] == name
     assert op.reading["hands"]["left"]["tool"] != name
@@ -184,18 +184,18 @@ def test_tools_and_fulcrum_are_chosen_by_the_client_that_leads(scene, robots):
     arm = scene.console.right[0]
     assert op.world.signals[f"{arm}.tool"][0] == len(scene.tools) - 1
     with pytest.raises(RefusedError, match="no tool 'spoon'"):
-        op.ask("c1", wire.ToolMessage(type="tool", hand="right", name="spoon"))
+        op.ask("c1", ToolMessage(type="tool", hand="right", name="spoon"))
     with pytest.raises(RefusedError, match="c1 controls the hands"):
-        op.ask("c2", wire.FulcrumMessage(type="fulcrum", mode="compensated"))
+        op.ask("c2", FulcrumMessage(type="fulcrum", mode="compensated"))
     op.close()
 
 
 def test_a_scene_without_ports_and_tools_refuses_them(bare_theatre):
     op = Operation(bare_theatre)
     with pytest.raises(RefusedError, match="instrument_mm"):
-        op.ask("c1", wire.FulcrumMessage(type="fulcrum", mode="direct"))
+        op.ask("c1", FulcrumMessage(type="fulcrum", mode="direct"))
     with pytest.raises(RefusedError, match="tool"):
-        op.ask("c1", wire.ToolMessage(type="tool", hand="right", name="scalpel"))
+        op.ask("c1", ToolMessage(type="tool", hand="right", name="scalpel"))
     assert op.reading["fulcrum"] is None
     op.close()
 
@@ -232,8 +232,8 @@ def test_a_session_by_hand_replays_bit_for_bit(scene, robots, tmp_path):
         client.p["right"] = client.p["right"] + rng.normal(0, 0.001, 3)
         client.p["left"] = client.p["left"] + rng.normal(0, 0.001, 3)
         if k == 40:
-            op.ask("c1", wire.FulcrumMessage(type="fulcrum", mode="direct"))
-            op.ask("c1", wire.ToolMessage(type="tool", hand="left", name=list(scene.tools)[-1]))
+            op.ask("c1", FulcrumMessage(type="fulcrum", mode="direct"))
+            op.ask("c1", ToolMessage(type="tool", hand="left", name=list(scene.tools)[-1]))
         client.step()
     op.close()
     found = replay_session(path, scene)

@@ -18,8 +18,8 @@ from twin.core.units import MM
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.link import Address
 from twin.simulation.machine.machine_server import HOST, Server
+from twin.ui.headset.client_messages import DragMessage, GrabMessage, ReleaseMessage
 from twin.ui.headset.live import Live
-from twin.ui.headset.protocol import DragMessage, GrabMessage, ReleaseMessage
 from twin.ui.headset.twin import Twin
 from twin.ui.session.driven_machine import DrivenMachine
 from twin.ui.session.timeline import RATE, Clock

@@ -16,7 +16,7 @@ from twin.cli import scene as scenes
 from twin.core.errors import TwinError
 from twin.simulation.devices.packets import pack
 from twin.simulation.session.trial_table import TrialTable
-from twin.ui.headset import protocol as wire
+from twin.ui.headset.client_messages import RefusedError, parse_message
 from twin.ui.headset.operation import Operation
 from twin.ui.headset.packet_socket import UDP
 from twin.ui.session.exercise import Exercise
@@ -166,14 +166,14 @@ def test_no_hand_moves_a_robot_while_a_questionnaire_is_due(loaded, tmp_path):
         assert "a questionnaire, which is due on the page, controls the hands" in refusal
         hand = {"pose": [0, 0, 0, 0, 0, 0, 1], "grip": 0.0}
         hands = {"type": "hands", "number": 1, "right": hand, "left": hand, "clutch": False, "camera": False}
-        with pytest.raises(wire.RefusedError, match="Answer the questionnaire on the page first"):
-            console.ask("c1", wire.parse(json.dumps(hands)))
+        with pytest.raises(RefusedError, match="Answer the questionnaire on the page first"):
+            console.ask("c1", parse_message(json.dumps(hands)))
         form = {"type": "form", "when": "before", "name": "ssq", "answers": [1] * 16}
-        console.ask("c1", wire.parse(json.dumps(form)))
-        console.ask("c1", wire.parse(json.dumps(hands)))
+        console.ask("c1", parse_message(json.dumps(form)))
+        console.ask("c1", parse_message(json.dumps(hands)))
         assert console.owner == "c1"
-        with pytest.raises(wire.RefusedError, match="no questionnaire is asked now"):
-            console.ask("c2", wire.parse(json.dumps(form)))
+        with pytest.raises(RefusedError, match="no questionnaire is asked now"):
+            console.ask("c2", parse_message(json.dumps(form)))
         pen.send(pack(0, 2, np.eye(4), 0.0, False))
         console.release("c1")
         console.frame(3.0, 3 / RATE)

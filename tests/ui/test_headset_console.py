@@ -27,8 +27,15 @@ from twin.simulation.controllers.camera import looking, view
 from twin.simulation.setup import Setup
 from twin.ui.headset import operation, served, server
 from twin.ui.headset import protocol as wire
+from twin.ui.headset.client_messages import (
+    DragMessage,
+    GrabMessage,
+    PlayMessage,
+    RefusedError,
+    ScaleMessage,
+    parse_message,
+)
 from twin.ui.headset.operation import Operation
-from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.scene_frame import pack_scene, unpack_scene
 from twin.ui.session import scene_control
 from twin.ui.session.timeline import RATE
@@ -58,7 +65,7 @@ class Hands:
         return {"type": "hands", "number": self.number, **hands, "clutch": self.clutch, "camera": self.camera}
 
     def say(self, **instead):
-        self.op.ask(self.client, wire.parse(json.dumps(self.message() | instead)))
+        self.op.ask(self.client, parse_message(json.dumps(self.message() | instead)))
 
     def wait(self, seconds, speaks=True):
         """Let time pass, saying where the hands are; return the last frame."""
@@ -147,7 +154,7 @@ def test_a_tool_goes_in_the_picture_as_its_hand_does_and_turns_with_it(hands, si
     hands.R[side] = turn @ hands.R[side]
     hands.wait(0.3)
     assert np.allclose(hands.seen(robot)[:3, :3], turn @ T[:3, :3], atol=1e-6)
-    hands.op.ask("c1", wire.ScaleMessage(type="scale", value=0.1))
+    hands.op.ask("c1", ScaleMessage(type="scale", value=0.1))
     hands.wait(0.1)
     p = hands.seen(robot)[:3, 3]
     hands.move(side, way)
@@ -249,7 +256,7 @@ def broken(change):
 )
 def test_a_broken_message_is_refused_by_name(change, text):
     with pytest.raises(RefusedError) as found:
-        wire.parse(broken(change))
+        parse_message(broken(change))
     assert found.value.code == "invalid"
     assert text in str(found.value)
 
@@ -257,9 +264,9 @@ def test_a_broken_message_is_refused_by_name(change, text):
 @pytest.mark.parametrize(
     "message",
     [
-        wire.PlayMessage(type="play", on=True),
-        wire.GrabMessage(type="grab", target="tool", robot="psm1"),
-        wire.DragMessage(type="drag", value=1.0, robot="psm1"),
+        PlayMessage(type="play", on=True),
+        GrabMessage(type="grab", target="tool", robot="psm1"),
+        DragMessage(type="drag", value=1.0, robot="psm1"),
     ],
 )
 def test_nothing_else_moves_what_the_hands_move(hands, message):
@@ -274,10 +281,10 @@ def test_one_client_has_the_hands_until_it_lets_go_or_is_silent(hands):
     with pytest.raises(RefusedError, match="c1 controls the hands"):
         other.say()
     with pytest.raises(RefusedError, match="c1 controls the hands"):
-        hands.op.ask("c2", wire.ScaleMessage(type="scale", value=0.1))
+        hands.op.ask("c2", ScaleMessage(type="scale", value=0.1))
     before = hands.q()
     hands.op.release("c1")
-    hands.op.ask("c2", wire.ScaleMessage(type="scale", value=0.1))
+    hands.op.ask("c2", ScaleMessage(type="scale", value=0.1))
     assert hands.op.owner is None, "who sets the scale has not taken the hands"
     other.tick = hands.tick
     other.wait(0.3)  # in the very next tick another one speaks: its hands are elsewhere

@@ -23,9 +23,8 @@ from twin.simulation.controllers.console_equations import LARGEST, STIFFNESS
 from twin.simulation.controllers.tool_following import HandPace
 from twin.simulation.devices.packets import pack
 from twin.ui.headset import packet_socket, served
-from twin.ui.headset import protocol as wire
+from twin.ui.headset.client_messages import RefusedError, parse_message
 from twin.ui.headset.operation import Operation
-from twin.ui.headset.protocol import RefusedError
 from twin.ui.session import console_state, scene_control
 from twin.ui.session.timeline import RATE
 
@@ -90,7 +89,8 @@ def page(client="c1", number=1, x=0.3):
         return {"pose": [x, 0.0, 0, 0, 0, 0, 1], "grip": 0.0}
 
     both = {"right": hand(x), "left": hand(-x)}
-    return client, wire.parse(json.dumps({"type": "hands", "number": number, **both, "clutch": False, "camera": False}))
+    text = json.dumps({"type": "hands", "number": number, **both, "clutch": False, "camera": False})
+    return client, parse_message(text)
 
 
 # -- motion by packets ------------------------------------------------------------------------------------------------

@@ -19,11 +19,19 @@ from twin.ui.access import rate_limits as limits
 from twin.ui.headset import protocol as wire
 from twin.ui.headset import scene_frame, server
 from twin.ui.headset.client import STALL
-from twin.ui.headset.protocol import RefusedError, pack, pack_body, parse, unpack
+from twin.ui.headset.client_messages import (
+    ERRORS,
+    LONGEST_MESSAGE,
+    ClientMessage,
+    RefusedError,
+    RobotMessage,
+    parse_message,
+)
+from twin.ui.headset.protocol import pack, pack_body, unpack
 
 DOCS = (Path(__file__).parents[2] / "docs/stream.md").read_text(encoding="utf-8")
 EXAMPLES = [line for line in re.findall(r"```json\n(.*?)```", DOCS, re.DOTALL)[0].splitlines() if line]
-NAMES = {m.model_fields["type"].annotation.__args__[0] for m in get_args(wire.Message)}
+NAMES = {m.model_fields["type"].annotation.__args__[0] for m in get_args(ClientMessage)}
 
 
 # --------------------------------------------------------------------------------------------------- frames
@@ -93,21 +101,22 @@ def test_poses_and_quaternions_go_there_and_back(rng):
 
 @pytest.mark.parametrize("text", EXAMPLES)
 def test_examples_of_the_documentation_are_understood(text):
-    message = parse(text)
+    message = parse_message(text)
     assert message.id is None
     for id in (7, "abc"):
-        assert parse(json.dumps({**json.loads(text), "id": id})).id == id
+        assert parse_message(json.dumps({**json.loads(text), "id": id})).id == id
 
 
 def test_the_documentation_shows_every_message_code_flag_and_limit():
     assert {json.loads(e)["type"] for e in EXAMPLES} == NAMES
-    assert dict(re.findall(r"^\| `(\w+)` \| (.*) \|$", DOCS, re.MULTILINE)) == wire.ERRORS
+    assert dict(re.findall(r"^\| `(\w+)` \| (.*) \|$", DOCS, re.MULTILINE)) == ERRORS
     said = re.search(r"^Flags: (.*?)\n\n", DOCS, re.DOTALL | re.MULTILINE)[1]
     assert [int(n) for n in re.findall(r"(?:^|, )\s*(\d+) ", said)] == [1, 2, 4, 8]
     assert (wire.GHOST, wire.PLAYING, wire.REFUSED, wire.HELD) == (1, 2, 4, 8)
     words = " ".join(DOCS.split())
     for number in (
-        f"at most {wire.LONGEST} bytes", f"{limits.MESSAGES[0]:g} messages", f"{limits.BYTES[0] / 1e3:g} kB a second",
+        f"at most {LONGEST_MESSAGE} bytes", f"{limits.MESSAGES[0]:g} messages",
+        f"{limits.BYTES[0] / 1e3:g} kB a second",
         f"{limits.CLIENTS} clients", f"{limits.SOCKETS} connections", f"after {server.SILENCE:g} s without",
         f"{server.GRACE:g} s after its connection", f"reads nothing for {STALL:g} s",
     ):  # fmt: skip
@@ -116,9 +125,9 @@ def test_the_documentation_shows_every_message_code_flag_and_limit():
         assert number in words, number
     of_robot = re.search(r"((?:`\w+`(?:, | and )?)+) may have a `robot`", words)[1]
     assert set(re.findall(r"`(\w+)`", of_robot)) == {
-        m.model_fields["type"].annotation.__args__[0] for m in get_args(wire.RobotMessage)
+        m.model_fields["type"].annotation.__args__[0] for m in get_args(RobotMessage)
     }
-    assert {m for m in get_args(wire.Message) if "robot" in m.model_fields} == set(get_args(wire.RobotMessage))
+    assert {m for m in get_args(ClientMessage) if "robot" in m.model_fields} == set(get_args(RobotMessage))
     assert limits.SOCKETS_OF_ONE * 2 == limits.SOCKETS
 
 
@@ -164,7 +173,7 @@ BAD = [
 @pytest.mark.parametrize("text", BAD, ids=lambda t: ascii(t)[:40])
 def test_what_is_no_message_is_refused(text):
     with pytest.raises(RefusedError) as refused:
-        parse(text)
+        parse_message(text)
     assert refused.value.code == "invalid"
     assert 0 < len(str(refused.value)) <= 300
 
@@ -175,21 +184,21 @@ def test_every_message_has_a_bad_one():
 
 def test_the_limit_of_a_message_is_in_bytes():
     """A text that fits exceeds the limit with the same number of characters, if one of them has three bytes."""
-    text = '{"type": "ping", "t": 1' + " " * (wire.LONGEST - 24) + "}"
-    assert len(text) == wire.LONGEST
-    parse(text)
+    text = '{"type": "ping", "t": 1' + " " * (LONGEST_MESSAGE - 24) + "}"
+    assert len(text) == LONGEST_MESSAGE
+    parse_message(text)
     with pytest.raises(RefusedError, match="longer than"):
-        parse(text.replace(" }", "\u2003}"))
+        parse_message(text.replace(" }", "\u2003}"))
 
 
 def test_binary_messages_are_refused():
     with pytest.raises(RefusedError, match="JSON text"):
-        parse(b"{}")
+        parse_message(b"{}")
 
 
 def test_a_refusal_brings_back_the_id_but_not_what_was_sent():
     with pytest.raises(RefusedError) as refused:
-        parse('{"type": "seek", "t": -12345, "id": 9}')
+        parse_message('{"type": "seek", "t": -12345, "id": 9}')
     assert refused.value.id == 9
     assert "12345" not in str(refused.value)
 
@@ -202,7 +211,7 @@ def test_a_refusal_brings_back_the_id_but_not_what_was_sent():
         inner | st.sampled_from(sorted(NAMES)), max_size=5), max_leaves=9).map(json.dumps)))  # fmt: skip
 def test_nothing_but_a_refusal_comes_of_anything(text):
     try:
-        message = parse(text)
+        message = parse_message(text)
     except RefusedError:
         return
     assert message.type in NAMES

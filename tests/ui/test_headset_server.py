@@ -35,7 +35,8 @@ from twin.ui.headset import reach
 from twin.ui.headset import recording as recordings
 from twin.ui.headset import server as servers
 from twin.ui.headset import twin as live
-from twin.ui.headset.protocol import RefusedError, sevens
+from twin.ui.headset.client_messages import RefusedError, SeekMessage, parse_message
+from twin.ui.headset.protocol import sevens
 from twin.ui.headset.recording import StreamRecording
 from twin.ui.headset.replay import Replay
 from twin.ui.session import workspace_cloud
@@ -607,7 +608,7 @@ def test_a_recording_ends_when_it_is_full(tmp_path, monkeypatch, limit, entries)
     adders = {
         "frames": lambda r, k: r.add_frame(k, b"x" * 100),
         "documents": lambda r, k: r.add_document(k, {"type": "state", "reason": "x" * 100}),
-        "requests": lambda r, k: r.add_request(k, "c1", wire.parse(json.dumps({"type": "play", "on": True}))),
+        "requests": lambda r, k: r.add_request(k, "c1", parse_message(json.dumps({"type": "play", "on": True}))),
     }
     for what, add in adders.items():
         file = tmp_path / f"{what}.json"
@@ -701,7 +702,7 @@ def test_after_a_seek_a_replay_has_the_state_of_that_time(tmp_path):
     recording.finish()()
     replay = Replay(tmp_path / "s.json", "sils", "sha256:0")
     for t, name in ((2.0, "second"), (0.5, "first"), (1.0, "second"), (0.0, "first")):
-        replay.ask("c1", wire.SeekMessage(type="seek", t=t))
+        replay.ask("c1", SeekMessage(type="seek", t=t))
         replay.frame(0, 0.0)
         assert replay.state()["protocol"] == name
         assert [d["points"] for d in replay.welcome()] == [name]

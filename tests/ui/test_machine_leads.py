@@ -12,7 +12,7 @@ import pytest
 import twin
 from twin.simulation.machine.link import Address
 from twin.simulation.machine.machine_server import HOST
-from twin.ui.headset.protocol import PostureMessage, RefusedError, UndoMessage
+from twin.ui.headset.client_messages import PostureMessage, RefusedError, UndoMessage
 from twin.ui.headset.twin import Twin
 from twin.ui.session import reconnection
 

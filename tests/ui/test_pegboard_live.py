@@ -27,6 +27,7 @@ from twin.simulation.tasks.transfer.task import Transfer, Transfers
 from twin.simulation.world import Recording
 from twin.simulation.world.signals import columns
 from twin.ui.headset import protocol as wire
+from twin.ui.headset.client_messages import RefusedError, parse_message
 from twin.ui.headset.operation import Operation
 from twin.ui.headset.scene_frame import unpack_scene
 from twin.ui.session import scene_control
@@ -243,8 +244,8 @@ def test_without_rings_there_is_nothing_to_end(bare_theatre):
     ):
         live.end("page 1")
     operation = Operation(bare_theatre)
-    with pytest.raises(wire.RefusedError, match="there is no task to end or restart"):
-        operation.ask("c1", wire.parse('{"type": "task", "do": "restart"}'))
+    with pytest.raises(RefusedError, match="there is no task to end or restart"):
+        operation.ask("c1", parse_message('{"type": "task", "do": "restart"}'))
     operation.close()
 
 

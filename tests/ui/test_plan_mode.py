@@ -29,9 +29,8 @@ from twin.simulation.machine.state_packets import State
 from twin.simulation.session import run as sessions
 from twin.simulation.session.file import read_session
 from twin.simulation.setup import Setup
-from twin.ui.headset import protocol as wire
+from twin.ui.headset.client_messages import RefusedError, parse_message
 from twin.ui.headset.operation import Operation
-from twin.ui.headset.protocol import RefusedError
 from twin.ui.session import plan_mode, plan_work
 from twin.ui.session.exercise import Exercise
 from twin.ui.session.plan_work import CheckedTarget, Clear, PlanJob, PlannedMotion, Proven, Room, TargetCheck
@@ -562,13 +561,13 @@ def test_pages_get_ghost_motion_and_clearance_and_a_new_page_gets_all_of_them(do
     documents, bodies = [], len(op.members[ARM].mechanism.bodies)
     op.send = documents.append
     client = Operator(op)
-    op.ask("me", wire.parse(json.dumps({"type": "plan", "do": "aim", "hand": "left"})))
+    op.ask("me", parse_message(json.dumps({"type": "plan", "do": "aim", "hand": "left"})))
     client.move([3 * MM, 0, -4 * MM], 5)
     op.frame(1, 0.0)
     with pytest.raises(RefusedError, match="there is no plan to accept"):
-        op.ask("me", wire.parse(json.dumps({"type": "plan", "do": "accept", "hand": "left"})))
+        op.ask("me", parse_message(json.dumps({"type": "plan", "do": "accept", "hand": "left"})))
     assert len(floats(next(d for d in documents if d["type"] == "target")["poses"])) == 7 * bodies
-    op.ask("me", wire.parse(json.dumps({"type": "plan", "do": "find", "hand": "left"})))
+    op.ask("me", parse_message(json.dumps({"type": "plan", "do": "find", "hand": "left"})))
     for tick in range(2, 400):
         client.wait(1)
         op.frame(tick, 0.0)
@@ -581,7 +580,7 @@ def test_pages_get_ghost_motion_and_clearance_and_a_new_page_gets_all_of_them(do
     assert plan["duration"] == pytest.approx(clearance["t"][-1], abs=2e-3)
     assert 2 * MM < clearance["proven"] <= min(clearance["distance"])
     assert op.state()["console"]["plan"]["phase"] == "preview"
-    op.ask("another", wire.parse(json.dumps({"type": "plan", "do": "cancel", "hand": "left"})))
+    op.ask("another", parse_message(json.dumps({"type": "plan", "do": "cancel", "hand": "left"})))
     op.frame(400, 0.0)
     assert documents[-1]["poses"] == ""
     assert op.welcome() == []

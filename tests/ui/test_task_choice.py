@@ -15,8 +15,8 @@ from twin.cli import serving
 from twin.cli.command_line import parser
 from twin.core.errors import TwinError
 from twin.simulation.devices.given import HandState
-from twin.ui.headset import protocol as wire
 from twin.ui.headset import served
+from twin.ui.headset.client_messages import RefusedError, parse_message
 from twin.ui.headset.operation import Operation
 from twin.ui.session.exercise import Exercise
 from twin.ui.session.loaded_scene import LoadedScene
@@ -115,23 +115,23 @@ def test_a_page_starts_a_task_and_nobody_else_while_hands_move_the_robots(davinc
         assert [name for name, _ in about["choice"]["tasks"]] == ["pegboard", "camera"]
         assert about["called"] == {"psm1": "the right instrument", "psm2": "the left instrument"}
         assert about["guided"], "the page reloads itself"
-        with pytest.raises(wire.RefusedError, match="pegbord"):
-            operation.ask("c1", wire.parse('{"type": "task", "do": "start", "name": "pegbord"}'))
+        with pytest.raises(RefusedError, match="pegbord"):
+            operation.ask("c1", parse_message('{"type": "task", "do": "start", "name": "pegbord"}'))
         operation.give(
             "c2", HandState(0, False, False, 1, np.eye(4), 0.0), HandState(1, False, False, 1, np.eye(4), 0.0)
         )
         operation.advance(0.05)
-        with pytest.raises(wire.RefusedError, match="c2 controls the hands"):
-            operation.ask("c1", wire.parse('{"type": "task", "do": "start", "name": "pegboard"}'))
+        with pytest.raises(RefusedError, match="c2 controls the hands"):
+            operation.ask("c1", parse_message('{"type": "task", "do": "start", "name": "pegboard"}'))
         assert not stopping.is_set()
         assert not operation.reading["leaving"]
         operation.release("c2")
-        operation.ask("c1", wire.parse('{"type": "task", "do": "start", "name": "pegboard"}'))
+        operation.ask("c1", parse_message('{"type": "task", "do": "start", "name": "pegboard"}'))
         assert stopping.is_set()
         assert operation.reading["leaving"]
         assert choice.present == "pegboard"
-        with pytest.raises(wire.RefusedError, match="another task is being prepared"):
-            operation.ask("c1", wire.parse('{"type": "task", "do": "start", "name": "camera"}'))
+        with pytest.raises(RefusedError, match="another task is being prepared"):
+            operation.ask("c1", parse_message('{"type": "task", "do": "start", "name": "camera"}'))
         assert choice.present == "pegboard"
     finally:
         operation.close()
@@ -144,8 +144,8 @@ def test_a_server_of_one_exercise_refuses_another_task(davinci):
     operation = Operation(davinci)
     try:
         assert operation.about["choice"] is None
-        with pytest.raises(wire.RefusedError, match="shows only one exercise") as refused:
-            operation.ask("c1", wire.parse('{"type": "task", "do": "start"}'))
+        with pytest.raises(RefusedError, match="shows only one exercise") as refused:
+            operation.ask("c1", parse_message('{"type": "task", "do": "start"}'))
         for option in ("session", "trials", "participant", "guided", "record", "replay", "machine", "ros"):
             assert f"--{option}" in str(refused.value)
     finally:

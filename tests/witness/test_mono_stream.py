@@ -234,7 +234,7 @@ async def silence(folder: Path) -> None:
 
 async def orders(folder: Path) -> None:
     """Grab, drag and release arrive in order, as the server reads them."""
-    from twin.ui.headset import protocol as wire
+    from twin.ui.headset.client_messages import parse_message
 
     async with Station(free_port()) as station, listening(folder, f"http://127.0.0.1:{station.port}/", LINKS) as seen:
         ws = await station.line(1)
@@ -251,7 +251,7 @@ async def orders(folder: Path) -> None:
         assert heard[3] == {"type": "grab", "target": "joint", "name": "q1"}
         assert heard[4] == {"type": "drag", "value": 0.25}
         for message in station.heard:
-            wire.parse(json.dumps(message))
+            parse_message(json.dumps(message))
         await asyncio.sleep(1.2)
         assert any(m["type"] == "ping" for m in station.heard)
 

@@ -12,7 +12,7 @@ from websockets.asyncio.server import broadcast
 from twin.core.json_types import JsonObject
 from twin.ui.access.connection import Connection
 from twin.ui.access.rate_limits import Bucket
-from twin.ui.headset import protocol as wire
+from twin.ui.headset.client_messages import ClientMessage
 
 STALL = 10.0
 """Time in s after which a client that receives no data is disconnected."""
@@ -41,7 +41,7 @@ class StreamSource(Protocol):
     def frame(self, tick: float, server_time: float) -> bytes | None: ...  # noqa: D102
     def state(self) -> JsonObject: ...  # noqa: D102
     def welcome(self) -> list[JsonObject]: ...  # noqa: D102
-    def ask(self, client: str, message: wire.Message) -> None: ...  # noqa: D102
+    def ask(self, client: str, message: ClientMessage) -> None: ...  # noqa: D102
     def release(self, client: str) -> None: ...  # noqa: D102
     def holds(self, client: str) -> bool: ...  # noqa: D102
     def close(self) -> None: ...  # noqa: D102

@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.core.errors import unknown
 from twin.ui.headset import protocol as wire
-from twin.ui.headset.protocol import RefusedError
+from twin.ui.headset.client_messages import DragMessage, GrabMessage, RefusedError
 from twin.ui.session.desk import Desk, MoveResult
 
 
@@ -32,7 +32,7 @@ class ClientHold:
     point: tuple[float, ...] = ()
 
 
-def hold_of(client: str, message: wire.GrabMessage, desk: Desk) -> ClientHold:
+def hold_of(client: str, message: GrabMessage, desk: Desk) -> ClientHold:
     """Return the `ClientHold` that a client's message requests.
 
     Raises:
@@ -53,7 +53,7 @@ def hold_of(client: str, message: wire.GrabMessage, desk: Desk) -> ClientHold:
     return ClientHold(client, message.target, joint, name, message.point or ())
 
 
-def move_of(hold: ClientHold, message: wire.DragMessage, desk: Desk) -> Callable[[], MoveResult]:
+def move_of(hold: ClientHold, message: DragMessage, desk: Desk) -> Callable[[], MoveResult]:
     """Return a function that moves the desk to the target of a drag message.
 
     Raises:

@@ -9,8 +9,18 @@ from twin.core.errors import unknown
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.ui.headset import protocol as wire
+from twin.ui.headset.client_messages import (
+    ClientMessage,
+    DragMessage,
+    LoopMessage,
+    PlayMessage,
+    RefusedError,
+    ReleaseMessage,
+    RobotMessage,
+    SeekMessage,
+    SpeedMessage,
+)
 from twin.ui.headset.deformable_packets import Bends
-from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.scene_frame import pack_scene
 from twin.ui.headset.twin import Twin
 from twin.ui.session.feed import Feed
@@ -160,32 +170,32 @@ class Live:
         for twin in self.twins.values():
             twin.release(client)
 
-    def ask(self, client: str, message: wire.Message) -> None:
+    def ask(self, client: str, message: ClientMessage) -> None:
         """Handle a request of a client.
 
         Raises:
             RefusedError: the request is refused; nothing has changed.
         """
-        if isinstance(message, wire.RobotMessage):
-            if isinstance(message, wire.ReleaseMessage) and message.robot is None:
+        if isinstance(message, RobotMessage):
+            if isinstance(message, ReleaseMessage) and message.robot is None:
                 self.release(client)
             else:
                 self._of(client, message).ask(client, message)
             return
-        if not isinstance(message, wire.SpeedMessage | wire.LoopMessage | wire.SeekMessage | wire.PlayMessage):
+        if not isinstance(message, SpeedMessage | LoopMessage | SeekMessage | PlayMessage):
             raise RefusedError("refused", f"`{message.type}` is for a console: this server has no console")
         for twin in self.twins.values():
             twin.leave_to(client)
-        if isinstance(message, wire.SpeedMessage):
+        if isinstance(message, SpeedMessage):
             self.clock.speed = message.value
-        elif isinstance(message, wire.LoopMessage):
+        elif isinstance(message, LoopMessage):
             self.clock.loop = message.on
         else:
             self._time(message)
             for twin in self.twins.values():
                 twin.let_go(client)
 
-    def _of(self, client: str, message: wire.RobotMessage) -> Twin:
+    def _of(self, client: str, message: RobotMessage) -> Twin:
         """Return the robot to which a request applies.
 
         Without a robot's name, a drag applies to the only robot that the client holds; other requests need the name if
@@ -196,7 +206,7 @@ class Live:
                 raise RefusedError("unknown", unknown("robot", message.robot, self.twins))
             return self.twins[message.robot]
         twins = list(self.twins.values())
-        if isinstance(message, wire.DragMessage) and len(twins) > 1:
+        if isinstance(message, DragMessage) and len(twins) > 1:
             twins = [twin for twin in twins if twin.holder == client]
             if not twins:
                 raise RefusedError("not_held", "grab first, then drag")
@@ -207,13 +217,13 @@ class Live:
             )
         return twins[0]
 
-    def _time(self, message: wire.SeekMessage | wire.PlayMessage) -> None:
+    def _time(self, message: SeekMessage | PlayMessage) -> None:
         if not self.clock.duration > 0:
             reasons = []
             for name, twin in self.twins.items():
                 reasons.append(twin.why_not if self.alone else f"{name}: {twin.why_not}")
             raise RefusedError("refused", f"no protocol is planned yet: {'; '.join(reasons)}")
-        if isinstance(message, wire.SeekMessage):
+        if isinstance(message, SeekMessage):
             self.clock.seek(message.t)
         elif message.on:
             self.clock.play()

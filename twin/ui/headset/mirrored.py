@@ -10,9 +10,9 @@ from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.simulation.world.signal_kinds import ROBOT_Q
 from twin.ui.headset import protocol as wire
+from twin.ui.headset.client_messages import ClientMessage, RefusedError, ReleaseMessage
 from twin.ui.headset.operation import DEVIATIONS
 from twin.ui.headset.posed import Posed
-from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.scene_frame import pack_scene
 from twin.ui.session.mirror import Mirror
 from twin.ui.session.timeline import HEARTBEAT
@@ -110,11 +110,11 @@ class Mirrored:
     def release(self, client: str) -> None:
         """Do nothing, because clients cannot grab a mirrored robot."""
 
-    def ask(self, client: str, message: wire.Message) -> None:
+    def ask(self, client: str, message: ClientMessage) -> None:
         """Refuse every request except a release.
 
         Raises:
             RefusedError: a robot that follows a machine cannot be moved.
         """
-        if not isinstance(message, wire.ReleaseMessage):
+        if not isinstance(message, ReleaseMessage):
             raise RefusedError("refused", f"{self.mirror.name} follows its machine and cannot be moved here")

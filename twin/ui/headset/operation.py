@@ -28,13 +28,27 @@ from twin.simulation.world.signal_kinds import HAND_FORCE, ROBOT_Q
 from twin.ui.access.responses import File
 from twin.ui.access.rules import AccessRules
 from twin.ui.headset import protocol as wire
+from twin.ui.headset.client_messages import (
+    ButtonMessage,
+    ClientMessage,
+    FormMessage,
+    FulcrumMessage,
+    HandsMessage,
+    HapticsMessage,
+    PlanMessage,
+    RefusedError,
+    ReleaseMessage,
+    ScaleMessage,
+    TaskMessage,
+    ToolMessage,
+    TrainingMessage,
+)
 from twin.ui.headset.deformable_packets import Bends
 from twin.ui.headset.description import numbers
 from twin.ui.headset.mqtt import ScaleTopic
 from twin.ui.headset.packet_socket import UDP, PacketHands
 from twin.ui.headset.plan_documents import PlanDocuments
 from twin.ui.headset.posed import Posed
-from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.ros.bridge import RosBridge
 from twin.ui.headset.ros.hands import ROS, RosHands
 from twin.ui.headset.ros.topics import ConsoleTopics
@@ -371,13 +385,13 @@ class Operation(LiveConsole):
         """Return whether the hands of this client control the robots."""
         return self.owner == client
 
-    def ask(self, client: str, message: wire.Message) -> None:
+    def ask(self, client: str, message: ClientMessage) -> None:
         """Handle a request of a client.
 
         Raises:
             RefusedError: the request is refused; nothing has changed.
         """
-        if isinstance(message, wire.ReleaseMessage):
+        if isinstance(message, ReleaseMessage):
             self.release(client)
             return
         try:
@@ -389,38 +403,38 @@ class Operation(LiveConsole):
         if not known:
             raise RefusedError("refused", "only the hands of the console control these robots: send `hands`")
 
-    def _apply(self, client: str, message: wire.Message) -> bool:
+    def _apply(self, client: str, message: ClientMessage) -> bool:
         """Apply a request to the console; return False if the request is not for a console."""
         match message:
-            case wire.HandsMessage():
+            case HandsMessage():
                 self._hands(client, message)
-            case wire.ScaleMessage():
+            case ScaleMessage():
                 self.rescale(client, message.value)
-            case wire.TaskMessage(do="restart"):
+            case TaskMessage(do="restart"):
                 self.restart(client)
-            case wire.TaskMessage(do="start"):
+            case TaskMessage(do="start"):
                 self.start_task(client, message.name)
-            case wire.TaskMessage():
+            case TaskMessage():
                 self.end(client)
-            case wire.FormMessage():
+            case FormMessage():
                 self.answer(client, message.when, message.name, message.answers, message.weights)
-            case wire.HapticsMessage():
+            case HapticsMessage():
                 self.feel(client, message.on)
-            case wire.FulcrumMessage():
+            case FulcrumMessage():
                 self.choose_fulcrum(client, message.mode)
-            case wire.TrainingMessage():
+            case TrainingMessage():
                 self.train(client, Mode[message.mode.upper()])
-            case wire.ButtonMessage():
+            case ButtonMessage():
                 self.press(client, message.button)
-            case wire.PlanMessage():
+            case PlanMessage():
                 self.plan(client, message.do, message.hand)
-            case wire.ToolMessage():
+            case ToolMessage():
                 self.take_tool(client, message.hand, message.name)
             case _:
                 return False
         return True
 
-    def _hands(self, client: str, message: wire.HandsMessage) -> None:
+    def _hands(self, client: str, message: HandsMessage) -> None:
         states = []
         for k, hand in enumerate((message.right, message.left)):
             pose = wire.pose_of(hand.pose)

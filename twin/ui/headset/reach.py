@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from twin.core.json_types import JsonObject
-from twin.ui.headset.protocol import RefusedError, floats
+from twin.ui.headset.client_messages import RefusedError
+from twin.ui.headset.protocol import floats
 from twin.ui.session.desk import Desk
 from twin.ui.session.workspace_cloud import Cloud, WorkspaceJob, without_meshes
 

@@ -16,7 +16,7 @@ from pydantic_core import from_json, to_json
 from twin.core.assets import atomic_folder
 from twin.core.json_types import JsonObject
 from twin.ui.headset import protocol as wire
-from twin.ui.headset.protocol import RefusedError
+from twin.ui.headset.client_messages import ClientMessage, RefusedError
 from twin.ui.session.timeline import RATE
 
 MAX_DURATION = 30 * 60
@@ -145,7 +145,7 @@ class StreamRecording:
         self._sent.documents.append((tick - self._sent.first_tick, from_json(text)))
         self._sent.size += len(text) + _ENTRY_OVERHEAD
 
-    def add_request(self, tick: int, client: str, message: wire.Message) -> None:
+    def add_request(self, tick: int, client: str, message: ClientMessage) -> None:
         """Add an accepted or refused request of a client."""
         if not self.running:
             return

@@ -15,7 +15,7 @@ from twin.core.foreign.text import read_text
 from twin.core.json_types import JsonObject
 from twin.schema import Table, first_mistake
 from twin.ui.headset import protocol as wire
-from twin.ui.headset.protocol import RefusedError
+from twin.ui.headset.client_messages import ClientMessage, PlayMessage, RefusedError, SeekMessage
 from twin.ui.headset.scene_frame import unpack_scene
 from twin.ui.session.timeline import RATE
 
@@ -141,17 +141,17 @@ class Replay:
                 paths.append(document)
         return paths
 
-    def ask(self, client: str, message: wire.Message) -> None:
+    def ask(self, client: str, message: ClientMessage) -> None:
         """Play, pause or seek; refuse other requests.
 
         Raises:
             RefusedError: the message is not a request to play, pause or seek.
         """
-        if isinstance(message, wire.PlayMessage):
+        if isinstance(message, PlayMessage):
             if message.on and self._at >= self.last:
                 self._at = -1
             self._running = message.on
-        elif isinstance(message, wire.SeekMessage):
+        elif isinstance(message, SeekMessage):
             self._at = min(int(message.t * RATE), self.last) - 1
             self._state, self._others = {"type": "state"}, {}
             for tick in sorted(t for t in self._documents if t <= self._at):

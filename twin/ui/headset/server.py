@@ -29,9 +29,17 @@ from twin.ui.access.requests import (
 )
 from twin.ui.access.responses import File, error_response
 from twin.ui.access.rules import AccessRules
-from twin.ui.headset import protocol as wire
 from twin.ui.headset.client import Client, StreamSource
-from twin.ui.headset.protocol import RefusedError
+from twin.ui.headset.client_messages import (
+    LONGEST_MESSAGE,
+    ClientMessage,
+    DragMessage,
+    HandsMessage,
+    PingMessage,
+    RecordMessage,
+    RefusedError,
+    parse_message,
+)
 from twin.ui.headset.recording import StreamRecording
 from twin.ui.session.timeline import RATE
 
@@ -101,7 +109,7 @@ class StreamServer:
 
     async def start(self, host: str, port: int, context: ssl.SSLContext | None = None) -> None:
         """Start listening on an address and a port; `context` enables TLS."""
-        limits = WebSocketLimits(wire.LONGEST)
+        limits = WebSocketLimits(LONGEST_MESSAGE)
         self._server: Server = await listen(
             self._serve_client, host, port, self._check, self._counter, limits, context=context
         )
@@ -299,36 +307,36 @@ class StreamServer:
                 self._error(client, "rate", f"more than {most:g} messages per second: some were dropped")
             return
         try:
-            message = wire.parse(text)
+            message = parse_message(text)
         except RefusedError as error:
             self._error(client, error.code, str(error), error.id)
             if not client.garbage.take(now):
                 self._end(client, 1008, "too many malformed messages")
             return
         client.heard = now
-        if isinstance(message, wire.PingMessage):
+        if isinstance(message, PingMessage):
             pong = {"type": "pong", "t": message.t, "server_time": time.monotonic(), "id": message.id}
             self._answer(client, pong)
             return
         self._handle(client, message, now)
 
-    def _handle(self, client: Client, message: wire.Message, now: float) -> None:
+    def _handle(self, client: Client, message: ClientMessage, now: float) -> None:
         """Handle a valid request of a client at the time `now` in s."""
         if self.recording is not None:
             self.recording.add_request(self._tick, client.id, message)
         held = self.source.holds(client.id)
         try:
-            if isinstance(message, wire.RecordMessage):
+            if isinstance(message, RecordMessage):
                 self._record(message.on)
             else:
                 self.source.ask(client.id, message)
         except RefusedError as error:
             self._error(client, error.code, str(error), message.id)
             return
-        if isinstance(message, wire.HandsMessage) and self._response is None:
+        if isinstance(message, HandsMessage) and self._response is None:
             self._respond(now)
         # `hands` arrives 100 times per second: only the first one causes a `state` at once.
-        is_repeated = isinstance(message, wire.DragMessage) or (held and isinstance(message, wire.HandsMessage))
+        is_repeated = isinstance(message, DragMessage) or (held and isinstance(message, HandsMessage))
         if not is_repeated:
             self._dirty = True
         if message.id is not None:

@@ -21,10 +21,21 @@ from twin.reference.states import Assembly
 from twin.ui.headset import description
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.changed_distances import ChangedDistances
+from twin.ui.headset.client_messages import (
+    DistanceMessage,
+    DragMessage,
+    GrabMessage,
+    PostureMessage,
+    RefusedError,
+    ReleaseMessage,
+    RobotMessage,
+    UndoMessage,
+    VariantMessage,
+    WorkspaceMessage,
+)
 from twin.ui.headset.ghost import Ghost
 from twin.ui.headset.hold import ClientHold, hold_of, move_of
 from twin.ui.headset.playback import DisplayedState, StreamedPlayback, apart, measured, path, trocars
-from twin.ui.headset.protocol import RefusedError
 from twin.ui.headset.reach import ReachablePoints
 from twin.ui.headset.worker import Worker
 from twin.ui.session import readings
@@ -248,32 +259,32 @@ class Twin:
             return None
         return self._hold.client
 
-    def ask(self, client: str, message: wire.RobotMessage) -> None:
+    def ask(self, client: str, message: RobotMessage) -> None:
         """Handle a request of a client.
 
         Raises:
             RefusedError: the request is refused; nothing has changed.
         """
-        if isinstance(message, wire.DragMessage):
+        if isinstance(message, DragMessage):
             self._drag(client, message)
-        elif isinstance(message, wire.ReleaseMessage):
+        elif isinstance(message, ReleaseMessage):
             self.release(client)
-        elif isinstance(message, wire.VariantMessage):
+        elif isinstance(message, VariantMessage):
             self._variant(message.name)
-        elif isinstance(message, wire.DistanceMessage):
+        elif isinstance(message, DistanceMessage):
             self.leave_to(client)
             self._distance(message)
             self.let_go(client)
-        elif isinstance(message, wire.WorkspaceMessage):
+        elif isinstance(message, WorkspaceMessage):
             self._reach.ask(message.on)
-        elif isinstance(message, wire.GrabMessage):
+        elif isinstance(message, GrabMessage):
             self.leave_to(client)
             self._grab(client, message)
-        elif isinstance(message, wire.PostureMessage):
+        elif isinstance(message, PostureMessage):
             self.leave_to(client)
             self._posture(message.name)
             self.let_go(client)
-        elif isinstance(message, wire.UndoMessage):
+        elif isinstance(message, UndoMessage):
             self.leave_to(client)
             self._undo()
             self.let_go(client)
@@ -306,7 +317,7 @@ class Twin:
             self._shown = replace(self._shown, reason="")
             self._worker.ask("let go", self.desk.let_go, lambda _: None)
 
-    def _grab(self, client: str, message: wire.GrabMessage) -> None:
+    def _grab(self, client: str, message: GrabMessage) -> None:
         hold = hold_of(client, message, self.desk)
         self._before = [*self._before[1 - UNDOS :], np.array(self._shown.q, float)]
         self._leave_track()
@@ -334,7 +345,7 @@ class Twin:
 
         self._worker.ask("settle", job, lambda _: None)
 
-    def _drag(self, client: str, message: wire.DragMessage) -> None:
+    def _drag(self, client: str, message: DragMessage) -> None:
         self.leave_to(client)
         if self._hold is None:
             raise RefusedError("not_held", "grab first, then drag")
@@ -385,7 +396,7 @@ class Twin:
 
         self._worker.ask("variant", lambda: self._ghost.choose(name), done)
 
-    def _distance(self, message: wire.DistanceMessage) -> None:
+    def _distance(self, message: DistanceMessage) -> None:
         index = message.index
         if index is not None and index >= len(self._distances):
             text = f"there is no distance {index}: {self.called} has {len(self._distances)}, counted from 0"
