@@ -295,10 +295,15 @@ def test_an_inverse_without_a_value_where_the_mechanism_is_assembled_is_refuted(
     assert {claim.name: claim for claim in proof.claims}["values"].status == "refuted"
 
 
-def test_a_parameter_that_is_no_number_is_refused():
+@pytest.mark.parametrize("unit", ["mm", "deg"])
+def test_a_parameter_that_is_no_number_is_refused(unit):
     robot = twin.load("sils")
-    changed = tuple(replace(p, value=float("nan")) if p.name == "l_p" else p for p in robot.formula.parameters)
-    formula = replace(robot.formula, parameters=changed)
+    changed = []
+    for parameter in robot.formula.parameters:
+        if parameter.name == "l_p":
+            parameter = replace(parameter, value=float("nan"), unit=unit)
+        changed.append(parameter)
+    formula = replace(robot.formula, parameters=tuple(changed))
     with pytest.raises(TwinError, match="'l_p' is nan, not a finite number"):
         prove(formula, variant_choice.choose(formula, None), robot.mechanism, 64)
 

@@ -19,7 +19,7 @@ from twin.core.result import Part, Result, TextTable
 
 if TYPE_CHECKING:
     from twin.api.motion_proof import ProvedMotion
-    from twin.proof.branches import BranchReport
+    from twin.proof.branch_report import BranchReport
     from twin.proof.claims import JudgedClaim
     from twin.proof.prove import Proof
     from twin.proof.refused_states import RefusedStates

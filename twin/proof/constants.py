@@ -138,6 +138,8 @@ def decimal(value: float, tolerance: float) -> ExactNumber | None:
 
 def exact_angle(value: float, tolerance: float = 4e-15) -> tuple[ExactNumber, ExactNumber] | None:
     """Return cosine and sine of an angle in rad that is a multiple of 30 or of 45 degrees; None for other angles."""
+    if not math.isfinite(value):
+        return None
     for part in (6, 4):
         parts = value / (math.pi / part)
         if abs(parts - round(parts)) > tolerance * max(1.0, abs(parts)):

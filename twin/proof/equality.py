@@ -9,9 +9,11 @@ import numpy as np
 from twin.formula.contract import Formula
 from twin.model.mechanism import Mechanism
 from twin.proof import field, formula_side, values
+from twin.proof.branch_report import examined_conditions
 from twin.proof.claims import JudgedClaim, judged, unclaimed
+from twin.proof.combined_proof import with_signs
 from twin.proof.formula_side import Outputs
-from twin.proof.prove import BESIDES, STATES, examined_conditions, with_signs
+from twin.proof.prove import BESIDES, STATES
 from twin.proof.random_states import ProofStates, random_states
 from twin.proof.replay import Notes, replay
 from twin.proof.values import Angle, ExactValue, Truths, Value

@@ -1,0 +1,72 @@
+"""Conditions that have one answer at all states within limits, by intervals of their margins over boxes of states."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import casadi as ca
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.proof import intervals
+from twin.proof.branches import Branches
+from twin.proof.interval_function import IntervalFunction
+
+MOST_BOXES = 4096
+"""Maximum number of boxes."""
+
+_HALVINGS = 4
+"""How often each coordinate is halved at most."""
+
+
+def bounded_conditions(branches: Branches, answers: Mapping[int, bool], limits: Array) -> set[int]:
+    """Return those of some conditions that have their answers at all states within limits.
+
+    The range of the state is halved along one coordinate after the other, until the margins have bounds with one sign.
+
+    Args:
+        branches: the conditions.
+        answers: {index of a condition: the answer that it may have everywhere}.
+        limits: lowest and highest values (n, 2) of the state.
+    """
+    if not answers:
+        return set()
+    chosen = list(answers)
+    expressions = [branches.all[i].margin for i in chosen]
+    margin_function = IntervalFunction(ca.Function("margins", [branches.state], [ca.vertcat(*expressions)]))
+    coordinates = len(limits)
+    # lowest and highest corners (n, boxes) of the boxes in which a condition is still open
+    low = np.array(limits[:, :1])
+    high = np.array(limits[:, 1:])
+    open_boxes = {i: np.ones(1, bool) for i in chosen}
+    closed: set[int] = set()
+    for halving in range(_HALVINGS * coordinates):
+        state = [intervals.between(low[axis], high[axis]) for axis in range(coordinates)]
+        (margins,) = margin_function([state])
+        for i, margin in zip(chosen, margins, strict=True):
+            if i in closed:
+                continue
+            has_answer = branches.all[i].has(answers[i], margin)
+            open_boxes[i] = open_boxes[i] & ~np.broadcast_to(has_answer, low.shape[1:])
+            if not open_boxes[i].any():
+                closed.add(i)
+                del open_boxes[i]
+        kept = np.zeros(low.shape[1], bool)
+        for is_open in open_boxes.values():
+            kept |= is_open
+        if not kept.any() or 2 * kept.sum() > MOST_BOXES:
+            break
+        low, high = _halved(low[:, kept], high[:, kept], halving % coordinates)
+        for i, is_open in open_boxes.items():
+            open_boxes[i] = np.tile(is_open[kept], 2)
+    return closed
+
+
+def _halved(low: Array, high: Array, axis: int) -> tuple[Array, Array]:
+    """Return the corners (n, 2 k) of the halves of k boxes with corners (n, k): lower halves, then upper ones."""
+    middle = (low[axis] + high[axis]) / 2
+    top_of_lower = np.array(high)
+    top_of_lower[axis] = middle
+    bottom_of_upper = np.array(low)
+    bottom_of_upper[axis] = middle
+    return np.hstack([low, bottom_of_upper]), np.hstack([top_of_lower, high])

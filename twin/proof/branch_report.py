@@ -1,0 +1,222 @@
+"""What is known of all conditions in the equations: whether both answers of each were judged, and how that is known."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.formula.contract import Formula
+from twin.proof import draws, values
+from twin.proof.branch_bounds import bounded_conditions
+from twin.proof.branch_search import other_answers
+from twin.proof.branches import Branches
+
+_RARE = 64
+"""Number of states with an answer below which they are judged besides."""
+
+_KEPT_RARE = 16
+"""Maximum number of states that are kept of those where one condition has a rare answer."""
+
+_CONDITION_STATES = 2048
+"""Number of states at which conditions have their answers, before others are searched."""
+
+
+@dataclass(frozen=True)
+class BranchReport:
+    """The conditions of the equations, and how it is known that all their answers were judged.
+
+    Attributes:
+        count: number of conditions.
+        drawn: those with both answers at drawn states.
+        undefined: those with one answer, because the equations have no value at the other.
+        bounded: those with one answer at all states within the limits, by intervals.
+        found: those whose other answer was found by a search, at states that were judged then.
+        open: texts of those with one answer at all drawn states, and their smallest margin; nothing else is known.
+        unfound: those with one answer at all drawn states whose other answer no search found, on which nothing depends
+            of which anything is claimed: they are among the silent ones.
+        silent: texts of those with an answer that few drawn states have, or none, on which nothing depends of which
+            anything is claimed; those of them that are not among the unfound are among the drawn or found.
+        states: {name: values (j,)} at the states that were found, and at those with rare answers.
+        refused: {name: values (j,)} at states that a search found, where a condition leaves no value.
+        without_value: {name: value} at a state within reach where the equations have no value; empty if there is none.
+    """
+
+    count: int
+    drawn: int
+    undefined: int
+    bounded: int
+    found: int
+    unfound: int
+    open: tuple[str, ...]
+    silent: tuple[str, ...]
+    states: Mapping[str, Array]
+    refused: Mapping[str, Array]
+    without_value: Mapping[str, float]
+
+    @property
+    def unjudged(self) -> int:
+        """Number of conditions in no category, because no drawn state is within reach."""
+        return self.count - self.drawn - self.undefined - self.bounded - self.found - self.unfound - len(self.open)
+
+
+def examined_conditions(
+    formula: Formula,
+    variants: Mapping[str, str],
+    drawn_parameters: Collection[str],
+    limits_of: Mapping[str, tuple[bool, float, float]],
+    seed: int,
+    unclaimed: Collection[str] = (),
+) -> BranchReport:
+    """Return what is known of the conditions in the equations.
+
+    Args:
+        formula: the equations.
+        variants: the chosen variant of each equation.
+        drawn_parameters: parameters with random values.
+        limits_of: {random number: (whether it is an angle, low, high)}.
+        seed: of the random numbers.
+        unclaimed: results of which nothing is claimed, for `examined`; if there are none, conditions that only
+            measures and aspects depend on are left out.
+    """
+    conditions = Branches(formula, variants, drawn_parameters, measures=bool(unclaimed))
+    ranges = {name: limits_of[name] for name in conditions.names}
+    # a stream of random numbers of its own: the states are others than those of the claims
+    state = draws.named(np.random.default_rng([seed, 1]), ranges, _CONDITION_STATES)
+    limits = np.array([[low, high] for _, low, high in ranges.values()])
+    drawn = np.array([values.real_of(value) for value in state.values()])
+    published = drawn.copy()
+    parameters = {parameter.name: float(parameter.value) for parameter in formula.parameters}
+    for place, name in enumerate(conditions.names):
+        if name in drawn_parameters:
+            published[place] = parameters[name]
+    return examined(conditions, drawn, published, limits, unclaimed)
+
+
+def examined(
+    branches: Branches, state: Array, published: Array, limits: Array, unclaimed: Collection[str]
+) -> BranchReport:
+    """Return what is known of all conditions, from drawn states (n, k) within limits (n, 2).
+
+    `unclaimed` are the results of which nothing is claimed; for their names see `Branch.effects`.
+
+    `published` (n, k) are the same states with the published parameters. Only there, a state without a value is a fault
+    of the equations: with other lengths, the mechanism itself may not reach it, and no margin may say so.
+    """
+    without_value = _state_without_value(branches, published)
+    has_values, within = branches.judged(state)
+    state = state[:, has_values & within]
+    count = len(branches.all)
+    if not branches.all or not state.shape[1]:
+        empty = {name: np.zeros(0) for name in branches.names}
+        return BranchReport(
+            count=count,
+            drawn=0,
+            undefined=0,
+            bounded=0,
+            found=0,
+            unfound=0,
+            open=(),
+            silent=(),
+            states=empty,
+            refused=empty,
+            without_value=without_value,
+        )
+    answers = _answers_at(branches, state, unclaimed)
+    bounded = bounded_conditions(branches, answers.single, limits)
+    searched = [i for i in answers.single if i not in bounded]
+    other_states = other_answers(branches, searched, state, limits)
+    silent = list(answers.silent)
+    open_texts = []
+    unfound = []  # the conditions whose other answer no search found
+    unfound_and_silent = 0
+    margins = branches.margins(state).full()
+    for i, states in zip(searched, other_states, strict=True):
+        is_found = states.shape[1] > 0
+        if not is_found:
+            unfound.append(i)
+        if branches.all[i].only_affects(unclaimed):
+            silent.append(branches.effect(i))
+            unfound_and_silent += not is_found
+        elif not is_found:
+            smallest = np.abs(margins[i]).min()
+            open_texts.append(f"{branches.text(i)} (margin {smallest:.2g} or more)")
+    # a condition without another answer within reach may leave no value, in a way that is not seen in the operations
+    suspects = answers.undefined + unfound
+    refused_states = _joined(other_answers(branches, suspects, state, limits, refused=True), len(limits))
+    if refused_states.shape[1]:
+        has_values, within = branches.judged(refused_states)
+        refused_states = refused_states[:, ~(has_values & within)]
+    judged_states = _joined([*answers.rare, *other_states], len(limits))
+    return BranchReport(
+        count=count,
+        drawn=count - len(answers.undefined) - len(answers.single),
+        undefined=len(answers.undefined),
+        bounded=len(bounded),
+        found=len(searched) - len(unfound),
+        unfound=unfound_and_silent,
+        open=tuple(open_texts),
+        silent=tuple(silent),
+        states=dict(zip(branches.names, judged_states, strict=True)),
+        refused=dict(zip(branches.names, refused_states, strict=True)),
+        without_value=without_value,
+    )
+
+
+@dataclass
+class _DrawnAnswers:
+    """The answers that conditions have at drawn states.
+
+    Attributes:
+        single: {index of a condition with one answer: the answer}, but for those of `undefined`.
+        undefined: indices of those with one answer, because the other leaves no value.
+        rare: some states (n, j) with a rare answer, of each condition that has one.
+        silent: texts of conditions with a rare answer, or none, on which nothing depends of which anything is claimed.
+    """
+
+    single: dict[int, bool] = field(default_factory=dict)
+    undefined: list[int] = field(default_factory=list)
+    rare: list[Array] = field(default_factory=list)
+    silent: list[str] = field(default_factory=list)
+
+
+def _answers_at(branches: Branches, state: Array, unclaimed: Collection[str]) -> _DrawnAnswers:
+    """Return the answers of all conditions at states (n, k) within reach, of which there is at least one."""
+    answers = _DrawnAnswers()
+    margins = branches.margins(state).full()
+    for i, branch in enumerate(branches.all):
+        is_true = branch.has(True, margins[i])
+        if is_true.any() and not is_true.all():
+            # the claims were judged at other states: an answer that is rare may not be among those
+            is_fewer = is_true
+            if is_true.sum() > (~is_true).sum():
+                is_fewer = ~is_true
+            if is_fewer.sum() < _RARE:
+                answers.rare.append(state[:, is_fewer][:, :_KEPT_RARE])
+                if branch.only_affects(unclaimed):
+                    answers.silent.append(branches.effect(i))
+            continue
+        answer = bool(is_true[0])
+        if (not answer) in branch.undefined:
+            answers.undefined.append(i)
+            if branch.only_affects(unclaimed) and not branch.refuses:
+                answers.silent.append(branches.effect(i))
+        else:
+            answers.single[i] = answer
+    return answers
+
+
+def _state_without_value(branches: Branches, state: Array) -> dict[str, float]:
+    """Return {name: value} at the first of states (n, k) within reach without a value; empty if all have one."""
+    has_values, within = branches.judged(state)
+    faults = np.flatnonzero(within & ~has_values)
+    if not len(faults):
+        return {}
+    return {name: float(x) for name, x in zip(branches.names, state[:, faults[0]], strict=True)}
+
+
+def _joined(states: Sequence[Array], coordinates: int) -> Array:
+    """Return states (n, j), side by side; n is needed where there are none."""
+    return np.hstack([np.zeros((coordinates, 0)), *states])

@@ -1,0 +1,123 @@
+"""Search for states at which a condition of the equations has an answer that it has at no drawn state.
+
+A search goes along the gradient of the condition's margin, by Newton steps from the drawn states where it is smallest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.proof.branches import Branches
+from twin.proof.draws import NEAR_PART
+from twin.proof.function_branches import Branch
+from twin.proof.values import Truths
+
+_STARTS = 24
+"""Number of states nearest to the change of an answer from which a search starts."""
+
+_STEPS = 6
+"""Number of Newton steps of a search."""
+
+_AIMS = tuple(10.0**-k for k in range(10))
+"""How far beyond the change of an answer a search aims, as parts of the margin at its start.
+
+A far aim finds answers that hold in a wide region; a near one those that hold in a narrow strip.
+"""
+
+_NEIGHBOURS = 4
+"""Number of states beside a state at which its answer must be the same."""
+
+_NEIGHBOUR_PART = (-0.05, 1.0)
+"""Where these states are, as parts of the distance within which a state is drawn near another (`NEAR_PART`)."""
+
+_KEPT = 16
+"""Maximum number of states that are kept of those where one condition has another answer."""
+
+_KEPT_REFUSED = 240
+"""The same of those where the other answer leaves no value."""
+
+
+def other_answers(
+    branches: Branches, chosen: Sequence[int], state: Array, limits: Array, refused: bool = False
+) -> list[Array]:
+    """Return, for each chosen condition, states within reach where it has the answer that it has at no drawn state.
+
+    Args:
+        branches: the conditions.
+        chosen: indices of those with one answer.
+        state: drawn states (n, k) within reach.
+        limits: lowest and highest values (n, 2) of the state.
+        refused: whether the other answer leaves no value: then the states that are returned have none.
+
+    Returns:
+        for each chosen condition: states (n, j); j is 0 if none was found.
+    """
+    if not chosen:
+        return []
+    expressions = [branches.all[i].margin for i in chosen]
+    margin_function = ca.Function("margin", [branches.state], [ca.vertcat(*expressions)])
+    margins = margin_function(state).full()
+    states = []
+    for margin, i in zip(margins, chosen, strict=True):
+        sizes = np.where(np.isfinite(margin), np.abs(margin), np.inf)
+        nearest = np.argsort(sizes)[:_STARTS]
+        answer = bool(branches.all[i].has(True, margin[nearest[:1]])[0])
+        states.append(_search(branches, i, answer, state[:, nearest], limits, refused))
+    return states
+
+
+def _search(branches: Branches, i: int, answer: bool, starts: Array, limits: Array, refused: bool) -> Array:
+    """Return states (n, j) where condition i does not have an answer that it has at `starts` (n, k).
+
+    For the other arguments see `other_answers`.
+    """
+    branch = branches.all[i]
+    gradient = ca.Function("gradient", [branches.state], [branch.margin, ca.jacobian(branch.margin, branches.state)])
+    n, start_count = starts.shape
+    x = np.repeat(starts, len(_AIMS), axis=1)
+    function = gradient.map(x.shape[1])
+    # the search goes towards negative signed margins
+    sign = 1.0 if answer else -1.0
+    most = _KEPT_REFUSED if refused else _KEPT
+    kept: list[Array] = []
+    aim = np.zeros(0)
+    for step in range(_STEPS):
+        margin, slope = (matrix.full() for matrix in function(x))
+        has_other_answer = np.isfinite(margin[0]) & branch.has(not answer, margin[0])
+        margin = sign * margin[0]
+        slope = sign * slope[0].reshape(x.shape[1], n).T
+        if step == 0:
+            aim = np.tile(_AIMS, start_count) * np.abs(margin)
+        if refused:
+            kept += list(x[:, has_other_answer].T)
+        elif has_other_answer.any():
+            has_values, within = branches.judged(x)
+            candidates = x[:, has_other_answer & has_values & within]
+            steady = _is_steady(gradient, branch, not answer, candidates, limits)
+            kept += list(candidates[:, steady].T)
+        if len(kept) >= most:
+            break
+        with np.errstate(divide="ignore", invalid="ignore"):
+            newton = -(margin + aim) / (slope**2).sum(axis=0) * slope
+        newton = np.where(np.isfinite(newton), newton, 0.0)
+        x = np.clip(x + newton, limits[:, :1], limits[:, 1:])
+    return np.array(kept[:most]).reshape(-1, n).T
+
+
+def _is_steady(gradient: ca.Function, branch: Branch, answer: bool, state: Array, limits: Array) -> Truths:
+    """Return which states (n, k) have an answer at all states near them that may be judged in their place.
+
+    A claim is judged at exact fractions near a state that was found, not at the state itself.
+    """
+    steady = np.ones(state.shape[1], bool)
+    width = NEAR_PART * (limits[:, 1:] - limits[:, :1])
+    generator = np.random.default_rng(0)
+    for _ in range(_NEIGHBOURS):
+        neighbours = state + width * generator.uniform(*_NEIGHBOUR_PART, state.shape)
+        margin, _ = gradient(np.clip(neighbours, limits[:, :1], limits[:, 1:]))
+        steady &= branch.has(answer, margin.full()[0])
+    return steady

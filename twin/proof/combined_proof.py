@@ -1,0 +1,127 @@
+"""What several attempts at one proof say together: which verdict of a claim counts, and what conditions leave open."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+from twin.proof.branch_bounds import MOST_BOXES
+from twin.proof.branch_report import BranchReport
+from twin.proof.claims import JudgedClaim, unclaimed
+from twin.proof.precise import certainly_not_zero
+from twin.proof.proof_result import Proof
+
+_PRECISE_STATES = 64
+"""Maximum number of states that were found at which signs of roots are judged with more digits."""
+
+_NAMED_CONDITIONS = 3
+"""Number of conditions that a claim names."""
+
+
+def for_all_parameters(published: Proof, general: Proof) -> Proof:
+    """Return the proof with the claims that hold for other values of the parameters as well.
+
+    Args:
+        published: the proof with the published parameters.
+        general: the proof with arbitrary values of some of them.
+
+    Returns:
+        a proof for arbitrary values; but for the published ones alone if a claim is only proved for these, or if none
+        is proved for the others.
+    """
+    claims = []
+    is_special = False  # whether a claim is only proved for the published parameters
+    for claim, other in zip(published.claims, general.claims, strict=True):
+        is_better = other.status == "proved" or (claim.status == "unproved" and other.zeros >= claim.zeros)
+        kept = claim
+        if is_better and other.status != "refuted":
+            kept = other
+        claims.append(kept)
+        is_special |= kept.status == "proved" and other.status != "proved"
+    if is_special or not general.count("proved"):
+        return replace(published, claims=tuple(claims))
+    return replace(published, claims=tuple(claims), drawn=general.drawn, fixed=general.fixed, ranges=general.ranges)
+
+
+def with_rooted_states(proof: Proof, rooted: Proof) -> Proof:
+    """Return the proof with the claims that need states where all roots exist, taken from one at such states."""
+    claims = []
+    for claim, other in zip(proof.claims, rooted.claims, strict=True):
+        is_better = other.status != "unproved" or other.zeros > claim.zeros
+        if claim.luckless and is_better:
+            claims.append(other)
+        else:
+            claims.append(claim)
+    return replace(proof, claims=tuple(claims))
+
+
+def without_contradicted(proof: Proof, other_states: Proof) -> Proof:
+    """Return the proof without the proofs of claims that are wrong, or not exactly zero, at other states."""
+    claims = []
+    for claim, other in zip(proof.claims, other_states.claims, strict=True):
+        if other.status == "refuted":
+            claims.append(other)
+        elif claim.status == "proved" and (other.different or other.undefined):
+            claims.append(replace(claim, status="unproved", reason=other.reason, nodes=()))
+        else:
+            claims.append(claim)
+    return replace(proof, claims=tuple(claims))
+
+
+def with_signs(claims: Iterable[JudgedClaim], rare: Sequence[Mapping[str, float]]) -> tuple[JudgedClaim, ...]:
+    """Return the claims without the proofs that are wrong with the signs of their roots, by however little.
+
+    They are judged where exact values were not zero, and at states where conditions have rare answers: some of `rare`,
+    each {random number: its value}.
+    """
+    chosen = rare[:: 1 + len(rare) // _PRECISE_STATES]
+    judged = []
+    for claim in claims:
+        wrong = 0.0
+        if claim.status == "proved" and claim.roots:
+            wrong = certainly_not_zero(claim.nodes, [*claim.doubtful, *chosen])
+        if wrong:
+            reason = (
+                f"with the signs of its roots, a value is {wrong:.3g} at a state within reach: a difference below 1e-6"
+            )
+            claim = replace(claim, status="unproved", reason=reason, nodes=())
+        judged.append(claim)
+    return tuple(judged)
+
+
+def with_conditions(proof: Proof, report: BranchReport) -> Proof:
+    """Return the proof with the claims that all conditions were judged, and that there is a value within reach."""
+    claims = list(proof.claims)
+    if report.open:
+        reason = (
+            f"{len(report.open)} of {report.count} conditions have one answer at all drawn states, a search found "
+            f"no state with the other, and intervals in {MOST_BOXES} boxes are too wide to exclude it: "
+            f"{_some_of(report.open)}"
+        )
+        claims.append(unclaimed("conditions", "all answers of the conditions were judged", reason))
+    if report.silent:
+        sentence = "no result without a claim has other values at few poses"
+        reason = (
+            f"{len(report.silent)} conditions have an answer that few or none of the drawn states have, and only "
+            f"change results of which nothing is claimed: {_some_of(report.silent)}"
+        )
+        claims.append(unclaimed("results without a claim", sentence, reason))
+    beyond = None
+    if proof.refused is not None:
+        beyond = proof.refused.claim()
+    if beyond is not None:
+        claims.append(beyond)
+    elif report.without_value:
+        sentence = "the equations have a value at each pose within reach"
+        state = ", ".join(f"{name} = {value:.6g}" for name, value in report.without_value.items())
+        reason = f"they have neither a value nor a negative margin at {state}: the mechanism may reach it, or may not"
+        claims.append(unclaimed("values", sentence, reason))
+    return replace(proof, claims=tuple(claims), branches=report)
+
+
+def _some_of(conditions: Sequence[str]) -> str:
+    """Return the first of some conditions as text, and how many more there are."""
+    text = ", ".join(conditions[:_NAMED_CONDITIONS])
+    if len(conditions) > _NAMED_CONDITIONS:
+        text += f" and {len(conditions) - _NAMED_CONDITIONS} more, each in the JSON of the result"
+    return text

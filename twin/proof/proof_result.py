@@ -1,0 +1,123 @@
+"""The proof of one attempt: its claims, and all that they rest on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import casadi as ca
+
+from twin.formula.contract import Formula
+from twin.proof import formula_side, mechanism
+from twin.proof.attempt import Attempt
+from twin.proof.branch_report import BranchReport
+from twin.proof.claims import JudgedClaim
+from twin.proof.instructions import instructions
+from twin.proof.near_numbers import near_length, near_number
+from twin.proof.random_states import angles
+from twin.proof.refused_states import RefusedStates
+
+
+@dataclass(frozen=True)
+class Proof:
+    """The claims about a robot, with what they rest on.
+
+    Attributes:
+        claims: all claims.
+        states: number of random states.
+        inside: smallest share of the states within reach.
+        branches: the conditions in the equations; None if a claim is refuted.
+        drawn: parameters for all of whose values the claims are proved.
+        fixed: other parameters that are angles: with other values, a claim is wrong, or none was tried.
+        inexact: parameters without an exact form.
+        largest: largest difference in m or rad between a number of the CAD and its exact form.
+        unrecognised: numbers of the CAD without an exact form.
+        recognised: {length of the CAD as text: its exact form}, for lengths that are no decimals.
+        near: {number that is taken as it is written: the root of a drawing that it is, but for its last digit}.
+        uncovered: bodies that no claim covers.
+        uncovered_points: points of the equations that no claim covers.
+        uncovered_values: passive joints, margins, measures and aspects of the equations of whose values nothing is
+            claimed, as "margin arm". Of a margin, only the sign counts: it says where the claims are.
+        ranges: {random number: (whether it is an angle, low, high)}, in m and rad.
+        refused: what the mechanism says of states that the equations refuse; None if no such state was compared.
+    """
+
+    claims: tuple[JudgedClaim, ...]
+    states: int
+    inside: float
+    branches: BranchReport | None
+    drawn: tuple[str, ...]
+    fixed: tuple[str, ...]
+    inexact: tuple[str, ...]
+    largest: float
+    unrecognised: tuple[str, ...]
+    recognised: Mapping[str, str]
+    near: Mapping[str, str]
+    uncovered: tuple[str, ...]
+    uncovered_points: tuple[str, ...]
+    uncovered_values: tuple[str, ...]
+    ranges: Mapping[str, tuple[bool, float, float]]
+    refused: RefusedStates | None = None
+
+    def count(self, status: str) -> int:
+        """Return the number of claims with a status."""
+        return sum(claim.status == status for claim in self.claims)
+
+
+def proof_of(attempt: Attempt, states: int) -> Proof:
+    """Return the proof of one attempt, with a number of drawn states."""
+    made = attempt.states
+    drawing = made.exact.drawing
+    return Proof(
+        claims=tuple(attempt.claims),
+        states=states,
+        inside=min(attempt.shares),
+        branches=None,
+        drawn=tuple(made.drawn),
+        fixed=tuple(name for name in angles(made.formula) if name not in made.drawn),
+        inexact=tuple(made.inexact),
+        largest=drawing.largest,
+        unrecognised=tuple(dict.fromkeys(drawing.unrecognised)),
+        recognised=dict(drawing.recognised),
+        near=dict(drawing.near),
+        uncovered=tuple(sorted(attempt.uncovered)),
+        uncovered_points=tuple(attempt.uncovered_points),
+        uncovered_values=tuple(_uncovered_values(attempt)),
+        ranges=made.ranges,
+    )
+
+
+def near_in_equations(formula: Formula, variants: Mapping[str, str]) -> dict[str, str]:
+    """Return {parameter or number of the equations: the root that it is, but for its last digit}."""
+    near: dict[str, str] = {}
+    lengths = {}
+    for parameter in formula.parameters:
+        if parameter.unit in ("mm", "m") and parameter.value:
+            lengths[parameter.name] = float(parameter.value)
+    for name, length in lengths.items():
+        others = {other: value for other, value in lengths.items() if other != name}
+        near[f"parameter {name}, {1e3 * length:.12g} mm"] = near_length(length, others)
+    if formula.has("inverse"):
+        outputs = formula_side.from_pose(formula, variants, coordinates=not formula.has("forward"))
+    else:
+        outputs = formula_side.from_joints(formula, variants)
+    for step in instructions(outputs.function):
+        if step.operation == ca.OP_CONST and math.isfinite(step.constant):
+            root = near_number(step.constant) or near_length(step.constant, lengths)
+            near[f"{step.constant:.12g} in the equations"] = root
+    return {text: root for text, root in near.items() if root}
+
+
+def _uncovered_values(attempt: Attempt) -> list[str]:
+    """Return the passive joints, margins, measures and aspects of the equations of whose values nothing is claimed."""
+    formula = attempt.states.formula
+    robot = attempt.states.robot
+    names = []
+    for joint in formula.passive:
+        if not mechanism.judges(robot, joint, attempt.uncovered):
+            names.append(f"passive joint {joint}")
+    names += [f"margin {name}" for name in formula.reach]
+    names += [f"measure {measure.name}" for measure in formula.measures]
+    names += [f"aspect {aspect.symbol}" for aspect in formula.aspects]
+    return names
