@@ -64,3 +64,24 @@ def test_a_slider_is_high_enough_for_a_finger(browser):
     page.set_content(with_additions(PAGE.replace(b"<button>", slider + b"<button>"), COMMAND).decode())
     assert page.locator(".mantine-Slider-trackContainer").bounding_box()["height"] >= 40
     context.close()
+
+
+SHEET = b"""<div class="mantine-Paper-root" style="position: fixed; bottom: 0; height: 60%">
+<div style="cursor: pointer">twin</div></div>"""
+ARRIVING = """
+const links = [], fits = [];
+window.fits = fits;
+window.twinTools = { meshes: () => links, fit: () => fits.push(links.length) };
+for (const ms of [100, 900, 1700]) setTimeout(() => links.push(ms), ms);
+"""
+
+
+def test_a_phone_shows_the_whole_robot_although_its_links_come_one_after_the_other(browser):
+    page = browser.new_page(viewport={"width": 390, "height": 844})
+    page.add_init_script(ARRIVING)
+    page.route("http://twin.test/**", lambda route: route.fulfill(body=with_additions(PAGE + SHEET, COMMAND)))
+    page.goto("http://twin.test/")
+    page.wait_for_function("window.fits.at(-1) === 3")
+    assert page.evaluate("window.fits[0]") < 3
+    assert page.locator(".twin-sheet").bounding_box()["width"] == 390
+    page.close()

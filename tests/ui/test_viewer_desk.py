@@ -99,6 +99,7 @@ def test_a_joint_stops_at_its_limit_and_names_it(sils):
     moved = to_the_end(lambda: sils.move_joint(1, high + 0.02))
     assert "q2 = 600.000 mm is beyond its limit of 580.000 mm" in moved.reason
     assert sils.assembly.q[1] <= high
+    assert "nearest limit: q2, 0.0 mm left" in readout.headline(read(sils))
     assert sils.assembly.worst_gap < 1e-9
     assert sils.move_joint(0, sils.assembly.q[0] + 2 * MM).good
 
@@ -186,7 +187,9 @@ def test_the_printed_formula_stretches_the_platform_and_the_readout_turns_red(si
     assert bad.residual[0] > 0.5 * MM
     assert "DISAGREE" in readout.table(bad)
     assert "data-agrees='no'" in readout.table(bad)
+    assert "equations DISAGREE" in readout.headline(bad)
     sils.change({"eq1": "corrected"})
+    assert "equations agree: exact" in readout.headline(read(sils))
     assert read(sils).agrees
 
 
@@ -485,6 +488,7 @@ def test_what_was_refused_is_forgotten_when_the_hand_lets_go(sils):
     T[0, 3] += 2.0
     assert not sils.move_tool(T).good
     assert "data-reason" in readout.table(read(sils))
+    assert sils.moved.reason in readout.headline(read(sils))
     sils.let_go()
     assert "data-reason" not in readout.table(read(sils))
     assert read(sils).agrees

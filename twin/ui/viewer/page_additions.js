@@ -20,7 +20,13 @@
       .mantine-Slider-thumb { width: 40px !important; height: 40px !important; border: 0 !important; background: radial-gradient(circle, #1b6ec2 0 9px, transparent 10px) !important; }
       .mantine-Checkbox-inner, .mantine-Checkbox-inner input { width: 40px !important; height: 40px !important; min-height: 40px; }
       .mantine-Checkbox-inner { display: grid; place-items: center; }
-      .mantine-Checkbox-inner input { border-width: 9px !important; background-clip: padding-box; border-color: transparent !important; }
+      .mantine-Checkbox-inner input { border-width: 9px !important; background-clip: padding-box; border-color: transparent !important; box-shadow: inset 0 0 0 1.5px #7c8896; }
+      .mantine-NumberInput-controls { display: none !important; } /* two buttons in 40 px are too small for a finger */
+    }
+    .twin-headline { display: none; }
+    @media (max-width: 640px) {
+      .twin-sheet, .twin-sheet .mantine-ScrollArea-content > div { width: 100vw !important; }
+      .twin-headline { display: block; padding: 8px 1em 0; font-size: 13px; line-height: 1.5; }
     }
     @media print { .twin-help { display: none; } }`;
   document.head.append(style);
@@ -126,10 +132,12 @@
   });
 
   // -- a phone ----------------------------------------------------------------------------------------
-  // viser's panel covers the lower half of a narrow page: it starts folded, and its heading opens it
+  // viser's panel covers the lower half of a narrow page, at its right: it gets the whole width, starts folded, and its
+  // heading opens it
   (function fold(tries = 100) {
     if (innerWidth > 640) return;
     const panel = [...document.querySelectorAll('.mantine-Paper-root')].find((o) => getComputedStyle(o).position === 'fixed');
+    panel?.classList.add('twin-sheet');
     const heading = panel?.querySelector('[style*="cursor: pointer"]');
     if (!heading || panel.offsetHeight < 0.25 * innerHeight) {
       if (tries > 0) setTimeout(fold, 200, tries - 1); // viser's own script begins later
@@ -138,11 +146,16 @@
     // the bar with the tools of the view is above the panel, whatever its height
     new ResizeObserver(() => (help.style.bottom = `${panel.offsetHeight + 8}px`)).observe(panel);
     heading.click();
-    (function fill(tries = 300) {
+    // the first view is made for a wide page; the meshes come one after the other, so the view follows until all are here
+    let touched = false;
+    addEventListener('pointerdown', (e) => (touched ||= e.target instanceof HTMLCanvasElement), true);
+    (function fill(count, calm, tries) {
       const tools = window.twinTools;
-      if (tools?.meshes().length) tools.fit(); // the first view is made for a wide page
-      else if (tries > 0) setTimeout(fill, 200, tries - 1);
-    })();
+      const now = tools?.meshes().length ?? 0;
+      if (now && !touched) tools.fit();
+      const still = now > 0 && now === count ? calm + 1 : 0;
+      if (still < 10 && tries > 0 && !touched) setTimeout(fill, 300, now, still, tries - 1);
+    })(0, 0, 300);
   })();
 
   // -- the server has gone ------------------------------------------------------------------------------

@@ -81,31 +81,47 @@
     }
     return best;
   }
-  /** Return the middle and the radius of what the given meshes fill, in the scene; null: nothing. */
-  function extent(found) {
-    const [low, high] = [vector(Infinity, Infinity, Infinity), vector(-Infinity, -Infinity, -Infinity)];
-    const corner = vector();
+  /** Return the corners of the boxes around the given meshes, in the scene. */
+  function corners(found) {
+    const points = [];
     for (const { mesh } of found) {
       mesh.geometry.boundingBox ?? mesh.geometry.computeBoundingBox();
       const { min, max } = mesh.geometry.boundingBox;
       for (let k = 0; k < 8; k++) {
-        corner.set(k & 1 ? max.x : min.x, k & 2 ? max.y : min.y, k & 4 ? max.z : min.z).applyMatrix4(mesh.matrixWorld);
-        low.min(corner);
-        high.max(corner);
+        const corner = vector(k & 1 ? max.x : min.x, k & 2 ? max.y : min.y, k & 4 ? max.z : min.z);
+        points.push(corner.applyMatrix4(mesh.matrixWorld));
       }
     }
-    if (!(high.x >= low.x)) return null;
-    return { center: low.clone().add(high).multiplyScalar(0.5), radius: 0.5 * low.distanceTo(high) };
+    return points;
   }
 
   // -- fit ------------------------------------------------------------------------------------------------
+  const FREE = 0.84; // part of the picture that is filled: cube and bar are at its edges
+  /** Return the middle of points, and the distance from which the camera, as it is turned, sees all of them. */
+  function standoff(points) {
+    const [low, high] = [vector(Infinity, Infinity, Infinity), vector(-Infinity, -Infinity, -Infinity)];
+    for (const point of points) {
+      low.min(point);
+      high.max(point);
+    }
+    const center = low.add(high).multiplyScalar(0.5);
+    const back = viser.camera.quaternion.clone().invert();
+    const up = FREE * Math.tan((viser.camera.fov * Math.PI) / 360);
+    const across = up * viser.camera.aspect;
+    let distance = 0;
+    for (const point of points) {
+      const { x, y, z } = point.clone().sub(center).applyQuaternion(back); // x right, y up, z to the camera
+      distance = Math.max(distance, z + Math.abs(x) / across, z + Math.abs(y) / up);
+    }
+    return { center, distance };
+  }
   function fit(found = meshes()) {
-    const sphere = extent(found);
-    if (!sphere) return;
+    const points = corners(found);
+    if (!points.length) return;
+    const { center, distance } = standoff(points);
     const control = viser.cameraControl;
-    const { x, y, z } = sphere.center;
-    void control.moveTo(x, y, z, true);
-    void control.dollyTo(control.getDistanceToFitSphere(sphere.radius), true);
+    void control.moveTo(center.x, center.y, center.z, true);
+    void control.dollyTo(distance, true);
     draw();
   }
   function fitAt(event) {
@@ -474,5 +490,5 @@
       if (now && !document.hidden) pace(now);
     })();
 
-  window.twinTools = { pick, meshes, fit, extent, level: () => level, dpr: () => viser.scene?.__r3f?.root?.getState?.().viewport.dpr };
+  window.twinTools = { pick, meshes, fit, level: () => level, dpr: () => viser.scene?.__r3f?.root?.getState?.().viewport.dpr };
 })();

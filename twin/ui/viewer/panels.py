@@ -50,6 +50,7 @@ class Panels:
         self._side.set_width(330)
         gui.main_panel.dock_right()
         gui.main_panel.set_width(350)
+        self._headline = gui.add_html("")
         if len(front.actors) > 1:
             names = [a.name for a in front.actors]
             chosen = gui.add_dropdown("active robot", names, initial_value=names[0])
@@ -365,6 +366,9 @@ class Panels:
         text = readout.table(reading, ", ".join(variants))
         if text != self._readout.content:
             self._readout.content = text
+        headline = readout.headline(reading)
+        if headline != self._headline.content:
+            self._headline.content = headline
         for slider, joint, q in zip(self._joint, desk.joints, desk.assembly.q, strict=True):
             scale = DEG if joint.is_angle else MM
             value = float(np.clip(round(q / scale, 2), slider.min, slider.max))

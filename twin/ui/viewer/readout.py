@@ -78,11 +78,45 @@ def table(reading: RobotReading, variants: str = "") -> str:
     rows += _singularities(reading)
     if reading.branch:
         rows.append(_line("branch", escape(reading.branch)))
-    rows += [_bar(limit) for limit in reading.limits]
+    rows.append(_bars(reading.limits))
     if reading.reason:
         rows.append(f"<div style='color:{_BAD};padding-top:.5em' data-reason>{escape(reading.reason)}</div>")
     agrees = "yes" if reading.agrees else "no"
     return f"<div style='font-size:12px;line-height:1.5;padding:0 .8em' data-agrees='{agrees}'>{''.join(rows)}</div>"
+
+
+def headline(reading: RobotReading) -> str:
+    """Return the most important readings as HTML in short lines, for a narrow page, which has no side panel."""
+    parts = []
+    if reading.residual is not None:
+        text, color = _agreement(reading, reading.residual)
+        parts.append(f"<span style='color:{color};font-weight:600'>equations {text}</span>")
+    for trocar in reading.trocars:
+        if trocar.depth is not None:
+            parts.append(f"depth {trocar.depth / MM:.1f} mm")
+    nearest = _nearest_limit(reading.limits)
+    if nearest is not None:
+        parts.append(nearest)
+    lines = "".join(f"<div>{part}</div>" for part in parts)
+    if reading.reason:
+        lines += f"<div style='color:{_BAD}'>{escape(reading.reason)}</div>"
+    return f"<div class='twin-headline'>{lines}</div>"
+
+
+def _nearest_limit(limits: Sequence[JointReading]) -> str | None:
+    """Return HTML text on the joint that is nearest to a limit, as a part of its range; None without limits."""
+    nearest: JointReading | None = None
+    least = np.inf
+    for limit in limits:
+        if limit.part is None:
+            continue
+        margin = min(limit.part, 1 - limit.part)
+        if margin < least:
+            nearest, least = limit, margin
+    if nearest is None:
+        return None
+    left = min(nearest.value - nearest.low, nearest.high - nearest.value)
+    return f"nearest limit: {escape(nearest.joint)}, {max(left, 0.0):.1f} {nearest.unit} left"
 
 
 def _agreement(reading: RobotReading, residual: EquationDeviation) -> tuple[str, str]:
@@ -172,12 +206,23 @@ def _line(name: str, text: str, color: str = "") -> str:
     )
 
 
+def _bars(limits: Sequence[JointReading]) -> str:
+    """Return the joints as HTML: name, bar and value; the column of names is as wide as the longest one."""
+    rows = "".join(_bar(limit) for limit in limits)
+    return (
+        "<div style='display:grid;grid-template-columns:fit-content(9em) minmax(4em,1fr) max-content;gap:0 .8em;"
+        f"align-items:center'>{rows}</div>"
+    )
+
+
 def _bar(limit: JointReading) -> str:
-    """Return an HTML bar with a joint's position between its limits; red if a limit is nearer than 2 % of the range."""
+    """Return the cells of a joint, with its position between its limits; red if one is nearer than 2 % of the range."""
+    name = f"<span style='{_FAINT};overflow-wrap:anywhere'>{escape(limit.joint)}</span>"
     text = f"{limit.value:.3f} {limit.unit}".replace("-0.000 ", "0.000 ")
+    value = f"<span style='text-align:right;font-variant-numeric:tabular-nums'>{text}</span>"
     part = limit.part
     if part is None:
-        return _line(escape(limit.joint), text)
+        return f"{name}<span></span>{value}"
     margin = min(part, 1 - part)
     color = _GOOD
     if margin < 0.02:
@@ -185,12 +230,10 @@ def _bar(limit: JointReading) -> str:
     elif margin < 0.1:
         color = _WARN
     left = 100 * np.clip(part, 0, 1)
-    return (
-        f"<div style='display:grid;grid-template-columns:3.2em 1fr 8.5em;gap:.5em;align-items:center'>"
-        f"<span style='{_FAINT}'>{escape(limit.joint)}</span>"
+    bar = (
         f"<span title='{limit.low:g} .. {limit.high:g} {limit.unit}' style='position:relative;height:6px;"
         f"background:#8884;border-radius:3px'><span style='position:absolute;"
         f"left:calc({left:.2f}% - 3px);top:-2px;width:6px;height:10px;border-radius:2px;"
         f"background:{color}'></span></span>"
-        f"<span style='text-align:right;font-variant-numeric:tabular-nums'>{text}</span></div>"
     )
+    return f"{name}{bar}{value}"
