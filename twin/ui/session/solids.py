@@ -32,7 +32,7 @@ class SolidTable(Table):
     """A solid, in a frame that its user names.
 
     Shapes: `ellipsoid`, `dome` (the upper half of an ellipsoid), `box`, `cylinder` (about its z axis), `bed` (a rough
-    ground that ends at its rim), `drape` (a cloth over something round, hanging down at both sides; open below) and
+    oval ground that ends at its rim), `drape` (a cloth over something round, hanging down at both sides; open below) and
     `limb` (a round body along points).
 
     Attributes:
@@ -219,11 +219,12 @@ def _sheet(points: Array) -> Points:
 
 
 def _bed(size: Array) -> Points:
-    """Return a rough ground of a size (3,) in m: lobes of fat, and a rim that falls to the lower side."""
+    """Return a rough oval ground of a size (3,) in m: lobes of fat, and a rim that falls to the lower side."""
     side = np.linspace(-1, 1, _SHEET + 1)
     u, v = np.meshgrid(side, side)
-    x = 0.5 * size[0] * u
-    y = 0.5 * size[1] * v
+    # the square u, v becomes an ellipse, whose rim is the rim of the square
+    x = 0.5 * size[0] * u * np.sqrt(1 - 0.5 * v**2)
+    y = 0.5 * size[1] * v * np.sqrt(1 - 0.5 * u**2)
     lobes = 0.35 * np.sin(x / 0.011 + 1.3 * np.sin(y / 0.017)) + 0.3 * np.sin(y / 0.009 + 1.1 * np.sin(x / 0.015))
     rim = np.clip(4 * (1 - np.maximum(np.abs(u), np.abs(v))), 0, 1)
     z = size[2] * rim * (0.65 + 0.5 * lobes)

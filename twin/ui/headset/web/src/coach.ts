@@ -4,7 +4,10 @@ import { Vector3 } from 'three';
 import type { App } from './app';
 
 const STILL = 0.5; // px: a smaller motion of the hint is not drawn
-const WIDTH = 140; // px: space for the words at the right of the point; without it, they are at its left
+const HERE = 'Drag here';
+/** Where no instrument is in the picture. */
+const ANYWHERE = 'Drag anywhere';
+const WIDTH = 170; // px: space for the words at the right of the point; without it, they are at its left
 
 export class Coach {
   private readonly box = document.createElement('div');
@@ -23,7 +26,7 @@ export class Coach {
     this.box.hidden = true;
     const dot = document.createElement('i');
     dot.setAttribute('aria-hidden', 'true');
-    this.words.textContent = 'Drag here';
+    this.words.textContent = HERE;
     this.box.append(dot, this.words);
     parent.append(this.box);
   }
@@ -38,19 +41,21 @@ export class Coach {
     this.y = at.y;
     this.box.style.left = `${at.x}px`;
     this.box.style.top = `${at.y}px`;
-        const [free] = this.app.world.free(); // words beside the controls, not over them
+    const [free] = this.app.world.free(); // words beside the controls, not over them
     this.box.classList.toggle('left', at.x + WIDTH > Math.min(free, window.innerWidth));
   }
 
-  /** Return the point of the page where a drag begins; null if no hint is needed, or if something covers the point. */
+  /** Return the point of the page where a drag begins, and set the words; null if no hint is needed, or if something covers the point. */
   private place(): { x: number; y: number } | null {
     const { app } = this;
     if (this.done || app.xr.presenting || app.model.line !== 'open') return null;
     const at = app.console ? this.instrument() : this.ring();
+    this.words.textContent = HERE;
     if (!at || this.inPicture(at)) return at;
     if (!app.console) return null;
     // the tip is outside of the picture: a drag anywhere moves the nearest instrument
     const [right, bottom] = app.console.views.free;
+    this.words.textContent = ANYWHERE;
     const middle = { x: right / 2, y: bottom / 2 };
     return this.inPicture(middle) ? middle : null;
   }

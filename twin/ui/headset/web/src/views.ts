@@ -51,6 +51,7 @@ const CLOSER = 1.9; // enlargement of the small view of the room beside a window
 export const SCOPE_LIGHT = 4; // layer of the endoscope's light, and of what only the endoscope sees
 const TITLE = 56; // height in pixels of title and folded controls on a low page
 const ABOVE = 128; // height in pixels of the window of tools on a narrow page
+const ABOVE_FINGERS = 104; // the same for fingers, which need higher buttons: only the buttons
 const LABELLED = 180; // smallest width in pixels of the small view whose label says that a click enlarges it
 const BESIDE = 275; // largest width in pixels of the small view on a page that is at most 1400 pixels wide
 const PART = 0.3; // width of the small view as a fraction of the free width
@@ -181,7 +182,8 @@ export class Views {
     const [right] = this.app.world.free();
     const left = b.left + b.width + 12;
     if (right - left - 12 >= 260) return { left, top: b.top, width: right - left - 12, height: b.height };
-    return { left: b.left, top: b.top - ABOVE - 10, width: right - 2 * b.left, height: ABOVE };
+    const height = window.matchMedia('(pointer: coarse)').matches ? ABOVE_FINGERS : ABOVE;
+    return { left: b.left, top: b.top - height - 10, width: right - 2 * b.left, height };
   }
 
   /** Whether the page is so low, as on a phone on its side, that it has neither help nor headings (see style.css). */
