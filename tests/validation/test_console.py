@@ -18,8 +18,8 @@ from twin.core import spatial
 from twin.core.errors import KinematicsError, TwinError
 from twin.core.units import DEG, MM
 from twin.simulation.controllers.console_equations import EQUATIONS, READINGS, console
-from twin.validation import clauses
 from twin.validation import console_clauses as contract
+from twin.validation import console_result
 from twin.validation.console_clauses import judge
 
 
@@ -39,7 +39,7 @@ def test_the_reading_that_holds_keeps_every_clause(judged):
 
 
 def test_the_drift_of_ten_thousand_increments():
-    clauses, path = contract._loop(console())
+    clauses, path = contract._closed_loop(console())
     assert len(path) == 10_001
     assert clauses[0].value <= 1e-12 / MM
     assert clauses[1].value <= 1e-9
@@ -77,14 +77,14 @@ def test_what_the_print_keeps(judged):
 
 
 def test_the_shifted_origin_makes_the_two_hands_disagree(judged):
-    said = judged["paper"]["roll.origin"].said
+    said = judged["paper"]["roll.origin"].violation
     assert "(-400, -400) mm^2" in said
     assert "(-1400, +600) mm^2" in said
     assert "the signs disagree" in said
 
 
 def test_the_printed_check_is_circular(judged):
-    assert "circular" in judged["paper"]["error.blind"].said
+    assert "circular" in judged["paper"]["error.blind"].violation
     assert not judged["paper"]["error.right"].holds
 
 
@@ -207,8 +207,8 @@ def test_the_judge_shares_no_code_with_the_equations():
         tree = ast.parse(Path(module.__file__).read_text(encoding="utf-8"))
         return {n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.module.startswith("twin")}
 
-    assert own(contract) == {"twin.validation.clauses"}
-    assert own(clauses) == {f"twin.core.{name}" for name in ("findings", "json_types", "quantity", "result")}
+    assert own(contract) == {"twin.validation.console_result"}
+    assert own(console_result) == {f"twin.core.{name}" for name in ("findings", "json_types", "quantity", "result")}
 
 
 # -- the equations themselves ---------------------------------------------------------------------------------------

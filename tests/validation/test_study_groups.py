@@ -17,7 +17,8 @@ from twin.core.errors import DescriptionError, TwinError
 from twin.core.units import MM
 from twin.simulation.controllers.console_equations import READINGS, console
 from twin.validation import accuracy
-from twin.validation.groups import load, recompute, smallest_std
+from twin.validation.group_tables import load
+from twin.validation.groups import recompute, smallest_std
 from twin.validation.ranks import compare
 
 FILE = Path(__file__).parents[2] / "trajectories/davinci/study/console.toml"

@@ -16,9 +16,10 @@ from twin.core.json_types import JsonObject
 from twin.core.result import Part, Result, TextTable
 
 if TYPE_CHECKING:
-    from twin.validation.clauses import Contract
     from twin.validation.closed_form import JudgedForm
-    from twin.validation.groups import GroupTables, Recomputed
+    from twin.validation.console_result import Contract
+    from twin.validation.group_tables import GroupTables
+    from twin.validation.groups import Recomputed
     from twin.validation.masses.collect import MassSource
     from twin.validation.masses.possible import JudgedInertia
 
@@ -176,9 +177,9 @@ def _grouped(path: Path) -> bool:
 def _groups(path: Path) -> tuple[GroupTables, Recomputed]:
     from twin.core.units import DEG, MM
     from twin.simulation.controllers.console_equations import console as the_console
-    from twin.validation import accuracy, groups
+    from twin.validation import accuracy, group_tables, groups
 
-    printed = groups.load(path)
+    printed = group_tables.load(path)
     recomputed = groups.recompute(
         printed,
         lambda c: accuracy.measure(the_console(), c.displacements, c.resolution_mm * MM),

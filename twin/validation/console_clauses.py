@@ -17,18 +17,29 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from twin.validation.clauses import Clause, Contract, number
+from twin.validation.console_result import Clause, Contract, number
 
 Array = NDArray[np.float64]
 
 _MM = 1e-3
-_POINT = 1e-12  # rounding error of a position in m
-_ANGLE = 1e-7  # rounding error in deg of a product of `_INCREMENTS` rotations
+_POSITION_ROUNDING = 1e-12  # rounding error of a position in m
+_ANGLE_ROUNDING = 1e-7  # rounding error in deg of a product of `_INCREMENTS` rotations
+_ROLL_ROUNDING = 1e-9  # rounding error of a camera roll, in deg or mm^2
+_FORCE_ROUNDING = 1e-6  # rounding error of a force in N
+
+_LEVER = 1e-4
+"""Length in m by which an angle counts as a distance: `_POSITION_ROUNDING` then limits angles to 1e-8 rad."""
 
 _INCREMENTS = 10_000
+"""Number of increments of a closed path: even an error of a rounding size in each of them would add up and be seen."""
+
 _SCALE = 0.5
-_Turns = Callable[[Array, Array, Array, Array], tuple[float, float]]
-_PEN = 3.3
+"""Motion scale of the clauses in which the scale matters; with 1, a missing scale would not be seen."""
+
+_CameraRolls = Callable[[Array, Array, Array, Array], tuple[float, float]]
+"""Function of positions (3,) of right and left hand, before and after a motion: the camera roll by each hand."""
+
+_PEN_FORCE = 3.3
 """Largest force in N of a haptic pen: the manufacturer's value, ASSUMED because the paper gives none."""
 
 
@@ -89,145 +100,172 @@ class Laws(Protocol):
 def judge(console: Laws, progress: Callable[[str, float], None] = lambda label, part: None) -> Contract:
     """Measure every clause (requirement) on a console and return the result."""
     clauses: list[Clause] = []
-    parts = (_still, _turn, _way, _clutch, _camera, _origin, _mirror, _roll, _force, _measure)
-    steps = len(parts) + 1
-    for i, part in enumerate(parts):
-        progress(part.__name__.strip("_"), i / steps)
-        clauses += part(console)
-    progress("closed loop", len(parts) / steps)
-    of_loop, path = _loop(console)
-    return Contract(console.name, console.title, console.source, console.variants, [*clauses, *of_loop], path)
+    steps = len(_GROUPS) + 1
+    for i, (label, clauses_of_group) in enumerate(_GROUPS.items()):
+        progress(label, i / steps)
+        clauses += clauses_of_group(console)
+    progress("closed loop", len(_GROUPS) / steps)
+    of_loop, path = _closed_loop(console)
+    clauses += of_loop
+    return Contract(
+        console=console.name,
+        title=console.title,
+        source=console.source,
+        variants=console.variants,
+        clauses=clauses,
+        path=path,
+    )
 
 
 # -- one hand, one tool ---------------------------------------------------------------------------------------------
 
 
-def _still(c: Laws) -> Iterator[Clause]:
+def _hand_at_rest(c: Laws) -> Iterator[Clause]:
+    """Yield the clauses on a hand at rest, with a frame {H} that is turned or shifted in {RB}."""
     P = _pose((50 * _MM, 0, 0))
     W = _pose((30 * _MM, -20 * _MM, 10 * _MM), (0.3, 0.2, -0.1))
     for name, place, T in (
         ("still", "{H} turned 90 deg in {RB}", _pose((0, 0, 0), (0, 0, np.pi / 2))),
         ("still.shifted", "{H} offset 100 mm from {RB}", _pose((0.1, 0, 0))),
     ):
-        moved, turned = _between(P, c.tool(P, W, W, T, 1.0))
-        yield _point(
+        moved, turned = _difference(P, c.tool(P, W, W, T, 1.0))
+        yield _position_clause(
             name,
             "eq2",
-            f"while the hand is at rest, the tool is at rest ({place})",
-            moved,
-            f"the hand is at rest ({place}), and the tool moves {moved / _MM:.3f} mm and turns {turned:.3f} deg: with "
-            "W1 = W0, eq. (2) gives T, not the identity",
-            "complete the change of frame, T (W1 W0^-1) T^-1, or transform increments by R_T, the rotation of T",
+            text=f"while the hand is at rest, the tool is at rest ({place})",
+            distance=moved,
+            violation=(
+                f"the hand is at rest ({place}), and the tool moves {moved / _MM:.3f} mm and turns {turned:.3f} deg: "
+                "with W1 = W0, eq. (2) gives T, not the identity"
+            ),
+            advice="complete the change of frame, T (W1 W0^-1) T^-1, or transform increments by R_T, the rotation of T",
         )
 
 
-def _turn(c: Laws) -> Iterator[Clause]:
+def _turn_of_hand(c: Laws) -> Iterator[Clause]:
+    """Yield the clauses on a hand that turns in place: position of the tool, then its rotation."""
     P = _pose((50 * _MM, 0, 0))
     W = _pose((0, 0, 0))
     quarter_turn = _pose((0, 0, 0), (0, 0, np.pi / 2))
-    moved, _ = _between(P, c.tool(P, W, quarter_turn, np.eye(4), 1.0))
-    yield _point(
+    moved, _ = _difference(P, c.tool(P, W, quarter_turn, np.eye(4), 1.0))
+    yield _position_clause(
         "turn",
         "eq1",
-        "a pure rotation of the hand does not move the tool's wrist",
-        moved,
-        f"the hand turns 90 deg in place, and the tool moves {moved / _MM:.3f} mm: the tool turns about the hand's "
-        "origin, 50 mm away, and not about its own origin",
-        "turn the tool about its own origin: R1 = dR R0, p1 = p0 + dp",
+        text="a pure rotation of the hand does not move the tool's wrist",
+        distance=moved,
+        violation=(
+            f"the hand turns 90 deg in place, and the tool moves {moved / _MM:.3f} mm: the tool turns about the hand's "
+            "origin, 50 mm away, and not about its own origin"
+        ),
+        advice="turn the tool about its own origin: R1 = dR R0, p1 = p0 + dp",
     )
     T = _pose((0, 0, 0), (0.4, -0.7, 0.5))
     turn = np.array([0.2, 0.5, -0.3])  # rotation vector of the hand in {H}
     turned = c.tool(P, W, _pose((0, 0, 0), turn), T, 1.0)[:3, :3] @ P[:3, :3].T
     required = Rotation.from_rotvec(T[:3, :3] @ turn).as_matrix()
     deviation = _angle(turned @ required.T)
-    yield _within(
+    yield _limited_clause(
         "turn.angle",
         "eq2",
-        "the tool turns by the angle of the hand, about the hand's axis, converted from {H} to {RB}",
-        deviation,
-        "deg",
-        _ANGLE,
-        f"the tool orientation differs by {deviation:.3f} deg from the hand rotation expressed in {{RB}}",
-        "transform the rotation by R_T on both sides: R_T dR R_T^T",
+        text="the tool turns by the angle of the hand, about the hand's axis, converted from {H} to {RB}",
+        value=deviation,
+        unit="deg",
+        limit=_ANGLE_ROUNDING,
+        violation=f"the tool orientation differs by {deviation:.3f} deg from the hand rotation expressed in {{RB}}",
+        advice="transform the rotation by R_T on both sides: R_T dR R_T^T",
     )
 
 
-def _way(c: Laws) -> Iterator[Clause]:
+def _scaled_motion(c: Laws) -> Iterator[Clause]:
+    """Yield the clause on direction and length of the tool's motion, with a scale and a turned frame {H}."""
     T = _pose((0, 0, 0), (0, 0, np.pi / 2))
     P = _pose((50 * _MM, 0, 0))
     W_0 = _pose((0, 0, 0))
     W_1 = _pose((10 * _MM, 0, 0))
     moved = c.tool(P, W_0, W_1, T, _SCALE)[:3, 3] - P[:3, 3]
     deviation = float(np.linalg.norm(moved - [0, _SCALE * 10 * _MM, 0]))
-    yield _point(
+    yield _position_clause(
         "scale",
         "eq2",
-        f"at scale {_SCALE:g}, with {{H}} turned 90 deg about z of {{RB}}, a hand that moves 10 mm along x of {{H}} "
-        "moves the tool 5 mm along y of {RB}",
-        deviation,
-        f"at scale {_SCALE:g} the hand moves 10 mm along x of {{H}} and the tool moves ({_triple(moved)}) mm in "
-        f"{{RB}}: the distance from (0, 5, 0) mm is {deviation / _MM:.3f} mm",
-        "use p1 = p0 + s R_T (h1 - h0), which contains the scale s",
+        text=(
+            f"at scale {_SCALE:g}, with {{H}} turned 90 deg about z of {{RB}}, a hand that moves 10 mm along x of "
+            f"{{H}} "
+            "moves the tool 5 mm along y of {RB}"
+        ),
+        distance=deviation,
+        violation=(
+            f"at scale {_SCALE:g} the hand moves 10 mm along x of {{H}} and the tool moves ({_triple(moved)}) mm in "
+            f"{{RB}}: the distance from (0, 5, 0) mm is {deviation / _MM:.3f} mm"
+        ),
+        advice="use p1 = p0 + s R_T (h1 - h0), which contains the scale s",
     )
 
 
-def _clutch(c: Laws) -> Iterator[Clause]:
+def _regrip(c: Laws) -> Iterator[Clause]:
+    """Yield the clauses on the clutch: the tool at the re-grip, and its motion afterwards."""
     T = _pose((20 * _MM, 0, 0), (0.3, 0.1, -0.2))
     P = _pose((0, 40 * _MM, -90 * _MM), (0.1, 0.4, 0.0))
     gripped = _pose((30 * _MM, -10 * _MM, 20 * _MM), (0.35, 0.1, -0.2))  # handle pose after moving while declutched
     engaged = c.tool(P, gripped, gripped, T, _SCALE)
-    jump, _ = _between(P, engaged)
-    yield _point(
+    jump, _ = _difference(P, engaged)
+    yield _position_clause(
         "regrip",
         "eq2",
-        "the tool stays at rest when the hand releases the clutch, moves and engages it again (re-grip)",
-        jump,
-        f"after a re-grip 37 mm away the tool jumps {jump / _MM:.3f} mm",
-        "measure increments from the hand pose at re-grip, and transform them by R_T, the rotation of T",
+        text="the tool stays at rest when the hand releases the clutch, moves and engages it again (re-grip)",
+        distance=jump,
+        violation=f"after a re-grip 37 mm away the tool jumps {jump / _MM:.3f} mm",
+        advice="measure increments from the hand pose at re-grip, and transform them by R_T, the rotation of T",
     )
     step = np.array([0, 0, 10 * _MM])
     moved = c.tool(engaged, gripped, _shifted(gripped, step), T, 1.0)[:3, 3] - engaged[:3, 3]
     deviation = float(np.linalg.norm(moved - T[:3, :3] @ step))
-    yield _point(
+    yield _position_clause(
         "regrip.way",
         "eq2",
-        "after a re-grip, the hand moves the tool as before",
-        deviation,
-        f"after a re-grip the hand moves 10 mm, and the tool ends {deviation / _MM:.3f} mm from the correct position",
-        "p1 = p0 + s R_T (h1 - h0), with h0 the hand position at the re-grip",
+        text="after a re-grip, the hand moves the tool as before",
+        distance=deviation,
+        violation=(
+            f"after a re-grip the hand moves 10 mm, and the tool ends {deviation / _MM:.3f} mm from the correct "
+            "position"
+        ),
+        advice="p1 = p0 + s R_T (h1 - h0), with h0 the hand position at the re-grip",
     )
 
 
-def _camera(c: Laws) -> Iterator[Clause]:
+def _camera_motion(c: Laws) -> Iterator[Clause]:
+    """Yield the clauses on a camera that moves, which changes T: the tool meanwhile, and its motion afterwards."""
     W = _pose((10 * _MM, 20 * _MM, 0))
     T_before = _pose((0, 0, 0))
     T_after = _pose((30 * _MM, 0, 0), (0, 0, np.pi / 6))
     P_before = c.tool(_pose((0, 0, -100 * _MM)), W, W, T_before, _SCALE)
     P_after = c.tool(P_before, W, W, T_after, _SCALE)
-    jump, _ = _between(P_before, P_after)
-    yield _point(
+    jump, _ = _difference(P_before, P_after)
+    yield _position_clause(
         "camera.still",
         "eq2",
-        "moving the camera does not move the tool while the hand is still",
-        jump,
-        f"the camera turns 30 deg with the hand still, and the tool moves {jump / _MM:.3f} mm",
-        "express increments of the hand in the current frame of the camera: T must cancel when W1 = W0",
+        text="moving the camera does not move the tool while the hand is still",
+        distance=jump,
+        violation=f"the camera turns 30 deg with the hand still, and the tool moves {jump / _MM:.3f} mm",
+        advice="express increments of the hand in the current frame of the camera: T must cancel when W1 = W0",
     )
     step = np.array([10 * _MM, 0, 0])
     moved = c.tool(P_after, W, _shifted(W, step), T_after, 1.0)[:3, 3] - P_after[:3, 3]
     deviation = float(np.linalg.norm(moved - T_after[:3, :3] @ step))
-    yield _point(
+    yield _position_clause(
         "camera.way",
         "eq2",
-        "after the camera has turned, the tool moves in the camera image in the direction of the hand",
-        deviation,
-        f"the camera has turned 30 deg, the hand moves 10 mm, and the tool ends {deviation / _MM:.3f} mm from the "
-        "correct position",
-        "use T of the current time step, not T of the start",
+        text="after the camera has turned, the tool moves in the camera image in the direction of the hand",
+        distance=deviation,
+        violation=(
+            f"the camera has turned 30 deg, the hand moves 10 mm, and the tool ends {deviation / _MM:.3f} mm from the "
+            "correct position"
+        ),
+        advice="use T of the current time step, not T of the start",
     )
 
 
-def _origin(c: Laws) -> Iterator[Clause]:
+def _origin_of_hand(c: Laws) -> Iterator[Clause]:
+    """Yield the clause on one motion of the hand, described from two origins of {H}."""
     T = _pose((20 * _MM, 0, 0), (0.3, 0.1, -0.2))
     P = _pose((0, 40 * _MM, -90 * _MM))
     W_0 = _pose((10 * _MM, 0, 0))
@@ -235,36 +273,41 @@ def _origin(c: Laws) -> Iterator[Clause]:
     # the same motion of the hand, seen from another origin of {H}
     origin = np.array([200 * _MM, 0, 0])
     shifted = c.tool(P, _shifted(W_0, -origin), _shifted(W_1, -origin), T @ _pose(tuple(origin)), _SCALE)
-    deviation, _ = _between(c.tool(P, W_0, W_1, T, _SCALE), shifted)
-    yield _point(
+    deviation, _ = _difference(c.tool(P, W_0, W_1, T, _SCALE), shifted)
+    yield _position_clause(
         "origin",
         "eq2",
-        "the position of the origin of {H} has no effect",
-        deviation,
-        f"with the origin of {{H}} shifted 200 mm, the tool ends {deviation / _MM:.3f} mm from the correct position",
-        "use differences of positions and the rotation of T alone",
+        text="the position of the origin of {H} has no effect",
+        distance=deviation,
+        violation=(
+            f"with the origin of {{H}} shifted 200 mm, the tool ends {deviation / _MM:.3f} mm from the correct position"
+        ),
+        advice="use differences of positions and the rotation of T alone",
     )
 
 
-def _mirror(c: Laws) -> Iterator[Clause]:
+def _left_handed_scene(c: Laws) -> Iterator[Clause]:
+    """Yield the clause on a motion in a mirrored scene, as in a game engine with left-handed coordinates."""
     S = np.diag([1.0, 1, -1, 1])
     T = _pose((20 * _MM, 0, 5 * _MM), (0.3, 0.1, -0.2))
     P = _pose((0, 40 * _MM, -90 * _MM), (0.1, 0.2, 0.3))
     W_0 = _pose((10 * _MM, 0, 0), (0, 0.2, 0.1))
     W_1 = _pose((15 * _MM, 5 * _MM, 2 * _MM), (0.1, 0, 0.2))
     mirrored = S @ c.tool(S @ P @ S, S @ W_0 @ S, S @ W_1 @ S, S @ T @ S, _SCALE) @ S
-    moved, turned = _between(c.tool(P, W_0, W_1, T, _SCALE), mirrored)
-    yield _point(
+    moved, turned = _difference(c.tool(P, W_0, W_1, T, _SCALE), mirrored)
+    yield _position_clause(
         "left_handed",
         "eq2",
-        "in a left-handed scene (mirror S: p' = S p, R' = S R S) the motion is the mirror image",
-        moved + np.radians(turned) * 1e-4,
-        f"in a left-handed scene the tool ends {moved / _MM:.3f} mm and {turned:.3f} deg from the mirrored pose",
-        "mirror both positions and rotations: p' = S p, R' = S R S",
+        text="in a left-handed scene (mirror S: p' = S p, R' = S R S) the motion is the mirror image",
+        distance=moved + np.radians(turned) * _LEVER,
+        violation=(
+            f"in a left-handed scene the tool ends {moved / _MM:.3f} mm and {turned:.3f} deg from the mirrored pose"
+        ),
+        advice="mirror both positions and rotations: p' = S p, R' = S R S",
     )
 
 
-def _loop(c: Laws) -> tuple[list[Clause], Array]:
+def _closed_loop(c: Laws) -> tuple[list[Clause], Array]:
     """Move the hand once around a closed loop while it rotates, in many increments; return clauses and tool path."""
     T = _pose((0, 0, 0), (0, 0, np.pi / 2))
     start = _pose((0, 40 * _MM, -90 * _MM), (0.1, 0.2, 0.3))
@@ -273,26 +316,28 @@ def _loop(c: Laws) -> tuple[list[Clause], Array]:
     for before, after in pairwise(_closed_path()):
         P = c.tool(P, before, after, T, _SCALE)
         path.append(P[:3, 3])
-    moved, turned = _between(start, P)
-    way_out = "let the increments of a closed loop cancel: sum positions, multiply rotations in one frame"
+    moved, turned = _difference(start, P)
+    advice = "let the increments of a closed loop cancel: sum positions, multiply rotations in one frame"
     where = f"in {_INCREMENTS} increments"
-    position = _point(
+    position = _position_clause(
         "loop",
         "eq2",
-        f"a closed path of the hand returns the tool to its position, {where}",
-        moved,
-        f"the hand returns after {_INCREMENTS} increments, and the tool is {number(moved / _MM)} mm from its start",
-        way_out,
+        text=f"a closed path of the hand returns the tool to its position, {where}",
+        distance=moved,
+        violation=(
+            f"the hand returns after {_INCREMENTS} increments, and the tool is {number(moved / _MM)} mm from its start"
+        ),
+        advice=advice,
     )
-    orientation = _within(
+    orientation = _limited_clause(
         "loop.angle",
         "eq2",
-        f"a closed path of the hand returns the tool to its orientation, {where}",
-        turned,
-        "deg",
-        _ANGLE,
-        f"the hand returns after {_INCREMENTS} increments, and the tool has turned {turned:.3g} deg",
-        way_out,
+        text=f"a closed path of the hand returns the tool to its orientation, {where}",
+        value=turned,
+        unit="deg",
+        limit=_ANGLE_ROUNDING,
+        violation=f"the hand returns after {_INCREMENTS} increments, and the tool has turned {turned:.3g} deg",
+        advice=advice,
     )
     return [position, orientation], np.array(path)
 
@@ -313,6 +358,7 @@ def _closed_path() -> Array:
 
 
 def _roll(c: Laws) -> Iterator[Clause]:
+    """Yield the clauses on the roll of the camera by two hands; the printed equation gives an area, not an angle."""
     in_angle = c.turn_unit == "rad"
     if in_angle:
         unit = "deg"
@@ -330,7 +376,7 @@ def _roll(c: Laws) -> Iterator[Clause]:
     yield from _roll_of_lift(turns, unit, in_angle)
 
 
-def _roll_of_turn(turns: _Turns, unit: str, in_angle: bool) -> Iterator[Clause]:
+def _roll_of_turn(turns: _CameraRolls, unit: str, in_angle: bool) -> Iterator[Clause]:
     """Yield the clauses on hands that turn together about the camera's axis by 3 deg."""
     turn = Rotation.from_rotvec((0, 0, np.radians(3))).as_matrix()
     right = np.array([50, 20, 0]) * _MM
@@ -340,14 +386,16 @@ def _roll_of_turn(turns: _Turns, unit: str, in_angle: bool) -> Iterator[Clause]:
     yield Clause(
         "roll.direction",
         "eq4",
-        "if the hands turn 3 deg counter-clockwise, the camera roll is positive",
-        smallest,
-        unit,
-        0.0,
-        smallest > 0,
-        f"a hand at (50, 20, 0) mm that turns +3 deg (counter-clockwise) gives {by_right:.0f} {unit}. The paper labels "
-        "negative values clockwise: p1 x p0 points opposite to the axis of the turn from p0 to p1",
-        "swap the factors: c = p0 x p1",
+        text="if the hands turn 3 deg counter-clockwise, the camera roll is positive",
+        value=smallest,
+        unit=unit,
+        limit=0.0,
+        holds=smallest > 0,
+        violation=(
+            f"a hand at (50, 20, 0) mm that turns +3 deg (counter-clockwise) gives {by_right:.0f} {unit}. The paper "
+            "labels negative values clockwise: p1 x p0 points opposite to the axis of the turn from p0 to p1"
+        ),
+        advice="swap the factors: c = p0 x p1",
     )
     if in_angle:
         deviation = max(abs(by_right - 3), abs(by_left - 3))
@@ -357,20 +405,20 @@ def _roll_of_turn(turns: _Turns, unit: str, in_angle: bool) -> Iterator[Clause]:
         violation = (
             "a cross product is an area and a displacement is a length: the paper prints no conversion to an angle"
         )
-    yield _within(
+    yield _limited_clause(
         "roll.angle",
         "eq4",
-        "if the hands turn 3 deg, the camera roll is 3 deg",
-        deviation,
-        unit,
-        1e-9,
-        violation,
-        "roll = atan2((v0 x v1).n, v0.v1) with v = p_R - p_L",
+        text="if the hands turn 3 deg, the camera roll is 3 deg",
+        value=deviation,
+        unit=unit,
+        limit=_ROLL_ROUNDING,
+        violation=violation,
+        advice="roll = atan2((v0 x v1).n, v0.v1) with v = p_R - p_L",
         also=in_angle,
     )
 
 
-def _roll_of_lift(turns: _Turns, unit: str, in_angle: bool) -> Iterator[Clause]:
+def _roll_of_lift(turns: _CameraRolls, unit: str, in_angle: bool) -> Iterator[Clause]:
     """Yield the clauses on hands at +-80 mm that move up or down by 5 mm."""
     right = np.array([80, 0, 0]) * _MM
     left = np.array([-80, 0, 0]) * _MM
@@ -382,43 +430,48 @@ def _roll_of_lift(turns: _Turns, unit: str, in_angle: bool) -> Iterator[Clause]:
     contradiction = ""
     if from_right * from_left < 0:
         contradiction = ": the signs disagree"
-    yield _within(
+    yield _limited_clause(
         "roll.origin",
         "eq4",
-        "the position of the origin has no effect on the roll",
-        deviation,
-        unit,
-        1e-9,
-        f"right hand +5 mm, left hand -5 mm: (c_zR, c_zL) = ({by_right:+.0f}, {by_left:+.0f}) {unit} with the hands at "
-        f"+-80 mm, ({from_right:+.0f}, {from_left:+.0f}) {unit} with the origin shifted 200 mm{contradiction}",
-        "use v = p_R - p_L, which does not depend on the origin",
+        text="the position of the origin has no effect on the roll",
+        value=deviation,
+        unit=unit,
+        limit=_ROLL_ROUNDING,
+        violation=(
+            f"right hand +5 mm, left hand -5 mm: (c_zR, c_zL) = ({by_right:+.0f}, {by_left:+.0f}) {unit} with the "
+            "hands at "
+            f"+-80 mm, ({from_right:+.0f}, {from_left:+.0f}) {unit} with the origin shifted 200 mm{contradiction}"
+        ),
+        advice="use v = p_R - p_L, which does not depend on the origin",
     )
     lift_right, lift_left = turns(right, right + up, left, left + up)
-    yield _within(
+    yield _limited_clause(
         "roll.lift",
         "eq4",
-        "both hands moving up together do not roll the camera",
-        max(abs(lift_right), abs(lift_left)),
-        unit,
-        1e-9,
-        f"both hands move up 5 mm: (c_zR, c_zL) = ({lift_right:+.0f}, {lift_left:+.0f}) {unit}, not zero; "
+        text="both hands moving up together do not roll the camera",
+        value=max(abs(lift_right), abs(lift_left)),
+        unit=unit,
+        limit=_ROLL_ROUNDING,
+        violation=f"both hands move up 5 mm: (c_zR, c_zL) = ({lift_right:+.0f}, {lift_left:+.0f}) {unit}, not zero; "
         "the paper states the condition 'parallel and discordant' only in words",
-        "use v = p_R - p_L, which a common motion does not change",
+        advice="use v = p_R - p_L, which a common motion does not change",
     )
     required = np.degrees(np.arctan2(5, 80))
     if in_angle:
         deviation = max(abs(by_right - required), abs(by_left - required))
     else:
         deviation = max(abs(by_right), abs(by_left))
-    yield _within(
+    yield _limited_clause(
         "roll.opposed",
         "eq4",
-        f"hands at +-80 mm that move +-5 mm roll the camera {required:.3f} deg",
-        deviation,
-        unit,
-        1e-9,
-        f"hands at +-80 mm that move +-5 mm give ({by_right:+.4g}, {by_left:+.4g}) {unit}, not {required:.3f} deg",
-        "roll = atan2((v0 x v1).n, v0.v1) with v = p_R - p_L",
+        text=f"hands at +-80 mm that move +-5 mm roll the camera {required:.3f} deg",
+        value=deviation,
+        unit=unit,
+        limit=_ROLL_ROUNDING,
+        violation=(
+            f"hands at +-80 mm that move +-5 mm give ({by_right:+.4g}, {by_left:+.4g}) {unit}, not {required:.3f} deg"
+        ),
+        advice="roll = atan2((v0 x v1).n, v0.v1) with v = p_R - p_L",
         also=in_angle,
     )
 
@@ -426,70 +479,78 @@ def _roll_of_lift(turns: _Turns, unit: str, in_angle: bool) -> Iterator[Clause]:
 # -- forces, and the check of the paper itself ----------------------------------------------------------------------
 
 
-def _force(c: Laws) -> Iterator[Clause]:
+def _force_of_surface(c: Laws) -> Iterator[Clause]:
+    """Yield the clauses on the force of a surface: units, model, direction and size."""
     resting = abs(c.force(1 * _MM, 0.0))
     moving = abs(c.force(1e-9, 10 * _MM))
-    yield _within(
+    yield _limited_clause(
         "force.units",
         "eq5",
-        "stiffness and damping have units",
-        0.0 if c.force_units else 1000.0,
-        "times",
-        1.0,
-        f"the constants have no units: in N/mm, 1 mm gives {1e3 * resting:.0f} mN and 10 mm/s {1e3 * moving:.0f} mN; "
-        f"in N/m, {resting:.1g} and {moving:.1g} mN, which is imperceptible",
-        "state the units; N/mm and N s/mm give perceptible forces",
+        text="stiffness and damping have units",
+        value=0.0 if c.force_units else 1000.0,
+        unit="times",
+        limit=1.0,
+        violation=(
+            f"the constants have no units: in N/mm, 1 mm gives {1e3 * resting:.0f} mN and 10 mm/s {1e3 * moving:.0f} "
+            f"mN; in N/m, {resting:.1g} and {moving:.1g} mN, which is imperceptible"
+        ),
+        advice="state the units; N/mm and N s/mm give perceptible forces",
     )
-    yield _within(
+    yield _limited_clause(
         "force.model",
         "eq5",
-        "the model has the terms that its name implies",
-        float("mass" in c.force_model),
-        "terms missing",
-        0.0,
-        f"the paper calls it a {c.force_model} model, but no term contains a mass or an acceleration",
-        "call the model a spring-damper, or add the term m d2x/dt2",
+        text="the model has the terms that its name implies",
+        value=float("mass" in c.force_model),
+        unit="terms missing",
+        limit=0.0,
+        violation=f"the paper calls it a {c.force_model} model, but no term contains a mass or an acceleration",
+        advice="call the model a spring-damper, or add the term m d2x/dt2",
     )
     pull = c.force(0.1 * _MM, -100 * _MM)
-    yield _within(
+    yield _limited_clause(
         "force.pull",
         "eq5",
-        "a surface never pulls inwards",
-        max(pull, 0.0),
-        "N",
-        0.0,
-        f"at a depth of 0.1 mm, while it moves outwards at 100 mm/s, the tool is pulled inwards by {pull:.2f} N",
-        "set a force that points inwards to 0",
+        text="a surface never pulls inwards",
+        value=max(pull, 0.0),
+        unit="N",
+        limit=0.0,
+        violation=(
+            f"at a depth of 0.1 mm, while it moves outwards at 100 mm/s, the tool is pulled inwards by {pull:.2f} N"
+        ),
+        advice="set a force that points inwards to 0",
     )
     forces = []
     for depth in (1, 5, 10, 20):
         for rate in (-0.1, 0.0, 0.1):
             forces.append(c.force(depth * _MM, rate))
     largest = float(np.abs(forces).max())  # not a number if one of the forces is none: no limit holds then
-    yield _within(
+    yield _limited_clause(
         "force.largest",
         "eq5",
-        "no force exceeds the maximum force of the haptic pen",
-        largest,
-        "N",
-        _PEN,
-        f"down to 20 mm depth the force reaches {largest:.1f} N; a pen can apply {_PEN:g} N (ASSUMED)",
-        f"limit the force to {_PEN:g} N, the maximum of the device",
+        text="no force exceeds the maximum force of the haptic pen",
+        value=largest,
+        unit="N",
+        limit=_PEN_FORCE,
+        violation=f"down to 20 mm depth the force reaches {largest:.1f} N; a pen can apply {_PEN_FORCE:g} N (ASSUMED)",
+        advice=f"limit the force to {_PEN_FORCE:g} N, the maximum of the device",
     )
     deviation = max(abs(resting - 0.6), abs(moving - 0.1))
-    yield _within(
+    yield _limited_clause(
         "force.size",
         "eq5",
-        "a depth of 1 mm at rest gives 0.6 N; a rate of 10 mm/s at the surface gives 0.1 N",
-        deviation,
-        "N",
-        1e-6,
-        f"a depth of 1 mm at rest gives {resting:.3g} N; a rate of 10 mm/s at the surface gives {moving:.3g} N",
-        "0.6 N/mm and 0.01 N s/mm",
+        text="a depth of 1 mm at rest gives 0.6 N; a rate of 10 mm/s at the surface gives 0.1 N",
+        value=deviation,
+        unit="N",
+        limit=_FORCE_ROUNDING,
+        violation=(
+            f"a depth of 1 mm at rest gives {resting:.3g} N; a rate of 10 mm/s at the surface gives {moving:.3g} N"
+        ),
+        advice="0.6 N/mm and 0.01 N s/mm",
     )
 
 
-def _measure(c: Laws) -> Iterator[Clause]:
+def _error_definition(c: Laws) -> Iterator[Clause]:
+    """Yield the clauses on the error that the paper defines: zero for an exact motion, and not zero for a wrong one."""
     P = _pose((50 * _MM, 0, 0))
     W_0 = _pose((30 * _MM, 0, 0))
     W_1 = _pose((40 * _MM, 0, 0), (0, 0, 0.2))
@@ -500,27 +561,44 @@ def _measure(c: Laws) -> Iterator[Clause]:
     error = c.error(P, P_required, W_0, W_1, T, _SCALE)
     moved = float(np.linalg.norm(error[:3, 3]))
     turned = _angle(error[:3, :3])
-    yield _point(
+    yield _position_clause(
         "error.right",
         "eq7",
-        "if the tool follows the hand exactly, the error is zero",
-        moved,
-        f"the tool follows the hand exactly, and eq. (7) gives {moved / _MM:.3f} mm and {turned:.3f} deg",
-        "e_lin = dp - s R_T dh, e_ang = log(dR (R_T dR_H R_T^T)^T)",
+        text="if the tool follows the hand exactly, the error is zero",
+        distance=moved,
+        violation=f"the tool follows the hand exactly, and eq. (7) gives {moved / _MM:.3f} mm and {turned:.3f} deg",
+        advice="e_lin = dp - s R_T dh, e_ang = log(dR (R_T dR_H R_T^T)^T)",
     )
     T = _pose((0, 0, 0), (0, 0, np.pi / 2))
     P_printed = T @ P  # result of the printed eqs (1) and (2) for a hand at rest
     distance = float(np.linalg.norm(P_printed[:3, 3] - P[:3, 3]))
     reported = float(np.linalg.norm(c.error(P, P_printed, W_0, W_0, T, _SCALE)[:3, 3]))
-    yield _point(
+    yield _position_clause(
         "error.blind",
         "eq7",
-        "if the tool moves while the hand is still, the error is this motion",
-        abs(reported - distance),
-        f"the hand is still and the tool moves {distance / _MM:.3f} mm, as in the printed eqs (1), (2): eq. (7) gives "
-        f"{reported / _MM:.3f} mm. Eq. (7) is circular: it compares eq. (2) with itself",
-        "compare displacements of the tool with displacements of the hand, without eq. (2)",
+        text="if the tool moves while the hand is still, the error is this motion",
+        distance=abs(reported - distance),
+        violation=(
+            f"the hand is still and the tool moves {distance / _MM:.3f} mm, as in the printed eqs (1), (2): eq. (7) "
+            f"gives {reported / _MM:.3f} mm. Eq. (7) is circular: it compares eq. (2) with itself"
+        ),
+        advice="compare displacements of the tool with displacements of the hand, without eq. (2)",
     )
+
+
+_GROUPS: dict[str, Callable[[Laws], Iterator[Clause]]] = {
+    "still": _hand_at_rest,
+    "turn": _turn_of_hand,
+    "way": _scaled_motion,
+    "clutch": _regrip,
+    "camera": _camera_motion,
+    "origin": _origin_of_hand,
+    "mirror": _left_handed_scene,
+    "roll": _roll,
+    "force": _force_of_surface,
+    "measure": _error_definition,
+}
+"""Functions that yield the clauses, by the label of their progress, in the order of the result."""
 
 
 # -- helpers of the clauses ------------------------------------------------------------------------------------------
@@ -535,12 +613,13 @@ def _pose(p: Sequence[float], turn: Sequence[float] | Array = (0.0, 0.0, 0.0)) -
 
 
 def _shifted(W: Array, by: Array) -> Array:
+    """Return a pose (4, 4) moved by a vector (3,) in m."""
     shifted = W.copy()
     shifted[:3, 3] += by
     return shifted
 
 
-def _between(P: Array, Q: Array) -> tuple[float, float]:
+def _difference(P: Array, Q: Array) -> tuple[float, float]:
     """Return (distance in m, angle in deg) between two poses."""
     distance = float(np.linalg.norm(Q[:3, 3] - P[:3, 3]))
     return distance, _angle(Q[:3, :3] @ P[:3, :3].T)
@@ -551,17 +630,47 @@ def _angle(R: Array) -> float:
     return float(np.degrees(Rotation.from_matrix(R).magnitude()))
 
 
-def _point(name: str, equation: str, text: str, distance: float, said: str, way: str) -> Clause:
+def _position_clause(name: str, equation: str, text: str, distance: float, violation: str, advice: str) -> Clause:
     """Return a clause that holds if the distance in m is at most a rounding error; its values are in mm."""
-    return Clause(name, equation, text, distance / _MM, "mm", _POINT / _MM, distance <= _POINT, said, way)
+    return Clause(
+        name,
+        equation,
+        text,
+        value=distance / _MM,
+        unit="mm",
+        limit=_POSITION_ROUNDING / _MM,
+        holds=distance <= _POSITION_ROUNDING,
+        violation=violation,
+        advice=advice,
+    )
 
 
-def _within(
-    name: str, equation: str, text: str, value: float, unit: str, limit: float, said: str, way: str, also: bool = True
+def _limited_clause(
+    name: str,
+    equation: str,
+    text: str,
+    value: float,
+    unit: str,
+    limit: float,
+    violation: str,
+    advice: str,
+    also: bool = True,
 ) -> Clause:
     """Return a clause that holds if `value` is at most `limit` and the condition `also` is true."""
-    return Clause(name, equation, text, value, unit, limit, also and value <= limit, said, way)
+    holds = also and value <= limit
+    return Clause(
+        name,
+        equation,
+        text,
+        value=value,
+        unit=unit,
+        limit=limit,
+        holds=holds,
+        violation=violation,
+        advice=advice,
+    )
 
 
 def _triple(v: Array) -> str:
+    """Return a vector (3,) in m as text in mm."""
     return ", ".join(f"{x / _MM:.3f}" for x in v)

@@ -10,7 +10,7 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.ui.report.style import FIT, GRID, INK, PALETTE, UNFIT, sheet, styled
-from twin.validation.clauses import Clause, Contract
+from twin.validation.console_result import Clause, Contract
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

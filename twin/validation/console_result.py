@@ -27,8 +27,8 @@ class Clause:
         value: measured value, in `unit`.
         limit: limit of the value, in `unit`.
         holds: whether the value respects the limit.
-        said: message for a violation of the requirement.
-        way: how to correct the equation.
+        violation: message for a violation of the requirement.
+        advice: how to correct the equation.
     """
 
     name: str
@@ -38,8 +38,8 @@ class Clause:
     unit: str
     limit: float
     holds: bool
-    said: str
-    way: str
+    violation: str
+    advice: str
 
     def as_dict(self) -> JsonObject:
         """Return the clause as plain data."""
@@ -127,17 +127,18 @@ def _finding(c: Clause, variants: Mapping[str, str]) -> Finding:
         cause = f"{c.equation} ({variant})"
     size = Quantity(c.value, c.unit)
     place = f"eq. {_printed(c.equation)}"
-    return disagreement(f"console.{c.name}", place, c.said, size, c.limit, c.way, cause=cause, word="")
+    return disagreement(f"console.{c.name}", place, c.violation, size, c.limit, c.advice, cause=cause, word="")
 
 
 def number(x: float) -> str:
     """Return a number as text: with three decimals, or in scientific notation if |x| < 0.001 or |x| >= 1e6."""
     if x == 0:
         return "0"
-    if 1e-3 <= abs(x) < 1e6:
+    if 1e-3 <= abs(x) < 1e6:  # three decimals show at least one digit that is not zero
         return f"{x:.3f}"
     return f"{x:.1e}"
 
 
 def _printed(equation: str) -> str:
+    """Return the number of an equation as the paper prints it, such as "(2)" for "eq2"."""
     return f"({equation.removeprefix('eq')})"

@@ -1,0 +1,210 @@
+"""Check the errors that a study prints for its console: the RMSE, and what a simulated accuracy test explains of them.
+
+A paper may define its RMSE in several ways; each definition is computed from the printed mean and standard deviation.
+The simulated test shows how much of the printed deviation the resolution of the haptic pen explains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from twin.core.findings import Finding, disagreement, info, warning
+from twin.core.json_types import JsonMapping, JsonObject
+from twin.core.quantity import Quantity
+from twin.core.result import TextTable
+from twin.core.spatial import Array
+from twin.validation.group_tables import Accuracy, AccuracyChain, AngleChain, half_digit
+
+_EXACT = 1e-6
+"""Error in mm or deg from which the equations themselves are wrong: the rounding errors of exact ones are far smaller."""
+
+_CONFIDENCE = 0.99
+"""A printed standard deviation above this quantile of the simulated ones is not explained by the resolution."""
+
+
+def errors_as_data(rows: Sequence[Accuracy]) -> list[JsonObject]:
+    """Return the plain data of the printed errors, with the RMSE by each definition."""
+    data: list[JsonObject] = []
+    for accuracy in rows:
+        readings = {}
+        for name, span in rms_readings(accuracy).items():
+            readings[name] = list(span)
+        data.append({"name": accuracy.name, "printed_rmse": accuracy.rmse, "readings": readings})
+    return data
+
+
+def measured_rows(measured: JsonMapping) -> list[tuple[str, str]]:
+    """Return a row for each number of the simulated test; vectors have a row for each axis."""
+    rows: list[tuple[str, str]] = []
+    for name, value in measured.items():
+        if not isinstance(value, list):
+            rows.append((name, f"{value:.3g}"))
+        elif len(value) == 1:
+            rows.append((name, f"{value[0]:.3g}"))
+        else:
+            for axis, component in zip("xyz", value, strict=False):
+                rows.append((f"{name} {axis}", f"{component:.3g}"))
+    return rows
+
+
+def rms_readings(a: Accuracy) -> dict[str, tuple[float, float]]:
+    """Return {definition of the RMSE: (minimum, maximum) of the RMSE}, from the rounding of the printed components."""
+    half = half_digit(a.decimals)
+    mean = np.abs(np.array(a.mean))
+    std = np.array(a.std)
+    low = np.hypot(np.maximum(mean - half, 0), np.maximum(std - half, 0))
+    high = np.hypot(mean + half, std + half)
+    return {
+        "root mean square of the axes": (_root_mean_square(low), _root_mean_square(high)),
+        "length of the vector": (float(np.linalg.norm(low)), float(np.linalg.norm(high))),
+        "worst axis": (float(np.max(low)), float(np.max(high))),
+    }
+
+
+def _root_mean_square(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _fitting_definitions(a: Accuracy) -> list[str]:
+    """Return the definitions of the RMSE that agree with the printed RMSE."""
+    half = half_digit(a.decimals)
+    fitting: list[str] = []
+    for definition, (low, high) in rms_readings(a).items():
+        if low <= a.rmse + half and a.rmse - half <= high:
+            fitting.append(definition)
+    return fitting
+
+
+def check_rmse(rows: Sequence[Accuracy]) -> Iterator[Finding]:
+    """Yield a finding for each printed RMSE that agrees with no definition."""
+    for a in rows:
+        if _fitting_definitions(a):
+            continue
+        definitions: list[str] = []
+        distances: list[float] = []
+        for definition, (low, high) in rms_readings(a).items():
+            definitions.append(f"{definition} {low:.{a.decimals}f} to {high:.{a.decimals}f}")
+            distances.append(max(low - a.rmse, a.rmse - high))
+        yield disagreement(
+            "study.rmse",
+            a.name,
+            f"{a.name}: the printed RMSE of {a.rmse:.{a.decimals}f} {a.unit} does not follow from the printed mean "
+            f"and std by any definition ({', '.join(definitions)})",
+            size=Quantity(min(distances), a.unit),
+            limit=half_digit(a.decimals),
+            suggestion="compare axis by axis: mean and std, not RMSE",
+            word="",
+        )
+
+
+def error_table(rows: Sequence[Accuracy]) -> TextTable:
+    """Return a table with the printed RMSE of each test, its range by each definition, and the definitions that agree."""
+    definitions = list(rms_readings(rows[0]))
+    lines: list[list[str]] = []
+    for a in rows:
+        cells = [a.name, f"{a.rmse:.{a.decimals}f} {a.unit}"]
+        for low, high in rms_readings(a).values():
+            cells.append(f"{low:.{a.decimals}f} .. {high:.{a.decimals}f}")
+        cells.append(", ".join(_fitting_definitions(a)))
+        lines.append(cells)
+    return TextTable(("", "printed RMSE", *definitions, "agrees with"), lines)
+
+
+def check_displacements(
+    c: AccuracyChain, printed: Accuracy, measured: JsonMapping, stds: Sequence[float]
+) -> Iterator[Finding]:
+    """Yield findings on the errors `measured` in a simulated test with displacements (`accuracy.measure`).
+
+    `stds` (3,) are the standard deviations of the error along x, y and z in mm.
+    """
+    exact = measured["largest_error_unquantised_mm"]
+    if exact >= _EXACT:
+        yield disagreement(
+            "study.chain",
+            "chain",
+            "the equations have an error even with an exact pen (no quantisation): largest error",
+            size=Quantity(exact, "mm"),
+            limit=_EXACT,
+            suggestion="judge the equations of the console: twin console davinci",
+        )
+    largest = measured["largest_error_mm"]
+    if largest > c.required_mm:
+        yield disagreement(
+            "study.required",
+            "chain",
+            "largest error in the simulated accuracy test",
+            size=Quantity(largest, "mm"),
+            limit=c.required_mm,
+            suggestion=f"measure with a pen of finer resolution than {c.resolution_mm:g} mm",
+            word="required",
+        )
+    percentile = _std_percentile(c.displacements)
+    beyond: list[str] = []
+    for axis, printed_std, std in zip("xyz", printed.std, stds, strict=True):
+        if printed_std > percentile * std:
+            beyond.append(f"{axis} {printed_std:.3f}")
+    if beyond:
+        largest_std = max(stds)
+        limit = float(percentile * largest_std)
+        yield warning(
+            "study.quantised",
+            printed.name,
+            f"in {c.displacements} displacements, a pen with a resolution of {c.resolution_mm:g} mm causes a standard "
+            f"deviation of {largest_std:.4f} mm on average, and of at most {limit:.3f} mm (99th percentile); "
+            f"the paper prints {', '.join(beyond)} mm",
+            size=Quantity(max(printed.std), "mm"),
+            limit=limit,
+            suggestion="look for other sources of error than the resolution of the pen",
+            word="",
+        )
+
+
+def _std_percentile(samples: int) -> float:
+    """Return the 99th percentile of the standard deviation of a sample, relative to that of the population."""
+    from scipy import stats
+
+    # (n - 1) s^2 / sigma^2 of normal values has a chi-square distribution
+    freedom = samples - 1
+    return float(np.sqrt(stats.chi2.ppf(_CONFIDENCE, freedom) / freedom))
+
+
+def check_rotations(
+    c: AngleChain, printed: Accuracy, measured: JsonMapping, stds: Sequence[float]
+) -> Iterator[Finding]:
+    """Yield findings on the errors `measured` in a simulated test with rotations (`accuracy.measure_angles`).
+
+    `stds` (3,) are the standard deviations of the error about x, y and z in degrees.
+    """
+    exact = measured["largest_error_unquantised_deg"]
+    if exact >= _EXACT:
+        yield disagreement(
+            "study.chain",
+            "angle_chain",
+            "the equations have an error even with an exact gimbal (no quantisation): largest error",
+            size=Quantity(exact, "deg"),
+            limit=_EXACT,
+            suggestion="judge the equations of the console: twin console davinci",
+        )
+    percentile = _std_percentile(c.rotations)
+    beyond: list[str] = []
+    for axis, printed_std, std in zip("xyz", printed.std, stds, strict=True):
+        if printed_std > percentile * std:
+            beyond.append(f"{axis} {printed_std:.3f}")
+    mean_std = float(np.mean(stds))
+    typical = f"a standard deviation of {mean_std:.4f} deg on average, and of at most {percentile * mean_std:.3f} deg"
+    gimbal = f"in {c.rotations} rotations, a gimbal with a resolution of {c.resolution_deg:g} deg ({c.provenance})"
+    if beyond:
+        yield warning(
+            "study.quantised",
+            printed.name,
+            f"{gimbal} causes {typical} (99th percentile); the paper prints {', '.join(beyond)} deg",
+            size=Quantity(max(printed.std), "deg"),
+            limit=percentile * mean_std,
+            suggestion="look for other sources of error than the resolution of the gimbal",
+            word="",
+        )
+    else:
+        text = f"{gimbal} causes {typical}: the resolution explains the printed ones"
+        yield info("study.explained", printed.name, text)
