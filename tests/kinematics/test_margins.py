@@ -232,14 +232,14 @@ def test_validate_reports_a_wrong_measure_with_row_pose_and_size(tmp_path):
     """The whole way: the formula of a file, judged, with a finding that names the row."""
     from twin.core.findings import verdict
     from twin.kinematics import compile_formula
-    from twin.validation.compare import EquationsComparison
-    from twin.validation.measures import measures
+    from twin.validation.equations_comparison import EquationsComparison
+    from twin.validation.margins import check_equations_margins
     from twin.validation.rows import Tolerances
 
     formula, model, run = setting("pa10")
     for more, expected in ((0.0, "agree"), (0.004, "disagree")):
         out = EquationsComparison(posed=run)
-        measures(compile_formula(replaced(formula, "margins", _stretch(more))), model, Tolerances(), out)
+        check_equations_margins(compile_formula(replaced(formula, "margins", _stretch(more))), model, Tolerances(), out)
         assert verdict(out.findings) == expected
         assert "of 8" in out.facts["reach, singularity measures, aspects"]["rows judged"]
     (finding,) = out.findings

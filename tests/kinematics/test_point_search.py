@@ -17,7 +17,7 @@ from twin.kinematics.point_search import PointSolver, point_solver
 from twin.kinematics.solve import TOLERANCE, descend
 from twin.robots import load_formula, pa10
 from twin.validation.case import Case
-from twin.validation.compare import EquationsComparison
+from twin.validation.equations_comparison import EquationsComparison
 from twin.validation.result import Residual
 from twin.validation.rows import Tolerances
 from twin.validation.trocar_methods import HEADING, SEARCHES, three_methods

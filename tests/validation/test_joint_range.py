@@ -23,7 +23,7 @@ from twin.kinematics import Kinematics, compile_formula
 from twin.reference import ReferenceModel
 from twin.reference.joint_range import STATES, joint_range
 from twin.robots import load_formula
-from twin.validation.compare import EquationsComparison
+from twin.validation.equations_comparison import EquationsComparison
 from twin.validation.explain.explain import explain
 from twin.validation.joint_range import HEADING, reads_orientation, whole_range
 from twin.validation.result import Residual

@@ -12,7 +12,7 @@ from twin.core import spatial
 from twin.core.units import DEG, MM
 from twin.planning.plan import plan
 from twin.validation import consistent, margins, shaft, timing
-from twin.validation.compare import EquationsComparison
+from twin.validation.equations_comparison import EquationsComparison
 from twin.validation.rows import SampleClock
 
 

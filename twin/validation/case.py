@@ -13,7 +13,7 @@ from twin.planning.link_motion import LinkMotion
 from twin.planning.protocol import Protocol
 from twin.planning.trajectory import PathKinematics, Trajectory
 from twin.reference import ReferenceModel
-from twin.validation.compare import EquationsComparison
+from twin.validation.equations_comparison import EquationsComparison
 from twin.validation.motion import MeasuredMotion
 from twin.validation.result import PhaseSummary
 from twin.validation.rows import SampleClock, Tolerances

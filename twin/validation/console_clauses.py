@@ -482,30 +482,8 @@ def _roll_of_lift(turns: _CameraRolls, unit: str, in_angle: bool) -> Iterator[Cl
 def _force_of_surface(c: Laws) -> Iterator[Clause]:
     """Yield the clauses on the force of a surface: units, model, direction and size."""
     resting = abs(c.force(1 * _MM, 0.0))
-    moving = abs(c.force(1e-9, 10 * _MM))
-    yield _limited_clause(
-        "force.units",
-        "eq5",
-        text="stiffness and damping have units",
-        value=0.0 if c.force_units else 1000.0,
-        unit="times",
-        limit=1.0,
-        violation=(
-            f"the constants have no units: in N/mm, 1 mm gives {1e3 * resting:.0f} mN and 10 mm/s {1e3 * moving:.0f} "
-            f"mN; in N/m, {resting:.1g} and {moving:.1g} mN, which is imperceptible"
-        ),
-        advice="state the units; N/mm and N s/mm give perceptible forces",
-    )
-    yield _limited_clause(
-        "force.model",
-        "eq5",
-        text="the model has the terms that its name implies",
-        value=float("mass" in c.force_model),
-        unit="terms missing",
-        limit=0.0,
-        violation=f"the paper calls it a {c.force_model} model, but no term contains a mass or an acceleration",
-        advice="call the model a spring-damper, or add the term m d2x/dt2",
-    )
+    moving = abs(c.force(1e-9, 10 * _MM))  # at the surface, where only the damping acts
+    yield from _description_of_force(c, resting, moving)
     pull = c.force(0.1 * _MM, -100 * _MM)
     yield _limited_clause(
         "force.pull",
@@ -546,6 +524,36 @@ def _force_of_surface(c: Laws) -> Iterator[Clause]:
             f"a depth of 1 mm at rest gives {resting:.3g} N; a rate of 10 mm/s at the surface gives {moving:.3g} N"
         ),
         advice="0.6 N/mm and 0.01 N s/mm",
+    )
+
+
+def _description_of_force(c: Laws, resting: float, moving: float) -> Iterator[Clause]:
+    """Yield the clauses on what the paper says of the force: its units and its name.
+
+    `resting` and `moving` are the forces in N at a depth of 1 mm at rest, and at a rate of 10 mm/s at the surface.
+    """
+    yield _limited_clause(
+        "force.units",
+        "eq5",
+        text="stiffness and damping have units",
+        value=0.0 if c.force_units else 1000.0,
+        unit="times",
+        limit=1.0,
+        violation=(
+            f"the constants have no units: in N/mm, 1 mm gives {1e3 * resting:.0f} mN and 10 mm/s {1e3 * moving:.0f} "
+            f"mN; in N/m, {resting:.1g} and {moving:.1g} mN, which is imperceptible"
+        ),
+        advice="state the units; N/mm and N s/mm give perceptible forces",
+    )
+    yield _limited_clause(
+        "force.model",
+        "eq5",
+        text="the model has the terms that its name implies",
+        value=float("mass" in c.force_model),
+        unit="terms missing",
+        limit=0.0,
+        violation=f"the paper calls it a {c.force_model} model, but no term contains a mass or an acceleration",
+        advice="call the model a spring-damper, or add the term m d2x/dt2",
     )
 
 

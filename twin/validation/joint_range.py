@@ -25,7 +25,7 @@ from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel, SolvedSamples
 from twin.reference.closing import Closing
 from twin.reference.joint_range import JointRange, joint_range
-from twin.validation.compare import EquationsComparison
+from twin.validation.equations_comparison import EquationsComparison
 from twin.validation.result import Residual
 from twin.validation.rows import Tolerances, rotation_vectors
 

@@ -21,12 +21,13 @@ from twin.planning.protocol import Solver
 from twin.planning.trajectory import Trajectory
 from twin.reference import ReferenceModel
 from twin.validation.case import PARTS, Case, Known, Part
-from twin.validation.compare import EquationsComparison, compare, tool_rates
+from twin.validation.compare import compare, tool_rates
 from twin.validation.content import content
+from twin.validation.equations_comparison import EquationsComparison
 from twin.validation.fulcrum import fulcrum
 from twin.validation.joint_range import whole_range
 from twin.validation.lengths import lengths, put_down
-from twin.validation.measures import measures
+from twin.validation.margins import check_equations_margins
 from twin.validation.motion import (
     MeasuredMotion,
     MotionSamples,
@@ -122,7 +123,7 @@ def _equations(case: Case, out: EquationsComparison, progress: Progress) -> None
     passage(case, out)
     if kin is not None:
         progress("reach and singularity measures", 0.0)
-        measures(kin, case.model, case.tolerances, out)
+        check_equations_margins(kin, case.model, case.tolerances, out)
         progress("joint range", 0.0)
         whole_range(kin, case.model, case.tolerances, out)
         three_methods(case, out)

@@ -1,4 +1,7 @@
-"""Margins along a path: joint limits, reach, singularity measures, and conditioning of the mechanism's Jacobians."""
+"""Margins along a path: joint limits, reach, singularity measures, and conditioning of the mechanism's Jacobians.
+
+The margins of the equations are also checked with the mechanism, see `twin.reference.boundary`.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +11,16 @@ from twin.core.findings import Finding, Kind
 from twin.core.quantity import Quantity, moved
 from twin.core.spatial import Array, Index
 from twin.core.units import DEG, MM, display_unit
+from twin.kinematics import Kinematics
+from twin.kinematics.margins import Margins
 from twin.model.mechanism import Mechanism
 from twin.planning.trajectory import MotorLimits, PathKinematics, Trajectory
 from twin.reference import ReferenceModel, SolvedSamples
+from twin.reference.boundary import Boundary, disagreements, summary
 from twin.reference.conditioning import conditioning
 from twin.reference.loops import LENGTH_SCALE
-from twin.validation.rows import SampleClock
+from twin.validation.equations_comparison import EquationsComparison
+from twin.validation.rows import SampleClock, Tolerances
 
 SINGULAR = 1e-6
 """Conditioning (0: singular, 1: best) below which a Jacobian of the mechanism counts as singular."""
@@ -167,3 +174,31 @@ def _usual(steps: Array) -> Array:
     before = np.concatenate([steps[:1], steps[:-1]])
     after = np.concatenate([steps[1:], steps[-1:]])
     return 8 * np.maximum(before, after)
+
+
+def check_equations_margins(
+    kin: Kinematics, model: ReferenceModel, tolerances: Tolerances, out: EquationsComparison
+) -> None:
+    """Check reach, singularity measures and aspects of the equations; skip the check if a row of `out` disagrees."""
+    run = out.posed
+    formula = kin.formula
+    if run is None or not (formula.reach or formula.measures or formula.aspects):
+        return
+    heading = "reach, singularity measures, aspects"
+    if _disagrees(out):
+        out.facts[heading] = {"rows judged": "not checked, because other rows disagree"}
+        return
+    is_angle = {joint.name: joint.is_angle for joint in model.mechanism.joints}
+    error = tolerances.position
+    margins = Margins(kin, is_angle, tuple(run.points), error)
+    rows = Boundary(model, margins, run.x, error).judge()
+    out.facts[heading] = {"rows judged": summary(rows)}
+    out.findings += disagreements(rows)
+
+
+def _disagrees(out: EquationsComparison) -> bool:
+    """Return whether the equations disagree with the mechanism in a row, or give no joint values."""
+    for row in out.residuals:
+        if row.pair == "A-B" and not row.agrees:
+            return True
+    return any(finding.code.startswith("driven.") and finding.severity == "disagreement" for finding in out.findings)

@@ -10,8 +10,8 @@ from twin.core.quantity import moved
 from twin.core.units import DEG, display_unit
 from twin.planning.check import check
 from twin.validation.case import Case
-from twin.validation.compare import EquationsComparison
 from twin.validation.consistent import fixes
+from twin.validation.equations_comparison import EquationsComparison
 from twin.validation.margins import margins, of_mechanism
 from twin.validation.plausible import wide_limits
 from twin.validation.retimed import retimed

@@ -18,7 +18,7 @@ from twin.core.spatial import Array
 from twin.validation.group_tables import Accuracy, AccuracyChain, AngleChain, half_digit
 
 _EXACT = 1e-6
-"""Error in mm or deg from which the equations themselves are wrong: the rounding errors of exact ones are far smaller."""
+"""Error in mm or deg from which the equations themselves are wrong; rounding errors are far smaller."""
 
 _CONFIDENCE = 0.99
 """A printed standard deviation above this quantile of the simulated ones is not explained by the resolution."""
@@ -100,7 +100,7 @@ def check_rmse(rows: Sequence[Accuracy]) -> Iterator[Finding]:
 
 
 def error_table(rows: Sequence[Accuracy]) -> TextTable:
-    """Return a table with the printed RMSE of each test, its range by each definition, and the definitions that agree."""
+    """Return a table of the printed RMSE of each test, its range by each definition, and the definitions that agree."""
     definitions = list(rms_readings(rows[0]))
     lines: list[list[str]] = []
     for a in rows:

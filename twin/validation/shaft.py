@@ -23,7 +23,7 @@ from twin.core.quantity import mm
 from twin.core.spatial import Array, Index
 from twin.planning.trajectory import PhaseSpan, Trajectory
 from twin.reference import ReferenceModel
-from twin.validation.compare import EquationsComparison
+from twin.validation.equations_comparison import EquationsComparison
 from twin.validation.rows import SampleClock, row, text
 
 ALL = 64

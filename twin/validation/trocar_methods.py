@@ -26,7 +26,7 @@ from twin.kinematics.solve import descend
 from twin.reference import ReferenceModel
 from twin.reference.closing import Closing
 from twin.validation.case import Case
-from twin.validation.compare import EquationsComparison
+from twin.validation.equations_comparison import EquationsComparison
 from twin.validation.result import Residual
 
 HEADING = "tip and trocar by three methods"

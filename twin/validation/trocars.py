@@ -10,7 +10,7 @@ from twin.core.quantity import mm
 from twin.core.units import MM
 from twin.usd.read import read_stage
 from twin.validation.case import Case
-from twin.validation.compare import EquationsComparison
+from twin.validation.equations_comparison import EquationsComparison
 from twin.validation.rows import row
 
 SINGLE = 1e-6
