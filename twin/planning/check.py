@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -17,6 +17,9 @@ from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
 
 OVER = 1e-3
 """Fraction by which a sample may exceed a limit of speed, acceleration or jerk."""
+
+_JOINT_VALUE = 1e-9
+"""Tolerance in m or rad of a waypoint's joint values, which are planned exactly."""
 
 AGAIN = "plan the protocol again: these samples differ from the planned ones"
 """Suggestion for samples that differ from the planned ones."""
@@ -70,34 +73,32 @@ def rcm_error(Ts_base_frame: Array, shaft_axis: Array, rcm: Array) -> Array:
 
 def _when(trajectory: Trajectory, sample: int, span: PhaseSpan | None = None) -> str:
     """Return a text with phase, time and, if there is one, waypoint of a sample."""
-    t = float(trajectory.t[sample])
-    span = span or next(p for p in trajectory.phases if sample <= p.stop)
-    text = f"phase '{span.name}', t = {t:.3f} s"
+    if span is None:
+        span = _span_at(trajectory, sample)
+    text = f"phase '{span.name}', t = {trajectory.t[sample]:.3f} s"
     for name, rows in trajectory.waypoints.items():
         if sample in rows:
             return f"{text}, waypoint '{name}'"
     return text
 
 
+def _span_at(trajectory: Trajectory, sample: int) -> PhaseSpan:
+    """Return the phase of a sample; the end of a phase, where the next one starts, belongs to the earlier phase."""
+    for span in trajectory.phases:
+        if sample <= span.stop:
+            return span
+    raise AssertionError(f"sample {sample} is after the last phase")
+
+
 def _positions(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
     """Check the limits of the driven joints, and report the minimum distance to a hard limit."""
     findings = []
-    for j, name in enumerate(kinematics.joint_names):
-        unit, factor = kinematics.unit(j)
-        q = trajectory.q[:, j]
-        for kind, build, low, high in (
-            ("hard", error, kinematics.lower[j], kinematics.upper[j]),
-            ("soft", warning, kinematics.soft_lower[j], kinematics.soft_upper[j]),
-        ):
-            inside = np.minimum(q - low, high - q)
-            k = int(np.argmin(inside))
-            if inside[k] >= -_TOUCHING:
-                continue
-            size = Quantity(-inside[k] / factor, unit)
-            limits = f"{low / factor:.2f}..{high / factor:.2f} {unit}"
-            what = f"joint {name} exceeds its {kind} limits {limits} by {size}"
-            findings.append(build(f"limit.{kind}", name, what, size, 0, when=_when(trajectory, k), word=""))
-            break  # a joint beyond its hard limits is also beyond its soft limits
+    for j in range(len(kinematics.joint_names)):
+        beyond_hard = _joint_beyond(trajectory, kinematics, j, "hard", error, kinematics.lower[j], kinematics.upper[j])
+        # a joint beyond its hard limits is also beyond its soft limits
+        findings += beyond_hard or _joint_beyond(
+            trajectory, kinematics, j, "soft", warning, kinematics.soft_lower[j], kinematics.soft_upper[j]
+        )
     margin = np.minimum(trajectory.q - kinematics.lower, kinematics.upper - trajectory.q)
     if not np.isfinite(margin).any():  # no joint has limits
         return findings
@@ -110,21 +111,45 @@ def _positions(trajectory: Trajectory, kinematics: PathKinematics) -> list[Findi
     return findings
 
 
+def _joint_beyond(
+    trajectory: Trajectory,
+    kinematics: PathKinematics,
+    j: int,
+    kind: str,
+    build: Callable[..., Finding],
+    low: float,
+    high: float,
+) -> list[Finding]:
+    """Return a finding, made by `build`, if joint j exceeds its "hard" or "soft" limits low..high (m or rad)."""
+    q = trajectory.q[:, j]
+    inside = np.minimum(q - low, high - q)
+    k = int(np.argmin(inside))
+    if inside[k] >= -_TOUCHING:
+        return []
+    name = kinematics.joint_names[j]
+    unit, factor = kinematics.unit(j)
+    size = Quantity(-inside[k] / factor, unit)
+    limits = f"{low / factor:.2f}..{high / factor:.2f} {unit}"
+    what = f"joint {name} exceeds its {kind} limits {limits} by {size}"
+    return [build(f"limit.{kind}", name, what, size, 0, when=_when(trajectory, k), word="")]
+
+
 def _motors(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
     """Check the actuators of transmissions: a motor may exceed its limits although all joints are within theirs."""
     findings = []
     motors = kinematics.motors
     for i, name in enumerate(motors.names):
         unit, factor = motors.unit(i)
-        m = trajectory.q @ motors.rows[i]
+        position = trajectory.q @ motors.rows[i]
         speed = np.abs(trajectory.qd @ motors.rows[i])
         low = motors.lower[i]
         high = motors.upper[i]
-        inside = np.minimum(m - low, high - m)
+        inside = np.minimum(position - low, high - position)
         k = int(np.argmin(inside))
         when = _when(trajectory, k)
         limits = f"{low / factor:.2f}..{high / factor:.2f} {unit}"
-        if inside[k] < -_TOUCHING * max(1.0, abs(m[k])):
+        # a motor with a gear makes many turns: the rounding grows with its position
+        if inside[k] < -_TOUCHING * max(1.0, abs(position[k])):
             size = Quantity(-inside[k] / factor, unit)
             what = f"motor {name} exceeds its limits {limits} by {size}"
             findings.append(error("limit.motor", name, what, size, 0, when=when, word=""))
@@ -258,14 +283,14 @@ def _consistent(trajectory: Trajectory, kinematics: PathKinematics) -> list[Find
 def _rcm(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
     """Return one finding for each registered RCM; the finding covers all phases until the RCM is released."""
     episodes: list[list[PhaseSpan]] = []
-    before: Array | None = None  # RCM in the previous phase
+    last_rcm: Array | None = None  # RCM in the previous phase
     for span in trajectory.phases:
         if span.rcm is not None:
-            same = before is not None and np.array_equal(before, span.rcm)
-            if not same or span.type == "insertion":
+            is_same = last_rcm is not None and np.array_equal(last_rcm, span.rcm)
+            if not is_same or span.type == "insertion":
                 episodes.append([])
             episodes[-1].append(span)
-        before = span.rcm
+        last_rcm = span.rcm
     return [_rcm_episode(trajectory, protocol, spans) for spans in episodes]
 
 
@@ -339,6 +364,7 @@ def _waypoints(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
 def _waypoint_pose(trajectory: Trajectory, protocol: Protocol, waypoint: Waypoint, k: int) -> list[Finding]:
     """Return a finding if sample k misses a waypoint that is a pose or an orientation about the RCM."""
     free = protocol.free or ()
+    # factor of each component of a deviation: 0 in directions that the protocol declares free
     axes = np.array([axis not in free for axis in ("x", "y", "z")])
     turn_axes = np.array([axis not in free for axis in ("turn_x", "turn_y", "turn_z")])
     R = _rotation(waypoint.angles, protocol.rotation)
@@ -371,7 +397,7 @@ def _values(trajectory: Trajectory, waypoint: Waypoint, rows: tuple[int, ...]) -
         q = trajectory.q[list(rows), trajectory.joint_names.index(joint)]
         i = int(np.argmax(np.abs(q - value)))
         difference = float(abs(q[i] - value))
-        if difference > 1e-9:  # m or rad; joint values are planned exactly
+        if difference > _JOINT_VALUE:
             what = f"joint {joint} misses waypoint '{waypoint.name}'"
             size = moved(difference, joint in waypoint.angle_joints)
             findings.append(disagreement("waypoint.missed", joint, what, size, 0, when=_when(trajectory, rows[i])))
@@ -380,7 +406,7 @@ def _values(trajectory: Trajectory, waypoint: Waypoint, rows: tuple[int, ...]) -
 
 def _depth(trajectory: Trajectory, sample: int) -> float:
     """Return the insertion depth in m at the last sample of a phase; NaN if no RCM is registered."""
-    span = next(p for p in trajectory.phases if p.stop == sample)
+    span = _span_at(trajectory, sample)
     if span.rcm is None:
         return np.nan
     T = trajectory.Ts_base_frame[sample]
@@ -391,7 +417,9 @@ def _rotation(angles: Array, order: RotationOrder) -> Array:
     """Return R (3, 3) for angles (3,) in rad, computed independently of the code that planned the path."""
     if order == "xyz":  # Rx(a) Ry(b) Rz(c) is the inverse of Rz(-c) Ry(-b) Rx(-a)
         return _rotation(-angles[::-1], "zyx").T
-    (cz, cy, cx), (sz, sy, sx) = np.cos(angles), np.sin(angles)
+    cz, cy, cx = np.cos(angles)
+    sz, sy, sx = np.sin(angles)
+    # Rz Ry Rx, multiplied out
     return np.array(
         [
             [cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx],
@@ -406,9 +434,9 @@ def _singular(trajectory: Trajectory, kinematics: PathKinematics) -> list[Findin
     findings = []
     for name, values in kinematics.singularity(trajectory.Ts_base_tool, trajectory.q).items():
         alarm = kinematics.alarm(name)
-        crossed = values * values[0] <= 0
-        if crossed.any():
-            k = int(np.argmax(crossed))
+        has_crossed = values * values[0] <= 0
+        if has_crossed.any():
+            k = int(np.argmax(has_crossed))
             what = f"the singularity measure {name} changes its sign: the motion crosses a singularity"
             size = Quantity(values[k])
             findings.append(error("singularity.crossed", name, what, size, alarm, when=_when(trajectory, k), word=""))
@@ -426,10 +454,10 @@ def _branches(trajectory: Trajectory, kinematics: PathKinematics) -> list[Findin
     if kinematics.branch is None:
         return []
     labels = kinematics.branch(trajectory.Ts_base_tool, trajectory.q)
-    other = labels != labels[0]
-    if not other.any():
+    is_other = labels != labels[0]
+    if not is_other.any():
         return []
-    k = int(np.argmax(other))
+    k = int(np.argmax(is_other))
     text = f"the working mode changes from {labels[0]} to {labels[k]}"
     return [error("branch.changed", "", text, when=_when(trajectory, k))]
 

@@ -20,6 +20,9 @@ _PROBES = 401
 _HALVINGS = 40
 """Number of bisections for the first unreachable point of a phase; s is then exact to rounding."""
 
+_SAFE = 1e-4
+"""Part of the phase by which the proposed end is before the first unreachable point, so that it is surely reachable."""
+
 Margins = dict[tuple[Cause, str], Array]
 """Margins (k,) in m or rad by (cause, name); a margin is negative where a pose is unreachable."""
 
@@ -36,12 +39,20 @@ def require_feasible(path: PhasePath, kinematics: PathKinematics, frame: str, pr
     def at(s: Array) -> tuple[Array, Array]:
         return path.motion(s).Ts_base_tool, path.joints(s, kinematics)
 
-    anchor = Anchor.at(kinematics, *at(np.zeros(1)))
-    margins = margins_at(kinematics, *at(s), anchor)
-    bad = np.any([m < -ROUNDING for m in margins.values()], axis=0)
-    if not bad.any():
+    T_start, q_start = at(np.zeros(1))
+    anchor = Anchor.at(kinematics, T_start, q_start)
+
+    def margins_of(s: Array) -> Margins:
+        Ts, q = at(s)
+        return margins_at(kinematics, Ts, q, anchor)
+
+    margins = margins_of(s)
+    is_violated = np.zeros(len(s), bool)
+    for margin in margins.values():
+        is_violated |= margin < -ROUNDING
+    if not is_violated.any():
         return
-    first = int(np.argmax(bad))
+    first = int(np.argmax(is_violated))
     low = 0.0
     high = 0.0
     where = "already at the start of the phase"
@@ -51,13 +62,14 @@ def require_feasible(path: PhasePath, kinematics: PathKinematics, frame: str, pr
         high = float(s[first])
         for _ in range(_HALVINGS):
             middle = (low + high) / 2
-            if violation(kinematics, margins_at(kinematics, *at(np.array([middle])), anchor)):
+            if violation(kinematics, margins_of(np.array([middle]))):
                 high = middle
             else:
                 low = middle
         where = f"from {100 * high:.1f} % of the phase on"
     cause, name, margin = _first_negative(margins, first)
-    worst = int(np.nanargmin(np.where(np.isnan(margin), 0.0, margin)))
+    known = np.where(np.isnan(margin), 0.0, margin)
+    worst = int(np.argmin(known))
     text = _cause(kinematics, cause, name, float(-margin[worst]))
     if cause not in ("branch", "inverse", "singularity"):  # the margins of these three are no distances
         where += f", worst at {100 * s[worst]:.0f} %"
@@ -77,7 +89,9 @@ def pose_margins(kinematics: PathKinematics, Ts: Array, q: Array) -> Margins:
     A margin (k,) in m or rad is the distance from a limit; it is negative where the pose is beyond the limit. The
     margin "inverse" is -1 where the inverse kinematics has no solution, else 0.
     """
-    margins: Margins = {("reach", name): np.asarray(m) for name, m in kinematics.reach(Ts).items()}
+    margins: Margins = {}
+    for name, margin in kinematics.reach(Ts).items():
+        margins["reach", name] = np.asarray(margin)
     solved = np.all(np.isfinite(q), axis=1)
     margins["inverse", ""] = np.where(solved, 0.0, -1.0)
     # without a solution, only the margin "inverse" is negative
@@ -86,8 +100,8 @@ def pose_margins(kinematics: PathKinematics, Ts: Array, q: Array) -> Margins:
         margins["upper", name] = np.where(solved, kinematics.upper[j] - q[:, j], 0.0)
     motors = kinematics.motors
     for i, name in enumerate(motors.names):
-        m = q @ motors.rows[i]
-        inside = np.minimum(m - motors.lower[i], motors.upper[i] - m)
+        position = q @ motors.rows[i]
+        inside = np.minimum(position - motors.lower[i], motors.upper[i] - position)
         margins["motor", name] = np.where(solved, inside, 0.0)
     for gap in kinematics.gaps:
         distance = np.abs(q[:, gap.i] - q[:, gap.j])
@@ -112,7 +126,9 @@ class Anchor:
         """Return the anchor for a pose (1, 4, 4) with joint values (1, n)."""
         if not np.all(np.isfinite(q)):
             return Anchor({}, None)
-        signs = {name: float(np.sign(measure[0])) for name, measure in kinematics.singularity(Ts, q).items()}
+        signs = {}
+        for name, measure in kinematics.singularity(Ts, q).items():
+            signs[name] = float(np.sign(measure[0]))
         branch = None
         if kinematics.branch:
             branch = kinematics.branch(Ts, q)[0]
@@ -155,9 +171,10 @@ def _first_negative(margins: Margins, k: int) -> tuple[Cause, str, Array]:
 
 
 def _spread(rows: np.ndarray, values: Array) -> Array:
-    out = np.zeros(len(rows))
-    out[rows] = values
-    return out
+    """Return (k,) with the values (m,) in the m rows of a mask (k,), and 0 in the other rows."""
+    spread = np.zeros(len(rows))
+    spread[rows] = values
+    return spread
 
 
 def _why(kinematics: PathKinematics, path: PhasePath, s: float) -> str:
@@ -169,6 +186,7 @@ def _why(kinematics: PathKinematics, path: PhasePath, s: float) -> str:
 
 
 def _cause(kinematics: PathKinematics, cause: Cause, name: str, size: float) -> str:
+    """Return a text on a cause, with the excess `size` in m or rad and the limit."""
     if cause in ("lower", "upper"):
         j = kinematics.joint_names.index(name)
         unit, factor = kinematics.unit(j)
@@ -186,7 +204,8 @@ def _cause(kinematics: PathKinematics, cause: Cause, name: str, size: float) -> 
         high = kinematics.motors.upper[i] / factor
         return f"motor {name} would go {size / factor:.2f} {unit} beyond its limits of {low:.2f}..{high:.2f} {unit}"
     if cause == "gap":
-        gap = next(g for g in kinematics.gaps if g.name == name)
+        gaps = {gap.name: gap for gap in kinematics.gaps}
+        gap = gaps[name]
         unit, factor = kinematics.unit(gap.i)
         required = gap.smallest / factor
         remaining = (gap.smallest - size) / factor
@@ -205,7 +224,7 @@ def _reachable(path: PhasePath, s: float, nothing: bool) -> str:
     """Return a sentence on the reachable part of the phase, up to s minus a small margin."""
     if nothing:
         return "No part of the phase is reachable; change the pose at the start of the phase."
-    s = max(0.0, s - 1e-4)
+    s = max(0.0, s - _SAFE)
     angles = ", ".join(f"{angle / DEG:.2f}" for angle in path.angles(s))
     match path.phase:
         case Insertion():
@@ -214,8 +233,9 @@ def _reachable(path: PhasePath, s: float, nothing: bool) -> str:
             return f"Reachable: retraction to a depth of {path.depth(s) / MM:.2f} mm."
         case Pivot():
             ends = path.motion(np.array([0.0, s])).Ts_base_tool[:, :3, :3]
-            shafts = ends @ path.n_tool_shaft
-            tilt = np.arctan2(np.linalg.norm(np.cross(*shafts)), shafts[0] @ shafts[1]) / DEG
+            first_shaft, last_shaft = ends @ path.n_tool_shaft
+            sine = np.linalg.norm(np.cross(first_shaft, last_shaft))
+            tilt = np.arctan2(sine, first_shaft @ last_shaft) / DEG
             tilted = f"tilted by {tilt:.2f} deg from the start of the phase"
             return f"Reachable: ({angles}) deg at a depth of {path.depth(s) / MM:.2f} mm, {tilted}."
         case _:
@@ -224,4 +244,5 @@ def _reachable(path: PhasePath, s: float, nothing: bool) -> str:
 
 
 def _mm(p: Array) -> str:
-    return "(" + ", ".join(f"{x / MM:.2f}" for x in p) + ") mm"
+    numbers = ", ".join(f"{x / MM:.2f}" for x in p)
+    return f"({numbers}) mm"

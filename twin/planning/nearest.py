@@ -30,7 +30,8 @@ def nearest_free(space: Space, q: Array, seed: int = 0) -> Array | None:
         samples = samples[space.free(samples)]
         if len(samples):
             distances = np.linalg.norm((samples - inside) * space.weights, axis=1)
-            return _moved_towards(space, samples[np.argmin(distances)], inside)
+            nearest_sample = samples[np.argmin(distances)]
+            return _moved_towards(space, nearest_sample, inside)
     return None
 
 
@@ -40,7 +41,8 @@ def _moved_towards(space: Space, free: Array, blocked: Array) -> Array:
     high = 1.0
     for _ in range(_HALVINGS):
         middle = (low + high) / 2
-        if space.free((free + middle * (blocked - free))[None])[0]:
+        configuration = free + middle * (blocked - free)
+        if space.free(configuration[None])[0]:
             low = middle
         else:
             high = middle

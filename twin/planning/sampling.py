@@ -33,16 +33,17 @@ def sample(grid: Array, rates: Array, steps: int, dt: float, window: int = 0) ->
         sd[-1] = 0.0
         return t, s, sd, sdd
     width = window * dt
-    last = steps * dt
-    before = np.maximum(t - width, 0.0)
-    s1, sd1, _, area1 = _at(grid, rates, np.minimum(t, last))
-    s0, sd0, _, area0 = _at(grid, rates, before)
-    area1 = area1 + np.maximum(t - last, 0.0)  # after the end, s is 1
-    s = np.clip((area1 - area0) / width, 0.0, 1.0)
-    sd = np.maximum((s1 - s0) / width, 0.0)
-    sdd = (sd1 - sd0) / width
+    end = steps * dt
+    s_now, sd_now, _, area_now = _at(grid, rates, np.minimum(t, end))
+    area_now = area_now + np.maximum(t - end, 0.0)  # after the end, s is 1
+    s_before, sd_before, _, area_before = _at(grid, rates, np.maximum(t - width, 0.0))
+    # mean of s over the window, and its derivatives
+    s = np.clip((area_now - area_before) / width, 0.0, 1.0)
+    sd = np.maximum((s_now - s_before) / width, 0.0)
+    sdd = (sd_now - sd_before) / width
     # the ends without rounding
-    s[[0, -1]] = (0.0, 1.0)
+    s[0] = 0.0
+    s[-1] = 1.0
     sd[[0, -1]] = 0.0
     sdd[[0, -1]] = 0.0
     return t, s, sd, sdd
@@ -50,19 +51,24 @@ def sample(grid: Array, rates: Array, steps: int, dt: float, window: int = 0) ->
 
 def _at(grid: Array, rates: Array, t: Array) -> TimedSamples:
     """Return s, ds/dt, d2s/dt2, and the integral of s over time, at times t between start and end of the motion."""
-    sdd_of = np.diff(rates**2) / (2 * np.diff(grid))
-    spans = 2 * np.diff(grid) / (rates[1:] + rates[:-1])
-    ends = np.concatenate([[0.0], np.cumsum(spans)])
-    parts = _area(grid[:-1], rates[:-1], sdd_of, spans)
+    lengths = np.diff(grid)
+    # between two grid points, d2s/dt2 is constant: 2 d2s/dt2 times the length is the change of (ds/dt)^2
+    accelerations = np.diff(rates**2) / (2 * lengths)
+    durations = 2 * lengths / (rates[1:] + rates[:-1])
+    begins = np.concatenate([[0.0], np.cumsum(durations)])
+    parts = _area(grid[:-1], rates[:-1], accelerations, durations)
     areas = np.cumsum(np.concatenate([[0.0], parts]))
-    i = np.clip(np.searchsorted(ends, t, side="right") - 1, 0, len(sdd_of) - 1)
-    x = t - ends[i]
-    sdd = sdd_of[i]
-    sd = np.maximum(rates[i] + sdd * x, 0.0)
-    s = np.clip(grid[i] + rates[i] * x + 0.5 * sdd * x**2, 0.0, 1.0)
-    return s, sd, sdd, areas[i] + _area(grid[i], rates[i], sdd, x)
+    i = np.searchsorted(begins, t, side="right") - 1
+    i = np.clip(i, 0, len(accelerations) - 1)
+    elapsed = t - begins[i]
+    sdd = accelerations[i]
+    sd = np.maximum(rates[i] + sdd * elapsed, 0.0)
+    s = np.clip(grid[i] + rates[i] * elapsed + 0.5 * sdd * elapsed**2, 0.0, 1.0)
+    area = areas[i] + _area(grid[i], rates[i], sdd, elapsed)
+    return s, sd, sdd, area
 
 
 def _area(s: Array, sd: Array, sdd: Array, x: Array) -> Array:
     """Return the integral of s over the first x seconds of an interval with constant d2s/dt2."""
+    # s x + sd x^2 / 2 + sdd x^3 / 6
     return x * (s + x * (sd / 2 + x * sdd / 6))

@@ -57,8 +57,11 @@ def response(t: Array) -> tuple[Array, Array, Array]:
 
 def _quadrature() -> tuple[Array, Array]:
     """Return times (k,) in s within an edge, and the weights (k,) in s of an integral over the edge."""
+    # nodes and weights of the interval -1 to 1, moved to 0 to `EDGE_TIME`
     x, weight = np.polynomial.legendre.leggauss(_NODES)
-    return EDGE_TIME * (x + 1) / 2, EDGE_TIME * weight / 2
+    times = EDGE_TIME * (x + 1) / 2
+    weights = EDGE_TIME * weight / 2
+    return times, weights
 
 
 TipDerivatives = Callable[[Array, Array, Array], tuple[Array, Array]]
@@ -115,6 +118,7 @@ def squared_acceleration(mechanism: Mechanism) -> Callable[[Array, Array], Array
         starts = np.repeat(np.asarray(a, float).T, _NODES, axis=1)  # the nodes of an edge are neighbours
         steps = np.repeat(step.T, _NODES, axis=1)
         rate, curvature = derivatives(starts, steps, np.tile(f, k)[None])
+        # chain rule: d2p/dt2 = dp/ds d2f/dt2 + d2p/ds2 (df/dt)^2
         acceleration = rate * np.tile(f_acceleration, k) + curvature * np.tile(f_rate**2, k)
         squares = (acceleration**2).sum(axis=0).reshape(k, _NODES)
         return squares @ weights
@@ -144,8 +148,13 @@ def set_point_cost(mechanism: Mechanism, limits: Array, eta: tuple[float, float]
     Raises:
         ProtocolError: see `tip_derivatives`.
     """
+    eta_length, eta_acceleration = eta
     lengths = normalised_length(limits)
-    if eta[1] == 0:
-        return lambda a, b: eta[0] * lengths(a, b)
+    if eta_acceleration == 0:
+        return lambda a, b: eta_length * lengths(a, b)
     integral = squared_acceleration(mechanism)
-    return lambda a, b: eta[0] * lengths(a, b) + eta[1] * integral(a, b)
+
+    def cost(a: Array, b: Array) -> Array:
+        return eta_length * lengths(a, b) + eta_acceleration * integral(a, b)
+
+    return cost

@@ -23,6 +23,12 @@ _MOST = 513
 _ROUNDING = 1e-13
 """A coefficient below this fraction of the largest value counts as a rounding error."""
 
+_NOISE = 1e-9
+"""Last coefficients up to this fraction of the largest value can be the noise of an iterative inverse."""
+
+_TRIED = 128
+"""Number of coefficients above which last coefficients that do not vanish are taken for noise."""
+
 
 @dataclass(frozen=True)
 class ChebyshevPath:
@@ -59,21 +65,36 @@ def fit(function: Callable[[Array], Array]) -> ChebyshevPath:
     """
     count = _FEWEST
     while True:
-        nodes = (np.arange(count) + 0.5) * np.pi / count
-        values = function((np.cos(nodes) + 1) / 2)
-        basis = np.cos(np.arange(count)[:, None] * nodes)
-        c = 2 / count * basis @ values
-        c[0] /= 2
+        c, values = _coefficients(function, count)
         scale = np.max(np.abs(values), axis=0) + np.finfo(float).tiny
-        tail = np.max(np.abs(c[-max(3, count // 5) :]), axis=0)
+        last = c[-max(3, count // 5) :]
+        tail = np.max(np.abs(last), axis=0)
         converged = bool(np.all(tail <= _ROUNDING * scale))
-        noisy = count > 128 and bool(np.all(tail <= 1e-9 * scale))
+        noisy = count > _TRIED and bool(np.all(tail <= _NOISE * scale))
         if converged or noisy or 2 * count - 1 > _MOST:
             smallest = _ROUNDING * scale / 10
             if not converged:  # coefficients at the level of the noise
                 smallest = np.maximum(smallest, 3 * tail)
-            keep = np.abs(c) > smallest
-            kept_degrees = np.flatnonzero(keep.any(axis=1))
-            degree = int(np.max(kept_degrees, initial=0))
-            return ChebyshevPath(np.where(keep, c, 0.0)[: max(degree + 1, 2)], tail)
+            return ChebyshevPath(_without_small(c, smallest), tail)
         count = 2 * count - 1
+
+
+def _coefficients(function: Callable[[Array], Array], count: int) -> tuple[Array, Array]:
+    """Return the first Chebyshev coefficients (count, n) of a function of s, and its values (count, n) at the nodes."""
+    nodes = (np.arange(count) + 0.5) * np.pi / count
+    values = function((np.cos(nodes) + 1) / 2)
+    # discrete cosine transform: the Chebyshev polynomials are orthogonal in the sum over their roots
+    basis = np.cos(np.arange(count)[:, None] * nodes)
+    c = 2 / count * basis @ values
+    c[0] /= 2
+    return c, values
+
+
+def _without_small(c: Array, smallest: Array) -> Array:
+    """Return coefficients c (k, n), those up to `smallest` (n,) as 0, up to the last degree that is left."""
+    keep = np.abs(c) > smallest
+    kept_degrees = np.flatnonzero(keep.any(axis=1))
+    degree = int(np.max(kept_degrees, initial=0))
+    # two coefficients at least, so that the series has a derivative
+    count = max(degree + 1, 2)
+    return np.where(keep, c, 0.0)[:count]

@@ -22,6 +22,8 @@ from twin.core.errors import TimingError
 from twin.core.spatial import Array
 
 if TYPE_CHECKING:
+    import casadi as ca
+
     from twin.codegen import Kernel
 
 _FREE = 1e12
@@ -40,6 +42,7 @@ _EXCESS = 1e-6
 """Fraction by which a row of the result may exceed its limit; a larger excess is a failure."""
 
 _STEPS = 100
+"""Maximum number of Newton steps at a grid point; a few suffice, because the range is piecewise linear in x."""
 
 
 def fastest(grid: Array, first: Array, second: Array, speed: Array) -> Array:
@@ -59,8 +62,10 @@ def fastest(grid: Array, first: Array, second: Array, speed: Array) -> Array:
     backward, forward = _passes(len(first))
     half = (0.5 / np.diff(grid))[None]
     arrays = (half, first[:, :-1], second[:, :-1], first[:, 1:], second[:, 1:])
-    largest = backward(*arrays, carry=np.append(0.0, 1 / speed))[0]  # largest x from which the end can be reached
-    limit = np.append(largest[:, 1:], [[0.0]], axis=1)  # of y: the largest x at the next grid point, rest at the end
+    # the largest x from which the end can be reached
+    (largest,) = backward(*arrays, carry=np.append(0.0, 1 / speed))
+    # limit of y: the largest x at the next grid point, rest at the end
+    limit = np.append(largest[:, 1:], [[0.0]], axis=1)
     x, excess = forward(*arrays, limit, carry=np.zeros(1))
     if not np.max(excess) <= _EXCESS:  # also if it is NaN
         raise TimingError(f"the acceleration limits cannot be met at s = {grid[np.argmax(excess)]:.4g}")
@@ -74,9 +79,16 @@ def _passes(m: int) -> tuple[Kernel, Kernel]:
 
     from twin.codegen import Kernel, Stage
 
-    half, x, y, limit = (ca.SX.sym(n) for n in ("half", "x", "y", "limit"))
-    d0, dd0, d1, dd1, inverse = (ca.SX.sym(n, m) for n in ("d0", "dd0", "d1", "dd1", "inverse"))
-    given = {"half": 1, "d0": m, "dd0": m, "d1": m, "dd1": m}
+    # half = 1 / (2 ds); first and second derivatives at both ends of the interval; inverse speed limits
+    half = ca.SX.sym("half")
+    x = ca.SX.sym("x")
+    limit = ca.SX.sym("limit")
+    d0 = ca.SX.sym("d0", m)
+    dd0 = ca.SX.sym("dd0", m)
+    d1 = ca.SX.sym("d1", m)
+    dd1 = ca.SX.sym("dd1", m)
+    inverse = ca.SX.sym("inverse", m)
+    inputs = {"half": 1, "d0": m, "dd0": m, "d1": m, "dd1": m}
     arguments = [half, d0, dd0, d1, dd1]
     p = ca.vertcat(dd0 - d0 * half, -d1 * half)  # since d2s/dt2 = (y - x) / (2 ds)
     q = ca.vertcat(d0 * half, dd1 + d1 * half)
@@ -95,18 +107,19 @@ def _passes(m: int) -> tuple[Kernel, Kernel]:
         lowers.append((half_width + slope * x, slope))
     uppers.append((limit, ca.SX(0)))
     lowers.append((ca.SX(0), ca.SX(0)))
-    above, above1 = _least(uppers)
-    below, below1 = _least(lowers)
+    above, above_slope = _least(uppers)
+    below, below_slope = _least(lowers)
     room = above + below  # width of the range of y; it must not be negative
-    new = ca.if_else(room < 0, (x - room / (above1 + below1)) * (1 - _SHRINK), x)
+    root = x - room / (above_slope + below_slope)
+    new = ca.if_else(room < 0, root * (1 - _SHRINK), x)
     newton = ca.Function("newton", [x, slopes, widths, limit], [new, room < 0])
     backward = Kernel(
         [
-            Stage(start, (*given, "inverse"), ("x", "slope", "width")),
+            Stage(start, (*inputs, "inverse"), ("x", "slope", "width")),
             Stage(newton, ("x", "slope", "width", "limit"), ("x", "error"), _STEPS),
             Stage(ca.Function("keep", [x], [x]), ("x",), ("limit",)),
         ],
-        given,
+        inputs,
         ["limit"],
         carried={"limit": 1, "inverse": m},
         backwards=True,
@@ -114,24 +127,28 @@ def _passes(m: int) -> tuple[Kernel, Kernel]:
 
     bounds = (ca.copysign(1, q) - p * x) / q
     lines = [(bound, ca.SX(0)) for bound in (*ca.vertsplit(bounds), limit)]
-    y = ca.fmax(_least(lines)[0], 0)
+    largest_y, _ = _least(lines)
+    y = ca.fmax(largest_y, 0)
     excess = ca.mmax(ca.fabs(p * x + q * y)) - 1
     step = ca.Function("step", [*arguments, limit, x], [y, excess])
     forward = Kernel(
-        [Stage(step, (*given, "limit", "x"), ("x", "excess"))],
-        given | {"limit": 1},
+        [Stage(step, (*inputs, "limit", "x"), ("x", "excess"))],
+        inputs | {"limit": 1},
         ["x", "excess"],
         carried={"x": 1},
     )
     return backward, forward
 
 
-def _least(lines: list[tuple]) -> tuple:
+def _least(lines: list[tuple[ca.SX, ca.SX]]) -> tuple[ca.SX, ca.SX]:
     """Return (value, slope) of the line with the minimum value, by comparing lines (value, slope) in pairs."""
     import casadi as ca
 
     while len(lines) > 1:
-        pairs = zip(lines[::2], lines[1::2], strict=False)
-        joined = [(ca.fmin(a, b), ca.if_else(a <= b, a1, b1)) for (a, a1), (b, b1) in pairs]
-        lines = joined + lines[2 * len(joined) :]
+        lower = []
+        for (a, a_slope), (b, b_slope) in zip(lines[::2], lines[1::2], strict=False):
+            slope = ca.if_else(a <= b, a_slope, b_slope)
+            lower.append((ca.fmin(a, b), slope))
+        # of an odd number of lines, the last one has no partner
+        lines = lower + lines[2 * len(lower) :]
     return lines[0]

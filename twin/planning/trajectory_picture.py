@@ -24,18 +24,25 @@ def html_of(title: str, facts: str, names: Sequence[str], qs: Array, qds: Array,
 
     qs and qds (k, n) are joint values and speeds in SI units; `angles` (n,) are whether each joint is in rad.
     """
-    rows = []
+    rows = [_row("th", ("joint", "from", "to", "", "largest speed", "motion"))]
     for i, name in enumerate(names):
-        unit = "°" if angles[i] else "mm"
-        size = DEG if angles[i] else MM
+        unit = "mm"
+        size = MM
+        if angles[i]:
+            unit = "°"
+            size = DEG
         q = qs[:, i] / size
         speed = np.abs(qds[:, i]).max(initial=0.0) / size
-        cells = [escape(name), f"{q.min():.1f}", f"{q.max():.1f}", unit, f"{speed:.1f} {unit}/s", _curve(q)]
-        rows.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>")
-    heads = ("joint", "from", "to", "", "largest speed", "motion")
-    header = "".join(f"<th>{head}</th>" for head in heads)
-    table = f"<table><tr>{header}</tr>{''.join(rows)}</table>"
+        cells = (escape(name), f"{q.min():.1f}", f"{q.max():.1f}", unit, f"{speed:.1f} {unit}/s", _curve(q))
+        rows.append(_row("td", cells))
+    table = f"<table>{''.join(rows)}</table>"
     return f"<div><b>{escape(title)}</b> {escape(facts)}{table}</div>"
+
+
+def _row(tag: str, cells: Sequence[str]) -> str:
+    """Return a row of a table, with each cell in an element `tag`."""
+    content = "".join(f"<{tag}>{cell}</{tag}>" for cell in cells)
+    return f"<tr>{content}</tr>"
 
 
 def _curve(values: Array) -> str:
@@ -46,8 +53,8 @@ def _curve(values: Array) -> str:
     heights = np.full(len(chosen), 0.5)
     if span > 0:
         heights = (chosen - low) / span
-    x = np.linspace(0, _WIDTH, len(chosen))
-    y = (1 - heights) * (_HEIGHT - 2) + 1
-    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
+    columns = np.linspace(0, _WIDTH, len(chosen))
+    rows = (1 - heights) * (_HEIGHT - 2) + 1  # a margin of 1 pixel: half of the line is beside the curve
+    points = " ".join(f"{x:.1f},{y:.1f}" for x, y in zip(columns, rows, strict=True))
     line = f'<polyline points="{points}" fill="none" stroke="#1f77b4" stroke-width="1.5"/>'
     return f'<svg width="{_WIDTH}" height="{_HEIGHT}" viewBox="0 0 {_WIDTH} {_HEIGHT}">{line}</svg>'

@@ -15,7 +15,7 @@ from twin.planning.protocol.course import Course
 from twin.planning.protocol.waypoint import Waypoint
 
 _HALF = 180 * DEG + 1e-6
-"""Turn in rad above which the other direction is shorter."""
+"""Turn in rad above which the other direction is shorter; the small part is for rounding of a half turn."""
 
 
 def long_turns(course: Course, phase: str, waypoint: Waypoint) -> list[Finding]:
@@ -35,7 +35,8 @@ def long_turns(course: Course, phase: str, waypoint: Waypoint) -> list[Finding]:
         turn = abs(end - start)
         if turn <= _HALF:
             continue
-        nearest = end - 2 * np.pi * np.round((end - start) / (2 * np.pi))
+        full_turns = np.round((end - start) / (2 * np.pi))
+        nearest = end - 2 * np.pi * full_turns
         angle = f"angle {k + 1} (about {course.order[k]})"
         what = f"{angle} turns by {deg(turn)}, from {_number(start)} to {_number(end)} deg"
         advice = (
@@ -50,8 +51,10 @@ def hint(course: Course, phase: str, waypoint: Waypoint | None) -> str:
     """Return a text that names long turns of a failed phase as a possible cause; "" if there are no long turns."""
     if waypoint is None:
         return ""
-    findings = long_turns(course, phase, waypoint)
-    return "".join(f". {finding.message}: {finding.suggestion}" for finding in findings)
+    text = ""
+    for finding in long_turns(course, phase, waypoint):
+        text += f". {finding.message}: {finding.suggestion}"
+    return text
 
 
 def _number(radians: float) -> str:

@@ -19,7 +19,11 @@ RcmMode = Literal["enforced", "monitored"]
 RotationOrder = Literal["zyx", "xyz"]
 """Intrinsic rotation axes in their order: "zyx" is Rz Ry Rx."""
 
-_AXES = {"x": np.array([1.0, 0.0, 0.0]), "y": np.array([0.0, 1.0, 0.0]), "z": np.array([0.0, 0.0, 1.0])}
+_AXES = {
+    "x": np.array([1.0, 0.0, 0.0]),
+    "y": np.array([0.0, 1.0, 0.0]),
+    "z": np.array([0.0, 0.0, 1.0]),
+}
 
 
 @dataclass(frozen=True)
@@ -81,6 +85,7 @@ class Course:
     def about(self, rcm: Array, s: Array) -> Motion:
         """Return the motion about an RCM (3,) (in m, in base) at the path parameters s (k,)."""
         R, w1, w2 = _turning(self.angles0, self.angles1 - self.angles0, s, self.order)
+        # shaft direction and its derivatives: n is fixed in the tool
         n = R @ self.n_tool_shaft
         n1 = np.cross(w1, n)
         n2 = np.cross(w2, n) + np.cross(w1, n1)
@@ -114,8 +119,10 @@ def angles_of(R: Array, order: RotationOrder, near: Array) -> Array:
     the middle angle is a right angle, the first angle is taken from `near`.
     """
     a, b, c = spatial.euler_angles(R, order, near[0])
+    # the same rotation with the other sign of the middle angle's cosine
     solutions = np.array([[a, b, c], [a + np.pi, np.pi - b, c + np.pi]])
-    solutions -= 2 * np.pi * np.round((solutions - near) / (2 * np.pi))
+    full_turns = np.round((solutions - near) / (2 * np.pi))
+    solutions -= 2 * np.pi * full_turns
     return min(solutions, key=lambda angles: float(np.linalg.norm(angles - near)))
 
 

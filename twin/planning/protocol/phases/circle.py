@@ -94,18 +94,13 @@ class Circle(Phase):
         if course.rcm is None:
             rest = np.zeros((len(s), 3))
             return course.moved(np.tile(R0, (len(s), 1, 1)), p, p1, p2, rest, rest)
-        # Shaft direction n from the RCM to the tip, and the smallest rotation from the first direction n0 to n.
-        w = p - course.rcm
-        l = np.linalg.norm(w, axis=1)[:, None]  # noqa: E741
-        n = w / l
-        l1 = np.sum(n * p1, axis=1)[:, None]
-        n1 = (p1 - l1 * n) / l
-        l2 = (np.sum(n1 * p1, axis=1) + np.sum(n * p2, axis=1))[:, None]
-        n2 = (p2 - l2 * n - 2 * l1 * n1) / l
+        n, n1, n2 = _direction(p - course.rcm, p1, p2)
         n0 = R0 @ course.n_tool_shaft
+        # the smallest rotation that turns n0 to n: I + hat(n0 x n) + hat(n0 x n)^2 / (1 + n0 n)
         share = 1 / (1 + n @ n0)
         hat = spatial.hat(np.cross(n0, n))
         R = (np.eye(3) + hat + share[:, None, None] * (hat @ hat)) @ R0
+        # its rate, and the derivative of the rate
         share = share[:, None]
         w1 = np.cross(n0 + n, n1) * share
         w2 = np.cross(n0 + n, n2) * share - w1 * (n1 @ n0)[:, None] * share
@@ -123,3 +118,17 @@ class Circle(Phase):
         for label, p in zip("xyz", self.centre, strict=True):
             note = "centre of the circle; see the protocol file"
             yield Parameter(f"{self.name}_centre_{label}", float(p), "mm", float(p) / MM, "ASSUMED", note)
+
+
+def _direction(w: Array, w1: Array, w2: Array) -> tuple[Array, Array, Array]:
+    """Return the unit vectors (k, 3) along vectors w (k, 3), and their derivatives; w1 and w2 are those of w.
+
+    With the length r and w = r n, the product rule gives w1 = r1 n + r n1 and w2 = r2 n + 2 r1 n1 + r n2.
+    """
+    r = np.linalg.norm(w, axis=1)[:, None]
+    n = w / r
+    r1 = np.sum(n * w1, axis=1)[:, None]
+    n1 = (w1 - r1 * n) / r
+    r2 = (np.sum(n1 * w1, axis=1) + np.sum(n * w2, axis=1))[:, None]
+    n2 = (w2 - r2 * n - 2 * r1 * n1) / r
+    return n, n1, n2
