@@ -50,7 +50,9 @@ def demands(path: PhasePath, joints: Path, protocol: Protocol, kinematics: PathK
     """
     limits = protocol.limits[path.phase.type]
     max_speed, max_acceleration = _joint_limits(path, protocol, kinematics)
-    max_jerk = np.inf if kinematics.max_jerk is None else kinematics.max_jerk
+    max_jerk = np.inf
+    if kinematics.max_jerk is not None:
+        max_jerk = kinematics.max_jerk
     limited = np.isfinite(kinematics.motors.max_speed)  # a motor with a speed limit is a further limited coordinate
     motor_rows = kinematics.motors.rows[limited]
     motor_speed = kinematics.motors.max_speed[limited]
@@ -79,14 +81,17 @@ def demands(path: PhasePath, joints: Path, protocol: Protocol, kinematics: PathK
         motion, first, second = derivatives(s)
         sd = sd[:, None]
         sdd = sdd[:, None]
+        # speeds and accelerations divided by their limits: the largest of joints, motors and moved frame
         v = np.max(np.abs(first * sd) / max_speed, axis=1)
         if limited.any():
             motors = np.abs(first @ motor_rows.T * sd) / motor_speed
             v = np.maximum(v, np.max(motors, axis=1))
         a = np.max(np.abs(first * sdd + second * sd**2) / max_acceleration, axis=1)
         for d1, d2, speed, acceleration in _vectors(motion, limits):
-            v = np.maximum(v, np.linalg.norm(d1 * sd, axis=1) / speed)
-            a = np.maximum(a, np.linalg.norm(d1 * sdd + d2 * sd**2, axis=1) / acceleration)
+            speed_of_frame = np.linalg.norm(d1 * sd, axis=1)
+            acceleration_of_frame = np.linalg.norm(d1 * sdd + d2 * sd**2, axis=1)
+            v = np.maximum(v, speed_of_frame / speed)
+            a = np.maximum(a, acceleration_of_frame / acceleration)
         return v, a
 
     def jerk(s: Array, sd: Array, sdd: Array) -> float:

@@ -32,6 +32,10 @@ _TRIES = 50
 _AHEAD = 16
 """Number of nodes of the front whose connections are tested together."""
 
+_SMALLEST_BLOCK = 16
+_LARGEST_BLOCK = 2048
+"""Minimum and maximum number of samples that are drawn together; twice as many as are missing, because some collide."""
+
 Progress = Callable[[float], None]
 
 
@@ -216,16 +220,20 @@ class FmtSearch:
     def _draw(self, samples: int, progress: Progress) -> None:
         """Add free samples until there are `samples`, or until `_TRIES` samples per required sample are drawn."""
         limit = _TRIES * samples
-        before = self._drawn
-        while self.count < samples and self._drawn - before < limit:
-            size = min(max(2 * (samples - self.count), 16), 2048)
-            block = self._rng.uniform(self._box[:, 0], self._box[:, 1], (size, len(self._box)))
+        drawn = 0
+        low, high = self._box.T
+        while self.count < samples and drawn < limit:
+            missing = samples - self.count
+            size = min(max(2 * missing, _SMALLEST_BLOCK), _LARGEST_BLOCK)
+            block = self._rng.uniform(low, high, (size, len(self._box)))
+            drawn += size
             self._drawn += size
             block = block[self._useful(block)]
             free = block[self.space.free(block, exact=False)]
             self._free += len(free)
-            self._q = np.concatenate([self._q, free[: samples - self.count]])
-            progress(min(max(self.count / samples, (self._drawn - before) / limit), 1.0))
+            self._q = np.concatenate([self._q, free[:missing]])
+            fraction = max(self.count / samples, drawn / limit)
+            progress(min(fraction, 1.0))
 
     def _grow(
         self,
@@ -305,7 +313,9 @@ class FmtSearch:
         new = [pair for pair in dict.fromkeys(pairs) if pair not in self._known]
         rows = np.array(new)
         self.checks += len(new)
-        free = self.space.free_each(self._q[rows[:, 0]], self._q[rows[:, 1]])
+        begins = self._q[rows[:, 0]]
+        ends = self._q[rows[:, 1]]
+        free = self.space.free_each(begins, ends)
         for k, pair in enumerate(new):
             self._known[pair] = bool(free[k])
 
@@ -322,4 +332,5 @@ def neighbours(x: Array, radius: float) -> list[np.ndarray]:
 def _radius(count: int, n: int, volume: float) -> float:
     """Return the neighbourhood radius of theorem 4.1 for `count` samples in n dimensions and the free `volume`."""
     ball = pi ** (n / 2) / gamma(n / 2 + 1)  # volume of the unit ball
+    # theorem 4.1: (1 + eta) 2 (1 / n)^(1/n) (volume / ball)^(1/n) (log k / k)^(1/n)
     return _WIDER * 2 * (volume / (n * ball) * log(count) / count) ** (1 / n)

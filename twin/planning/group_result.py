@@ -112,21 +112,23 @@ class PlannedTogether(Result):
     @property
     def rounds(self) -> Mapping[str, SearchRounds]:
         """Rounds of all searches, by arm and phase."""
-        out = {}
+        rounds_of_searches = {}
         for phase in self.phases:
             for arm, rounds in phase.rounds.items():
-                out[f"{arm}, {phase.name}"] = rounds
-        return out
+                rounds_of_searches[f"{arm}, {phase.name}"] = rounds
+        return rounds_of_searches
 
     @property
     def near(self) -> Mapping[str, tuple[Nearest, str]]:
         """For each kind of pair in `KINDS`: the nearest bodies of the whole plan, and the name of their phase."""
         nearest_of_kind = {}
-        for kind in KINDS:
-            of_phases = [(p.near[kind], p.name) for p in self.phases if kind in p.near]
-            if of_phases:
-                nearest_of_kind[kind] = min(of_phases, key=lambda item: item[0].seen.found)
-        return nearest_of_kind
+        for phase in self.phases:
+            for kind, nearest in phase.near.items():
+                if kind in nearest_of_kind and nearest_of_kind[kind][0].seen.found <= nearest.seen.found:
+                    continue
+                nearest_of_kind[kind] = (nearest, phase.name)
+        # in the order of the kinds
+        return {kind: nearest_of_kind[kind] for kind in KINDS if kind in nearest_of_kind}
 
     def content(self) -> Mapping[str, Any]:
         """Return the plan as plain data, without its samples."""
@@ -142,20 +144,24 @@ class PlannedTogether(Result):
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data for JSON, with search times; files omit search times, which differ between runs."""
-        return {**super().as_dict(), "search_times": {name: r.times() for name, r in self.rounds.items()}}
+        times = {name: rounds.times() for name, rounds in self.rounds.items()}
+        return {**super().as_dict(), "search_times": times}
 
     def text(self) -> Iterator[Part]:
         """Yield the phases, the minimum clearances and the findings."""
         yield f"{self.scene.name} · {', then '.join(self.order)} · {self.t[-1]:.3f} s, {len(self.t)} samples\n"
-        phases = [(p.name, f"{p.t0:.3f}", f"{p.t1:.3f}", p.solver) for p in self.phases]
+        phases = []
+        for phase in self.phases:
+            phases.append((phase.name, f"{phase.t0:.3f}", f"{phase.t1:.3f}", phase.solver))
         yield TextTable(("phase", "from s", "to s", "timing"), phases)
         yield ""
         rows = []
-        for kind, (near, name) in self.near.items():
-            seen = near.seen
-            found = f"{seen.found / MM:.2f}"
-            proven = f"{seen.proven / MM:.2f}"
-            rows.append((KINDS[kind], found, proven, f"{near.t:.3f}", name, " and ".join(seen.bodies)))
+        for kind, (near, phase_name) in self.near.items():
+            certificate = near.seen
+            smallest = f"{certificate.found / MM:.2f}"
+            proven = f"{certificate.proven / MM:.2f}"
+            bodies = " and ".join(certificate.bodies)
+            rows.append((KINDS[kind], smallest, proven, f"{near.t:.3f}", phase_name, bodies))
         yield TextTable(("minimum clearance", "found mm", "proven mm", "at s", "phase", "nearest bodies"), rows)
         yield f"  required: {self.required / MM:g} mm"
         yield ""

@@ -74,7 +74,8 @@ class MechanismPath(PhasePath):
         R = place[:, 3:].reshape(-1, 3, 3)
         R1 = place1[:, 3:].reshape(-1, 3, 3)
         R2 = place2[:, 3:].reshape(-1, 3, 3)
-        R = R @ (1.5 * np.eye(3) - 0.5 * np.swapaxes(R, 1, 2) @ R)  # restore orthogonality lost by truncation
+        # restore the orthogonality lost by truncation, by one Newton step towards the nearest rotation
+        R = R @ (1.5 * np.eye(3) - 0.5 * np.swapaxes(R, 1, 2) @ R)
         Rt = np.swapaxes(R, 1, 2)
         w1 = _vee(R1 @ Rt)
         w2 = _vee(R2 @ Rt)
@@ -283,7 +284,8 @@ class MechanismFollower:
 
     def _free(self) -> np.ndarray:
         """Return a mask (6,) of the directions that the protocol declares free."""
-        return np.array([d in (self._protocol.free or ()) for d in DIRECTIONS])
+        free = self._protocol.free or ()
+        return np.array([direction in free for direction in DIRECTIONS])
 
     def _too_many(self, directions: np.ndarray) -> str:
         """Return advice for a phase that prescribes more directions than there are driven joints, else ""."""
@@ -301,7 +303,9 @@ class MechanismFollower:
     def _require_path(self, path: PhasePath, directions: np.ndarray, Ts: Array, where: str) -> None:
         """Raise `ProtocolError` if the mechanism leaves the path in a controlled direction."""
         wanted = path.motion(np.linspace(0.0, 1.0, len(Ts))).Ts_base_tool
-        deviations = np.array([_deviation(T, goal, path.T_tool_frame) for T, goal in zip(Ts, wanted, strict=True)])
+        deviations = np.zeros((len(Ts), 6))
+        for k, (T, T_wanted) in enumerate(zip(Ts, wanted, strict=True)):
+            deviations[k] = _deviation(T, T_wanted, path.T_tool_frame)
         excess = np.abs(deviations) / self._tolerance() * directions
         k = int(np.argmax(excess.max(axis=1)))
         if excess[k].max() <= 1:
@@ -369,22 +373,23 @@ def _followed(path: PhasePath, solved: Callable[[Array], tuple[Array, Array, Arr
     """
 
     def rows(s: Array) -> Array:
+        """Return origin, rotation matrix by rows and joint values (k, 12 + n) at s (k,)."""
         order = np.argsort(s)  # the mechanism moves forwards from station to station
         _, q, Ts = solved(s[order])
-        out = np.concatenate([Ts[:, :3, 3], Ts[:, :3, :3].reshape(-1, 9), q], axis=1)
-        constant = np.ptp(out, axis=0) < _STILL
-        out = np.where(constant, out[0], out)  # remove rounding from constant values
-        return out[np.argsort(order)]
+        values = np.concatenate([Ts[:, :3, 3], Ts[:, :3, :3].reshape(-1, 9), q], axis=1)
+        is_constant = np.ptp(values, axis=0) < _STILL
+        values = np.where(is_constant, values[0], values)  # remove rounding from constant values
+        return values[np.argsort(order)]
 
     series = fit(rows)
     c = series.coefficients
     tail = series.tail
     place = ChebyshevPath(c[:, :12], tail[:12])
     values = ChebyshevPath(c[:, 12:], tail[12:])
-    out = MechanismPath(**vars(path), values=values, place=place)
-    end = out.motion(np.ones(1))
+    followed = MechanismPath(**vars(path), values=values, place=place)
+    end = followed.motion(np.ones(1))
     angles1 = angles_of(end.Ts_base_tool[0, :3, :3], path.order, path.angles1)
-    return replace(out, angles1=angles1, tip1=end.p[0])
+    return replace(followed, angles1=angles1, tip1=end.p[0])
 
 
 def with_free_paths(
@@ -498,7 +503,10 @@ def with_auxiliary(paths: Sequence[PhasePath], kinematics: PathKinematics, proto
 
 def _vee(A: Array) -> Array:
     """Return the vectors (k, 3) of the antisymmetric parts of matrices A (k, 3, 3)."""
-    return 0.5 * np.stack([A[:, 2, 1] - A[:, 1, 2], A[:, 0, 2] - A[:, 2, 0], A[:, 1, 0] - A[:, 0, 1]], axis=1)
+    x = A[:, 2, 1] - A[:, 1, 2]
+    y = A[:, 0, 2] - A[:, 2, 0]
+    z = A[:, 1, 0] - A[:, 0, 1]
+    return 0.5 * np.stack([x, y, z], axis=1)
 
 
 def _deviation(T: Array, goal: Array, T_tool_frame: Array) -> Array:

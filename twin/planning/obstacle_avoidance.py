@@ -88,6 +88,7 @@ def around(
     """
     start = np.asarray(start, float)
     goal = np.asarray(goal, float)
+    no_corners = np.array([start, goal])
     if cancelled is not None:
         space = space.interruptible(_ending(cancelled))
     _require_free(space, "start", start, seed)
@@ -103,17 +104,19 @@ def around(
     count = 0
     resting = (start == goal) & ~space.leads
     for extension, count in _ROUNDS:
-        search = FmtSearch(space, start, goal, _box(space, start, goal, extension, resting), rng, cost)
-        found, path = searched(search, count, rng, progress)
-        if path is not None and not straight and space.free_along(direct):
-            path = _cheaper(search.cost, path, FreePath(np.array([start, goal]), direct))
-        record(search.tree, search.cost, None if path is None else path.corners)
+        box = _box(space, start, goal, extension, resting)
+        search = FmtSearch(space, start, goal, box, rng, cost)
+        has_corners, path = searched(search, count, rng, progress)
         if path is not None:
+            if not straight and space.free_along(direct):
+                path = _cheaper(search.cost, path, FreePath(no_corners, direct))
+            record(search.tree, search.cost, path.corners)
             return improved(search, path, samples, rng, progress, informed=cost is None, record=record).curve
+        record(search.tree, search.cost, None)
         count = search.count  # fewer than required if most of the box is blocked
         drawn += count
         attempt = f"{count} samples in a box that extends {100 * extension:.0f} %"
-        if found:
+        if has_corners:
             attempts.append(f"{attempt} (a path was found, but its corners cannot be rounded)")
         else:
             attempts.append(f"{attempt} of the joint range beyond start and goal")
@@ -276,12 +279,12 @@ def improved(
         count = min(2 * count, samples)
         if informed:
             search.inform(best.corners)
-        _, found = searched(search, count, rng, progress)
-        before = best
-        if found is not None:
-            best = _cheaper(search.cost, best, _polished(search, found, rng))
+        _, candidate = searched(search, count, rng, progress)
+        last_best = best
+        if candidate is not None:
+            best = _cheaper(search.cost, best, _polished(search, candidate, rng))
         # the best path of the round before is polished too: its shortcuts are drawn at random
-        best = _cheaper(search.cost, best, _polished(search, before, rng))
+        best = _cheaper(search.cost, best, _polished(search, last_best, rng))
         record(search.tree, search.cost, best.corners)
     return best
 
@@ -347,9 +350,12 @@ def shortcuts(
             parts.append(_shortcut(points, along, i[k], j[k], ends[shortcut], straight[shortcut]))
         starts = np.concatenate([part[:-1] for part in parts])
         stops = np.concatenate([part[1:] for part in parts])
-        first = np.cumsum([0] + [len(part) - 1 for part in parts[:-1]])  # row of each part's first connection
-        replaced = np.concatenate([[0.0], np.cumsum(cost(points[:-1], points[1:]))])
-        gain = replaced[j + 1] - replaced[i] - np.add.reduceat(cost(starts, stops), first)
+        connections = [len(part) - 1 for part in parts]
+        first = np.cumsum([0, *connections[:-1]])  # row of each part's first connection
+        # cost of the path up to each corner
+        cost_so_far = np.concatenate([[0.0], np.cumsum(cost(points[:-1], points[1:]))])
+        replaced = cost_so_far[j + 1] - cost_so_far[i]
+        gain = replaced - np.add.reduceat(cost(starts, stops), first)
         # test all connections: at the ends of a straight part, the loops could be closed in another assembly mode
         free = np.logical_and.reduceat(space.free_each(starts, stops), first)
         gain[~free] = 0.0
@@ -371,14 +377,20 @@ def _shortcut(points: Array, along: Array, i: int, j: int, ends: Array, straight
         ends: (2,) length of the path up to the start and the end of the shortcut.
         straight: (n,) bool: joints that move in a straight line; the others move as before.
     """
-    a = np.array([np.interp(ends[0], along, column) for column in points.T])
-    b = np.array([np.interp(ends[1], along, column) for column in points.T])
+    begin, end = ends
+    a = _point_at(points, along, begin)
+    b = _point_at(points, along, end)
     if straight.all():
         return np.array([points[i], a, b, points[j + 1]])
     skipped = slice(i + 1, j + 1)
-    share = (along[skipped, None] - ends[0]) / (ends[1] - ends[0])
+    share = (along[skipped, None] - begin) / (end - begin)
     between = np.where(straight, a + share * (b - a), points[skipped])
     return np.concatenate([[points[i], a], between, [b, points[j + 1]]])
+
+
+def _point_at(points: Array, along: Array, length: float) -> Array:
+    """Return the point (n,) of the path along points (k, n) at a length; `along` (k,) is the length at each point."""
+    return np.array([np.interp(length, along, column) for column in points.T])
 
 
 def rounded(corners: Array, weights: Array, width: float) -> ChebyshevPath:
@@ -394,9 +406,12 @@ def rounded(corners: Array, weights: Array, width: float) -> ChebyshevPath:
     along = _along(corners * weights)
     parts = np.diff(along)
     moves = parts > 0  # equal neighbouring corners have no direction
-    slopes = np.diff(corners, axis=0)[moves] / (parts[moves] / along[-1])[:, None]
-    inner = (along / along[-1])[1:][moves][:-1]  # s of the inner corners
+    s_parts = parts[moves] / along[-1]
+    slopes = np.diff(corners, axis=0)[moves] / s_parts[:, None]
+    s_ends = (along / along[-1])[1:][moves]
+    inner = s_ends[:-1]  # s of the inner corners
     turns = np.diff(slopes, axis=0)
+    # the mirror images of the inner corners at both ends turn back
     places = np.concatenate([-inner, inner, 2 - inner])
     changes = np.concatenate([-turns, turns, -turns])
 
@@ -408,6 +423,7 @@ def rounded(corners: Array, weights: Array, width: float) -> ChebyshevPath:
     # add a straight line so that the path begins and ends exactly at the first and last corner
     series = fit(averaged)
     c = series.coefficients.copy()
+    # at the ends, Chebyshev polynomial k is (-1)^k and 1
     low = c.T @ (-1.0) ** np.arange(len(c))
     high = c.sum(axis=0)
     c[0] += (corners[0] - low + corners[-1] - high) / 2

@@ -86,12 +86,12 @@ def plan(
         paths = with_free_paths(paths, kinematics, protocol.name, say, rounds.__setitem__)
     for path in paths:
         say(path.phase.name)
-        leg, found = _leg(path, protocol, kinematics, dt)
+        leg, certified = _leg(path, protocol, kinematics, dt)
         legs.append(leg)
-        findings += found
+        findings += certified
     trajectory = assemble(protocol, kinematics, T_tool_frame, legs, dt)
-    phases = tuple(replace(p, rounds=rounds.get(p.name)) for p in trajectory.phases)
-    trajectory = replace(trajectory, phases=phases, followed=guide is not None)
+    phases = [replace(span, rounds=rounds.get(span.name)) for span in trajectory.phases]
+    trajectory = replace(trajectory, phases=tuple(phases), followed=guide is not None)
     findings += check(trajectory, protocol, kinematics)
     return replace(trajectory, findings=tuple(findings))
 
@@ -100,9 +100,9 @@ def _guide(
     protocol: Protocol, kinematics: PathKinematics, T_tool_frame: Array, progress: Progress, searched: Searched
 ) -> MechanismFollower | None:
     """Return a follower if the mechanism determines the path of the protocol; None if the equations determine it."""
-    waypoints_by_joints = any(waypoint.joints is not None for waypoint in protocol.waypoints.values())
-    by_joints = waypoints_by_joints or any(isinstance(phase, Samples) for phase in protocol.phases)
-    if not by_joints and protocol.free is None:
+    has_joint_waypoints = any(waypoint.joints is not None for waypoint in protocol.waypoints.values())
+    has_samples = any(isinstance(phase, Samples) for phase in protocol.phases)
+    if not has_joint_waypoints and not has_samples and protocol.free is None:
         if kinematics.takes is None:
             return None
         s = np.linspace(0.0, 1.0, _LOOKED)

@@ -33,6 +33,13 @@ _PARTS = 8
 """Number of straight parts that replace a connection in a search, if the path of the earlier arms is not straight."""
 
 _SAMPLES = 513
+"""Number of points at which a path is evaluated for its length and for its direction."""
+
+_LOOKS = 9
+"""Number of points at which the curvature of the path of the earlier arms is evaluated."""
+
+_STRAIGHT = 1e-9
+"""Second derivative of a path (in m or rad) up to which it counts as straight."""
 
 
 class Composed:
@@ -58,6 +65,7 @@ class Composed:
             return np.column_stack([self._first(u, 1) * u1, z1[:, :-1]])
         z2 = self._path(s, 2)
         u2 = z2[:, -1:]
+        # chain rule of first(u(s))
         earlier = self._first(u, 2) * u1**2 + self._first(u, 1) * u2
         return np.column_stack([earlier, z2[:, :-1]])
 
@@ -94,9 +102,10 @@ class Behind(Space):
         samples = first(np.linspace(0.0, 1.0, _SAMPLES))
         self._before = samples.shape[1]  # number of joints of the earlier arms
         steps = np.diff(samples, axis=0) * whole.weights[: self._before]
-        self._length = max(float(np.linalg.norm(steps, axis=1).sum()), _SHORTEST)
-        curvature = np.abs(first(np.linspace(0.0, 1.0, 9), 2))
-        self._straight = bool(curvature.max(initial=0.0) < 1e-9)
+        path_length = float(np.linalg.norm(steps, axis=1).sum())
+        self._length = max(path_length, _SHORTEST)
+        curvature = np.abs(first(np.linspace(0.0, 1.0, _LOOKS), 2))
+        self._straight = bool(curvature.max(initial=0.0) < _STRAIGHT)
 
     def interruptible(self, check: Callable[[], None]) -> Behind:
         """Return this space with tests that call `check` every few milliseconds; errors in `check` end the test."""
@@ -147,9 +156,12 @@ class Behind(Space):
     def free_each(self, a: Array, b: Array) -> np.ndarray:
         """Return (m,) bool: whether the straight paths from a to b (m, n + 1), with free ends, seem free."""
         count = 1 if self._straight else _PARTS
-        corners = [self.lifted(a + part * (b - a)) for part in np.linspace(0.0, 1.0, count + 1)]
+        corners = []
+        for fraction in np.linspace(0.0, 1.0, count + 1):
+            corners.append(self.lifted(a + fraction * (b - a)))
         free = b[:, -1] >= a[:, -1] - ROUNDING
         for start, end in pairwise(corners):
+            # only connections whose parts before are free are tested further
             free[free] = self.whole.free_each(start[free], end[free])
         return free
 
@@ -171,7 +183,8 @@ class Behind(Space):
         """
         parts = self._parts(path)
         certificates = [self.whole.certify(part, within) for part in parts]
-        k = int(np.argmin([certificate.found for certificate in certificates]))
+        distances = [certificate.found for certificate in certificates]
+        k = int(np.argmin(distances))
         nearest = certificates[k]
         proven = min(certificate.proven for certificate in certificates)
         return replace(nearest, proven=proven, s=parts[k].at(nearest.s))  # pyright: ignore
@@ -230,7 +243,7 @@ def beside(
         ProtocolError: start or goal collides with any arm or obstacle, or no path was found.
     """
     space = Behind(whole, first)
-    found = around(
+    path = around(
         space,
         np.append(start, 0.0),
         np.append(goal, 1.0),
@@ -240,4 +253,4 @@ def beside(
         cost=space.cost,
         ended=ended,
     )
-    return Composed(first, found)
+    return Composed(first, path)

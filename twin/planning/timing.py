@@ -49,6 +49,9 @@ _SLOWEST = 1e3
 _GROWTH = 64
 """Maximum factor from one averaging window to the next in the search for a sufficient window."""
 
+_LEAST_SLOWDOWN = 1.02
+"""Minimum factor by which a motion is slowed down that no window brings within the jerk limit."""
+
 
 @dataclass(frozen=True)
 class Timing:
@@ -126,11 +129,12 @@ def time_path(
         raise TimingError("every speed and acceleration limit must be positive")
 
     def derivatives(s: Array) -> tuple[Array, Array]:
-        own = (path(s, 1), path(s, 2))
+        first = path(s, 1)
+        second = path(s, 2)
         if extra is None:
-            return own
-        further = extra(s)
-        return np.column_stack([own[0], further[0]]), np.column_stack([own[1], further[1]])
+            return first, second
+        extra_first, extra_second = extra(s)
+        return np.column_stack([first, extra_first]), np.column_stack([second, extra_second])
 
     judge = load or _plain_load(derivatives, max_speed, max_acceleration)
     while True:
@@ -141,7 +145,9 @@ def time_path(
         if acceleration <= _REFINE or 2 * knots - 1 > finest:
             break
         knots = 2 * knots - 1
-    optimal = float(np.sum(2 * np.diff(grid) / (rates[1:] + rates[:-1])))
+    durations = 2 * np.diff(grid) / (rates[1:] + rates[:-1])
+    optimal = float(np.sum(durations))
+    # a motion slowed down by c has speeds c times, and accelerations c² times smaller
     slower = max(1.0, speed, np.sqrt(acceleration))
 
     def paced(window: int, slower: float) -> tuple[TimedSamples, float]:
@@ -150,18 +156,22 @@ def time_path(
         worst = np.inf
         for _ in range(_TRIES):
             # At least one step more: with few steps, rounding up the duration could undo the slowdown.
-            steps = max(steps + 1, int(np.ceil(optimal * slower / dt - 1e-9)))
-            samples = sample(grid, rates * (optimal / (steps * dt)), steps, dt, window)
-            speeds, accelerations = judge(*samples[1:])
-            v = float(np.max(speeds))
-            a = float(np.max(accelerations))
-            worst = max(v, a)
+            needed = int(np.ceil(optimal * slower / dt - 1e-9))
+            steps = max(steps + 1, needed)
+            stretched = rates * (optimal / (steps * dt))
+            samples = sample(grid, stretched, steps, dt, window)
+            _, s, sd, sdd = samples
+            speeds, accelerations = judge(s, sd, sdd)
+            largest_speed = float(np.max(speeds))
+            largest_acceleration = float(np.max(accelerations))
+            worst = max(largest_speed, largest_acceleration)
             if worst <= 1.0 + OVER:
                 relative_jerk = 0.0
                 if jerk:
-                    relative_jerk = jerk(*samples[1:])
+                    relative_jerk = jerk(s, sd, sdd)
                 return samples, relative_jerk
-            slower *= max(v, np.sqrt(a))  # the curvature of the path is so large that the grid missed its worst point
+            # the curvature of the path is so large that the grid missed its worst point
+            slower *= max(largest_speed, np.sqrt(largest_acceleration))
         raise TimingError(f"a sample exceeds its limit by {100 * (worst - 1):.2g} % even after slowing down")
 
     window = 0
@@ -169,11 +179,24 @@ def time_path(
     samples, excess = paced(window, slower)
     if excess > 1:
         samples, window, slowest = _averaged(paced, slower, optimal / dt)
-    end = float(samples[0][-1])
+    t, s, sd, sdd = samples
+    duration = float(t[-1])
     smoothing = window * dt
-    overshoot = max(speed, acceleration) - 1
-    kept = rates * (optimal / (end - smoothing))  # `paced` stretches the optimal motion to its number of samples
-    return Timing(*samples, end, optimal, overshoot, knots, solver, smoothing, slowest / slower, grid, kept)
+    return Timing(
+        t=t,
+        s=s,
+        sd=sd,
+        sdd=sdd,
+        duration=duration,
+        optimal=optimal,
+        overshoot=max(speed, acceleration) - 1,
+        knots=knots,
+        solver=solver,
+        smoothing=smoothing,
+        for_jerk=slowest / slower,
+        grid=grid,
+        rates=rates * (optimal / (duration - smoothing)),  # as `paced` stretched them
+    )
 
 
 def _averaged(
@@ -199,7 +222,8 @@ def _averaged(
             low = high
             high = min(further, longest)
             least = min(least, excess)
-        slower *= max(float(np.cbrt(least)), 1.02)
+        # a motion slowed down by c has jerks c³ times smaller
+        slower *= max(float(np.cbrt(least)), _LEAST_SLOWDOWN)
     raise TimingError(f"the jerk is at least {least:.3g} times its limit, even for a very slow motion")
 
 
@@ -207,7 +231,7 @@ def _shortest(
     paced: Callable[[int, float], tuple[TimedSamples, float]],
     slower: float,
     low: int,
-    found: tuple[int, TimedSamples, float],
+    sufficient: tuple[int, TimedSamples, float],
 ) -> tuple[TimedSamples, int]:
     """Return the samples of the shortest sufficient window, and this window; it is accurate to 2 % or one sample.
 
@@ -215,21 +239,24 @@ def _shortest(
         paced: function that returns (samples averaged over a window, their jerk divided by the limit).
         slower: factor by which the motion is slowed down.
         low: window that is not sufficient.
-        found: (sufficient window, its samples, their jerk divided by the limit).
+        sufficient: (sufficient window, its samples, their jerk divided by the limit).
     """
-    high, samples, excess = found
+    high, samples, excess = sufficient
     # Try in turn: just below and just above the window at which the jerk, if it is inversely proportional to the
     # window, is at its limit; then the middle.
-    turns = itertools.cycle((0.99, 1.01, None))
+    factors = itertools.cycle((0.99, 1.01, None))
     while high - low > max(1, high // 50):
-        part = next(turns)
-        middle = (low + high) // 2 if part is None else round(part * high * excess)
-        if low < middle < high:
-            averaged, relative_jerk = paced(middle, slower)
+        factor = next(factors)
+        if factor is None:
+            window = (low + high) // 2
+        else:
+            window = round(factor * high * excess)
+        if low < window < high:
+            averaged, relative_jerk = paced(window, slower)
             if relative_jerk > 1:
-                low = middle
+                low = window
             else:
-                high = middle
+                high = window
                 samples = averaged
                 excess = relative_jerk
     return samples, high
@@ -250,10 +277,12 @@ def _plain_load(derivatives: Derivatives, max_speed: Array, max_acceleration: Ar
 def _peaks(grid: Array, rates: Array, load: Load) -> tuple[float, float]:
     """Return the largest speed and acceleration, each divided by its limit; points between grid points are included."""
     f = np.linspace(0.0, 1.0, _INSIDE)  # both ends: the path acceleration jumps at grid points
-    s = (grid[:-1, None] + np.diff(grid)[:, None] * f).ravel()
+    lengths = np.diff(grid)
+    s = (grid[:-1, None] + lengths[:, None] * f).ravel()
+    # at constant d2s/dt2, (ds/dt)^2 is linear in s
     squares = rates**2
     sd = np.sqrt(squares[:-1, None] * (1 - f) + squares[1:, None] * f).ravel()
-    sdd = np.repeat(np.diff(squares) / (2 * np.diff(grid)), _INSIDE)
+    sdd = np.repeat(np.diff(squares) / (2 * lengths), _INSIDE)
     speed, acceleration = load(s, sd, sdd)
     return float(np.max(speed)), float(np.max(acceleration))
 
@@ -268,6 +297,7 @@ def _rates(grid: Array, first: Array, second: Array, speed: Array, acceleration:
         raise TimingError("the path has no finite derivatives")
     length = np.mean(np.abs(first), axis=0)
     moves = length > 0
+    # a length L from rest to rest takes at least 2 sqrt(L / a): its mean speed is at most sqrt(L a) / 2 < sqrt(L a)
     top = np.minimum(speed, np.sqrt(np.where(moves, length, 1.0) * acceleration))
     unit = float(np.max(length[moves] / top[moves], initial=0.0))  # s; lower bound of the duration
     if not unit > 0:
