@@ -87,12 +87,8 @@ def demands(path: PhasePath, joints: Path, protocol: Protocol, kinematics: PathK
             motors = np.abs(first @ motor_rows.T * sd) / motor_speed
             v = np.maximum(v, np.max(motors, axis=1))
         a = np.max(np.abs(first * sdd + second * sd**2) / max_acceleration, axis=1)
-        for d1, d2, speed, acceleration in _vectors(motion, limits):
-            speed_of_frame = np.linalg.norm(d1 * sd, axis=1)
-            acceleration_of_frame = np.linalg.norm(d1 * sdd + d2 * sd**2, axis=1)
-            v = np.maximum(v, speed_of_frame / speed)
-            a = np.maximum(a, acceleration_of_frame / acceleration)
-        return v, a
+        v_frame, a_frame = _frame_load(motion, limits, sd, sdd)
+        return np.maximum(v, v_frame), np.maximum(a, a_frame)
 
     def jerk(s: Array, sd: Array, sdd: Array) -> float:
         motion, first, second = derivatives(s)
@@ -206,12 +202,20 @@ def _joint_limits(path: PhasePath, protocol: Protocol, kinematics: PathKinematic
     return speed, acceleration
 
 
-def _vectors(motion: Motion, limits: Limits) -> tuple[tuple[Array, Array, float, float], ...]:
-    """Return (first, second derivative (k, 3), limits of speed and acceleration) of the frame's origin and rotation."""
-    return (
-        (motion.p1, motion.p2, limits.tip_speed, limits.tip_acceleration),
-        (motion.w1, motion.w2, limits.rotation_speed, limits.rotation_acceleration),
+def _frame_load(motion: Motion, limits: Limits, sd: Array, sdd: Array) -> tuple[Array, Array]:
+    """Return speed and acceleration (k,) of the moved frame, each divided by its limit; sd and sdd are (k, 1).
+
+    The larger of its origin's and its rotation's counts.
+    """
+    tip_speed = np.linalg.norm(motion.p1 * sd, axis=1)
+    tip_acceleration = np.linalg.norm(motion.p1 * sdd + motion.p2 * sd**2, axis=1)
+    rotation_speed = np.linalg.norm(motion.w1 * sd, axis=1)
+    rotation_acceleration = np.linalg.norm(motion.w1 * sdd + motion.w2 * sd**2, axis=1)
+    speed = np.maximum(tip_speed / limits.tip_speed, rotation_speed / limits.rotation_speed)
+    acceleration = np.maximum(
+        tip_acceleration / limits.tip_acceleration, rotation_acceleration / limits.rotation_acceleration
     )
+    return speed, acceleration
 
 
 def _norm_rate(d1: Array, d2: Array) -> tuple[Array, Array]:

@@ -137,48 +137,22 @@ def time_path(
         return np.column_stack([first, extra_first]), np.column_stack([second, extra_second])
 
     judge = load or _plain_load(derivatives, max_speed, max_acceleration)
-    while True:
-        grid = np.linspace(0.0, 1.0, knots)
+
+    def rates_on(grid: Array) -> Array:
         first, second = derivatives(grid)
-        rates = _rates(grid, first, second, max_speed, max_acceleration, solver)
-        speed, acceleration = _peaks(grid, rates, judge)
-        if acceleration <= _REFINE or 2 * knots - 1 > finest:
-            break
-        knots = 2 * knots - 1
+        return _rates(grid, first, second, max_speed, max_acceleration, solver)
+
+    grid, rates, speed, acceleration = _refined(rates_on, judge, knots, finest)
     durations = 2 * np.diff(grid) / (rates[1:] + rates[:-1])
     optimal = float(np.sum(durations))
     # a motion slowed down by c has speeds c times, and accelerations c² times smaller
     slower = max(1.0, speed, np.sqrt(acceleration))
-
-    def paced(window: int, slower: float) -> tuple[TimedSamples, float]:
-        """Return (samples of the motion, slowed down until limits are satisfied, their jerk divided by its limit)."""
-        steps = 1
-        worst = np.inf
-        for _ in range(_TRIES):
-            # At least one step more: with few steps, rounding up the duration could undo the slowdown.
-            needed = int(np.ceil(optimal * slower / dt - 1e-9))
-            steps = max(steps + 1, needed)
-            stretched = rates * (optimal / (steps * dt))
-            samples = sample(grid, stretched, steps, dt, window)
-            _, s, sd, sdd = samples
-            speeds, accelerations = judge(s, sd, sdd)
-            largest_speed = float(np.max(speeds))
-            largest_acceleration = float(np.max(accelerations))
-            worst = max(largest_speed, largest_acceleration)
-            if worst <= 1.0 + OVER:
-                relative_jerk = 0.0
-                if jerk:
-                    relative_jerk = jerk(s, sd, sdd)
-                return samples, relative_jerk
-            # the curvature of the path is so large that the grid missed its worst point
-            slower *= max(largest_speed, np.sqrt(largest_acceleration))
-        raise TimingError(f"a sample exceeds its limit by {100 * (worst - 1):.2g} % even after slowing down")
-
+    pace = _Pace(grid, rates, optimal, dt, judge, jerk)
     window = 0
     slowest = slower
-    samples, excess = paced(window, slower)
+    samples, excess = pace.samples(window, slower)
     if excess > 1:
-        samples, window, slowest = _averaged(paced, slower, optimal / dt)
+        samples, window, slowest = _averaged(pace, slower)
     t, s, sd, sdd = samples
     duration = float(t[-1])
     smoothing = window * dt
@@ -190,22 +164,82 @@ def time_path(
         duration=duration,
         optimal=optimal,
         overshoot=max(speed, acceleration) - 1,
-        knots=knots,
+        knots=len(grid),
         solver=solver,
         smoothing=smoothing,
         for_jerk=slowest / slower,
         grid=grid,
-        rates=rates * (optimal / (duration - smoothing)),  # as `paced` stretched them
+        rates=rates * (optimal / (duration - smoothing)),  # as `_Pace.samples` stretched them
     )
 
 
-def _averaged(
-    paced: Callable[[int, float], tuple[TimedSamples, float]], slower: float, steps: float
-) -> tuple[TimedSamples, int, float]:
+@dataclass(frozen=True)
+class _Pace:
+    """The optimal motion, to be slowed down: `rates` are its ds/dt on `grid`, `optimal` is its duration in s."""
+
+    grid: Array
+    rates: Array
+    optimal: float
+    dt: float
+    load: Load
+    jerk: Jerk | None
+
+    def samples(self, window: int, slower: float) -> tuple[TimedSamples, float]:
+        """Return (samples of the motion, their jerk divided by its limit).
+
+        The motion is `slower` times as long, or more, until speed and acceleration are within their limits; then it is
+        averaged over a window of samples.
+
+        Raises:
+            TimingError: the limits are exceeded even after `_TRIES` attempts.
+        """
+        steps = 1
+        worst = np.inf
+        for _ in range(_TRIES):
+            # At least one step more: with few steps, rounding up the duration could undo the slowdown.
+            needed = int(np.ceil(self.optimal * slower / self.dt - 1e-9))
+            steps = max(steps + 1, needed)
+            stretched = self.rates * (self.optimal / (steps * self.dt))
+            samples = sample(self.grid, stretched, steps, self.dt, window)
+            _, s, sd, sdd = samples
+            speeds, accelerations = self.load(s, sd, sdd)
+            largest_speed = float(np.max(speeds))
+            largest_acceleration = float(np.max(accelerations))
+            worst = max(largest_speed, largest_acceleration)
+            if worst <= 1.0 + OVER:
+                relative_jerk = 0.0
+                if self.jerk:
+                    relative_jerk = self.jerk(s, sd, sdd)
+                return samples, relative_jerk
+            # the curvature of the path is so large that the grid missed its worst point
+            slower *= max(largest_speed, np.sqrt(largest_acceleration))
+        raise TimingError(f"a sample exceeds its limit by {100 * (worst - 1):.2g} % even after slowing down")
+
+
+def _refined(
+    rates_on: Callable[[Array], Array], load: Load, knots: int, finest: int
+) -> tuple[Array, Array, float, float]:
+    """Return (grid, ds/dt on it, largest speed and acceleration, each divided by its limit) of the optimal motion.
+
+    The grid, at first of `knots` points, is refined up to `finest` points until the acceleration between its points is
+    within `_REFINE`.
+    """
+    while True:
+        grid = np.linspace(0.0, 1.0, knots)
+        rates = rates_on(grid)
+        speed, acceleration = _peaks(grid, rates, load)
+        if acceleration <= _REFINE or 2 * knots - 1 > finest:
+            return grid, rates, speed, acceleration
+        # every second point is one of the grid before
+        knots = 2 * knots - 1
+
+
+def _averaged(pace: _Pace, slower: float) -> tuple[TimedSamples, int, float]:
     """Return samples averaged over the shortest window within the jerk limit, the window in samples, and the slowdown.
 
     If no window suffices, the motion is slowed down further; the slowdown is `slower` times the factor for this.
     """
+    steps = pace.optimal / pace.dt
     least = np.inf
     while slower < _SLOWEST:
         low = 0
@@ -213,9 +247,9 @@ def _averaged(
         least = np.inf
         longest = int(2 * slower * steps)
         while low < longest:
-            samples, excess = paced(high, slower)
+            samples, excess = pace.samples(high, slower)
             if excess <= 1:
-                samples, window = _shortest(paced, slower, low, (high, samples, excess))
+                samples, window = _shortest(pace, slower, low, (high, samples, excess))
                 return samples, window, slower
             # The jerk is roughly inversely proportional to the window.
             further = max(2 * high, int(high * min(excess, _GROWTH)))
@@ -228,15 +262,12 @@ def _averaged(
 
 
 def _shortest(
-    paced: Callable[[int, float], tuple[TimedSamples, float]],
-    slower: float,
-    low: int,
-    sufficient: tuple[int, TimedSamples, float],
+    pace: _Pace, slower: float, low: int, sufficient: tuple[int, TimedSamples, float]
 ) -> tuple[TimedSamples, int]:
     """Return the samples of the shortest sufficient window, and this window; it is accurate to 2 % or one sample.
 
     Args:
-        paced: function that returns (samples averaged over a window, their jerk divided by the limit).
+        pace: the motion.
         slower: factor by which the motion is slowed down.
         low: window that is not sufficient.
         sufficient: (sufficient window, its samples, their jerk divided by the limit).
@@ -252,7 +283,7 @@ def _shortest(
         else:
             window = round(factor * high * excess)
         if low < window < high:
-            averaged, relative_jerk = paced(window, slower)
+            averaged, relative_jerk = pace.samples(window, slower)
             if relative_jerk > 1:
                 low = window
             else:
