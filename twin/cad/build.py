@@ -22,7 +22,7 @@ from twin.cad.frames import DrawnFrames, into
 from twin.cad.meeting import meetings
 from twin.cad.noise import CAUSE, Noise, noise
 from twin.cad.parameters import parameters
-from twin.cad.step import MASS_TOLERANCE, PROP_TOLERANCE, VISUAL_TOLERANCE, Part, StepModel, read_step
+from twin.cad.step import MASS_ANGLE, MASS_TOLERANCE, PROP_TOLERANCE, VISUAL_TOLERANCE, Part, StepModel, read_step
 from twin.core.errors import CadError, unknown
 from twin.core.findings import Finding, info, warning
 from twin.core.foreign.once import Once, Read
@@ -139,8 +139,10 @@ def read_mechanism(
     d = load(description_path, read)
     references.check(description_path, d)
     folder = description_path.parent
-    found: list[Finding] = []
-    step = read_step(folder / d.step, tolerance, read=read) if d.step else None
+    findings: list[Finding] = []
+    step = None
+    if d.step:
+        step = read_step(folder / d.step, tolerance, read=read)
     parts = parts_by_body(d, step)
     measured: dict[str, dict[str, MeasuredFeature]] = {}
     for body, specs in d.feature.items():
@@ -151,8 +153,8 @@ def read_mechanism(
     at = frames.drawn(d, measured)
     fine: dict[int, Part] = {}
     if step is not None and with_mass:
-        fine = _exact(step, read_step(step.path, MASS_TOLERANCE, 0.15, read))
-    meshes, inertias = _shapes(d, folder, parts, at.bodies, fine, with_mass, found)
+        fine = _exact(step, read_step(step.path, MASS_TOLERANCE, MASS_ANGLE, read))
+    meshes, inertias = _shapes(d, folder, parts, at.bodies, fine, with_mass, findings)
     bodies = []
     for name, spec in d.body.items():
         bodies.append(Body(name, tuple(meshes[name]), inertias.get(name), spec.whole))
@@ -160,11 +162,11 @@ def read_mechanism(
     gaping = meetings(d, at)
     noisy = noise(d, measured, gaping)
     if noisy is not None:
-        found.append(noisy.finding(d))
+        findings.append(noisy.finding(d))
         gaping = [replace(finding, cause=CAUSE) for finding in gaping]
-    found += gaping
+    findings += gaping
     if step is not None and step.placement_error > 0:
-        found.append(_placement_finding(step))
+        findings.append(_placement_finding(step))
 
     mechanism = Mechanism(
         name=d.name,
@@ -186,7 +188,7 @@ def read_mechanism(
     )
     gaps = tuple((gap.lower, gap.upper, gap.min_gap_mm * MM) for gap in d.gap)
     dimensions = read_dimensions(folder / "dimensions.toml", read)
-    return CadModel(mechanism, tuple(found), d, measured, dimensions, gaps, noisy)
+    return CadModel(mechanism, tuple(findings), d, measured, dimensions, gaps, noisy)
 
 
 def _coupling(spec: CouplingSpec) -> Coupling:
@@ -222,23 +224,28 @@ def _shapes(
     drawn: Mapping[str, Array],
     fine: Mapping[int, Part],
     with_mass: bool,
-    found: list[Finding],
+    findings: list[Finding],
 ) -> tuple[dict[str, list[Mesh]], dict[str, Inertia]]:
     """Return the meshes and, if requested, the inertia of each body, both in the body frame.
 
-    `fine` maps `id(part)` to the same part with finer triangles, from which masses are computed.
+    `fine` maps `id(part)` to the same part with finer triangles, from which masses are computed. Findings on meshes and
+    masses are added to `findings`.
     """
     meshes: dict[str, list[Mesh]] = {name: [] for name in d.body}
     masses: dict[str, list[Inertia]] = {name: [] for name in d.body}
     taken: set[str] = set()
     for body, spec in d.body.items():
-        for solid in (*parts[body], *_loaded(folder, spec, found)):
+        for solid in (*parts[body], *_loaded(folder, spec, findings)):
             name = _unique(solid.name, taken)
             vertices = into(drawn[body], solid.vertices)
-            meshes[body].append(Mesh(name, vertices, solid.triangles, solid.color_rgba, _finish(d, solid.name)))
-            if with_mass:
-                exact = fine.get(id(solid), solid)
-                _weigh(d, solid.name, into(drawn[body], exact.vertices), exact.triangles, masses[body], found)
+            finish = _finish(d, solid.name)
+            meshes[body].append(Mesh(name, vertices, solid.triangles, solid.color_rgba, finish))
+            if not with_mass:
+                continue
+            exact = fine.get(id(solid), solid)
+            mass = _weighed(d, solid.name, into(drawn[body], exact.vertices), exact.triangles, findings)
+            if mass is not None:
+                masses[body].append(mass)
     inertias = {}
     for body, spec in d.body.items():
         if spec.mass is not None:
@@ -248,12 +255,12 @@ def _shapes(
     return meshes, inertias
 
 
-def _loaded(folder: Path, spec: BodySpec, found: list[Finding]) -> Iterator[Mesh]:
-    """Yield the meshes in the mesh files of a body, in drawn coordinates; add findings on these meshes to `found`."""
+def _loaded(folder: Path, spec: BodySpec, findings: list[Finding]) -> Iterator[Mesh]:
+    """Yield the meshes in the mesh files of a body, in drawn coordinates; add findings on these to `findings`."""
     for file in spec.meshes:
         loaded, notes = mesh.load_mesh(folder / file.file, file.unit, file.up, file.color)
-        # An open mesh matters only if its mass is computed; then `_weigh` reports it.
-        found += [note for note in notes if note.code != "cad.open_mesh"]
+        # An open mesh matters only if its mass is computed; then `_weighed` reports it.
+        findings += [note for note in notes if note.code != "cad.open_mesh"]
         yield loaded
 
 
@@ -287,26 +294,24 @@ def _finish(d: Description, part: str) -> Finish:
     return Finish(name, material.metallic, material.roughness)
 
 
-def _weigh(
-    d: Description,
-    part: str,
-    vertices: Array,
-    triangles: np.ndarray,
-    out: list[Inertia],
-    found: list[Finding],
-) -> None:
+def _weighed(
+    d: Description, part: str, vertices: Array, triangles: np.ndarray, findings: list[Finding]
+) -> Inertia | None:
+    """Return the inertia of a part with vertices (n, 3) in m; None, with a finding, if it cannot be computed.
+
+    A description without materials states no masses: then there is no finding either.
+    """
     material = _material(d, part)
     if material is None:
         if d.material:
             text = f"part '{part}' has no material and therefore no mass"
             advice = "add the part to a [material.*] in the description"
-            found.append(warning("cad.no_material", part, text, suggestion=advice))
-        return
-    weight = mesh.inertia(vertices, triangles, d.material[material].density_kg_m3)
-    if weight is None:
-        found.append(mesh.open_mesh(part))
-    else:
-        out.append(weight)
+            findings.append(warning("cad.no_material", part, text, suggestion=advice))
+        return None
+    inertia = mesh.inertia(vertices, triangles, d.material[material].density_kg_m3)
+    if inertia is None:
+        findings.append(mesh.open_mesh(part))
+    return inertia
 
 
 def _identifier(name: str) -> str:
@@ -364,13 +369,15 @@ def _limits(limit: LimitSpec, unit: str) -> dict:
     """Return the fields of a `Joint` that a table of limits in `unit` ("deg" or "mm") gives, in SI units."""
     scale = SI[unit]
     values: dict = {}
-    for field, rate in (
+    # (field of a `Joint`, what its unit has in addition to that of the coordinate)
+    fields = (
         ("limits", ""),
         ("soft_limits", ""),
         ("max_speed", "_s"),
         ("max_acceleration", "_s2"),
         ("max_jerk", "_s3"),
-    ):
+    )
+    for field, rate in fields:
         value = getattr(limit, f"{field}_{unit}{rate}")
         if isinstance(value, tuple):
             values[field] = tuple(bound * scale for bound in value)

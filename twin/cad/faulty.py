@@ -36,6 +36,12 @@ _ENTRIES = ("origin", "at", "z", "x_along", "x_towards", "y_towards")
 _COAXIAL = 1e-7
 """Maximum distance in m, and maximum sine of the angle, between the axes of two cylinders that count as coaxial."""
 
+_DIFFERENCE = 1e-6
+"""Step in m of the central differences, for translations and for rotations times the lever."""
+
+_RANK = 1e-5
+"""Singular values below this fraction of the largest one count as 0: such a motion moves no joint of the part."""
+
 
 @dataclass(frozen=True, eq=False)
 class Suspect:
@@ -82,21 +88,23 @@ def faults(cad: CadModel, nominal: Mapping[str, float] | None = None) -> list[Fr
     """
     d = cad.description
     open_joints = _open_joints(d, drawn(d, cad.measured))
-    found = []
+    suspects = []
     for body, names, joint in _candidates(cad, open_joints):
         suspect = _suspect(cad, body, names, joint, open_joints)
         if suspect is not None:
-            found.append(suspect)
+            suspects.append(suspect)
+    placed = _placed(d)
     faults = []
     unexplained = list(open_joints)
     while unexplained:
         # Without a suspect that explains them, each joint is a fault of its own.
-        joints = _most_explained(found, unexplained) or (unexplained[0],)
-        suspects = []
-        for suspect in _plainest([s for s in found if s.joints == joints], _placed(d)):
-            suspects.append(_weighed(cad, suspect, nominal or {}))
-        suspects.sort(key=lambda s: -s.score)
-        faults.append(FrameMismatch(joints, tuple(suspects)))
+        joints = _most_explained(suspects, unexplained) or (unexplained[0],)
+        of_joints = [suspect for suspect in suspects if suspect.joints == joints]
+        weighed = []
+        for suspect in _plainest(of_joints, placed):
+            weighed.append(_weighed(cad, suspect, nominal or {}))
+        weighed.sort(key=lambda suspect: -suspect.score)
+        faults.append(FrameMismatch(joints, tuple(weighed)))
         unexplained = [joint for joint in unexplained if joint not in joints]
     return faults
 
@@ -126,12 +134,21 @@ def _plainest(suspects: list[Suspect], placed: set[tuple[str, str]]) -> list[Sus
         if suspect.features:  # without features, the placement of the whole part is wrong
             count = len(suspect.features)
             fewest[suspect.body] = min(count, fewest.get(suspect.body, count))
-    plain = [s for s in suspects if not s.features or len(s.features) == fewest[s.body]]
+    plain = []
+    more_features = []
+    for suspect in suspects:
+        if not suspect.features or len(suspect.features) == fewest[suspect.body]:
+            plain.append(suspect)
+        else:
+            more_features.append(suspect)
     plain_features: set[tuple[str, str]] = set()
     for suspect in plain:
         plain_features |= _features(suspect)
-    others = [s for s in suspects if s not in plain and (_features(s) - plain_features) & placed]
-    return plain + others
+    for suspect in more_features:
+        additional = _features(suspect) - plain_features
+        if additional & placed:
+            plain.append(suspect)
+    return plain
 
 
 def _features(suspect: Suspect) -> set[tuple[str, str]]:
@@ -162,36 +179,43 @@ def _candidates(cad: CadModel, open_joints: list[str]) -> Iterator[tuple[str, tu
     wrong. (part, (), ""): the placement of the whole part may be wrong.
     """
     d = cad.description
-    seen: set[tuple[str, tuple[str, ...]]] = set()
+    yielded: set[tuple[str, tuple[str, ...]]] = set()
     for joint in d.joint:
         if joint.name not in open_joints:
             continue
         for body, spec in joint.sides:
             if spec.position_mm is not None:
                 yield body, (), joint.name
-            own = cad.measured.get(body, {})
-            names = spec.features(*_ENTRIES)
-            groups = [(name,) for name in names]
-            groups += [_on_axis(own, name) for name in names]
-            groups += [spec.features("origin", "at"), ()]
-            for group in groups:
+            for group in _groups(cad.measured.get(body, {}), spec):
                 # The base is the world of all other parts: its placement cannot be wrong.
-                if (body, group) not in seen and not (group == () and body == d.base):
-                    seen.add((body, group))
+                is_base = group == () and body == d.base
+                if (body, group) not in yielded and not is_base:
+                    yielded.add((body, group))
                     yield body, group, ""
+
+
+def _groups(own: Mapping[str, MeasuredFeature], spec: FrameSpec) -> list[tuple[str, ...]]:
+    """Return the groups of a part's features that may be wrong together at one of its frames; (): the whole part."""
+    names = spec.features(*_ENTRIES)
+    single = [(name,) for name in names]
+    on_one_axis = [_on_axis(own, name) for name in names]
+    return [*single, *on_one_axis, spec.features("origin", "at"), ()]
 
 
 def _on_axis(own: Mapping[str, MeasuredFeature], name: str) -> tuple[str, ...]:
     """Return the cylinders of a part that are coaxial with the feature `name` and may be misplaced together with it."""
     cylinder = own[name].face
+    if cylinder.kind != "cylinder":
+        return (name,)
     coaxial = []
     for other, measured in own.items():
-        if cylinder.kind == "cylinder" and measured.face.kind == "cylinder" and _coaxial(measured.face, cylinder):
+        if measured.face.kind == "cylinder" and _are_coaxial(measured.face, cylinder):
             coaxial.append(other)
     return tuple(coaxial) or (name,)
 
 
-def _coaxial(a: Face, b: Face) -> bool:
+def _are_coaxial(a: Face, b: Face) -> bool:
+    """Return whether two cylinders have one axis; False if a direction is not a number."""
     sine = np.linalg.norm(np.cross(a.direction, b.direction))
     if not sine < _COAXIAL:
         return False
@@ -203,10 +227,10 @@ def _least(misfit: Callable[[Array], Array]) -> Array:
     x = np.zeros(6)
     for _ in range(_STEPS):
         columns = []
-        for step in 1e-6 * np.eye(6):
-            columns.append((misfit(x + step) - misfit(x - step)) / 2e-6)
+        for step in _DIFFERENCE * np.eye(6):
+            columns.append((misfit(x + step) - misfit(x - step)) / (2 * _DIFFERENCE))
         J = np.stack(columns, axis=1)
-        x = x - np.linalg.pinv(J, rcond=1e-5) @ misfit(x)
+        x = x - np.linalg.pinv(J, rcond=_RANK) @ misfit(x)
     return x
 
 
@@ -221,19 +245,20 @@ def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, open_
         open_joints: joints whose two frames do not coincide.
     """
     d = cad.description
-    still = drawn(d, cad.measured).on
+    drawn_frames = drawn(d, cad.measured).on
     own = cad.measured.get(body, {})
     moving = names or tuple(own)
     if typed:
         moving = ()
     users = _users(d, body, names, typed)
-    if not (moving or typed) or not any(joint.name in open_joints for joint in users):
+    uses_open_joint = any(joint.name in open_joints for joint in users)
+    if not (moving or typed) or not uses_open_joint:
         return None
-    given = np.eye(4)
+    T_typed = np.eye(4)  # the frame given by numbers, in drawn coordinates
     if typed:
-        on_parent, on_child = still[typed]
-        given = on_parent if users[0].parent == body else on_child
-    centre = given[:3, 3]
+        on_parent, on_child = drawn_frames[typed]
+        T_typed = on_parent if users[0].parent == body else on_child
+    centre = T_typed[:3, 3]
     if moving:
         centre = np.mean([own[name].face.point for name in moving], axis=0)
 
@@ -244,7 +269,9 @@ def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, open_
         faces = dict(own)
         for name in moving:
             faces[name] = _moved(own[name], T)
-        frames = {(typed, body): T @ given} if typed else {}
+        frames = {}
+        if typed:
+            frames[typed, body] = T @ T_typed
         return faces, frames
 
     def misfit(twist: Array) -> Array:
@@ -252,21 +279,22 @@ def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, open_
         faces, frames = put(twist)
         parts = []
         for joint in users:
-            on = []
+            sides = []  # the frames on the parent and on the child
             for i, (side, spec) in enumerate(joint.sides):
                 if side != body:
-                    on.append(still[joint.name][i])
+                    sides.append(drawn_frames[joint.name][i])
                 elif (joint.name, side) in frames:
-                    on.append(frames[joint.name, side])
+                    sides.append(frames[joint.name, side])
                 else:
-                    on.append(features.frame(spec, faces))
-            offset, turn = meeting.locked(spatial.inverse(on[0]) @ on[1], joint.type)
+                    sides.append(features.frame(spec, faces))
+            on_parent, on_child = sides
+            offset, turn = meeting.locked(spatial.inverse(on_parent) @ on_child, joint.type)
             parts += [offset, _LEVER * turn]
         return np.concatenate(parts)
 
     try:
-        x = _least(misfit)
-        faces, frames = put(x)
+        twist = _least(misfit)
+        faces, frames = put(twist)
         corrected = {**cad.measured, body: faces}
         still_open = _open_joints(d, drawn(d, corrected, frames))
     except (CadError, np.linalg.LinAlgError):
@@ -275,8 +303,8 @@ def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, open_
     if used & set(still_open):
         return None
     joints = tuple(joint for joint in open_joints if joint in used)
-    offset = float(np.linalg.norm(x[:3]))
-    tilt = float(np.linalg.norm(x[3:]) / _LEVER)
+    offset = float(np.linalg.norm(twist[:3]))
+    tilt = float(np.linalg.norm(twist[3:]) / _LEVER)
     return Suspect(body, names, joints, offset, tilt, corrected, given=frames)
 
 
@@ -297,16 +325,19 @@ def _uses(joint: str, spec: FrameSpec, names: tuple[str, ...], typed: str) -> bo
     return not names or bool(set(names) & set(spec.features(*_ENTRIES)))
 
 
-def _moved(m: MeasuredFeature, T: Array) -> MeasuredFeature:
+def _moved(feature: MeasuredFeature, T: Array) -> MeasuredFeature:
+    """Return a feature moved by T (4, 4), in drawn coordinates."""
     R = T[:3, :3]
-    return replace(m, face=replace(m.face, point=R @ m.face.point + T[:3, 3], direction=R @ m.face.direction),
-                   direction=R @ m.direction)  # fmt: skip
+    point = R @ feature.face.point + T[:3, 3]
+    face = replace(feature.face, point=point, direction=R @ feature.face.direction)
+    return replace(feature, face=face, direction=R @ feature.direction)
 
 
 # -- evidence in the drawing -----------------------------------------------------------------------------------------
 
 
 def _weighed(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Suspect:
+    """Return a suspect with the evidence for and against it."""
     for_it = []
     against_it = []
     for equal, text in (*_lengths(cad, s, nominal), *_alike(cad, s)):
@@ -331,37 +362,47 @@ def _lengths(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Iterato
     for i, (length, corrected) in enumerate(zip(before, after, strict=True)):
         if length.body != s.body:
             continue
-        others = [o.value for k, o in enumerate(before) if o.parameter == length.parameter and k != i]
+        others = []
+        for k, other in enumerate(before):
+            if other.parameter == length.parameter and k != i:
+                others.append(other.value)
         if length.parameter in nominal:
             others.append(nominal[length.parameter])
         if not others:
             continue
-        true = float(np.median(others))
-        equal_before = abs(length.value - true) <= limit
-        equal_after = abs(corrected.value - true) <= limit
+        elsewhere = float(np.median(others))
+        equal_before = abs(length.value - elsewhere) <= limit
+        equal_after = abs(corrected.value - elsewhere) <= limit
         if equal_before == equal_after:
             continue
         if equal_after:
-            text = f"{length.parameter} on '{s.body}' measures {_compared_mm(length.value, true)}"
+            text = f"{length.parameter} on '{s.body}' measures {_compared_mm(length.value, elsewhere)}"
         else:
-            text = f"{length.parameter} on '{s.body}' would measure {_compared_mm(corrected.value, true)}"
+            text = f"{length.parameter} on '{s.body}' would measure {_compared_mm(corrected.value, elsewhere)}"
         yield equal_after, text
 
 
-def _compared_mm(value: float, true: float) -> str:
-    n = decimals(abs(value - true) / MM)
-    return f"{value / MM:.{n}f} mm; in other places, this length is {true / MM:.{n}f} mm"
+def _compared_mm(value: float, elsewhere: float) -> str:
+    """Return a text with two lengths in m, with enough decimals to tell them apart."""
+    digits = decimals(abs(value - elsewhere) / MM)
+    return f"{value / MM:.{digits}f} mm; in other places, this length is {elsewhere / MM:.{digits}f} mm"
 
 
 def _alike(cad: CadModel, s: Suspect) -> Iterator[tuple[bool, str]]:
     """Yield (equal, text) if the part equals one with the same features only before, or only after, the correction."""
     measured = cad.measured
-    kinds = _kinds(measured[s.body]) if s.body in measured else {}
-    twins = [body for body in measured if body != s.body and _kinds(measured[body]) == kinds]
-    if not twins or not s.features:
+    if not s.features or s.body not in measured:
         return
-    before = [body for body in twins if _same(cad, measured[s.body], measured[body], s.features)]
-    after = [body for body in twins if _same(cad, s.faces[s.body], measured[body], s.features)]
+    kinds = _kinds(measured[s.body])
+    before = []
+    after = []
+    for body, own in measured.items():
+        if body == s.body or _kinds(own) != kinds:
+            continue
+        if _same(cad, measured[s.body], own, s.features):
+            before.append(body)
+        if _same(cad, s.faces[s.body], own, s.features):
+            after.append(body)
     if after and not before:
         yield True, f"'{s.body}' differs from {_quoted(after)}"
     elif before and not after:
@@ -369,8 +410,8 @@ def _alike(cad: CadModel, s: Suspect) -> Iterator[tuple[bool, str]]:
 
 
 def _kinds(measured: Mapping[str, MeasuredFeature]) -> dict[str, tuple[str, float]]:
-    """Return {feature: (kind, radius in m)}."""
-    return {name: (m.face.kind, round(m.face.radius, 6)) for name, m in measured.items()}
+    """Return {feature: (kind, radius in m, rounded to 1 µm)}."""
+    return {name: (feature.face.kind, round(feature.face.radius, 6)) for name, feature in measured.items()}
 
 
 def _quoted(names: Iterable[str]) -> str:
@@ -380,13 +421,18 @@ def _quoted(names: Iterable[str]) -> str:
 def _same(
     cad: CadModel, a: Mapping[str, MeasuredFeature], b: Mapping[str, MeasuredFeature], names: Iterable[str]
 ) -> bool:
-    limits = np.array([cad.description.tolerance.meeting_deg * DEG, cad.description.tolerance.meeting_um * UM])
+    """Return whether the features `names` have the same angles and distances to all others of their part in a and b."""
+    tolerance = cad.description.tolerance
+    limits = np.array([tolerance.meeting_deg * DEG, tolerance.meeting_um * UM])
     for name in names:
         for other in a:
             if other == name:
                 continue
-            difference = np.abs(np.array(pair(a[name], a[other])) - np.array(pair(b[name], b[other])))
-            defined = np.isfinite(difference)  # parallel axes have no distance along them
-            if (difference[defined] > limits[defined]).any():
+            # (angle, distance)
+            pair_a = np.array(pair(a[name], a[other]))
+            pair_b = np.array(pair(b[name], b[other]))
+            difference = np.abs(pair_a - pair_b)
+            is_defined = np.isfinite(difference)  # parallel axes have no distance along them
+            if (difference[is_defined] > limits[is_defined]).any():
                 return False
     return True

@@ -25,6 +25,24 @@ _RADIUS_TOLERANCE = 0.005 * MM
 _ALIKE = 0.001 * MM
 """Two faces are equally near to `near_mm` if their distances differ by less than this value in m."""
 
+_PARALLEL = 1e-6
+"""Maximum sine of the angle between the directions of two faces with one plane or axis."""
+
+_ALONG_WEIGHT = 1e-3
+"""Weight of the distance along a plane or an axis, which has no ends of its own."""
+
+_NO_DIRECTION = 1e-12
+"""Length of a direction (of a cross product in m2) up to which it is none: the points are on one line."""
+
+_CROSSING = 0.1
+"""Minimum sine of the angle at which an axis meets a plane or passes another axis at a definite point."""
+
+_RADIAN = 10 * MM
+"""Length in m that counts as much as a tilt of 1 rad in a message about the nearest face."""
+
+_MOST_RADII = 12
+"""Largest number of radii of other faces that a message lists."""
+
 
 @dataclass(frozen=True)
 class MeasuredFeature:
@@ -61,52 +79,74 @@ def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: 
             raise CadError(f"{label}: {unknown('part', spec.part, names)}")
         parts = [part for part in parts if part.name == spec.part]
     near = np.array(spec.near_mm) * MM
-    hint = None
+    candidates = _candidates(label, spec, parts, near)
+    best = _nearest(label, spec, candidates, tolerance)
+    direction = best.face.direction
+    if spec.direction is not None and direction @ np.array(spec.direction) < 0:
+        direction = -direction
+    return MeasuredFeature(name, best.face, direction, best.part)
+
+
+def _candidates(label: str, spec: Feature, parts: Sequence[Part], near: Array) -> list[_Candidate]:
+    """Return the faces of the kind and radius of `spec`, with their distances from a point `near` (3,) in m.
+
+    Raises:
+        CadError: there is none; the message begins with `label` and names the radii of the other faces.
+    """
+    wanted = None
     if spec.direction is not None:
-        hint = (np.array(spec.direction) / np.linalg.norm(spec.direction)).tolist()
-    found: list[_Candidate] = []
-    wrong_radius: list[float] = []
+        wanted = (np.array(spec.direction) / np.linalg.norm(spec.direction)).tolist()
+    candidates: list[_Candidate] = []
+    other_radii: list[float] = []
     for part in parts:
         for face in part.faces:
             if face.kind != spec.kind:
                 continue
             if spec.radius_mm is not None and abs(face.radius - spec.radius_mm * MM) > _RADIUS_TOLERANCE:
-                wrong_radius.append(face.radius / MM)
+                other_radii.append(face.radius / MM)
                 continue
-            tilt = 0.0 if hint is None else _tilt(hint, face.direction.tolist())
-            found.append(_Candidate(_distance(face, near), tilt, face, part.name))
-    if not found:
-        text = f"{label}: the body has no {spec.kind}"
-        if spec.radius_mm:
-            text += f" of radius {spec.radius_mm:g} mm"
-        if wrong_radius:
-            different = sorted(set(np.round(wrong_radius, 4)))
-            radii = ", ".join(f"{radius:g}" for radius in different[:12])
-            text += f"; radii found: {radii} mm"
-        raise CadError(text)
-    gross_distance = tolerance.gross_mm * MM
-    gross_angle = tolerance.gross_deg * DEG
-    near_enough = [c for c in found if c.distance <= gross_distance and c.tilt <= gross_angle]
+            tilt = 0.0
+            if wanted is not None:
+                tilt = _tilt(wanted, face.direction.tolist())
+            candidates.append(_Candidate(_distance(face, near), tilt, face, part.name))
+    if candidates:
+        return candidates
+    text = f"{label}: the body has no {spec.kind}"
+    if spec.radius_mm:
+        text += f" of radius {spec.radius_mm:g} mm"
+    if other_radii:
+        different = sorted(set(np.round(other_radii, 4)))
+        radii = ", ".join(f"{radius:g}" for radius in different[:_MOST_RADII])
+        text += f"; radii found: {radii} mm"
+    raise CadError(text)
+
+
+def _nearest(label: str, spec: Feature, candidates: Sequence[_Candidate], tolerance: CadTolerance) -> _Candidate:
+    """Return the nearest candidate within the gross tolerance.
+
+    Raises:
+        CadError: none is within the tolerance, or two different faces are equally near; `label` begins the message.
+    """
+    near_enough = []
+    for candidate in candidates:
+        if candidate.distance <= tolerance.gross_mm * MM and candidate.tilt <= tolerance.gross_deg * DEG:
+            near_enough.append(candidate)
     if not near_enough:
-        nearest = min(found, key=lambda c: c.distance + c.tilt * 10 * MM)  # one rad counts as 10 mm
+        nearest = min(candidates, key=lambda candidate: candidate.distance + candidate.tilt * _RADIAN)
         raise CadError(
             f"{label}: the nearest {spec.kind} (on '{nearest.part}', at {_mm(nearest.face.point)} mm) is "
             f"{nearest.distance / MM:.3f} mm and {nearest.tilt / DEG:.2f}° away; gross tolerance "
             f"{tolerance.gross_mm:g} mm, {tolerance.gross_deg:g}°. Correct near_mm, the drawing, or tolerance.gross_mm."
         )
-    best, *others = sorted(near_enough, key=lambda c: c.distance)
-    face = best.face
+    best, *others = sorted(near_enough, key=lambda candidate: candidate.distance)
     for other in others:
-        if other.distance - best.distance < _ALIKE and not _same(face, other.face):
+        if other.distance - best.distance < _ALIKE and not _same(best.face, other.face):
             raise CadError(
-                f"{label}: two {spec.kind} faces are equally near, on '{best.part}' at {_mm(face.point)} mm and on "
-                f"'{other.part}' at {_mm(other.face.point)} mm. Move near_mm towards the intended face, or name its "
-                "`part`."
+                f"{label}: two {spec.kind} faces are equally near, on '{best.part}' at {_mm(best.face.point)} mm and "
+                f"on '{other.part}' at {_mm(other.face.point)} mm. Move near_mm towards the intended face, or name "
+                "its `part`."
             )
-    direction = face.direction
-    if spec.direction is not None and direction @ np.array(spec.direction) < 0:
-        direction = -direction
-    return MeasuredFeature(name, face, direction, best.part)
+    return best
 
 
 def _tilt(a: Sequence[float], b: Sequence[float]) -> float:
@@ -123,7 +163,7 @@ def _same(a: Face, b: Face) -> bool:
     """Return whether two faces of one kind have the same plane, axis or centre."""
     if a.kind == "sphere":
         return float(np.linalg.norm(a.point - b.point)) < _ALIKE
-    if float(np.linalg.norm(np.cross(a.direction, b.direction))) > 1e-6:
+    if float(np.linalg.norm(np.cross(a.direction, b.direction))) > _PARALLEL:
         return False
     if a.kind == "plane":
         return abs(float((a.point - b.point) @ a.direction)) < _ALIKE
@@ -134,7 +174,7 @@ def _distance(face: Face, near: Array) -> float:
     """Return the distance in m from `near` to a sphere's centre, a cylinder's axis, or a plane.
 
     For planes and cylinders, the distance from `near` to the middle of the face, measured along the plane or axis, is
-    added with weight 0.001. As a result, the nearer of two bores on one axis is chosen.
+    added with the weight `_ALONG_WEIGHT`. As a result, the nearer of two bores on one axis is chosen.
     """
     x, y, z = (near - face.point).tolist()
     if face.kind == "sphere":
@@ -143,8 +183,8 @@ def _distance(face: Face, near: Array) -> float:
     along = x * a + y * b + z * c
     across = math.hypot(x - along * a, y - along * b, z - along * c)
     if face.kind == "plane":
-        return abs(along) + 1e-3 * across
-    return across + 1e-3 * abs(along)
+        return abs(along) + _ALONG_WEIGHT * across
+    return across + _ALONG_WEIGHT * abs(along)
 
 
 def centre(names: str | list[str], features: Mapping[str, MeasuredFeature], at: str | None = None) -> Array:
@@ -163,7 +203,7 @@ def centre(names: str | list[str], features: Mapping[str, MeasuredFeature], at: 
     d = face.direction
     if other.kind == "plane":
         slope = d @ other.direction
-        if abs(slope) < 0.1:
+        if abs(slope) < _CROSSING:
             raise CadError(
                 f"the axis of '{names}' does not meet the plane '{at}', because they are parallel; name another `at`"
             )
@@ -172,7 +212,7 @@ def centre(names: str | list[str], features: Mapping[str, MeasuredFeature], at: 
         return face.point + d * (d @ (other.point - face.point))
     e = other.direction
     across = e - d * (d @ e)
-    if np.linalg.norm(across) < 0.1:
+    if np.linalg.norm(across) < _CROSSING:
         raise CadError(f"the axes of '{names}' and '{at}' are parallel: no point is nearest; name another `at`")
     # Nearest point to a second line: move along d until the connecting vector is perpendicular to both lines.
     w = other.point - face.point
@@ -195,40 +235,44 @@ def frame(spec: FrameSpec, features: Mapping[str, MeasuredFeature]) -> Array:
     """
     psi, theta, phi = np.array(spec.angles_deg or (0.0, 0.0, 0.0)) * DEG
     ex, ey, ez = np.eye(3)
-    given = spatial.exp_so3(psi * ez) @ spatial.exp_so3(theta * ey) @ spatial.exp_so3(phi * ex)
+    R_stated = spatial.exp_so3(psi * ez) @ spatial.exp_so3(theta * ey) @ spatial.exp_so3(phi * ex)
     if spec.position_mm is not None:
-        return spatial.pose(given, np.array(spec.position_mm) * MM)
+        return spatial.pose(R_stated, np.array(spec.position_mm) * MM)
     assert spec.origin is not None
-    R = given
+    R = R_stated
     p = centre(spec.origin, features, spec.at)
     if spec.z is not None:
-        R = _turned(spec, spec.z, p, given, features)
+        R = _turned(spec, spec.z, p, R_stated, features)
     return spatial.pose(R, p + R[:, 2] * (spec.offset_mm * MM))
 
 
 def _turned(
-    spec: FrameSpec, along: str | list[str], p: Array, given: Array, features: Mapping[str, MeasuredFeature]
+    spec: FrameSpec, along: str | list[str], p: Array, R_stated: Array, features: Mapping[str, MeasuredFeature]
 ) -> Array:
-    """Return the rotation (3, 3) of a frame at p (3,) whose z axis is measured on the features `along`."""
+    """Return the rotation (3, 3) of a frame at p (3,) whose z axis is measured on the features `along`.
+
+    Its x axis is that of the stated rotation, made perpendicular to z, if no feature gives x or y.
+    """
     if isinstance(along, list):
         a, b, c = [centre(name, features) for name in along]
         z = np.cross(b - a, c - a)
     else:
         z = _get(along, features).direction
-    if np.linalg.norm(z) < 1e-12:
+    if np.linalg.norm(z) < _NO_DIRECTION:
         raise CadError(
             f"z = {along!r} defines no direction: use a cylinder, a plane, or three sphere centres not on one line"
         )
     z = z / np.linalg.norm(z)
     try:
         if spec.y_towards is not None:
-            return spatial.frame_from_axes(z, np.cross(centre(spec.y_towards, features) - p, z))
+            y = centre(spec.y_towards, features) - p
+            return spatial.frame_from_axes(z, np.cross(y, z))
         if spec.x_towards is not None:
             x = centre(spec.x_towards, features) - p
         elif spec.x_along is not None:
             x = _get(spec.x_along, features).direction
         else:
-            x = given[:, 0]
+            x = R_stated[:, 0]
         return spatial.frame_from_axes(z, x)
     except ValueError:
         raise CadError(

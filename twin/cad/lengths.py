@@ -66,17 +66,8 @@ def pair(a: MeasuredFeature, b: MeasuredFeature) -> tuple[float, float]:
     """Return (angle in rad, distance in m) between two faces; an undefined value is NaN."""
     offset = b.face.point - a.face.point
     kinds = {a.face.kind, b.face.kind}
-    if kinds == {"sphere"}:
-        return np.nan, float(np.linalg.norm(offset))
     if "sphere" in kinds:
-        center = a
-        other = b
-        if b.face.kind == "sphere":
-            center = b
-            other = a
-        if other.face.kind == "plane":
-            return np.nan, abs(float(offset @ other.direction))
-        return np.nan, float(spatial.point_to_line(center.face.point, other.face.point, other.direction))
+        return np.nan, _from_centre(a, b)
     cross = np.cross(a.direction, b.direction)
     sine = float(np.linalg.norm(cross))
     cosine = abs(float(a.direction @ b.direction))
@@ -93,3 +84,18 @@ def pair(a: MeasuredFeature, b: MeasuredFeature) -> tuple[float, float]:
     if sine < _ALIGNED:
         return angle, float(spatial.point_to_line(b.face.point, a.face.point, a.direction))
     return angle, abs(float(offset @ cross)) / sine  # between skew axes, along their common normal
+
+
+def _from_centre(a: MeasuredFeature, b: MeasuredFeature) -> float:
+    """Return the distance in m between two faces of which one at least is a sphere: from its centre."""
+    offset = b.face.point - a.face.point
+    sphere = a
+    other = b
+    if b.face.kind == "sphere":
+        sphere = b
+        other = a
+    if other.face.kind == "sphere":
+        return float(np.linalg.norm(offset))
+    if other.face.kind == "plane":
+        return abs(float(offset @ other.direction))
+    return float(spatial.point_to_line(sphere.face.point, other.face.point, other.direction))

@@ -79,11 +79,11 @@ def noise(d: Description, measured: Faces, findings: Sequence[Finding]) -> Noise
     if three parts or more must be at fault. `findings` are those of `meeting.meetings`.
     """
     joints = tuple(dict.fromkeys(finding.where for finding in findings))
-    measured_joints = []
+    measured_joints = 0
     for joint in d.joint:
         if any(spec.position_mm is None for _, spec in joint.sides):
-            measured_joints.append(joint)
-    if len(joints) < max(_LEAST, len(measured_joints) / 2) or _of_two_parts(d, joints):
+            measured_joints += 1
+    if len(joints) < max(_LEAST, measured_joints / 2) or _of_two_parts(d, joints):
         return None
     sizes: dict[str, list[float]] = {}  # offsets and angles have different codes
     for finding in findings:
@@ -93,6 +93,7 @@ def noise(d: Description, measured: Faces, findings: Sequence[Finding]) -> Noise
             return None
     gaps = _gaps(d, measured)
     rng = np.random.default_rng(0)
+    # mean squares of offsets and of angles (rows) for noise of one unit of positions and of directions (columns)
     effect = np.zeros((2, 2))
     try:
         for _ in range(_DRAWS):

@@ -11,23 +11,25 @@ from twin.schema import Row
 
 def parameters(d: Description) -> list[Parameter]:
     """Return every number of the description that is not in the CAD, with unit and provenance."""
-    found: list[Parameter] = []
+    numbers: list[Parameter] = []
     for limit in d.limit:
-        found += limit.parameters(",".join(limit.joints), _limit(limit))
+        numbers += limit.parameters(",".join(limit.joints), _limit(limit))
     angular = {joint.name for joint in d.joint if joint.type == "revolute"}
     for drive in d.drive:
-        found += drive.parameters(",".join(drive.joints) + " drive", _drive(drive, drive.joints[0] in angular))
+        label = f"{','.join(drive.joints)} drive"
+        is_angle = drive.joints[0] in angular
+        numbers += drive.parameters(label, _drive(drive, is_angle))
     for name, material in d.material.items():
-        found += material.parameters("density", [(name, material.density_kg_m3, "kg/m3")])
+        numbers += material.parameters("density", [(name, material.density_kg_m3, "kg/m3")])
     for gap in d.gap:
-        found += gap.parameters("gap", [(f"{gap.lower}-{gap.upper}", gap.min_gap_mm, "mm")])
+        numbers += gap.parameters("gap", [(f"{gap.lower}-{gap.upper}", gap.min_gap_mm, "mm")])
     for coupling in d.coupling:
-        found += coupling.parameters("coupling", _coupling(coupling))
+        numbers += coupling.parameters("coupling", _coupling(coupling))
     for actuator in d.actuator:
-        found += actuator.parameters(f"actuator {actuator.name}", _actuator(actuator))
+        numbers += actuator.parameters(f"actuator {actuator.name}", _actuator(actuator))
     for transmission in d.transmission:
-        found += transmission.parameters(f"transmission {transmission.name}:", _transmission(transmission))
-    return found
+        numbers += transmission.parameters(f"transmission {transmission.name}:", _transmission(transmission))
+    return numbers
 
 
 def _limit(limit: LimitSpec) -> Iterator[Row]:
@@ -35,12 +37,14 @@ def _limit(limit: LimitSpec) -> Iterator[Row]:
         value = getattr(limit, key)
         if key in ("joints", "limits", "provenance", "note"):
             continue
+        # "max_speed_deg_s" is the max_speed in deg/s
         base = "mm" if "_mm" in key else "deg"
         name, _, per = key.partition(f"_{base}")
-        unit = base + per.replace("_s2", "/s2").replace("_s", "/s")
+        unit = base + per.replace("_", "/")
         if isinstance(value, tuple):
-            yield f"{name} from", value[0], unit
-            yield f"{name} to", value[1], unit
+            low, high = value
+            yield f"{name} from", low, unit
+            yield f"{name} to", high, unit
         else:
             yield name, value, unit
 
@@ -52,8 +56,8 @@ _LENGTH = {"value": "mm", "effort": "N", "inertia": "kg", "stiffness": "N/m", "d
 """Units of a joint or motor that slides."""
 
 
-def _drive(drive: DriveSpec, angle: bool) -> Iterator[Row]:
-    units = _ANGLE if angle else _LENGTH
+def _drive(drive: DriveSpec, is_angle: bool) -> Iterator[Row]:
+    units = _ANGLE if is_angle else _LENGTH
     yield "stiffness", drive.stiffness, units["stiffness"]
     yield "damping", drive.damping, units["damping"]
     yield "max_effort", drive.max_effort, units["effort"]

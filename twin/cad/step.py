@@ -37,15 +37,24 @@ VISUAL_TOLERANCE = 0.1 * MM
 PROP_TOLERANCE = 0.5 * MM
 """Chord tolerance in m of the props of a scene; it yields a third as many triangles as `VISUAL_TOLERANCE`."""
 
+MASS_ANGLE = 0.15
+"""Maximum angle in rad between the normals of neighbouring triangles in the meshes for mass computation."""
+
 MASS_TOLERANCE = 0.005 * MM
 """Chord tolerance in m of the meshes for mass computation; the volume of a convex part is slightly too small."""
 
 _CACHED = 128
 """Maximum number of converted STEP files in the cache; the built-in robots and scenes need about 40."""
 
+_GREY = (0.6, 0.6, 0.6, 1.0)
+"""Linear colour of a part without one."""
+
 _SPACE = bytes(i for i in range(256) if chr(i).isspace())
 
 _SI_PREFIX = {"": 1.0, "MILLI": 1e-3, "CENTI": 1e-2, "DECI": 0.1, "MICRO": 1e-6, "KILO": 1e3}
+_IMPERIAL = {0.0254, 0.3048}
+"""Units in m that a file defines by a conversion from an SI unit."""
+
 _NAMED_UNIT = {"INCH": 0.0254, "FOOT": 0.3048, "MILLIMETRE": 1e-3, "CENTIMETRE": 1e-2, "METRE": 1.0}
 
 
@@ -135,30 +144,43 @@ def length_unit(path: Path, read: Read = read_bytes) -> float:
         raise CadError(f"{path} is not a STEP file: it does not begin with ISO-10303-21")
     if b"END-ISO-10303-21" not in data[-4096:]:
         raise CadError(f"{path} is truncated: END-ISO-10303-21 is missing. Export or copy it again.")
-    found: set[float] = set()
+    units = _stated_units(path, compact)
+    # A conversion-based unit is defined through an SI unit, which is therefore also in the file.
+    units = units & _IMPERIAL or units
+    if not units:
+        raise CadError(
+            f"{path} states no length unit; a STEP file without a unit cannot be scaled. Export it again in mm."
+        )
+    if len(units) > 1:
+        listed = ", ".join(f"{unit:g} m" for unit in sorted(units))
+        raise CadError(f"{path} mixes length units ({listed}); use one.")
+    return units.pop()
+
+
+def _stated_units(path: Path, compact: str) -> set[float]:
+    """Return the length units in m that a STEP file states; `compact` is its text without spaces.
+
+    Raises:
+        CadError: a named unit is not known.
+    """
+    units: set[float] = set()
     for entity in compact.split(";"):
-        if not ("LENGTH_UNIT()" in entity and "=(" in entity and entity.endswith(")")):
+        is_length_unit = "LENGTH_UNIT()" in entity and "=(" in entity and entity.endswith(")")
+        if not is_length_unit:
             continue
         named = re.search(r"CONVERSION_BASED_UNIT\('([^']*)'", entity)
-        si = re.search(r"SI_UNIT\((?:\.(\w+)\.|\$),\.METRE\.\)", entity)
         if named:
             unit = _NAMED_UNIT.get(named.group(1).upper())
             if unit is None:
                 raise CadError(f"{path}: the length unit '{named.group(1)}' is not known; export in mm")
-            found.add(unit)
-        elif si and (si.group(1) or "") in _SI_PREFIX:
-            found.add(_SI_PREFIX[si.group(1) or ""])
-    # A conversion-based unit is defined through an SI unit, which is therefore also in the file.
-    named_units = found & {0.0254, 0.3048}
-    found = named_units or found
-    if not found:
-        raise CadError(
-            f"{path} states no length unit; a STEP file without a unit cannot be scaled. Export it again in mm."
-        )
-    if len(found) > 1:
-        units = ", ".join(f"{unit:g} m" for unit in sorted(found))
-        raise CadError(f"{path} mixes length units ({units}); use one.")
-    return found.pop()
+            units.add(unit)
+            continue
+        si = re.search(r"SI_UNIT\((?:\.(\w+)\.|\$),\.METRE\.\)", entity)
+        if si:
+            prefix = si.group(1) or ""
+            if prefix in _SI_PREFIX:
+                units.add(_SI_PREFIX[prefix])
+    return units
 
 
 def read_step(
@@ -210,9 +232,10 @@ def _glb(path: Path, tolerance: float, angle: float, read: Read = read_bytes) ->
         if code != 0 or not glb.is_file():
             try:  # the exit code does not distinguish a full disk from a reading error
                 (Path(work) / "room").write_bytes(bytes(path.stat().st_size))
-            except OSError as e:
+            except OSError as error:
                 raise CadError(
-                    f"{path}: cannot write the triangles to {work}: {e.strerror}. Choose another folder with TMPDIR."
+                    f"{path}: cannot write the triangles to {work}: {error.strerror}. "
+                    "Choose another folder with TMPDIR."
                 ) from None
             raise CadError(f"{path}: OpenCASCADE could not read it (code {code}); the file is damaged")
         data = glb.read_bytes()
@@ -233,6 +256,7 @@ def _split_glb(data: bytes) -> tuple[dict, bytes]:
 
 
 def _parts(gltf: dict, binary: bytes) -> tuple[list[Part], float]:
+    """Return the parts of the tree in the GLB, and the error in m of its placements, which are in single precision."""
     parts: list[Part] = []
     error = 0.0
 
@@ -285,11 +309,12 @@ def _numbered(names: Sequence[str], taken: set[str]) -> list[str]:
 
 
 def _part(gltf: dict, binary: bytes, mesh: dict, name: str, path: tuple[str, ...], T: Array) -> Part:
+    """Return the part of a mesh at the placement T (4, 4); each of its primitives is a group of faces of one colour."""
     points: list[np.ndarray] = []
     corners: list[np.ndarray] = []
     drawn: list[Face | None] = []
     owners: list[np.ndarray] = []
-    color = (0.6, 0.6, 0.6, 1.0)
+    color = _GREY
     count = 0
     for primitive in mesh["primitives"]:
         positions = _accessor(gltf, binary, primitive["attributes"]["POSITION"])
@@ -304,7 +329,7 @@ def _part(gltf: dict, binary: bytes, mesh: dict, name: str, path: tuple[str, ...
         faces, owner = _faces_of(gltf, binary, primitive, len(corners[-1]), T)
         owners.append(owner + len(drawn))
         drawn += faces
-    vertices, triangles, kept = _welded(np.concatenate(points), np.concatenate(corners))
+    vertices, triangles, has_area = _welded(np.concatenate(points), np.concatenate(corners))
     if np.linalg.det(T[:3, :3]) < 0:
         triangles = triangles[:, ::-1]  # a mirror turns the faces inside out
     measured = tuple(face for face in drawn if face is not None and face.kind in MEASURED)
@@ -316,7 +341,7 @@ def _part(gltf: dict, binary: bytes, mesh: dict, name: str, path: tuple[str, ...
         color_rgba=color,
         faces=measured,
         drawn=tuple(drawn),
-        face_of_triangle=np.concatenate(owners)[kept],
+        face_of_triangle=np.concatenate(owners)[has_area],
     )
 
 
@@ -348,8 +373,8 @@ def _welded(points: np.ndarray, triangles: np.ndarray) -> tuple[Array, np.ndarra
     index[order] = np.cumsum(first) - 1
     triangles = index[triangles]
     a, b, c = triangles.T
-    kept = (a != b) & (b != c) & (c != a)
-    return ordered[first].astype(float), triangles[kept], kept
+    has_area = (a != b) & (b != c) & (c != a)
+    return ordered[first].astype(float), triangles[has_area], has_area
 
 
 def _face(record: dict | None, T: Array) -> Face | None:
@@ -401,6 +426,7 @@ _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 
 
 def _accessor(gltf: dict, binary: bytes, index: int) -> np.ndarray:
+    """Return the values (count,) or (count, width) of an accessor; the rows may be interleaved with others."""
     accessor = gltf["accessors"][index]
     view = gltf["bufferViews"][accessor["bufferView"]]
     width = _WIDTHS[accessor["type"]]
@@ -408,7 +434,9 @@ def _accessor(gltf: dict, binary: bytes, index: int) -> np.ndarray:
     start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
     stride = view.get("byteStride", width * dtype.itemsize)
     rows = np.ndarray((accessor["count"], width), dtype, binary, start, (stride, dtype.itemsize))
-    return rows.copy() if width > 1 else rows[:, 0].copy()
+    if width == 1:
+        return rows[:, 0].copy()
+    return rows.copy()
 
 
 def _repair(name: str) -> str:

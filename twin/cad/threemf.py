@@ -28,12 +28,17 @@ def read_3mf(path: Path) -> tuple[Array, np.ndarray, str]:
     """
     with zipfile.ZipFile(path) as archive:
         root = parse_xml(path, archive.read(_MODEL), "3MF")
-    objects = {item.get("id"): item for item in root.iterfind("{*}resources/{*}object")}
+    objects = {}
+    for item in root.iterfind("{*}resources/{*}object"):
+        objects[item.get("id")] = item
     _check_count(path, root, objects)
     vertices: list[Array] = [np.zeros((0, 3))]
     triangles: list[np.ndarray] = [np.zeros((0, 3), int)]
+    count = 0  # of the vertices so far
 
     def add(number: str | None, T: Array) -> None:
+        """Add the mesh of an object and of the objects in it, placed by T (4, 3) for row vectors."""
+        nonlocal count
         mesh = objects[number].find("{*}mesh")
         if mesh is not None:
             points = _numbers(mesh.iterfind("{*}vertices/{*}vertex"), "xyz", float)
@@ -42,9 +47,11 @@ def read_3mf(path: Path) -> tuple[Array, np.ndarray, str]:
                 raise ValueError(f"a triangle of object {number} has a vertex that does not exist")
             if np.linalg.det(T[:3]) < 0:
                 corners = corners[:, ::-1]  # a mirror turns the faces inside out
-            triangles.append(corners + sum(map(len, vertices)))
+            triangles.append(corners + count)
             vertices.append(points @ T[:3] + T[3])
+            count += len(points)
         for part in objects[number].iterfind("{*}components/{*}component"):
+            # x @ placement[:3] + placement[3], then placed by T
             placement = _placement(part.get("transform"))
             linear = placement[:3] @ T[:3]
             offset = placement[3] @ T[:3] + T[3]
