@@ -19,8 +19,9 @@ from twin.reference import ReferenceModel
 
 if TYPE_CHECKING:
     from twin.core.spatial import Array
+    from twin.model.joint import Joint
     from twin.model.mechanism import Mechanism
-    from twin.proof.motion.path import TimedPath
+    from twin.proof.motion.path import TimedPath, TimedPhase
 
 
 class SampledMotions:
@@ -58,35 +59,52 @@ class SampledMotions:
             _compare_driven(entry["mechanism"], mechanism)
         values = sampled(ReferenceModel(mechanism), trajectory, path).values
         extremes = {}
-        for key, numbers in values.items():
-            # outside the phases with an RCM there is no distance, which is nothing unknown
+        for (group, name), numbers in values.items():
             known = numbers[~np.isnan(numbers)]
-            unknown = 0 if key[0] == "RCM" else len(numbers) - len(known)
-            smallest, largest = (float(known.min()), float(known.max())) if len(known) else (math.nan, math.nan)
-            extremes[key] = smallest, largest, unknown
+            unknown = len(numbers) - len(known)
+            if group == "RCM":
+                # outside the phases with an RCM there is no distance, which is nothing unknown
+                unknown = 0
+            smallest = math.nan
+            largest = math.nan
+            if len(known):
+                smallest = float(known.min())
+                largest = float(known.max())
+            extremes[group, name] = (smallest, largest, unknown)
         return extremes
 
 
 def _compare_path(phases: Sequence[Mapping[str, Any]], path: TimedPath) -> None:
     """Raise an error unless the phases of a certificate are those of a planned path."""
-    if [phase["name"] for phase in phases] != [phase.name for phase in path.phases]:
+    stated_names = [phase["name"] for phase in phases]
+    if stated_names != [phase.name for phase in path.phases]:
         raise TwinError("its phases are not those of the plan")
     for stated, phase in zip(phases, path.phases, strict=True):
-        pairs = [
-            (np.array(stated["series"], float).T, phase.coefficients),
-            (np.array(stated["grid"], float), phase.grid),
-            (np.array(stated["rates"], float), phase.rates),
-            (np.array([stated["tip_speed"], stated["rotation_speed"]]), [phase.tip_speed, phase.rotation_speed]),
-            (np.array(stated["averaged_s"], float), phase.smoothing),
-        ]
-        rcm = stated["rcm"]
-        same = stated["enforced"] == phase.enforced and (rcm is None) == (phase.rcm is None)
-        if rcm is not None and phase.rcm is not None:
-            pairs.append((np.array(rcm, float), phase.rcm))
-        for one, other in pairs:
-            same = same and np.shape(one) == np.shape(other) and np.allclose(one, other, rtol=1e-9, atol=1e-9)
-        if not same:
+        if not _is_same_phase(stated, phase):
             raise TwinError(f"phase '{phase.name}' is not that of the plan")
+
+
+def _is_same_phase(stated: Mapping[str, Any], phase: TimedPhase) -> bool:
+    """Return whether a phase of a certificate has the path, the timing and the RCM of a planned phase."""
+    rcm = stated["rcm"]
+    if stated["enforced"] != phase.enforced or (rcm is None) != (phase.rcm is None):
+        return False
+    # (stated in the certificate, planned)
+    pairs = [
+        (np.array(stated["series"], float).T, phase.coefficients),
+        (stated["grid"], phase.grid),
+        (stated["rates"], phase.rates),
+        ([stated["tip_speed"], stated["rotation_speed"]], [phase.tip_speed, phase.rotation_speed]),
+        (stated["averaged_s"], phase.smoothing),
+    ]
+    if phase.rcm is not None:
+        pairs.append((rcm, phase.rcm))
+    for stated_values, planned_values in pairs:
+        one = np.array(stated_values, float)
+        other = np.array(planned_values, float)
+        if one.shape != other.shape or not np.allclose(one, other, rtol=_PLANNED, atol=_PLANNED):
+            return False
+    return True
 
 
 def _compare_moved(stated: Mapping[str, Any], path: TimedPath) -> None:
@@ -103,24 +121,32 @@ def _compare_moved(stated: Mapping[str, Any], path: TimedPath) -> None:
 def _compare_joints(stated: Mapping[str, Any], mechanism: Mechanism) -> None:
     """Raise an error unless the joints, the base and the tool of a certificate are those of a mechanism."""
     joints = [*stated["tree"], *stated["loops"]]
-    names = [joint.name for joint in (*mechanism.tree, *mechanism.loops)]
-    if [joint["name"] for joint in joints] != names or len(stated["tree"]) != len(mechanism.tree):
+    stated_names = [joint["name"] for joint in joints]
+    own_names = [joint.name for joint in (*mechanism.tree, *mechanism.loops)]
+    if stated_names != own_names or len(stated["tree"]) != len(mechanism.tree):
         raise TwinError("its joints are not those of the CAD")
     for joint in joints:
         own_joint = mechanism.joint(joint["name"])
-        frames = (
-            (joint["on_parent"], own_joint.T_parent_joint, 0.0),
-            (joint["on_child"], own_joint.T_child_joint, 0.0),
-            (joint["child_in_joint"], spatial.inverse(own_joint.T_child_joint), _ROUNDING),
-        )
-        same = (joint["type"], joint["parent"], joint["child"]) == (own_joint.type, own_joint.parent, own_joint.child)
-        if not same or any(not _equal(one, other[:3], within) for one, other, within in frames):
+        if not _is_same_joint(joint, own_joint):
             raise TwinError(f"joint {own_joint.name} is not that of the CAD")
     tool = mechanism.frame(mechanism.tool)
     if stated["base"] != mechanism.base:
         raise TwinError(f"its base is not {mechanism.base}")
     if stated["tool"]["body"] != tool.body or not _equal(stated["tool"]["frame"], tool.T_body_frame[:3]):
         raise TwinError("its tool is not that of the CAD")
+
+
+def _is_same_joint(stated: Mapping[str, Any], own_joint: Joint) -> bool:
+    """Return whether a joint of a certificate has the type, the bodies and the frames of a joint of the CAD."""
+    bodies = (own_joint.parent, own_joint.child)
+    if stated["type"] != own_joint.type or (stated["parent"], stated["child"]) != bodies:
+        return False
+    T_joint_child = spatial.inverse(own_joint.T_child_joint)
+    return (
+        _equal(stated["on_parent"], own_joint.T_parent_joint[:3])
+        and _equal(stated["on_child"], own_joint.T_child_joint[:3])
+        and _equal(stated["child_in_joint"], T_joint_child[:3], _ROUNDING)
+    )
 
 
 def _compare_driven(stated: Mapping[str, Any], mechanism: Mechanism) -> None:
@@ -130,15 +156,19 @@ def _compare_driven(stated: Mapping[str, Any], mechanism: Mechanism) -> None:
     for joint in mechanism.tree:
         first[joint.name] = count
         count += _COORDINATES[joint.type]
-    if list(stated["driven"]) != [first[joint.name] for joint in mechanism.active]:
+    driven = [first[joint.name] for joint in mechanism.active]
+    if list(stated["driven"]) != driven:
         raise TwinError("its driven joints are not those of the CAD")
     if len(stated["couplings"]) != len(mechanism.couplings):
         raise TwinError("its couplings are not those of the CAD")
     for row, coupling in zip(stated["couplings"], mechanism.couplings, strict=True):
-        scale = _ARM if mechanism.joint(coupling.joints[0]).is_angle else 1.0
+        scale = 1.0
+        if mechanism.joint(coupling.joints[0]).is_angle:
+            scale = _ARM
         own_row = scale * np.array([*coupling.ratios, coupling.total])
-        same = list(row["coordinates"]) == [first[name] for name in coupling.joints]
-        if not same or not _equal([*row["ratios"], row["total"]], own_row, _ROUNDING):
+        coordinates = [first[name] for name in coupling.joints]
+        has_own_joints = list(row["coordinates"]) == coordinates
+        if not has_own_joints or not _equal([*row["ratios"], row["total"]], own_row, _ROUNDING):
             raise TwinError(f"coupling {coupling.name} is not that of the CAD")
 
 

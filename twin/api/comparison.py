@@ -129,57 +129,71 @@ def _labels(sides: Sequence[str | Path | Robot]) -> list[str]:
     return [f"{text} ({i + 1})" for i, text in enumerate(texts)]
 
 
-def _is_table(given: str | Path | Robot) -> bool:
+def _is_table(stated_side: str | Path | Robot) -> bool:
     """Return whether a side is a file with a table."""
     from twin.exchange.read import format_of
 
-    if isinstance(given, Robot) or Path(given).is_dir() or str(given).endswith(EQUATIONS):
+    if isinstance(stated_side, Robot) or Path(stated_side).is_dir() or str(stated_side).endswith(EQUATIONS):
         return False
-    suffix = Path(given).suffix.lower()
+    suffix = Path(stated_side).suffix.lower()
     if suffix in STAGE_SUFFIXES:
         return False
-    if not suffix and str(given) in names():  # the name of a built-in robot has no suffix
+    if not suffix and str(stated_side) in names():  # the name of a built-in robot has no suffix
         return False
-    return "table" in format_of(Path(given)).takes
+    return "table" in format_of(Path(stated_side)).takes
 
 
 def _side(
-    given: str | Path | Robot,
+    stated_side: str | Path | Robot,
     label: str,
     only: Sequence[str],
     xacro: XacroSettings | None,
     table: DhOptions,
     mirrors: ExitStack,
 ) -> RobotSide:
+    """Return a side as it was stated; `label` is its name in the result, `only` the joints that may move."""
     from twin.exchange.read.pose_table import is_pose_table
 
-    if isinstance(given, Robot):
-        return _robot_side(given, label, only)
-    if str(given).endswith(EQUATIONS):
-        return _equations_side(str(given).removesuffix(EQUATIONS), label, only)
-    path = Path(given)
+    if isinstance(stated_side, Robot):
+        return _robot_side(stated_side, label, only)
+    if str(stated_side).endswith(EQUATIONS):
+        return _equations_side(str(stated_side).removesuffix(EQUATIONS), label, only)
+    path = Path(stated_side)
     if is_pose_table(path):
         return _table_side(path, label, only, table)
-    if path.suffix.lower() in STAGE_SUFFIXES and path.is_file():
-        side = replace(_robot_side(load(given), label, only), path=path)
+    is_stage = path.suffix.lower() in STAGE_SUFFIXES
+    if is_stage and path.is_file():
+        side = replace(_robot_side(load(stated_side), label, only), path=path)
         reread = _reread_stage(path, label, only, mirrors)
         if side.looped:  # the stage has other names and another order than the compared tree
             return replace(side, reread_closed=reread)
         return replace(side, reread=reread)
-    if str(given) in names() or path.is_dir() or path.suffix.lower() in STAGE_SUFFIXES:
-        return _robot_side(load(given), label, only)
+    if str(stated_side) in names() or path.is_dir() or is_stage:
+        return _robot_side(load(stated_side), label, only)
+    return _described_side(path, label, only, xacro, table, mirrors)
+
+
+def _described_side(
+    path: Path,
+    label: str,
+    only: Sequence[str],
+    xacro: XacroSettings | None,
+    table: DhOptions,
+    mirrors: ExitStack,
+) -> RobotSide:
+    """Return the side of a description file (URDF, xacro, MJCF, SDF, a table of Denavit-Hartenberg parameters, ...)."""
     from twin.exchange.xacro import SUFFIX, XacroSettings, expand, is_xacro
 
     settings = xacro or XacroSettings()
     text = None
     places: Mapping[str, tuple[str, int]] = {}
-    given_to_reader = None
+    reader_settings = None
     if path.is_file() and path.suffix.lower() in (SUFFIX, ".urdf") and is_xacro(path):
         expanded = expand(path, settings)
         text = expanded.data
         places = expanded.places
-        given_to_reader = settings
-    side = _file_side(path, label, only, given_to_reader, table)
+        reader_settings = settings
+    side = _file_side(path, label, only, reader_settings, table)
     side = replace(side, text=text, places=places)
     reread = _reread(path, label, only, table, mirrors, text)
     if side.looped:  # to close the loops again for each number would take minutes
@@ -352,8 +366,11 @@ def _rows(path: Path, options: DhOptions, names: Sequence[str]) -> tuple[TableLi
     links = [f"link{i + 1}" for i in range(len(names))]
     rows = []
     for i, (row, name) in enumerate(zip(table.rows, names, strict=True)):
-        values = {parameter: quantity.value for parameter, quantity in row.values.items()}
-        units = {parameter: unit_size(quantity.unit) for parameter, quantity in row.values.items()}
+        values = {}
+        units = {}
+        for parameter, quantity in row.values.items():
+            values[parameter] = quantity.value
+            units[parameter] = unit_size(quantity.unit)
         below = frozenset(names[i + 1 :])
         frames = frozenset([*links[i:], "tool"])
         rows.append(TableLine(str(path), row.line, name, links[i], table.convention, values, units, below, frames))
@@ -404,8 +421,8 @@ def _poses_of(mechanism: Mechanism, side: RobotSide) -> Callable[[Array], Array]
         states = np.repeat(model.home().q[None], len(q), axis=0)
         columns = {joint.name: i for i, joint in enumerate(mechanism.active)}
         for k, name in enumerate(side.order):
-            given = np.isfinite(q[:, k])
-            states[given, columns[name]] = q[given, k]
+            is_stated = np.isfinite(q[:, k])
+            states[is_stated, columns[name]] = q[is_stated, k]
         try:
             return model.solve_many(states).Ts_base_tool
         except AssemblyError:  # one state opens the loops: the others are still comparable
@@ -477,14 +494,14 @@ def _chosen_columns(read: ReadPoses, label: str, only: Sequence[str]) -> list[in
     return sorted(chosen)
 
 
-def _equations_side(given: str, label: str, only: Sequence[str]) -> RobotSide:
+def _equations_side(source: str, label: str, only: Sequence[str]) -> RobotSide:
     """Return the side of the equations of a robot; its formula.py is executed, with the consent of the user."""
     from twin.comparison.screws import NotAChainError, chain_of
     from twin.comparison.side import JointGroup, RobotSide
 
-    robot = load(given)
+    robot = load(source)
     if robot.unwritten:
-        raise TwinError(f"{given}: formula.py is still the empty template: write the equations, or omit {EQUATIONS}")
+        raise TwinError(f"{source}: formula.py is still the empty template: write the equations, or omit {EQUATIONS}")
     kin = robot.kinematics()
     joints = kin.formula.joints
     order = tuple(joint.name for joint in joints)

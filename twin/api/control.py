@@ -93,11 +93,13 @@ def track(
     motion = DesiredMotion(planned.t, planned.q, planned.qd, planned.qdd, T_tool_frame, planned.shaft_axis, planned.rcm)
     exact = Conditions(plant=plant)
     cases = _cases(exact, mismatch)
-    made = side_by_side(arm, motion, list(cases.values()), partial(progress, f"control of {len(cases)} models"))
-    runs = dict(zip(cases, made, strict=True))
+    control_progress = partial(progress, f"control of {len(cases)} models")
+    runs_of_cases = side_by_side(arm, motion, list(cases.values()), control_progress)
+    runs = dict(zip(cases, runs_of_cases, strict=True))
     curves = {}
     if curve:
-        for name, conditions in {"links alone": exact, "links, friction, encoders": exact.realistic(0.0)}.items():
+        series = {"links alone": exact, "links, friction, encoders": exact.realistic(0.0)}
+        for name, conditions in series.items():
             curves[name] = over(arm, motion, _CURVE, conditions, lambda part: progress("error curve", part))
     phases = tuple((phase.name, phase.type, phase.t0, phase.t1) for phase in planned.phases)
     return Tracking(robot.name, protocol.name, protocol.title, source, arm, motion, phases, mismatch, runs, curves)

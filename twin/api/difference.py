@@ -20,6 +20,9 @@ from twin.core.result import Line, Part, Result, TextTable
 _FACTOR = 1.5
 """Ratio of two residuals above which they count as different: smaller changes are rounding or another machine."""
 
+_NOTHING = 0.01
+"""Fraction of its tolerance below which a deviation counts as 0."""
+
 _ROWS = 20
 """Largest number of changed residuals that are shown."""
 
@@ -159,7 +162,8 @@ def diff(first: str | Path, second: str | Path) -> ResultDifference:
     if a["schema"] != b["schema"]:
         raise TwinError(f"{first} is a result {a['schema']}, and {second} is one {b['schema']}: give two of one kind")
     for subject in ("robot", "scene"):
-        one, other = _name(a, subject), _name(b, subject)
+        one = _name(a, subject)
+        other = _name(b, subject)
         if one and other and one != other:
             raise TwinError(
                 f"{first} is of the {subject} '{one}', and {second} of '{other}': give two of one {subject}"
@@ -210,13 +214,16 @@ def _of_folder(folder: Path) -> dict[str, Any]:
     files = sorted(folder.glob("*.json"))
     if len(files) == 1:
         return _read(files[0])
-    found: dict[str, dict[str, Any]] = {}
+    all_results: list[dict[str, Any]] = []
+    named_results: list[dict[str, Any]] = []
     for file in files:
         with contextlib.suppress(TwinError):  # not a result
-            found[file.stem] = _read(file)
-    # a command writes its result into the file <kind>.json, with the schema twin/<kind>/1
-    named = [data for stem, data in found.items() if str(data["schema"]).startswith(f"twin/{stem}/")]
-    results = named or list(found.values())
+            data = _read(file)
+            all_results.append(data)
+            # a command writes its result into the file <kind>.json, with the schema twin/<kind>/1
+            if str(data["schema"]).startswith(f"twin/{file.stem}/"):
+                named_results.append(data)
+    results = named_results or all_results
     if len(results) == 1:
         return results[0]
     names = ", ".join(file.name for file in files) or "no JSON file"
@@ -231,8 +238,11 @@ def _are_findings(value: object) -> bool:
     """Return whether a value is a list of objects without lists and objects in them, as `Finding.as_dict` makes."""
     if not isinstance(value, list) or not _are_objects(value):
         return False
-    items = [item for finding in value for item in finding.values()]
-    return not any(isinstance(item, list | dict) for item in items)
+    for finding in value:
+        for item in finding.values():
+            if isinstance(item, list | dict):
+                return False
+    return True
 
 
 _Identity = Callable[[JsonMapping], tuple[str, ...]]
@@ -247,7 +257,9 @@ def _unmatched(
     the same words are partners first, then those that differ in numbers only.
     """
     for identity in (_words, _words_without_numbers):
-        first, second = _rest(first, second, identity), _rest(second, first, identity)
+        rest_of_first = _rest(first, second, identity)
+        second = _rest(second, first, identity)
+        first = rest_of_first
     return tuple(first), tuple(second)
 
 
@@ -297,8 +309,10 @@ def _ratio(a: float | None, b: float | None) -> float:
     """Return the larger of two deviations divided by the smaller; infinity if only one is there, or only one finite."""
     if a is None or b is None:
         return math.inf
+    if math.isnan(a) and math.isnan(b):
+        return 1.0
     if math.isnan(a) or math.isnan(b):
-        return 1.0 if math.isnan(a) and math.isnan(b) else math.inf
+        return math.inf
     smaller, larger = sorted((a, b))
     if larger == smaller:
         return 1.0
@@ -321,7 +335,7 @@ def _rows(residuals: object) -> dict[str, tuple[float, str]]:
         tolerance = _number(row["tolerance"])
         value = _number(row.get("worst"))
         # rounding far below the tolerance is the same: two runs differ in it
-        if value < 0.01 * tolerance:
+        if value < _NOTHING * tolerance:
             value = 0.0
         name = f"{row.get('pair', '')} {row.get('quantity', '')} {row.get('name', '')} [{row.get('unit', '')}]"
         if name not in rows or _is_worse(value, rows[name][0]):

@@ -51,7 +51,8 @@ def machine_parts(
             f"{robot.name} was loaded from {robot.source.kind}: a machine requires a robot folder with {settings.NAME}"
         )
     if not (robot.files.cad / settings.NAME).is_file():
-        known = sorted(p.parent.name for p in (assets.data_folder() / "cad").glob(f"*/{settings.NAME}"))
+        files = (assets.data_folder() / "cad").glob(f"*/{settings.NAME}")
+        known = sorted(file.parent.name for file in files)
         raise TwinError(
             f"{robot.name} has no machine: beside its TOML file there is no {settings.NAME} (motors, gains and "
             f"limits). Robots of twin with a machine: {', '.join(known)}"
@@ -70,12 +71,15 @@ def machine_parts(
         for name in set(released) - {"none"}:
             if name not in known:
                 raise TwinError(unknown("fault of the released software", name, known))
-        table = table.model_copy(update={"released": settings.Released(**{n: n in released for n in known})})
+        faults = {name: name in released for name in known}
+        table = table.model_copy(update={"released": settings.Released(**faults)})
     if master_timeout is not None:
         if not master_timeout > 0:
             raise TwinError(f"the time-out of the master is {master_timeout:g} s; it must be above 0")
-        kept = table.number.master_timeout.model_copy(update={"value": master_timeout})
-        table = table.model_copy(update={"number": table.number.model_copy(update={"master_timeout": kept})})
+        # the number keeps its unit and provenance
+        stated = table.number.master_timeout.model_copy(update={"value": master_timeout})
+        numbers = table.number.model_copy(update={"master_timeout": stated})
+        table = table.model_copy(update={"number": numbers})
     return Parts.of(model, kin, table, robot.gaps)
 
 
@@ -115,12 +119,12 @@ class ChildMachine:
 
         self._process = Apart(_run, robot, tuple(faults))
         try:
-            told = self._process.line.recv()
+            answer = self._process.line.recv()  # see `_run`
         except EOFError:
             raise DeviceError(f"the process of the machine of {robot} ended before the machine was ready") from None
-        if isinstance(told, str):
-            raise DeviceError(f"the machine of {robot} cannot start: {told}")
-        self.address = Address(HOST, *told)
+        if isinstance(answer, str):
+            raise DeviceError(f"the machine of {robot} cannot start: {answer}")
+        self.address = Address(HOST, *answer)
 
     @property
     def alive(self) -> bool:
@@ -134,16 +138,19 @@ class ChildMachine:
 
 
 def _run(line: Connection, name: str, faults: Sequence[Fault]) -> None:
-    """Run a machine in the child process until the parent process closes the connection."""
+    """Run a machine in the child process until the parent process closes the connection.
+
+    The first message on the connection is the two ports of the machine; if it cannot start, the error as text.
+    """
     from twin.simulation.machine.machine_server import Server
 
     try:
-        made = machine(machine_parts(load(name)), faults=faults)
-        server = Server(made)
+        simulated = machine(machine_parts(load(name)), faults=faults)
+        server = Server(simulated)
     except TwinError as error:
         line.send(str(error))
         return
-    made.start()
+    simulated.start()
     line.send((server.port, server.state_port))
     try:
         server.run(ends=lambda: _has_gone(line))
@@ -191,14 +198,16 @@ class Machines:
         for name in running:
             if name not in robots:
                 raise TwinError(unknown("machine", name, robots))
-        self.parts = {n: machine_parts(robot) for n, robot in robots.items()}
+        self.parts = {name: machine_parts(robot) for name, robot in robots.items()}
         self.links: dict[str, MachineLink] = {}
         self._children: list[ChildMachine] = []
         try:
             for name in robots:
-                if (address := running.get(name)) is None:
-                    self._children.append(start(sources[name]))
-                    address = self._children[-1].address
+                address = running.get(name)
+                if address is None:
+                    child = start(sources[name])
+                    self._children.append(child)
+                    address = child.address
                 self.links[name] = MachineLink(address, len(self.parts[name].home))
         except TwinError:
             self.close()

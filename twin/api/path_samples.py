@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -38,8 +39,10 @@ def sampled(model: ReferenceModel, trajectory: Trajectory, path: TimedPath, most
 
     The bodies are those of the reference model at the planned joint values: this shares no code with the proof.
     """
-    stride = max(1, -(-len(trajectory.t) // most))
-    rows = np.unique(np.append(np.arange(0, len(trajectory.t), stride), len(trajectory.t) - 1))
+    count = len(trajectory.t)
+    stride = max(1, math.ceil(count / most))
+    last = count - 1
+    rows = np.unique(np.append(np.arange(0, count, stride), last))
     values = _planned(model, trajectory, path, rows)
     values |= _of_model(model, trajectory, path, rows)
     return SampledPath(trajectory.t[rows], values)
@@ -59,24 +62,29 @@ def _planned(
             values["joint limit", joint.name] = np.minimum(q[:, j] - low, high - q[:, j])
         values["joint speed", joint.name] = np.abs(qd[:, j])
     actuators = {actuator.name: actuator for actuator in mechanism.actuators}
-    m = mechanism.motors(q)
-    md = mechanism.motors(qd)
+    positions = mechanism.motors(q)
+    speeds = mechanism.motors(qd)
     for i, motor in enumerate(mechanism.motor_names):
         if motor not in actuators:
             continue
         limits = actuators[motor].limits
         if limits is not None:
-            values["motor limit", motor] = np.minimum(m[:, i] - limits[0], limits[1] - m[:, i])
-        values["motor speed", motor] = np.abs(md[:, i])
+            low, high = limits
+            values["motor limit", motor] = np.minimum(positions[:, i] - low, high - positions[:, i])
+        values["motor speed", motor] = np.abs(speeds[:, i])
     for i, j, _, name in path.gaps:
         values["gap", name] = np.abs(q[:, i] - q[:, j])
-    limits = np.full((len(rows), 2), np.inf)
+    # a sample that two phases share counts for the later one
+    tip_limit = np.full(len(rows), np.inf)
+    rotation_limit = np.full(len(rows), np.inf)
     for span, phase in zip(trajectory.phases, path.phases, strict=True):
         is_of_phase = (rows >= span.start) & (rows <= span.stop)
-        limits[is_of_phase] = (phase.tip_speed, phase.rotation_speed)
-    values["tool speed", "tip"] = np.linalg.norm(trajectory.tip_velocity[rows], axis=1) / limits[:, 0]
-    turning = np.linalg.norm(trajectory.angular_velocity[rows], axis=1)
-    values["tool speed", "rotation"] = turning / limits[:, 1]
+        tip_limit[is_of_phase] = phase.tip_speed
+        rotation_limit[is_of_phase] = phase.rotation_speed
+    tip_speed = np.linalg.norm(trajectory.tip_velocity[rows], axis=1)
+    rotation_speed = np.linalg.norm(trajectory.angular_velocity[rows], axis=1)
+    values["tool speed", "tip"] = tip_speed / tip_limit
+    values["tool speed", "rotation"] = rotation_speed / rotation_limit
     return values
 
 
@@ -108,7 +116,8 @@ def _of_model(
     values["loop gap", "loops"] = np.abs(gaps).max(axis=1)
     passive = jacobian[:, :, tree.passive]
     if passive.shape[2]:
-        sizes = np.linalg.svd(passive, compute_uv=False)
-        logs = np.log(sizes).sum(axis=1)
-        values["determinant", "loops"] = np.exp(logs - logs[0])
+        # the product of the singular values is the determinant, also of a matrix that is not square
+        singular_values = np.linalg.svd(passive, compute_uv=False)
+        logs = np.log(singular_values).sum(axis=1)
+        values["determinant", "loops"] = np.exp(logs - logs[0])  # divided by that of the start
     return values

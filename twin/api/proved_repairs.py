@@ -31,7 +31,8 @@ class ProverOfRepairs:
             proof = prove(formula, self.variants, self.robot.mechanism)
         except TwinError as error:
             return ProofOfRepair(f"not judged by the prover: {error}", False)
-        return ProofOfRepair(_verdict(proof), bool(proof.claims) and proof.count("proved") == len(proof.claims))
+        is_proved = bool(proof.claims) and proof.count("proved") == len(proof.claims)
+        return ProofOfRepair(_verdict(proof), is_proved)
 
     def same(self, first: Formula, second: Formula) -> bool:
         """Return whether two repaired formulas have the same values at every pose, by a proof of each output."""
@@ -41,25 +42,30 @@ class ProverOfRepairs:
 
 def _verdict(proof: Proof) -> str:
     """Return the verdict on all claims as text."""
-    wrong = [claim for claim in proof.claims if claim.status == "refuted"]
-    open_claims = [claim for claim in proof.claims if claim.different]
-    if wrong or open_claims:
-        worst = max(wrong or open_claims, key=lambda claim: claim.largest)
-        names = ", ".join(proof.ranges)
-        text = f"{1e6 * worst.largest:.3g} um at one of {proof.states} poses within the ranges of {names}; "
-        if wrong and not worst.largest:
+    refuted = [claim for claim in proof.claims if claim.status == "refuted"]
+    if refuted:
+        worst = max(refuted, key=lambda claim: claim.largest)
+        if not worst.largest:
             return f"wrong: it is not so that {worst.sentence}"
-        if wrong:
-            return f"only close: {text}it is not so that {worst.sentence}"
+        return f"only close: {_distance(proof, worst)}; it is not so that {worst.sentence}"
+    different = [claim for claim in proof.claims if claim.different]
+    if different:
+        worst = max(different, key=lambda claim: claim.largest)
         # without a root, an exact value that is not zero tells; with one, it may be that of the other sign
         closeness = "open" if worst.roots else "only close"
-        return f"{closeness}: {text}not proved that {worst.sentence}: {worst.reason}"
+        return f"{closeness}: {_distance(proof, worst)}; not proved that {worst.sentence}: {worst.reason}"
     if not proof.claims:
         return "not judged by the prover: nothing can be claimed of these equations"
     unproved = [claim for claim in proof.claims if claim.status != "proved"]
     if not unproved:
         return f"identity, proved: {len(proof.claims)} claims at all poses"
     return f"{len(unproved)} of {len(proof.claims)} claims are not proved, none is refuted: {_named(unproved)}"
+
+
+def _distance(proof: Proof, claim: JudgedClaim) -> str:
+    """Return the largest distance by which the sides of a claim differ, and where, as text."""
+    names = ", ".join(proof.ranges)
+    return f"{1e6 * claim.largest:.3g} um at one of {proof.states} poses within the ranges of {names}"
 
 
 def _named(claims: list[JudgedClaim]) -> str:

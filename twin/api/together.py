@@ -156,7 +156,7 @@ def plan_together(
     read = load_scene(scene)
     if read.props is not None:
         props_files(read.props)  # before planning, because a plan that cannot be written would be lost
-    found: list[_Arm] = []
+    planned: list[_Arm] = []
     taken: set[str] = set()
     for name, (robot, protocol) in arms.items():
         place = place_of(read, name, taken)
@@ -164,23 +164,24 @@ def plan_together(
             raise TwinError(
                 f"'{name}' in scene '{read.name}' is the robot {place.robot}; a plan of {robot.name} does not apply"
             )
-        found.append(_Arm(place, robot, avoiding(protocol, scene, clearance, seed)))
+        planned.append(_Arm(place, robot, avoiding(protocol, scene, clearance, seed)))
         taken.add(place.name)
-    if len(found) < 2:
+    if len(planned) < 2:
         raise TwinError("to plan several arms at once, name at least two")
 
     def check() -> None:
         if cancelled is not None and cancelled():
             raise CancelledError("planning of several arms was cancelled")
 
-    first = _Plan(read, found, clearance, seed, progress, check)
-    first.require_ends()
+    plan = _Plan(read, planned, clearance, seed, progress, check)
+    plan.require_ends()
     try:
-        return first.made()
+        return plan.result()
     except ProtocolError as error:
         reason = str(error)
+    opposite = _Plan(read, planned[::-1], clearance, seed, progress, check)
     try:
-        return _Plan(read, found[::-1], clearance, seed, progress, check).made()
+        return opposite.result()
     except ProtocolError as error:
         raise ProtocolError(f"{reason}. In the opposite order: {error}") from error
 
@@ -264,7 +265,7 @@ class _Plan:
             texts.append(f"{arm.name} {verb} '{arm.waypoint(phase)}'")
         return ", ".join(texts)
 
-    def made(self) -> PlannedTogether:
+    def result(self) -> PlannedTogether:
         """Return the plan.
 
         Raises:
@@ -290,11 +291,11 @@ class _Plan:
 
         self.progress("timing", 0.0)
         timed = [arm.timed for arm in self.arms]
-        made = trajectories(timed, self._courses(paths))
-        longest = max(made, key=lambda trajectory: len(trajectory.t))
+        trajectories_of_arms = trajectories(timed, self._courses(paths))
+        longest = max(trajectories_of_arms, key=lambda trajectory: len(trajectory.t))
         q: dict[str, Array] = {}
         checked = {}
-        for arm, trajectory in zip(self.arms, made, strict=True):
+        for arm, trajectory in zip(self.arms, trajectories_of_arms, strict=True):
             waiting = len(longest.t) - len(trajectory.t)  # samples in which the arm stays at its last waypoint
             q[arm.name] = np.pad(trajectory.q, ((0, waiting), (0, 0)), "edge")
             checked[arm.name] = trajectory.findings
@@ -316,7 +317,7 @@ class _Plan:
             phases.append(CommonPhase(name, span.t0, span.t1, whole, near, span.solver or "", rounds[phase]))
 
         robots = {}
-        for arm, trajectory in zip(self.arms, made, strict=True):
+        for arm, trajectory in zip(self.arms, trajectories_of_arms, strict=True):
             spans = []
             for span in trajectory.phases:
                 spans.append(PhaseTimes(span.name, span.waypoint or "", span.t0, span.t1))

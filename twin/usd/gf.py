@@ -87,7 +87,8 @@ def int_array(v: ArrayLike) -> Vt.IntArray:
 
 def quatd_array(wxyz: ArrayLike) -> Vt.QuatdArray:
     """Return quaternions (n, 4), w first, as a Vt array in double precision, without changing their signs."""
-    return Vt.QuatdArray.FromNumpy(np.ascontiguousarray(_rows(wxyz, 4, np.float64)[:, [1, 2, 3, 0]]))
+    xyzw = _rows(wxyz, 4, np.float64)[:, [1, 2, 3, 0]]
+    return Vt.QuatdArray.FromNumpy(np.ascontiguousarray(xyzw))
 
 
 def quat_array_wxyz(quaternions) -> Array:
@@ -98,18 +99,29 @@ def quat_array_wxyz(quaternions) -> Array:
             quaternions = Vt.QuatdArray(quaternions)
         else:
             quaternions = Vt.QuatfArray(quaternions)
-    return np.array(quaternions, float).reshape(-1, 4)[:, [3, 0, 1, 2]]
+    xyzw = np.array(quaternions, float).reshape(-1, 4)
+    return xyzw[:, [3, 0, 1, 2]]
 
 
 def _flat(v: ArrayLike, n: int) -> list[float]:
-    out = np.asarray(v, float)
-    if out.shape != (n,):
-        raise ValueError(f"expected ({n},), not {out.shape}")
-    return out.tolist()
+    """Return v (n,) as Python floats, which Gf requires.
+
+    Raises:
+        ValueError: v has another shape.
+    """
+    values = np.asarray(v, float)
+    if values.shape != (n,):
+        raise ValueError(f"expected ({n},), not {values.shape}")
+    return values.tolist()
 
 
 def _rows(v: ArrayLike, n: int, dtype: type) -> np.ndarray:
-    out = np.ascontiguousarray(v, dtype=dtype)
-    if out.ndim != 2 or out.shape[1] != n:
-        raise ValueError(f"the shape must be (n, {n}), not {out.shape}")
-    return out
+    """Return v (k, n) as a contiguous array, which Vt requires.
+
+    Raises:
+        ValueError: v has another shape.
+    """
+    values = np.ascontiguousarray(v, dtype=dtype)
+    if values.ndim != 2 or values.shape[1] != n:
+        raise ValueError(f"the shape must be (n, {n}), not {values.shape}")
+    return values

@@ -42,6 +42,9 @@ _SCHEMA_KINDS = (
 )
 """Schemas of joints with the joint type of a mechanism that each of them is."""
 
+_UNIT_ROUNDING = 1e-15
+"""Difference of a length from 1 that is rounding in double precision."""
+
 SCALE_TOL = 1e-5
 """Maximum difference of a scale from 1 that is taken as a rounding error of a transform in single precision."""
 
@@ -211,7 +214,7 @@ class RawStage:
         if codes is None:
             times = [Usd.TimeCode.Default()]
         else:
-            times = [Usd.TimeCode(c) for c in np.asarray(codes).tolist()]
+            times = [Usd.TimeCode(code) for code in np.asarray(codes).tolist()]
         raw = np.zeros((len(prims), len(times), 4, 4))
         cache = UsdGeom.XformCache()
         with self._evaluating():
@@ -315,13 +318,13 @@ def rigid(M: Array) -> Array:
     size = np.linalg.norm(axes, axis=-2, keepdims=True)
     # An orthonormal rotation is returned unchanged; a rounded or scaled rotation is made orthonormal.
     unscaled = axes / np.where(size > 0, size, 1.0)
-    R = np.where(np.abs(size - 1) < 1e-15, axes, unscaled)
-    mirrored = np.linalg.det(R)[..., None, None] < 0
-    R = np.where(mirrored, -R, R)
+    R = np.where(np.abs(size - 1) < _UNIT_ROUNDING, axes, unscaled)
+    is_mirrored = np.linalg.det(R)[..., None, None] < 0
+    R = np.where(is_mirrored, -R, R)
     products = np.swapaxes(R, -1, -2) @ R
-    exact = np.all(products == np.eye(3), axis=(-1, -2))[..., None, None]
-    fixed = spatial.matrix_from_quat_wxyz(spatial.quat_from_matrix_wxyz(R))
-    T[..., :3, :3] = np.where(exact, R, fixed)
+    is_exact = np.all(products == np.eye(3), axis=(-1, -2))[..., None, None]
+    orthonormal = spatial.matrix_from_quat_wxyz(spatial.quat_from_matrix_wxyz(R))
+    T[..., :3, :3] = np.where(is_exact, R, orthonormal)
     T[..., 3, :] = [0.0, 0.0, 0.0, 1.0]
     return T
 

@@ -28,6 +28,9 @@ COM_MARGIN = 1 * MM
 GYRATION = (0.02, 1.0)
 """Plausible range of the maximum radius of gyration, divided by the diagonal of the meshes' bounding box."""
 
+EXTENT_TOL = 1e-4
+"""Maximum difference of an extent from the points, divided by the diagonal of their bounding box."""
+
 FLAT = 1e-7
 """Volume per surface area and diagonal of the bounding box below which a closed mesh is a sheet with two sides."""
 
@@ -245,7 +248,8 @@ def _check_extent(scene: RawStage, path: str, mesh: UsdGeom.Mesh, points: Array)
     if len(extent) != 2:
         return
     box = np.array([points.min(axis=0), points.max(axis=0)])
-    slack = 1e-4 * float(np.linalg.norm(box[1] - box[0]))
+    diagonal = float(np.linalg.norm(box[1] - box[0]))
+    slack = EXTENT_TOL * diagonal
     difference = float(np.max(np.abs(extent - box)))
     if difference > slack:
         text = f"the extent of mesh {path}, which viewers use for culling, differs from the points"
@@ -259,8 +263,10 @@ def _check_winding(scene: RawStage, path: str, points: Array, triangles: np.ndar
     a = centered[triangles[:, 0]]
     b = centered[triangles[:, 1]]
     c = centered[triangles[:, 2]]
+    # sum of the signed volumes of tetrahedra from the middle to each triangle
     volume = float(np.sum(a * np.cross(b, c)) / 6) * scene.meters**3
-    area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2) * scene.meters**2
+    normals = np.cross(b - a, c - a)
+    area = float(np.linalg.norm(normals, axis=1).sum() / 2) * scene.meters**2
     diagonal = float(np.linalg.norm(high - low)) * scene.meters
     if volume < -FLAT * area * diagonal:
         yield _WINDING(path, f"mesh {path} is inside out: its volume is negative", Quantity(volume, "m3"), 0.0)

@@ -24,8 +24,20 @@ STATE_TOL = 0.01
 LIMIT_TOL = 1e-3
 """Maximum violation of a joint limit that is taken as a rounding error, in degrees (lengths: mm)."""
 
-RADIAN_LOOKS = tuple(np.pi * f for f in (2, 1, 1 / 2, 1 / 3, 1 / 4, 1 / 6, 2 / 3, 3 / 4, 5 / 6))
+RADIAN_LOOKS = np.pi * np.array([2, 1, 1 / 2, 1 / 3, 1 / 4, 1 / 6, 2 / 3, 3 / 4, 5 / 6])
 """Values of typical limits in radians; such values are unusual for limits in degrees."""
+
+_LOOKS_TOL = 2e-3
+"""Distance in rad up to which a limit is one of `RADIAN_LOOKS`: limits are written with few digits."""
+
+_TARGET_TOL = 0.05
+"""Distance in deg up to which a drive target is the coordinate in radians."""
+
+_TARGET_APART = 0.5
+"""Distance in deg above which a drive target is not the coordinate in degrees."""
+
+_ZERO_TARGET = 1e-3
+"""Drive target in deg up to which it says nothing about its unit."""
 
 RADIAN_SPEED = 4 * np.pi
 """A maximum speed up to this value is probably in rad/s, because this speed in degrees per second is very low."""
@@ -106,7 +118,8 @@ def _breach(q: Array, low: float, high: float, wraps: bool) -> Array:
     if wraps:
         turns = 360.0 * np.arange(-3, 4)
     shifted = q + turns[:, None]
-    distances = np.maximum(np.maximum(low - shifted, shifted - high), 0)
+    beyond = np.maximum(low - shifted, shifted - high)
+    distances = np.maximum(beyond, 0)
     best = np.argmin(distances.max(axis=1))
     return distances[best]
 
@@ -131,9 +144,9 @@ def _limits_look_like_radians(joint: RawJoint, q: Array, low: float, high: float
     fits_radians = np.max(_breach(q, low / DEG, high / DEG, True)) <= LIMIT_TOL
     if not fits_radians:
         return False
-    typical = np.abs(np.abs([[low], [high]]) - np.array(RADIAN_LOOKS)) < 2e-3
+    is_typical = np.abs(np.abs([[low], [high]]) - RADIAN_LOOKS) < _LOOKS_TOL
     exceeds_degrees = np.max(_breach(q, low, high, True)) > LIMIT_TOL
-    return bool(typical.any() or exceeds_degrees)
+    return bool(is_typical.any() or exceeds_degrees)
 
 
 def _difference(joint: RawJoint, a: Array, b: Array) -> Array:
@@ -200,7 +213,7 @@ def _check_drive(joint: RawJoint, q: float) -> Iterator[Finding]:
     unit, shown = _unit(joint)
     target = drive.GetTargetPositionAttr().Get() * joint.unit
     low, high = _limits(joint)
-    if joint.is_angle and abs(target) > 1e-3 and abs(target / DEG - q) < 0.05 and abs(target - q) > 0.5:
+    if joint.is_angle and _looks_like_radians(target, q):
         text = f"the drive target {target:.5g} deg equals the coordinate {q:.5g} deg in radians"
         yield _radians(joint, text, target)
     elif low <= high and max(low - target, target - high) * shown > LIMIT_TOL:
@@ -214,6 +227,13 @@ def _check_drive(joint: RawJoint, q: float) -> Iterator[Finding]:
             Quantity(target * shown, unit),
             Quantity(exceeded * shown, unit),
         )
+
+
+def _looks_like_radians(target: float, q: float) -> bool:
+    """Return whether a drive target, taken as rad, is the coordinate q in deg of the authored pose."""
+    if abs(target) <= _ZERO_TARGET or abs(target - q) <= _TARGET_APART:
+        return False
+    return abs(target / DEG - q) < _TARGET_TOL
 
 
 def _check_speed(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]:

@@ -15,6 +15,9 @@ from twin.model.inertia import Inertia
 from twin.usd import gf
 from twin.usd.scan import SCALE_TOL, RawStage, rigid
 
+_GREY = (0.6, 0.6, 0.6, 1.0)
+"""Linear colour of a mesh without one."""
+
 
 def bake_scale(scene: RawStage, body: Usd.Prim, notes: list[Finding]) -> None:
     """Add a note to `notes` if a body is scaled; the lengths of the body are read at the scaled size.
@@ -32,8 +35,8 @@ def bake_scale(scene: RawStage, body: Usd.Prim, notes: list[Finding]) -> None:
         parent_axes = scene.raw_transform(body.GetParent())[:3, :3]
     parent_size = np.full(3, np.cbrt(np.linalg.det(parent_axes)))
     size = scene.size(body)
-    mirrored = np.linalg.det(axes) < 0
-    if np.linalg.det(axes) > 0 and _scales(axes, size) and _scales(parent_axes, parent_size):
+    handedness = np.linalg.det(axes)  # negative if mirrored
+    if handedness > 0 and _is_scaled_rotation(axes, size) and _is_scaled_rotation(parent_axes, parent_size):
         if np.any(size != 1.0):
             where = str(body.GetPath())
             factor = _listed(size)
@@ -44,7 +47,7 @@ def bake_scale(scene: RawStage, body: Usd.Prim, notes: list[Finding]) -> None:
         return
     prim, scale = _culprit(body)
     factor = _listed(scale)
-    if mirrored:
+    if handedness < 0:
         factor += ", mirrored"
     reason = ""
     if prim != body:
@@ -55,13 +58,16 @@ def bake_scale(scene: RawStage, body: Usd.Prim, notes: list[Finding]) -> None:
     )
 
 
-def _scales(axes: Array, size: Array) -> bool:
+def _is_scaled_rotation(axes: Array, size: Array) -> bool:
     """Return whether `axes` (3, 3) are a rotation times the scale `size` (3,) along the axes, without shear."""
-    return bool(np.abs(axes.T @ axes - np.diag(size**2)).max() <= 2 * SCALE_TOL * size.max() ** 2)
+    # for axes = R diag(size), the products of the columns are size^2 on the diagonal and 0 elsewhere
+    difference = axes.T @ axes - np.diag(size**2)
+    return bool(np.abs(difference).max() <= 2 * SCALE_TOL * size.max() ** 2)
 
 
 def _listed(scale: Array) -> str:
-    return f"({', '.join(f'{s:.6g}' for s in scale)})"
+    numbers = ", ".join(f"{factor:.6g}" for factor in scale)
+    return f"({numbers})"
 
 
 def _culprit(body: Usd.Prim) -> tuple[Usd.Prim, Array]:
@@ -73,10 +79,10 @@ def _culprit(body: Usd.Prim) -> tuple[Usd.Prim, Array]:
         if xformable:
             axes = gf.affine(xformable.GetLocalTransformation())[:3, :3]
         size = np.linalg.norm(axes, axis=0)
-        uniform = np.ptp(size) <= SCALE_TOL * size.max()
-        if np.linalg.det(axes) < 0 or not _scales(axes, size):
+        is_uniform = np.ptp(size) <= SCALE_TOL * size.max()
+        if np.linalg.det(axes) < 0 or not _is_scaled_rotation(axes, size):
             return prim, size
-        if not uniform and prim != body:
+        if not is_uniform and prim != body:
             return prim, size
         prim = prim.GetParent()
     world = gf.affine(UsdGeom.XformCache().GetLocalToWorldTransform(body))
@@ -173,9 +179,10 @@ def mesh_triangles(mesh: UsdGeom.Mesh) -> np.ndarray:
         raise StageError(f"mesh {where}: an index refers to vertex {wrong}, but the mesh has {n} vertices")
     # Each polygon becomes a fan of triangles around its first corner.
     starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    fans = np.maximum(counts - 2, 0)
+    fans = np.maximum(counts - 2, 0)  # triangles of each polygon
     first = np.repeat(starts, fans)
-    step = np.arange(fans.sum()) - np.repeat(np.cumsum(fans) - fans, fans)
+    first_triangle = np.cumsum(fans) - fans
+    step = np.arange(fans.sum()) - np.repeat(first_triangle, fans)  # number of a triangle in its fan
     corners = np.column_stack([first, first + step + 1, first + step + 2])
     triangles = indices[corners]
     if mesh.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded:
@@ -204,18 +211,9 @@ def _mesh(scene: RawStage, body: Usd.Prim, mesh: UsdGeom.Mesh, name: str) -> Mes
 
 def _look(mesh: UsdGeom.Mesh) -> tuple[tuple[float, float, float, float], Finish]:
     """Return (linear colour, finish) of the bound preview surface, else the display colour, else grey."""
-    material, _ = UsdShade.MaterialBindingAPI(mesh.GetPrim()).ComputeBoundMaterial()
-    if material:
-        shader, *_ = material.ComputeSurfaceSource()
-        if shader and shader.GetIdAttr().Get() == "UsdPreviewSurface":
-            diffuse = shader.GetInput("diffuseColor")
-            rgb = diffuse.Get() if diffuse else None
-            if rgb is not None:
-                r, g, b = map(float, rgb)
-                metallic = _shader_value(shader, "metallic", 0.0)
-                roughness = _shader_value(shader, "roughness", 0.5)
-                finish = Finish(material.GetPrim().GetName(), metallic, roughness)
-                return (r, g, b, _shader_value(shader, "opacity", 1.0)), finish
+    look = _surface_look(mesh)
+    if look is not None:
+        return look
     display_color = mesh.GetDisplayColorAttr().Get()
     if display_color:
         r, g, b = map(float, display_color[0])
@@ -224,7 +222,26 @@ def _look(mesh: UsdGeom.Mesh) -> tuple[tuple[float, float, float, float], Finish
         if display_opacity:
             opacity = float(display_opacity[0])
         return (r, g, b, opacity), Finish()
-    return (0.6, 0.6, 0.6, 1.0), Finish()
+    return _GREY, Finish()
+
+
+def _surface_look(mesh: UsdGeom.Mesh) -> tuple[tuple[float, float, float, float], Finish] | None:
+    """Return (linear colour, finish) of the bound preview surface; None if there is none with a colour of its own."""
+    material, _ = UsdShade.MaterialBindingAPI(mesh.GetPrim()).ComputeBoundMaterial()
+    if not material:
+        return None
+    shader, *_ = material.ComputeSurfaceSource()
+    if not shader or shader.GetIdAttr().Get() != "UsdPreviewSurface":
+        return None
+    diffuse = shader.GetInput("diffuseColor")
+    rgb = diffuse.Get() if diffuse else None
+    if rgb is None:
+        return None
+    r, g, b = map(float, rgb)
+    metallic = _shader_value(shader, "metallic", 0.0)
+    roughness = _shader_value(shader, "roughness", 0.5)
+    finish = Finish(material.GetPrim().GetName(), metallic, roughness)
+    return (r, g, b, _shader_value(shader, "opacity", 1.0)), finish
 
 
 def _shader_value(shader: UsdShade.Shader, name: str, default: float) -> float:
@@ -263,11 +280,9 @@ def read_inertia(scene: RawStage, body: Usd.Prim, notes: list[Finding]) -> Inert
         except ValueError as error:
             raise StageError(f"{scene.path}: {body.GetPath()}, principal axes: {error}") from error
     unit = scene.kilograms * scene.meters**2
-    return Inertia(
-        float(kilograms) * scene.kilograms,
-        center * scene.meters * scene.size(body),
-        R @ np.diag(diagonal) @ R.T * unit,
-    )
+    p_body_com = center * scene.meters * scene.size(body)
+    I_com = R @ np.diag(diagonal) @ R.T * unit
+    return Inertia(float(kilograms) * scene.kilograms, p_body_com, I_com)
 
 
 def read_marks(scene: RawStage, body: Usd.Prim) -> Iterator[tuple[str, str, Array]]:

@@ -44,7 +44,7 @@ def select(scene: RawStage, root: str | None, notes: list[Finding]) -> Selection
         StageError: there are no bodies or joints, a joint is invalid, there are several robots, or several bodies are
             fixed to the world.
     """
-    bodies = [p for p in scene.bodies if _below_root(p, root)]
+    bodies = [path for path in scene.bodies if _is_below_root(path, root)]
     place = scene.path
     if root:
         place = f"{scene.path}, below {root}"
@@ -76,9 +76,9 @@ def select(scene: RawStage, root: str | None, notes: list[Finding]) -> Selection
             members.append(path)
         else:
             notes.append(info("stage.read.prop", path, f"body {path} is left out: no joint of the robot moves it"))
-    own_joints = [j for j in joints if j.touches(robot)]
+    own_joints = [joint for joint in joints if joint.touches(robot)]
     base, anchor = _base(scene, place, members, own_joints, notes)
-    moving = [j for j in own_joints if j is not anchor]
+    moving = [joint for joint in own_joints if joint is not anchor]
     if not scene.is_stated_base(base):  # else the joints have the order of the description: the last ones close loops
         moving.sort(key=lambda joint: joint.excluded)
     floats = bool(base) and anchor is None
@@ -87,7 +87,7 @@ def select(scene: RawStage, root: str | None, notes: list[Finding]) -> Selection
     return Selection(base, members, moving, anchor, floats=floats)
 
 
-def _below_root(path: str, root: str | None) -> bool:
+def _is_below_root(path: str, root: str | None) -> bool:
     """Return whether a prim path is the path `root` or below it; without a root, every prim belongs to the robot."""
     return not root or path == root or path.startswith(f"{root}/")
 
@@ -100,7 +100,7 @@ def _enabled_joints(scene: RawStage, root: str | None, notes: list[Finding]) -> 
     """
     enabled: list[RawJoint] = []
     for joint in scene.joints:
-        if not _below_root(joint.path, root):
+        if not _is_below_root(joint.path, root):
             continue
         if joint.enabled:
             enabled.append(joint)
@@ -210,7 +210,8 @@ def _max_speed(joint: RawJoint, unit: float) -> float | None:
 
 def _groups(bodies: list[str], joints: list[RawJoint]) -> list[list[str]]:
     """Return the groups of bodies that are connected by joints; connections through the world are ignored."""
-    leader = {b: b for b in bodies}
+    # union-find: each body points towards the leader of its group
+    leader = {body: body for body in bodies}
 
     def find(body: str) -> str:
         while leader[body] != body:
@@ -236,7 +237,7 @@ def _base(
     Each body of a robot without a joint to the world can be its base, because the robot floats; `notes` says which
     body was chosen.
     """
-    grounded = [j for j in joints if j.is_grounded]
+    grounded = [joint for joint in joints if joint.is_grounded]
     fixed: dict[str, RawJoint] = {}
     for joint in grounded:
         if joint.type == "fixed":
@@ -253,7 +254,7 @@ def _base(
         )
     if grounded:
         return "", None
-    roots = [b for b in bodies if scene.bodies[b].HasAPI(UsdPhysics.ArticulationRootAPI)]
+    roots = [body for body in bodies if scene.bodies[body].HasAPI(UsdPhysics.ArticulationRootAPI)]
     if len(roots) == 1:
         return roots[0], None
     never_child = list(bodies)

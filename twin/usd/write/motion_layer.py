@@ -22,6 +22,10 @@ MAX_STEP = 90 * DEG
 """Maximum rotation in rad between two samples. Players use the shorter rotation, which is wrong above 180 deg."""
 
 
+_NEARLY_WHOLE = 1e-6
+"""Distance of a time code from a whole number that counts as rounding."""
+
+
 @dataclass(frozen=True)
 class BakedMotion:
     """A motion to bake, usually sampled at 60 Hz.
@@ -101,18 +105,18 @@ def write_motion(mechanism: Mechanism, folder: Path, motion: BakedMotion) -> Mot
 
 def _time_codes(motion: BakedMotion) -> Array:
     times = np.asarray(motion.times_s, float)
-    increase = times.ndim == 1 and len(times) > 0 and bool(np.all(np.diff(times) > 0))
-    if not increase or times[0] < 0:
+    is_increasing = times.ndim == 1 and len(times) > 0 and bool(np.all(np.diff(times) > 0))
+    if not is_increasing or times[0] < 0:
         raise StageError(f"motion '{motion.name}': times (k,) in s must increase, and the first must not be negative")
     codes = times * TIME_CODES_PER_SECOND
     # Multiples of 1/60 s are not exact in binary: round time codes that are nearly whole numbers.
     whole = np.round(codes)
-    is_nearly_whole = np.abs(codes - whole) < 1e-6
+    is_nearly_whole = np.abs(codes - whole) < _NEARLY_WHOLE
     return np.where(is_nearly_whole, whole, codes)
 
 
 def _pose_samples(mechanism: Mechanism, motion: BakedMotion, layer: Sdf.Layer):
-    names = [b.name for b in mechanism.bodies]
+    names = [body.name for body in mechanism.bodies]
     for name, link_poses in motion.link_poses.items():
         if name not in names:
             raise StageError(f"motion '{motion.name}': {unknown('body', name, names)}")
@@ -120,7 +124,8 @@ def _pose_samples(mechanism: Mechanism, motion: BakedMotion, layer: Sdf.Layer):
         if Ts.shape != (len(motion.times_s), 4, 4):
             raise StageError(f"motion '{motion.name}', body '{name}': shape of poses {Ts.shape}, expected (k, 4, 4)")
         R = Ts[:, :3, :3]
-        steps = spatial.rotation_angle(np.swapaxes(R[:-1], 1, 2) @ R[1:])
+        turns = np.swapaxes(R[:-1], 1, 2) @ R[1:]
+        steps = spatial.rotation_angle(turns)
         if len(steps) and np.max(steps) > MAX_STEP:
             k = int(np.argmax(steps))
             raise StageError(

@@ -48,12 +48,15 @@ Measured sag of the platform of SILS under its weight at 1 kHz: 6 um with the de
 0.4 um with 128.
 """
 
-TENDON, TENDON_STEP = 0.25, 1e-3
-"""Maximum of a tendon's stiffness * step^2 / inertia, and the assumed time step in s.
+TENDON = 0.25
+"""Maximum of a tendon's stiffness * step^2 / inertia.
 
 An explicitly integrated spring diverges at a value of 4. At 0.67, the jaws of the da Vinci PSM oscillate and move the
 arm (measured).
 """
+
+TENDON_STEP = 1e-3
+"""Assumed time step in s of the simulator that integrates a tendon."""
 
 MIMIC_AXIS = "rotZ"
 """Instance name of mimic joints: PhysX requires a rotation axis, also for slides (with "transZ" a slide is free)."""
@@ -149,9 +152,9 @@ def _write_joints(
     stage: Usd.Stage, mechanism: Mechanism, q_full: Mapping[str, float], efforts: Mapping[str, float]
 ) -> None:
     joints = spanning(mechanism)
-    loops = {j.name for j in joints.cut}
+    loops = {joint.name for joint in joints.cut}
     # Tree joints are written outwards: Newton rejects a tree joint whose parent is the outer body.
-    outwards = {j.name: j for j in joints.tree}
+    outwards = {joint.name: joint for joint in joints.tree}
     for described in mechanism.joints:
         joint = outwards.get(described.name, described)
         closes_loop = joint.name in loops
@@ -234,7 +237,12 @@ def _numbered(rows: CustomData) -> CustomData:
 
 
 def _fields(item: Parameter | Actuator) -> dict[str, Any]:
-    return {k: v for k, v in vars(item).items() if k != "name" and v is not None}
+    """Return the fields of a parameter or an actuator that have a value; its name is the key of its row."""
+    fields = {}
+    for field, value in vars(item).items():
+        if field != "name" and value is not None:
+            fields[field] = value
+    return fields
 
 
 def _as_driven(mechanism: Mechanism, joint: Joint) -> Joint:
@@ -274,7 +282,8 @@ def _write_anchor(stage: Usd.Stage, mechanism: Mechanism, T_world_base: Array) -
     Parsers treat the root prim as the static world, because it is not a rigid body. If a scene references the robot at
     another pose, the anchor moves with the root prim. A joint with an empty target would not move with the robot.
     """
-    name = Leaves({j.name for j in mechanism.joints}).take("root_joint", "world")
+    taken = {joint.name for joint in mechanism.joints}
+    name = Leaves(taken).take("root_joint", "world")
     joint = UsdPhysics.FixedJoint.Define(stage, f"/{mechanism.name}/joints/{name}")
     joint.CreateBody0Rel().SetTargets([f"/{mechanism.name}"])
     joint.CreateBody1Rel().SetTargets([f"/{mechanism.name}/{mechanism.base}"])
@@ -348,7 +357,8 @@ def _start_at_zero(stage: Usd.Stage, mechanism: Mechanism, joint: Joint, link_po
     usd_joint = UsdPhysics.SphericalJoint(stage.GetPrimAtPath(f"/{mechanism.name}/joints/{joint.name}"))
     prim = usd_joint.GetPrim()
     R_parent_joint = joint.T_parent_joint[:3, :3] @ TURNS["X"].T
-    R_child_joint = link_poses[joint.child][:3, :3].T @ link_poses[joint.parent][:3, :3] @ R_parent_joint
+    R_child_parent = link_poses[joint.child][:3, :3].T @ link_poses[joint.parent][:3, :3]
+    R_child_joint = R_child_parent @ R_parent_joint
     usd_joint.GetAxisAttr().Set(UsdPhysics.Tokens.x)
     usd_joint.GetLocalRot0Attr().Set(gf.quatf(R_parent_joint))
     usd_joint.GetLocalRot1Attr().Set(gf.quatf(R_child_joint))
@@ -399,8 +409,9 @@ def _write_tendon(stage: Usd.Stage, mechanism: Mechanism, coupling: Coupling, li
     ratios = dict(zip(coupling.joints, coupling.ratios, strict=True))
     drives = [mechanism.joint(name).drive for name in coupling.joints]
     stiffness = max((drive.stiffness for drive in drives if drive), default=np.inf)
-    joints = [j for j in spanning(mechanism).tree if j.name in ratios]
+    joints = [joint for joint in spanning(mechanism).tree if joint.name in ratios]
     for joint in joints:
+        # inertia of the joint as the tendon feels it
         inertia = _carried(mechanism, joint, link_poses) / ratios[joint.name] ** 2
         if inertia > 0:
             stiffness = min(stiffness, TENDON * inertia / TENDON_STEP**2)
@@ -449,7 +460,8 @@ def _carried(mechanism: Mechanism, joint: Joint, link_poses: Mapping[str, Array]
         axis = R.T @ T_world_joint[:3, 2]
         arm = inertia.p_body_com - R.T @ (T_world_joint[:3, 3] - p)
         about_center = axis @ inertia.I_com @ axis
-        carried += float(about_center + inertia.mass * (arm @ arm - (arm @ axis) ** 2))
+        squared_distance = arm @ arm - (arm @ axis) ** 2
+        carried += float(about_center + inertia.mass * squared_distance)  # parallel axes
     return carried
 
 
@@ -487,7 +499,9 @@ def _write_drive(prim: Usd.Prim, joint: Joint, gains: Drive, q: float | None, ef
     deflection = 0.0
     if gains.stiffness > 0:
         deflection = effort / gains.stiffness
-    target = (0.0 if q is None else q) + deflection
+    target = deflection
+    if q is not None:
+        target = q + deflection
     if joint.limits is not None:
         low, high = joint.limits
         target = np.clip(target, low, high)
