@@ -1,0 +1,170 @@
+"""The fewest signs, zeros and places of joints with which a robot has the poses of rows.
+
+Numbers of changes are tried from one upward. For each, a linear estimate of the remainder chooses the sets of changes
+that are fitted; the first fit that leaves only noise is the answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import combinations
+
+import numpy as np
+
+from twin.comparison.row_fit import RowFit, RowState
+from twin.comparison.row_noise import RowNoise
+from twin.comparison.tool_motion import FRAME_UNKNOWNS, ChainMotion, JointChange
+from twin.core.spatial import Array
+
+_FLIPS = 2
+"""Maximum number of joints that turn the other way."""
+
+_CHANGES = 3
+"""Maximum number of zeros and places of joints that are changed together."""
+
+_TRIED = 6
+"""Number of the most promising sets of signs, and of changes, that are fitted."""
+
+_DAMPING = 1e-12
+"""Damping of the linear estimate, relative to the sum of squares of the derivatives: frames may be open in part."""
+
+_NO_DEVIATION = 1e-15
+"""Standard deviation in m or rad that stands for 0 in a quotient."""
+
+
+class RowChanges:
+    """The search of the fewest changes of a chain.
+
+    Args:
+        fit: the rows and their fit.
+        noise: what is more than noise.
+        motion: the chain, as in `fit`.
+    """
+
+    def __init__(self, fit: RowFit, noise: RowNoise, motion: ChainMotion) -> None:
+        self._fit = fit
+        self._noise = noise
+        self._motion = motion
+
+    def searched(self, frames_alone: RowState, saturated: RowState) -> tuple[RowState | None, RowState]:
+        """Return (the fit with the fewest changes or None, the fit with every joint free).
+
+        Args:
+            frames_alone: the fit of base and tool frame without changes.
+            saturated: the fit with every joint free, without changed signs.
+        """
+        if self._noise.accepts(saturated, saturated):
+            explained = self._explained([frames_alone], saturated)
+            if explained is not None:
+                return explained, saturated
+        starts = self._sign_states(frames_alone)
+        saturated = self._noise.least_noisy(starts, saturated)
+        if not self._noise.accepts(saturated, saturated):
+            return None, saturated  # what remains with every joint free is no noise: fewer changes leave more
+        # the estimate of the noise may have changed the unit of angles
+        starts = [self._fit.solved(state.signs, (), state.x) for state in starts]
+        return self._explained(starts, saturated), saturated
+
+    def _explained(self, starts: Sequence[RowState], saturated: RowState) -> RowState | None:
+        """Return the fit with the fewest changes that leaves only noise; None if there is none."""
+        possible = self._possible_changes()
+        for cost in range(1, _FLIPS + _CHANGES + 1):
+            for state in starts:
+                flips = int((state.signs < 0).sum())
+                size = cost - flips
+                if not 0 <= size <= _CHANGES:
+                    continue
+                for candidate in self._promising(state, possible, size):
+                    if self._noise.accepts(candidate, saturated):
+                        return self._pruned(candidate, saturated)
+        return None
+
+    def _possible_changes(self) -> list[JointChange]:
+        """Return the zeros of the joints of which the rows have values, then the places of all joints."""
+        changes = [JointChange("zero", int(joint)) for joint in np.flatnonzero(self._motion.has_values)]
+        for joint in range(self._motion.count):
+            changes.append(JointChange("place", joint))
+        return changes
+
+    def _sign_states(self, frames_alone: RowState) -> list[RowState]:
+        """Return fits of the frames alone with the most promising sets of signs, first that without changes."""
+        count = self._motion.count
+        ranked: list[tuple[float, Array, Array]] = []
+        driven = np.flatnonzero(self._motion.has_values)
+        for flips in range(1, _FLIPS + 1):
+            for chosen in combinations(driven, flips):
+                signs = np.ones(count)
+                signs[list(chosen)] = -1.0
+                T = self._motion.poses(signs, np.zeros(count), {})
+                x = self._fit.best_start(T, signs)
+                cost = float((self._fit.residual(x, signs, ()) ** 2).sum())
+                ranked.append((cost, signs, x))
+        ranked.sort(key=lambda entry: entry[0])
+        states = [frames_alone]
+        for _, signs, x in ranked[:_TRIED]:
+            states.append(self._fit.solved(signs, (), x))
+        return states
+
+    def _promising(self, state: RowState, possible: Sequence[JointChange], size: int) -> Iterator[RowState]:
+        """Yield fits with `size` changes, those with the smallest linear estimate of their remainder first."""
+        if size == 0:
+            yield state
+            return
+        derivatives = {change: self._derivatives(state, change) for change in possible}
+        estimates: list[tuple[float, int, tuple[JointChange, ...]]] = []
+        for chosen in combinations(possible, size):
+            joints = {change.joint for change in chosen}
+            if len(joints) < size:
+                continue
+            remainder = _linear_remainder(state, [derivatives[change] for change in chosen])
+            values = sum(change.size for change in chosen)
+            estimates.append((remainder, values, chosen))
+        estimates.sort(key=lambda entry: entry[0])
+        most = _TRIED if size == 1 else _TRIED // 2
+        # a place has six values, a zero one: of similar remainders the zero is the smaller change
+        for _, values, chosen in sorted(estimates[:most], key=lambda entry: entry[1]):
+            x = np.concatenate([state.x, np.zeros(values)])
+            yield self._fit.solved(state.signs, chosen, x)
+
+    def _derivatives(self, state: RowState, change: JointChange) -> Array:
+        """Return the derivatives (rows * 3 or 6, values) of the remainder by the values of one change."""
+        x = np.concatenate([state.x, np.zeros(change.size)])
+        columns = np.arange(FRAME_UNKNOWNS, FRAME_UNKNOWNS + change.size)
+        return self._fit.derivatives(x, state.signs, (change,), columns, state.r)
+
+    def _pruned(self, state: RowState, saturated: RowState) -> RowState:
+        """Return the fit with as few values as the noise allows: one after another is held at zero."""
+        while True:
+            fewer = self._with_one_held(state, saturated)
+            if fewer is None:
+                return state
+            state = fewer
+
+    def _with_one_held(self, state: RowState, saturated: RowState) -> RowState | None:
+        """Return the fit with one more value of the changes held at zero; None if the noise allows none."""
+        uncertainties = self._noise.uncertainties(state, saturated)
+        values = [k for k in np.flatnonzero(state.free) if k >= FRAME_UNKNOWNS]
+        # first those that are smallest for what the rows say about them
+        values.sort(key=lambda k: abs(state.x[k]) / max(uncertainties[k], _NO_DEVIATION))
+        for k in values:
+            free = state.free.copy()
+            free[k] = False
+            x = state.x.copy()
+            x[k] = 0.0
+            tried = self._fit.solved(state.signs, state.changes, x, free)
+            if self._noise.accepts(tried, saturated):
+                return tried
+        return None
+
+
+def _linear_remainder(state: RowState, derivatives: Sequence[Array]) -> float:
+    """Return the sum of squares that remains if frames and changes remove what they can, to first order.
+
+    `derivatives` are those of each change, (rows * 3 or 6, values).
+    """
+    J = np.hstack([state.J, *derivatives])
+    damping = _DAMPING * float((J**2).sum())
+    normal = J.T @ J + damping * np.eye(J.shape[1])
+    step = np.linalg.lstsq(normal, J.T @ state.r, rcond=None)[0]
+    remainder = state.r - J @ step
+    return float(remainder @ remainder)

@@ -1,0 +1,197 @@
+"""Which column of rows of poses is which driven joint of a robot, and the joint values in the order of the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from twin.comparison.properties import followed_of
+from twin.comparison.side import Axis, PoseRows, RobotSide, plain
+from twin.core.errors import TwinError
+from twin.core.quantity import moved
+from twin.core.spatial import Array
+
+_PROBE = 0.01
+"""Displacement in m or rad with which it is tried whether a joint moves the tool."""
+
+_UNMOVED = 1e-9
+"""Largest change of an entry of a pose, in m or of a rotation, by a joint that does not move the tool."""
+
+_WITHOUT_EFFECT = 1e-9
+"""Ratio of a coupling below which a joint does not move the follower."""
+
+_FOLLOWS = 1e-3
+"""Largest distance in m or rad of a joint from the value that its coupling gives it."""
+
+_KINDS = {False: "a length", True: "an angle"}
+"""{whether a coordinate is an angle: its kind as text}."""
+
+
+def without_followers(rows: PoseRows, label: str, side: RobotSide) -> PoseRows:
+    """Return the rows without the columns of joints that others move by a coupling, if they have the values of it.
+
+    Args:
+        rows: the rows.
+        label: how the user named their side.
+        side: the robot.
+
+    Raises:
+        TwinError: a value is not that of the coupling.
+    """
+    if side.looped:
+        return rows
+    column = {plain(name): k for k, name in enumerate(rows.joints)}
+    values = np.full((len(rows.q), len(side.axes)), np.nan)
+    for i, axis in enumerate(side.axes):
+        if plain(axis.name) in column:
+            values[:, i] = rows.q[:, column[plain(axis.name)]]
+    kept = list(range(len(rows.joints)))
+    for i, (ratios, offset) in followed_of(side).items():
+        name = side.axes[i].name
+        leaders = np.flatnonzero(ratios)
+        if name in side.order or plain(name) not in column or np.isnan(values[:, leaders]).any():
+            continue
+        followed = values[:, leaders] @ ratios[leaders] + offset
+        gaps = np.abs(values[:, i] - followed)
+        row = int(np.argmax(gaps))
+        if gaps[row] > _FOLLOWS:
+            stated = f"{name} = {values[row, i]:.6g}, but its coupling in {side.label} gives {followed[row]:.6g}"
+            line = f":{rows.lines[row]}" if rows.lines else ""
+            way_out = "Correct the value or the coupling, or remove the column"
+            raise TwinError(f"{label}{line}: {stated} in rad or m (up to {_FOLLOWS:g} apart is allowed). {way_out}")
+        kept.remove(column[plain(name)])
+    joints = tuple(rows.joints[k] for k in kept)
+    angles = tuple(rows.angles[k] for k in kept)
+    return replace(rows, joints=joints, angles=angles, q=rows.q[:, kept])
+
+
+def joint_values(rows: PoseRows, label: str, side: RobotSide) -> Array:
+    """Return the joint values (k, joints) of the rows in the order of the driven joints of the robot's side.
+
+    Joints that do not move the tool can be missing in the rows: their values are NaN.
+
+    Raises:
+        TwinError: the joints cannot be matched, or a length stands where the robot has an angle.
+    """
+    columns = _columns(rows, label, side)
+    axes = {axis.name: axis for axis in side.axes}
+    q = np.full((len(rows.q), len(side.order)), np.nan)
+    for i, name in enumerate(side.order):
+        if name not in columns:
+            continue
+        column = columns[name]
+        if name in axes:
+            _require_unit(rows, column, label, axes[name], side)
+        q[:, i] = rows.q[:, column]
+    return q
+
+
+def _columns(rows: PoseRows, label: str, side: RobotSide) -> dict[str, int]:
+    """Return {driven joint of the robot: its column of the rows}, by names or, if all of them differ, by order.
+
+    Raises:
+        TwinError: it names the joints of both, and the way out.
+    """
+    known = {plain(name): column for column, name in enumerate(rows.joints)}
+    driving = _driving(side)
+    wanted = [name for name in side.order if name in driving]
+    missing = [name for name in wanted if plain(name) not in known]
+    if side.tool_poses is not None:
+        # which joints of loops move the tool is not read from the lines: the missing ones are tried
+        missing = [name for name in missing if _moves_tool(side, name)]
+    driven_names = {plain(joint) for joint in side.order}
+    extra = [name for name in rows.joints if plain(name) not in driven_names]
+    if not missing and not extra:
+        return {name: known[plain(name)] for name in side.order if plain(name) in known}
+    if len(rows.joints) == len(wanted) == len(missing):
+        return {name: column for column, name in enumerate(wanted)}
+    stated = f"{label} has values of {len(rows.joints)} joints ({', '.join(rows.joints)})"
+    needed = f"the tool of {side.label} is moved by {len(wanted)} ({', '.join(wanted)})"
+    way_out = "Name the joints alike, or compare fewer with --only"
+    passive = _passive(extra, side)
+    if passive:
+        way_out = f"Remove the columns of joints without a motor: {', '.join(passive)}"
+    raise TwinError(f"the joints cannot be matched: {stated}, but {needed}. {way_out}")
+
+
+def _require_unit(rows: PoseRows, column: int, label: str, axis: Axis, side: RobotSide) -> None:
+    """Require that a column has angles for a joint that turns, and lengths for one that slides."""
+    if axis.is_angle == rows.angles[column]:
+        return
+    stated = f"joint '{rows.joints[column]}' of {label} is {_KINDS[rows.angles[column]]}"
+    known_kind = f"'{axis.name}' of {side.label} is {_KINDS[axis.is_angle]}"
+    way_out = "Correct the unit in the heading, or the order of the columns"
+    raise TwinError(f"{stated}, but {known_kind}. {way_out}")
+
+
+def _passive(names: Sequence[str], side: RobotSide) -> list[str]:
+    """Return which of the names are joints of the side without a motor."""
+    undriven = {plain(axis.name) for axis in side.axes} - {plain(name) for name in side.order}
+    return [name for name in names if plain(name) in undriven]
+
+
+def _moves_tool(side: RobotSide, name: str) -> bool:
+    """Return whether a driven joint of a robot with loops moves its tool."""
+    assert side.tool_poses is not None
+    states = np.full((2, len(side.order)), np.nan)
+    states[1, side.order.index(name)] = side.axes[side.index(name)].drawn + _PROBE
+    at_rest, displaced = side.tool_poses(states)
+    # where the loops open, the joint moves them, and the tool with them
+    return bool(np.abs(displaced - at_rest).max() > _UNMOVED) or not np.isfinite(displaced).all()
+
+
+def _driving(side: RobotSide) -> set[str]:
+    """Return the names of the driven joints that move the tool; of a robot with loops, all."""
+    if side.tool_poses is not None or side.looped:
+        return set(side.order)
+    coupled = followed_of(side)
+    names = set()
+    for axis in path_to_tool(side):
+        i = side.index(axis.name)
+        if i not in coupled:
+            names.add(axis.name)
+            continue
+        ratios, _ = coupled[i]
+        for leader in np.flatnonzero(np.abs(ratios) > _WITHOUT_EFFECT):
+            names.add(side.axes[leader].name)
+    return names
+
+
+def path_to_tool(side: RobotSide) -> list[Axis]:
+    """Return the joints from the base to the tool."""
+    above = {axis.child: axis for axis in side.tree}
+    group, _ = side.frames[side.tool]
+    path = []
+    while group in above:
+        path.append(above[group])
+        group = above[group].parent
+    return path[::-1]
+
+
+def require_common_range(rows: PoseRows, q: Array, label: str, side: RobotSide) -> None:
+    """Require that for each driven joint, the values q (k, joints) of the rows reach the range of its limits.
+
+    Raises:
+        TwinError: it names the joint, both ranges, and the way out.
+    """
+    axes: Mapping[str, Axis] = {axis.name: axis for axis in side.axes}
+    for i, name in enumerate(side.order):
+        values = q[:, i]
+        if name not in axes or not np.isfinite(values).all():
+            continue
+        axis = axes[name]
+        if axis.limits is None:
+            continue
+        low, high = axis.limits
+        if values.max() >= low and values.min() <= high:
+            continue
+        place = f"{label}:{rows.lines[0]}" if rows.lines else label
+        smallest = moved(float(values.min()), axis.is_angle)
+        largest = moved(float(values.max()), axis.is_angle)
+        raise TwinError(
+            f"{place}: joint '{name}' has no common range: {smallest} .. {largest} in {label}, "
+            f"{moved(low, axis.is_angle)} .. {moved(high, axis.is_angle)} in {side.label}. "
+            "Correct the unit, the zero or the limits"
+        )
