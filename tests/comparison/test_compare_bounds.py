@@ -14,7 +14,8 @@ from twin.comparison.evidence import Evidence, StatedEvidence
 from twin.comparison.fit import Problem, Unknowns
 from twin.comparison.invariants import local
 from twin.comparison.matching import match
-from twin.comparison.side import RobotSide, from_mechanism
+from twin.comparison.mechanism_side import from_mechanism
+from twin.comparison.side import RobotSide
 from twin.comparison.tool_lines import may_agree
 from twin.exchange.read import read
 

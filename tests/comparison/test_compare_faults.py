@@ -11,9 +11,10 @@ from scipy.spatial.transform import Rotation
 import twin
 from made import chains
 from made.lanes import thinned
+from twin.comparison.mechanism_side import from_mechanism
 from twin.comparison.pair import compare_pair
 from twin.comparison.poses import compare_rows
-from twin.comparison.side import PoseRows, RobotSide, from_mechanism, plain
+from twin.comparison.side import PoseRows, RobotSide, plain
 from twin.core.errors import TwinError
 from twin.exchange.read import read
 

@@ -18,9 +18,10 @@ import twin
 from made.lanes import robots
 from made.mechanisms import four_bar
 from twin.comparison.joined import joined
+from twin.comparison.mechanism_side import from_mechanism
 from twin.comparison.pair import SidePair, compare_pair
 from twin.comparison.recut import recut
-from twin.comparison.side import Axis, RobotSide, from_mechanism
+from twin.comparison.side import Axis, RobotSide
 from twin.core import assets
 from twin.core.spatial import Array
 from twin.exchange.formats.mjcf.write import write_mjcf

@@ -12,10 +12,10 @@ from scipy.optimize import brentq
 
 from made.moved_side import moved
 from twin.api import comparison
+from twin.comparison.file_numbers import why_not_edited
 from twin.comparison.fit import Problem
 from twin.comparison.matching import match
 from twin.comparison.pair import compare_pair
-from twin.comparison.rereading import why_not_edited
 from twin.comparison.side import Axis, JointGroup, RobotSide
 from twin.core import spatial
 from twin.core.spatial import Array

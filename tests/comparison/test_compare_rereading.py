@@ -10,7 +10,7 @@ import pytest
 import twin
 from comparison.test_compare_faults import mimic, robot
 from made import chains
-from twin.comparison.rereading import has_numbers
+from twin.comparison.file_numbers import has_numbers
 
 CHAIN = [
     {"name": "a", "xyz": "0 0 0.3"},

@@ -10,9 +10,10 @@ import pytest
 
 from made.mechanisms import four_bar
 from twin.comparison.joined import joined
+from twin.comparison.mechanism_side import from_mechanism
 from twin.comparison.pair import compare_pair
 from twin.comparison.recut import recut
-from twin.comparison.side import UNLIMITED, Axis, JointGroup, RobotSide, from_mechanism
+from twin.comparison.side import UNLIMITED, Axis, JointGroup, RobotSide
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.spatial import Array

@@ -209,7 +209,7 @@ def _file_side(
     table: DhOptions,
     guarded: bool = True,
 ) -> RobotSide:
-    from twin.comparison.side import from_mechanism
+    from twin.comparison.mechanism_side import from_mechanism
     from twin.exchange.read import read
     from twin.exchange.read.closing import close
 
@@ -245,7 +245,7 @@ def _reread(
 
     None if the numbers of the file are no text: `text` is the one that was read, if it is not that of the file.
     """
-    from twin.comparison.rereading import has_numbers
+    from twin.comparison.file_numbers import has_numbers
 
     data = _content(path) if text is None else text
     if data is None or not has_numbers(data, table=_is_table(path)):
@@ -264,7 +264,7 @@ def _reread_stage(
     path: Path, label: str, only: Sequence[str], mirrors: ExitStack
 ) -> Callable[[bytes], RobotSide] | None:
     """Return the same for a USD stage; None for a stage in binary form."""
-    from twin.comparison.rereading import has_numbers
+    from twin.comparison.file_numbers import has_numbers
 
     data = _content(path)
     if data is None or not has_numbers(data, table=False):
@@ -378,7 +378,7 @@ def _rows(path: Path, options: DhOptions, names: Sequence[str]) -> tuple[TableLi
 
 
 def _robot_side(robot: Robot, label: str, only: Sequence[str]) -> RobotSide:
-    from twin.comparison.side import from_mechanism
+    from twin.comparison.mechanism_side import from_mechanism
 
     unlimited: Collection[str]
     if robot.files is None:

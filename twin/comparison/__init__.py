@@ -3,21 +3,33 @@
 The two sides and how they are mapped onto each other:
 
     side              one description as joint lines, bodies, frames and limits at one state; its own forward kinematics
+    mechanism_side    the side of a mechanism
     joined            joints that one side writes as several: hinges through a point as a ball, two points as a hinge
     recut             a robot with loops as a tree that is cut at the same joints as that of the other side
     screws            the joint lines of equations, from their forward function alone
     matching          which joint of one side is which joint of the other
     fit               conventions (base frame, signs, zeros) and deviating links that map one side onto the other
+    fit_starts        values from which this fit begins
     invariants        what consecutive joint lines have in common, whatever conventions are chosen
     tool_lines        what the frames of a last link and the joint lines before it have in common
     evidence          what the sides state beyond their lines: base, zeros, tools, limits, inertias
     search            the fit with the fewest conventions and the fewest deviating links
+    evidence_search   the search over signs and evidence of given deviating links
+    smallest_deviations, convention_sizes      how far a solution is from no change
     link_motions      the links of one robot with loops, moved onto those of the other
     posed             robots with loops in one posture
     links             robots with loops: which joint has another place on which link
+    coupled_motion    which joints follow others by couplings
     mimic             a linkage with loops against linear couplings that replace its loops
+    hinge_matching    which hinge of the linkage is which of the other side
+    linkage_motion    the linkage with closed loops along the stroke of its driver
     mimic_statements  base frame, tool frame and limits of both
     poses             rows of joint values and tool poses against a robot
+    row_columns       which column of rows is which joint
+    tool_motion       the tool at the rows, with changed signs, zeros and places of joints
+    row_fit           base frame, tool frame and changes that fit the rows
+    row_noise         whether what remains is noise
+    row_changes       the fewest changes with which only noise remains
 
 What differs:
 
@@ -28,7 +40,9 @@ What differs:
 
 Which number to edit:
 
-    statements        the numbers of a description file with their lines, and what each number moves
+    statements        a number of a description file with its line, and what it moves
+    file_statements   all these numbers of a file
+    file_numbers      all numbers of a text, whatever they do
     edits             the number of a file whose edit removes a difference
     edit_case         what an edit must achieve
     solved_value      the value of a number with which both sides agree

@@ -8,12 +8,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from twin.comparison.file_numbers import why_not_edited
 from twin.comparison.items import ComparedItem, NumberEdit
 from twin.comparison.mimic import MimicError
 from twin.comparison.pair import SidePair
 from twin.comparison.poses import PoseFit
-from twin.comparison.properties import KINDS, PropertyRow
-from twin.comparison.rereading import why_not_edited
+from twin.comparison.properties import KINDS, Properties, PropertyRow
 from twin.comparison.side import RobotSide
 from twin.core import spatial
 from twin.core.findings import Finding, disagreement, error, info, warning
@@ -83,11 +83,12 @@ class Comparison(Result):
             yield disagreement(
                 "compare.link", item.joint, _sentence(item.text), size, None, _suggestion(item), when=where, word=""
             )
-        rows = () if pair.properties is None else pair.properties.rows
-        for row in rows:
+        if pair.properties is None:
+            return
+        for row in pair.properties.rows:
             if row.stated:
-                labels = (pair.first.label, pair.second.label)
-                text = f"{row.kind} of '{row.where}': {row.first} in {labels[0]}, {row.second} in {labels[1]}"
+                values = f"{row.first} in {pair.first.label}, {row.second} in {pair.second.label}"
+                text = f"{row.kind} of '{row.where}': {values}"
                 suggestion = " ".join(_edit_texts(row.edits, together=row.together))
                 yield disagreement(f"compare.{row.kind.replace(' ', '_')}", row.where, text, suggestion=suggestion)
 
@@ -98,9 +99,14 @@ class Comparison(Result):
             return None
         lonely = []
         for side in self.sides:
-            own_pairs = [pair for pair in self.pairs if side in (pair.first, pair.second)]
-            others = [pair for pair in self.pairs if pair not in own_pairs]
-            if not any(pair.agrees for pair in own_pairs) and all(pair.agrees for pair in others):
+            disagrees_with_all = True
+            others_agree = True
+            for pair in self.pairs:
+                if side in (pair.first, pair.second):
+                    disagrees_with_all = disagrees_with_all and not pair.agrees
+                else:
+                    others_agree = others_agree and pair.agrees
+            if disagrees_with_all and others_agree:
                 lonely.append(side.label)
         if len(lonely) == 1:
             return lonely[0]
@@ -115,8 +121,11 @@ class Comparison(Result):
 
     def content(self) -> JsonObject:
         """Return the pairs as plain data."""
+        sides = []
+        for side in self.sides:
+            sides.append({"label": side.label, "joints": [axis.name for axis in side.axes]})
         return {
-            "sides": [{"label": side.label, "joints": [axis.name for axis in side.axes]} for side in self.sides],
+            "sides": sides,
             "tolerance_mm": self.tolerance / MM,
             "strict": self.strict,
             "pairs": [pair.as_dict() for pair in self.pairs],
@@ -165,7 +174,8 @@ def _pair_text(pair: SidePair) -> Iterator[Part]:
     for texts in pair.ties:
         yield f"  or, equally well: {'; '.join(texts)}"
     if pair.mimic is not None:
-        yield f"  {'✔' if pair.agrees else '✖'} {pair.mimic.text()}"
+        mark = "✔" if pair.agrees else "✖"
+        yield f"  {mark} {pair.mimic.text()}"
         yield f"  the joints correspond only in part: {pair.mimic.part_text() or 'loops are open'}"
         yield f"  {_uncompared(pair.mimic)}"
     if pair.poses is not None:
@@ -173,14 +183,18 @@ def _pair_text(pair: SidePair) -> Iterator[Part]:
     elif pair.worst is not None and pair.differences:
         largest = pair.worst
         yield f"  largest difference of '{largest.frame}': {mm(largest.distance)} and {deg(largest.angle)}"
-    if pair.properties is None:
-        return
+    if pair.properties is not None:
+        yield from _properties_text(pair, pair.properties)
+
+
+def _properties_text(pair: SidePair, properties: Properties) -> Iterator[Part]:
+    """Yield the verdict of each kind of property, what only one side states, and what differs with its edits."""
     rows = []
     for kind in KINDS:
-        rows.append((kind, pair.properties.verdict(kind), str(pair.properties.compared[kind])))
+        rows.append((kind, properties.verdict(kind), str(properties.compared[kind])))
     yield TextTable(("property", "verdict", "compared"), rows)
-    yield from _one_sided_text(pair.properties.rows)
-    stated = [row for row in pair.properties.rows if row.stated]
+    yield from _one_sided_text(properties.rows)
+    stated = [row for row in properties.rows if row.stated]
     if stated:
         different = [(row.kind, row.where, row.first, row.second) for row in stated]
         yield TextTable(("differs", "of", pair.first.label, pair.second.label), different)
@@ -192,11 +206,14 @@ def _pair_text(pair: SidePair) -> Iterator[Part]:
 def _unedited_text(pair: SidePair) -> Iterator[str]:
     """Yield for each side whose numbers cannot be edits the reason, if an item has no edit of it."""
     for side in (pair.first, pair.second):
-        without = [item for item in pair.items if item.moves_geometry]
-        without = [item for item in without if all(edit.side != side.label for edit in item.edits)]
+        unedited = [item for item in pair.items if item.moves_geometry and not _has_edit_of(item, side)]
         reason = why_not_edited(side)
-        if without and reason:
+        if unedited and reason:
             yield f"  no edits of {side.label}: {reason}."
+
+
+def _has_edit_of(item: ComparedItem, side: RobotSide) -> bool:
+    return any(edit.side == side.label for edit in item.edits)
 
 
 def _one_sided_text(rows: Sequence[PropertyRow]) -> Iterator[str]:
@@ -216,20 +233,23 @@ def _poses_text(fit: PoseFit) -> Iterator[str]:
     kind = "computed" if fit.computed else "measured"
     what = "poses" if fit.rotations else "positions"
     yield f"  {fit.rows} {kind} {what}; fitted: base {_motion(fit.base)}, tool {_motion(fit.tool)}"
-    if fit.computed:
-        noise = "the rows have no noise"
-    elif fit.noise is None:
-        noise = "noise not stated, and too few rows to estimate it"
-    else:
-        source = "stated by the table" if fit.stated else "estimated from the rows"
-        noise = f"noise {mm(fit.noise[0])}"
-        if fit.rotations:
-            noise += f" and {deg(fit.noise[1])}"
-        noise += f" (standard deviation, {source})"
     place = f" in line {fit.line}" if fit.line else ""
     if fit.uncertainty:
         yield f"  standard deviation of these differences: up to {mm(fit.uncertainty)}, of angles at half a metre"
-    yield f"  largest remainder {_remainder(fit)}{place}; {noise}"
+    yield f"  largest remainder {_remainder(fit)}{place}; {_noise(fit)}"
+
+
+def _noise(fit: PoseFit) -> str:
+    if fit.computed:
+        return "the rows have no noise"
+    if fit.noise is None:
+        return "noise not stated, and too few rows to estimate it"
+    length, angle = fit.noise
+    size = f"noise {mm(length)}"
+    if fit.rotations:
+        size += f" and {deg(angle)}"
+    source = "stated by the table" if fit.stated else "estimated from the rows"
+    return f"{size} (standard deviation, {source})"
 
 
 def _remainder(fit: PoseFit) -> str:

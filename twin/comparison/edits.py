@@ -14,19 +14,24 @@ import numpy as np
 from twin.comparison import rereading
 from twin.comparison.dh_edits import CellStatement
 from twin.comparison.edit_case import EditCase, Statement
+from twin.comparison.file_numbers import FileNumber
+from twin.comparison.file_statements import statements
 from twin.comparison.fit import FitSolution, Problem, Unknowns
 from twin.comparison.frames import leaf_gaps
 from twin.comparison.items import ComparedItem, NumberEdit
 from twin.comparison.matching import Matching
 from twin.comparison.paths import short
-from twin.comparison.rereading import EditGoal, FileNumber
+from twin.comparison.rereading import EditGoal
 from twin.comparison.side import RobotSide, plain
 from twin.comparison.solved_value import solved_values
-from twin.comparison.statements import NumberStatement, places, statements
+from twin.comparison.statements import NumberStatement, places
 from twin.core.spatial import Array
 
 _MOST = 6
 """Maximum number of edits that are told for one item and one side."""
+
+_SAME_VALUE = 1e-12
+"""Difference of a number of a text and a value of a table, relative to 1 or the number, that is only rounding."""
 
 
 def with_edits(
@@ -40,24 +45,36 @@ def with_edits(
     common = _common_edits(problem, matching, items, known)
     items_with_edits = []
     for item in items:
-        edits: list[NumberEdit] = []
-        others = moved_tools
+        u = _without(problem, solution.unknowns, item)
+        if u is None:
+            items_with_edits.append(item.with_edits(()))
+            continue
+        other_tools = moved_tools
         if item.kind == "tool frame":
             joint = problem.second.index(item.joint)
-            others = [tool for tool in moved_tools if tool != joint]
-        u = _without(problem, solution.unknowns, item)
-        if u is not None:
-            for edited in (0, 1):
-                case = EditCase(problem, matching, u, edited, others)
-                edits_of_side = list(common[edited])
-                for edit in _edits(case, known[edited]):
-                    if edit not in common[edited]:
-                        edits_of_side.append(edit)
-                if not edits_of_side:
-                    edits_of_side = _reread(case, [item], known[edited])
-                edits += edits_of_side
+            other_tools = [tool for tool in moved_tools if tool != joint]
+        edits: list[NumberEdit] = []
+        for edited in (0, 1):
+            case = EditCase(problem, matching, u, edited, other_tools)
+            edits += _edits_of_item(case, item, common[edited], known[edited])
         items_with_edits.append(item.with_edits(edits))
     return items_with_edits
+
+
+def _edits_of_item(
+    case: EditCase,
+    item: ComparedItem,
+    common: Sequence[NumberEdit],
+    known: Sequence[NumberStatement | CellStatement],
+) -> list[NumberEdit]:
+    """Return the edits of one side that remove an item: those of all items, of statements, else of other numbers."""
+    edits = list(common)
+    for edit in _edits(case, known):
+        if edit not in common:
+            edits.append(edit)
+    if not edits:
+        edits = _reread(case, [item], known)
+    return edits
 
 
 def _common_edits(
@@ -94,8 +111,9 @@ def _reread(
         if statement.applied(case.side, statement.values) is not None:
             by_line.setdefault(statement.line, []).append(statement)
 
-    def tried(number: FileNumber, value: float) -> bool:
-        return any(_states(statement, number, value) for statement in by_line.get(number.line, ()))
+    def is_tried(number: FileNumber, value: float) -> bool:
+        on_line = by_line.get(number.line, ())
+        return any(_states(statement, number, value) for statement in on_line)
 
     def agrees(side: RobotSide) -> bool:
         return len(side.axes) == len(case.side.axes) and case.agrees(side)
@@ -104,14 +122,14 @@ def _reread(
     for item in items:
         names |= _names(case, item)
     goal = EditGoal(case.residual, agrees, case.differing_frames, case.problem.tolerance)
-    return rereading.edits(case.side, names, "", goal, short, tried)[:_MOST]
+    return rereading.edits(case.side, names, "", goal, short, is_tried)[:_MOST]
 
 
 def _states(statement: NumberStatement | CellStatement, number: FileNumber, value: float) -> bool:
     """Return whether a number of a text, on the line of a statement, is one of the numbers of this statement."""
     if isinstance(statement, CellStatement):
         # other numbers of a row, as in pi/2, are no values of it
-        return abs(value - statement.values[0]) <= 1e-12 * max(abs(value), 1.0)
+        return abs(value - statement.values[0]) <= _SAME_VALUE * max(abs(value), 1.0)
     if number.file and number.file != statement.file:
         return False
     attribute = number.what.rpartition("[")[0]
@@ -123,16 +141,21 @@ def _names(case: EditCase, item: ComparedItem) -> set[str]:
     problem = case.problem
     side = case.side
     names = {item.link}
-    for i, axis in enumerate((problem.axes, problem.second.axes)[case.edited]):
-        of_item = problem.second.axes[i].name == item.joint
+    axes_of_side = problem.second.axes if case.edited else problem.axes
+    for axis, second in zip(axes_of_side, problem.second.axes, strict=True):
+        is_of_item = second.name == item.joint
         if item.kind == "base frame":
-            of_item = axis.parent == 0
-        if not of_item:
+            is_of_item = axis.parent == 0
+        if not is_of_item:
             continue
         names.add(axis.name)
-        names |= {*side.groups[axis.child].bodies, *side.groups[axis.parent].bodies}
+        names.update(side.groups[axis.child].bodies)
+        names.update(side.groups[axis.parent].bodies)
         if item.kind == "tool frame":
-            names |= {side.tool, *(name for name, (group, _) in side.frames.items() if group == axis.child)}
+            names.add(side.tool)
+            for frame, (group, _) in side.frames.items():
+                if group == axis.child:
+                    names.add(frame)
     return {plain(name) for name in names if name}
 
 
@@ -154,8 +177,10 @@ def _without(problem: Problem, u: Unknowns, item: ComparedItem) -> Unknowns | No
         signs[joint] = 1.0
         return replace(u, signs=signs)
     assert u.deviations is not None
-    kept = [k for k, deviating in enumerate(u.deviating) if deviating not in (joint, problem.turned_axis(joint))]
-    return replace(u, deviating=tuple(u.deviating[k] for k in kept), deviations=u.deviations[kept])
+    of_item = (joint, problem.turned_axis(joint))
+    kept = [k for k, deviating in enumerate(u.deviating) if deviating not in of_item]
+    still_deviating = tuple(u.deviating[k] for k in kept)
+    return replace(u, deviating=still_deviating, deviations=u.deviations[kept])
 
 
 def _edits(
@@ -173,13 +198,16 @@ def _edits(
             values = solved_values(case, statement, [k], before)
             if values is not None:
                 ranked.append((_differing_frames(case, statement, values), _edit(side, statement, k, values)))
-    of_one_number = bool(ranked)
-    named = {(edit.file, edit.line, edit.what.partition("[")[0]) for _, edit in ranked}
+    has_edit_of_one_number = bool(ranked)
+    named: set[tuple[str, int, str]] = set()
+    for _, edit in ranked:
+        what, _, _ = edit.what.partition("[")
+        named.add((edit.file, edit.line, what))
     for statement in known:
         # another axis changes two numbers, and may be likelier than one angle that turns all links behind the joint
-        if (of_one_number and statement.role != "axis") or (statement.file, statement.line, statement.what) in named:
+        if has_edit_of_one_number and statement.role != "axis":
             continue
-        if len(statement.values) > 1:
+        if len(statement.values) > 1 and (statement.file, statement.line, statement.what) not in named:
             ranked += _whole(case, statement, before)
     if not ranked and placed:
         for place in places(known):
@@ -207,6 +235,7 @@ def _differing_frames(case: EditCase, statement: Statement, values: Array) -> in
 
 
 def _edit(side: RobotSide, statement: Statement, column: int | None, values: Array) -> NumberEdit:
+    """Return the edit of one number of a statement or, without a column, of all."""
     what = statement.what
     old = " ".join(f"{value:.12g}" for value in statement.values)
     new = " ".join(f"{value:.12g}" for value in values)

@@ -40,9 +40,11 @@ PROPERTY = 1.5
 One more convention that makes them equal is likelier than an error; two more conventions are not.
 """
 
-
 INERTIA = 1.7
 """The same for inertias: a zero that moves against the limits turns no inertia."""
+
+_SMALLEST_TENSOR = 1e-12
+"""Size of an inertia tensor in kg m2 that stands for 0 in a quotient."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,11 @@ class StatedEvidence:
         leaves = leaf_gaps(self.problem, self.problem.start)
         tools = (self.problem.first.tool, self.problem.second.tool)
         with_tool = {gap.joint for gap in leaves if gap.name in tools}
-        return tuple(gap for gap in leaves if gap.joint not in with_tool or gap.name in tools)
+        frames = []
+        for gap in leaves:
+            if gap.joint not in with_tool or gap.name in tools:
+                frames.append(gap)
+        return tuple(frames)
 
     @cached_property
     def partners(self) -> dict[int, int]:
@@ -114,6 +120,7 @@ class StatedEvidence:
             return None
         if abs((limits[1] - limits[0]) - (target[1] - target[0])) > 2 * LIMIT:
             return None
+        # the middles of both ranges coincide: q_first = sign * q_second + zero
         return 0.5 * (sum(limits) - float(signs[i]) * sum(target))
 
     @cached_property
@@ -128,8 +135,9 @@ class StatedEvidence:
             if abs(first.mass - second.mass) > RELATIVE * max(first.mass, second.mass):
                 continue
             moments = np.linalg.eigvalsh(first.I_com)
-            others = np.linalg.eigvalsh(second.I_com)
-            if np.linalg.norm(moments - others) <= RELATIVE * max(np.linalg.norm(moments), np.linalg.norm(others)):
+            moments_of_second = np.linalg.eigvalsh(second.I_com)
+            size = max(np.linalg.norm(moments), np.linalg.norm(moments_of_second))
+            if np.linalg.norm(moments - moments_of_second) <= RELATIVE * size:
                 groups.append(group)
         return groups
 
@@ -146,7 +154,7 @@ class StatedEvidence:
         return np.concatenate(parts, axis=1)
 
     def _rows(self, evidence: Evidence, signs: Array, values: Array, motions: Array) -> Array:
-        problem = self.problem
+        """Return (k, rows) of one piece of evidence, see `residuals_of`."""
         i = evidence.index
         if evidence.kind == "base":
             return values[:, :6]
@@ -157,20 +165,25 @@ class StatedEvidence:
             assert wanted is not None
             return self._distance(i, values[:, 6 + i] - wanted)[:, None]
         if evidence.kind == "tool":
-            parts = []
-            for gap in self.frames:
-                if gap.joint == i:
-                    parts.append(self._frame_rows(gap, motions))
-            return np.concatenate(parts, axis=1)
-        first = problem.first.groups[i].inertia
-        second = problem.second.groups[self.partners[i]].inertia
+            frame_rows = [self._frame_rows(gap, motions) for gap in self._frames_on(i)]
+            return np.concatenate(frame_rows, axis=1)
+        return self._inertia_rows(i, motions)
+
+    def _inertia_rows(self, group: int, motions: Array) -> Array:
+        """Return (k, 12) of the difference of an inertia: its centre in m, and its tensor relative to its size."""
+        first = self.problem.first.groups[group].inertia
+        second = self.problem.second.groups[self.partners[group]].inertia
         assert first is not None
         assert second is not None
-        R = motions[:, i, :3, :3]
-        centre = R @ first.p_body_com + motions[:, i, :3, 3] - second.p_body_com
-        size = max(float(np.linalg.norm(second.I_com)), 1e-12)
+        R = motions[:, group, :3, :3]
+        centre = R @ first.p_body_com + motions[:, group, :3, 3] - second.p_body_com
+        size = max(float(np.linalg.norm(second.I_com)), _SMALLEST_TENSOR)
         tensor = (R @ first.I_com @ np.swapaxes(R, 1, 2) - second.I_com) / size
-        return np.concatenate([centre, tensor.reshape(len(values), 9)], axis=1)
+        return np.concatenate([centre, tensor.reshape(len(motions), 9)], axis=1)
+
+    def _frames_on(self, joint: int) -> list[FrameGap]:
+        """Return the compared frames of the leaf link on a joint."""
+        return [gap for gap in self.frames if gap.joint == joint]
 
     def _frame_rows(self, gap: FrameGap, motions: Array) -> Array:
         """Return (k, 12) of the difference of a frame of both sides."""
@@ -197,7 +210,7 @@ class StatedEvidence:
         key = (evidence.index, tuple(u.signs), u.deviating)
         possible = self._possible_tools.get(key)
         if possible is None:
-            own = [gap for gap in self.frames if gap.joint == evidence.index]
+            own = self._frames_on(evidence.index)
             Ts_first = np.array([self._placed_first[gap.name] for gap in own])
             Ts_second = np.array([gap.T_base_second for gap in own])
             possible = may_agree(self.problem, evidence.index, Ts_first, Ts_second, u.signs, u.deviating)
@@ -225,12 +238,13 @@ class StatedEvidence:
         if evidence.kind == "base":
             return 6
         if evidence.kind == "tool":
-            return 12 * sum(gap.joint == evidence.index for gap in self.frames)
+            return 12 * len(self._frames_on(evidence.index))
         if evidence.kind == "inertia":
             return 12
         return 1
 
     def _holds(self, evidence: Evidence, rows: Array) -> bool:
+        """Return whether a piece of evidence is equal, for its rows (rows,)."""
         problem = self.problem
         if evidence.kind == "base":
             turn = float(np.linalg.norm(rows[:3]))
@@ -242,13 +256,10 @@ class StatedEvidence:
         if evidence.kind == "limits":
             return bool(abs(rows[0]) <= 2 * LIMIT)
         if evidence.kind == "tool":
-            for start in range(0, len(rows), 12):
-                T = rows[start : start + 12].reshape(3, 4)
-                turned = T[:, :3] + np.eye(3)
-                turn = float(spatial.rotation_angle(turned))
-                if np.linalg.norm(T[:, 3]) > problem.tolerance or turn > problem.angle_tolerance:
-                    return False
-            return True
+            Ts = rows.reshape(-1, 3, 4)
+            turns = spatial.rotation_angle(Ts[:, :, :3] + np.eye(3))
+            shifts = np.linalg.norm(Ts[:, :, 3], axis=1)
+            return bool(shifts.max() <= problem.tolerance and turns.max() <= problem.angle_tolerance)
         return bool(np.linalg.norm(rows[:3]) <= CENTRE and np.linalg.norm(rows[3:]) <= RELATIVE)
 
     def fixed(self, evidence: Evidence, signs: Array) -> dict[int, float]:

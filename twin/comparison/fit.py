@@ -5,8 +5,7 @@ If all its joint lines then lie on those of the second side, both have the same 
 from the lines at one state. If no conventions do this, the smallest set of joints is searched whose place on their
 parent link must change (`Unknowns.deviating`): these joints are the places of the disagreement.
 
-All sets of signs with few changes are tried, fewest first; for each, the displacements come from closed forms along the
-tree, and Gauss-Newton steps on all unknowns finish them.
+Here are the residuals of given signs and deviating joints, and the Gauss-Newton steps that make them smallest.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 from scipy import linalg
@@ -22,12 +21,12 @@ from scipy import linalg
 from twin.comparison.matching import Matching
 from twin.comparison.side import ONE_COORDINATE, TURNING, RobotSide
 from twin.core import spatial
-from twin.core.spatial import Array
+from twin.core.spatial import Array, Index
 
 ANGLE_PER_LENGTH = 2.0
 """Tolerance of directions in rad for a tolerance of 1 m: a wrong direction moves points at half a metre as far."""
 
-_STEP = 1e-7
+STEP = 1e-7
 """Step of the unknowns in m and rad for derivatives by differences."""
 
 _ROUNDS = 25
@@ -48,8 +47,17 @@ _FAR = 10.0
 _LEAST_DAMPING = 1e-7
 """Smallest damping of a step that did not lower the residual."""
 
-_FLAT = 1e-7
-"""Amplitude of a cost below which an angle does not change it."""
+_LARGEST_DAMPING = 1e3
+"""Damping above which steps no longer lead anywhere."""
+
+_SOLVED = 1e-13
+"""Largest residual in m and rad at which the steps end."""
+
+_ENDED = 1e-9
+"""Part of the sum of squares that a step must remove, or the steps end."""
+
+_ROUNDING = 1e-20
+"""Sum of squares in m and rad below which a small gain of a step is only rounding, and ends nothing."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +92,11 @@ class FitGap:
     distances: Array
     angles: Array
 
+    @property
+    def size(self) -> float:
+        """Sum of all distances in m and angles in rad."""
+        return float(np.sum(self.distances) + np.sum(self.angles))
+
 
 @dataclass(frozen=True)
 class FitSolution:
@@ -98,9 +111,15 @@ class Problem:
 
     Attributes:
         first, second: the sides.
-        axes: the joints of the first side, in the order of the second.
-        directed: for each joint, whether both sides state which way along its line is positive.
         tolerance: distance in m up to which two lines coincide.
+        axes, kinds: the joints of the first side, in the order of the second, and their types.
+        count: number of joints.
+        order: the joints of the tree, parents first, then those that close loops.
+        below: for each joint, the joints that start at its child.
+        points, directions: (joints, 3) of the first side; `target_points`, `target_directions` of the second.
+        drawn, target_drawn: (joints,) coordinates in m or rad at which the lines of the sides are compared.
+        directed: for each joint, whether both sides state which way along its line is positive.
+        signed: the joints that may turn or slide the other way.
     """
 
     def __init__(self, first: RobotSide, second: RobotSide, matching: Matching, tolerance: float) -> None:
@@ -109,20 +128,20 @@ class Problem:
         self.tolerance = tolerance
         self.axes = [first.axes[i] for i in matching.pairs]
         self.count = len(self.axes)
-        joints = tuple((axis.parent, axis.child, axis.closing) for axis in self.axes)
-        self.order, self.below = _tree(joints)
+        self.order, self.below = _tree(tuple(_JointEnds(axis.parent, axis.child, axis.closing) for axis in self.axes))
         self.points = np.array([axis.point for axis in self.axes])
         self.directions = np.array([axis.direction for axis in self.axes])
         self.target_points = np.array([axis.point for axis in second.axes])
         self.target_directions = np.array([axis.direction for axis in second.axes])
         self.kinds = [axis.kind for axis in self.axes]
-        both = zip(self.axes, second.axes, strict=True)
-        self.directed = [one.directed and other.directed for one, other in both]
-        self.signed = [i for i, axis in enumerate(self.axes) if axis.kind in ONE_COORDINATE and self.directed[i]]
-        drawn = np.array([axis.drawn for axis in self.axes])
-        target_drawn = np.array([axis.drawn for axis in second.axes])
-        self.drawn = drawn
-        self.target_drawn = target_drawn
+        self.directed: list[bool] = []
+        self.signed: list[int] = []
+        for i, (axis, target) in enumerate(zip(self.axes, second.axes, strict=True)):
+            self.directed.append(axis.directed and target.directed)
+            if axis.kind in ONE_COORDINATE and self.directed[i]:
+                self.signed.append(i)
+        self.drawn = np.array([axis.drawn for axis in self.axes])
+        self.target_drawn = np.array([axis.drawn for axis in second.axes])
 
     @cached_property
     def frames(self) -> Array:
@@ -131,7 +150,7 @@ class Problem:
         x = np.eye(3)[np.abs(z).argmin(axis=1)]
         x = x - z * (z * x).sum(axis=1, keepdims=True)
         x = x / np.linalg.norm(x, axis=1, keepdims=True)
-        return np.stack([x, _cross(z, x), z], axis=-1)
+        return np.stack([x, cross(z, x), z], axis=-1)
 
     @cached_property
     def _turning(self) -> Array:
@@ -146,10 +165,17 @@ class Problem:
     @cached_property
     def _row_joints(self) -> tuple[list[int], list[int], list[int]]:
         """(joints with a direction, joints with a line that has a place, joints with a centre)."""
-        directed = [i for i, kind in enumerate(self.kinds) if kind not in ("free", "spherical")]
-        placed = [i for i, kind in enumerate(self.kinds) if kind in TURNING]
-        centred = [i for i, kind in enumerate(self.kinds) if kind == "spherical"]
-        return directed, placed, centred
+        with_direction: list[int] = []
+        with_place: list[int] = []
+        with_centre: list[int] = []
+        for i, kind in enumerate(self.kinds):
+            if kind == "spherical":
+                with_centre.append(i)
+            elif kind != "free":
+                with_direction.append(i)
+            if kind in TURNING:
+                with_place.append(i)
+        return with_direction, with_place, with_centre
 
     @property
     def angle_tolerance(self) -> float:
@@ -213,29 +239,33 @@ class Problem:
         `deviations` (k, deviating, 4, 4) those of the deviating joints on their parent links. All their rotations are
         computed by one call: a call takes longer than a rotation.
         """
-        moved = self.displacements(signs, values[:, 6 : 6 + self.count])
+        displacements = self.displacements(signs, values[:, 6 : 6 + self.count])
         joints = [joint % self.count for joint in deviating]
         in_frame = values[:, 6 + self.count :].reshape(len(values), len(joints), 2, 3)
         placed = in_frame
         if joints:
             placed = in_frame @ np.swapaxes(self.frames[joints], 1, 2)
-        vectors = [values[:, None, :3], self._turns(moved), placed[:, :, 0]]
+        vectors = [values[:, None, :3], self._turns(displacements), placed[:, :, 0]]
         R = spatial.exp_so3(np.concatenate(vectors, axis=1))
-        joint_motions = self._about_lines(R[:, 1 : 1 + self.count], moved)
+        joint_motions = self._about_lines(R[:, 1 : 1 + self.count], displacements)
         R_deviations = R[:, 1 + self.count :]
         points = self.points[joints]
         shifts = points - np.squeeze(R_deviations @ points[..., None], -1) + placed[:, :, 1]
         base = spatial.pose(R[:, 0], values[:, 3:6])
         return base, joint_motions, spatial.pose(R_deviations, shifts)
 
-    def _turns(self, moved: Array) -> Array:
-        """Return the rotation vectors (..., joints, 3) of the displacements (..., joints)."""
-        return (moved * self._turning)[..., None] * self.directions
+    def steps(self, displacements: Array) -> Array:
+        """Return the motions (joints, 4, 4) about or along the lines for displacements (joints,) in m or rad."""
+        return self._about_lines(spatial.exp_so3(self._turns(displacements)), displacements)
 
-    def _about_lines(self, R: Array, moved: Array) -> Array:
+    def _turns(self, displacements: Array) -> Array:
+        """Return the rotation vectors (..., joints, 3) of the displacements (..., joints)."""
+        return (displacements * self._turning)[..., None] * self.directions
+
+    def _about_lines(self, R: Array, displacements: Array) -> Array:
         """Return the motions (..., joints, 4, 4) of the displacements, whose rotations are R (..., joints, 3, 3)."""
         p = self.points - np.squeeze(R @ self.points[..., None], -1)
-        p = p + (moved * self._sliding)[..., None] * self.directions
+        p = p + (displacements * self._sliding)[..., None] * self.directions
         return spatial.pose(R, p)
 
     def turned_axis(self, joint: int) -> int:
@@ -265,23 +295,22 @@ class Problem:
             if not directed:
                 directions[:, i] = _ahead(directions[:, i], self.target_directions[i])
         to_lines = points - self.target_points
-        with_direction, placed, centred = self._row_joints
-        tables = [
-            (directions - self.target_directions)[:, with_direction],
-            _cross(to_lines[:, placed], self.target_directions[placed]),
-            to_lines[:, centred],
-        ]
-        rows = [table.reshape(len(parents), -1) for table in tables]
+        with_direction, with_place, with_centre = self._row_joints
+        tilts = (directions - self.target_directions)[:, with_direction]
+        moments = cross(to_lines[:, with_place], self.target_directions[with_place])
+        shifts = to_lines[:, with_centre]
+        rows = [table.reshape(len(parents), -1) for table in (tilts, moments, shifts)]
         for i, axis in enumerate(self.axes):
             if axis.closing:
+                # the tree does not bring the child of such a joint to its parent: both must be on the line
                 rows += self._closing_rows(i, parents[:, i], children[:, i], signs)
         return np.concatenate(rows, axis=1)
 
     def _closing_rows(self, i: int, parent: Array, child: Array, signs: Array) -> list[Array]:
         """Return the rows of a joint that closes a loop: its line on the child coincides with that on the parent."""
         kind = self.kinds[i]
-        point_on_parent, direction_on_parent = self._line(parent, i, signs)
-        point_on_child, direction_on_child = self._line(child, i, signs)
+        point_on_parent, direction_on_parent = self.line(parent, i, signs)
+        point_on_child, direction_on_child = self.line(child, i, signs)
         offset = point_on_child - point_on_parent
         target = self.target_directions[i]
         if kind == "spherical":
@@ -295,7 +324,8 @@ class Problem:
             return [turned.reshape(len(parent), 9), offset @ spatial.hat(target)]
         return []
 
-    def _line(self, motion: Array, i: int, signs: Array) -> tuple[Array, Array]:
+    def line(self, motion: Array, i: int, signs: Array) -> tuple[Array, Array]:
+        """Return (point (..., 3) in m, direction (..., 3)) of the line of joint i after a motion (..., 4, 4)."""
         R = motion[..., :3, :3]
         point = R @ self.points[i] + motion[..., :3, 3]
         direction = signs[i] * (R @ self.directions[i])
@@ -314,7 +344,7 @@ class Problem:
             if axis.closing:
                 motions.append(children[0, i])
             for motion in motions:
-                point, direction = self._line(motion, i, u.signs)
+                point, direction = self.line(motion, i, u.signs)
                 target = self.target_directions[i]
                 to_line = point - self.target_points[i]
                 if axis.kind == "spherical":
@@ -322,10 +352,10 @@ class Problem:
                     continue
                 if axis.kind == "free":
                     continue
-                tilt = np.linalg.norm(_cross(direction, target))
+                tilt = np.linalg.norm(cross(direction, target))
                 angles[i] = max(angles[i], float(np.arctan2(tilt, direction @ target)))
                 if axis.kind in TURNING:
-                    distance = np.linalg.norm(_cross(to_line, target))
+                    distance = np.linalg.norm(cross(to_line, target))
                     distances[i] = max(distances[i], float(distance))
             if axis.closing and axis.kind == "revolute":
                 opened = self._closing_rows(i, parents[:, i], children[:, i], u.signs)[1]
@@ -339,23 +369,26 @@ class Problem:
     # -- solving --------------------------------------------------------------------------------------
 
     def refine(
-        self, u: Unknowns, free: Array | None = None, more: Callable[[Array, Array], Array] | None = None
+        self,
+        u: Unknowns,
+        free: Array | None = None,
+        further_residuals: Callable[[Array, Array], Array] | None = None,
     ) -> FitSolution:
         """Return the unknowns after damped Gauss-Newton steps.
 
         Args:
             u: values to begin with.
             free: (unknowns,) which values may change. None: see `free`.
-            more: a function of values (k, unknowns), and of the motions (k, groups, 4, 4) of the groups of bodies with
-                these values, that returns (k, rows) of further residuals in m and rad.
+            further_residuals: a function of values (k, unknowns), and of the motions (k, groups, 4, 4) of the groups of
+                bodies with these values, that returns (k, rows) of further residuals in m and rad.
         """
 
         def residuals(values: Array) -> Array:
             parents, children, groups = self.motions(u.signs, values, u.deviating)
             lines = self.rows(u.signs, parents, children)
-            if more is None:
+            if further_residuals is None:
                 return lines
-            return np.concatenate([lines, more(values, groups)], axis=1)
+            return np.concatenate([lines, further_residuals(values, groups)], axis=1)
 
         x = values_of(u)
         if free is None:
@@ -364,11 +397,10 @@ class Problem:
         r = residuals(x[None])[0]
         damping = 0.0
         for _ in range(_ROUNDS):
-            if not len(columns) or np.abs(r).max() < 1e-13:
+            if not len(columns) or np.abs(r).max() < _SOLVED:
                 break
-            moved = np.repeat(x[None], len(columns), axis=0)
-            moved[np.arange(len(columns)), columns] += _STEP
-            J = (residuals(moved) - r).T / _STEP
+            stepped = with_steps(x, columns)[:-1]
+            J = (residuals(stepped) - r).T / STEP
             step = _least_step(J, r, damping)
             tried = x.copy()
             tried[columns] += step
@@ -380,172 +412,16 @@ class Problem:
                 r = r_tried
                 damping = damping / 10 if damping > _LEAST_DAMPING else 0.0
                 lowered = before - after
-                if lowered < 1e-9 * before and before > 1e-20:
+                if lowered < _ENDED * before and before > _ROUNDING:
                     break
                 if lowered < _STALLED * before and np.abs(r).max() > _FAR * self.tolerance:
                     break
             else:
                 damping = max(100 * damping, _LEAST_DAMPING)
-                if damping > 1e3:
+                if damping > _LARGEST_DAMPING:
                     break
         refined = with_values(u, x)
         return FitSolution(refined, self.gap(refined))
-
-    def solve(self, signs: Array, deviating: tuple[int, ...] = ()) -> FitSolution:
-        """Return the best fit with these signs and deviating joints, from two starts."""
-        best: FitSolution | None = None
-        for aligned in (False, True):
-            if aligned and best is not None and self.holds(best.gap):
-                break
-            start = self.initial(signs, deviating, aligned)
-            if start is None:
-                continue
-            fit = self.refine(start)
-            if best is None or size_of(fit.gap) < size_of(best.gap):
-                best = fit
-        assert best is not None
-        return best
-
-    # -- start values ---------------------------------------------------------------------------------
-
-    def initial(self, signs: Array, deviating: tuple[int, ...], aligned: bool) -> Unknowns | None:
-        """Return start values: the base as it is or aligned with the first lines, then each joint from its children."""
-        X = np.eye(4)
-        if aligned:
-            aligned_base = self._aligned_base(signs, deviating)
-            if aligned_base is None:
-                return None
-            X = aligned_base
-        groups: dict[int, Array] = {0: X}
-        neutral = self.displacements(signs, np.zeros(self.count))
-        displacements = neutral.copy()
-        deviations = np.zeros((len(deviating), 6))
-        for i in self.order:
-            axis = self.axes[i]
-            if axis.closing:
-                continue
-            parent = groups[axis.parent]
-            if i in deviating:
-                parent, values = self._placed_on_target(i, parent, signs)
-                deviations[deviating.index(i)] = values
-            if self.turned_axis(i) in deviating:
-                _, values = self._placed_on_target(i, parent, signs)
-                deviations[deviating.index(self.turned_axis(i)), :3] = values[:3]
-                groups[axis.child] = parent
-                continue
-            displacements[i] = self._displacement(i, parent, signs, deviating, neutral[i])
-            step = self._about_lines(spatial.exp_so3(self._turns(displacements)), displacements)[i]
-            groups[axis.child] = parent @ step
-        base = np.concatenate([spatial.log_so3(X[:3, :3]), X[:3, 3]])
-        return Unknowns(signs, base, self.zeros(signs, displacements), deviating, deviations)
-
-    def _deviates(self, joint: int, deviating: Sequence[int]) -> bool:
-        return joint in deviating or self.turned_axis(joint) in deviating
-
-    def _aligned_base(self, signs: Array, deviating: tuple[int, ...]) -> Array | None:
-        """Return the base transform that maps the lines of the first two joints in a chain to their targets."""
-        for i in self.order:
-            if self._deviates(i, deviating) or self.axes[i].kind == "spherical":
-                continue
-            for k in (*self.below[i], *self.order):
-                if k == i or self._deviates(k, deviating) or self.axes[k].parent not in (0, self.axes[i].child):
-                    continue
-                own = _pair_frame(
-                    self.points[i], signs[i] * self.directions[i], self.points[k], signs[k] * self.directions[k]
-                )
-                target = _pair_frame(
-                    self.target_points[i], self.target_directions[i], self.target_points[k], self.target_directions[k]
-                )
-                if own is not None and target is not None:
-                    return target @ spatial.inverse(own)
-        return None
-
-    def _placed_on_target(self, i: int, parent: Array, signs: Array) -> tuple[Array, Array]:
-        """Return (motion of the parent with the deviation, deviation (6,)) that puts line i on its target."""
-        point, direction = self._line(parent, i, signs)
-        target = self.target_directions[i]
-        turn = _turn(direction, target)
-        if self.kinds[i] == "spherical":
-            turn = np.zeros(3)
-        # to the nearest point of the target line
-        to_line = self.target_points[i] - point
-        shift = to_line - target * (to_line @ target)
-        if self.kinds[i] == "spherical":
-            shift = to_line
-        if self.kinds[i] == "prismatic":
-            shift = np.zeros(3)
-        R = spatial.exp_so3(turn)
-        moved = spatial.pose(R, point - R @ point + shift) @ parent
-        local = spatial.inverse(parent) @ moved
-        frame = self.frames[i]
-        rotation = frame.T @ spatial.log_so3(local[:3, :3])
-        own_point = self.points[i]
-        shift_in_frame = frame.T @ (local[:3, :3] @ own_point + local[:3, 3] - own_point)
-        return moved, np.concatenate([rotation, shift_in_frame])
-
-    def _displacement(self, i: int, parent: Array, signs: Array, deviating: tuple[int, ...], neutral: float) -> float:
-        """Return the displacement of joint i that best puts the lines of the joints on its child onto their targets."""
-        kind = self.kinds[i]
-        if kind not in ONE_COORDINATE:
-            return neutral
-        axis = parent[:3, :3] @ self.directions[i]
-        below = self.below[i]
-        while below:
-            children = [k for k in below if not self._deviates(k, deviating)]
-            if kind == "prismatic":
-                displacement = self._slide(parent, axis, children)
-            else:
-                displacement = self._turned(i, parent, axis, children, signs)
-            if displacement is not None:
-                return displacement
-            # no line of these joints changes, as behind a slide along the same axis: those behind them may
-            below = [k for child in children for k in self.below[child]]
-        return neutral
-
-    def _turned(self, i: int, T: Array, axis: Array, children: list[int], signs: Array) -> float | None:
-        """Return the angle about `axis` that brings the lines of the children nearest to their targets, or None."""
-        centre = T[:3, :3] @ self.points[i] + T[:3, 3]
-        # cost of the angle: constant - a cos - b sin, for directions and for moments about a point of the axis
-        a = b = 0.0
-        for k in children:
-            point, direction = self._line(T, k, signs)
-            target_direction = self.target_directions[k]
-            vectors = []
-            if self.kinds[k] != "spherical":
-                vectors.append((direction, target_direction))
-            if self.kinds[k] in TURNING:
-                moment = _cross(point - centre, direction)
-                target_moment = _cross(self.target_points[k] - centre, target_direction)
-                vectors.append((moment, target_moment))
-            if self.kinds[k] == "spherical":
-                vectors.append((point - centre, self.target_points[k] - centre))
-            for v, w in vectors:
-                across = v - axis * (axis @ v)
-                a += float(across @ w)
-                b += float(_cross(axis, across) @ w)
-        if np.hypot(a, b) < _FLAT:
-            return None
-        return float(np.arctan2(b, a))
-
-    def _slide(self, T: Array, axis: Array, children: list[int]) -> float | None:
-        """Return the displacement along `axis` that brings the lines of the children nearest to their targets."""
-        a = b = 0.0
-        for k in children:
-            if self.kinds[k] not in TURNING and self.kinds[k] != "spherical":
-                continue
-            point = T[:3, :3] @ self.points[k] + T[:3, 3]
-            to_target = self.target_points[k] - point
-            direction = self.target_directions[k]
-            along = _cross(axis, direction)
-            needed = _cross(to_target, direction)
-            if self.kinds[k] == "spherical":
-                along = axis
-                needed = to_target
-            a += float(along @ along)
-            b += float(along @ needed)
-        if a < _FLAT:
-            return None
-        return b / a
 
 
 def _ahead(directions: Array, target: Array) -> Array:
@@ -554,7 +430,7 @@ def _ahead(directions: Array, target: Array) -> Array:
     return np.where(np.asarray(backward)[..., None], -directions, directions)
 
 
-def _cross(a: Array, b: Array) -> Array:
+def cross(a: Array, b: Array) -> Array:
     """Return the cross products (..., 3); np.cross takes most of its time for a choice of axes."""
     product = np.zeros(np.broadcast_shapes(a.shape, b.shape))
     product[..., 0] = a[..., 1] * b[..., 2] - a[..., 2] * b[..., 1]
@@ -574,6 +450,13 @@ def _least_step(J: Array, r: Array, damping: float) -> Array:
     return np.asarray(solution[0], float)
 
 
+def with_steps(x: Array, columns: Index) -> Array:
+    """Return (columns + 1, unknowns): values x with one of the columns stepped in each row, and x in the last row."""
+    stepped = np.repeat(x[None], len(columns) + 1, axis=0)
+    stepped[np.arange(len(columns)), columns] += STEP
+    return stepped
+
+
 def open_directions(J: Array) -> Array:
     """Return orthonormal directions (unknowns, k) that the derivatives J (rows, unknowns) do not determine."""
     if not J.size:
@@ -584,59 +467,41 @@ def open_directions(J: Array) -> Array:
     return Q[:, rank:]
 
 
+class _JointEnds(NamedTuple):
+    """The groups of bodies that a joint connects, and whether it closes a loop."""
+
+    parent: int
+    child: int
+    closing: bool
+
+
 @lru_cache(maxsize=64)
-def _tree(joints: tuple[tuple[int, int, bool], ...]) -> tuple[list[int], list[list[int]]]:
-    """Return (order, below) of joints (parent, child, closes a loop).
+def _tree(joints: tuple[_JointEnds, ...]) -> tuple[list[int], list[list[int]]]:
+    """Return (order, below) of joints.
 
     `order` has the joints of the tree first, parents first; `below` for each joint those that start at its child,
     without those that close a loop. Edits make many problems with the same joints.
     """
     reached = {0}
     order: list[int] = []
-    closing = [i for i, joint in enumerate(joints) if joint[2]]
-    pending = [i for i, joint in enumerate(joints) if not joint[2]]
+    closing = [i for i, joint in enumerate(joints) if joint.closing]
+    pending = [i for i, joint in enumerate(joints) if not joint.closing]
     while pending:
-        ready = [i for i in pending if joints[i][0] in reached]
+        ready = [i for i in pending if joints[i].parent in reached]
         if not ready:
             break
         for i in ready:
             order.append(i)
-            reached.add(joints[i][1])
+            reached.add(joints[i].child)
             pending.remove(i)
     order += closing
     below: list[list[int]] = []
-    for _, child, closes in joints:
-        below.append([k for k in order if joints[k][0] == child and not closes])
+    for joint in joints:
+        on_child: list[int] = []
+        if not joint.closing:
+            on_child = [k for k in order if joints[k].parent == joint.child]
+        below.append(on_child)
     return order, below
-
-
-def _turn(direction: Array, target: Array) -> Array:
-    """Return the rotation vector (3,) of the smallest rotation from one unit vector to another."""
-    cross = _cross(direction, target)
-    sine = float(np.linalg.norm(cross))
-    cosine = float(direction @ target)
-    if sine < 1e-12:
-        if cosine > 0:
-            return np.zeros(3)
-        across = spatial.unit_across(direction)
-        across = across - direction * (direction @ across)
-        return np.pi * across / np.linalg.norm(across)
-    return np.arctan2(sine, cosine) * cross / sine
-
-
-def _pair_frame(p: Array, d: Array, q: Array, e: Array) -> Array | None:
-    """Return a frame (4, 4) fixed to two lines (p, d) and (q, e); None if they are the same line."""
-    normal = _cross(d, e)
-    sine = np.linalg.norm(normal)
-    between = q - p
-    if sine > 1e-6:
-        # foot of the common normal on the first line
-        along = _cross(e, normal) @ between / sine**2
-        return spatial.pose(spatial.frame_from_axes(d, normal), p + along * d)
-    across = between - d * (d @ between)
-    if np.linalg.norm(across) < 1e-6:
-        return None
-    return spatial.pose(spatial.frame_from_axes(d, across), p)
 
 
 def values_of(u: Unknowns) -> Array:
@@ -652,8 +517,3 @@ def with_values(u: Unknowns, x: Array) -> Unknowns:
     count = len(u.zeros)
     deviations = x[6 + count :].reshape(-1, 6)
     return replace(u, base=x[:6], zeros=x[6 : 6 + count], deviations=deviations)
-
-
-def size_of(gap: FitGap) -> float:
-    """Return the sum of all distances and angles of a gap."""
-    return float(np.sum(gap.distances) + np.sum(gap.angles))

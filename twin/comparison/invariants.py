@@ -75,12 +75,15 @@ class JointNeighbours:
 
     def _angle(self, signs: tuple[float, float, float]) -> float:
         """Return by how much the joint of the first side must turn about its signed direction."""
-        first = _angle_about(signs[1] * self.directions[0], *(self._vectors(self.first, signs)))
-        second = _angle_about(self.directions[1], *(self._vectors(self.second, (1.0, 1.0, 1.0))))
+        ahead, back = self._vectors(self.first, signs)
+        first = _angle_about(signs[1] * self.directions[0], ahead, back)
+        ahead, back = self._vectors(self.second, (1.0, 1.0, 1.0))
+        second = _angle_about(self.directions[1], ahead, back)
         return _wrapped(second - first)
 
     @staticmethod
     def _vectors(normals: tuple[CommonNormal, CommonNormal], signs: tuple[float, float, float]) -> tuple[Array, Array]:
+        """Return the vectors (3,) of two common normals with signs of the three joints."""
         ahead = normals[0].vector
         if normals[0].signed:
             ahead = signs[0] * signs[1] * ahead
@@ -106,6 +109,10 @@ class JointNeighbours:
         if feet is None or self.foot_limit is None:
             return True
         return abs(signs[1] * feet[0] - feet[1]) <= self.foot_limit
+
+    def possible_with_any(self) -> bool:
+        """Return whether the lines can coincide with some signs of the three joints."""
+        return any(self.possible(signs) for signs in itertools.product(_SIGNS, _SIGNS, _SIGNS))
 
     def needs_zero(self, signs: tuple[float, float, float]) -> bool:
         """Return whether the zero of the joint must move with these signs of the three joints."""
@@ -207,8 +214,7 @@ class Local:
         for k, i in self.different.items():
             yield Contradiction(self.turned[k] | {k}, self._of_pair(i, k) - {k})
         for rule in self.between:
-            signs = itertools.product(_SIGNS, _SIGNS, _SIGNS)
-            if not any(rule.possible(chosen) for chosen in signs):
+            if not rule.possible_with_any():
                 yield Contradiction(self._of_three(rule))
 
 

@@ -7,15 +7,21 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from twin.comparison.convention_sizes import is_base_moved, moved_zeros, zero_of
 from twin.comparison.fit import FitSolution, Problem, Unknowns
-from twin.comparison.frames import FrameGap, gaps
+from twin.comparison.frames import FrameGap, carriers, gaps
 from twin.comparison.matching import Matching
-from twin.comparison.search import base_moved, moved_zeros, zero_of
 from twin.core import spatial
 from twin.core.json_types import JsonObject
 from twin.core.quantity import deg, mm, moved
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
+
+_PARALLEL = 1e-6
+"""Sine of the angle of two lines below which they are parallel."""
+
+_NOTHING = 1e-9
+"""Length in m, angle in rad, or part of a unit vector that is not told."""
 
 
 @dataclass(frozen=True)
@@ -119,21 +125,22 @@ def items(problem: Problem, matching: Matching, solution: FitSolution) -> list[C
 
 
 def _names(problem: Problem, matching: Matching) -> list[ComparedItem]:
+    """Return an item for each pair of joints with other names, one for another order, and those of `_drives`."""
     items_of_names = []
     for first, second in matching.renamed:
         text = f"joint '{first}' of {problem.first.label} is joint '{second}' of {problem.second.label}"
         items_of_names.append(ComparedItem("name", second, text))
-    order_of_first = [name for name in problem.first.order if name in problem.first.order]
-    names = {}
-    for j, axis in enumerate(problem.axes):
-        names[axis.name] = problem.second.axes[j].name
-    mapped = [names[name] for name in order_of_first if name in names]
-    common = [name for name in problem.second.order if name in mapped]
-    mapped = [name for name in mapped if name in common]
-    if mapped != common:
+    partners = {}
+    for axis, partner in zip(problem.axes, problem.second.axes, strict=True):
+        partners[axis.name] = partner.name
+    # of the joints that motors of both sides drive, with the names of the second side
+    driven = [partners[name] for name in problem.first.order if name in partners]
+    order_of_second = [name for name in problem.second.order if name in driven]
+    order_of_first = [name for name in driven if name in order_of_second]
+    if order_of_first != order_of_second:
         text = (
-            f"the order of the joints is {', '.join(mapped)} in {problem.first.label}, {', '.join(common)} in "
-            f"{problem.second.label}"
+            f"the order of the joints is {', '.join(order_of_first)} in {problem.first.label}, "
+            f"{', '.join(order_of_second)} in {problem.second.label}"
         )
         items_of_names.append(ComparedItem("order", "", text))
     items_of_names += _drives(problem)
@@ -157,7 +164,8 @@ def _drives(problem: Problem) -> list[ComparedItem]:
 
 
 def _base(problem: Problem, u: Unknowns) -> list[ComparedItem]:
-    if not base_moved(problem, u):
+    """Return the moved base frame as an item in a list; [] if it is not moved."""
+    if not is_base_moved(problem, u):
         return []
     shift = u.base[3:]
     turn = u.base[:3]
@@ -170,6 +178,7 @@ def _base(problem: Problem, u: Unknowns) -> list[ComparedItem]:
 
 
 def _joints(problem: Problem, u: Unknowns) -> list[ComparedItem]:
+    """Return an item for each joint with another sign, then for each with another zero."""
     items_of_joints = []
     for i in u.flips:
         name = problem.second.axes[i].name
@@ -193,6 +202,7 @@ def _joints(problem: Problem, u: Unknowns) -> list[ComparedItem]:
 
 
 def _tools(problem: Problem, u: Unknowns) -> list[ComparedItem]:
+    """Return an item for each leaf link whose frames are moved; the size is that of the first frame."""
     moved_frames: dict[int, list[FrameGap]] = {}
     for gap in gaps(problem, u):
         if gap.leaf and gap.differs(problem):
@@ -214,6 +224,7 @@ def _tools(problem: Problem, u: Unknowns) -> list[ComparedItem]:
 
 
 def _links(problem: Problem, u: Unknowns) -> list[ComparedItem]:
+    """Return an item for each deviating joint: its place on its parent link, or its axis alone."""
     items_of_links = []
     for k, deviating in enumerate(u.deviating):
         assert u.deviations is not None
@@ -227,11 +238,9 @@ def _links(problem: Problem, u: Unknowns) -> list[ComparedItem]:
         text = f"the place of joint '{second.name}' on link '{link}' differs by {placed(shift, turn)}"
         if deviating >= problem.count:
             text = f"the axis of joint '{second.name}' on link '{link}' is turned by {placed(shift, turn)}"
-        before = [
-            j for j in range(problem.count) if problem.axes[j].child == axis.parent and not problem.axes[j].closing
-        ]
-        if before:
-            text += f" ({_between(problem, before[0], i)})"
+        before = carriers(problem).get(axis.parent)
+        if before is not None:
+            text += f" ({_between(problem, before, i)})"
         length = float(np.linalg.norm(shift))
         items_of_links.append(ComparedItem("link", second.name, text, link, length, float(np.linalg.norm(turn))))
     return items_of_links
@@ -258,7 +267,7 @@ def line_distance(p: Array, d: Array, q: Array, e: Array) -> tuple[float, float]
     sine = float(np.linalg.norm(normal))
     between = q - p
     angle = float(np.arctan2(sine, d @ e))
-    if sine < 1e-6:
+    if sine < _PARALLEL:
         return float(np.linalg.norm(np.cross(between, d))), angle
     return abs(float(between @ normal)) / sine, angle
 
@@ -268,16 +277,16 @@ def placed(shift: Array, turn: Array) -> str:
     length = float(np.linalg.norm(shift))
     angle = float(np.linalg.norm(turn))
     parts = []
-    if length > 1e-9:
+    if length > _NOTHING:
         parts.append(f"{mm(length)} along {_direction(shift / length)}")
-    if angle > 1e-9:
+    if angle > _NOTHING:
         parts.append(f"{deg(angle)} about {_direction(turn / angle)}")
     return " and ".join(parts) or "nothing"
 
 
 def _direction(unit: Array) -> str:
     for i, name in enumerate("xyz"):
-        if abs(unit[i]) > 1 - 1e-9:
+        if abs(unit[i]) > 1 - _NOTHING:
             sign = "-" if unit[i] < 0 else ""
             return f"{sign}{name}"
     rounded = np.round(unit, 3) + 0.0

@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin.comparison.fit import ANGLE_PER_LENGTH
-from twin.comparison.side import Axis, JointGroup, RobotSide, plain
+from twin.comparison.side import Axis, JointGroup, RobotSide, common_beginning, plain
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 
@@ -52,8 +52,8 @@ def joined(side: RobotSide, other: RobotSide, tolerance: float) -> RobotSide:
         tolerance: distance in m up to which lines meet in a point.
     """
     whole = side
-    for kind, find in (("spherical", _balls), ("cylindrical", _cylinders), ("revolute", _closing_hinges)):
-        whole = _with_wholes(whole, other, kind, list(find(whole, tolerance)), tolerance)
+    for kind, parts_of in (("spherical", _balls), ("cylindrical", _cylinders), ("revolute", _closing_hinges)):
+        whole = _with_wholes(whole, other, kind, list(parts_of(whole, tolerance)), tolerance)
     read = side.reread
     if whole is side or read is None:
         return _without_numbers(whole, other)
@@ -68,19 +68,13 @@ def joined(side: RobotSide, other: RobotSide, tolerance: float) -> RobotSide:
 
 
 def _with_wholes(
-    side: RobotSide, other: RobotSide, kind: str, found: Sequence[_JointParts], tolerance: float
+    side: RobotSide, other: RobotSide, kind: str, candidates: Sequence[_JointParts], tolerance: float
 ) -> RobotSide:
-    """Return the side with some of the found joints joined: as many as the other side has more of this type."""
-    number_of_kind = Counter(axis.kind for axis in side.axes)
-    wanted = Counter(axis.kind for axis in other.axes)
-    missing = wanted[kind] - number_of_kind[kind]
-    if kind == "revolute":
-        # the other side may close the same loops at other joints, or have more hinges in its tree for other reasons
-        closing = sum(_closes(axis, kind) for axis in other.axes) - sum(_closes(axis, kind) for axis in side.axes)
-        missing = max(missing, closing)
+    """Return the side with some of the candidates joined: as many as the other side has more joints of this type."""
     names = {plain(axis.name) for axis in other.axes if axis.kind == kind}
     # those whose name the other side knows first
-    ordered = sorted(found, key=lambda parts: plain(parts.whole.name) not in names)
+    ordered = sorted(candidates, key=lambda parts: plain(parts.whole.name) not in names)
+    missing = _missing(side, other, kind)
     chosen: list[_JointParts] = []
     used: set[int] = set()
     for parts in ordered:
@@ -90,16 +84,32 @@ def _with_wholes(
     # by name: each replacement changes the indices
     replacements: list[tuple[list[str], Axis]] = []
     for parts in chosen:
-        replacements.append(([side.axes[i].name for i in parts.indices], parts.whole))
-    for parts_by_name, whole in replacements:
+        part_names = [side.axes[i].name for i in parts.indices]
+        replacements.append((part_names, parts.whole))
+    for part_names, whole in replacements:
         if kind == "revolute":
             whole = _as_parallel(whole, side, other, tolerance)
-        side = _replaced(side, parts_by_name, whole)
+        side = _replaced(side, part_names, whole)
     return side
 
 
-def _closes(axis: Axis, kind: str) -> bool:
-    return axis.closing and axis.kind == kind
+def _missing(side: RobotSide, other: RobotSide, kind: str) -> int:
+    """Return how many joints of a type the other side has more."""
+    missing = len(_of_kind(other, kind)) - len(_of_kind(side, kind))
+    if kind != "revolute":
+        return missing
+    # the other side may close the same loops at other joints, or have more hinges in its tree for other reasons
+    return max(missing, len(_closing(other, kind)) - len(_closing(side, kind)))
+
+
+def _of_kind(side: RobotSide, kind: str) -> list[int]:
+    """Return the indices of the joints of a type."""
+    return [i for i, axis in enumerate(side.axes) if axis.kind == kind]
+
+
+def _closing(side: RobotSide, kind: str) -> list[int]:
+    """Return the indices of the joints of a type that close loops."""
+    return [i for i in _of_kind(side, kind) if side.axes[i].closing]
 
 
 def _replaced(side: RobotSide, parts: Sequence[str], whole: Axis) -> RobotSide:
@@ -108,31 +118,33 @@ def _replaced(side: RobotSide, parts: Sequence[str], whole: Axis) -> RobotSide:
     first = side.axes[indices[0]]
     last = side.axes[indices[-1]]
     # points that close a loop may name their two links in either order
-    whole = replace(whole, parent=first.parent, child=first.child if whole.closing else last.child)
+    child = last.child
+    inner_groups = [side.axes[i].child for i in indices[:-1]]
+    if whole.closing:
+        child = first.child
+        inner_groups = []
+    whole = replace(whole, parent=first.parent, child=child)
     axes = []
     for i, axis in enumerate(side.axes):
         if i == indices[0]:
             axes.append(whole)
         elif i not in indices:
             axes.append(axis)
-    between = [] if whole.closing else [side.axes[i].child for i in indices[:-1]]
     order = tuple(name for name in side.order if name not in parts)
     joined_side = replace(side, axes=tuple(axes), order=order)
-    return _without_groups(joined_side, between, last.child)
+    return _without_groups(joined_side, inner_groups, last.child)
 
 
-def _without_groups(side: RobotSide, between: Sequence[int], last: int) -> RobotSide:
-    """Return the side whose groups `between` are parts of the group `last`; frames on them are dropped."""
+def _without_groups(side: RobotSide, inner_groups: Sequence[int], last: int) -> RobotSide:
+    """Return the side whose groups `inner_groups` are parts of the group `last`; frames on them are dropped."""
     number = {}
-    for group in range(len(side.groups)):
-        if group not in between:
-            number[group] = len(number)
     groups = []
     for group, bodies in enumerate(side.groups):
-        if group in between:
+        if group in inner_groups:
             continue
+        number[group] = len(number)
         if group == last:
-            for inner in between:
+            for inner in inner_groups:
                 bodies = _together(bodies, side.groups[inner])
         groups.append(bodies)
     axes = []
@@ -167,7 +179,10 @@ def _chains(side: RobotSide, length: int) -> Iterator[tuple[int, ...]]:
     for axis in side.axes:
         touching[axis.parent] += 1
         touching[axis.child] += 1
-    tool_group = side.frames[side.tool][0] if side.tool in side.frames else None
+    carrying = {group for group, count in touching.items() if count != 2}
+    if side.tool in side.frames:
+        tool_group, _ = side.frames[side.tool]
+        carrying.add(tool_group)
     behind = {axis.parent: i for i, axis in enumerate(side.axes) if not axis.closing}
     for start, axis in enumerate(side.axes):
         if axis.closing:
@@ -175,10 +190,11 @@ def _chains(side: RobotSide, length: int) -> Iterator[tuple[int, ...]]:
         chain = [start]
         while len(chain) < length:
             inner = side.axes[chain[-1]].child
-            if touching[inner] != 2 or inner == tool_group or inner not in behind:
+            if inner in carrying or inner not in behind:
                 break
             chain.append(behind[inner])
-        if len(chain) == length and not any(side.axes[i].name in coupled for i in chain):
+        names = {side.axes[i].name for i in chain}
+        if len(chain) == length and names.isdisjoint(coupled):
             yield tuple(chain)
 
 
@@ -190,12 +206,14 @@ def _balls(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
             continue
         # Only with right angles on both middle links, which no posture changes, do three hinges reach every rotation.
         # The first and the third hinge may be parallel: that is a singular posture of a ball.
-        first, second, third = (axis.direction for axis in axes)
-        cosine = max(abs(float(first @ second)), abs(float(second @ third)))
-        if cosine > ANGLE_PER_LENGTH * tolerance:
+        first, second, third = axes
+        cosine = abs(float(first.direction @ second.direction))
+        other_cosine = abs(float(second.direction @ third.direction))
+        if max(cosine, other_cosine) > ANGLE_PER_LENGTH * tolerance:
             continue
         centre = _nearest_point(axes)
-        if max(_distance(centre, axis) for axis in axes) > tolerance:
+        distances = [_distance(centre, axis) for axis in axes]
+        if max(distances) > tolerance:
             continue
         yield _JointParts(chain, _whole(axes, "spherical", centre, axes[0].direction))
 
@@ -204,10 +222,11 @@ def _cylinders(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
     """Yield a hinge and a slide on one line."""
     for chain in _chains(side, 2):
         axes = [side.axes[i] for i in chain]
-        if sorted(axis.kind for axis in axes) != ["prismatic", "revolute"]:
+        hinge, slide = axes
+        if hinge.kind == "prismatic":
+            hinge, slide = slide, hinge
+        if (hinge.kind, slide.kind) != ("revolute", "prismatic"):
             continue
-        hinge = axes[0] if axes[0].kind == "revolute" else axes[1]
-        slide = axes[1] if hinge is axes[0] else axes[0]
         # a slide moves along its direction from any point: only the directions must be parallel
         if np.linalg.norm(np.cross(hinge.direction, slide.direction)) > ANGLE_PER_LENGTH * tolerance:
             continue
@@ -216,9 +235,8 @@ def _cylinders(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
 
 def _closing_hinges(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
     """Yield two balls that close a loop between the same two links."""
-    closing = [i for i, axis in enumerate(side.axes) if _closes(axis, "spherical")]
     pairs: dict[frozenset[int], list[int]] = {}
-    for i in closing:
+    for i in _closing(side, "spherical"):
         axis = side.axes[i]
         pairs.setdefault(frozenset((axis.parent, axis.child)), []).append(i)
     for indices in pairs.values():
@@ -242,14 +260,15 @@ def _as_parallel(whole: Axis, side: RobotSide, other: RobotSide, tolerance: floa
     two parallel hinges on a link, and both points are within the tolerance of such a line here, this line is meant.
     """
     distance = float(np.linalg.norm(whole.joined[1].point - whole.joined[0].point))
-    partners = [axis for axis in other.axes if plain(axis.name) == plain(whole.name) and axis.kind == "revolute"]
+    own_hinges = {plain(side.axes[i].name): side.axes[i] for i in _of_kind(side, "revolute")}
+    other_hinges = [other.axes[i] for i in _of_kind(other, "revolute")]
+    partners = [axis for axis in other_hinges if plain(axis.name) == plain(whole.name)]
     if len(partners) != 1:
         return whole
-    own_hinges = {plain(axis.name): axis for axis in side.axes if axis.kind == "revolute"}
-    (partner,) = partners
-    for axis in other.axes:
+    partner = partners[0]
+    for axis in other_hinges:
         neighbour = own_hinges.get(plain(axis.name))
-        if axis is partner or axis.kind != "revolute" or neighbour is None:
+        if axis is partner or neighbour is None:
             continue
         if {axis.parent, axis.child}.isdisjoint((partner.parent, partner.child)):
             continue
@@ -264,12 +283,9 @@ def _as_parallel(whole: Axis, side: RobotSide, other: RobotSide, tolerance: floa
 
 def _whole(axes: Sequence[Axis], kind: str, point: Array, direction: Array) -> Axis:
     """Return the joint that several stand for, with the common beginning of their names."""
-    names = [axis.name for axis in axes]
-    stem = names[0]
-    while not all(name.startswith(stem) for name in names):
-        stem = stem[:-1]
-    name = stem.rstrip("_") or names[0]
     first = axes[0]
+    stem = common_beginning([axis.name for axis in axes])
+    name = stem.rstrip("_") or first.name
     child = first.child if first.closing else axes[-1].child
     active = any(axis.active for axis in axes)
     return Axis(name, kind, first.parent, child, point, direction, 0.0, first.closing, active, joined=tuple(axes))
@@ -287,6 +303,7 @@ def _nearest_point(axes: Sequence[Axis]) -> Array:
 
 
 def _distance(point: Array, axis: Axis) -> float:
+    """Return the distance in m of a point (3,) from the line of a joint."""
     return float(np.linalg.norm(np.cross(point - axis.point, axis.direction)))
 
 
@@ -301,13 +318,9 @@ def _without_numbers(side: RobotSide, other: RobotSide) -> RobotSide:
     for axis in side.axes:
         stem = _NUMBER.sub("", axis.name)
         partner = known.get(plain(stem))
-        if (
-            axis.closing
-            and stem != axis.name
-            and partner
-            and plain(axis.name) not in known
-            and plain(stem) not in own_names
-        ):
+        is_numbered = axis.closing and stem != axis.name
+        is_free = plain(axis.name) not in known and plain(stem) not in own_names
+        if is_numbered and is_free and partner:
             axis = replace(axis, name=partner)
             own_names.add(plain(stem))
         axes.append(axis)

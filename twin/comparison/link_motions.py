@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -19,8 +19,13 @@ from twin.core.spatial import Array
 
 Where = Literal["parent", "child", "both"]
 
-JointPlace = tuple[int, Where]
-"""Number of a joint, and the link or links on which its place is meant."""
+
+class JointPlace(NamedTuple):
+    """Number of a joint, and the link or links on which its place is meant."""
+
+    joint: int
+    where: Where
+
 
 _ROUNDS = 12
 """Maximum number of Gauss-Newton steps."""
@@ -59,10 +64,10 @@ class LinkMotions:
         for i, kind in enumerate(problem.kinds):
             if kind == "free":
                 continue
-            self.places.append((i, "parent"))
-            self.places.append((i, "child"))
-            if kind in ("revolute", "prismatic"):
-                self.places.append((i, "both"))
+            self.places.append(JointPlace(i, "parent"))
+            self.places.append(JointPlace(i, "child"))
+            if kind in ONE_COORDINATE:
+                self.places.append(JointPlace(i, "both"))
 
     def residual(self, T: Array, i: int, where: Where) -> tuple[Array, Array]:
         """Return (residual (rows,), derivatives (rows, 6 groups)) of the place of joint `i`; "both": see `_shared`.
@@ -146,7 +151,8 @@ class LinkMotions:
             J = np.vstack(derivatives)
             normal = J.T @ J
             damping = _DAMPING * float(normal.diagonal().max())
-            step = np.linalg.solve(normal + damping * np.eye(len(normal)), -J.T @ r).reshape(self.groups, 6)
+            steps = np.linalg.solve(normal + damping * np.eye(len(normal)), -J.T @ r)
+            step = steps.reshape(self.groups, 6)
             T = spatial.pose(spatial.exp_so3(step[:, :3]), step[:, 3:]) @ T
             if np.abs(step).max() < _DONE:
                 break
@@ -165,7 +171,8 @@ class LinkMotions:
 
     def agree(self, T: Array, kept: Sequence[JointPlace]) -> bool:
         """Return whether the kept places agree within the tolerance."""
-        return max(self.misfit(T, i, where) for i, where in kept) <= 1.0
+        misfits = [self.misfit(T, i, where) for i, where in kept]
+        return max(misfits) <= 1.0
 
     def together(self) -> Array:
         """Return the motions (groups, 4, 4) that bring all places together, in the sense of least squares."""
@@ -174,12 +181,15 @@ class LinkMotions:
 
     def without(self, left_out: Sequence[JointPlace]) -> list[JointPlace]:
         """Return the places without some: leaving a place out leaves out what it shares with the other one."""
+        left_out_links: dict[int, set[Where]] = {}
+        for place in left_out:
+            left_out_links.setdefault(place.joint, set()).add(place.where)
         kept: list[JointPlace] = []
-        for i, where in self.places:
-            left_out_here = [chosen for joint, chosen in left_out if joint == i]
-            if left_out_here and (where == "both" or "both" in left_out_here or where in left_out_here):
-                continue
-            kept.append((i, where))
+        for place in self.places:
+            links = left_out_links.get(place.joint, set())
+            is_left_out = place.where == "both" or "both" in links or place.where in links
+            if not links or not is_left_out:
+                kept.append(place)
         return kept
 
     def explained(self, left_out: Sequence[JointPlace], start: Array) -> tuple[PlaceDifference, ...] | None:

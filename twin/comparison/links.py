@@ -18,13 +18,14 @@ import numpy as np
 
 from twin.comparison.fit import Problem
 from twin.comparison.items import ComparedItem, placed
-from twin.comparison.link_motions import JointPlace, LinkMotions, PlaceDifference, Where
+from twin.comparison.link_motions import JointPlace, LinkMotions, PlaceDifference
 from twin.core.spatial import Array
-
-_ENDS: tuple[Where, ...] = ("parent", "child")
 
 _REWEIGHTED = 12
 """Number of fits that find the places which differ most, each with less weight for places that do not fit."""
+
+_SMALLEST_MISFIT = 1e-2
+"""Misfit, in units of the tolerance, below which a place has no more weight."""
 
 _PAIRED = 8
 """Number of joints of which two are tried together."""
@@ -56,30 +57,38 @@ def _explanations(problem: Problem) -> list[tuple[PlaceDifference, ...]]:
     """Return the explanations by one place; else by one joint on both links; else by two places of two joints."""
     links = LinkMotions(problem)
     start = links.together()
-    singles: list[JointPlace] = []
+    on_one_link: list[list[JointPlace]] = []
     for i, kind in enumerate(problem.kinds):
         if kind != "free":
-            singles += _at(i, _ENDS)
-    found = [links.explained([one], start) for one in singles]
-    known = [explanation for explanation in found if explanation is not None]
-    if known:
-        return known
+            on_one_link += [[JointPlace(i, "parent")], [JointPlace(i, "child")]]
+    by_one = _explained(links, on_one_link, start)
+    if by_one:
+        return by_one
     suspects = _suspects(links, start)
-    found = [links.explained([(i, "both")], start) for i in suspects]
-    known = [explanation for explanation in found if explanation is not None]
-    if known:
-        return known
+    on_both_links = [[JointPlace(i, "both")] for i in suspects]
+    by_one = _explained(links, on_both_links, start)
+    if by_one:
+        return by_one
     places: list[JointPlace] = []
     for i in suspects[:_PAIRED]:
-        places += _at(i, (*_ENDS, "both"))
-    by_two: list[tuple[PlaceDifference, ...]] = []
+        places += [JointPlace(i, "parent"), JointPlace(i, "child"), JointPlace(i, "both")]
+    two_joints: list[list[JointPlace]] = []
     for one, other in combinations(places, 2):
-        if one[0] == other[0]:
-            continue
-        explanation = links.explained([one, other], start)
+        if one.joint != other.joint:
+            two_joints.append([one, other])
+    return _simplest(_explained(links, two_joints, start))
+
+
+def _explained(
+    links: LinkMotions, candidates: Sequence[Sequence[JointPlace]], start: Array
+) -> list[tuple[PlaceDifference, ...]]:
+    """Return the differences of those sets of places without which all other places agree."""
+    explanations: list[tuple[PlaceDifference, ...]] = []
+    for places in candidates:
+        explanation = links.explained(places, start)
         if explanation is not None:
-            by_two.append(explanation)
-    return _simplest(by_two)
+            explanations.append(explanation)
+    return explanations
 
 
 def _simplest(known: Sequence[tuple[PlaceDifference, ...]]) -> list[tuple[PlaceDifference, ...]]:
@@ -96,18 +105,15 @@ def _simplest(known: Sequence[tuple[PlaceDifference, ...]]) -> list[tuple[PlaceD
     return simplest
 
 
-def _at(joint: int, wheres: Sequence[Where]) -> list[JointPlace]:
-    places: list[JointPlace] = []
-    for where in wheres:
-        places.append((joint, where))
-    return places
-
-
 def _suspects(links: LinkMotions, start: Array) -> list[int]:
     """Return the joints, those first that fit least if as many places as possible fit."""
     T = start
     for _ in range(_REWEIGHTED):
-        weights = [1.0 / np.sqrt(max(links.misfit(T, i, where), 1e-2)) for i, where in links.places]
+        # iteratively reweighted least squares: the sum of the misfits, not of their squares, becomes smallest
+        weights = []
+        for i, where in links.places:
+            misfit = max(links.misfit(T, i, where), _SMALLEST_MISFIT)
+            weights.append(1.0 / np.sqrt(misfit))
         T = links.solved(links.places, weights, T)
     worst = np.zeros(links.problem.count)
     for i, where in links.places:

@@ -16,10 +16,11 @@ from twin.comparison.items import NumberEdit
 from twin.comparison.joined import joined
 from twin.comparison.link_motions import LinkMotions, PlaceDifference
 from twin.comparison.matching import match
+from twin.comparison.mechanism_side import openings
 from twin.comparison.paths import short
 from twin.comparison.recut import recut
 from twin.comparison.rereading import EditGoal, attribute_edits
-from twin.comparison.side import RobotSide, openings, plain
+from twin.comparison.side import RobotSide, plain
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 

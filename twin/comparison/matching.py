@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from twin.comparison.side import RobotSide, plain
+from twin.comparison.side import RobotSide, common_beginning, plain
 from twin.core.errors import TwinError
 
 
@@ -46,15 +46,33 @@ def pairs_by_name(first: RobotSide, second: RobotSide) -> Iterator[list[int]]:
     """
     if not first.axes or not second.axes:
         return
-    for key in (_whole, _bare):
-        index = {}
-        for i, axis in enumerate(first.axes):
-            index[key(axis.name, _prefix(first))] = i
-        wanted = [key(axis.name, _prefix(second)) for axis in second.axes]
-        # two joints whose names differ only in case or signs have one key
-        unique = len(index) == len(first.axes)
-        if unique and len(wanted) == len(index) and set(wanted) == set(index):
-            yield [index[name] for name in wanted]
+    of_first = [axis.name for axis in first.axes]
+    of_second = [axis.name for axis in second.axes]
+    whole = _same_names(of_first, of_second)
+    if whole is not None:
+        yield whole
+    bare = _same_names(_without_prefix(of_first), _without_prefix(of_second))
+    if bare is not None:
+        yield bare
+
+
+def _same_names(of_first: Sequence[str], of_second: Sequence[str]) -> list[int] | None:
+    """Return for each name of the second list the index of the same name in the first, as in `plain`; or None.
+
+    None if a name has no partner, or two: names that differ only in case or signs are the same.
+    """
+    index = {plain(name): i for i, name in enumerate(of_first)}
+    wanted = [plain(name) for name in of_second]
+    is_unique = len(index) == len(of_first)
+    if not is_unique or len(wanted) != len(index) or set(wanted) != index.keys():
+        return None
+    return [index[name] for name in wanted]
+
+
+def _without_prefix(names: Sequence[str]) -> list[str]:
+    """Return names without their common beginning, but with its digits: it is the name or the maker of the robot."""
+    common = common_beginning(names).rstrip("0123456789")
+    return [name.removeprefix(common) for name in names]
 
 
 def pairs_by_links(first: RobotSide, second: RobotSide) -> list[int] | None:
@@ -79,15 +97,22 @@ def pairs_by_links(first: RobotSide, second: RobotSide) -> list[int] | None:
         if j in pairs:
             continue
         ends = {links.get(axis.parent), links.get(axis.child)}
-        candidates = [i for i in unpaired if {first.axes[i].parent, first.axes[i].child} == ends]
-        if len(candidates) != 1 or first.axes[candidates[0]].kind != axis.kind:
+        candidates = [i for i in unpaired if _ends(first, i) == ends]
+        if len(candidates) != 1:
             return None
+        i = candidates[0]
+        partner = first.axes[i]
         # in a tree, a joint of another name is found by its place, or missing
-        if not (axis.closing or first.axes[candidates[0]].closing):
+        if partner.kind != axis.kind or not (axis.closing or partner.closing):
             return None
-        pairs[j] = candidates[0]
-        unpaired.remove(candidates[0])
+        pairs[j] = i
+        unpaired.remove(i)
     return [pairs[j] for j in range(len(second.axes))]
+
+
+def _ends(side: RobotSide, i: int) -> set[int]:
+    """Return the groups of links that a joint connects."""
+    return {side.axes[i].parent, side.axes[i].child}
 
 
 def _links_by_bodies(first: RobotSide, second: RobotSide) -> dict[int, int]:
@@ -98,7 +123,10 @@ def _links_by_bodies(first: RobotSide, second: RobotSide) -> dict[int, int]:
             group_of[plain(body)] = group
     partner_of_group = {0: 0}
     for group, links in enumerate(second.groups):
-        partners = {group_of[plain(body)] for body in links.bodies if plain(body) in group_of}
+        partners = set()
+        for body in links.bodies:
+            if plain(body) in group_of:
+                partners.add(group_of[plain(body)])
         if len(partners) == 1:
             partner_of_group[group] = partners.pop()
     return partner_of_group
@@ -152,25 +180,6 @@ def _require_same_tree(first: RobotSide, second: RobotSide, pairs: Sequence[int]
                 raise TwinError(f"{text} connect different links: {what}. {way_out}")
 
 
-def _whole(name: str, prefix: str) -> str:
-    return plain(name)
-
-
-def _bare(name: str, prefix: str) -> str:
-    return plain(name[len(prefix) :])
-
-
-def _prefix(side: RobotSide) -> str:
-    """Return the common beginning of the names of all joints, without digits: the name or the maker of the robot."""
-    names = [axis.name for axis in side.axes]
-    shortest = min(names, key=len)
-    length = 0
-    while length < len(shortest) and all(name[length] == shortest[length] for name in names):
-        length += 1
-    common = shortest[:length]
-    return common.rstrip("0123456789")
-
-
 def _same_kinds(first: RobotSide, second: RobotSide, pairs: Sequence[int]) -> bool:
     kinds_of_second = [axis.kind for axis in second.axes]
     return [first.axes[i].kind for i in pairs] == kinds_of_second
@@ -182,15 +191,11 @@ def _by_structure(first: RobotSide, second: RobotSide) -> list[int]:
     Raises:
         TwinError: the trees differ; the message names the joints without partner, and the way out.
     """
-    kinds_of_first = [axis.kind for axis in first.axes]
-    kinds_of_second = [axis.kind for axis in second.axes]
-    parents_of_first = _parents(first)
-    parents_of_second = _parents(second)
-    if kinds_of_first == kinds_of_second and parents_of_first == parents_of_second:
+    if _structure(first) == _structure(second):
         return list(range(len(second.axes)))
-    changed = _other_type(first, second)
-    if changed is not None:
-        raise TwinError(changed)
+    other_type = _other_type(first, second)
+    if other_type is not None:
+        raise TwinError(other_type)
     raise TwinError(_mismatch(first, second))
 
 
@@ -209,8 +214,9 @@ def _other_type(first: RobotSide, second: RobotSide) -> str | None:
     return f"{'; '.join(parts)}. {way_out}"
 
 
-def _parents(side: RobotSide) -> list[tuple[int, int]]:
-    return [(axis.parent, axis.child) for axis in side.axes]
+def _structure(side: RobotSide) -> list[tuple[str, int, int]]:
+    """Return for each joint its type and the groups of links that it connects."""
+    return [(axis.kind, axis.parent, axis.child) for axis in side.axes]
 
 
 def _mismatch(first: RobotSide, second: RobotSide) -> str:
@@ -220,7 +226,7 @@ def _mismatch(first: RobotSide, second: RobotSide) -> str:
     parts = []
     for side, others in ((first, names_of_second), (second, names_of_first)):
         alone = [axis.name for axis in side.axes if plain(axis.name) not in others]
-        listed = ", ".join(f"{name}" for name in alone) or "none"
+        listed = ", ".join(alone) or "none"
         parts.append(f"{side.label} has {len(side.axes)} moving joints, without a joint of the same name: {listed}")
     common = [axis.name for axis in first.axes if plain(axis.name) in names_of_second]
     way_out = "Name the joints to compare with --only; all others are then held at zero"

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin.comparison.evidence import LIMIT
 from twin.comparison.fit import ANGLE_PER_LENGTH
 from twin.comparison.items import ComparedItem, placed
 from twin.comparison.mimic import MimicError
-from twin.comparison.properties import KINDS, Properties, PropertyRow
+from twin.comparison.properties import KINDS, Properties, PropertyRow, is_same_limit
 from twin.comparison.side import UNLIMITED
 from twin.core import spatial
 from twin.core.quantity import moved
@@ -19,32 +18,34 @@ _Limits = tuple[float, float] | None
 
 def mimic_conventions(mimic: MimicError, tolerance: float) -> tuple[ComparedItem, ...]:
     """Return the frames that differ by more than a distance in m, or its angle."""
-    items = []
     text = f"the base frame of {mimic.linkage} is moved by {_motion(mimic.base)} in that of {mimic.coupled}"
-    items.append(_item("base frame", text, mimic.base))
+    candidates = [_item("base frame", text, mimic.base)]
     if mimic.tool is not None:
         text = f"the tool frame of {mimic.coupled} is moved by {_motion(mimic.tool)} in that of {mimic.linkage}"
-        items.append(_item("tool frame", text, mimic.tool))
-    return tuple(item for item in items if item.shift > tolerance or item.turn > ANGLE_PER_LENGTH * tolerance)
+        candidates.append(_item("tool frame", text, mimic.tool))
+    items = []
+    for item in candidates:
+        if item.shift > tolerance or item.turn > ANGLE_PER_LENGTH * tolerance:
+            items.append(item)
+    return tuple(items)
 
 
 def mimic_properties(mimic: MimicError, linkage_first: bool) -> Properties:
     """Return the comparison of the limits of the driven joint, the only property that is compared."""
-    limits = mimic.limits if linkage_first else mimic.limits[::-1]
+    first, second = mimic.limits
+    if not linkage_first:
+        first, second = second, first
     compared = dict.fromkeys(KINDS, 0)
-    first, second = limits
-    texts = [_interval(first), _interval(second)]
+    texts = (_interval(first), _interval(second))
     if first is None or second is None:
         # a file that states no limits, and one that states that there are none, say the same
-        rows = ()
-        if (first or UNLIMITED) != (second or UNLIMITED):
-            rows = (PropertyRow("limits", mimic.leader, texts[0], texts[1], False),)
-        return Properties(rows, compared)
+        if (first or UNLIMITED) == (second or UNLIMITED):
+            return Properties((), compared)
+        return Properties((PropertyRow("limits", mimic.leader, *texts, False),), compared)
     compared["limits"] = 1
-    apart = [0.0 if one == other else abs(one - other) for one, other in zip(first, second, strict=True)]
-    if max(apart) <= LIMIT:
+    if is_same_limit(first[0], second[0]) and is_same_limit(first[1], second[1]):
         return Properties((), compared)
-    return Properties((PropertyRow("limits", mimic.leader, texts[0], texts[1], True),), compared)
+    return Properties((PropertyRow("limits", mimic.leader, *texts, True),), compared)
 
 
 def _interval(limits: _Limits) -> str:

@@ -15,7 +15,7 @@ from twin.comparison.joined import joined
 from twin.comparison.link_motions import PlaceDifference
 from twin.comparison.links import differing_places, place_items
 from twin.comparison.loop_edits import closing_edits, loop_edits
-from twin.comparison.matching import match
+from twin.comparison.matching import Matching, match
 from twin.comparison.mimic import MimicError, mimic_error
 from twin.comparison.mimic_statements import mimic_conventions, mimic_properties
 from twin.comparison.posed import posed
@@ -93,9 +93,9 @@ class SidePair:
         if self.properties is not None:
             verdicts = {kind: self.properties.verdict(kind) for kind in KINDS}
             rows = [row.as_dict() for row in self.properties.rows]
-        largest = None
-        if self.worst is not None:
-            largest = self.worst.as_dict()
+        largest = None if self.worst is None else self.worst.as_dict()
+        poses = None if self.poses is None else self.poses.as_dict()
+        mimic = None if self.mimic is None else self.mimic.as_dict()
         return {
             "first": self.first.label,
             "second": self.second.label,
@@ -104,8 +104,8 @@ class SidePair:
             "differences": [item.as_dict() for item in self.differences],
             "ties": [list(texts) for texts in self.ties],
             "worst": largest,
-            "poses": None if self.poses is None else self.poses.as_dict(),
-            "mimic": None if self.mimic is None else self.mimic.as_dict(),
+            "poses": poses,
+            "mimic": mimic,
             "properties": verdicts,
             "property_rows": rows,
         }
@@ -153,10 +153,10 @@ def _compare_poses(first: RobotSide, second: RobotSide, table: RobotSide, tolera
     assert table.sampled is not None
     robot = second if table is first else first
     rows = table.sampled()
-    found = compare_rows(rows, table.label, robot, tolerance)
-    fit = found.fit
-    largest = Worst(robot.tool, fit.distance, fit.angle, found.q, found.q, fit.rows)
-    if found.identified is None:
+    compared = compare_rows(rows, table.label, robot, tolerance)
+    fit = compared.fit
+    largest = Worst(robot.tool, fit.distance, fit.angle, compared.q, compared.q, fit.rows)
+    if compared.identified is None:
         kinematics: Kinematics = "agree" if fit.agrees else "disagree"
         moved: tuple[ComparedItem, ...] = ()
         # equations state their frames; those of a measuring device are always others
@@ -165,15 +165,13 @@ def _compare_poses(first: RobotSide, second: RobotSide, table: RobotSide, tolera
         if moved:
             kinematics = "agree after conventions"
         return SidePair(first, second, kinematics, moved, (), None, largest, None, None, fit)
-    sides = (found.identified, robot)
-    if table is second:
-        sides = (robot, found.identified)
-    pair = _compare_lines(*sides, found.tolerance)
+    if table is first:
+        pair = _compare_lines(compared.identified, robot, compared.tolerance)
+    else:
+        pair = _compare_lines(robot, compared.identified, compared.tolerance)
     if pair.agrees and not pair.items:
         # the remainder is more than noise, but less than the tolerance of joint lines
-        return replace(
-            pair, first=first, second=second, kinematics="disagree", worst=largest, properties=None, poses=fit
-        )
+        pair = replace(pair, kinematics="disagree")
     return replace(pair, first=first, second=second, worst=largest, properties=None, poses=fit)
 
 
@@ -188,12 +186,17 @@ def _moved_frames(
     same = np.eye(4)
     base = T_rows[0] @ spatial.inverse(T_robot[0])
     tool = spatial.inverse(T_robot[0]) @ T_rows[0]
-    for X, Y in ((same, same), (base, same), (same, tool), (fit.base, fit.tool)):
+    # the fewest moved frames first
+    candidates = ((same, same), (base, same), (same, tool), (fit.base, fit.tool))
+    for X, Y in candidates:
         remaining = spatial.inverse(X @ T_robot @ Y) @ T_rows
         if not _is_moved(remaining, tolerance):
-            break
-    else:
-        return ()
+            return _frame_items(table, robot, X, Y, tolerance)
+    return ()
+
+
+def _frame_items(table: RobotSide, robot: RobotSide, X: Array, Y: Array, tolerance: float) -> tuple[ComparedItem, ...]:
+    """Return an item for each of the motions (4, 4) of base and tool frame that moves it."""
     items = []
     if _is_moved(X, tolerance):
         text = f"the base frame of {robot.label} is moved by {_placed(X)} in that of {table.label}"
@@ -246,16 +249,16 @@ def _opened(sides: tuple[RobotSide, RobotSide], problem: Problem) -> tuple[Compa
     """
     items_of_joints = []
     for i, (axis, partner) in enumerate(zip(problem.axes, problem.second.axes, strict=True)):
-        distances = (axis.opened[0], partner.opened[0])
-        angles = (axis.opened[1], partner.opened[1])
-        shift = abs(distances[0] - distances[1])
-        turn = abs(angles[0] - angles[1])
+        distance, angle = axis.opened
+        distance_of_partner, angle_of_partner = partner.opened
+        shift = abs(distance - distance_of_partner)
+        turn = abs(angle - angle_of_partner)
         if shift <= problem.tolerance and turn <= problem.angle_tolerance:
             continue
-        texts = []
-        for side, distance, angle in zip((problem.first, problem.second), distances, angles, strict=True):
-            texts.append(f"{mm(distance)} and {deg(angle)} apart in {side.label}")
-        text = f"joint '{partner.name}' does not close its loop: its places on its two links are {', '.join(texts)}"
+        in_first = f"{mm(distance)} and {deg(angle)} apart in {problem.first.label}"
+        in_second = f"{mm(distance_of_partner)} and {deg(angle_of_partner)} apart in {problem.second.label}"
+        places = f"its places on its two links are {in_first}, {in_second}"
+        text = f"joint '{partner.name}' does not close its loop: {places}"
         link = problem.second.groups[partner.child].bodies[-1]
         item = ComparedItem("link", partner.name, text, link, shift, turn)
         items_of_joints.append(item.with_edits(closing_edits(sides, problem, i)))
@@ -275,47 +278,64 @@ def _of_mimic(first: RobotSide, second: RobotSide, mimic: MimicError, tolerance:
 def _compare_lines(first: RobotSide, second: RobotSide, tolerance: float) -> SidePair:
     """Compare the joint lines of two sides."""
     as_read = (first, second)
-    first, second = joined(first, second, tolerance), joined(second, first, tolerance)
-    second = recut(second, first)
+    first = joined(as_read[0], as_read[1], tolerance)
+    second = recut(joined(as_read[1], as_read[0], tolerance), first)
     try:
         matching = match(first, second)
     except TwinError:
-        found_mimic = mimic_error(first, second) or mimic_error(second, first)
-        if found_mimic is None:
+        mimic = mimic_error(first, second) or mimic_error(second, first)
+        if mimic is None:
             raise
-        return _of_mimic(first, second, found_mimic, tolerance)
+        return _of_mimic(first, second, mimic, tolerance)
     problem = Problem(remembering(first), remembering(second), matching, tolerance)
     opened = _opened(as_read, problem)
     if opened:
         return SidePair(first, second, "disagree", opened, (), None, None, problem, None)
-    found_solutions = conventions(problem)
-    in_posture = posed(problem) if not found_solutions and first.looped else None
-    if in_posture is not None:  # balls and bars between them have no coordinate that leads from one posture to another
-        problem = Problem(*in_posture, matching, tolerance)
-        found_solutions = conventions(problem)
-    if not found_solutions and first.looped:
+    solutions = conventions(problem)
+    if not solutions and first.looped:
+        # balls and bars between them have no coordinate that leads from one posture to another
+        in_posture = posed(problem)
+        if in_posture is not None:
+            problem = Problem(*in_posture, matching, tolerance)
+            solutions = conventions(problem)
+    if not solutions and first.looped:
         explanations = differing_places(problem)
         if explanations:
             return _of_links(as_read, problem, explanations)
-    if not found_solutions:
-        found_solutions = deviations(problem)
-    if not found_solutions:
+    if not solutions:
+        solutions = deviations(problem)
+    if not solutions:
         return SidePair(first, second, "unexplained", (), (), None, None, problem, None)
-    best = found_solutions[0]
+    return _of_solutions(first, second, problem, matching, solutions)
+
+
+def _of_solutions(
+    first: RobotSide, second: RobotSide, problem: Problem, matching: Matching, solutions: Sequence[FitSolution]
+) -> SidePair:
+    """Return the comparison by equally likely solutions, of which the first is told."""
+    best = solutions[0]
+    items_of_best = with_edits(problem, matching, best, items(problem, matching, best))
     kinematics: Kinematics = "agree after conventions"
     if best.unknowns.deviating:
         kinematics = "disagree"
-    items_of_pair = with_edits(problem, matching, best, items(problem, matching, best))
-    if not items_of_pair:
+    if not items_of_best:
         kinematics = "agree"
-    others: list[tuple[str, ...]] = []
-    told = tuple(item.text for item in items_of_pair)
-    for other in found_solutions[1:]:
+    told = tuple(item.text for item in items_of_best)
+    ties: list[tuple[str, ...]] = []
+    for other in solutions[1:]:
         texts = tuple(item.text for item in items(problem, matching, other))
-        if texts not in others and texts != told:
-            others.append(texts)
+        if texts not in ties and texts != told:
+            ties.append(texts)
     largest = worst(problem, best)
     properties = with_property_edits(problem, matching, best, compare(problem, best))
     return SidePair(
-        first, second, kinematics, tuple(items_of_pair), tuple(others[:_TIES]), properties, largest, problem, best
+        first=first,
+        second=second,
+        kinematics=kinematics,
+        items=tuple(items_of_best),
+        ties=tuple(ties[:_TIES]),
+        properties=properties,
+        worst=largest,
+        problem=problem,
+        solution=best,
     )

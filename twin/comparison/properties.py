@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from twin.comparison.convention_sizes import zero_of
+from twin.comparison.coupled_motion import RATIO, Follower, constraints, followed
 from twin.comparison.evidence import CENTRE, LIMIT, RELATIVE
 from twin.comparison.fit import FitSolution, Problem, values_of
 from twin.comparison.items import NumberEdit
-from twin.comparison.search import zero_of
 from twin.comparison.side import ONE_COORDINATE, UNLIMITED, Axis, RobotSide
 from twin.core.json_types import JsonObject
 from twin.core.quantity import moved
 from twin.core.spatial import Array
-
-RATIO = 1e-4
-"""Difference of ratios of couplings up to which they are equal, relative."""
+from twin.model.inertia import Inertia
 
 KINDS: tuple[str, ...] = ("limits", "speeds", "efforts", "masses", "centres of mass", "inertias", "couplings")
+
+OF_BODIES = ("masses", "centres of mass", "inertias")
+"""Kinds of properties of the bodies on a joint; the others are of the joint."""
+
+_WITHOUT_EFFECT = 1e-9
+"""Ratio of a coupling below which a joint does not move the follower."""
 
 
 @dataclass(frozen=True)
@@ -77,172 +83,188 @@ class Properties:
 
 def compare(problem: Problem, solution: FitSolution) -> Properties:
     """Compare the properties of two sides after the conventions of a solution."""
-    rows: list[PropertyRow] = []
-    compared: dict[str, int] = dict.fromkeys(KINDS, 0)
-    for i, axis in enumerate(problem.axes):
-        if axis.kind in ONE_COORDINATE:
-            _joint(problem, solution, i, rows, compared)
-        else:
-            _parts(problem, i, rows)
-    _masses(problem, solution, rows, compared)
-    _couplings(problem, solution, rows, compared)
-    return Properties(tuple(rows), compared)
+    return _PropertyComparison(problem, solution).result()
 
 
-def _joint(problem: Problem, solution: FitSolution, i: int, rows: list[PropertyRow], compared: dict[str, int]) -> None:
-    first = problem.axes[i]
-    second = problem.second.axes[i]
+class _PropertyComparison:
+    """The rows that differ, and how many values were compared, as they are collected."""
 
-    def angle(value: float) -> str:
-        return str(moved(value, second.is_angle))
+    def __init__(self, problem: Problem, solution: FitSolution) -> None:
+        self.problem = problem
+        self.solution = solution
+        self.rows: list[PropertyRow] = []
+        self.compared: dict[str, int] = dict.fromkeys(KINDS, 0)
 
-    def interval(limits: tuple[float, float] | None) -> str:
-        if limits is None:
-            return "-"
-        if limits == UNLIMITED:
-            return "no limits"
-        return f"{angle(limits[0])} .. {angle(limits[1])}"
+    def result(self) -> Properties:
+        """Return the comparison of all kinds."""
+        for i, axis in enumerate(self.problem.axes):
+            if axis.kind in ONE_COORDINATE:
+                self._limits(i)
+                self._drive(i)
+            else:
+                self._parts(i)
+        self._bodies()
+        self._couplings()
+        return Properties(tuple(self.rows), self.compared)
 
-    mapped = mapped_limits(problem, solution, i)
-    if mapped is not None and second.limits is not None:
-        compared["limits"] += 1
-        low = abs(mapped[0] - second.limits[0])
-        high = abs(mapped[1] - second.limits[1])
-        if not (low <= LIMIT or mapped[0] == second.limits[0]) or not (high <= LIMIT or mapped[1] == second.limits[1]):
-            # no edit of a number makes limits of none: the type of the joint, or an attribute, is another
-            bounded = np.array_equal(np.isfinite(mapped), np.isfinite(second.limits))
-            index = i if bounded else -1
-            rows.append(PropertyRow("limits", second.name, interval(mapped), interval(second.limits), True, index))
-    elif (mapped or UNLIMITED) != (second.limits or UNLIMITED):
-        rows.append(PropertyRow("limits", second.name, interval(mapped), interval(second.limits), False))
-    _number("speeds", i, second.name, first.max_speed, second.max_speed, lambda v: f"{angle(v)}/s", rows, compared)
-    effort_of_first = problem.first.efforts.get(first.name)
-    effort_of_second = problem.second.efforts.get(second.name)
-    unit = "N m" if second.is_angle else "N"
-    _number("efforts", i, second.name, effort_of_first, effort_of_second, lambda v: f"{v:g} {unit}", rows, compared)
+    def _limits(self, i: int) -> None:
+        """Compare the limits of a joint with one coordinate, those of the first side as values of the second."""
+        axis = self.problem.second.axes[i]
+        mapped = mapped_limits(self.problem, self.solution, i)
+        texts = (_interval(mapped, axis.is_angle), _interval(axis.limits, axis.is_angle))
+        if mapped is None or axis.limits is None:
+            # a file that states no limits, and one that states that there are none, say the same
+            if (mapped or UNLIMITED) != (axis.limits or UNLIMITED):
+                self.rows.append(PropertyRow("limits", axis.name, *texts, False))
+            return
+        self.compared["limits"] += 1
+        if is_same_limit(mapped[0], axis.limits[0]) and is_same_limit(mapped[1], axis.limits[1]):
+            return
+        # no edit of a number makes limits of none: the type of the joint, or an attribute, is another
+        bounded = np.array_equal(np.isfinite(mapped), np.isfinite(axis.limits))
+        self.rows.append(PropertyRow("limits", axis.name, *texts, True, i if bounded else -1))
 
+    def _drive(self, i: int) -> None:
+        """Compare the maximum speed and effort of a joint with one coordinate."""
+        first = self.problem.axes[i]
+        second = self.problem.second.axes[i]
+        effort_of_first = self.problem.first.efforts.get(first.name)
+        effort_of_second = self.problem.second.efforts.get(second.name)
 
-def _parts(problem: Problem, i: int, rows: list[PropertyRow]) -> None:
-    """Add what joints state of which one side has several, and the other one: it has no partner to compare it with."""
-    both = (problem.axes[i], problem.second.axes[i])
-    where = both[1].name
-    free = any(not axis.joined and axis.limits == UNLIMITED for axis in both)
-    limits: list[list[str]] = [[], []]
-    speeds: list[list[str]] = [[], []]
-    efforts: list[list[str]] = [[], []]
-    for k, side in enumerate((problem.first, problem.second)):
-        for part in both[k].joined:
-            if part.limits is not None and part.limits != UNLIMITED:
-                low, high = (moved(value, part.is_angle) for value in part.limits)
-                limits[k].append(f"{part.name} {low} .. {high}")
-            if part.max_speed is not None:
-                speeds[k].append(f"{part.name} {moved(part.max_speed, part.is_angle)}/s")
-            if part.name in side.efforts:
-                efforts[k].append(f"{part.name} {side.efforts[part.name]:g} {'N m' if part.is_angle else 'N'}")
-    for kind, texts in (("limits", limits), ("speeds", speeds), ("efforts", efforts)):
-        if texts[0] == texts[1]:
-            continue
-        stated = kind == "limits" and free
-        nothing = "no limits" if stated else "-"
-        first, second = (", ".join(found) or nothing for found in texts)
-        rows.append(PropertyRow(kind, where, first, second, stated))
+        def speed(value: float) -> str:
+            return _speed(value, second)
 
+        def effort(value: float) -> str:
+            return _effort(value, second)
 
-def mapped_limits(problem: Problem, solution: FitSolution, i: int) -> tuple[float, float] | None:
-    """Return the limits of the first side as values of the second, or None."""
-    limits = problem.axes[i].limits
-    if limits is None:
-        return None
-    sign = solution.unknowns.signs[i]
-    zero = zero_of(problem, solution.unknowns, i)
-    ends = sorted(float(sign * (value - zero)) for value in limits)
-    return ends[0], ends[1]
+        self._number("speeds", i, second.name, first.max_speed, second.max_speed, speed)
+        self._number("efforts", i, second.name, effort_of_first, effort_of_second, effort)
 
+    def _parts(self, i: int) -> None:
+        """Add what joints state of which one side has several: the other side has no partner to compare it with."""
+        first = self.problem.axes[i]
+        second = self.problem.second.axes[i]
+        of_first = _part_texts(first, self.problem.first)
+        of_second = _part_texts(second, self.problem.second)
+        is_free = any(not axis.joined and axis.limits == UNLIMITED for axis in (first, second))
+        for kind in ("limits", "speeds", "efforts"):
+            if of_first[kind] == of_second[kind]:
+                continue
+            # a ball that has no limits, as its file states, disagrees with limits of the hinges
+            stated = kind == "limits" and is_free
+            nothing = "no limits" if stated else "-"
+            text_of_first = ", ".join(of_first[kind]) or nothing
+            text_of_second = ", ".join(of_second[kind]) or nothing
+            self.rows.append(PropertyRow(kind, second.name, text_of_first, text_of_second, stated))
 
-def _number(
-    kind: str,
-    index: int,
-    where: str,
-    first: float | None,
-    second: float | None,
-    shown: Callable[[float], str],
-    rows: list[PropertyRow],
-    compared: dict[str, int],
-) -> None:
-    if first is None and second is None:
-        return
-    if first is None or second is None:
-        texts = ["-" if value is None else shown(value) for value in (first, second)]
-        rows.append(PropertyRow(kind, where, texts[0], texts[1], False))
-        return
-    compared[kind] += 1
-    if abs(first - second) > RELATIVE * max(abs(first), abs(second)):
-        rows.append(PropertyRow(kind, where, shown(first), shown(second), True, index))
-
-
-def _masses(problem: Problem, solution: FitSolution, rows: list[PropertyRow], compared: dict[str, int]) -> None:
-    """Compare mass, centre and tensor of the bodies on each joint, the first side moved by the conventions."""
-    u = solution.unknowns
-    _, _, motions = problem.motions(u.signs, values_of(u)[None], u.deviating)
-    pairs = [(0, 0)]
-    for i, axis in enumerate(problem.axes):
-        if not axis.closing:
-            pairs.append((axis.child, problem.second.axes[i].child))
-    for group, partner in pairs:
-        first = problem.first.groups[group].inertia
-        second = problem.second.groups[partner].inertia
-        where = problem.second.groups[partner].bodies[-1]
-        masses = [None if inertia is None else inertia.mass for inertia in (first, second)]
-        _number("masses", group, where, masses[0], masses[1], lambda v: f"{v:g} kg", rows, compared)
+    def _number(
+        self,
+        kind: str,
+        index: int,
+        where: str,
+        first: float | None,
+        second: float | None,
+        shown: Callable[[float], str],
+    ) -> None:
+        """Compare a value of both sides, None where a side does not state it; `shown` returns a value as text."""
+        if first is None and second is None:
+            return
+        text_of_first = "-" if first is None else shown(first)
+        text_of_second = "-" if second is None else shown(second)
         if first is None or second is None:
-            continue
-        seen = first.seen_from(motions[0, group])
-        compared["centres of mass"] += 1
-        if np.linalg.norm(seen.p_body_com - second.p_body_com) > CENTRE:
-            texts = [_point(p) for p in (seen.p_body_com, second.p_body_com)]
-            rows.append(PropertyRow("centres of mass", where, texts[0], texts[1], True, group))
-        compared["inertias"] += 1
-        size = float(np.linalg.norm(second.I_com))
-        if np.linalg.norm(seen.I_com - second.I_com) > RELATIVE * max(size, float(np.linalg.norm(seen.I_com))):
-            texts = [_moments(I_com) for I_com in (seen.I_com, second.I_com)]
-            rows.append(PropertyRow("inertias", where, texts[0], texts[1], True, group))
+            self.rows.append(PropertyRow(kind, where, text_of_first, text_of_second, False))
+            return
+        self.compared[kind] += 1
+        if abs(first - second) > RELATIVE * max(abs(first), abs(second)):
+            self.rows.append(PropertyRow(kind, where, text_of_first, text_of_second, True, index))
+
+    def _bodies(self) -> None:
+        """Compare mass, centre and tensor of the bodies on each joint, the first side moved by the conventions."""
+        motions = _body_motions(self.problem, self.solution)
+        for group, partner in _partners(self.problem).items():
+            first = self.problem.first.groups[group].inertia
+            second = self.problem.second.groups[partner].inertia
+            where = self.problem.second.groups[partner].bodies[-1]
+            mass_of_first = None if first is None else first.mass
+            mass_of_second = None if second is None else second.mass
+            self._number("masses", group, where, mass_of_first, mass_of_second, _mass)
+            if first is not None and second is not None:
+                self._inertia(group, where, first.seen_from(motions[group]), second)
+
+    def _inertia(self, group: int, where: str, first: Inertia, second: Inertia) -> None:
+        """Compare centre of mass and inertia tensor of the bodies of a group, both in the base of the second side."""
+        self.compared["centres of mass"] += 1
+        if np.linalg.norm(first.p_body_com - second.p_body_com) > CENTRE:
+            texts = (_point(first.p_body_com), _point(second.p_body_com))
+            self.rows.append(PropertyRow("centres of mass", where, *texts, True, group))
+        self.compared["inertias"] += 1
+        size = max(float(np.linalg.norm(first.I_com)), float(np.linalg.norm(second.I_com)))
+        if np.linalg.norm(first.I_com - second.I_com) > RELATIVE * size:
+            texts = (_moments(first.I_com), _moments(second.I_com))
+            self.rows.append(PropertyRow("inertias", where, *texts, True, group))
+
+    def _couplings(self) -> None:
+        """Compare the motions that the couplings allow, whichever joint of a coupling each side calls the leader."""
+        coupled = _coupled(self.problem, self.solution)
+        for i in coupled.order:
+            first = coupled.first.get(i)
+            second = coupled.second.get(i)
+            if first is None and second is None:
+                continue
+            self.compared["couplings"] += 1
+            if first is not None and second is not None and _is_same_motion(first, second):
+                continue
+            texts = (_coupling(self.problem, first), _coupling(self.problem, second))
+            self.rows.append(PropertyRow("couplings", self.problem.second.axes[i].name, *texts, True, i))
+
+
+# -- differences as numbers ---------------------------------------------------------------------------
 
 
 def difference(problem: Problem, solution: FitSolution, kind: str, i: int) -> Array:
-    """Return what differs in a row of some kind, as numbers in SI units; `i` as `PropertyRow.index`."""
-    if kind in ("masses", "centres of mass", "inertias"):
+    """Return what differs in a row of some kind, as numbers in SI units; `i` as `PropertyRow.index`.
+
+    (0,) if a side does not state the value.
+    """
+    if kind in OF_BODIES:
         return _difference_of_bodies(problem, solution, kind, i)
     if kind == "couplings":
         return _difference_of_couplings(problem, solution, i)
     if kind == "limits":
-        limits = problem.second.axes[i].limits
-        mapped = mapped_limits(problem, solution, i)
-        if mapped is None or limits is None:
-            return np.zeros(0)
-        apart = [0.0 if one == other else one - other for one, other in zip(mapped, limits, strict=True)]
-        return np.array(apart)
+        return _difference_of_limits(problem, solution, i)
     first = problem.axes[i]
     second = problem.second.axes[i]
-    values = (first.max_speed, second.max_speed)
     if kind == "efforts":
-        values = (problem.first.efforts.get(first.name), problem.second.efforts.get(second.name))
-    if values[0] is None or values[1] is None:
+        return _difference_of_numbers(problem.first.efforts.get(first.name), problem.second.efforts.get(second.name))
+    return _difference_of_numbers(first.max_speed, second.max_speed)
+
+
+def _difference_of_numbers(first: float | None, second: float | None) -> Array:
+    if first is None or second is None:
         return np.zeros(0)
-    return np.array([values[0] - values[1]])
+    return np.array([first - second])
+
+
+def _difference_of_limits(problem: Problem, solution: FitSolution, i: int) -> Array:
+    mapped = mapped_limits(problem, solution, i)
+    limits = problem.second.axes[i].limits
+    if mapped is None or limits is None:
+        return np.zeros(0)
+    apart = np.zeros(2)
+    for k in range(2):
+        if mapped[k] != limits[k]:  # equal limits can be infinite
+            apart[k] = mapped[k] - limits[k]
+    return apart
 
 
 def _difference_of_bodies(problem: Problem, solution: FitSolution, kind: str, group: int) -> Array:
-    u = solution.unknowns
-    _, _, motions = problem.motions(u.signs, values_of(u)[None], u.deviating)
-    partner = 0
-    for i, axis in enumerate(problem.axes):
-        if axis.child == group and not axis.closing:
-            partner = problem.second.axes[i].child
+    # an edit may have left no joint that carries the group
+    partner = _partners(problem).get(group, 0)
     first = problem.first.groups[group].inertia
     second = problem.second.groups[partner].inertia
     if first is None or second is None:
         return np.zeros(0)
-    seen = first.seen_from(motions[0, group])
+    seen = first.seen_from(_body_motions(problem, solution)[group])
     if kind == "masses":
         return np.array([seen.mass - second.mass])
     if kind == "centres of mass":
@@ -251,10 +273,128 @@ def _difference_of_bodies(problem: Problem, solution: FitSolution, kind: str, gr
 
 
 def _difference_of_couplings(problem: Problem, solution: FitSolution, i: int) -> Array:
-    motions = [side.get(i) for side in _followed(problem, solution)[:2]]
-    if motions[0] is None or motions[1] is None:
+    coupled = _coupled(problem, solution)
+    first = coupled.first.get(i)
+    second = coupled.second.get(i)
+    if first is None or second is None:
         return np.zeros(0)
-    return np.append(motions[0][0] - motions[1][0], motions[0][1] - motions[1][1])
+    return np.append(first.ratios - second.ratios, first.offset - second.offset)
+
+
+# -- both sides in the terms of the second ------------------------------------------------------------
+
+
+def mapped_limits(problem: Problem, solution: FitSolution, i: int) -> tuple[float, float] | None:
+    """Return the limits of the first side as values of the second in m or rad, or None."""
+    limits = problem.axes[i].limits
+    if limits is None:
+        return None
+    sign = solution.unknowns.signs[i]
+    zero = zero_of(problem, solution.unknowns, i)
+    low, high = sorted(float(sign * (value - zero)) for value in limits)
+    return low, high
+
+
+def _partners(problem: Problem) -> dict[int, int]:
+    """Return {group of the first side: group of the second side}."""
+    partners = {0: 0}
+    for i, axis in enumerate(problem.axes):
+        if not axis.closing:
+            partners[axis.child] = problem.second.axes[i].child
+    return partners
+
+
+def _body_motions(problem: Problem, solution: FitSolution) -> Array:
+    """Return the motions (groups, 4, 4) of the bodies of the first side onto those of the second."""
+    u = solution.unknowns
+    _, _, motions = problem.motions(u.signs, values_of(u)[None], u.deviating)
+    return motions[0]
+
+
+class _CoupledSides(NamedTuple):
+    """What follows in each side, as values of the second side, and the order in which joints are made followers."""
+
+    first: dict[int, Follower]
+    second: dict[int, Follower]
+    order: list[int]
+
+
+def _coupled(problem: Problem, solution: FitSolution) -> _CoupledSides:
+    """Return the followers of both sides, so that the same joints follow in both where the couplings allow it."""
+    u = solution.unknowns
+    zeros = np.array([zero_of(problem, u, i) for i in range(problem.count)])
+    ratios, totals = constraints(problem.first, problem.axes)
+    # q_first = sign * q_second + zero
+    ratios_of_first = ratios * u.signs
+    totals_of_first = totals - ratios @ zeros
+    ratios_of_second, totals_of_second = constraints(problem.second, problem.second.axes)
+    order = _follower_order(problem)
+    first = followed(ratios_of_first, totals_of_first, order)
+    second = followed(ratios_of_second, totals_of_second, order)
+    return _CoupledSides(first, second, order)
+
+
+def _follower_order(problem: Problem) -> list[int]:
+    """Return the joints: those that follow in the second side, then those that follow in the first, then all others."""
+    first_followers = {coupling.follower for coupling in problem.first.couplings}
+    second_followers = {coupling.follower for coupling in problem.second.couplings}
+    order = [i for i, axis in enumerate(problem.second.axes) if axis.name in second_followers]
+    for i, axis in enumerate(problem.axes):
+        if axis.name in first_followers and i not in order:
+            order.append(i)
+    for i in range(problem.count):
+        if i not in order:
+            order.append(i)
+    return order
+
+
+def is_same_limit(first: float, second: float) -> bool:
+    """Return whether two ends of ranges in m or rad are equal; both may be infinite."""
+    return first == second or abs(first - second) <= LIMIT
+
+
+def _is_same_motion(first: Follower, second: Follower) -> bool:
+    """Return whether a joint follows the same joints in the same way."""
+    limits = RATIO * np.maximum(np.abs(first.ratios), np.abs(second.ratios)) + _WITHOUT_EFFECT
+    has_same_ratios = bool(np.all(np.abs(first.ratios - second.ratios) <= limits))
+    return has_same_ratios and abs(first.offset - second.offset) <= LIMIT
+
+
+# -- texts --------------------------------------------------------------------------------------------
+
+
+def _interval(limits: tuple[float, float] | None, is_angle: bool) -> str:
+    if limits is None:
+        return "-"
+    if limits == UNLIMITED:
+        return "no limits"
+    return f"{moved(limits[0], is_angle)} .. {moved(limits[1], is_angle)}"
+
+
+def _part_texts(axis: Axis, side: RobotSide) -> dict[str, list[str]]:
+    """Return {kind: texts} of the limits, speeds and efforts of the joints that a side writes instead of one."""
+    texts: dict[str, list[str]] = {"limits": [], "speeds": [], "efforts": []}
+    for part in axis.joined:
+        if part.limits is not None and part.limits != UNLIMITED:
+            texts["limits"].append(f"{part.name} {_interval(part.limits, part.is_angle)}")
+        if part.max_speed is not None:
+            texts["speeds"].append(f"{part.name} {_speed(part.max_speed, part)}")
+        if part.name in side.efforts:
+            texts["efforts"].append(f"{part.name} {_effort(side.efforts[part.name], part)}")
+    return texts
+
+
+def _speed(value: float, axis: Axis) -> str:
+    return f"{moved(value, axis.is_angle)}/s"
+
+
+def _effort(value: float, axis: Axis) -> str:
+    unit = "N m" if axis.is_angle else "N"
+    return f"{value:g} {unit}"
+
+
+def _mass(value: float) -> str:
+    return f"{value:g} kg"
 
 
 def _point(p: Array) -> str:
@@ -267,116 +407,12 @@ def _moments(tensor: Array) -> str:
     return f"moments {', '.join(values)} kg m2"
 
 
-def _couplings(problem: Problem, solution: FitSolution, rows: list[PropertyRow], compared: dict[str, int]) -> None:
-    """Compare the motions that the couplings allow, whichever joint of a coupling each side calls the leader."""
-    first, second, order = _followed(problem, solution)
-    for i in order:
-        if i not in first and i not in second:
-            continue
-        compared["couplings"] += 1
-        if i in first and i in second and _same_motion(first[i], second[i]):
-            continue
-        texts = [_coupling(problem, side.get(i)) for side in (first, second)]
-        rows.append(PropertyRow("couplings", problem.second.axes[i].name, texts[0], texts[1], True, i))
-
-
-_Followed = dict[int, tuple[Array, float]]
-
-
-def _followed(problem: Problem, solution: FitSolution) -> tuple[_Followed, _Followed, list[int]]:
-    """Return `followed` of both sides, as values of the second side, and the order of the joints that it used."""
-    u = solution.unknowns
-    zeros = np.array([zero_of(problem, u, i) for i in range(problem.count)])
-    stated = [constraints(problem.first, problem.axes), constraints(problem.second, problem.second.axes)]
-    ratios, totals = stated[0]
-    # q_first = sign * q_second + zero
-    stated[0] = (ratios * u.signs, totals - ratios @ zeros)
-    first_followers = {coupling.follower for coupling in problem.first.couplings}
-    second_followers = {coupling.follower for coupling in problem.second.couplings}
-    followers = [i for i, axis in enumerate(problem.second.axes) if axis.name in second_followers]
-    for i, axis in enumerate(problem.axes):
-        if axis.name in first_followers and i not in followers:
-            followers.append(i)
-    order = [*followers, *(i for i in range(problem.count) if i not in followers)]
-    return followed(*stated[0], order), followed(*stated[1], order), order
-
-
-def constraints(side: RobotSide, axes: Sequence[Axis]) -> tuple[Array, Array]:
-    """Return (ratios (couplings, joints), totals (couplings,)) of a side, for joints in the order of `axes`.
-
-    For all states that the couplings allow, ratios @ q = totals, in m and rad.
-    """
-    index = {axis.name: i for i, axis in enumerate(axes)}
-    ratios = []
-    totals = []
-    for coupling in side.couplings:
-        if not coupling.ratios.keys() <= index.keys():
-            continue
-        row = np.zeros(len(axes))
-        for name, ratio in coupling.ratios.items():
-            row[index[name]] = ratio
-        ratios.append(row)
-        totals.append(coupling.total)
-    return np.array(ratios).reshape(-1, len(axes)), np.array(totals)
-
-
-def followed(ratios: Array, totals: Array, order: Sequence[int]) -> dict[int, tuple[Array, float]]:
-    """Return {joint: (ratios (joints,), offset)} of the joints that others move: q_joint = ratios @ q + offset.
-
-    The joints in `ratios` move freely. Of the joints of a coupling, the one that is first in `order` is moved.
-    """
-    rows = np.column_stack([ratios[:, list(order)], totals])
-    pivots: list[int] = []
-    for column in range(len(order)):
-        below = rows[len(pivots) :, column]
-        if not len(below) or np.abs(below).max() < RATIO:
-            continue
-        pivot = len(pivots)
-        largest = pivot + int(np.argmax(np.abs(below)))
-        rows[[pivot, largest]] = rows[[largest, pivot]]
-        rows[pivot] /= rows[pivot, column]
-        for other in range(len(rows)):
-            if other != pivot:
-                rows[other] -= rows[other, column] * rows[pivot]
-        pivots.append(column)
-    followers = {}
-    for row, column in zip(rows, pivots, strict=False):
-        moving = np.zeros(len(order))
-        moving[list(order)] = -row[:-1]
-        moving[order[column]] = 0.0
-        followers[order[column]] = (moving, float(row[-1]))
-    return followers
-
-
-def followed_of(side: RobotSide) -> dict[int, tuple[Array, float]]:
-    """Return `followed` of the couplings of one side, for joints in the order of its axes."""
-    names = {coupling.follower for coupling in side.couplings}
-    followers = []
-    others = []
-    for i, axis in enumerate(side.axes):
-        if axis.name in names:
-            followers.append(i)
-        else:
-            others.append(i)
-    ratios, totals = constraints(side, side.axes)
-    return followed(ratios, totals, [*followers, *others])
-
-
-def _same_motion(first: tuple[Array, float], second: tuple[Array, float]) -> bool:
-    ratios, offset = first
-    other_ratios, other_offset = second
-    limits = RATIO * np.maximum(np.abs(ratios), np.abs(other_ratios)) + 1e-9
-    same_ratios = bool(np.all(np.abs(ratios - other_ratios) <= limits))
-    return same_ratios and abs(offset - other_offset) <= LIMIT
-
-
-def _coupling(problem: Problem, motion: tuple[Array, float] | None) -> str:
-    if motion is None:
+def _coupling(problem: Problem, follower: Follower | None) -> str:
+    if follower is None:
         return "moves freely"
-    ratios, offset = motion
     parts = []
-    for k in np.flatnonzero(np.abs(ratios) > 1e-9):
-        parts.append(f"{ratios[k]:g} × {problem.second.axes[k].name}")
-    if abs(offset) > LIMIT or not parts:
-        parts.append(f"{offset:g}")
+    for k in np.flatnonzero(np.abs(follower.ratios) > _WITHOUT_EFFECT):
+        parts.append(f"{follower.ratios[k]:g} × {problem.second.axes[k].name}")
+    if abs(follower.offset) > LIMIT or not parts:
+        parts.append(f"{follower.offset:g}")
     return " + ".join(parts)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import replace
 
 from twin.comparison import rereading
@@ -12,13 +12,19 @@ from twin.comparison.frames import gaps
 from twin.comparison.items import NumberEdit
 from twin.comparison.matching import Matching
 from twin.comparison.paths import short
-from twin.comparison.properties import Properties, PropertyRow, compare, difference
-from twin.comparison.rereading import EditGoal
+from twin.comparison.properties import OF_BODIES, Properties, PropertyRow, compare, difference
+from twin.comparison.rereading import EditedSide, EditGoal
 from twin.comparison.side import RobotSide, plain
 from twin.core.spatial import Array
 
 _MOST = 12
 """Maximum number of rows for which edits are searched: robots that differ in more are not one edit apart."""
+
+_ALTERNATIVES = 2
+"""Maximum number of edits of one side that are told for a row."""
+
+_SMALLEST_SCALE = 1e-9
+"""Smallest difference in SI units whose part is an inaccuracy."""
 
 
 def with_property_edits(
@@ -29,118 +35,138 @@ def with_property_edits(
     A wrong mass moves the centre of mass of welded bodies, and changes their inertia: where the edit of a mass makes
     these agree as well, it is their edit.
     """
+    search = _PropertyEdits(problem, matching, solution, properties)
     rows = []
     searched = 0
-    healed: dict[tuple[str, int], list[NumberEdit]] = {}
     for row in properties.rows:
         if row.stated and row.index >= 0 and searched < _MOST:
             searched += 1
-            row = _with_edits(problem, matching, solution, properties, row, healed)
+            row = search.with_edits(row)
         rows.append(row)
     return replace(properties, rows=tuple(rows))
 
 
-def _with_edits(
-    problem: Problem,
-    matching: Matching,
-    solution: FitSolution,
-    properties: Properties,
-    row: PropertyRow,
-    healed: dict[tuple[str, int], list[NumberEdit]],
-) -> PropertyRow:
-    """Return a row with its edits, and add them to `healed` for each other row that they make agree."""
-    known = {(other.kind, other.index) for other in properties.rows if other.stated}
-    edits: list[NumberEdit] = []
-    together = False
-    for edited in (0, 1):
-        sides = (problem.first, problem.second)
-        own_edits = [edit for edit in healed.get((row.kind, row.index), ()) if edit.side == sides[edited].label]
-        if own_edits:
-            edits += own_edits
-            continue
-
-        def paired(side: RobotSide, edited: int = edited, sides: tuple[RobotSide, RobotSide] = sides) -> Problem:
-            both = list(sides)
-            both[edited] = side
-            return Problem(both[0], both[1], matching, problem.tolerance)
-
-        goal = _goal(paired, solution, row, known, sides[edited])
-        names = _names(problem, row, edited)
-        found = rereading.edited_sides(sides[edited], names, row.kind, goal, short)[:2]
-        edits += [edit for edit, _ in found]
-        for edit, side in found:
-            remaining = {(other.kind, other.index) for other in compare(paired(side), solution).rows if other.stated}
-            for other in known - remaining - {(row.kind, row.index)}:
-                healed.setdefault(other, []).append(edit)
-        if not found and not _welded_with_wrong_mass(sides[edited], known, row, names):
-            several = rereading.edits_together(sides[edited], names, row.kind, goal, short)
-            edits += several
-            together = together or bool(several)
-    return replace(row, edits=tuple(edits), together=together)
+_RowKey = tuple[str, int]
+"""Kind and index of a row."""
 
 
-def _welded_with_wrong_mass(
-    side: RobotSide, known: Collection[tuple[str, int]], row: PropertyRow, names: Collection[str]
-) -> bool:
-    """Return whether a row is about welded bodies whose mass differs: it must be right before numbers are found."""
-    if row.kind not in ("centres of mass", "inertias") or ("masses", row.index) not in known:
-        return False
-    if side.mechanism is None:
-        return len(names) > 1
-    with_mass = 0
-    for body in side.mechanism.bodies:
-        with_mass += body.inertia is not None and plain(body.name) in names
-    return with_mass > 1
+def _disagreeing(properties: Properties) -> set[_RowKey]:
+    """Return the rows in which the sides disagree."""
+    return {(row.kind, row.index) for row in properties.rows if row.stated}
 
 
-def _goal(
-    paired: Callable[[RobotSide], Problem],
-    solution: FitSolution,
-    row: PropertyRow,
-    known: Collection[tuple[str, int]],
-    side: RobotSide,
-) -> EditGoal:
-    """Return what an edit must achieve: this row agrees, and no other row than before disagrees."""
+class _PropertyEdits:
+    """The search of edits for one row after another; the edits of a row may remove later ones as well."""
 
-    def residual(edited: RobotSide) -> Array:
-        return difference(paired(edited), solution, row.kind, row.index)
+    def __init__(self, problem: Problem, matching: Matching, solution: FitSolution, properties: Properties) -> None:
+        self._problem = problem
+        self._matching = matching
+        self._solution = solution
+        self._disagreeing = _disagreeing(properties)
+        self._removed_by: dict[_RowKey, list[NumberEdit]] = {}  # edits of rows before that remove a row
 
-    def agrees(edited: RobotSide) -> bool:
-        if len(edited.axes) != len(side.axes):
+    def with_edits(self, row: PropertyRow) -> PropertyRow:
+        """Return a row with its edits."""
+        edits: list[NumberEdit] = []
+        together = False
+        for edited in (0, 1):
+            side = (self._problem.first, self._problem.second)[edited]
+            known = self._removed_by.get((row.kind, row.index), ())
+            own_edits = [edit for edit in known if edit.side == side.label]
+            if own_edits:
+                edits += own_edits
+                continue
+            goal = self._goal(row, edited)
+            names = _names(self._problem, row, edited)
+            alternatives = rereading.edited_sides(side, names, row.kind, goal, short)[:_ALTERNATIVES]
+            for alternative in alternatives:
+                edits.append(alternative.edit)
+                self._note_removed_rows(row, alternative, edited)
+            if not alternatives and not self._has_welded_wrong_mass(side, row, names):
+                several = rereading.edits_together(side, names, row.kind, goal, short)
+                edits += several
+                together = together or bool(several)
+        return replace(row, edits=tuple(edits), together=together)
+
+    def _note_removed_rows(self, row: PropertyRow, alternative: EditedSide, edited: int) -> None:
+        """Keep the edit for each other row that it makes agree."""
+        after = compare(self._paired(alternative.side, edited), self._solution)
+        removed = self._disagreeing - _disagreeing(after) - {(row.kind, row.index)}
+        for other in removed:
+            self._removed_by.setdefault(other, []).append(alternative.edit)
+
+    def _has_welded_wrong_mass(self, side: RobotSide, row: PropertyRow, names: Collection[str]) -> bool:
+        """Return whether a row is about welded bodies whose mass differs: it must be right before numbers are found."""
+        if row.kind not in ("centres of mass", "inertias") or ("masses", row.index) not in self._disagreeing:
             return False
-        # the reader leaves out what no body can have: its other bodies would then agree by chance
-        if not set(edited.notes) <= set(side.notes):
-            return False
-        pair = paired(edited)
-        # the lines are as they were: also those that differ, beside this row
-        before = paired(side).gap(solution.unknowns)
-        after = pair.gap(solution.unknowns)
-        if after.distances.max() > before.distances.max() + pair.tolerance:
-            return False
-        if after.angles.max() > before.angles.max() + pair.angle_tolerance:
-            return False
-        remaining = {(other.kind, other.index) for other in compare(pair, solution).rows if other.stated}
-        return (row.kind, row.index) not in remaining and remaining <= set(known)
+        if side.mechanism is None:
+            return len(names) > 1
+        with_mass = 0
+        for body in side.mechanism.bodies:
+            if body.inertia is not None and plain(body.name) in names:
+                with_mass += 1
+        return with_mass > 1
 
-    def moved(edited: RobotSide) -> int:
-        # an edit that makes other rows and frames agree as well is likelier
-        pair = paired(edited)
-        frames = sum(gap.differs(pair) for gap in gaps(pair, solution.unknowns))
-        return frames + sum(other.stated for other in compare(pair, solution).rows)
+    def _paired(self, side: RobotSide, edited: int) -> Problem:
+        """Return the pair with another side instead of the edited one, 0 for the first."""
+        sides = [self._problem.first, self._problem.second]
+        sides[edited] = side
+        return Problem(sides[0], sides[1], self._matching, self._problem.tolerance)
 
-    scale = 1.0
-    start = residual(side)
-    if start.size:
-        scale = max(float(abs(start).max()), 1e-9)
-    limits = {"limits": LIMIT, "centres of mass": CENTRE}
-    return EditGoal(residual, agrees, moved, limits.get(row.kind, RELATIVE * scale))
+    def _goal(self, row: PropertyRow, edited: int) -> EditGoal:
+        """Return what an edit must achieve: this row agrees, and no other row than before disagrees."""
+        solution = self._solution
+        unedited = (self._problem.first, self._problem.second)[edited]
+
+        def residual(side: RobotSide) -> Array:
+            return difference(self._paired(side, edited), solution, row.kind, row.index)
+
+        def agrees(side: RobotSide) -> bool:
+            if len(side.axes) != len(unedited.axes):
+                return False
+            # the reader leaves out what no body can have: its other bodies would then agree by chance
+            if not set(side.notes) <= set(unedited.notes):
+                return False
+            pair = self._paired(side, edited)
+            # the lines are as they were: also those that differ, beside this row
+            before = self._paired(unedited, edited).gap(solution.unknowns)
+            after = pair.gap(solution.unknowns)
+            if after.distances.max() > before.distances.max() + pair.tolerance:
+                return False
+            if after.angles.max() > before.angles.max() + pair.angle_tolerance:
+                return False
+            remaining = _disagreeing(compare(pair, solution))
+            return (row.kind, row.index) not in remaining and remaining <= self._disagreeing
+
+        def moved(side: RobotSide) -> int:
+            # an edit that makes other rows and frames agree as well is likelier
+            pair = self._paired(side, edited)
+            count = 0
+            for gap in gaps(pair, solution.unknowns):
+                count += gap.differs(pair)
+            for other in compare(pair, solution).rows:
+                count += other.stated
+            return count
+
+        return EditGoal(residual, agrees, moved, _inaccuracy(row.kind, residual(unedited)))
+
+
+def _inaccuracy(kind: str, start: Array) -> float:
+    """Return the size of a difference that is only inaccuracy, for a row that differs by `start`."""
+    if kind == "limits":
+        return LIMIT
+    if kind == "centres of mass":
+        return CENTRE
+    if not start.size:
+        return RELATIVE
+    return RELATIVE * max(float(abs(start).max()), _SMALLEST_SCALE)
 
 
 def _names(problem: Problem, row: PropertyRow, edited: int) -> set[str]:
     """Return the plain names of the joint or the bodies of a row in one side."""
     side = (problem.first, problem.second)[edited]
     axes = (problem.axes, problem.second.axes)[edited]
-    if row.kind not in ("masses", "centres of mass", "inertias"):
+    if row.kind not in OF_BODIES:
         return {plain(axes[row.index].name)}
     group = row.index
     if edited == 1:

@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twin.comparison.coupled_motion import followed_of
+from twin.comparison.file_numbers import numbers
 from twin.comparison.fit import FitSolution, Problem, Unknowns, values_of
 from twin.comparison.frames import FrameGap, leaf_gaps
 from twin.comparison.paths import short
-from twin.comparison.properties import followed_of, mapped_limits
-from twin.comparison.rereading import numbers
+from twin.comparison.properties import mapped_limits
 from twin.comparison.side import ONE_COORDINATE, Axis, RobotSide, plain
 from twin.core import spatial
 from twin.core.errors import TwinError
@@ -23,7 +24,13 @@ from twin.core.units import DEG, MM
 _SAMPLES = 2000
 """Number of joint states that are compared."""
 
+_ENDS = _SAMPLES // 4
+"""Number of further states in which each joint is at an end of its range."""
+
 _SEED = 40
+
+_TIE = 1e-3
+"""Distance in m that an angle of 1 rad counts: of equal distances, the larger angle is worse."""
 
 _TURN = np.pi
 """Half of the range in rad of a joint without limits."""
@@ -73,27 +80,41 @@ def common_range(problem: Problem, solution: FitSolution) -> Array:
     for i, axis in enumerate(problem.second.axes):
         if axis.kind not in ONE_COORDINATE:
             continue
-        half = _TURN if axis.is_angle else _SLIDE
-        low = -half
-        high = half
-        stated = [limits for limits in (mapped_limits(problem, solution, i), axis.limits) if limits is not None]
-        if stated:
-            lows = [limits[0] for limits in stated]
-            highs = [limits[1] for limits in stated]
-            low = max(lows)
-            high = min(highs)
-            low = low if np.isfinite(low) else min(-half, high - half)
-            high = high if np.isfinite(high) else max(half, low + half)
+        limits_of_first = mapped_limits(problem, solution, i)
+        low, high = _overlap(limits_of_first, axis.limits, _TURN if axis.is_angle else _SLIDE)
         if low > high:
-            texts = [f"{moved(a, axis.is_angle)} .. {moved(b, axis.is_angle)}" for a, b in stated]
+            assert limits_of_first is not None
+            assert axis.limits is not None
+            in_first = _interval(limits_of_first, axis.is_angle)
+            in_second = _interval(axis.limits, axis.is_angle)
             at_first = _stated_at(problem.first, problem.axes[i])
             at_second = _stated_at(problem.second, axis)
             raise TwinError(
-                f"joint '{axis.name}' has no common range: {texts[0]} in {at_first} (as values of "
-                f"{problem.second.label}), {texts[1]} in {at_second}. Correct the limits of a file."
+                f"joint '{axis.name}' has no common range: {in_first} in {at_first} (as values of "
+                f"{problem.second.label}), {in_second} in {at_second}. Correct the limits of a file."
             )
-        ranges[i] = low + 0.0, high + 0.0  # without the sign of -0.0
+        ranges[i, 0] = low + 0.0  # without the sign of -0.0
+        ranges[i, 1] = high + 0.0
     return ranges
+
+
+def _overlap(first: tuple[float, float] | None, second: tuple[float, float] | None, half: float) -> tuple[float, float]:
+    """Return what two ranges have in common; where neither ends, `half` of a range in m or rad from zero or the end.
+
+    The first number is larger than the second if they do not overlap.
+    """
+    stated = [limits for limits in (first, second) if limits is not None]
+    low = max((limits[0] for limits in stated), default=-half)
+    high = min((limits[1] for limits in stated), default=half)
+    if not np.isfinite(low):
+        low = min(-half, high - half)
+    if not np.isfinite(high):
+        high = max(half, low + half)
+    return low, high
+
+
+def _interval(limits: tuple[float, float], is_angle: bool) -> str:
+    return f"{moved(limits[0], is_angle)} .. {moved(limits[1], is_angle)}"
 
 
 def _stated_at(side: RobotSide, axis: Axis) -> str:
@@ -113,48 +134,50 @@ def worst(problem: Problem, solution: FitSolution) -> Worst | None:
     if not tools:
         return None
     u = solution.unknowns
-    plain = replace(u, deviating=(), deviations=None)
+    undeviated = replace(u, deviating=(), deviations=None)
     if problem.first.looped:
         states = problem.target_drawn[None]
     else:
         states = _states(problem, common_range(problem, solution))
     largest = None
     for tool in tools:
-        candidate = _worst_of(problem, u, plain, tool, states)
+        candidate = _worst_of(problem, undeviated, tool, states)
         if largest is None or (candidate.distance, candidate.angle) > (largest.distance, largest.angle):
             largest = candidate
     return largest
 
 
 def _states(problem: Problem, ranges: Array) -> Array:
+    """Return states (k, joints) of the second side in ranges (joints, 2) that its couplings allow."""
     rng = np.random.default_rng(_SEED)
     states = rng.uniform(ranges[:, 0], ranges[:, 1], (_SAMPLES, problem.count))
     # the ends of the ranges are where long arms differ most
-    corners = rng.integers(0, 2, (_SAMPLES // 4, problem.count))
-    ends = np.where(corners == 1, ranges[:, 1], ranges[:, 0])
+    is_upper = rng.integers(0, 2, (_ENDS, problem.count)) == 1
+    ends = np.where(is_upper, ranges[:, 1], ranges[:, 0])
     states = np.vstack([states, ends])
     for i, (ratios, offset) in followed_of(problem.second).items():
         states[:, i] = states @ ratios + offset
     return states
 
 
-def _worst_of(problem: Problem, u: Unknowns, plain: Unknowns, tool: FrameGap, states: Array) -> Worst:
+def _worst_of(problem: Problem, u: Unknowns, tool: FrameGap, states: Array) -> Worst:
+    """Return the largest difference of a tool at states (k, joints) of the second side, without deviations."""
     group, T_first = problem.first.frames.get(tool.name, problem.first.frames[problem.first.tool])
     group_of_second, T_second = problem.second.frames[tool.name]
     # at the full solution, the tool of the second side is that of the first times Y
     T_tool = T_first @ spatial.inverse(tool.T)
-    values = np.repeat(values_of(plain)[None], len(states), axis=0)
-    zeros = values[:, 6 : 6 + problem.count]
-    displaced = u.signs * (states - problem.target_drawn)
-    values[:, 6 : 6 + problem.count] = zeros + displaced
+    # the zeros are the only unknowns of `motions` that move joints: each state is a change of them
+    values = np.repeat(values_of(u)[None], len(states), axis=0)
+    values[:, 6 : 6 + problem.count] += u.signs * (states - problem.target_drawn)
     _, _, motions = problem.motions(u.signs, values, ())
     first = motions[:, group] @ T_tool
     tree = [i for i, axis in enumerate(problem.second.axes) if not axis.closing]
     second = problem.second.poses((states - problem.target_drawn)[:, tree])[:, group_of_second] @ T_second
     distances = np.linalg.norm(first[:, :3, 3] - second[:, :3, 3], axis=1)
     angles = spatial.rotation_angle(np.swapaxes(first[:, :3, :3], 1, 2) @ second[:, :3, :3])
-    k = int(np.argmax(distances + 1e-3 * angles))
-    q = {axis.name: float(states[k, i]) for i, axis in enumerate(problem.second.axes)}
-    mapped = u.signs * states[k] + u.zeros
-    q_first = {axis.name: float(mapped[i]) for i, axis in enumerate(problem.axes)}
+    k = int(np.argmax(distances + _TIE * angles))
+    names = [axis.name for axis in problem.second.axes]
+    q = dict(zip(names, states[k].tolist(), strict=True))
+    names_of_first = [axis.name for axis in problem.axes]
+    q_first = dict(zip(names_of_first, (u.signs * states[k] + u.zeros).tolist(), strict=True))
     return Worst(tool.name, float(distances[k]), float(angles[k]), q, q_first, len(states))

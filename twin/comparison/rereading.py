@@ -8,25 +8,17 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from xml.parsers import expat
 
 import numpy as np
 
+from twin.comparison.file_numbers import FileNumber, numbers, text_of
 from twin.comparison.items import NumberEdit
-from twin.comparison.side import RobotSide, plain
+from twin.comparison.side import RobotSide
 from twin.comparison.xacro_lines import obstacle
 from twin.core.errors import TwinError
-from twin.core.foreign.budget import DRAWING_SUFFIXES, STAGE_SUFFIXES
 from twin.core.spatial import Array
-
-_NUMBER = re.compile(rb"(?<![\w.])[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?(?![\w.])")
-
-_USDA = b"#usda"
-"""Beginning of a USD stage in text form."""
-
-_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 
 _MOST_READ = 150
 """Maximum number of numbers of one text that are tried for one item."""
@@ -44,50 +36,38 @@ _ROUNDS = 8
 """Maximum number of steps to the value."""
 
 _LEFT = 0.5
-"""Part of the difference that a number must be able to remove at the first step."""
+"""Part of the difference that may remain after the first step: a number must be able to remove the other half."""
 
+_SMALL_VALUE = 0.1
+"""Value in the unit of the file below which the first step is that of this value: of zero, no part is a step."""
 
-_NO_PLACE = re.compile(
-    r"inerti|mass|limit|lower|upper|range|velocity|effort|force|geom|mesh|visual|collision|color|rgba|damping|friction"
-    r"|mimic|polycoef|extent|points|density|stiffness|solref|solimp",
-    re.IGNORECASE,
-)
-"""Elements and attributes that place no joint and no link."""
+_SMALLEST_VALUE = 1e-3
+"""The same for the further steps, and where several numbers change together."""
+
+_WITHOUT_EFFECT = 1e-9
+"""Change of the residual per change of a number below which the number moves nothing."""
+
+_LARGEST_CHANGE = 1e6
+"""Change of a number, in the unit of the file, that leads nowhere."""
+
+_DONE = 0.01
+"""Change of the residual, relative to the inaccuracy of the goal, after which the steps end."""
+
+_ROUNDING = 0.05
+"""Largest change of the residual by rounding, relative to the inaccuracy of the goal."""
+
+_MOST_DIGITS = 13
+"""Number of decimals up to which a value is rounded: from 0 to 12, as many as are written."""
+
+_SAME_VALUE = 1e-12
+"""Difference of two values of a number that are the same."""
+
+_MULTIPLE = 1e-4
+"""Part of a quarter turn up to which an angle is a multiple of it."""
+
 
 _AXIS = re.compile(r"axis")
 """A direction, whose numbers are mostly 0, 1 and -1."""
-
-_STATES = {
-    "": re.compile(""),
-    "limits": re.compile(r"limit|lower|upper|range", re.IGNORECASE),
-    "speeds": re.compile(r"velocity", re.IGNORECASE),
-    "efforts": re.compile(r"effort|force|range", re.IGNORECASE),
-    "masses": re.compile(r"mass|density", re.IGNORECASE),
-    "centres of mass": re.compile(r"(inertial(?!.* mass)|pose|centerOfMass)", re.IGNORECASE),
-    "inertias": re.compile(r"(inerti(?!.* mass)|pose|principalAxes)", re.IGNORECASE),
-    "couplings": re.compile(r"mimic|polycoef|gear|multiplier|offset", re.IGNORECASE),
-}
-"""{kind of properties: the elements and attributes that state it in any format}."""
-
-
-@dataclass(frozen=True)
-class FileNumber:
-    """A number of a text.
-
-    Attributes:
-        start, end: its bytes.
-        line: its line, from 1.
-        file: the file of this line, if it is another one.
-        what: where it is, in the terms of the format.
-        names: plain names of the elements or prims around it; () for a table.
-    """
-
-    start: int
-    end: int
-    line: int
-    what: str
-    names: tuple[str, ...] = ()
-    file: str = ""
 
 
 @dataclass(frozen=True)
@@ -131,79 +111,16 @@ def remembering(side: RobotSide) -> RobotSide:
     return replace(side, reread=read_once)
 
 
-def numbers(side: RobotSide, names: Collection[str], kind: str) -> list[FileNumber]:
-    """Return the numbers of the text of a side inside elements or prims with these names (as in `plain`).
-
-    `kind` is a kind of properties, or "" for what places joints and links. Of a table, all numbers are returned.
-    """
-    data = text_of(side)
-    if data is None:
-        return []
-    if _is_xml(data):
-        numbers_of_text = _of_xml(data, side.places)
-    elif data.startswith(_USDA):
-        numbers_of_text = _of_usda(data)
-    else:
-        return list(_of_table(data))
-    chosen = []
-    for number in numbers_of_text:
-        states_it = bool(_STATES[kind].search(number.what))
-        if not kind:
-            states_it = _NO_PLACE.search(number.what) is None
-        if states_it and not set(number.names).isdisjoint(names):
-            chosen.append(number)
-    return chosen
-
-
-def why_not_edited(side: RobotSide) -> str:
-    """Return why no number of a side can be named as an edit, and the way out; "" if its numbers can be read again."""
-    if text_of(side) is not None:
-        return ""
-    suffix = ""
-    if side.path is not None:
-        suffix = side.path.suffix.lower()
-    if suffix in DRAWING_SUFFIXES:
-        return "its numbers are the shapes of a drawing. Change the place in the CAD program, and export it again"
-    if side.looped:
-        return "each number would need its loops to be closed again. Change the place that is named, and compare again"
-    if suffix in STAGE_SUFFIXES:
-        return "it is a USD stage in binary form. Write it as text (.usda, by usdcat), and compare that"
-    if side.path is None:
-        return "it was not read from one file. Change the place that is named, in its CAD or its formula"
-    return "its file has no numbers as text. Compare the file from which it was made"
-
-
-def text_of(side: RobotSide) -> bytes | None:
-    """Return the text that was read; None if the side has none that can be read again."""
-    if side.reread is None or side.path is None:
-        return None
-    data = side.text
-    if data is None:
-        try:
-            data = side.path.read_bytes()
-        except OSError:
-            return None
-    if not has_numbers(data, table=bool(side.rows)):
-        return None
-    return data
-
-
-def has_numbers(data: bytes, *, table: bool) -> bool:
-    """Return whether the numbers of a file are found here: those of XML, of a USD stage in text form, of a table.
-
-    The numbers of other texts, such as STEP, are mostly those of their entities.
-    """
-    if b"\0" in data:
-        return False
-    return table or _is_xml(data) or data.startswith(_USDA)
-
-
-def _is_xml(data: bytes) -> bool:
-    return data.removeprefix(_BYTE_ORDER_MARK).lstrip().startswith(b"<")
-
-
 def _never(_number: FileNumber, _value: float) -> bool:
     return False
+
+
+@dataclass(frozen=True)
+class EditedSide:
+    """An edit of a number, and the side that was read with it."""
+
+    edit: NumberEdit
+    side: RobotSide
 
 
 def edits(
@@ -212,13 +129,10 @@ def edits(
     kind: str,
     goal: EditGoal,
     file: Callable[[str], str],
-    tried: Callable[[FileNumber, float], bool] = _never,
+    is_tried: Callable[[FileNumber, float], bool] = _never,
 ) -> list[NumberEdit]:
-    """Return the edits of one number that reach a goal, the likeliest first.
-
-    Numbers for which `tried` (of the number and its value) is true are left out: no value of them reaches the goal.
-    """
-    return [edit for edit, _ in edited_sides(side, names, kind, goal, file, tried)]
+    """Return the edits of one number that reach a goal, the likeliest first; see `edited_sides`."""
+    return [edited.edit for edited in edited_sides(side, names, kind, goal, file, is_tried)]
 
 
 def edited_sides(
@@ -227,37 +141,47 @@ def edited_sides(
     kind: str,
     goal: EditGoal,
     file: Callable[[str], str],
-    tried: Callable[[FileNumber, float], bool] = _never,
-) -> list[tuple[NumberEdit, RobotSide]]:
-    """Return the same edits, each with the side that was read with it."""
+    is_tried: Callable[[FileNumber, float], bool] = _never,
+) -> list[EditedSide]:
+    """Return the edits of one number that reach a goal, each with its side, the likeliest first.
+
+    Args:
+        side: the side whose text is edited.
+        names: plain names of the elements or prims whose numbers are tried.
+        kind: kind of properties that the numbers state, or "" for what places joints and links.
+        goal: what an edit must achieve.
+        file: function of a path that returns it as it is told.
+        is_tried: whether a number with its value need not be tried: no value of it reaches the goal.
+    """
     data = text_of(side)
     if data is None:
         return []
-    ranked: list[tuple[int, int, NumberEdit, RobotSide]] = []
+    ranked: list[tuple[int, int, EditedSide]] = []
     before = goal.residual(side)
     for number in numbers(side, names, kind)[:_MOST_READ]:
-        text = data[number.start : number.end].decode()
-        if tried(number, float(text)):
+        old = _value(data, number)
+        if is_tried(number, old):
             continue
         solved = _solved(side, data, number, goal, before)
         if solved is None:
             continue
-        value, edited = solved
-        new = _text(value)
-        if float(new) == float(text):
+        new = _text(solved.value)
+        if float(new) == old:
             continue
-        place = file(number.file or str(side.path))
-        edit = NumberEdit(side.label, place, number.line, number.what, text, new, confirmed=True)
-        edit = hindered(side, edit, number.file)
-        ranked.append((goal.moved(edited), len(new), edit, edited))
+        edit = _number_edit(side, data, number, new, file)
+        ranked.append((goal.moved(solved.side), len(new), EditedSide(edit, solved.side)))
+    # few moved frames, and a round number, make an edit likelier
     ranked.sort(key=lambda entry: entry[:2])
-    return [(edit, edited) for _, _, edit, edited in ranked]
+    return [edited for _, _, edited in ranked]
 
 
 def edits_together(
     side: RobotSide, names: Collection[str], kind: str, goal: EditGoal, file: Callable[[str], str]
 ) -> list[NumberEdit]:
-    """Return edits of several numbers that reach a goal only together; [] if there are none."""
+    """Return edits of several numbers that reach a goal only together; [] if there are none.
+
+    Arguments as in `edited_sides`. The numbers are the solution of a linear system: one step from the stated values.
+    """
     data = text_of(side)
     if data is None:
         return []
@@ -265,89 +189,78 @@ def edits_together(
     known: list[FileNumber] = []
     slopes: list[Array] = []
     for number in numbers(side, names, kind)[:_MOST_READ]:
-        value = float(data[number.start : number.end])
-        step = _STEP * max(abs(value), 1e-3)
-        changed = _read(side, data, number, value + step)
+        value = _value(data, number)
+        step = _STEP * max(abs(value), _SMALLEST_VALUE)
+        changed = _reread(side, data, [(number, value + step)])
         if changed is None:
             continue
         slope = (goal.residual(changed) - r) / step
-        if np.abs(slope).max(initial=0.0) > 1e-9:
+        if np.abs(slope).max(initial=0.0) > _WITHOUT_EFFECT:
             known.append(number)
             slopes.append(slope)
     if len(known) < 2:
         return []
     J = np.array(slopes).T
     changes = -np.linalg.pinv(J, rcond=1e-9) @ r
-    needed = np.abs(changes) * np.abs(J).max(axis=0) > 0.05 * goal.inaccuracy
-    values = []
-    for number, change in zip(known, changes, strict=True):
-        values.append(float(data[number.start : number.end]) + float(change))
-    chosen = []
-    for k in np.flatnonzero(needed):
-        slope = float(np.abs(J[:, k]).max())
-        chosen.append((known[k], _fewest_digits(values[k], 0.05 * goal.inaccuracy / slope)))
-    assert side.reread is not None
-    changed_text = data
-    for number, value in sorted(chosen, key=lambda entry: -entry[0].start):
-        changed_text = changed_text[: number.start] + _text(value).encode() + changed_text[number.end :]
-    try:
-        edited = side.reread(changed_text)
-    except TwinError:
+    steepest = np.abs(J).max(axis=0)
+    allowed = _ROUNDING * goal.inaccuracy
+    chosen: list[tuple[FileNumber, float]] = []
+    for k in np.flatnonzero(np.abs(changes) * steepest > allowed):
+        value = _value(data, known[k]) + float(changes[k])
+        chosen.append((known[k], _fewest_digits(value, allowed / float(steepest[k]))))
+    edited = _reread(side, data, chosen)
+    if edited is None or not goal.agrees(edited):
         return []
-    if not goal.agrees(edited):
-        return []
-    edits_found = []
-    for number, value in chosen:
-        text = data[number.start : number.end].decode()
-        place = file(number.file or str(side.path))
-        edit = NumberEdit(side.label, place, number.line, number.what, text, _text(value), confirmed=True)
-        edits_found.append(hindered(side, edit, number.file))
-    return edits_found
+    return [_number_edit(side, data, number, _text(value), file) for number, value in chosen]
+
+
+def _number_edit(side: RobotSide, data: bytes, number: FileNumber, new: str, file: Callable[[str], str]) -> NumberEdit:
+    """Return the edit of one number of a text, which was read and compared again with the new one."""
+    old = data[number.start : number.end].decode()
+    place = file(number.file or str(side.path))
+    edit = NumberEdit(side.label, place, number.line, number.what, old, new, confirmed=True)
+    return hindered(side, edit, number.file)
 
 
 def attribute_edits(
     side: RobotSide, names: Collection[str], goal: EditGoal, file: Callable[[str], str]
 ) -> list[NumberEdit]:
-    """Return the edits of all numbers of one attribute that reach a goal, for attributes that place a joint."""
+    """Return the edits of all numbers of one attribute that reach a goal, for attributes that place a joint.
+
+    Arguments as in `edited_sides`.
+    """
     data = text_of(side)
     if data is None:
         return []
     attributes: dict[tuple[int, str], list[FileNumber]] = {}
     for number in numbers(side, names, ""):
-        attributes.setdefault((number.line, number.what.rpartition("[")[0]), []).append(number)
-    edits_found: list[NumberEdit] = []
+        attribute, _, _ = number.what.rpartition("[")
+        attributes.setdefault((number.line, attribute), []).append(number)
+    edits_of_side: list[NumberEdit] = []
     before = goal.residual(side)
-    for (line, what), numbers_of_attribute in list(attributes.items())[:_MOST_ATTRIBUTES]:
-        values = _attribute_values(side, data, numbers_of_attribute, goal, before)
+    for (line, what), own_numbers in list(attributes.items())[:_MOST_ATTRIBUTES]:
+        values = _attribute_values(side, data, own_numbers, goal, before)
         if values is None:
             continue
-        old = " ".join(data[number.start : number.end].decode() for number in numbers_of_attribute)
+        old = " ".join(data[number.start : number.end].decode() for number in own_numbers)
         new = " ".join(_text(value) for value in values)
-        place = file(numbers_of_attribute[0].file or str(side.path))
-        edits_found.append(
-            hindered(
-                side, NumberEdit(side.label, place, line, what, old, new, confirmed=True), numbers_of_attribute[0].file
-            )
-        )
-    return edits_found
+        source = own_numbers[0].file
+        edit = NumberEdit(side.label, file(source or str(side.path)), line, what, old, new, confirmed=True)
+        edits_of_side.append(hindered(side, edit, source))
+    return edits_of_side
 
 
 def _attribute_values(
     side: RobotSide, data: bytes, own: Sequence[FileNumber], goal: EditGoal, before: Array
 ) -> list[float] | None:
     """Return the values of the numbers of an attribute with which a goal is reached; None if there are none."""
-    values = np.array([float(data[number.start : number.end]) for number in own])
-    slopes = []
-    for k in range(len(own)):
-        step = _STEP * max(abs(float(values[k])), 0.1)
-        changed = _reread_with(side, data, own, values + step * (np.arange(len(own)) == k))
-        moved = None if changed is None else goal.residual(changed)
-        if moved is None or moved.shape != before.shape:
-            return None
-        slopes.append((moved - before) / step)
-    J = np.array(slopes).T
+    values = np.array([_value(data, number) for number in own])
+    J = _attribute_derivatives(side, data, own, values, goal, before)
+    if J is None:
+        return None
     r = before
     for _ in range(_ROUNDS):
+        # with the derivatives of the stated values: to close the loops again for new ones takes most of the time
         change = -np.linalg.pinv(J, rcond=1e-6) @ r
         if np.linalg.norm(r + J @ change) > _LEFT * np.linalg.norm(r):
             return None
@@ -363,11 +276,30 @@ def _attribute_values(
     return None
 
 
+def _attribute_derivatives(
+    side: RobotSide, data: bytes, own: Sequence[FileNumber], values: Array, goal: EditGoal, before: Array
+) -> Array | None:
+    """Return the derivatives (rows, numbers) of the residual `before` by the values; None if a text cannot be read."""
+    slopes = []
+    for k in range(len(own)):
+        step = _STEP * max(abs(float(values[k])), _SMALL_VALUE)
+        stepped = values.copy()
+        stepped[k] += step
+        changed = _reread_with(side, data, own, stepped)
+        if changed is None:
+            return None
+        residual = goal.residual(changed)
+        if residual.shape != before.shape:
+            return None
+        slopes.append((residual - before) / step)
+    return np.array(slopes).T
+
+
 def _fewest_decimals(
     side: RobotSide, data: bytes, own: Sequence[FileNumber], goal: EditGoal, values: Array
 ) -> list[float]:
     """Return the values with as few decimals as are needed, within a twentieth of the inaccuracy."""
-    rounded = [_fewest_digits(float(value), 0.05 * goal.inaccuracy) for value in values]
+    rounded = [_fewest_digits(float(value), _ROUNDING * goal.inaccuracy) for value in values]
     edited = _reread_with(side, data, own, np.array(rounded))
     if edited is not None and goal.agrees(edited):
         return rounded
@@ -376,9 +308,15 @@ def _fewest_decimals(
 
 def _reread_with(side: RobotSide, data: bytes, own: Sequence[FileNumber], values: Array) -> RobotSide | None:
     """Return the side with other values of some numbers; None if the text can then not be read."""
+    return _reread(side, data, list(zip(own, values.tolist(), strict=True)))
+
+
+def _reread(side: RobotSide, data: bytes, changes: Sequence[tuple[FileNumber, float]]) -> RobotSide | None:
+    """Return the side with other values of some numbers of its text; None if the text can then not be read."""
     assert side.reread is not None
     changed = data
-    for number, value in sorted(zip(own, values.tolist(), strict=True), key=lambda entry: -entry[0].start):
+    # from the last number, so that the places of those before it stay
+    for number, value in sorted(changes, key=lambda change: -change[0].start):
         changed = changed[: number.start] + _text(value).encode() + changed[number.end :]
     try:
         return side.reread(changed)
@@ -398,8 +336,8 @@ def hindered(side: RobotSide, edit: NumberEdit, file: str) -> NumberEdit:
 
 def _fewest_digits(value: float, inaccuracy: float) -> float:
     """Return a value with as few decimals as an inaccuracy allows."""
-    for digits in range(13):
-        rounded = round(value, digits) + 0.0
+    for digits in range(_MOST_DIGITS):
+        rounded = round(value, digits) + 0.0  # 0.0 instead of -0.0
         if abs(rounded - value) <= inaccuracy:
             return rounded
     return value
@@ -409,27 +347,31 @@ def _text(value: float) -> str:
     return f"{value:.12g}"
 
 
-def _read(side: RobotSide, data: bytes, number: FileNumber, value: float) -> RobotSide | None:
-    """Return the side with another value of a number; None if the text can then not be read."""
-    assert side.reread is not None
-    changed = data[: number.start] + _text(value).encode() + data[number.end :]
-    try:
-        return side.reread(changed)
-    except TwinError:
-        return None
+def _value(data: bytes, number: FileNumber) -> float:
+    """Return the value of a number in a text."""
+    return float(data[number.start : number.end])
 
 
-def _solved(
-    side: RobotSide, data: bytes, number: FileNumber, goal: EditGoal, before: Array
-) -> tuple[float, RobotSide] | None:
-    """Return (value of a number with which a goal is reached, the side with it); None if there is none."""
-    value = float(data[number.start : number.end])
-    step = _STEP * max(abs(value), 0.1)
+@dataclass(frozen=True)
+class _SolvedNumber:
+    """A value of a number with which a goal is reached, and the side with it."""
+
+    value: float
+    side: RobotSide
+
+
+def _solved(side: RobotSide, data: bytes, number: FileNumber, goal: EditGoal, before: Array) -> _SolvedNumber | None:
+    """Return the value of a number with which a goal is reached; None if there is none.
+
+    By secant steps in the least-squares sense; where these lead nowhere, from the usual other values.
+    """
+    value = _value(data, number)
+    step = _STEP * max(abs(value), _SMALL_VALUE)
     r = before
     slope: Array | None = None
     edited: RobotSide | None = None
     for _ in range(_ROUNDS):
-        changed = _read(side, data, number, value + step)
+        changed = _reread(side, data, [(number, value + step)])
         if changed is None:
             return None
         moved = goal.residual(changed)
@@ -437,173 +379,63 @@ def _solved(
             return None
         slope = (moved - r) / step
         strength = float(slope @ slope)
-        if strength < 1e-18:
+        if strength < _WITHOUT_EFFECT**2:
             return None if edited is not None else _elsewhere(side, data, number, goal)
         change = -float(slope @ r) / strength
         if edited is None and np.linalg.norm(r + slope * change) > _LEFT * np.linalg.norm(r):
             return _elsewhere(side, data, number, goal)
-        if not abs(change) < 1e6:
+        if not abs(change) < _LARGEST_CHANGE:  # true also for NaN
             return None
         value += change
-        edited = _read(side, data, number, value)
+        edited = _reread(side, data, [(number, value)])
         if edited is None:
             return None
         r = goal.residual(edited)
-        if abs(change) * np.sqrt(strength) < 0.01 * goal.inaccuracy:
+        if abs(change) * np.sqrt(strength) < _DONE * goal.inaccuracy:
             break
-        step = _STEP * max(min(abs(change), abs(value)), 1e-3)
+        step = _STEP * max(min(abs(change), abs(value)), _SMALLEST_VALUE)
     if edited is None or slope is None or not goal.agrees(edited):
         return _elsewhere(side, data, number, goal)
     steepest = float(np.abs(slope).max())
-    return _rounded(side, data, number, goal, value, steepest) or (value, edited)
+    return _rounded(side, data, number, goal, value, steepest) or _SolvedNumber(value, edited)
 
 
-def _elsewhere(side: RobotSide, data: bytes, number: FileNumber, goal: EditGoal) -> tuple[float, RobotSide] | None:
+def _elsewhere(side: RobotSide, data: bytes, number: FileNumber, goal: EditGoal) -> _SolvedNumber | None:
     """Return the number with a lost sign, a quarter turn or zero if that reaches the goal: too far for small steps."""
-    value = float(data[number.start : number.end])
-    candidates = [-value]
-    for quarter in (90.0, 0.5 * np.pi):
-        for turns in (-2, -1, 1, 2):
-            # only from one multiple of a quarter turn to another, or all numbers would be tried
-            if abs(value / quarter - round(value / quarter)) < 1e-4 and (value or turns):
-                candidates.append(value + turns * quarter)
-    if _AXIS.search(number.what):
-        candidates = [-value, 0.0, 1.0, -1.0]
-    for candidate in candidates:
-        if abs(candidate - value) < 1e-12:
+    value = _value(data, number)
+    for candidate in _usual_values(number, value):
+        if abs(candidate - value) < _SAME_VALUE:
             continue
-        edited = _read(side, data, number, candidate)
+        edited = _reread(side, data, [(number, candidate)])
         if edited is not None and goal.agrees(edited):
-            return _fewest_digits(candidate, 1e-6), edited
+            return _SolvedNumber(_fewest_digits(candidate, 1e-6), edited)
     return None
+
+
+def _usual_values(number: FileNumber, value: float) -> list[float]:
+    """Return what is usually meant instead of a wrong value: the other sign, quarter turns in degrees or rad."""
+    if _AXIS.search(number.what):
+        return [-value, 0.0, 1.0, -1.0]
+    usual = [-value]
+    for quarter in (90.0, 0.5 * np.pi):
+        # only from one multiple of a quarter turn to another, or all numbers would be tried
+        if abs(value / quarter - round(value / quarter)) >= _MULTIPLE:
+            continue
+        for turns in (-2, -1, 1, 2):
+            usual.append(value + turns * quarter)
+    return usual
 
 
 def _rounded(
     side: RobotSide, data: bytes, number: FileNumber, goal: EditGoal, value: float, slope: float
-) -> tuple[float, RobotSide] | None:
-    """Return the value with as few decimals as are needed."""
-    for digits in range(13):
+) -> _SolvedNumber | None:
+    """Return the value with as few decimals as are needed; `slope` is the change of the residual by the value."""
+    for digits in range(_MOST_DIGITS):
         rounded = round(value, digits) + 0.0
         # half of the tolerance would be a coincidence: one more digit must not matter
-        if abs(rounded - value) * slope > 0.05 * goal.inaccuracy:
+        if abs(rounded - value) * slope > _ROUNDING * goal.inaccuracy:
             continue
-        edited = _read(side, data, number, rounded)
+        edited = _reread(side, data, [(number, rounded)])
         if edited is not None and goal.agrees(edited):
-            return rounded, edited
+            return _SolvedNumber(rounded, edited)
     return None
-
-
-# -- the numbers of a text ----------------------------------------------------------------------------
-
-
-def _of_xml(data: bytes, places: Mapping[str, tuple[str, int]]) -> list[FileNumber]:
-    """Return the numbers of the attributes and texts of an XML file."""
-    file_numbers: list[FileNumber] = []
-    tags: list[str] = []
-    names: list[str] = []
-    titles: list[str] = []
-    parser = expat.ParserCreate()
-
-    def add(start: int, end: int, title: str) -> None:
-        for k, match in enumerate(_NUMBER.finditer(data, start, end)):
-            line = data.count(b"\n", 0, match.start()) + 1
-            around = [part for part in titles[-3:] if part]
-            label = f"{' '.join([*around, title])}[{k}]".strip()
-            place = places.get("/".join(tags_and_name()))
-            file = ""
-            if place is not None:
-                file, line = place
-            # in an MJCF, all bodies of an arm are nested
-            nearest = tuple(plain(name) for name in names if name)[-2:]
-            file_numbers.append(FileNumber(match.start(), match.end(), line, label, nearest, file))
-
-    def tags_and_name() -> list[str]:
-        """Return the parts of the path of an element below the robot of a URDF: joint, its name, origin."""
-        parts = list(tags[1:2])
-        if len(names) > 1:
-            parts.append(names_raw[1])
-        return [*parts, *tags[2:]]
-
-    names_raw: list[str] = []
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        tags.append(tag)
-        name = attributes.get("name", "")
-        refers = attributes.get("joint", attributes.get("joint1", ""))
-        names.append(name or refers)
-        names_raw.append(name)
-        titles.append(f"{tag} '{name}'" if name else tag)
-        if len(titles) == 1:
-            titles[0] = ""
-        begin = parser.CurrentByteIndex
-        end = data.find(b">", begin)
-        for attribute in attributes:
-            match = re.compile(rb"\s" + re.escape(attribute.encode()) + rb"\s*=\s*([\"'])").search(data, begin, end)
-            if match is None or attribute == "name":
-                continue
-            add(match.end(), data.find(match.group(1), match.end()), attribute)
-        if end > 0 and data[end - 1 : end] != b"/":
-            add(end + 1, data.find(b"<", end), "")
-
-    def stop(_: str) -> None:
-        tags.pop()
-        names.pop()
-        names_raw.pop()
-        titles.pop()
-
-    parser.StartElementHandler = start
-    parser.EndElementHandler = stop
-    try:
-        parser.Parse(data, True)
-    except expat.ExpatError:
-        return []
-    return file_numbers
-
-
-_PRIM = re.compile(rb"\s*(?:def|over)\s+(?:\w+\s+)?\"([^\"]+)\"")
-_USD_VALUE = re.compile(rb"\s*(?:uniform\s+|custom\s+)*[\w\[\]]+\s+([\w:]+)\s*=")
-
-
-def _of_usda(data: bytes) -> list[FileNumber]:
-    """Return the numbers of a USD stage in text form, each with the path of its prim and its attribute."""
-    file_numbers: list[FileNumber] = []
-    prims: list[str] = []
-    opened: list[int] = []  # depth of braces at which each prim began
-    depth = 0
-    waiting = ""
-    start = 0
-    for line, content in enumerate(data.split(b"\n"), 1):
-        prim = _PRIM.match(content)
-        if prim is not None:
-            waiting = prim.group(1).decode()
-        value = _USD_VALUE.match(content)
-        if value is not None and prims:
-            attribute = value.group(1).decode()
-            for k, match in enumerate(_NUMBER.finditer(data, start + value.end(), start + len(content))):
-                what = f"</{'/'.join(prims)}>.{attribute}[{k}]"
-                around = tuple(plain(name) for name in prims)
-                file_numbers.append(FileNumber(match.start(), match.end(), line, what, around))
-        for letter in re.findall(rb"[{}]", re.sub(rb"\"[^\"]*\"", b"", content)):
-            if letter == b"{":
-                depth += 1
-                if waiting:
-                    prims.append(waiting)
-                    opened.append(depth)
-                    waiting = ""
-            else:
-                if opened and opened[-1] == depth:
-                    prims.pop()
-                    opened.pop()
-                depth -= 1
-        start += len(content) + 1
-    return file_numbers
-
-
-def _of_table(data: bytes) -> Iterator[FileNumber]:
-    """Yield the numbers of a table or TOML, each with its place in its line."""
-    start = 0
-    for line, content in enumerate(data.split(b"\n"), 1):
-        if not content.lstrip().startswith(b"#"):
-            for k, match in enumerate(_NUMBER.finditer(data, start, start + len(content)), 1):
-                yield FileNumber(match.start(), match.end(), line, f"number {k} of the line")
-        start += len(content) + 1

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twin.comparison.properties import followed_of
+from twin.comparison.coupled_motion import followed_of
 from twin.comparison.side import Axis, PoseRows, RobotSide, plain
 from twin.core.errors import TwinError
 from twin.core.quantity import moved

@@ -6,7 +6,7 @@ Bodies that are fixed to each other are one group. All lines and frames are in t
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -18,7 +18,6 @@ from twin.core import spatial
 from twin.core.errors import TwinError, unknown
 from twin.core.spatial import Array
 from twin.model.inertia import Inertia
-from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 
 TURNING = ("revolute", "cylindrical")
@@ -245,6 +244,17 @@ def plain(name: str) -> str:
     return re.sub(r"[^a-z0-9_]|(?<![0-9])_|_(?![0-9])", "", kept)
 
 
+def common_beginning(names: Sequence[str]) -> str:
+    """Return the letters with which all of some names begin."""
+    # the names between these two in the alphabet share what the two share
+    first = min(names)
+    last = max(names)
+    length = 0
+    while length < min(len(first), len(last)) and first[length] == last[length]:
+        length += 1
+    return first[:length]
+
+
 def joint_motion(axis: Axis, displacement: Array) -> Array:
     """Return the motions (k, 4, 4) of displacements (k,) in m or rad along or about the line of a joint."""
     if axis.kind == "prismatic":
@@ -253,286 +263,3 @@ def joint_motion(axis: Axis, displacement: Array) -> Array:
         R = spatial.exp_so3(displacement[:, None] * axis.direction)
         return spatial.pose(R, axis.point - R @ axis.point)
     return spatial.pose(np.broadcast_to(np.eye(3), (len(displacement), 3, 3)))
-
-
-_CARRIER = 1.001e-3
-"""Mass in kg up to which a link between a joint and a weld is no part of the robot, see `_carriers`."""
-
-
-def drawn_poses(mechanism: Mechanism) -> tuple[dict[str, Array], dict[str, float]]:
-    """Return ({body: T_base_body}, {joint: coordinate}) at the state at which lines are compared.
-
-    This is the state with all coordinates zero or, for a robot with closed loops, the drawn state, which closes them.
-    """
-    if mechanism.loops:
-        poses = dict(mechanism.rest)
-        coordinates = {}
-        for joint in mechanism.joints:
-            if len(joint.free_axes) == 1:
-                coordinates[joint.name] = float(joint.coordinate(poses[joint.parent], poses[joint.child]))
-        return poses, coordinates
-    poses = {mechanism.base: np.eye(4)}
-    for joint in mechanism.tree:
-        poses[joint.child] = poses[joint.parent] @ joint.T_parent_joint @ spatial.inverse(joint.T_child_joint)
-    return poses, {}
-
-
-def from_mechanism(
-    mechanism: Mechanism,
-    label: str,
-    *,
-    path: Path | None = None,
-    only: Collection[str] = (),
-    guessed_tool: bool = False,
-    notes: Sequence[str] = (),
-    efforts: Mapping[str, float] | None = None,
-    unlimited: Collection[str] = (),
-) -> RobotSide:
-    """Return the side of a mechanism.
-
-    Args:
-        mechanism: the mechanism.
-        label: how the user named the side.
-        path: its file, if it is one file.
-        only: names of the joints to compare; all others are held at the drawn state. (): all joints.
-        guessed_tool: whether the tool frame is only a guess of the reader.
-        notes: texts on data that the reader left out.
-        efforts: maximum efforts that are not in the drives of the joints.
-        unlimited: joints of which the file states that they have no limits.
-    """
-    poses, coordinates = drawn_poses(mechanism)
-    moving = _moving(mechanism, only, label)
-    group_of = _groups(mechanism, moving)
-    axes: list[Axis] = []
-    reached = {0}
-    for joint in (*mechanism.tree, *mechanism.loops):
-        group = group_of[joint.child]
-        if joint.name in moving and group_of[joint.parent] != group:
-            # a joint of the tree closes a loop if its child is welded to a link that other joints already reach
-            closing = group in reached
-            reached.add(group)
-            axis = replace(_axis(joint, poses, coordinates, group_of, closing), opened=_opened(joint, poses))
-            if axis.limits is None and axis.name in unlimited:
-                axis = replace(axis, limits=UNLIMITED)
-            axes.append(axis)
-    axes.sort(key=lambda axis: axis.closing)
-    if only:
-        _refuse_locked(mechanism, moving - {axis.name for axis in axes}, group_of, label)
-    frames: dict[str, tuple[int, Array]] = {}
-    for body in mechanism.bodies:
-        frames[body.name] = (group_of[body.name], poses[body.name])
-    for frame in mechanism.frames:
-        frames[frame.name] = (group_of[frame.body], poses[frame.body] @ frame.T_body_frame)
-    stated_efforts = dict(efforts or {})
-    for joint in mechanism.joints:
-        if joint.drive is not None and joint.drive.max_effort is not None:
-            stated_efforts[joint.name] = joint.drive.max_effort
-    return RobotSide(
-        label=label,
-        name=mechanism.name,
-        axes=tuple(axes),
-        groups=_bodies(mechanism, group_of, poses),
-        frames=frames,
-        tool=mechanism.tool,
-        guessed_tool=guessed_tool,
-        couplings=_couplings(mechanism, moving, coordinates),
-        order=tuple(joint.name for joint in mechanism.active if joint.name in moving),
-        path=path,
-        notes=tuple(notes),
-        efforts=stated_efforts,
-        mechanism=mechanism,
-    )
-
-
-def _moving(mechanism: Mechanism, only: Collection[str], label: str) -> set[str]:
-    """Return the names of the joints that move in the comparison."""
-    # a floating robot is compared with one on a stand: where its base is says nothing about its kinematics
-    names = {joint.name for joint in mechanism.joints if joint.type not in ("fixed", "free")}
-    if not only:
-        return names
-    chosen = set()
-    for name in only:
-        alike = [known for known in names if plain(known) == plain(name)]
-        if name in names:
-            alike = [name]
-        if len(alike) != 1:
-            raise TwinError(f"{label}: {unknown('moving joint', name, names)}")
-        chosen.add(alike[0])
-    return chosen
-
-
-def _refuse_locked(mechanism: Mechanism, locked: Collection[str], group_of: Mapping[str, int], label: str) -> None:
-    """Raise an error for a joint to compare that held joints lock: to move it would open their loop.
-
-    Raises:
-        TwinError: it names the joint, and the joints that must be compared with it.
-    """
-    for name in sorted(locked):
-        group = group_of[mechanism.joint(name).child]
-        held = []
-        for joint in mechanism.joints:
-            ends = {group_of[joint.parent], group_of[joint.child]}
-            if joint.name not in locked and joint.type not in ("fixed", "free") and ends == {group}:
-                held.append(joint.name)
-        raise TwinError(
-            f"{label}: joint '{name}' cannot move while the other joints of its loop are held: it would open the loop. "
-            f"Add joints of the loop to --only ({', '.join(held)}), or leave '{name}' out."
-        )
-
-
-def _groups(mechanism: Mechanism, moving: Collection[str]) -> dict[str, int]:
-    """Return {body: index of its group}; the group of the base is 0.
-
-    A fixed joint that closes a loop (a weld), and one that is held, makes one group of two: the loop stays closed. The
-    group of a lower index remains: its joints come first in the tree.
-    """
-    group_of = {mechanism.base: 0}
-    count = 1
-    for joint in mechanism.tree:
-        if joint.name in moving:
-            group_of[joint.child] = count
-            count += 1
-        else:
-            group_of[joint.child] = group_of[joint.parent]
-    for joint in mechanism.loops:
-        if joint.name in moving or joint.type == "free":
-            continue
-        kept, welded = sorted((group_of[joint.parent], group_of[joint.child]))
-        for body, group in group_of.items():
-            if group == welded:
-                group_of[body] = kept
-    number = {group: k for k, group in enumerate(sorted(set(group_of.values())))}
-    return {body: number[group] for body, group in group_of.items()}
-
-
-def _opening(joint: Joint, poses: Mapping[str, Array]) -> tuple[Array, Array]:
-    """Return (shift (3,) in m, pose (4, 4)) of a joint's frame on the child in that on the parent.
-
-    The shift is that in the directions in which the joint does not let move.
-    """
-    T_base_joint = poses[joint.parent] @ joint.T_parent_joint
-    M = spatial.inverse(T_base_joint) @ poses[joint.child] @ joint.T_child_joint
-    shift = M[:3, 3].copy()
-    for k in joint.free_axes:
-        if k < 3:
-            shift[k] = 0.0
-    return shift, M
-
-
-def _opened(joint: Joint, poses: Mapping[str, Array]) -> tuple[float, float]:
-    """Return by how much the two frames of a joint are apart in what it does not let move, in m and rad."""
-    shift, M = _opening(joint, poses)
-    angle = 0.0
-    if 3 not in joint.free_axes:
-        angle = float(np.arctan2(np.linalg.norm(M[:2, 2]), M[2, 2]))  # of the two axes z
-        if 5 not in joint.free_axes:
-            angle = float(spatial.rotation_angle(M[:3, :3]))
-    return float(np.linalg.norm(shift)), angle
-
-
-def openings(mechanism: Mechanism) -> Array:
-    """Return (6 loops,) by how much each loop is open where it is drawn: a shift in m, and the tilt of its axes."""
-    poses, _ = drawn_poses(mechanism)
-    rows = [np.zeros(0)]
-    for joint in mechanism.loops:
-        shift, M = _opening(joint, poses)
-        tilt = np.zeros(3)
-        if 3 not in joint.free_axes:
-            tilt = M[:3, 2] - np.array([0.0, 0.0, 1.0])
-        rows += [shift, tilt]
-    return np.concatenate(rows)
-
-
-def _axis(
-    joint: Joint,
-    poses: Mapping[str, Array],
-    coordinates: Mapping[str, float],
-    group_of: Mapping[str, int],
-    closing: bool,
-) -> Axis:
-    T_base_joint = poses[joint.parent] @ joint.T_parent_joint
-    return Axis(
-        name=joint.name,
-        kind=joint.type,
-        parent=group_of[joint.parent],
-        child=group_of[joint.child],
-        point=T_base_joint[:3, 3],
-        direction=T_base_joint[:3, 2],
-        drawn=coordinates.get(joint.name, 0.0),
-        closing=closing,
-        active=joint.active,
-        limits=joint.limits,
-        max_speed=joint.max_speed,
-    )
-
-
-def _carriers(mechanism: Mechanism) -> set[str]:
-    """Return the bodies that only connect a joint to a weld: a format that closes loops in points writes a slide so.
-
-    Such a body is given a mass of up to 1 g, because a simulator needs one.
-    """
-    ends = [body for joint in mechanism.joints for body in (joint.parent, joint.child)]
-    carriers = set()
-    for joint in mechanism.loops:
-        for name in (joint.parent, joint.child):
-            if joint.type != "fixed" or ends.count(name) != 2 or name == mechanism.base:
-                continue
-            inertia = mechanism.body(name).inertia
-            if inertia is not None and inertia.mass <= _CARRIER:
-                carriers.add(name)
-    return carriers
-
-
-def _bodies(mechanism: Mechanism, group_of: Mapping[str, int], poses: Mapping[str, Array]) -> tuple[JointGroup, ...]:
-    count = max(group_of.values()) + 1
-    carriers = _carriers(mechanism)
-    names: list[list[str]] = [[] for _ in range(count)]
-    inertias: list[Inertia | None] = [None] * count
-    for body in mechanism.bodies:
-        group = group_of[body.name]
-        names[group].append(body.name)
-        if body.inertia is None or body.name in carriers:
-            continue
-        seen = body.inertia.seen_from(poses[body.name])
-        sum_before = inertias[group]
-        inertias[group] = seen if sum_before is None else sum_before + seen
-    groups = []
-    for bodies, inertia in zip(names, inertias, strict=True):
-        groups.append(JointGroup(tuple(bodies), inertia))
-    return tuple(groups)
-
-
-def _couplings(
-    mechanism: Mechanism, moving: Collection[str], coordinates: Mapping[str, float]
-) -> tuple[CouplingRow, ...]:
-    """Return the couplings of the moving joints; `coordinates` are those of the drawn state, 0 without one."""
-    rows = []
-    for coupling in mechanism.couplings:
-        total = coupling.total
-        ratios: dict[str, float] = {}
-        partner_held = False
-        for name, ratio in zip(coupling.joints, coupling.ratios, strict=True):
-            if ratio == 0.0:
-                continue
-            if name in moving:
-                ratios[name] = ratio
-                continue
-            # a joint that is held at the drawn state adds a constant to the sum
-            total -= ratio * coordinates.get(name, 0.0)
-            partner_held = True
-        # a joint that is compared while all its partners are held is compared as if it moved freely
-        if not ratios or (partner_held and len(ratios) < 2):
-            continue
-        follower = _follower(mechanism, list(ratios))
-        scale = ratios[follower]
-        scaled = {name: ratio / scale for name, ratio in ratios.items()}
-        rows.append(CouplingRow(follower, scaled, total / scale))
-    return tuple(rows)
-
-
-def _follower(mechanism: Mechanism, joints: Sequence[str]) -> str:
-    """Return the joint of a coupling that the others move: the first without a motor, or else the first."""
-    for name in joints:
-        if not mechanism.joint(name).active:
-            return name
-    return joints[0]

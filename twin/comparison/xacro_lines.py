@@ -7,6 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 _EXPRESSION = re.compile(r"\$\{[^}]*\}|\$\([^)]*\)")
+"""An expression of a xacro: "${...}", or "$(...)"."""
+
+_ROUNDING = 1e-11
+"""Relative difference of two texts of one number: the old text of an edit has twelve digits."""
 
 
 def obstacle(places: Mapping[str, tuple[str, int]], file: str, line: int, what: str, old: str) -> str:
@@ -31,7 +35,7 @@ def obstacle(places: Mapping[str, tuple[str, int]], file: str, line: int, what: 
         names.setdefault((kind, inner), set()).add(name)
     if not names:
         return "the line of the xacro that states it is unknown"
-    used = max(len(elements) for elements in names.values())
+    used = max(map(len, names.values()))
     if used > 1:
         return f"line {line} is used by {used} elements"
     try:
@@ -49,10 +53,11 @@ def obstacle(places: Mapping[str, tuple[str, int]], file: str, line: int, what: 
 def _attribute(text: str, what: str) -> str:
     """Return the value of the attribute in a line; the whole line if it does not have the attribute."""
     name, _, _ = what.partition("[")
-    words = [re.escape(word) for word in name.split()[-2:]]
+    words = name.split()
     if len(words) < 2:
         return text
-    element, attribute = words
+    element = re.escape(words[-2])
+    attribute = re.escape(words[-1])
     # an element can begin in a line before
     for pattern in (rf"<{element}\b[^<>]*?\s{attribute}", rf"\b{attribute}"):
         match = re.search(pattern + r"\s*=\s*([\"'])(.*?)\1", text)
@@ -70,13 +75,12 @@ def _states(text: str, numbers: list[str]) -> bool:
         except ValueError:
             values.append(None)
     wanted = [float(number) for number in numbers]
-    starts = range(len(values) - len(wanted) + 1)
-    return any(_same(values[start : start + len(wanted)], wanted) for start in starts)
+    windows = [values[start : start + len(wanted)] for start in range(len(values) - len(wanted) + 1)]
+    return any(_are_same(window, wanted) for window in windows)
 
 
-def _same(values: list[float | None], wanted: list[float]) -> bool:
+def _are_same(values: list[float | None], wanted: list[float]) -> bool:
     for value, number in zip(values, wanted, strict=True):
-        # the old text of an edit has twelve digits
-        if value is None or abs(value - number) > 1e-11 * abs(number):
+        if value is None or abs(value - number) > _ROUNDING * abs(number):
             return False
     return True

@@ -1,0 +1,53 @@
+"""By how much base and zeros of a solution differ, and which of them differ by more than the tolerance."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from twin.comparison.evidence import LIMIT
+from twin.comparison.fit import Problem, Unknowns
+from twin.comparison.side import ONE_COORDINATE
+
+
+def moved_zeros(problem: Problem, u: Unknowns) -> list[int]:
+    """Return the joints whose zeros differ by more than the tolerance."""
+    moved = []
+    for i, axis in enumerate(problem.axes):
+        if axis.kind not in ONE_COORDINATE:
+            continue
+        shift = zero_of(problem, u, i)
+        limit = problem.angle_tolerance if axis.is_angle else problem.tolerance
+        if abs(shift) > limit:
+            moved.append(i)
+    return moved
+
+
+def zero_of(problem: Problem, u: Unknowns, i: int) -> float:
+    """Return by how much the zero of a joint differs in m or rad.
+
+    An angle in -pi..pi, or that plus the full turns with which the limits of both sides are the same.
+    """
+    shift = float(u.zeros[i])
+    axis = problem.axes[i]
+    if not axis.is_angle:
+        return shift
+    shift = float(np.arctan2(np.sin(shift), np.cos(shift)))
+    limits = axis.limits
+    target = problem.second.axes[i].limits
+    if limits is None or target is None or not np.isfinite([*limits, *target]).all():
+        return shift
+    sign = float(u.signs[i])
+    low, high = sorted(sign * (value - shift) for value in limits)
+    turns = round((target[0] - low) / (2 * np.pi))
+    low_gap = abs(low + turns * 2 * np.pi - target[0])
+    high_gap = abs(high + turns * 2 * np.pi - target[1])
+    if max(low_gap, high_gap) > LIMIT:
+        return shift
+    return shift - sign * turns * 2 * np.pi
+
+
+def is_base_moved(problem: Problem, u: Unknowns) -> bool:
+    """Return whether the base frames differ."""
+    turn = float(np.linalg.norm(u.base[:3]))
+    shift = float(np.linalg.norm(u.base[3:]))
+    return shift > problem.tolerance or turn > problem.angle_tolerance

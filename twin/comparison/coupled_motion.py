@@ -1,0 +1,89 @@
+"""The motions that the couplings of a side allow: which joints move freely, and which follow them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from twin.comparison.side import Axis, RobotSide
+from twin.core.spatial import Array
+
+RATIO = 1e-4
+"""Difference of ratios of couplings up to which they are equal, relative."""
+
+
+class Follower(NamedTuple):
+    """How a joint follows those that move freely: q_joint = ratios @ q + offset.
+
+    Attributes:
+        ratios: (joints,) 0 for joints that do not move it, in the unit of the joint per unit of each.
+        offset: in m or rad.
+    """
+
+    ratios: Array
+    offset: float
+
+
+def constraints(side: RobotSide, axes: Sequence[Axis]) -> tuple[Array, Array]:
+    """Return (ratios (couplings, joints), totals (couplings,)) of a side, for joints in the order of `axes`.
+
+    For all states that the couplings allow, ratios @ q = totals, in m and rad.
+    """
+    index = {axis.name: i for i, axis in enumerate(axes)}
+    ratios = []
+    totals = []
+    for coupling in side.couplings:
+        if not coupling.ratios.keys() <= index.keys():
+            continue
+        row = np.zeros(len(axes))
+        for name, ratio in coupling.ratios.items():
+            row[index[name]] = ratio
+        ratios.append(row)
+        totals.append(coupling.total)
+    return np.array(ratios).reshape(-1, len(axes)), np.array(totals)
+
+
+def followed(ratios: Array, totals: Array, order: Sequence[int]) -> dict[int, Follower]:
+    """Return {joint: how it follows} of the joints that others move.
+
+    Of the joints of a coupling, the one that is first in `order` is moved. Gauss-Jordan elimination of the constraints,
+    with the joints in this order as columns: the joints of its pivots follow the others.
+    """
+    rows = np.column_stack([ratios[:, list(order)], totals])
+    pivots: list[int] = []
+    for column in range(len(order)):
+        pivot = len(pivots)
+        below = rows[pivot:, column]
+        if not len(below) or np.abs(below).max() < RATIO:
+            continue
+        largest = pivot + int(np.argmax(np.abs(below)))
+        rows[[pivot, largest]] = rows[[largest, pivot]]
+        rows[pivot] /= rows[pivot, column]
+        for other in range(len(rows)):
+            if other != pivot:
+                rows[other] -= rows[other, column] * rows[pivot]
+        pivots.append(column)
+    followers = {}
+    for row, column in zip(rows, pivots, strict=False):
+        joint = order[column]
+        leading = np.zeros(len(order))
+        leading[list(order)] = -row[:-1]
+        leading[joint] = 0.0
+        followers[joint] = Follower(leading, float(row[-1]))
+    return followers
+
+
+def followed_of(side: RobotSide) -> dict[int, Follower]:
+    """Return `followed` of the couplings of one side, for joints in the order of its axes."""
+    names = {coupling.follower for coupling in side.couplings}
+    followers = []
+    others = []
+    for i, axis in enumerate(side.axes):
+        if axis.name in names:
+            followers.append(i)
+        else:
+            others.append(i)
+    ratios, totals = constraints(side, side.axes)
+    return followed(ratios, totals, [*followers, *others])

@@ -1,0 +1,383 @@
+"""The solutions with the lowest cost for given sets of deviating joints.
+
+A best-first search with a bound that never exceeds the cost: it chooses the joints that turn the other way, one by one,
+fits all values, and then chooses which evidence fixes what the lines leave open.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin.comparison.evidence import CONVENTION, Evidence, StatedEvidence, turning_columns
+from twin.comparison.fit import (
+    STEP,
+    FitSolution,
+    Problem,
+    Unknowns,
+    open_directions,
+    values_of,
+    with_steps,
+    with_values,
+)
+from twin.comparison.fit_starts import solve
+from twin.comparison.invariants import Local
+from twin.comparison.smallest_deviations import NEAR
+from twin.core.spatial import Array
+
+_FITS = 160
+"""Maximum number of sets of signs that are fitted."""
+
+_NODES = 400
+"""Maximum number of choices of evidence that are fitted."""
+
+NODES_WITH_MANY = 60
+"""The same where many joints deviate: conventions then mean little, and the values of each fit are many."""
+
+SAME_COST = 1e-6
+"""Difference of costs up to which two solutions need as many changes."""
+
+_OPEN = 1e-5
+"""Change of evidence along a direction that the lines leave open, from which it can fix this direction."""
+
+_PIVOT = 1e-4
+"""Size of an element below which it separates no directions: derivatives by differences have such errors."""
+
+_LARGEST_TURN = 1e-3
+"""Share of a unit direction in rad below which turns along it are turns of nothing."""
+
+
+@dataclass(frozen=True)
+class _SignChoice:
+    """Signs of the first joints of the order, and the zeros that they need."""
+
+    deviating: tuple[int, ...]
+    signs: tuple[float, ...]
+    zeros: frozenset[int]
+
+
+@dataclass(frozen=True)
+class _FitChoice:
+    """A fit of which some values are fixed.
+
+    Attributes:
+        solution: the fit.
+        free: (unknowns,) the values that may still change.
+        conditions: the evidence that must stay equal.
+        kept: all evidence that fixed values.
+        final: whether no more evidence can fix anything.
+    """
+
+    solution: FitSolution
+    free: Array
+    conditions: tuple[Evidence, ...]
+    kept: frozenset[Evidence]
+    final: bool = False
+
+
+class EvidenceSearch:
+    """The search over some sets of deviating joints; `run` returns all solutions with the lowest cost.
+
+    Attributes:
+        problem: the two sides.
+        known: what consecutive joint lines say before a fit.
+        largest_cost: costs above it are not searched.
+        most_choices: maximum number of choices of evidence that are fitted.
+    """
+
+    def __init__(self, problem: Problem, known: Local, largest_cost: float, most_choices: int = _NODES) -> None:
+        self.problem = problem
+        self.known = known
+        self.largest_cost = largest_cost
+        self.most_choices = most_choices
+        self.stated = StatedEvidence(problem)
+        self._turning = turning_columns(problem)
+        self._heap: list[tuple[float, int, _SignChoice | _FitChoice]] = []
+        self._pushed = 0
+        self._seen: set[tuple[object, ...]] = set()
+        self._fits = 0
+        self._evidence_fits = 0
+
+    def _push(self, bound: float, choice: _SignChoice | _FitChoice) -> None:
+        if bound > self.largest_cost + SAME_COST:
+            return
+        # of equal bounds the first one: choices cannot be compared
+        self._pushed += 1
+        heapq.heappush(self._heap, (bound, self._pushed, choice))
+
+    def run(self, sets: Sequence[tuple[int, ...]]) -> list[FitSolution]:
+        """Return the solutions with the lowest cost for these sets of deviating joints."""
+        for deviating in sets:
+            self._push(0.0, _SignChoice(deviating, (), frozenset()))
+        solutions: list[FitSolution] = []
+        lowest = np.inf
+        while self._heap:
+            bound, _, choice = heapq.heappop(self._heap)
+            if bound > lowest + SAME_COST:
+                break
+            if isinstance(choice, _SignChoice):
+                self._choose_sign(choice)
+                continue
+            if self._differs_in_nothing(choice):
+                lowest = 0.0
+                solutions.append(choice.solution)
+                continue
+            may_branch = not choice.final and self._evidence_fits < self.most_choices
+            if may_branch and self._branches(choice, min(self.largest_cost, lowest) - bound):
+                continue
+            # what was open, and no evidence fixed, may differ
+            exact = cost(self.stated, choice.solution.unknowns)
+            if exact > bound + SAME_COST:
+                self._push(exact, replace(choice, final=True))
+                continue
+            lowest = min(lowest, bound)
+            solutions.append(choice.solution)
+        return solutions
+
+    def _differs_in_nothing(self, choice: _FitChoice) -> bool:
+        """Return whether no joint deviates and all evidence is equal: other values could only be as good."""
+        u = choice.solution.unknowns
+        return not u.deviating and cost(self.stated, u) == 0.0
+
+    # -- signs ----------------------------------------------------------------------------------------
+
+    def _choose_sign(self, choice: _SignChoice) -> None:
+        """Choose the sign of the next joint, or fit if all are chosen."""
+        order = self.problem.order
+        count = len(choice.signs)
+        if count == self.problem.count:
+            if self._fits < _FITS:
+                self._fits += 1
+                self._fit(choice)
+            return
+        joint = order[count]
+        possible = (1.0, -1.0) if joint in self.problem.signed else (1.0,)
+        for sign in possible:
+            signs = (*choice.signs, sign)
+            by_joint = dict(zip(order, signs, strict=False))
+            needed = self.known.zeros(by_joint, joint, choice.deviating)
+            if needed is None:
+                continue
+            zeros = choice.zeros | needed
+            conventions = signs.count(-1.0) + len(zeros)
+            self._push(CONVENTION * conventions, _SignChoice(choice.deviating, signs, zeros))
+
+    def _fit(self, choice: _SignChoice) -> None:
+        """Fit all values with the chosen signs."""
+        signs = np.ones(self.problem.count)
+        signs[self.problem.order] = choice.signs
+        solution = solve(self.problem, signs, choice.deviating)
+        if not self.problem.holds(solution.gap):
+            return
+        free = self.problem.free(choice.deviating)
+        fitted = self._rounded(_FitChoice(solution, free, (), frozenset()))
+        self._push(self._bound(fitted), fitted)
+
+    def _rounded(self, choice: _FitChoice) -> _FitChoice:
+        """Return the choice with a base and zeros that are only inaccuracies set to zero, as far as the lines agree."""
+        problem = self.problem
+        values = values_of(choice.solution.unknowns)
+        conventions = [list(range(6))]  # columns of the base, then of each zero
+        for i in range(problem.count):
+            conventions.append([6 + i])
+        for columns in conventions:
+            size = np.abs(values[columns]).max()
+            if size == 0.0 or size > NEAR * problem.tolerance:
+                continue
+            tried = values_of(choice.solution.unknowns)
+            tried[columns] = 0.0
+            free = choice.free.copy()
+            free[columns] = False
+            refined = problem.refine(with_values(choice.solution.unknowns, tried), free)
+            if problem.holds(refined.gap):
+                # the values may still change later: other evidence may need it
+                choice = replace(choice, solution=refined)
+        return choice
+
+    # -- evidence -------------------------------------------------------------------------------------
+
+    def _derivatives(self, choice: _FitChoice, known: Sequence[Evidence]) -> Array:
+        """Return the derivatives (rows, free unknowns) of lines, conditions and evidence, in this order."""
+        u = choice.solution.unknowns
+        columns = np.flatnonzero(choice.free)
+        x = values_of(u)
+        stepped = with_steps(x, columns)
+        parents, children, groups = self.problem.motions(u.signs, stepped, u.deviating)
+        lines = self.problem.rows(u.signs, parents, children)
+        evidence = self.stated.residuals_of([*choice.conditions, *known], u.signs, stepped, groups)
+        rows = np.concatenate([lines, evidence], axis=1)
+        return (rows[:-1] - rows[-1]).T / STEP
+
+    def _open(self, choice: _FitChoice, known: Sequence[Evidence]) -> tuple[Array, list[Array]]:
+        """Return (directions (free unknowns, k) that are still open, derivatives of each evidence along them)."""
+        J = self._derivatives(choice, known)
+        sizes = [self.stated.rows(evidence) for evidence in known]
+        start = len(J) - sum(sizes)
+        directions = _separated(open_directions(J[:start]).T).T
+        along = []
+        for size in sizes:
+            along.append(J[start : start + size] @ directions)
+            start += size
+        return directions, along
+
+    def _bound(self, choice: _FitChoice) -> float:
+        """Return the cost of what no open direction can change."""
+        u = choice.solution.unknowns
+        bound = CONVENTION * len(u.flips)
+        known = self.stated.violated(self.stated.known(u.signs), u)
+        _, along = self._open(choice, known)
+        for evidence, J in zip(known, along, strict=True):
+            if not _is_open(J) or not self.stated.may_hold(evidence, u):
+                bound += evidence.weight
+        return bound
+
+    def _branches(self, choice: _FitChoice, budget: float) -> bool:
+        """Fix one open direction by each evidence that can; return whether any does, or the choice costs too much.
+
+        `budget` is the cost that may still be added: evidence that costs more, and differs, must be made equal.
+        """
+        u = choice.solution.unknowns
+        known = []
+        for evidence in self.stated.known(u.signs):
+            if evidence not in choice.kept and self.stated.may_hold(evidence, u):
+                known.append(evidence)
+        directions, along = self._open(choice, known)
+        violated = set(self.stated.violated(known, u))
+        for evidence, J in zip(known, along, strict=True):
+            if _is_open(J) and evidence in violated and evidence.weight > budget + SAME_COST:
+                self._keep(choice, evidence, directions, J)
+                return True
+        impossible: set[Evidence] = set()
+        for direction in _fewest_first(along):
+            is_fixed = False
+            for evidence, J in zip(known, along, strict=True):
+                if evidence in impossible or not _is_open(J[:, direction]):
+                    continue
+                if self._keep(choice, evidence, directions, J):
+                    is_fixed = True
+                else:
+                    impossible.add(evidence)
+            if is_fixed:
+                return True
+        return False
+
+    def _keep(self, choice: _FitChoice, evidence: Evidence, directions: Array, J: Array) -> bool:
+        """Fit with one more piece of evidence; return whether that is possible."""
+        u = choice.solution.unknowns
+        key = (u.deviating, tuple(u.signs), choice.kept | {evidence})
+        if key in self._seen:
+            return True
+        self._evidence_fits += 1
+        fixed = self._fixed(choice, evidence, directions, J)
+        if fixed is None:
+            return False
+        self._seen.add(key)
+        self._push(self._bound(fixed), fixed)
+        return True
+
+    def _fixed(self, choice: _FitChoice, evidence: Evidence, directions: Array, J: Array) -> _FitChoice | None:
+        """Return the fit that keeps a piece of evidence as well; None if there is none."""
+        problem = self.problem
+        u = choice.solution.unknowns
+        free = choice.free.copy()
+        stated = self.stated.fixed(evidence, u.signs)
+        conditions = choice.conditions
+        if not stated:
+            conditions = (*conditions, evidence)
+        free[list(stated)] = False
+        x = values_of(u)
+        for column, value in stated.items():
+            if not choice.free[column] and abs(x[column] - value) > problem.tolerance:
+                return None
+        must_hold = [*conditions, evidence]
+        for kept in choice.kept:
+            if kept.kind in ("tool", "inertia"):
+                must_hold.append(kept)
+        for start in self._starts(choice, evidence, directions, J):
+            for column, value in stated.items():
+                start[column] = value
+            refined = self._refined(with_values(u, start), free, conditions)
+            if problem.holds(refined.gap) and not self.stated.violated(must_hold, refined.unknowns):
+                return _FitChoice(refined, free, conditions, choice.kept | {evidence})
+        return None
+
+    def _starts(self, choice: _FitChoice, evidence: Evidence, directions: Array, J: Array) -> Iterator[Array]:
+        """Yield values to begin with: a step along the open directions, and turns along the one that matters most."""
+        u = choice.solution.unknowns
+        x = values_of(u)
+        columns = np.flatnonzero(choice.free)
+        r = self.stated.residuals([evidence], u.signs, x[None], u.deviating)[0]
+        step = directions @ np.linalg.lstsq(J, -r, rcond=1e-6)[0]
+        start = x.copy()
+        start[columns] += step
+        yield start
+        if evidence.kind not in ("tool", "inertia"):
+            return
+        # from a frame that is turned by a right angle or more, no small step leads to the other one
+        _, _, Vt = np.linalg.svd(J)
+        steepest = directions @ Vt[0]
+        turns = [k for k, column in enumerate(columns) if column in self._turning]
+        largest_turn = float(np.abs(steepest[turns]).max(initial=0.0))
+        if largest_turn < _LARGEST_TURN:
+            return
+        for angle in (0.5 * np.pi, np.pi, 1.5 * np.pi):
+            start = x.copy()
+            start[columns] += steepest / largest_turn * angle
+            yield start
+
+    def _refined(self, u: Unknowns, free: Array, conditions: Sequence[Evidence]) -> FitSolution:
+        """Return the fit of the free values (unknowns,) of lines and conditions."""
+        if not conditions:
+            return self.problem.refine(u, free)
+
+        def residuals_of_conditions(values: Array, groups: Array) -> Array:
+            return self.stated.residuals_of(conditions, u.signs, values, groups)
+
+        return self.problem.refine(u, free, residuals_of_conditions)
+
+
+def _is_open(J: Array) -> bool:
+    """Return whether a change along some directions, with derivatives J (rows, ...), changes evidence."""
+    return bool(J.size and np.abs(J).max() > _OPEN)
+
+
+def _separated(directions: Array) -> Array:
+    """Return other directions (k, unknowns) of the same space, each of which changes as few unknowns as possible."""
+    rows = directions.copy()
+    used: list[int] = []
+    # from the last unknown: a zero is a better name for a direction than the base
+    for column in reversed(range(rows.shape[1])):
+        pivot = len(used)
+        if pivot == len(rows):
+            break
+        largest = pivot + int(np.argmax(np.abs(rows[pivot:, column])))
+        if abs(rows[largest, column]) < _PIVOT:
+            continue
+        rows[[pivot, largest]] = rows[[largest, pivot]]
+        rows[pivot] /= rows[pivot, column]
+        for other in range(len(rows)):
+            if other != pivot:
+                rows[other] -= rows[other, column] * rows[pivot]
+        used.append(column)
+    return rows
+
+
+def _fewest_first(along: Sequence[Array]) -> list[int]:
+    """Return the open directions that evidence can fix, those with the fewest pieces of evidence first."""
+    if not along:
+        return []
+    counts = np.zeros(along[0].shape[1], int)
+    for J in along:
+        counts += np.abs(J).max(axis=0) > _OPEN
+    return [int(k) for k in np.argsort(counts, kind="stable") if counts[k] > 0]
+
+
+def cost(stated: StatedEvidence, u: Unknowns) -> float:
+    """Return the cost of signs and of all evidence that differs."""
+    of_evidence = 0.0
+    for evidence in stated.violated(stated.known(u.signs), u):
+        of_evidence += evidence.weight
+    return CONVENTION * len(u.flips) + of_evidence

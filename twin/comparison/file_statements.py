@@ -1,0 +1,312 @@
+"""The statements of a URDF, xacro, MJCF or table: its numbers that place joints and links, with their lines.
+
+The file is read here by itself, without the reader that made the side.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from xml.parsers import expat
+
+from twin.comparison.dh_edits import CellStatement, cells
+from twin.comparison.side import RobotSide, plain
+from twin.comparison.statements import NumberStatement, Role
+from twin.core.foreign.budget import MJCF_SUFFIXES
+from twin.core.spatial import Array
+from twin.core.units import DEG
+
+_INCLUDES = 8
+"""Depth of included files up to which they are read."""
+
+_UNREAD_ROTATIONS = frozenset({"axisangle", "xyaxes", "zaxis"})
+"""Attributes with rotations that are not read here: a position beside them is along unknown axes."""
+
+
+@dataclass
+class _Element:
+    """An element of an XML file with the lines of its attributes."""
+
+    tag: str
+    attributes: dict[str, str]
+    lines: dict[str, int]
+    file: str
+    children: list[_Element] = field(default_factory=list)
+
+    def find(self, tag: str) -> _Element | None:
+        for child in self.children:
+            if child.tag == tag:
+                return child
+        return None
+
+
+def statements(side: RobotSide) -> Sequence[NumberStatement | CellStatement]:
+    """Return the statements of a URDF, xacro, MJCF or table; [] for other files, and for files that cannot be read."""
+    path = side.path
+    if path is None:
+        return []
+    if side.rows:
+        return cells(side)
+    if side.text is not None:
+        expanded = _parsed(path, side.text)
+        if expanded is None:
+            return []
+        return _urdf(expanded, side.places)
+    if path.suffix.lower() not in (".urdf", *MJCF_SUFFIXES):
+        return []
+    root = _parsed(path)
+    if root is None:
+        return []
+    if root.tag == "robot":
+        return _urdf(root, {})
+    if root.tag == "mujoco":
+        return _mjcf(root, path)
+    return []
+
+
+def _parsed(path: Path, data: bytes | None = None) -> _Element | None:
+    """Return the root element of an XML file, or of `data`, with the lines of all attributes; None if it is no XML."""
+    if data is None:
+        try:
+            data = path.read_bytes()
+        except OSError:
+            return None
+    return _elements(data, path)
+
+
+def _elements(data: bytes, path: Path) -> _Element | None:
+    """Return the root element of a text, which stands in the file `path`; None if it is no XML."""
+    top = _Element("", {}, {}, str(path))
+    stack = [top]
+    parser = expat.ParserCreate()
+    parser.buffer_text = True
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        begin = parser.CurrentByteIndex
+        end = data.find(b">", begin)
+        if end < 0:
+            end = len(data)
+        text = data[begin:end]
+        lines = {}
+        for name in attributes:
+            match = re.search(rb"\s" + re.escape(name.encode()) + rb"\s*=", text)
+            before = text[: match.end()] if match else b""
+            lines[name] = parser.CurrentLineNumber + before.count(b"\n")
+        element = _Element(tag, attributes, lines, str(path))
+        stack[-1].children.append(element)
+        stack.append(element)
+
+    def stop(tag: str) -> None:
+        stack.pop()
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = stop
+    try:
+        parser.Parse(data, True)
+    except expat.ExpatError:
+        return None
+    return top.children[0]
+
+
+def _numbers(text: str | None, count: int) -> tuple[float, ...] | None:
+    """Return `count` numbers of a text; None if it does not have them."""
+    if text is None:
+        return None
+    try:
+        values = tuple(float(word) for word in text.replace(",", " ").split())
+    except ValueError:
+        return None
+    if len(values) != count:
+        return None
+    return values
+
+
+@dataclass(frozen=True)
+class _MovedNames:
+    """What a number moves: the link that it places or on which its axis is, and the joints and links behind it."""
+
+    link: str
+    joints: frozenset[str]
+    links: frozenset[str]
+
+    def alone(self, joint: str) -> _MovedNames:
+        """Return what the axis of a joint moves: only this joint."""
+        return _MovedNames(self.link, frozenset({plain(joint)}), frozenset())
+
+
+@dataclass(frozen=True)
+class _JointLinks:
+    """The names of the links that a joint of a URDF connects."""
+
+    parent: str
+    child: str
+
+
+def _urdf(root: _Element, places: Mapping[str, tuple[str, int]]) -> list[NumberStatement]:
+    """Return the statements of a URDF; `places` are the places of its elements in the files of a xacro."""
+    joints = [element for element in root.children if element.tag == "joint"]
+    ends: dict[str, _JointLinks] = {}
+    below: dict[str, list[str]] = {}  # {link: joints of which it is the parent}
+    for joint in joints:
+        parent = joint.find("parent")
+        child = joint.find("child")
+        if parent is None or child is None:
+            continue
+        name = joint.attributes.get("name", "")
+        links = _JointLinks(parent.attributes.get("link", ""), child.attributes.get("link", ""))
+        ends[name] = links
+        below.setdefault(links.parent, []).append(name)
+    statements: list[NumberStatement] = []
+    for joint in joints:
+        name = joint.attributes.get("name", "")
+        if name not in ends:
+            continue
+        moved = _moved_by(name, ends, below)
+        origin = joint.find("origin")
+        if origin is not None:
+            _move(origin, places.get(f"joint/{name}/origin"))
+            placed = _attribute(origin, f"joint '{name}' origin", "xyz", "shift", moved)
+            placed += _attribute(origin, f"joint '{name}' origin", "rpy", "turn", moved, "rpy")
+            statements += _with_rotation(placed)
+        axis = joint.find("axis")
+        if axis is not None:
+            _move(axis, places.get(f"joint/{name}/axis"))
+            statements += _attribute(axis, f"joint '{name}' axis", "xyz", "axis", moved.alone(name))
+    return statements
+
+
+def _with_rotation(placed: Sequence[NumberStatement]) -> list[NumberStatement]:
+    """Return the statements of one element, with its rotation in the one that states its position."""
+    rotation: Array | None = None
+    for statement in placed:
+        if statement.role == "turn":
+            rotation = statement.own_rotation()
+    statements = []
+    for statement in placed:
+        if statement.role == "shift":
+            statement = replace(statement, R_parent_link=rotation)
+        statements.append(statement)
+    return statements
+
+
+def _move(element: _Element, place: tuple[str, int] | None) -> None:
+    """State another file and line as the place of an element."""
+    if place is not None:
+        element.file = place[0]
+        element.lines = dict.fromkeys(element.lines, place[1])
+
+
+def _moved_by(joint: str, ends: Mapping[str, _JointLinks], below: Mapping[str, Sequence[str]]) -> _MovedNames:
+    """Return what the origin of a joint moves: its child, and all joints and links behind it."""
+    joints = set()
+    links = set()
+    pending = [joint]
+    while pending:
+        name = pending.pop()
+        if plain(name) in joints:
+            continue
+        joints.add(plain(name))
+        child = ends[name].child
+        links.add(plain(child))
+        pending += below.get(child, [])
+    return _MovedNames(plain(ends[joint].child), frozenset(joints), frozenset(links))
+
+
+def _attribute(
+    element: _Element,
+    what: str,
+    attribute: str,
+    role: Role,
+    moved: _MovedNames,
+    kind: str = "",
+    unit: float = 1.0,
+) -> list[NumberStatement]:
+    """Return the statement of one attribute as a list, or [] if the element does not have it.
+
+    Arguments as the attributes of `statements.NumberStatement`.
+    """
+    count = 4 if kind == "quat" else 3
+    values = _numbers(element.attributes.get(attribute), count)
+    if values is None:
+        return []
+    return [
+        NumberStatement(
+            file=element.file,
+            line=element.lines[attribute],
+            what=f"{what} {attribute}",
+            role=role,
+            values=values,
+            kind=kind,
+            unit=unit,
+            link=moved.link,
+            joints=moved.joints,
+            links=moved.links,
+        )
+    ]
+
+
+def _mjcf(root: _Element, path: Path) -> list[NumberStatement]:
+    """Return the statements of an MJCF, which is in the file `path`."""
+    _include(root, path, _INCLUDES)
+    unit = DEG
+    sequence = "xyz"
+    for compiler in root.children:
+        if compiler.tag == "compiler":
+            if compiler.attributes.get("angle") == "radian":
+                unit = 1.0
+            sequence = compiler.attributes.get("eulerseq", sequence)
+    statements: list[NumberStatement] = []
+    worlds = [element for element in root.children if element.tag == "worldbody"]
+    for world in worlds:
+        for body in world.children:
+            if body.tag == "body":
+                _body(body, f"euler:{sequence}", unit, statements)
+    return statements
+
+
+def _include(element: _Element, path: Path, depth: int) -> None:
+    """Replace each <include> by the children of the root of its file."""
+    children: list[_Element] = []
+    for child in element.children:
+        if child.tag == "include" and depth > 0:
+            included = _parsed(path.parent / child.attributes.get("file", ""))
+            if included is not None:
+                _include(included, path, depth - 1)
+                children += included.children
+            continue
+        _include(child, path, depth)
+        children.append(child)
+    element.children = children
+
+
+def _body(body: _Element, euler: str, unit: float, statements: list[NumberStatement]) -> tuple[set[str], set[str]]:
+    """Add the statements of a body and its children; return (joints, bodies) of all of them, as plain names.
+
+    `euler` is the kind of a turn by Euler angles, as in `statements.NumberStatement`, and `unit` their unit in rad.
+    """
+    name = body.attributes.get("name", "")
+    joints: set[str] = set()
+    bodies = {plain(name)}
+    own_joints = [child for child in body.children if child.tag == "joint"]
+    for child in body.children:
+        if child.tag == "joint":
+            joints.add(plain(child.attributes.get("name", "")))
+        if child.tag == "body":
+            joints_below, bodies_below = _body(child, euler, unit, statements)
+            joints |= joints_below
+            bodies |= bodies_below
+    if not name:
+        return joints, bodies
+    moved = _MovedNames(plain(name), frozenset(joints), frozenset(bodies))
+    placed: list[NumberStatement] = []
+    if _UNREAD_ROTATIONS.isdisjoint(body.attributes):
+        placed += _attribute(body, f"body '{name}'", "pos", "shift", moved)
+    placed += _attribute(body, f"body '{name}'", "quat", "turn", moved, "quat")
+    placed += _attribute(body, f"body '{name}'", "euler", "turn", moved, euler, unit)
+    statements += _with_rotation(placed)
+    for joint in own_joints:
+        label = joint.attributes.get("name", "")
+        statements += _attribute(joint, f"joint '{label}'", "axis", "axis", moved.alone(label))
+    return joints, bodies

@@ -1,0 +1,237 @@
+"""The best fit for given signs and deviating joints, from start values in closed form.
+
+Along the tree, the displacement of each joint brings the lines of the joints on its child nearest to their targets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from twin.comparison.fit import FitSolution, Problem, Unknowns, cross
+from twin.comparison.side import ONE_COORDINATE, TURNING
+from twin.core import spatial
+from twin.core.spatial import Array
+
+_FLAT = 1e-7
+"""Amplitude of a cost below which an angle or a shift does not change it."""
+
+_SAME_DIRECTION = 1e-12
+"""Sine of the angle of two directions below which they are the same or opposite."""
+
+_SAME_LINE = 1e-6
+"""Sine of an angle, or distance in m, below which two lines are parallel, or the same."""
+
+
+def solve(problem: Problem, signs: Array, deviating: tuple[int, ...] = ()) -> FitSolution:
+    """Return the best fit with these signs (joints,) and deviating joints, from two starts."""
+    best: FitSolution | None = None
+    for aligned in (False, True):
+        if aligned and best is not None and problem.holds(best.gap):
+            break
+        start = _start(problem, signs, deviating, aligned)
+        if start is None:
+            continue
+        solution = problem.refine(start)
+        if best is None or solution.gap.size < best.gap.size:
+            best = solution
+    assert best is not None
+    return best
+
+
+def _start(problem: Problem, signs: Array, deviating: tuple[int, ...], aligned: bool) -> Unknowns | None:
+    """Return start values: the base as it is or aligned with the first lines, then each joint from its children."""
+    X = np.eye(4)
+    if aligned:
+        aligned_base = _aligned_base(problem, signs, deviating)
+        if aligned_base is None:
+            return None
+        X = aligned_base
+    groups: dict[int, Array] = {0: X}
+    neutral = problem.displacements(signs, np.zeros(problem.count))
+    displacements = neutral.copy()
+    deviations = np.zeros((len(deviating), 6))
+    for i in problem.order:
+        axis = problem.axes[i]
+        if axis.closing:
+            continue
+        parent = groups[axis.parent]
+        if i in deviating:
+            parent, values = _placed_on_target(problem, i, parent, signs)
+            deviations[deviating.index(i)] = values
+        turned_axis = problem.turned_axis(i)
+        if turned_axis in deviating:
+            _, values = _placed_on_target(problem, i, parent, signs)
+            deviations[deviating.index(turned_axis), :3] = values[:3]
+            groups[axis.child] = parent
+            continue
+        displacements[i] = _displacement(problem, i, parent, signs, deviating, float(neutral[i]))
+        groups[axis.child] = parent @ problem.steps(displacements)[i]
+    base = np.concatenate([spatial.log_so3(X[:3, :3]), X[:3, 3]])
+    return Unknowns(signs, base, problem.zeros(signs, displacements), deviating, deviations)
+
+
+def _deviates(problem: Problem, joint: int, deviating: Sequence[int]) -> bool:
+    """Return whether the place or the axis of a joint deviates."""
+    return joint in deviating or problem.turned_axis(joint) in deviating
+
+
+def _aligned_base(problem: Problem, signs: Array, deviating: tuple[int, ...]) -> Array | None:
+    """Return the base transform (4, 4) that maps the lines of the first two joints in a chain to their targets.
+
+    None if no two joints determine it.
+    """
+    for i in problem.order:
+        axis = problem.axes[i]
+        if _deviates(problem, i, deviating) or axis.kind == "spherical":
+            continue
+        for k in (*problem.below[i], *problem.order):
+            if k == i or _deviates(problem, k, deviating):
+                continue
+            if problem.axes[k].parent not in (0, axis.child):
+                continue
+            directions = signs[:, None] * problem.directions
+            own = _pair_frame(problem.points[i], directions[i], problem.points[k], directions[k])
+            target = _pair_frame(
+                problem.target_points[i],
+                problem.target_directions[i],
+                problem.target_points[k],
+                problem.target_directions[k],
+            )
+            if own is not None and target is not None:
+                return target @ spatial.inverse(own)
+    return None
+
+
+def _placed_on_target(problem: Problem, i: int, parent: Array, signs: Array) -> tuple[Array, Array]:
+    """Return (motion of the parent with the deviation, deviation (6,)) that puts line i on its target."""
+    kind = problem.kinds[i]
+    point, direction = problem.line(parent, i, signs)
+    target = problem.target_directions[i]
+    turn = _turn(direction, target)
+    if kind == "spherical":
+        turn = np.zeros(3)
+    # to the nearest point of the target line
+    to_line = problem.target_points[i] - point
+    shift = to_line - target * (to_line @ target)
+    if kind == "spherical":
+        shift = to_line
+    if kind == "prismatic":
+        shift = np.zeros(3)
+    R = spatial.exp_so3(turn)
+    placed = spatial.pose(R, point - R @ point + shift) @ parent
+    local = spatial.inverse(parent) @ placed
+    frame = problem.frames[i]
+    rotation = frame.T @ spatial.log_so3(local[:3, :3])
+    own_point = problem.points[i]
+    shift_in_frame = frame.T @ (local[:3, :3] @ own_point + local[:3, 3] - own_point)
+    return placed, np.concatenate([rotation, shift_in_frame])
+
+
+def _displacement(
+    problem: Problem, i: int, parent: Array, signs: Array, deviating: tuple[int, ...], neutral: float
+) -> float:
+    """Return the displacement of joint i in m or rad that best puts the lines of the joints on its child in place.
+
+    `parent` (4, 4) is the motion of its parent; `neutral` is returned if no line behind the joint determines it.
+    """
+    kind = problem.kinds[i]
+    if kind not in ONE_COORDINATE:
+        return neutral
+    axis = parent[:3, :3] @ problem.directions[i]
+    below = problem.below[i]
+    while below:
+        children = [k for k in below if not _deviates(problem, k, deviating)]
+        if kind == "prismatic":
+            displacement = _slide(problem, parent, axis, children)
+        else:
+            displacement = _angle(problem, i, parent, axis, children, signs)
+        if displacement is not None:
+            return displacement
+        # no line of these joints changes, as behind a slide along the same axis: those behind them may
+        further: list[int] = []
+        for child in children:
+            further += problem.below[child]
+        below = further
+    return neutral
+
+
+def _angle(problem: Problem, i: int, T: Array, axis: Array, children: Sequence[int], signs: Array) -> float | None:
+    """Return the angle about `axis` that brings the lines of the children nearest to their targets, or None."""
+    centre = T[:3, :3] @ problem.points[i] + T[:3, 3]
+    # cost of the angle: constant - a cos - b sin, for directions and for moments about a point of the axis
+    a = 0.0
+    b = 0.0
+    for k in children:
+        point, direction = problem.line(T, k, signs)
+        target_direction = problem.target_directions[k]
+        vectors: list[tuple[Array, Array]] = []
+        if problem.kinds[k] != "spherical":
+            vectors.append((direction, target_direction))
+        if problem.kinds[k] in TURNING:
+            moment = cross(point - centre, direction)
+            target_moment = cross(problem.target_points[k] - centre, target_direction)
+            vectors.append((moment, target_moment))
+        if problem.kinds[k] == "spherical":
+            vectors.append((point - centre, problem.target_points[k] - centre))
+        for vector, target in vectors:
+            across = vector - axis * (axis @ vector)
+            a += float(across @ target)
+            b += float(cross(axis, across) @ target)
+    if np.hypot(a, b) < _FLAT:
+        return None
+    return float(np.arctan2(b, a))
+
+
+def _slide(problem: Problem, T: Array, axis: Array, children: Sequence[int]) -> float | None:
+    """Return the displacement along `axis` that brings the lines of the children nearest to their targets, or None."""
+    # cost of the displacement s: a s^2 - 2 b s + constant
+    a = 0.0
+    b = 0.0
+    for k in children:
+        if problem.kinds[k] not in TURNING and problem.kinds[k] != "spherical":
+            continue
+        point = T[:3, :3] @ problem.points[k] + T[:3, 3]
+        to_target = problem.target_points[k] - point
+        direction = problem.target_directions[k]
+        along = cross(axis, direction)
+        needed = cross(to_target, direction)
+        if problem.kinds[k] == "spherical":
+            along = axis
+            needed = to_target
+        a += float(along @ along)
+        b += float(along @ needed)
+    if a < _FLAT:
+        return None
+    return b / a
+
+
+def _turn(direction: Array, target: Array) -> Array:
+    """Return the rotation vector (3,) of the smallest rotation from one unit vector to another."""
+    normal = cross(direction, target)
+    sine = float(np.linalg.norm(normal))
+    cosine = float(direction @ target)
+    if sine < _SAME_DIRECTION:
+        if cosine > 0:
+            return np.zeros(3)
+        # half a turn, about any axis across
+        across = spatial.unit_across(direction)
+        across = across - direction * (direction @ across)
+        return np.pi * across / np.linalg.norm(across)
+    return np.arctan2(sine, cosine) * normal / sine
+
+
+def _pair_frame(p: Array, d: Array, q: Array, e: Array) -> Array | None:
+    """Return a frame (4, 4) fixed to two lines (p, d) and (q, e); None if they are the same line."""
+    normal = cross(d, e)
+    sine = np.linalg.norm(normal)
+    between = q - p
+    if sine > _SAME_LINE:
+        # foot of the common normal on the first line
+        along = cross(e, normal) @ between / sine**2
+        return spatial.pose(spatial.frame_from_axes(d, normal), p + along * d)
+    across = between - d * (d @ between)
+    if np.linalg.norm(across) < _SAME_LINE:
+        return None
+    return spatial.pose(spatial.frame_from_axes(d, across), p)

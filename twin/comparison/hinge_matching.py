@@ -1,0 +1,150 @@
+"""Which hinge of a linkage is which hinge of a side that replaces its loops by couplings: by their places.
+
+All hinges are parallel, so that only their places across the hinges are compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from itertools import combinations, permutations
+
+import numpy as np
+
+from twin.comparison.side import Axis, RobotSide
+from twin.core import spatial
+from twin.core.spatial import Array
+
+NEAR = 2e-3
+"""Distance in m up to which two hinges are taken for the same one, drawn inaccurately."""
+
+PARALLEL = 1e-3
+"""Angle in rad up to which hinges are parallel."""
+
+_SAME = 1e-6
+"""Distance in m up to which the hinges on the base coincide as they are drawn."""
+
+_CLOSER = 1e-9
+"""Distance in m by which a motion of the base must bring hinges closer, or the first motion stays."""
+
+_MOST_HINGES = 6
+"""Maximum number of hinges on the base whose assignments are tried."""
+
+
+def base_motion(linkage: RobotSide, coupled: RobotSide) -> Array | None:
+    """Return the motion (4, 4) of the linkage's base that brings the hinges on the base together.
+
+    None if the sides have no two such hinges, or another number of them, or if they are too far apart.
+    """
+    own_hinges = [axis for axis in linkage.tree if axis.parent == 0]
+    targets = [axis for axis in coupled.tree if axis.parent == 0]
+    if len(own_hinges) < 2 or len(own_hinges) != len(targets) or len(own_hinges) > _MOST_HINGES:
+        return None
+    goal = _points(targets)
+    along = targets[0].direction
+    if _coincides_unmoved(own_hinges, goal, along):
+        return np.eye(4)  # two hinges also coincide after half a turn about the line across them
+    best: Array | None = None
+    smallest_gap = np.inf
+    for X, points in _base_candidates(own_hinges, goal, along):
+        gap = float(_distances(X, points, goal, along).sum())
+        if gap < smallest_gap - _CLOSER:
+            smallest_gap = gap
+            best = X
+    return best
+
+
+def _points(axes: Sequence[Axis]) -> Array:
+    return np.array([axis.point for axis in axes])
+
+
+def _coincides_unmoved(hinges: Sequence[Axis], goal: Array, along: Array) -> bool:
+    """Return whether the hinges of both sides coincide as they are drawn, in any order."""
+    if abs(hinges[0].direction @ along) <= 1.0 - PARALLEL**2:
+        return False
+    gaps = [_distances(np.eye(4), _points(chosen), goal, along).max() for chosen in permutations(hinges)]
+    return min(gaps) < _SAME
+
+
+def _base_candidates(hinges: Sequence[Axis], goal: Array, along: Array) -> Iterator[tuple[Array, Array]]:
+    """Yield (motion (4, 4), points (hinges, 3) of the hinges in the order of the goal) of each possible assignment.
+
+    Two hinges that coincide are likelier than all that nearly do: each motion is that of two of the hinges.
+    """
+    for chosen in permutations(hinges):
+        points = _points(chosen)
+        # which way along the hinges is positive is not known
+        for direction in (hinges[0].direction, -hinges[0].direction):
+            of_all = _plane_fit(points, goal, direction, along)
+            if _distances(of_all, points, goal, along).max() > NEAR:
+                continue
+            for pair in combinations(range(len(points)), 2):
+                two = list(pair)
+                yield _plane_fit(points[two], goal[two], direction, along), points
+
+
+def nearest_hinge(axis: Axis, points: Array, used: Collection[int]) -> int | None:
+    """Return the hinge of the linkage nearest to a hinge of the coupled side, within `NEAR`; None if there is none.
+
+    `points` (joints, 3) are those of all hinges of the linkage, in the base of the coupled side; `used` are left out.
+    """
+    offsets = points - axis.point
+    distances = np.linalg.norm(_across(offsets, axis.direction), axis=1)
+    for i in used:
+        distances[i] = np.inf
+    nearest = int(np.argmin(distances))
+    if distances[nearest] > NEAR:
+        return None
+    return nearest
+
+
+def matched_links(
+    linkage: RobotSide, coupled: RobotSide, partners: Mapping[int, int]
+) -> tuple[dict[int, int], set[int]] | None:
+    """Return ({group of the coupled side: group of the linkage}, hinges of the linkage that the coupled side holds).
+
+    `partners` is {hinge of the coupled side: hinge of the linkage}. A hinge of the linkage between two links that are
+    one link in the coupled side is held there. None if no single hinge connects such links.
+    """
+    groups = {0: 0}
+    held: set[int] = set()
+    matched = set(partners.values())
+    for k, axis in enumerate(coupled.axes):
+        partner = linkage.axes[partners[k]]
+        start = groups[axis.parent]
+        ends = (partner.parent, partner.child)
+        if start not in ends:
+            bridges = []
+            for i, other in enumerate(linkage.tree):
+                if i not in matched and other.parent == start and other.child in ends:
+                    bridges.append(i)
+            if len(bridges) != 1:
+                return None
+            held.add(bridges[0])
+            start = linkage.tree[bridges[0]].child
+        groups[axis.child] = ends[1] if ends[0] == start else ends[0]
+    return groups, held
+
+
+def _across(offsets: Array, along: Array) -> Array:
+    """Return the parts of offsets (n, 3) across a direction."""
+    return offsets - np.outer(offsets @ along, along)
+
+
+def _distances(X: Array, points: Array, goal: Array, along: Array) -> Array:
+    """Return the distances (n,) of moved points from others; along the hinges, nothing is compared."""
+    offsets = points @ X[:3, :3].T + X[:3, 3] - goal
+    return np.linalg.norm(_across(offsets, along), axis=1)
+
+
+def _plane_fit(points: Array, goal: Array, direction: Array, target: Array) -> Array:
+    """Return the motion (4, 4) that turns `direction` onto `target` and best brings points (n, 3) onto others."""
+    R_direction = spatial.frame_from_axes(direction, spatial.unit_across(direction))
+    R_target = spatial.frame_from_axes(target, spatial.unit_across(target))
+    R0 = R_target @ R_direction.T
+    own = _across((points - points.mean(axis=0)) @ R0.T, target)
+    other = _across(goal - goal.mean(axis=0), target)
+    # cost of the angle about the hinges: constant - a cos - b sin
+    a = float(np.sum(own * other))
+    b = float(np.sum(np.cross(own, other) @ target))
+    R = spatial.exp_so3(np.arctan2(b, a) * target) @ R0
+    return spatial.pose(R, goal.mean(axis=0) - R @ points.mean(axis=0))

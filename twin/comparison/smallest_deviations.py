@@ -1,0 +1,136 @@
+"""The smallest deviations of a solution, with as few changed numbers as possible.
+
+Lines and frames that agree may leave the deviations of joints open in part: of equal explanations, the smallest is
+told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from twin.comparison.evidence import StatedEvidence
+from twin.comparison.fit import (
+    STEP,
+    FitSolution,
+    Problem,
+    Unknowns,
+    open_directions,
+    values_of,
+    with_steps,
+    with_values,
+)
+from twin.comparison.frames import leaf_gaps
+from twin.core import spatial
+from twin.core.spatial import Array
+
+NEAR = 100.0
+"""Factor of the tolerance up to which a value may be inaccuracy of the file, so that zero is tried."""
+
+_SHRINKS = 12
+"""Maximum number of steps to the smallest deviations."""
+
+_SMALL_TURN = 0.5
+"""Largest change of a value in rad or m in one of these steps."""
+
+
+def smallest_deviations(problem: Problem, solution: FitSolution) -> FitSolution:
+    """Return the solution with the smallest deviations: lines and frames that agree may leave them open in part.
+
+    Conventions, and all evidence of tools and inertias that agrees, stay as found.
+    """
+    best = replace(solution, unknowns=with_short_turns(solution.unknowns))
+    u = best.unknowns
+    free = problem.free(u.deviating)
+    free[: 6 + problem.count] = False
+    columns = np.flatnonzero(free)
+    stated = StatedEvidence(problem)
+    of_bodies = [evidence for evidence in stated.known(u.signs) if evidence.kind in ("tool", "inertia")]
+    differing = stated.violated(of_bodies, u)
+    kept = [evidence for evidence in of_bodies if evidence not in differing]
+
+    def residuals_of_kept(values: Array, groups: Array) -> Array:
+        return stated.residuals_of(kept, u.signs, values, groups)
+
+    for _ in range(_SHRINKS):
+        x = values_of(best.unknowns)
+        stepped = with_steps(x, columns)
+        parents, children, groups = problem.motions(u.signs, stepped, u.deviating)
+        lines = problem.rows(u.signs, parents, children)
+        rows = np.concatenate([lines, residuals_of_kept(stepped, groups)], axis=1)
+        undetermined = open_directions((rows[:-1] - rows[-1]).T / STEP)
+        # the part of the deviations that neither lines nor evidence determine
+        excess = undetermined @ (undetermined.T @ x[columns])
+        if np.abs(excess).max() < problem.tolerance:
+            break
+        tried = x.copy()
+        # only a small turn keeps the directions
+        tried[columns] -= excess * min(1.0, _SMALL_TURN / float(np.abs(excess).max()))
+        refined = problem.refine(with_values(u, tried), free, residuals_of_kept)
+        smaller = np.linalg.norm(values_of(refined.unknowns)[columns]) < np.linalg.norm(x[columns])
+        if not smaller or not problem.holds(refined.gap) or stated.violated(kept, refined.unknowns):
+            break
+        best = refined
+    return best
+
+
+def with_few_numbers(problem: Problem, solution: FitSolution) -> FitSolution:
+    """Return the solution with as few changed numbers of its deviations as possible, with the conventions as found."""
+    u = solution.unknowns
+    tools = [gap.T for gap in leaf_gaps(problem, u)]
+    free = problem.free(u.deviating)
+    free[: 6 + problem.count] = False
+    best = solution
+    for columns in _columns_of_deviations(problem, u):
+        if not free[columns].any():
+            continue
+        values = values_of(best.unknowns)
+        values[columns] = 0.0
+        fewer_free = free.copy()
+        fewer_free[columns] = False
+        refined = problem.refine(with_values(best.unknowns, values), fewer_free)
+        if problem.holds(refined.gap) and _tools_stay(problem, refined.unknowns, tools):
+            best = refined
+            free = fewer_free
+    return best
+
+
+def _columns_of_deviations(problem: Problem, u: Unknowns) -> Iterator[list[int]]:
+    """Yield the unknowns that are held at zero together: of each joint its turn, its shift, then each number."""
+    for k in range(len(u.deviating)):
+        start = 6 + problem.count + 6 * k
+        yield [start, start + 1, start + 2]
+        yield [start + 3, start + 4, start + 5]
+        for column in range(start, start + 6):
+            yield [column]
+
+
+def _tools_stay(problem: Problem, u: Unknowns, before: Sequence[Array]) -> bool:
+    """Return whether the frames of leaf links that were equal are still equal."""
+    leaves = leaf_gaps(problem, u)
+    for gap, T in zip(leaves, before, strict=True):
+        was = replace(gap, T=T)
+        if gap.differs(problem) and not was.differs(problem):
+            return False
+    return True
+
+
+def with_short_turns(u: Unknowns) -> Unknowns:
+    """Return unknowns with the turns of base and deviations below half a turn."""
+    base = u.base.copy()
+    base[:3] = _short_vector(base[:3])
+    if u.deviations is None:
+        return replace(u, base=base)
+    deviations = u.deviations.copy()
+    for k, values in enumerate(u.deviations):
+        deviations[k, :3] = _short_vector(values[:3])
+    return replace(u, base=base, deviations=deviations)
+
+
+def _short_vector(turn: Array) -> Array:
+    """Return a rotation vector (3,) in rad with the same rotation, at most half a turn."""
+    if np.linalg.norm(turn) <= np.pi:
+        return turn
+    return spatial.log_so3(spatial.exp_so3(turn))
