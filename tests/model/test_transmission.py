@@ -30,7 +30,8 @@ from twin.exchange.read.closing import close
 from twin.exchange.read.drives import with_drives
 from twin.exchange.read.folder import write_folder
 from twin.exchange.read.source import Imported
-from twin.kinematics.closed_loops.dragging import Dragger, bounds_of
+from twin.kinematics.closed_loops.bounds import bounds_of
+from twin.kinematics.closed_loops.dragging import Dragger
 from twin.model.transmission import Actuator, Transmission
 from twin.planning.check import check
 from twin.ui.session.desk import Desk

@@ -19,7 +19,7 @@ from made.lanes import thinned
 from twin.core.errors import KinematicsError, TwinError
 from twin.core.units import MM
 from twin.kinematics import conditioning
-from twin.kinematics.closed_loops.dragging import Bound
+from twin.kinematics.closed_loops.bounds import Bound
 from twin.ui.session import workspace_cloud
 from twin.ui.session.workspace_cloud import Cloud, WorkspaceJob, evaluate, poses
 

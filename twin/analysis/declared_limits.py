@@ -12,7 +12,7 @@ from twin.core.quantity import moved
 from twin.core.spatial import Array
 from twin.core.units import ROUNDING
 from twin.kinematics.closed_loops import LoopSolver
-from twin.kinematics.closed_loops.dragging import bounds_of
+from twin.kinematics.closed_loops.bounds import bounds_of
 
 _EXCEEDED = {
     "lower": "joint {} is below its lower limit by {}",

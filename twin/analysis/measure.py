@@ -19,7 +19,7 @@ from twin.codegen import Kernel, Stage
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.kinematics import Kinematics
-from twin.kinematics.closed_loops.dragging import Bound
+from twin.kinematics.closed_loops.bounds import Bound
 from twin.kinematics.closed_loops.passive_limits import PassiveCheck
 from twin.kinematics.compile import POSE_TOL
 

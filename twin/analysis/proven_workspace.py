@@ -19,7 +19,7 @@ from twin.core.result import Part, Result
 from twin.core.spatial import Array
 from twin.core.units import MM, UM
 from twin.formula import variant_choice
-from twin.kinematics.closed_loops.dragging import bounds_of
+from twin.kinematics.closed_loops.bounds import bounds_of
 from twin.proof.certificate import digest
 from twin.proof.formula_boxes import FormulaBoxes
 from twin.proof.limits import LinearLimit

@@ -30,7 +30,7 @@ from twin.core.result import Part, Result
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.formula import symbolic
-from twin.kinematics.closed_loops.dragging import Bound, bounds_of
+from twin.kinematics.closed_loops.bounds import Bound, bounds_of
 from twin.kinematics.closed_loops.passive_limits import PassiveCheck, passive_limits
 
 if TYPE_CHECKING:

@@ -14,7 +14,9 @@ import numpy as np
 
 from twin.core.errors import AssemblyError, MechanismError
 from twin.core.spatial import Array
-from twin.kinematics.closed_loops.dragging import Dragged, Dragger, DragGrip, bounds_of
+from twin.kinematics.closed_loops.bounds import bounds_of
+from twin.kinematics.closed_loops.dragging import Dragged, Dragger, GrabbedPoint
+from twin.kinematics.closed_loops.grip import DragGrip
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.reference.states import Assembly
@@ -57,7 +59,7 @@ class DragSolver:
             u = self._unknowns(home)
             dragger.joints(home.q, u, home.q)
             for body in self.mechanism.bodies:
-                dragger.look(home.q, u, body.name, np.zeros(3))
+                dragger.linearize(home.q, u, body.name, np.zeros(3))
 
     def point(self, now: Assembly, body: str, p_body: Array, target: Array) -> tuple[Assembly, Dragged]:
         """Move the point `p_body` of a body towards `target`.
@@ -73,7 +75,7 @@ class DragSolver:
             if last_assembly is now and last_body == body and np.array_equal(last_point, p_body):
                 grip = last_grip
         if grip is None:
-            grip = self.dragger.take(now.q, self._unknowns(now), body, p_body)
+            grip = DragGrip(self.dragger, now.q, self._unknowns(now), GrabbedPoint(body, p_body))
         dragged = grip.to(target, SECONDS)
         assembly = self._closed(now, dragged)
         self._last = (assembly, body, p_body, grip)

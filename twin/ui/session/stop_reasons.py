@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.kinematics.closed_loops.dragging import Bound, Dragged, Stop
+from twin.kinematics.closed_loops.bounds import Bound
+from twin.kinematics.closed_loops.dragging import Dragged, Stop
 from twin.kinematics.closed_loops.passive_limits import PassiveLimit
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism

@@ -17,7 +17,7 @@ from twin.core.errors import KinematicsError
 from twin.core.jobs import Stream
 from twin.core.spatial import Array
 from twin.kinematics.closed_loops import LoopSolver
-from twin.kinematics.closed_loops.dragging import Bound
+from twin.kinematics.closed_loops.bounds import Bound
 from twin.kinematics.closed_loops.passive_limits import PassiveCheck, passive_limits
 from twin.model.mechanism import Mechanism
 

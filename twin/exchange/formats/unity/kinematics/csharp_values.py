@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from twin.kinematics.closed_loops.dragging import Bound, bounds_of
+from twin.kinematics.closed_loops.bounds import Bound, bounds_of
 from twin.kinematics.compile import Kinematics
 from twin.model.mechanism import Mechanism
 

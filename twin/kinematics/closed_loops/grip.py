@@ -1,0 +1,305 @@
+"""A grabbed point of a mechanism that follows a target along straight lines, by minimum motion of the joints.
+
+The line to the target is followed in steps of fixed length, independent of speed. If the last step of a call is
+shorter, the next call computes this step again, so that the result does not depend on the number of calls. Each step
+slides along the limits that it meets.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from copy import copy
+
+import numpy as np
+
+from twin.core.spatial import Array
+from twin.kinematics.closed_loops.dragging import NEAR, STRIDE, Dragged, Dragger, GrabbedPoint, Stop
+from twin.kinematics.closed_loops.linearizer import LinearizedState
+
+_STEP = 1e-3
+"""Step length in m along the line to the target."""
+
+_LAG = 0.05
+"""Step length as a fraction of the distance from the point to its intermediate goal; the minimum is `_STEP`."""
+
+_REACHED = 1e-10
+"""Distance in m below which the target counts as reached."""
+
+_INTERMEDIATE_REACHED = 1e-7
+"""Distance in m below which an intermediate goal counts as reached."""
+
+_GAIN = 1e-3
+_LAST_GAIN = 1e-5
+"""Minimum relative decrease of the distance to an intermediate goal, and to the target, in one step.
+
+A motion ends after a step with a smaller decrease. A point that slides along limits at distance d from the target
+approaches the target slowly: the last length x of its path reduces the distance by only x²/2d, which is 1 µm over the
+last 45 µm at d = 1 mm.
+"""
+
+_DAMPINGS = (1e-8, 1e-6, 1e-4, 1e-2, 1.0, 1e2)
+"""Damping values relative to the squared norm of the Jacobian; a step uses the first value with which it succeeds."""
+
+_WEAK = 0.05
+"""Minimum singular value (motion of the point per motion of the joints); the point is not moved in directions with a
+smaller value."""
+
+_HALVINGS = 7
+"""Maximum number of halvings of a step, if the loops do not close or the step reaches another assembly."""
+
+_TRIES = 4
+_LAST_TRIES = 25
+"""Maximum number of steps to an intermediate goal, and to the target."""
+
+_ALIKE = 1e-6
+"""Difference of two gradients, whose largest entry is 1, below which only the first of two stops is named."""
+
+_PUSHES = 1e-6
+"""Part of the pull on the joints that must point beyond a limit, or the limit does not block the point."""
+
+_TOWARDS = 1e-9
+"""Part of a step by which it moves towards a bound by more than a rounding error."""
+
+_SHORTEST = 1e-15
+"""Step in m that stands for 0 in a quotient."""
+
+
+class DragGrip:
+    """A grabbed point. Its final position does not depend on intermediate targets on the line to the last target."""
+
+    def __init__(self, dragger: Dragger, q: Array, u: Array, point: GrabbedPoint) -> None:
+        """Grab a point where the active joints are q (n,) and the loop unknowns u (m,) close the loops."""
+        state = dragger.linearize(q, u, *point)
+        self._walk = _Walk(dragger, state, point)
+        self._goal = state.p
+        self._target = state.p
+        self._end = self._walk
+
+    def to(self, target: Array, seconds: float = np.inf) -> Dragged:
+        """Move the point towards a target.
+
+        `target` (3,) is in base, in m. After `seconds` of processor time the motion stops; call again with the same
+        target to continue.
+        """
+        until = time.thread_time() + seconds
+        walk = self._walk
+        if not np.array_equal(target, self._target):
+            # The last step to the former target is dropped, because its length depends on that target.
+            self._target = np.array(target, float)
+            self._end = walk
+        while self._end is walk:
+            if not walk.goes_on(until):
+                return walk.result(more=True)
+            line = self._target - self._goal
+            distance = np.linalg.norm(line)
+            # If the point lags far behind the goal, a longer step of the goal hardly changes the direction to it.
+            lag = float(np.linalg.norm(self._goal - walk.state.p))
+            step = max(_STEP, _LAG * lag)
+            if distance <= step:
+                self._end = copy(walk)
+                self._end.begin(self._target, last=True)
+            else:
+                self._goal = self._goal + line * (step / distance)
+                walk.begin(self._goal)
+        finished = self._end.goes_on(until)
+        return self._end.result(more=not finished)
+
+
+class _Walk:
+    """Steps of a point towards a sequence of goals. A copy can continue independently.
+
+    Attributes:
+        dragger: the mechanism.
+        state: the current state.
+        point: the grabbed point.
+        singular, open: why the last step was rejected: the matrix that becomes singular or "", or a loop stays open.
+    """
+
+    def __init__(self, dragger: Dragger, state: LinearizedState, point: GrabbedPoint) -> None:
+        self.dragger = dragger
+        self.state = state
+        self.point = point
+        self.singular = ""
+        self.open = False
+        self._passes_limit = False  # whether the last step could not be brought back to a limit that it passes
+        self._pull = np.zeros(len(state.q))  # (n,) -J^T (goal - p)
+        self._G, self._slack = dragger.gradients_and_slacks(state)
+        self._part = 1.0  # of the last step that was tried
+        self._within = _REACHED
+        self._gain = _GAIN
+        self._tries = 0
+
+    def begin(self, goal: Array, last: bool = False) -> None:
+        """Start moving to a goal (3,); with `last`, the point approaches the goal as closely as possible."""
+        self._goal = goal
+        self._first = self.state
+        self._total = np.zeros(len(self.state.q))  # joint motion since then, scaled to m
+        if last:
+            self._within = _REACHED
+            self._gain = _LAST_GAIN
+            self._tries = _LAST_TRIES
+        else:
+            self._within = _INTERMEDIATE_REACHED
+            self._gain = _GAIN
+            self._tries = _TRIES
+
+    def goes_on(self, until: float) -> bool:
+        """Move the point as near to the goal as possible; return False if processor time exceeds `until`."""
+        while self._tries:
+            distance = float(np.linalg.norm(self._goal - self.state.p))
+            if distance < self._within:
+                break
+            if time.thread_time() > until:
+                return False
+            self._tries -= 1
+            y = self._step(self._first, self._total, self._goal)
+            if y is None:
+                break
+            self._total = self._total + y
+            decrease = distance - np.linalg.norm(self._goal - self.state.p)
+            if decrease < self._gain * min(distance, _STEP):
+                break
+        self._tries = 0
+        return True
+
+    def result(self, more: bool) -> Dragged:
+        """Return the state and the bounds that block the point."""
+        singular = self.singular
+        if self.open:
+            singular = self.dragger.nearest_loop(self.state)
+        return Dragged(self.state.q, self.state.u, self.stops(), singular, more)
+
+    def _step(self, first: LinearizedState, total: Array, goal: Array) -> Array | None:
+        """Move one step nearer to the goal; return the joint motion (n,), scaled to m; None if no step is found."""
+        dragger = self.dragger
+        state = self.state
+        miss = goal - state.p
+        # The total joint motion from `first` is minimised. With the mean Jacobian of both ends, the error of this
+        # minimum is of second order.
+        J_mean = 0.5 * (first.J + state.J) * dragger.scale
+        J_now = state.J * dragger.scale
+        self._G, self._slack = dragger.gradients_and_slacks(state)
+        self.singular = ""
+        self.open = False
+        self._passes_limit = False
+        self._pull = -J_now.T @ miss
+        size = float(np.sum(J_mean * J_mean))
+        if size < _WEAK**2:  # no joint moves this point noticeably
+            return None
+
+        G = self._G
+        near = self._slack < NEAR
+        active = near & (G @ self._pull > 0)
+        damping = _DAMPINGS[0] * size
+        y = np.zeros(len(total))
+        # The step slides along the bounds in `active`; each pass adds the reached bounds that the step would pass.
+        # Each pass adds at least one, so that the loop ends.
+        while True:
+            P = np.eye(len(total)) - np.linalg.pinv(G[active]) @ G[active]
+            U, gains, _ = np.linalg.svd(J_now @ P)
+            strong = U[:, : int(np.sum(gains > _WEAK))]
+            if strong.shape[1] < 3:  # try all directions first; accept only if all are strong afterwards
+                y = np.asarray(P @ _smallest_motion(J_mean @ P, miss, total, damping), float)
+                blocked = near & ~active & _towards(G, y)
+                if not blocked.any() and self._take(y, goal, easy=True):
+                    return y * self._part
+            y = np.asarray(P @ _smallest_motion(strong.T @ J_mean @ P, strong.T @ miss, total, damping), float)
+            blocked = near & ~active & _towards(G, y)
+            if not blocked.any():
+                break
+            active |= blocked
+        if np.linalg.norm(strong.T @ miss) < self._within:
+            return None
+
+        for relative_damping in _DAMPINGS[1:]:
+            for _ in range(_HALVINGS):
+                if self._take(y, goal):
+                    return y * self._part
+                if not self._is_rejected:
+                    break  # the step makes no progress: change its direction, not its length
+                y = y * self._part / 2
+            if self._is_rejected:
+                return None
+            # Without the total motion, a large damping turns the step towards steepest descent.
+            y = P @ _smallest_motion(strong.T @ J_now @ P, strong.T @ miss, 0 * total, relative_damping * size)
+        return None
+
+    @property
+    def _is_rejected(self) -> bool:
+        """Whether the mechanism could not do the last step: a loop stays open, is singular, or passes a limit."""
+        return bool(self.open or self.singular or self._passes_limit)
+
+    def _take(self, y: Array, goal: Array, easy: bool = False) -> bool:
+        """Shorten the step y (n,) in m to the limits, and do the step if the distance to the goal then decreases.
+
+        Return whether the step was done. With `easy`, only states in which the point can move in all directions are
+        accepted.
+        """
+        dragger = self.dragger
+        before = self.state
+        self._part = self._part_within_limits(y)
+        after, cause = dragger.stepped(before, dragger.scale * (self._part * y), self.point)
+        if after is None:
+            self.singular = cause
+            self.open = not cause
+            self._passes_limit = False
+            return False
+        self.singular = ""
+        self.open = False
+        after = dragger.brought_back(before, after, self.point)
+        self._passes_limit = after is None
+        if after is None:
+            return False
+        if np.linalg.norm(goal - after.p) >= np.linalg.norm(goal - before.p):
+            return False
+        if easy:
+            gains = np.linalg.svd(after.J * dragger.scale, compute_uv=False)
+            if gains[-1] <= _WEAK:
+                return False
+        self.state = after
+        return True
+
+    def _part_within_limits(self, y: Array) -> float:
+        """Return the part of a step y (n,) in m that reaches no limit, and is no longer than a step may be."""
+        longest = max(np.abs(y).max(initial=0.0), _SHORTEST)
+        part = min(1.0, STRIDE / longest)
+        towards = _towards(self._G, y)
+        used = -(self._G @ y)
+        return float(np.min(self._slack[towards] / used[towards], initial=part))
+
+    def stops(self) -> tuple[Stop, ...]:
+        """Return the bounds and limits that block the point."""
+        dragger = self.dragger
+        stops: list[Stop] = []
+        gradients: list[Array] = []
+        threshold = _PUSHES * np.linalg.norm(self._pull)
+        G, slack = dragger.gradients_and_slacks(self.state)
+        candidates = (*dragger.bounds, *dragger.linearize.limits)
+        for stop, gradient, distance in zip(candidates, G, slack, strict=True):
+            blocks = distance < NEAR and gradient @ self._pull > threshold
+            # Pins of a parallelogram reach their limits together with the joint that moves them: name that joint only.
+            if blocks and not _is_like_any(gradient, gradients):
+                stops.append(stop)
+                gradients.append(gradient)
+        return tuple(stops)
+
+
+def _is_like_any(gradient: Array, others: Sequence[Array]) -> bool:
+    """Return whether a gradient (n,) is nearly one of some others."""
+    return any(np.abs(gradient - other).max() < _ALIKE for other in others)
+
+
+def _towards(G: Array, y: Array) -> np.ndarray:
+    """Return (b,) bool: whether the step y (n,) moves towards a bound, by more than a rounding error of the step.
+
+    G (b, n) contains the gradients of the distances from the bounds.
+    """
+    return G @ y < -_TOWARDS * np.abs(y).max(initial=0.0)
+
+
+def _smallest_motion(J: Array, miss: Array, total: Array, damping: float) -> Array:
+    """Return y (n,) that minimises |J y - miss|² + damping |total + y|²."""
+    H = J.T @ J + damping * np.eye(J.shape[1])
+    g = J.T @ miss - damping * total
+    return np.asarray(np.linalg.solve(H, g), float)
