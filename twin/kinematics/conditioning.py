@@ -19,9 +19,9 @@ def condition_many(Js: Array) -> Array:
     Eigenvalues of J J^T take half the time of a singular value decomposition, but lose twice as many digits. Singular
     values are computed for the few matrices for which this loss is too large.
     """
-    out = np.full(len(Js), np.inf)
-    good = np.flatnonzero(np.isfinite(Js).all(axis=(1, 2)))
-    J = Js[good]
+    conditions = np.full(len(Js), np.inf)
+    finite = np.flatnonzero(np.isfinite(Js).all(axis=(1, 2)))
+    J = Js[finite]
     Jt = np.swapaxes(J, 1, 2)
     # The smaller of the two products has no eigenvalues that are always zero.
     wide = Js.shape[1] <= Js.shape[2]
@@ -29,15 +29,15 @@ def condition_many(Js: Array) -> Array:
     squares = np.linalg.eigvalsh(product)
     smallest = squares[:, 0]
     largest = squares[:, -1]
-    well = smallest > _EIGENVALUES_SUFFICE * largest
-    out[good[well]] = np.sqrt(largest[well] / smallest[well])
+    is_accurate = smallest > _EIGENVALUES_SUFFICE * largest
+    conditions[finite[is_accurate]] = np.sqrt(largest[is_accurate] / smallest[is_accurate])
 
-    singular_values = np.linalg.svd(J[~well], compute_uv=False)
+    singular_values = np.linalg.svd(J[~is_accurate], compute_uv=False)
     largest = singular_values[:, 0]
     smallest = singular_values[:, -1]
     infinite = np.full(len(largest), np.inf)
-    out[good[~well]] = np.divide(largest, smallest, out=infinite, where=smallest > 0)
-    return out
+    conditions[finite[~is_accurate]] = np.divide(largest, smallest, out=infinite, where=smallest > 0)
+    return conditions
 
 
 def invert_many(Js: Array) -> Array:
@@ -45,19 +45,19 @@ def invert_many(Js: Array) -> Array:
 
     Each matrix is judged by itself, whatever the others of the batch are.
     """
-    out = np.full((len(Js), Js.shape[2], Js.shape[1]), np.nan)
-    good = np.flatnonzero(np.isfinite(Js).all(axis=(1, 2)))
+    inverses = np.full((len(Js), Js.shape[2], Js.shape[1]), np.nan)
+    finite = np.flatnonzero(np.isfinite(Js).all(axis=(1, 2)))
     if Js.shape[1] != Js.shape[2]:
-        regular = good[condition_many(Js[good]) < _SINGULAR]
-        out[regular] = np.linalg.pinv(Js[regular])
-        return out
+        regular = finite[condition_many(Js[finite]) < _SINGULAR]
+        inverses[regular] = np.linalg.pinv(Js[regular])
+        return inverses
     try:
-        out[good] = np.linalg.inv(Js[good])
+        inverses[finite] = np.linalg.inv(Js[finite])
     except np.linalg.LinAlgError:  # one exactly singular matrix causes this error for the whole batch
-        for i in good:
+        for i in finite:
             if np.linalg.matrix_rank(Js[i]) == Js.shape[1]:
-                out[i] = np.linalg.inv(Js[i])
+                inverses[i] = np.linalg.inv(Js[i])
     # the product of the Frobenius norms is at least the condition number, and at most n times as large
-    sizes = np.linalg.norm(Js, axis=(1, 2)) * np.linalg.norm(out, axis=(1, 2))
-    out[~(sizes < _SINGULAR)] = np.nan
-    return out
+    sizes = np.linalg.norm(Js, axis=(1, 2)) * np.linalg.norm(inverses, axis=(1, 2))
+    inverses[~(sizes < _SINGULAR)] = np.nan
+    return inverses

@@ -23,6 +23,30 @@ MAX_ITERATIONS = 120
 _MU_FLOOR = 1e-11
 """Minimum damping, relative to the largest squared column norm of the first Jacobian."""
 
+_FIRST_MU = 1e-3
+"""Damping of the first step, relative to the largest squared column norm of the first Jacobian."""
+
+_SMALLEST_FACTOR = 1 / 30
+"""Smallest factor of mu after a step that the linear model predicts well; Nielsen's rule has 1/3."""
+
+_NO_PROGRESS = 1e-12
+"""Decrease of the cost, relative to the cost, below which a step makes no progress."""
+
+_STUCK = 3
+"""Number of steps without progress after which the iteration ends."""
+
+_TINY_STEP = 1e-28
+"""Squared norm of a rejected step below which it counts as one without progress."""
+
+_LARGEST_MU = 1e12
+"""Damping above which no step helps, however short."""
+
+_SMALLEST_SIZE = 1e-12
+"""Squared column norm that stands for 0: that of a task that no unknown changes."""
+
+_SMALLEST = 1e-300
+"""Decrease that stands for 0 in a quotient."""
+
 Kinds = tuple[tuple[str, tuple[int, ...]], ...]
 """(kind, rows) of each term of a task."""
 
@@ -35,6 +59,7 @@ class Iteration:
     """
 
     def __init__(self, program: Program, kinds: Kinds) -> None:
+        """Compile the iteration; `kinds` are the terms of the task."""
         n = len(program.order)
         joints = program.has_forward
         self.state = n if joints else 16
@@ -76,25 +101,25 @@ class Iteration:
         cost_new = ca.sumsqr(r)
         decrease = cost - cost_new
         predicted = ca.dot(step, mu * step - g * free)
-        ratio = decrease / ca.fmax(predicted, 1e-300)
+        ratio = decrease / ca.fmax(predicted, _SMALLEST)
         first = size == 0
         better = (cost_new < cost) * (ca.sumsqr(J) + length < np.inf)  # false if any value is NaN
-        size_new = ca.if_else(first, ca.fmax(ca.mmax(ca.sum1(J * J)), 1e-12), size)
+        size_new = ca.if_else(first, ca.fmax(ca.mmax(ca.sum1(J * J)), _SMALLEST_SIZE), size)
         # If mu were below the floor, rounding errors divided by mu would cause motion in directions that are free.
-        shrunk = ca.fmax(mu * ca.fmax(1 / 30, 1 - (2 * ratio - 1) ** 3), _MU_FLOOR * size)
-        stuck_new = ca.if_else(decrease < 1e-12 * cost, stuck + 1, 0)
+        shrunk = ca.fmax(mu * ca.fmax(_SMALLEST_FACTOR, 1 - (2 * ratio - 1) ** 3), _MU_FLOOR * size)
+        stuck_new = ca.if_else(decrease < _NO_PROGRESS * cost, stuck + 1, 0)
         accepted = [
             new,
             cost_new,
             miss,
-            ca.if_else(first, 1e-3 * size_new, shrunk),
+            ca.if_else(first, _FIRST_MU * size_new, shrunk),
             2,
             ca.if_else(first, 0, stuck_new),
             size_new,
             J.T @ r,
             ca.vec(J.T @ J),
         ]
-        tiny = ca.sumsqr(step) < 1e-28
+        tiny = ca.sumsqr(step) < _TINY_STEP
         kept = ca.vertsplit(z[: self.state + 2], [0, self.state, self.state + 1, self.state + 2])
         rejected = [*kept, mu * grow, 2 * grow, stuck + tiny, size, g, ca.vec(H)]
         after = ca.if_else(better, ca.vertcat(*accepted), ca.vertcat(*rejected))
@@ -132,29 +157,33 @@ class Iteration:
         when the norm of the whole residual (task and exceeded limits) is at most `goal`, or when the iteration makes no
         more progress. The norm of the task's residual at the start and after each step is appended to `history`.
         """
-        k = self.state
+        # places in the memory, see `__init__`
+        cost = self.state
+        squared_residual = cost + 1
+        mu = cost + 2
+        stuck = cost + 4
         z = np.zeros(self.memory + len(inputs))
-        z[:k] = start
+        z[: self.state] = start
         z[self.memory :] = inputs
         # An infinite cost and a zero step: the first call only evaluates.
-        z[k] = np.inf
-        z[k + 2] = 1.0
-        out = self._evaluator.one(z)
-        if not np.isfinite(out[k]):
+        z[cost] = np.inf
+        z[mu] = 1.0
+        after = self._evaluator.one(z)
+        if not np.isfinite(after[cost]):
             return start, np.inf, 0
         tried = 0
         if history is not None:
-            history.append(float(np.sqrt(out[k + 1])))
-        while tried < MAX_ITERATIONS and out[k] > goal**2 and out[-1]:
-            z[: self.memory] = out[:-1]
-            out = self._evaluator.one(z)
+            history.append(float(np.sqrt(after[squared_residual])))
+        # the last number is that of the unknowns that are not held at a limit
+        while tried < MAX_ITERATIONS and after[cost] > goal**2 and after[-1]:
+            z[: self.memory] = after[:-1]
+            after = self._evaluator.one(z)
             tried += 1
             if history is not None:
-                history.append(float(np.sqrt(out[k + 1])))
-            stuck = out[k + 4] >= 3
-            if stuck or out[k + 2] > 1e12:  # no step helps, however short
+                history.append(float(np.sqrt(after[squared_residual])))
+            if after[stuck] >= _STUCK or after[mu] > _LARGEST_MU:
                 break
-        return out[:k], float(np.sqrt(out[k + 1])), tried
+        return after[: self.state], float(np.sqrt(after[squared_residual])), tried
 
 
 _ITERATIONS: WeakKeyDictionary[Program, dict[Kinds, Iteration]] = WeakKeyDictionary()

@@ -26,6 +26,12 @@ FORWARD_TOL = 1e-11
 _SAME_POSE = 1e-6
 """Difference in m and rad below which two poses count as the same assembly."""
 
+_STEPS = 8
+"""Number of steps of q from a seed, where Newton's method fails in one."""
+
+_STARTS = 24
+"""Number of starting states without a seed."""
+
 _TRAVEL = 0.5
 """Maximum travel (see `Program.newton`) from the seed to the solution of Newton's method.
 
@@ -93,18 +99,18 @@ def branches(kin: Compiled, q: Array) -> list[Array]:
     candidates = kin.formula.branches(ordered, kin.parameters, kin.variants)
     if kin.closed_forward:  # closed-form solutions need no refinement; the preferred assembly is already first
         return candidates
-    poses_found: list[Array] = []
+    assemblies: list[Array] = []
     for T in candidates:
         polished, error, _, _ = _newton(kin, q, T)
         if not error <= FORWARD_TOL:
             continue
         # Two candidates can converge to the same assembly.
-        if all(_distance(polished, other) > _SAME_POSE for other in poses_found):
-            poses_found.append(polished)
-    if not poses_found:
+        if all(_distance(polished, other) > _SAME_POSE for other in assemblies):
+            assemblies.append(polished)
+    if not assemblies:
         return []
-    scores = _score(kin, np.array(poses_found))
-    return [poses_found[i] for i in np.argsort(-scores, kind="stable")]
+    scores = _score(kin, np.array(assemblies))
+    return [assemblies[i] for i in np.argsort(-scores, kind="stable")]
 
 
 def _from_seed(kin: Compiled, q: Array, seed: Array) -> Array:
@@ -122,9 +128,9 @@ def _from_seed(kin: Compiled, q: Array, seed: Array) -> Array:
     if error <= FORWARD_TOL and (signs == seed_signs).all():
         return T
     if kin.formula.branches is not None:  # the straight path of q from the seed may leave the workspace
-        others = [T for T in branches(kin, q) if _has_signs(kin, T, seed_signs)]
-        if others:
-            return min(others, key=lambda T: _distance(T, seed, kin.characteristic_length))
+        on_branch = [T for T in branches(kin, q) if _has_signs(kin, T, seed_signs)]
+        if on_branch:
+            return min(on_branch, key=lambda T: _distance(T, seed, kin.characteristic_length))
     cause = "Newton's method does not converge"
     if error <= FORWARD_TOL:
         cause = "Newton's method ends on another branch"
@@ -137,7 +143,7 @@ def _from_seed(kin: Compiled, q: Array, seed: Array) -> Array:
 
 
 def _in_steps(kin: Compiled, q: Array, seed: Array, seed_signs: Array) -> Array | None:
-    """Return the pose (4, 4) at q (n,), approached in eight steps of q from the seed (4, 4); None: a step fails.
+    """Return the pose (4, 4) at q (n,), approached in steps of q from the seed (4, 4); None: a step fails.
 
     A step also fails if it leaves the branch of the seed with the aspect signs `seed_signs` (m,).
     """
@@ -145,7 +151,7 @@ def _in_steps(kin: Compiled, q: Array, seed: Array, seed_signs: Array) -> Array 
     if not np.isfinite(q_seed).all():
         return None
     T = seed
-    for fraction in np.linspace(0, 1, 9)[1:]:
+    for fraction in np.linspace(0, 1, _STEPS + 1)[1:]:
         T, error, travel, signs = _newton(kin, q_seed + fraction * (q - q_seed), T)
         if not (error <= FORWARD_TOL and travel < _TRAVEL and (signs == seed_signs).all()):
             return None
@@ -161,7 +167,7 @@ def _cold(kin: Compiled, q: Array) -> Array:
                 return T
     best: Array | None = None
     residual = np.inf
-    for seed in seeds(kin, rng=0, starts=24):
+    for seed in seeds(kin, rng=0, starts=_STARTS):
         result = descend(kin, Joints(q), seed)
         T, error, _, signs = _newton(kin, q, result.T)
         if error <= FORWARD_TOL and (signs == preferred).all():
@@ -186,11 +192,11 @@ def _newton(kin: Compiled, q: Array, T: Array) -> tuple[Array, float, float, Arr
 def _newton_many(kin: Compiled, qs: Array, seed_poses: Array) -> Array:
     """Return the poses (k, 4, 4) found by Newton's method from seeds (k, 4, 4); NaN without convergence."""
     flat = seed_poses.reshape(-1, 16)
-    found = newton_results(kin.program.newton.many(np.hstack([qs, flat])))
+    results = newton_results(kin.program.newton.many(np.hstack([qs, flat])))
     seed_signs = np.sign(kin.program.group["aspect"].many(flat))
-    same_branch = (np.sign(found.aspects) == seed_signs).all(axis=1)
-    solved = (found.error <= FORWARD_TOL) & (found.travel < _TRAVEL) & same_branch
-    Ts = found.T.copy()
+    on_branch = (np.sign(results.aspects) == seed_signs).all(axis=1)
+    solved = (results.error <= FORWARD_TOL) & (results.travel < _TRAVEL) & on_branch
+    Ts = results.T.copy()
     Ts[~solved] = np.nan
     return Ts
 

@@ -18,6 +18,9 @@ _CLOSE = 1e-6
 _LEVER = 0.1
 """Length in m that divides an error in m, to give an error in rad; equations share no constant with the mechanism."""
 
+_PASSIVE = 100
+"""Factor of the same difference for passive joints: near a singularity, they turn far for a small error of the tool."""
+
 _LENGTHS = ("mm", "m", "cm", "um")
 
 
@@ -147,14 +150,14 @@ class Margins:
             error = turns[name] - s.q_passive[name]
             if is_angle:
                 error = np.sin(error / 2) * 2  # a full turn is no error
-            good = np.logical_and(good, np.abs(error) < 100 * self._close)
+            good = np.logical_and(good, np.abs(error) < _PASSIVE * self._close)
         return np.asarray(good, bool)
 
     def refuses(self, Ts_base_tool: Array) -> Array:
         """Return the r reach margins (k, r) in m of the equations, at k poses out of reach of the mechanism."""
         with np.errstate(all="ignore"):
-            found = self._kin.reach(Ts_base_tool)
-        return np.stack([found[n] for n in self._kin.formula.reach], axis=1)
+            margins = self._kin.reach(Ts_base_tool)
+        return np.stack([margins[name] for name in self._kin.formula.reach], axis=1)
 
     def fails(self, s: States) -> Array:
         """Return the largest absolute entry (k,) of each inverse Jacobian; infinite for an unreachable state.
@@ -214,6 +217,6 @@ class Margins:
 
 def _larger(Ts: Array, by: float) -> Array:
     """Return poses (k, 4, 4) with positions multiplied by `by`."""
-    out = Ts.copy()
-    out[:, :3, 3] *= by
-    return out
+    enlarged = Ts.copy()
+    enlarged[:, :3, 3] *= by
+    return enlarged

@@ -9,21 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
 from weakref import WeakKeyDictionary
 
-import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from twin.core import spatial
 from twin.core.errors import KinematicsError
 from twin.core.spatial import Array
-from twin.formula import equation_values, symbolic
-from twin.formula.contract import POSE_SYMBOL, PointSearch
-from twin.formula.evaluator import Evaluator
 from twin.kinematics.compiled import Compiled
+from twin.kinematics.point_functions import PointFunctions
 from twin.kinematics.solve import Solution
 from twin.kinematics.tasks import Task
 
@@ -35,8 +30,15 @@ MAX_ITERATIONS = 100
 _GOAL = 1e-15
 """Norm of the rows in m at which an iteration ends: a few roundings of 1 m."""
 
+_SAME_AXIS = 1e-12
+"""Difference of a component of two unit vectors that are the same."""
+
+_PARALLEL = 1e-12
+"""Sine of the angle of two unit vectors below which they are parallel."""
+
 _FIRST_DAMPING = 1e-3
 _DAMPING_FACTOR = 10.0
+"""First value of mu, and the factor by which it is changed after each step: those of Marquardt."""
 
 _LEAST_DAMPING = 1e-11
 _MOST_DAMPING = 1e10
@@ -102,13 +104,8 @@ class PointSolutions:
         return cls(q, places, np.full(problems, np.inf), np.zeros(problems, int))
 
 
-class PointSolver:
-    """The compiled search of a robot whose formula has a `PointSearch`."""
-
-    def __init__(self, kin: Compiled, search: PointSearch) -> None:
-        self.kin = kin
-        self.search = search
-        self.count = len(search.unknowns)
+class PointSolver(PointFunctions):
+    """The search of a robot whose formula has a `PointSearch`."""
 
     def descend(self, starts: Array, tips: Array, trocars: Array, redundant: bool = False) -> Descents:
         """Run one search from each start, also if it does not converge.
@@ -119,10 +116,10 @@ class PointSolver:
             trocars: (k, 3) positions of the trocar in m.
             redundant: whether the redundant joint shall be as in the inverse equations; otherwise it is free.
         """
-        rows = self._rows_with_redundant if redundant else self._rows
+        rows = self.rows(redundant=redundant)
         given = np.hstack([tips, trocars])
         x = starts.reshape(len(starts), 3 * self.count).astype(float)
-        r, J, between = self._at(rows, x, given)
+        r, J, between = self.rows_at(rows, x, given)
         norm = np.linalg.norm(r, axis=1)
         damping = np.full(len(x), _FIRST_DAMPING)
         iterations = np.zeros(len(x), int)
@@ -132,7 +129,7 @@ class PointSolver:
             if not len(k):
                 break
             x_new = x[k] + _steps(J[k], r[k], damping[k])
-            r_new, J_new, between_new = self._at(rows, x_new, given[k])
+            r_new, J_new, between_new = self.rows_at(rows, x_new, given[k])
             norm_new = np.linalg.norm(r_new, axis=1)
             better = norm_new < norm[k]
             accepted = k[better]
@@ -151,20 +148,6 @@ class PointSolver:
             damping[at_rounding] = _MOST_DAMPING  # steps no longer reduce the rows, which are zero but for rounding
         points = x.reshape(-1, self.count, 3)
         return Descents(points, norm, iterations, between, np.stack(history, axis=1))
-
-    def joints(self, points: Array, Ts: Array) -> Array:
-        """Return q (k, n) from points (k, m, 3) and poses of the tool (k, 4, 4), by the inverse equations."""
-        poses = Ts.reshape(-1, 16)
-        coordinates = points.reshape(len(points), 3 * self.count)
-        return self._joints.many(np.hstack([poses, coordinates]))
-
-    def places(self, qs: Array) -> Array:
-        """Return the points (k, m, 3) in m at joints qs (k, n)."""
-        return self._places.many(qs).reshape(-1, self.count, 3)
-
-    def closed(self, Ts: Array) -> Array:
-        """Return the points (k, m, 3) in m at poses of the tool (k, 4, 4), by the inverse equations, without search."""
-        return self._closed.many(Ts.reshape(-1, 16)).reshape(-1, self.count, 3)
 
     def starts(self, count: int, limits: Array | None = None, rng: int = 0) -> Iterator[Array]:
         """Yield joints q (n,) to start from: those of the formula's seeds, then random ones within the limits."""
@@ -201,11 +184,11 @@ class PointSolver:
             length = float(np.linalg.norm(start[0, -1] - tip))
             trocars = tips[unsolved] - 0.5 * length * axes[unsolved]
             begin = self.outside(np.repeat(start, len(unsolved), axis=0), tips[unsolved], trocars)
-            found = self.descend(begin, tips[unsolved], trocars, redundant=True)
+            descents = self.descend(begin, tips[unsolved], trocars, redundant=True)
             # The rows do not contain the sign of the redundant joint; the other sign is another solution.
-            good = found.solved & (self._sign(found.points) > 0)
-            points[unsolved[good]] = found.points[good]
-            unsolved = unsolved[~good]
+            solved = descents.solved & (self.redundant_signs(descents.points) > 0)
+            points[unsolved[solved]] = descents.points[solved]
+            unsolved = unsolved[~solved]
         return self.joints(points, Ts)
 
     def outside(self, points: Array, tips: Array, trocars: Array) -> Array:
@@ -213,12 +196,12 @@ class PointSolver:
 
         Its distance from the tip remains. From such starts, a search hardly ever ends with the arm beyond the tip.
         """
-        out = points.copy()
         shafts = trocars - tips
-        shafts = shafts / np.linalg.norm(shafts, axis=1)[:, None]
+        directions = shafts / np.linalg.norm(shafts, axis=1)[:, None]
         lengths = np.linalg.norm(points[:, -1] - tips, axis=1)
-        out[:, -1] = tips + lengths[:, None] * shafts
-        return out
+        starts = points.copy()
+        starts[:, -1] = tips + lengths[:, None] * directions
+        return starts
 
     def solve_many(
         self, tips: Array, trocars: Array, limits: Array | None = None, *, starts: int = 48, rng: int = 0
@@ -231,8 +214,8 @@ class PointSolver:
                 break
             start = np.repeat(self.places(q[None]), len(unsolved), axis=0)
             begin = self.outside(start, tips[unsolved], trocars[unsolved])
-            found = self.descend(begin, tips[unsolved], trocars[unsolved])
-            self._keep(best, unsolved, found, q, tips[unsolved], limits)
+            descents = self.descend(begin, tips[unsolved], trocars[unsolved])
+            self._keep(best, unsolved, descents, q, tips[unsolved], limits)
             unsolved = np.flatnonzero(best.excess > _LIMIT_TOL)
         return best
 
@@ -291,41 +274,41 @@ class PointSolver:
         if q.shape != (n,):
             raise KinematicsError(f"{self.kin.formula.name}: a seed must be q ({n},)")
         best = PointSolutions.none(1, n, self.count)
-        found = self.descend(self.places(q[None]), tip, trocar)
-        self._keep(best, np.arange(1), found, q, tip, limits)
+        descents = self.descend(self.places(q[None]), tip, trocar)
+        self._keep(best, np.arange(1), descents, q, tip, limits)
         return best
 
-    def _solution(self, found: PointSolutions, tip: Array, trocar: Array) -> Solution:
-        """Return the first of the found results; its residual from tip and trocar (3,) is by the forward equations."""
-        q = found.q[0]
+    def _solution(self, solutions: PointSolutions, tip: Array, trocar: Array) -> Solution:
+        """Return the first of some solutions; its residual from tip and trocar (3,) is by the forward equations."""
+        q = solutions.q[0]
         T = self.kin.program.forward.one(q)
         p_tip = T[:3, 3]
         shaft = T[:3, :3] @ np.asarray(self.search.axis)
         errors = np.concatenate([p_tip - tip, np.cross(trocar - p_tip, shaft)])
         residual = float(np.linalg.norm(errors)) / self.kin.characteristic_length
-        branch = str(self.kin.branch(Ts=T[None], qs=found.q)[0])
-        return Solution(q, T, residual, branch, int(found.iterations[0]))
+        branch = str(self.kin.branch(Ts=T[None], qs=solutions.q)[0])
+        return Solution(q, T, residual, branch, int(solutions.iterations[0]))
 
     def _keep(
         self,
         best: PointSolutions,
         rows: np.ndarray,
-        found: Descents,
+        descents: Descents,
         q: Array,
         tips: Array,
         limits: Array | None,
     ) -> None:
         """Keep in `best`, for the problems `rows`, results that are nearer to the joint limits; q (n,) is the start."""
-        best.iterations[rows] += found.iterations
-        good = found.solved
-        points = found.points[good]
-        joints = self.joints(points, self.pose(tips[good], points, q))
+        best.iterations[rows] += descents.iterations
+        solved = descents.solved
+        points = descents.points[solved]
+        joints = self.joints(points, self.pose(tips[solved], points, q))
         excess = np.zeros(len(points))
         if limits is not None:
             low, high = limits.T
             excess = np.maximum(low - joints, joints - high).max(axis=1, initial=0.0)
-        nearer = excess < best.excess[rows[good]]
-        kept = rows[good][nearer]
+        nearer = excess < best.excess[rows[solved]]
+        kept = rows[solved][nearer]
         best.q[kept] = joints[nearer]
         best.points[kept] = points[nearer]
         best.excess[kept] = excess[nearer]
@@ -345,11 +328,11 @@ class PointSolver:
     def _given(self, task: Task) -> tuple[Array, Array]:
         """Return tip and trocar (1, 3) of a task in m."""
         terms = {term.kind: term.numbers for term in task.terms}
-        if sorted(term.kind for term in task.terms) == ["tip", "trocar"]:
+        if len(task.terms) == 2 and terms.keys() == {"tip", "trocar"}:
             tip = terms["tip"]
             trocar = terms["trocar"]
             in_origin = not tip[3:6].any() and not trocar[6:9].any()
-            along_axis = np.allclose(trocar[3:6], self.search.axis, rtol=0, atol=1e-12)
+            along_axis = np.allclose(trocar[3:6], self.search.axis, rtol=0, atol=_SAME_AXIS)
             if in_origin and along_axis:
                 return tip[None, :3], trocar[None, :3]
         axis = ", ".join(f"{v:g}" for v in self.search.axis)
@@ -357,90 +340,6 @@ class PointSolver:
             f"{self.kin.formula.name}: method='points' solves only Tip(p) + Trocar(c, axis=({axis})), with the tip in "
             "the origin of the tool frame and a free depth; use method='joints' for other tasks."
         )
-
-    def _at(self, rows: Evaluator, x: Array, given: Array) -> tuple[Array, Array, Array]:
-        """Return rows (k, r), their derivatives (k, r, 3 m), and `between` (k,)."""
-        out = rows.many(np.hstack([x, given]))
-        n = x.shape[1]
-        count = (out.shape[1] - 1) // (n + 1)
-        r = out[:, :count]
-        # The compiled function stacks the columns of each Jacobian.
-        J = out[:, count:-1].reshape(len(x), n, count).transpose(0, 2, 1)
-        return r, J, out[:, -1]
-
-    def _symbols(self, x: ca.SX) -> dict[str, Any]:
-        """Return the symbols of the parameters and of the points, which x (3 m,) stacks."""
-        symbols: dict[str, Any] = dict(self.kin.parameters)
-        for i, name in enumerate(self.search.unknowns):
-            symbols[name] = x[3 * i : 3 * i + 3]
-        return symbols
-
-    @cached_property
-    def _rows(self) -> Evaluator:
-        return self._compiled(redundant=False)
-
-    @cached_property
-    def _rows_with_redundant(self) -> Evaluator:
-        return self._compiled(redundant=True)
-
-    def _compiled(self, redundant: bool) -> Evaluator:
-        """Compile (points, tip, trocar) -> rows, their derivatives with respect to the points, `between`."""
-        n = 3 * self.count
-        z = ca.SX.sym("z", n + 6)
-        symbols = self._symbols(z[:n])
-        symbols[self.search.tip] = z[n : n + 3]
-        symbols[self.search.trocar] = z[n + 3 :]
-        r = self._call("residual", symbols)
-        if redundant:
-            r = ca.vertcat(r, self._call("redundant", symbols)[0])
-        J = ca.jacobian(r, z)[:, :n]
-        between = self._call("between", symbols)
-        return Evaluator("point_rows", z, ca.vertcat(r, ca.vec(J), between))
-
-    @cached_property
-    def _redundant(self) -> Evaluator:
-        z = ca.SX.sym("z", 3 * self.count)
-        sign = self._call("redundant", self._symbols(z))[1]
-        return Evaluator("redundant_sign", z, sign)
-
-    def _sign(self, points: Array) -> Array:
-        return self._redundant.many(points.reshape(len(points), 3 * self.count))[:, 0]
-
-    @cached_property
-    def _places(self) -> Evaluator:
-        order = self.kin.program.order
-        q = ca.SX.sym("q", len(order))
-        symbols: dict[str, Any] = dict(self.kin.parameters)
-        symbols.update(zip(order, ca.vertsplit(q), strict=True))
-        points = self._call("places", symbols)
-        return Evaluator("places", q, ca.vertcat(*points))
-
-    @cached_property
-    def _closed(self) -> Evaluator:
-        z = ca.SX.sym("z", 16)
-        of_pose = equation_values.from_pose(self.kin.formula, symbolic.unflat(z, 4, 4))
-        symbols = self._inverse({**self.kin.parameters, **of_pose})
-        points = [ca.SX(symbols[name]) for name in self.search.unknowns]
-        return Evaluator("closed", z, ca.vertcat(*points))
-
-    @cached_property
-    def _joints(self) -> Evaluator:
-        formula = self.kin.formula
-        program = self.kin.program
-        z = ca.SX.sym("z", 16 + 3 * self.count)
-        T = symbolic.unflat(z[:16], 4, 4)
-        # The given points replace those that the equations would compute from the pose.
-        of_pose = equation_values.from_pose(formula, T)
-        symbols = self._inverse({**of_pose, **self._symbols(z[16:]), POSE_SYMBOL: T})
-        joints = equation_values.gather(formula, {**symbols, **program.extra_values}, program.order, "joint")
-        return Evaluator("joints_of_points", z, joints)
-
-    def _inverse(self, symbols: dict[str, Any]) -> dict[str, Any]:
-        return equation_values.run(self.kin.formula, self.kin.variants, symbols, "inverse")
-
-    def _call(self, name: str, symbols: dict[str, Any]) -> Any:
-        what = f"formula '{self.kin.formula.name}', point_search.{name}"
-        return equation_values.call(getattr(self.search, name), symbols, what)
 
 
 _SOLVERS: WeakKeyDictionary[Compiled, PointSolver] = WeakKeyDictionary()
@@ -482,7 +381,7 @@ def _turns(a: Array, b: Array) -> Array:
     cosine = b @ a
     unit = spatial.unit_across(a)
     across = np.cross(a, unit)
-    w[sine < 1e-12] = across  # parallel: no rotation, or half a turn about any axis across
+    w[sine < _PARALLEL] = across  # parallel: no rotation, or half a turn about any axis across
     w /= np.linalg.norm(w, axis=1)[:, None]
     angle = np.arctan2(sine, cosine)
     return spatial.exp_so3(angle[:, None] * w)

@@ -28,6 +28,17 @@ _LIMIT_TOL = 1e-9
 """Excess over a joint limit in m or rad that is ignored as a rounding error."""
 
 
+_FIRST_SPREAD = 0.2
+_SPREAD_GROWTH = 0.8
+"""Largest turn in rad of the first random poses about each axis, from a seed, and its growth up to the last ones."""
+
+_LARGEST_SHIFT = 2
+"""Largest shift of a random pose along each axis, in characteristic lengths, for a spread of 1."""
+
+_GOAL = 0.01
+"""Part of the tolerance at which a descent ends."""
+
+
 @dataclass(frozen=True)
 class Solution:
     """Solution of a task.
@@ -149,9 +160,11 @@ def seeds(kin: Compiled, rng: int, starts: int, bounds: Array | None = None) -> 
     for i in range(len(homes), starts):
         T = homes[generator.integers(len(homes))]
         xi = generator.uniform(-1, 1, 6)
-        spread = 0.2 + 0.8 * i / starts  # increasing, so that starts near the seeds come first
+        # increasing, so that starts near the seeds come first
+        spread = _FIRST_SPREAD + _SPREAD_GROWTH * i / starts
         R = spatial.exp_so3(spread * xi[3:]) @ T[:3, :3]
-        yield spatial.pose(R, T[:3, 3] + 2 * spread * kin.characteristic_length * xi[:3])
+        shift = _LARGEST_SHIFT * spread * kin.characteristic_length * xi[:3]
+        yield spatial.pose(R, T[:3, 3] + shift)
 
 
 def _random_joints(kin: Compiled, generator: np.random.Generator, count: int, bounds: Array | None) -> Iterator[Array]:
@@ -210,7 +223,7 @@ def descend(
     inputs = np.concatenate([*numbers, *weights, step_scale, joint_scale, low, high])
 
     kinds = tuple((term.kind, term.rows) for term in task.terms)
-    end, residual, tried = iteration(kin.program, kinds).run(begin, inputs, 0.01 * TOLERANCE, history)
+    end, residual, tried = iteration(kin.program, kinds).run(begin, inputs, _GOAL * TOLERANCE, history)
     if kin.closed_forward:
         return Descent(kin.program.forward.one(end), end, residual, tried)
     q = kin.program.inverse.one(end)[:-1]

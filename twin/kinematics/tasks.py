@@ -41,7 +41,10 @@ class Task:
     def __mul__(self, weight: float) -> Task:
         if not (np.isfinite(weight) and weight > 0):
             raise KinematicsError(f"a weight must be positive, not {weight}.")
-        return Task(tuple(replace(t, weight=t.weight * float(weight)) for t in self.terms))
+        weighted = []
+        for term in self.terms:
+            weighted.append(replace(term, weight=term.weight * float(weight)))
+        return Task(tuple(weighted))
 
     __rmul__ = __mul__
 
@@ -140,18 +143,21 @@ def Joints(q: ArrayLike) -> Task:  # noqa: N802
 
 def is_length(term: Term) -> np.ndarray:
     """Return (rows,) bool: whether each row of a term is a length; invalid for "joints": their units vary by robot."""
-    return np.array(_KINDS[term.kind][2])[list(term.rows)]
+    return np.array(_KINDS[term.kind].lengths)[list(term.rows)]
 
 
 def count(kind: str, joints: int) -> int:
     """Return the number of arguments of a term of the kind `kind`, for a robot with `joints` joints."""
-    return joints if kind == "joints" else _KINDS[kind][1]
+    return joints if kind == "joints" else _KINDS[kind].arguments
 
 
 def residual(kind: str, rows: tuple[int, ...], T: ca.SX, q: ca.SX, numbers: ca.SX) -> ca.SX:
     """Return the unweighted residual of a term as an expression of pose (4, 4), joints (n,) and the term's numbers."""
-    r = q - numbers if kind == "joints" else _KINDS[kind][0](T, numbers)
+    r = q - numbers if kind == "joints" else _KINDS[kind].residual(T, numbers)
     return r[list(rows)]
+
+
+# Residuals of a pose T (4, 4) and the arguments n of a term, in the order in which `Pose`, `Tip` and `Trocar` put them.
 
 
 def _pose(T: ca.SX, n: ca.SX) -> ca.SX:
@@ -164,7 +170,7 @@ def _tip(T: ca.SX, n: ca.SX) -> ca.SX:
 
 def _trocar(T: ca.SX, n: ca.SX) -> ca.SX:
     R = T[0:3, 0:3]
-    w = n[0:3] - (T[0:3, 3] + R @ n[6:9])
+    w = n[0:3] - (T[0:3, 3] + R @ n[6:9])  # from the tip to the trocar
     return w + symbolic.norm(w) * (R @ n[3:6])
 
 
@@ -173,13 +179,21 @@ def _trocar_depth(T: ca.SX, n: ca.SX) -> ca.SX:
     return n[0:3] - (T[0:3, 3] + R @ n[6:9]) + n[9] * (R @ n[3:6])
 
 
-_KINDS: dict[str, tuple[Callable[[ca.SX, ca.SX], ca.SX], int, tuple[bool, ...]]] = {
-    "pose": (_pose, 16, (True, True, True, False, False, False)),
-    "tip": (_tip, 6, (True, True, True)),
-    "trocar": (_trocar, 9, (True, True, True)),
-    "trocar_depth": (_trocar_depth, 10, (True, True, True)),
+@dataclass(frozen=True)
+class _TermKind:
+    """A kind of terms: its residual as a function of pose and arguments, and which rows of the residual are lengths."""
+
+    residual: Callable[[ca.SX, ca.SX], ca.SX]
+    arguments: int
+    lengths: tuple[bool, ...]
+
+
+_KINDS = {
+    "pose": _TermKind(_pose, arguments=16, lengths=(True, True, True, False, False, False)),
+    "tip": _TermKind(_tip, arguments=6, lengths=(True, True, True)),
+    "trocar": _TermKind(_trocar, arguments=9, lengths=(True, True, True)),
+    "trocar_depth": _TermKind(_trocar_depth, arguments=10, lengths=(True, True, True)),
 }
-"""Kind -> (residual function of pose and arguments, number of arguments, whether each row is a length)."""
 
 
 def _task(kind: str, numbers: Array, rows: tuple[int, ...]) -> Task:

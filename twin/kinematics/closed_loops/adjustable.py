@@ -16,9 +16,13 @@ from twin.kinematics.closed_loops.equations import LoopEquations
 from twin.kinematics.closed_loops.passive_limits import PassiveLimit, passive_limits, slacks
 from twin.kinematics.closed_loops.solver import LoopSolver, end_stage, links_stage, newton_stage
 from twin.model.joint_distance import Distance, line_of
+from twin.model.mechanism import Mechanism
 
 DISTANCES = "distances"
 """Name of the argument with the distances in m."""
+
+_ROUNDED = 1e-15
+"""Component of a unit vector below which it is rounded to zero, so that fewer terms remain."""
 
 
 class AdjustableLoops:
@@ -39,21 +43,7 @@ class AdjustableLoops:
         self.solver = solver
         self.distances = tuple(distances)
         values = ca.SX.sym(DISTANCES, len(self.distances))
-        errors: dict[tuple[str, str], ca.SX] = {}
-        for k, distance in enumerate(self.distances):
-            joint = mechanism.joint(distance.joint)
-            side = "child"
-            T_body_joint = joint.T_child_joint
-            if joint.parent == distance.body:
-                side = "parent"
-                T_body_joint = joint.T_parent_joint
-            direction = T_body_joint[:3, :3].T @ line_of(mechanism, distance)
-            direction = np.where(np.abs(direction) < 1e-15, 0.0, direction)
-            shift = ca.SX(direction) * (values[k] - distance.distance)
-            change = ca.vertcat(shift, ca.SX.zeros(3))
-            before = errors.get((joint.name, side))
-            errors[joint.name, side] = change if before is None else before + change
-        e = LoopEquations(mechanism, errors=errors)
+        e = LoopEquations(mechanism, errors=_frame_shifts(mechanism, self.distances, values))
         self.equations = e
 
         arguments = {"q": e.q}
@@ -68,3 +58,22 @@ class AdjustableLoops:
         self.limits: tuple[PassiveLimit, ...] = passive_limits(mechanism)
         function = ca.Function("slacks", list(arguments.values()), [ca.densify(slacks(e, self.limits))], {"cse": True})
         self.slacks = Stage(function, tuple(arguments), ("slacks",))
+
+
+def _frame_shifts(mechanism: Mechanism, distances: Sequence[Distance], values: ca.SX) -> dict[tuple[str, str], ca.SX]:
+    """Return the errors of joint frames, as in `LoopEquations.errors`, by changed distances of values (k,) in m."""
+    shifts: dict[tuple[str, str], ca.SX] = {}
+    for k, distance in enumerate(distances):
+        joint = mechanism.joint(distance.joint)
+        side = "child"
+        T_body_joint = joint.T_child_joint
+        if joint.parent == distance.body:
+            side = "parent"
+            T_body_joint = joint.T_parent_joint
+        direction = T_body_joint[:3, :3].T @ line_of(mechanism, distance)
+        direction = np.where(np.abs(direction) < _ROUNDED, 0.0, direction)
+        shift = ca.SX(direction) * (values[k] - distance.distance)
+        change = ca.vertcat(shift, ca.SX.zeros(3))
+        before = shifts.get((joint.name, side))
+        shifts[joint.name, side] = change if before is None else before + change
+    return shifts

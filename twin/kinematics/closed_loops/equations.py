@@ -27,6 +27,10 @@ STATES = {"fixed": 0, "revolute": 1, "prismatic": 1, "cylindrical": 2, "spherica
 STEPS = {"fixed": 0, "revolute": 1, "prismatic": 1, "cylindrical": 2, "spherical": 3, "free": 6}
 """Count of numbers in the state (STATES) and in a step (STEPS) of a passive joint, by type; lengths before angles."""
 
+_TURN_X = 3
+_TURN_Z = 5
+"""Numbers of the rotations about x and z among the six `free_axes` of a joint, which are shifts first."""
+
 _BALLS = ("spherical", "free")
 """Types whose state ends in a unit quaternion."""
 
@@ -136,7 +140,7 @@ class LoopEquations:
 
         names: list[str] = []
         rows: list[ca.SX] = []
-        stepping_rows: list[ca.SX] = []
+        stepping_rows: list[ca.SX] = []  # the same after a step, of which only the derivative is used
         squared_offsets = [ca.SX(0)]
         squared_tilts = [ca.SX(0)]
         for joint in mechanism.loops:
@@ -275,14 +279,14 @@ class LoopEquations:
         else:
             lengths = []
             for i in locked:
-                if i < 3:  # a direction of translation
+                if i < _TURN_X:  # a direction of translation
                     lengths.append(ca.dot(frame[i], gap))
             length = ca.vertcat(*lengths)
 
-        if 3 in joint.free_axes:  # a ball joint: no direction of rotation is locked
+        if _TURN_X in joint.free_axes:  # a ball joint: no direction of rotation is locked
             return length, ca.SX(0, 1), ca.SX(1)
         others = self._axes(chain_child, stepping)
-        if 5 in joint.free_axes:  # rotation about z is free: only the z axes must agree
+        if _TURN_Z in joint.free_axes:  # rotation about z is free: only the z axes must agree
             sine_x = ca.dot(frame[0], others[2])
             sine_y = ca.dot(frame[1], others[2])
             return length, ca.vertcat(sine_x, sine_y), ca.dot(frame[2], others[2])
@@ -315,6 +319,7 @@ class LoopEquations:
         return chain_parent, chain_child, common
 
     def _coordinate(self, name: str, stepping: bool) -> ca.SX:
+        """Return the state of a joint, that of an active one being its coordinate in m or rad."""
         if name in self._active:
             return self.q[self._active[name]]
         passive = self._passive[name]

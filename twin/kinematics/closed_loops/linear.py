@@ -13,6 +13,12 @@ _FLOOR = 1e-13
 _PIVOT = 0.2
 """Minimum size of a pivot relative to the largest entry of its row."""
 
+_UNDETERMINED = 1e-30
+"""Diagonal element of an unknown without equations: its step is then zero, and not infinite."""
+
+_SMALLEST = 1e-300
+"""Entry that stands for 0 in a quotient."""
+
 
 def largest(x: ca.SX) -> ca.SX:
     """Return the largest absolute entry of a vector; 0 if it is empty."""
@@ -74,18 +80,14 @@ def _pivot(a: dict, values: Array, rows: list[int], columns: list[int]) -> tuple
     best_cost = (np.inf, np.inf)
     best_pivot = (rows[0], columns[0])
     for i in rows:
-        largest_entry = max(np.abs(values[i, columns]).max(), 1e-300)
+        largest_entry = max(np.abs(values[i, columns]).max(), _SMALLEST)
         for j in columns:
             large = abs(values[i, j]) >= _PIVOT * largest_entry
             if (i, j) not in a or not large:
                 continue
-            in_row = 0
-            for c in columns:
-                in_row += (i, c) in a
-            in_column = 0
-            for r in rows:
-                in_column += (r, j) in a
-            fill_ins = (in_row - 1) * (in_column - 1)
+            in_row = [c for c in columns if (i, c) in a]
+            in_column = [r for r in rows if (r, j) in a]
+            fill_ins = (len(in_row) - 1) * (len(in_column) - 1)
             # Of pivots with equal fill-ins, the relatively largest is the most stable.
             candidate = (fill_ins, -abs(values[i, j]) / largest_entry)
             best_cost, best_pivot = min((best_cost, best_pivot), (candidate, (i, j)))
@@ -146,8 +148,7 @@ def _normal_matrix(J: ca.SX, pattern: np.ndarray, linked: np.ndarray, order: lis
             for r in np.flatnonzero(pattern[:, i] & pattern[:, k]):
                 entry = entry + J[int(r), i] * J[int(r), k]
             a[s, t] = entry
-        # The constant keeps an unknown without equations finite: its step is zero.
-        a[s, s] = a.get((s, s), ca.SX(0)) * (1 + _FLOOR) + 1e-30
+        a[s, s] = a.get((s, s), ca.SX(0)) * (1 + _FLOOR) + _UNDETERMINED
     return a
 
 
@@ -157,7 +158,8 @@ def _least_filling(linked: np.ndarray) -> list[int]:
     remaining = list(range(len(linked)))
     order: list[int] = []
     while remaining:
-        least = min(remaining, key=lambda i: int(linked[i, remaining].sum()))
+        neighbour_counts = [int(linked[i, remaining].sum()) for i in remaining]
+        least = remaining[neighbour_counts.index(min(neighbour_counts))]
         remaining.remove(least)
         order.append(least)
         # The elimination of an unknown links all its neighbours.

@@ -43,7 +43,22 @@ _WALK = (8, 64)
 _SINGULAR = 1e8
 """Condition number of a block in the rest poses above which the block is solved by least squares."""
 
+_WIDE_GAP = 1e-3
+_WIDE_TILT = 0.1
+"""Gap in m and misalignment in rad in the rest poses from which the loops do not close: the CAD is wrong there."""
+
+_OPEN_AS_DRAWN = 10
+"""Factor of the gap in the rest poses up to which a loop counts as closed elsewhere."""
+
 _RESULTS = ("pose", "gaps", "states")
+"""Names of the results of a kernel, see `LoopSolver.stages`."""
+
+_POSE = slice(0, 12)
+_OFFSET = 12
+_TILT = 13
+_MARGIN = 14
+_UNKNOWNS = slice(15, None)
+"""Places of the results of a kernel for a single state."""
 
 
 @dataclass(frozen=True)
@@ -108,12 +123,12 @@ class LoopSolver:
         gaps = function(self.q, np.concatenate([*self.home, []]))
         offset = float(gaps[0])
         tilt = float(gaps[1])
-        if not (offset < 1e-3 and tilt < 0.1):
+        if not (offset < _WIDE_GAP and tilt < _WIDE_TILT):  # true also for NaN
             text = f"the loops do not close in the rest poses: {offset / MM:.3g} mm and {tilt:.3g} rad remain"
             raise AssemblyError(f"{mechanism.name}: {text}", gap=offset)
         # If a loop does not close exactly in the CAD, a gap remains in every state; this is a finding, not an error.
-        self.gap = max(GAP, 10 * offset)
-        self.tilt = max(TILT, 10 * tilt)
+        self.gap = max(GAP, _OPEN_AS_DRAWN * offset)
+        self.tilt = max(TILT, _OPEN_AS_DRAWN * tilt)
 
     def _solve_once(self, stage: Stage, known: dict[str, Array]) -> None:
         """Solve one block by Newton's method without a kernel; `known` holds its inputs and takes its results."""
@@ -140,21 +155,21 @@ class LoopSolver:
             raise MechanismError(f"q has shape {np.shape(q)}; expected ({len(self.q)},)")
         if seed is None:
             seed = self._start
-        out = single(q, seed)
-        if out[12] <= self.gap and out[13] <= self.tilt and out[14] > 0:
+        results = single(q, seed)
+        if self._is_closed(results, 0.0):
             T = np.eye(4)
-            T[:3] = out[:12].reshape(3, 4)
+            T[:3] = results[_POSE].reshape(3, 4)
             return T
-        found = self.forward_many(np.asarray(q, float)[None])
-        if np.isfinite(found.Ts_base_tool).all():
-            return found.Ts_base_tool[0]
+        closed = self.forward_many(np.asarray(q, float)[None])
+        if np.isfinite(closed.Ts_base_tool).all():
+            return closed.Ts_base_tool[0]
         if not np.isfinite(q).all():
             raise MechanismError(f"q is not finite: {np.asarray(q).tolist()}")
         raise AssemblyError(
             f"{self.mechanism.name}: the loops cannot be closed at q = {np.round(q, 6).tolist()}: the "
-            f"smallest gap is {found.offset[0] / MM:.3g} mm",
-            best=found,
-            gap=float(found.offset[0]),
+            f"smallest gap is {closed.offset[0] / MM:.3g} mm",
+            best=closed,
+            gap=float(closed.offset[0]),
         )
 
     def close(self, q: Array, seed: Array, margin: float = -np.inf) -> Array | None:
@@ -163,14 +178,18 @@ class LoopSolver:
         The solution may be in any assembly; usually, it is in the assembly of the seed. None: the method does not
         converge, or the margin of the solution (see `ClosedStates`) is not above `margin`.
         """
-        out = self._single(q, seed)
-        if out[12] <= self.gap and out[13] <= self.tilt and out[14] > margin:
-            return out[15:]
+        results = self._single(q, seed)
+        if self._is_closed(results, margin):
+            return results[_UNKNOWNS]
         return None
+
+    def _is_closed(self, results: Array, margin: float) -> bool:
+        """Return whether the results of a single state close the loops, with a margin above `margin`."""
+        return bool(results[_OFFSET] <= self.gap and results[_TILT] <= self.tilt and results[_MARGIN] > margin)
 
     def pose(self, q: Array, states: Array) -> Array:
         """Return T_base_tool (4, 4) at q (n,) and loop unknowns (m,) that close the loops."""
-        rows = self._single(q, states)[:12].reshape(3, 4)
+        rows = self._single(q, states)[_POSE].reshape(3, 4)
         return np.vstack([rows, [0.0, 0.0, 0.0, 1.0]])
 
     def forward_many(self, qs: Array, seeds: Array | None = None, threads: int | None = None) -> ClosedStates:
@@ -190,11 +209,11 @@ class LoopSolver:
 
         finite = np.isfinite(Q).all(axis=0)
         for stations in _WALK:
-            failed = np.flatnonzero(~self._good(gaps) & finite)
+            failed = np.flatnonzero(~self._are_closed(gaps) & finite)
             if not len(failed) or not self.blocks:
                 break
             new_poses, new_gaps, new_states = self._walked(Q[:, failed], stations, threads)
-            better = self._good(new_gaps)  # if a state cannot be closed, its first result remains
+            better = self._are_closed(new_gaps)  # if a state cannot be closed, its first result remains
             repaired = failed[better]
             poses[:, repaired] = new_poses[:, better]
             gaps[:, repaired] = new_gaps[:, better]
@@ -203,7 +222,7 @@ class LoopSolver:
         Ts = np.zeros((len(qs), 4, 4))
         Ts[:, 3, 3] = 1
         Ts[:, :3] = poses.T.reshape(-1, 3, 4)
-        Ts[~(self._good(gaps) & finite)] = np.nan
+        Ts[~(self._are_closed(gaps) & finite)] = np.nan
         return ClosedStates(Ts, np.ascontiguousarray(states.T), *gaps)
 
     def _rows(self, states: Array, count: int) -> Array:
@@ -259,7 +278,8 @@ class LoopSolver:
         stage = links_stage(e, {"q": e.q, "states": e.states})
         return Kernel([stage], inputs, ["links"], single=single)
 
-    def _good(self, gaps: Array) -> np.ndarray:
+    def _are_closed(self, gaps: Array) -> np.ndarray:
+        """Return (k,) bool: whether the loops are closed in the assembly of the rest poses, for gaps (3, k)."""
         return (gaps[0] <= self.gap) & (gaps[1] <= self.tilt) & (gaps[2] > 0)
 
     @cached_property

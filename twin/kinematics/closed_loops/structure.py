@@ -11,8 +11,11 @@ from twin.core.spatial import Array
 from twin.kinematics.closed_loops.equations import STEPS, LoopEquations
 
 _TRIES = 32
+"""Number of random states at which residuals and derivatives are evaluated."""
+
 _NOTHING = 1e-12
 """Residual in m or rad that a redundant equation does not exceed in any state, even with open loops."""
+
 _FLAT = 1e-13
 """Size below which a derivative counts as zero."""
 
@@ -111,12 +114,12 @@ def _sorted(pattern: np.ndarray) -> list[tuple[list[int], list[int]]]:
 
 def _components(pattern: np.ndarray) -> list[tuple[list[int], list[int]]]:
     """Return the groups (rows, columns) of a pattern; no two groups have a row or a column in common."""
-    left = set(range(pattern.shape[1]))
-    out: list[tuple[list[int], list[int]]] = []
-    while left:
+    ungrouped = set(range(pattern.shape[1]))
+    groups: list[tuple[list[int], list[int]]] = []
+    while ungrouped:
         columns: set[int] = set()
         rows: set[int] = set()
-        added = {min(left)}
+        added = {min(ungrouped)}
         # A group grows by the rows of its columns and by the columns of its rows, until nothing is added.
         while added:
             columns |= added
@@ -124,7 +127,7 @@ def _components(pattern: np.ndarray) -> list[tuple[list[int], list[int]]]:
             rows |= set(np.flatnonzero(linked_rows).tolist())
             linked_columns = pattern[sorted(rows)].any(axis=0)
             added = set(np.flatnonzero(linked_columns).tolist()) - columns
-        left -= columns
+        ungrouped -= columns
         if rows:
-            out.append((sorted(rows), sorted(columns)))
-    return out
+            groups.append((sorted(rows), sorted(columns)))
+    return groups
