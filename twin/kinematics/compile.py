@@ -13,8 +13,9 @@ from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.formula import variant_choice
 from twin.formula.contract import Formula, check_formula
-from twin.kinematics import forward_solver, inverse_solver
+from twin.kinematics import forward_solver
 from twin.kinematics.compiled import POSE_TOL, Compiled, ExtraJoint, poses
+from twin.kinematics.solve import inverse_by_solver, inverse_by_solver_many
 
 
 def compile_formula(
@@ -61,7 +62,7 @@ class Kinematics(Compiled):
         """
         T = poses(T_base_tool, batch=False)
         if not self.closed_inverse:
-            return inverse_solver.inverse_by_solver(self, T, seed)
+            return inverse_by_solver(self, T, seed)
         out = self.program.inverse.one(T.ravel())
         q = out[:-1]
         misfit = out.item(-1)
@@ -83,7 +84,7 @@ class Kinematics(Compiled):
         """Return q (k, n) at poses (k, 4, 4); NaN rows where the pose is out of reach or not rigid."""
         Ts = poses(Ts_base_tool)
         if not self.closed_inverse:
-            return inverse_solver.inverse_by_solver_many(self, Ts)
+            return inverse_by_solver_many(self, Ts)
         return self.program.judged_inverse.many(Ts.reshape(-1, 16))
 
     def inverse_of_all(self, Ts_base_tool: ArrayLike, seed: ArrayLike | None = None) -> Array:
@@ -102,7 +103,7 @@ class Kinematics(Compiled):
             if seed is not None and np.shape(seed) == q.shape[1:]:
                 q[:, self.auxiliary] = np.asarray(seed)[self.auxiliary]
         else:
-            q = inverse_solver.inverse_by_solver_many(self, Ts, seed)
+            q = inverse_by_solver_many(self, Ts, seed)
         if np.isnan(q.sum()):  # a row without a solution is NaN
             self._raise_unsolved(Ts, q, seed)
         return q

@@ -140,6 +140,28 @@ def solve(
     )
 
 
+def inverse_by_solver(kin: Compiled, T: Array, seed: ArrayLike | None) -> Array:
+    """Return q (n,) at a pose (4, 4) for a formula that has only forward equations.
+
+    Raises:
+        KinematicsError: no solution is found.
+    """
+    return solve(kin, Pose(T), seed=seed).q
+
+
+def inverse_by_solver_many(kin: Compiled, Ts: Array, seed: ArrayLike | None = None) -> Array:
+    """Return q (k, n) at poses (k, 4, 4), each solved from the previous solution; NaN rows without a solution."""
+    qs = np.full((len(Ts), len(kin.joints)), np.nan)
+    for i, T in enumerate(Ts):
+        try:
+            q = inverse_by_solver(kin, T, seed)
+        except KinematicsError:
+            continue
+        qs[i] = q
+        seed = q
+    return qs
+
+
 def seeds(kin: Compiled, rng: int, starts: int, bounds: Array | None = None) -> Iterator[Array]:
     """Yield starting states: q (n,) if there is a forward equation, else poses (4, 4).
 
