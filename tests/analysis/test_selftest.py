@@ -150,10 +150,12 @@ def test_a_validator_that_is_deaf_misses(bench, monkeypatch):
     """The score is of the validator: with a check taken out, its faults are missed."""
     slow = next(f for f in drawn(bench, ("timing",), 10, 0) if f.kind == "slower")
     assert bench.outcome(slow).code == "timing.claimed"
-    monkeypatch.setattr("twin.validation.timing._claims", lambda *_: ())
+    monkeypatch.setattr("twin.validation.timing._false_claims", lambda *_: ())
     monkeypatch.setattr("twin.validation.compare._rates", lambda *_: None)
     monkeypatch.setattr("twin.planning.check._consistent", lambda *_: [])
-    monkeypatch.setattr("twin.validation.passage.retimed", lambda *_: ([], {}, []))  # the second solver of the timing
+    monkeypatch.setattr(
+        "twin.validation.trajectory_checks.retimed", lambda *_: ([], {}, [])
+    )  # the second solver of the timing
     monkeypatch.setattr("twin.analysis.mutation.bench.PARTS", frozenset(("protocol", "equations")))
     monkeypatch.setattr(Bench, "_part_findings", lambda self, fault, folder: iter([self._new(_thin(self, fault))]))
     assert bench.outcome(slow).state == "missed"

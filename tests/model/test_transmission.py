@@ -36,7 +36,7 @@ from twin.model.transmission import Actuator, Transmission
 from twin.planning.check import check
 from twin.ui.session.desk import Desk
 from twin.usd.read import read_stage
-from twin.validation.content import content
+from twin.validation.stage_content import content
 
 # -- algebra -------------------------------------------------------------------------------------------
 

@@ -38,7 +38,7 @@ from twin.ui.viewer.keep import _ends_inside
 from twin.ui.viewer.page import open_page
 from twin.ui.viewer.server import serve
 from twin.usd.read import read_stage
-from twin.validation.content import content
+from twin.validation.stage_content import content
 from twin.validation.trocars import as_written
 
 AWAY = np.array([1 * MM, 0, 0])

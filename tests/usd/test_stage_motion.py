@@ -16,8 +16,8 @@ from twin.core import assets
 from twin.core.units import DEG
 from twin.planning.link_motion import BY_EQUATIONS, BY_PLAN
 from twin.planning.trajectory import key_times
+from twin.validation.baked_motion import KEY_RATE, baked_rows, measure, samples
 from twin.validation.case import summaries
-from twin.validation.motion import KEY_RATE, baked_rows, measure, samples
 from twin.validation.rows import Tolerances
 
 ROOT = Path(__file__).parents[2]

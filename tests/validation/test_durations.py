@@ -19,8 +19,8 @@ from twin.planning.plan import plan
 from twin.planning.timing import Timing, time_path
 from twin.validation import durations as judge
 from twin.validation.case import Case
+from twin.validation.checked_plan import retimed
 from twin.validation.judge import judge as judged_by_parts
-from twin.validation.retimed import retimed
 from twin.validation.rows import Tolerances
 
 ROOT = Path(__file__).resolve().parents[2]

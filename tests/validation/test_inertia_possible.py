@@ -15,9 +15,9 @@ from twin.cli import main
 from twin.core import spatial
 from twin.model.body import Mesh
 from twin.model.inertia import Inertia
-from twin.validation.masses import collect, possible, published_moments
-from twin.validation.masses.guess import guesses, misfit
-from twin.validation.masses.possible import StatedInertia, judged, stated
+from twin.validation.masses import mass_sources, physical_limits, published_moments
+from twin.validation.masses.physical_limits import StatedInertia, judged, stated
+from twin.validation.masses.probable_mistake import guesses, misfit
 
 SLOW = settings(max_examples=20, deadline=None, suppress_health_check=list(HealthCheck))
 
@@ -68,7 +68,7 @@ def test_moments_of_point_masses_are_possible_and_the_least_mass_is_the_edge(see
     m, p = rng.uniform(0.1, 2, 6), rng.normal(size=(6, 3))
     S = np.einsum("k,ki,kj->ij", m, p, p)
     tensor, first = np.trace(S) * np.eye(3) - S, m @ p
-    least = possible.least_mass(tensor, first)
+    least = physical_limits.least_mass(tensor, first)
     assert 0 < least <= m.sum() * (1 + 1e-9)
     assert least == pytest.approx(float(first @ np.linalg.solve(S, first)), rel=1e-6)
     assert codes(judged(StatedInertia("b", "t", 0.99 * least, first, tensor)).findings) == ["inertia.impossible"]
@@ -186,7 +186,7 @@ def test_a_hollow_body_is_not_accused():
 def test_the_printed_tables_of_the_pa10():
     from twin.core import assets
 
-    source = collect.of_exhibit(assets.files("pa10").cad / "exhibit.toml")
+    source = mass_sources.of_exhibit(assets.files("pa10").cad / "exhibit.toml")
     assert [round(b.least, 3) for b in source.bodies] == [10.036, 9.801, 5.945, 4.906, 2.472, 0.452, 0.087]
     assert codes(source.all_findings) == ["inertia.sign"]
     assert "158.06" in source.findings[0].message
@@ -212,10 +212,10 @@ def test_the_sign_of_printed_products_is_told_by_the_mass_that_it_asks_for(seed)
         s = stated(f"{i}", "t", inertia)
         rows.append((s.name, s.first, s.tensor))
         negated.append((s.name, s.first, published_moments.negated(s.tensor)))
-    assert "inertia.sign" not in codes(collect.of_moments("t", rows).findings)
-    told = collect.of_moments("t", negated)
+    assert "inertia.sign" not in codes(mass_sources.of_moments("t", rows).findings)
+    told = mass_sources.of_moments("t", negated)
     assert codes(told.findings) in (["inertia.sign"], ["inertia.sign_open"])
-    least = sum(possible.least_mass(J, h) for _, h, J in negated)
+    least = sum(physical_limits.least_mass(J, h) for _, h, J in negated)
     if least > 1.1 * sum(b.least for b in told.bodies):
         assert codes(told.findings) == ["inertia.sign"]
 

@@ -14,10 +14,10 @@ from twin.model.inertia import Inertia
 from twin.model.joint import Drive
 from twin.model.mechanism import Coupling
 from twin.usd.read import read_stage
-from twin.validation.content import content, estimate
+from twin.validation.baked_motion import Written, written_rows
 from twin.validation.masses import solid
-from twin.validation.motion import Written, written_rows
 from twin.validation.rows import Tolerances
+from twin.validation.stage_content import content, estimate
 
 
 @pytest.fixture(scope="module")

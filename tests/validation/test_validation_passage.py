@@ -11,7 +11,7 @@ import twin
 from twin.core import spatial
 from twin.core.units import DEG, MM
 from twin.planning.plan import plan
-from twin.validation import consistent, margins, shaft, timing
+from twin.validation import margins, rcm_fixes, shaft, timing
 from twin.validation.equations_comparison import EquationsComparison
 from twin.validation.rows import SampleClock
 
@@ -206,7 +206,7 @@ def test_the_maximum_between_samples_is_that_of_a_dense_look(sils, planned):
 def test_the_printed_target_and_what_would_keep_the_rcm(sils, printed):
     protocol, trajectory = printed
     T = sils.mechanism.frame_in_tool(protocol.frame)
-    facts, found = consistent.fixes(protocol, trajectory, sils.path_kinematics(), T)
+    facts, found = rcm_fixes.fixes(protocol, trajectory, sils.path_kinematics(), T)
     move = facts["sweep: move the tip, keep the angles"]
     assert "by 45.78 mm" in move
     assert "the robot can do the protocol" in move
@@ -225,7 +225,7 @@ def test_the_printed_target_and_what_would_keep_the_rcm(sils, printed):
 
 
 def test_a_fix_states_no_size_of_zero():
-    kept = consistent.Fix("move the tip, keep the angles", "t", 0.0, 0.0, "(1, 2, 3) mm", True, "no joint has limits")
+    kept = rcm_fixes.Fix("move the tip, keep the angles", "t", 0.0, 0.0, "(1, 2, 3) mm", True, "no joint has limits")
     assert kept.text.startswith("move the tip, keep the angles: (1, 2, 3) mm; ")
     assert ", by 0.002 mm: " in replace(kept, moved=2e-6).text  # not 0.00 mm
     assert ", by 1 mm and 57.3°: " in replace(kept, moved=1e-3, turned=1.0).text
@@ -234,7 +234,7 @@ def test_a_fix_states_no_size_of_zero():
 def test_a_protocol_that_keeps_its_rcm_needs_no_fix(sils, planned):
     protocol, trajectory = planned
     T = sils.mechanism.frame_in_tool(protocol.frame)
-    assert consistent.fixes(protocol, trajectory, sils.path_kinematics(), T) == ({}, [])
+    assert rcm_fixes.fixes(protocol, trajectory, sils.path_kinematics(), T) == ({}, [])
 
 
 def test_a_wrong_sign_of_an_angle_is_recognised(sils, printed):
@@ -248,7 +248,7 @@ def test_a_wrong_sign_of_an_angle_is_recognised(sils, printed):
     right = span.rcm + 40 * MM * (R @ trajectory.shaft_axis)
     wrong = replace(w, position=right, angles=w.angles * [1, -1, 1])
     other = replace(protocol, waypoints={**protocol.waypoints, "t": wrong})
-    assert "signs +, -, +: the shaft passes through the RCM" in consistent._readings(other, trajectory, span)
+    assert "signs +, -, +: the shaft passes through the RCM" in rcm_fixes._readings(other, trajectory, span)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -256,7 +256,7 @@ def test_the_nearest_pose_keeps_the_rcm_and_none_beside_it_is_nearer(seed):
     rng = np.random.default_rng(seed)
     T = spatial.pose(spatial.exp_so3(rng.normal(size=3)), rng.normal(size=3) * 0.1)
     axis, rcm, lever = np.array([0, 0, -1.0]), rng.normal(size=3) * 0.1, 0.08
-    best = consistent.nearest(T, axis, rcm, lever)
+    best = rcm_fixes.nearest(T, axis, rcm, lever)
 
     def cost(X):
         turn = spatial.rotation_angle(T[:3, :3].T @ X[:3, :3])

@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     from twin.planning.link_motion import LinkMotion
     from twin.planning.protocol import Protocol, Solver
     from twin.planning.trajectory import Trajectory
+    from twin.validation.checked_plan import CheckedPlan
     from twin.validation.explain.explanation import Explanation
     from twin.validation.range_samples_result import RangeSamples
     from twin.validation.result import Report
-    from twin.validation.retimed import CheckedPlan
     from twin.validation.rows import Tolerances
     from twin.validation.stroke_result import Strokes
 
@@ -87,7 +87,7 @@ def check_plan(
         'agree'
     """
     from twin.planning.protocol import Protocol
-    from twin.validation.retimed import CheckedPlan, retimed
+    from twin.validation.checked_plan import CheckedPlan, retimed
 
     robot = loaded(robot)
     if not isinstance(protocol, Protocol):
@@ -184,7 +184,7 @@ def validate(
 def _motion(robot: Robot, trajectory: Trajectory) -> LinkMotion | None:
     """Return the motion that drives a stage; None if the loops of the CAD cannot be closed."""
     from twin.planning.trajectory import key_times
-    from twin.validation.motion import KEY_RATE
+    from twin.validation.baked_motion import KEY_RATE
 
     times = key_times(trajectory.duration, KEY_RATE)
     try:

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from twin.validation.console_result import Contract
     from twin.validation.group_tables import GroupTables
     from twin.validation.groups import Recomputed
-    from twin.validation.masses.collect import MassSource
-    from twin.validation.masses.possible import JudgedInertia
+    from twin.validation.masses.mass_sources import MassSource
+    from twin.validation.masses.physical_limits import JudgedInertia
 
 _NEXT = "compare the numbers below with the document; if the document prints them, also cite the recomputed numbers"
 
@@ -307,18 +307,18 @@ def masses(robot: Robot | str | Path, progress: Progress = silent) -> Masses:
         >>> twin.masses("hibou").verdict
         'agree'
     """
-    from twin.validation.masses import collect
+    from twin.validation.masses import mass_sources
 
     robot = loaded(robot)
 
     sources = []
     progress("compute masses", 0.0)
     if robot.files is None:
-        sources.append(collect.of_mechanism(robot.mechanism, "stage"))
+        sources.append(mass_sources.of_mechanism(robot.mechanism, "stage"))
     else:
         cad = robot.weighed().cad
         weighed = cad.mechanism
-        computed = collect.of_mechanism(weighed, "computed from the CAD")
+        computed = mass_sources.of_mechanism(weighed, "computed from the CAD")
         # why a body of the CAD has no mass
         reasons = [finding for finding in cad.findings if finding.code in ("cad.open_mesh", "cad.no_material")]
         sources.append(replace(computed, findings=(*computed.findings, *reasons)))
@@ -327,12 +327,12 @@ def masses(robot: Robot | str | Path, progress: Progress = silent) -> Masses:
 
             progress("USD stage", 0.0)
             on_stage = read_stage(robot.files.stage)
-            sources.append(collect.of_mechanism(on_stage, f"stage {robot.files.stage.name}"))
+            sources.append(mass_sources.of_mechanism(on_stage, f"stage {robot.files.stage.name}"))
         if (robot.files.cad / "inertia.toml").is_file():
-            sources.append(collect.of_table(robot.files.cad, weighed))
+            sources.append(mass_sources.of_table(robot.files.cad, weighed))
         exhibit = robot.files.cad / "exhibit.toml"
         if exhibit.is_file():
-            sources.append(collect.of_exhibit(exhibit))
+            sources.append(mass_sources.of_exhibit(exhibit))
     if not any(source.bodies for source in sources):
         raise TwinError(f"{robot.name}: no mass is stated; give materials with densities, or an inertia.toml")
     return Masses(robot.name, tuple(sources))

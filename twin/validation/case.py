@@ -13,8 +13,8 @@ from twin.planning.link_motion import LinkMotion
 from twin.planning.protocol import Protocol
 from twin.planning.trajectory import PathKinematics, Trajectory
 from twin.reference import ReferenceModel
+from twin.validation.baked_motion import MeasuredMotion
 from twin.validation.equations_comparison import EquationsComparison
-from twin.validation.motion import MeasuredMotion
 from twin.validation.result import PhaseSummary
 from twin.validation.rows import SampleClock, Tolerances
 
@@ -95,12 +95,12 @@ def summaries(trajectory: Trajectory) -> tuple[PhaseSummary, ...]:
             PhaseSummary(
                 phase.name,
                 phase.type,
-                phase.t0,
-                phase.t1,
-                rcm,
-                phase.rcm_mode or "",
-                phase.rounds,
-                phase.solver or "",
+                t0=phase.t0,
+                t1=phase.t1,
+                rcm=rcm,
+                rcm_mode=phase.rcm_mode or "",
+                rounds=phase.rounds,
+                solver=phase.solver or "",
             )
         )
     return tuple(summaries)

@@ -156,7 +156,7 @@ def _cause(faulty: Side, name: str, group: list[Finding]) -> Cause:
     for finding in alike:
         if finding is not head:  # by identity: two findings can have the same content
             also.append(finding)
-    return Cause(first.cause or first.where or first.code, faulty, head, tuple(also), tuple(follows))
+    return Cause(first.cause or first.where or first.code, faulty, head=head, also=tuple(also), follows=tuple(follows))
 
 
 def _largest(findings: list[Finding]) -> Finding:

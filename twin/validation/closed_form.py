@@ -101,7 +101,7 @@ def judge(form: ClosedForm, dynamics: Dynamics, count: int = 200, seed: int = 0)
         M = (dynamics.mass_matrix(q) - dynamics.rotor)[np.ix_(published, published)]
         c = dynamics.coriolis(q, qd)[published]
         g = dynamics.gravity(q)[published]
-        states.append(_State(qd[published], terms, M, c, g))
+        states.append(_State(qd[published], A=terms, M=M, c=c, g=g))
     out = JudgedForm()
     _consistent(states, out)
     _compare(form, angle, states, out)

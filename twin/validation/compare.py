@@ -73,7 +73,7 @@ def compare(
     start_values = None
     if another_solution:
         start_values = q
-    out.posed = _posed(model, trajectory, out.coarse, start_values, progress)
+    out.posed = _posed(model, trajectory, out.coarse, q=start_values, progress=progress)
     compared = ComparedSamples(
         model=model,
         trajectory=trajectory,
@@ -182,7 +182,16 @@ def _check_points(compared: ComparedSamples, kin: Kinematics) -> Blame:
         equations[name] = equation_of(kin, kin.formula.points[name])
         error = value - compared.posed.points[name]
         limit = compared.tolerances.position
-        rows[name] = row("A-B", "point", name, "m", error, limit, compared.coarse, note=equations[name])
+        rows[name] = row(
+            "A-B",
+            "point",
+            name,
+            unit="m",
+            differences=error,
+            tolerance=limit,
+            clock=compared.coarse,
+            note=equations[name],
+        )
         compared.out.series[f"residual_point.{name}"] = np.linalg.norm(error, axis=1)
     blame = _worst_point(rows, equations)
     for name, residual in rows.items():
@@ -422,7 +431,9 @@ def _check_forward(compared: ComparedSamples, kin: Kinematics) -> None:
         compared.out.findings.append(disagreement("forward.no_answer", "tool", what, when=when, cause=by))
         return
     limits = (compared.tolerances.position, compared.tolerances.rotation)
-    for r in pose_rows("A-B", "tool, forward", compared.posed.Ts_base_tool, Ts, limits, compared.coarse, note=by):
+    for r in pose_rows(
+        "A-B", "tool, forward", Ts=compared.posed.Ts_base_tool, others=Ts, limits=limits, clock=compared.coarse, note=by
+    ):
         what = f"at the same joint values, the forward equations ({by}) and the mechanism give different tool poses"
         compared.out.judge(r, _FORWARD, what, "tool", cause=by)
 
@@ -435,7 +446,16 @@ def _check_passive(compared: ComparedSamples, kin: Kinematics, blamed: Blame) ->
         if name not in true:
             continue
         error = np.angle(np.exp(1j * (value - true[name])))  # modulo full turns
-        r = row("A-B", "passive", name, "rad", error, limit, compared.coarse, consequence_of=blamed.row)
+        r = row(
+            "A-B",
+            "passive",
+            name,
+            unit="rad",
+            differences=error,
+            tolerance=limit,
+            clock=compared.coarse,
+            consequence_of=blamed.row,
+        )
         cause = blamed.cause or equation_of(kin, name)
         compared.out.differs(r, f"passive joint {name} differs from its value in the mechanism", cause)
 
@@ -460,7 +480,9 @@ def _check_tool(compared: ComparedSamples, kin: Kinematics, q: Array, blamed: Bl
     compared.out.series["residual_rotation"] = np.linalg.norm(rotation_vectors(Ts, run.Ts_base_tool), axis=1)
     compared.out.series["p_tool_B"] = run.Ts_base_tool[compared.out.coarse, :3, 3]
     limits = (compared.tolerances.position, compared.tolerances.rotation)
-    for r in pose_rows("A-B", "tool", Ts, run.Ts_base_tool, limits, compared.clock, consequence_of=blamed.row):
+    for r in pose_rows(
+        "A-B", "tool", Ts=Ts, others=run.Ts_base_tool, limits=limits, clock=compared.clock, consequence_of=blamed.row
+    ):
         what = "the joint values of the equations do not move the mechanism's tool to the requested pose"
         compared.out.differs(r, what, blamed.cause)
     _check_loops(compared, run, blamed.cause)
@@ -482,10 +504,26 @@ def _check_loops(compared: ComparedSamples, run: SolvedSamples, cause: str = "")
     balls = {joint.name for joint in compared.model.mechanism.loops if joint.type == "spherical"}
     for i, loop in enumerate(run.loop_names):
         what = f"loop {loop} does not close: its parts do not fit together (least-squares solution)"
-        shift = row("B", "loop", loop, "m", run.gaps[:, i, 0], compared.tolerances.loop, compared.clock)
+        shift = row(
+            "B",
+            "loop",
+            loop,
+            unit="m",
+            differences=run.gaps[:, i, 0],
+            tolerance=compared.tolerances.loop,
+            clock=compared.clock,
+        )
         compared.out.differs(shift, what, cause)
         if loop not in balls:  # a ball turns freely
-            turn = row("B", "loop", loop, "rad", run.gaps[:, i, 1], compared.tolerances.rotation, compared.clock)
+            turn = row(
+                "B",
+                "loop",
+                loop,
+                unit="rad",
+                differences=run.gaps[:, i, 1],
+                tolerance=compared.tolerances.rotation,
+                clock=compared.clock,
+            )
             compared.out.differs(turn, what, cause)
 
 
@@ -510,5 +548,5 @@ def _check_rates(compared: ComparedSamples, states: Array) -> None:
         ("acceleration", "rad/s2", turning_acceleration_error, _TURNING * limits.acceleration),
     )
     for kind, unit, error, limit in kinds:
-        r = row("A-B", kind, "tool", unit, error, limit, compared.coarse)
+        r = row("A-B", kind, "tool", unit=unit, differences=error, tolerance=limit, clock=compared.coarse)
         compared.out.differs(r, f"the tool's planned {kind} differs from its {kind} in the mechanism")

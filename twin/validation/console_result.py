@@ -127,7 +127,9 @@ def _finding(c: Clause, variants: Mapping[str, str]) -> Finding:
         cause = f"{c.equation} ({variant})"
     size = Quantity(c.value, c.unit)
     place = f"eq. {_printed(c.equation)}"
-    return disagreement(f"console.{c.name}", place, c.violation, size, c.limit, c.advice, cause=cause, word="")
+    return disagreement(
+        f"console.{c.name}", place, c.violation, size=size, limit=c.limit, suggestion=c.advice, cause=cause, word=""
+    )
 
 
 def number(x: float) -> str:

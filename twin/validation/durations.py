@@ -30,28 +30,34 @@ from twin.planning.trajectory import PhaseCurve, PhaseSpan, Trajectory
 from twin.validation.result import PhaseSummary, Residual
 from twin.validation.rows import SampleClock, row
 
-DURATION = 1e-5
+DURATION_TOLERANCE = 1e-5
 """Accepted relative deviation of a duration: of the optimum that the plan states from that of the other solver, and of
 the sampled duration from this optimum, slowed down and rounded up."""
 
-OVER = 2e-3
+LIMIT_TOLERANCE = 2e-3
 """Accepted relative excess over a limit: 1e-3 is the planner's tolerance, 1e-3 that of rates taken from samples."""
 
-OFF = 1e-6
+PATH_TOLERANCE = 1e-6
 """Largest accepted distance of a sample from the path of its phase, as a fraction of the way of the joints."""
 
 Fastest = Callable[[Array, Array, Array, Array], Array]
 """Function of grid (k,), first and second derivatives (m, k) in units of the acceleration limits, and speed limits (m,)
 that returns ds/dt (k,) at the grid points."""
 
-_POINTS = 5
+_POINTS_PER_INTERVAL = 5
 """Number of points of each grid interval, both ends included, at which the optimum is compared with the limits."""
 
-_FEWEST = 2
+_FEWEST_STEPS = 2
 """Smallest number of samples after the first one in a phase."""
 
-_NEVER = 1e6
+_UNREACHED = 1e6
 """A missing limit is replaced by this factor times a typical rate, so that it is never reached."""
+
+_PROJECTIONS = 2
+"""Number of Newton steps that project a sample on the path; each doubles the number of correct digits."""
+
+_AT_REST = 1e-12
+"""Squared speed of a path, relative to its maximum, below which a projection does not divide by it."""
 
 _AGAIN = "plan the protocol again; if the phase still deviates, compare both solvers (--timing)"
 
@@ -115,23 +121,23 @@ class _Derivatives:
 
 
 @dataclass(frozen=True)
-class _Timed:
+class _RetimedPhase:
     """A phase, timed by the other solver.
 
     Attributes:
         shortest: shortest duration in s on the grid.
-        slower: factor by which this motion must be slowed down.
-        duration: relative deviation of the plan's duration; negative if it is too short.
+        slowdown: factor by which this motion must be slowed down.
+        duration_error: relative deviation of the plan's duration; negative if it is too short.
         speed, acceleration: largest speed and acceleration of the plan at the grid points, divided by their limits.
-        off: largest distance of a sample from the path, as a fraction of the way of the joints.
+        path_error: largest distance of a sample from the path, as a fraction of the way of the joints.
     """
 
     shortest: float
-    slower: float
-    duration: float
+    slowdown: float
+    duration_error: float
     speed: float
     acceleration: float
-    off: float
+    path_error: float
 
 
 def durations(
@@ -153,7 +159,7 @@ def durations(
     """
     facts: dict[str, str] = {}
     findings: list[Finding] = []
-    judged: list[tuple[PhaseSpan, _Timed]] = []
+    judged: list[tuple[PhaseSpan, _RetimedPhase]] = []
     failed: list[str] = []
     for span in trajectory.phases:
         if span.solver is None or span.curve is None:
@@ -161,7 +167,7 @@ def durations(
             continue
         name, fastest = others[span.solver]
         try:
-            timed = _timed(trajectory, span, span.curve, _limits(mechanism, protocol, span), fastest)
+            timed = _retimed_phase(trajectory, span, span.curve, _limits(mechanism, protocol, span), fastest)
         except TimingError as reason:
             failed.append(span.name)
             facts[span.name] = f"unchecked: {name}: {reason}"
@@ -196,7 +202,9 @@ def _limits(mechanism: Mechanism, protocol: Protocol, span: PhaseSpan) -> _Limit
         speed.append(joint.max_speed or missing_speed)
         acceleration.append(joint.max_acceleration or missing_acceleration)
     rows, motor_speed = _motor_limits(mechanism)
-    return _Limits(np.array(speed), np.array(acceleration), rows, motor_speed, frame)
+    return _Limits(
+        speed=np.array(speed), acceleration=np.array(acceleration), motors=rows, motor_speed=motor_speed, frame=frame
+    )
 
 
 def _is_in_joints(protocol: Protocol, span: PhaseSpan) -> bool:
@@ -227,12 +235,15 @@ def _motor_limits(mechanism: Mechanism) -> tuple[Array, Array]:
 
 
 def _derivatives(curve: PhaseCurve, s: Array) -> _Derivatives:
+    """Return the derivatives of joints and moved frame at path parameters s (k,)."""
     joints = _Curve(curve.joints(s, 1), curve.joints(s, 2))
     motion = curve.motion(s)
     return _Derivatives(joints, _Curve(motion.p1, motion.p2), _Curve(motion.w1, motion.w2))
 
 
-def _timed(trajectory: Trajectory, span: PhaseSpan, curve: PhaseCurve, limits: _Limits, fastest: Fastest) -> _Timed:
+def _retimed_phase(
+    trajectory: Trajectory, span: PhaseSpan, curve: PhaseCurve, limits: _Limits, fastest: Fastest
+) -> _RetimedPhase:
     """Return a phase, timed by the solver `fastest`.
 
     Raises:
@@ -240,46 +251,57 @@ def _timed(trajectory: Trajectory, span: PhaseSpan, curve: PhaseCurve, limits: _
     """
     dt = trajectory.step
     steps = span.stop - span.start
-    part = _POINTS - 1
-    dense = np.linspace(0.0, 1.0, part * (span.knots - 1) + 1)
-    grid = dense[::part]
+    parts = _POINTS_PER_INTERVAL - 1
+    dense = np.linspace(0.0, 1.0, parts * (span.knots - 1) + 1)
+    grid = dense[::parts]
     at_dense = _derivatives(curve, dense)
-    at_grid = at_dense.every(part)
+    at_grid = at_dense.every(parts)
 
     # The optimum of the other solver.
-    rates = _rates(grid, at_grid, limits, steps * dt, fastest)
+    rates = _fastest_rates(grid, at_grid, limits, steps * dt, fastest)
     mean_rates = (rates[1:] + rates[:-1]) / 2
     shortest = float(np.sum(np.diff(grid) / mean_rates))
-    speed, acceleration = _between(dense, at_dense, grid, rates, limits)
-    slower = max(1.0, speed, float(np.sqrt(acceleration))) * span.for_jerk
+    speed, acceleration = _largest_loads(dense, at_dense, grid, rates, limits)
+    # a motion that is slowed down by a factor has accelerations that are lower by its square
+    slowdown = max(1.0, speed, float(np.sqrt(acceleration))) * span.for_jerk
 
     # The sampled duration, without averaging, is the needed duration, rounded up to a multiple of dt.
-    needed = shortest * slower / dt
-    lasts = steps - round(span.smoothing / dt)
-    missing = min(0.0, lasts - needed)
-    excess = max(0.0, lasts - max(needed + 1, _FEWEST))
-    sampled_deviation = (missing + excess) / needed
+    needed_steps = shortest * slowdown / dt
+    planned_steps = steps - round(span.smoothing / dt)
+    missing = min(0.0, planned_steps - needed_steps)
+    excess = max(0.0, planned_steps - max(needed_steps + 1, _FEWEST_STEPS))
+    sampled_deviation = (missing + excess) / needed_steps
     stated_deviation = span.optimal / shortest - 1
     deviation = max(stated_deviation, sampled_deviation, key=abs)
 
     # The samples of the plan.
     q = trajectory.q[span.start : span.stop + 1]
-    s, off = _progress(q, curve, dense)
+    s, path_error = _project_on_path(q, curve, dense)
     sd, sdd = _rates_of_samples(grid, s, dt)
     speeds, accelerations = _loads(at_grid, sd, sdd, limits)
-    return _Timed(shortest, slower, deviation, float(np.max(speeds)), float(np.max(accelerations)), off)
+    return _RetimedPhase(
+        shortest=shortest,
+        slowdown=slowdown,
+        duration_error=deviation,
+        speed=float(np.max(speeds)),
+        acceleration=float(np.max(accelerations)),
+        path_error=path_error,
+    )
 
 
-def _rates(grid: Array, d: _Derivatives, limits: _Limits, unit: float, fastest: Fastest) -> Array:
+def _fastest_rates(
+    grid: Array, derivatives: _Derivatives, limits: _Limits, time_unit: float, fastest: Fastest
+) -> Array:
     """Return the largest ds/dt (k,) at the grid points, from rest to rest.
 
-    Times are in units of `unit` s (the duration of the plan), and each coordinate is in units of its acceleration limit
-    times `unit` squared: solvers have absolute tolerances, with which they would fail for short paths.
+    Times are in units of `time_unit` s (the duration of the plan), and each coordinate is in units of its acceleration
+    limit times `time_unit` squared: solvers have absolute tolerances, with which they would fail for short paths.
     """
-    tip = d.tip.arc()
-    turn = d.turn.arc()
-    first = np.column_stack([d.joints.first, tip.first, turn.first, d.joints.first @ limits.motors.T])
-    second = np.column_stack([d.joints.second, tip.second, turn.second, d.joints.second @ limits.motors.T])
+    joints = derivatives.joints
+    tip = derivatives.tip.arc()
+    turn = derivatives.turn.arc()
+    first = np.column_stack([joints.first, tip.first, turn.first, joints.first @ limits.motors.T])
+    second = np.column_stack([joints.second, tip.second, turn.second, joints.second @ limits.motors.T])
     if not (np.all(np.isfinite(first)) and np.all(np.isfinite(second))):
         raise TimingError("the path has no finite derivatives")
 
@@ -293,19 +315,21 @@ def _rates(grid: Array, d: _Derivatives, limits: _Limits, unit: float, fastest: 
     # The solvers need finite limits: a missing one is so high that it is never reached.
     typical = np.max(np.abs(first), axis=0)
     typical[typical == 0] = 1.0
-    speed = np.where(np.isfinite(speed), speed, _NEVER * typical / unit)
-    acceleration = np.where(np.isfinite(acceleration), acceleration, _NEVER * typical / unit**2)
+    speed = np.where(np.isfinite(speed), speed, _UNREACHED * typical / time_unit)
+    acceleration = np.where(np.isfinite(acceleration), acceleration, _UNREACHED * typical / time_unit**2)
 
-    scale = acceleration * unit**2
+    scale = acceleration * time_unit**2
     scaled_first = np.ascontiguousarray((first / scale).T)
     scaled_second = np.ascontiguousarray((second / scale).T)
-    rates = fastest(grid, scaled_first, scaled_second, speed * unit / scale)
+    rates = fastest(grid, scaled_first, scaled_second, speed * time_unit / scale)
     if not np.all(rates[1:] + rates[:-1] > 0):
         raise TimingError("the speed is zero between start and end of the path")
-    return rates / unit
+    return rates / time_unit
 
 
-def _between(dense: Array, at_dense: _Derivatives, grid: Array, rates: Array, limits: _Limits) -> tuple[float, float]:
+def _largest_loads(
+    dense: Array, at_dense: _Derivatives, grid: Array, rates: Array, limits: _Limits
+) -> tuple[float, float]:
     """Return the largest speed and acceleration, divided by their limits, of a motion with given rates at grid points.
 
     d2s/dt2 is constant in each grid interval, so that it has two values at a grid point.
@@ -313,7 +337,7 @@ def _between(dense: Array, at_dense: _Derivatives, grid: Array, rates: Array, li
     # If d2s/dt2 is constant, the square of ds/dt is linear in s.
     sd = np.sqrt(np.interp(dense, grid, rates**2))
     constant = np.diff(rates**2) / (2 * np.diff(grid))
-    in_intervals = np.repeat(constant, _POINTS - 1)
+    in_intervals = np.repeat(constant, _POINTS_PER_INTERVAL - 1)
     after = np.append(in_intervals, in_intervals[-1])
     before = np.insert(in_intervals, 0, in_intervals[0])
     speeds, accelerations_after = _loads(at_dense, sd, after, limits)
@@ -321,40 +345,40 @@ def _between(dense: Array, at_dense: _Derivatives, grid: Array, rates: Array, li
     return float(np.max(speeds)), float(np.max([accelerations_after, accelerations_before]))
 
 
-def _loads(d: _Derivatives, sd: Array, sdd: Array, limits: _Limits) -> tuple[Array, Array]:
+def _loads(derivatives: _Derivatives, sd: Array, sdd: Array, limits: _Limits) -> tuple[Array, Array]:
     """Return the largest speed and acceleration (k,), each divided by its limit, of joints, motors and moved frame."""
-    qd = d.joints.velocity(sd)
-    qdd = d.joints.acceleration(sd, sdd)
+    qd = derivatives.joints.velocity(sd)
+    qdd = derivatives.joints.acceleration(sd, sdd)
     speeds = [np.max(np.abs(qd) / limits.speed, axis=1)]
     accelerations = [np.max(np.abs(qdd) / limits.acceleration, axis=1)]
     if len(limits.motors):
         motor_speeds = qd @ limits.motors.T
         speeds.append(np.max(np.abs(motor_speeds) / limits.motor_speed, axis=1))
     frame = limits.frame
-    speeds.append(np.linalg.norm(d.tip.velocity(sd), axis=1) / frame.tip_speed)
-    speeds.append(np.linalg.norm(d.turn.velocity(sd), axis=1) / frame.rotation_speed)
-    accelerations.append(np.linalg.norm(d.tip.acceleration(sd, sdd), axis=1) / frame.tip_acceleration)
-    accelerations.append(np.linalg.norm(d.turn.acceleration(sd, sdd), axis=1) / frame.rotation_acceleration)
+    speeds.append(np.linalg.norm(derivatives.tip.velocity(sd), axis=1) / frame.tip_speed)
+    speeds.append(np.linalg.norm(derivatives.turn.velocity(sd), axis=1) / frame.rotation_speed)
+    accelerations.append(np.linalg.norm(derivatives.tip.acceleration(sd, sdd), axis=1) / frame.tip_acceleration)
+    accelerations.append(np.linalg.norm(derivatives.turn.acceleration(sd, sdd), axis=1) / frame.rotation_acceleration)
     return np.max(speeds, axis=0), np.max(accelerations, axis=0)
 
 
-def _progress(q: Array, curve: PhaseCurve, dense: Array) -> tuple[Array, float]:
+def _project_on_path(q: Array, curve: PhaseCurve, dense: Array) -> tuple[Array, float]:
     """Return (s (k,) at which the path has the joint values q (k, n), largest distance of q from the path).
 
     The distance is a fraction of the way of the joints. The first estimate of s is by the length of the way: it also
     holds for a path that returns to earlier joint values. Newton steps then project each sample on the path.
     """
     on_path = curve.joints(dense)
-    path_length = _length(on_path)
-    sample_length = _length(q)
+    path_length = _path_lengths(on_path)
+    sample_length = _path_lengths(q)
     if not (path_length[-1] > 0 and sample_length[-1] > 0):
         raise TimingError("no joint moves")
     s = np.interp(sample_length / sample_length[-1], path_length / path_length[-1], dense)
-    for _ in range(2):
+    for _ in range(_PROJECTIONS):
         first = curve.joints(s, 1)
         ahead = np.sum(first * (q - curve.joints(s)), axis=1)
         slope = np.sum(first**2, axis=1)
-        slope = np.maximum(slope, 1e-12 * np.max(slope))  # the path may be at rest, as at its ends
+        slope = np.maximum(slope, _AT_REST * np.max(slope))  # the path may be at rest, as at its ends
         s = np.clip(s + ahead / slope, 0.0, 1.0)
     s = np.maximum.accumulate(s)
     travel = np.max(np.sum(np.abs(np.diff(on_path, axis=0)), axis=0))
@@ -362,7 +386,7 @@ def _progress(q: Array, curve: PhaseCurve, dense: Array) -> tuple[Array, float]:
     return s, float(distance / travel)
 
 
-def _length(q: Array) -> Array:
+def _path_lengths(q: Array) -> Array:
     """Return the length (k,) of the way along rows q (k, n), from the first row."""
     steps = np.linalg.norm(np.diff(q, axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(steps)])
@@ -381,45 +405,69 @@ def _rates_of_samples(grid: Array, s: Array, dt: float) -> tuple[Array, Array]:
     return rate_at_grid, second_rate_at_grid
 
 
-def _fact(span: PhaseSpan, timed: _Timed, name: str) -> str:
-    slower = ""
-    if timed.slower > 1 + DURATION:
-        slower = f", slowed down by {100 * (timed.slower - 1):.2g} % between grid points"
+def _fact(span: PhaseSpan, timed: _RetimedPhase, name: str) -> str:
+    """Return the durations of a phase by both solvers as text; `name` is the solver that judges."""
+    slowed_down = ""
+    if timed.slowdown > 1 + DURATION_TOLERANCE:
+        slowed_down = f", slowed down by {100 * (timed.slowdown - 1):.2g} % between grid points"
     averaged = ""
     if span.smoothing:
         averaged = f", averaged over {span.smoothing:.3g} s"
     return (
-        f"{span.solver} {span.optimal:.6f} s, {name} {timed.shortest:.6f} s{slower}{averaged}; planned: "
+        f"{span.solver} {span.optimal:.6f} s, {name} {timed.shortest:.6f} s{slowed_down}{averaged}; planned: "
         f"{span.t1 - span.t0:.3f} s, at most {100 * timed.speed:.1f} % of a speed limit and "
         f"{100 * timed.acceleration:.1f} % of an acceleration limit"
     )
 
 
-def _findings(span: PhaseSpan, timed: _Timed, name: str) -> Iterator[Finding]:
+def _findings(span: PhaseSpan, timed: _RetimedPhase, name: str) -> Iterator[Finding]:
+    """Yield findings on the path, the duration and the limits of a phase; `name` is the solver that judges."""
     when = f"phase '{span.name}'"
-    if timed.off > OFF:
+    if timed.path_error > PATH_TOLERANCE:
         what = f"samples of phase '{span.name}' leave its path, as a fraction of its length"
-        yield disagreement("timing.path", span.name, what, Quantity(timed.off), OFF, _AGAIN, when=when)
-    if abs(timed.duration) > DURATION:
+        yield disagreement(
+            "timing.path",
+            span.name,
+            what,
+            size=Quantity(timed.path_error),
+            limit=PATH_TOLERANCE,
+            suggestion=_AGAIN,
+            when=when,
+        )
+    if abs(timed.duration_error) > DURATION_TOLERANCE:
         lasts = span.t1 - span.t0 - span.smoothing
-        needed = timed.shortest * timed.slower
-        word = "short" if timed.duration < 0 else "long"
+        needed = timed.shortest * timed.slowdown
+        word = "short" if timed.duration_error < 0 else "long"
         what = (
             f"phase '{span.name}' is too {word}: it lasts {lasts:.6g} s, and its optimum is stated as "
             f"{span.optimal:.7g} s; by {name}, the optimum is {timed.shortest:.7g} s, and the phase needs {needed:.7g} "
             "s; relative deviation"
         )
         yield disagreement(
-            "timing.duration", span.name, what, Quantity(abs(timed.duration)), DURATION, _AGAIN, when=when
+            "timing.duration",
+            span.name,
+            what,
+            size=Quantity(abs(timed.duration_error)),
+            limit=DURATION_TOLERANCE,
+            suggestion=_AGAIN,
+            when=when,
         )
     for rate, load in (("speed", timed.speed), ("acceleration", timed.acceleration)):
-        if load > 1 + OVER:
+        if load > 1 + LIMIT_TOLERANCE:
             what = f"phase '{span.name}' exceeds a limit of {rate} at the grid points of {name}, relative to the limit"
-            yield disagreement(f"timing.grid_{rate}", span.name, what, Quantity(load), 1 + OVER, _AGAIN, when=when)
+            yield disagreement(
+                f"timing.grid_{rate}",
+                span.name,
+                what,
+                size=Quantity(load),
+                limit=1 + LIMIT_TOLERANCE,
+                suggestion=_AGAIN,
+                when=when,
+            )
 
 
 def _rows(
-    judged: list[tuple[PhaseSpan, _Timed]],
+    judged: list[tuple[PhaseSpan, _RetimedPhase]],
     failed: list[str],
     others: Mapping[Solver, tuple[Solver, Fastest]],
 ) -> list[Residual]:
@@ -427,7 +475,11 @@ def _rows(
     unchecked = "; ".join(f"unchecked: {name}" for name in failed)
     if not judged:
         note = unchecked or "given by samples"
-        return [Residual("P-T", "duration", "phases", "", nan, nan, None, 0.0, "", note=note)]
+        return [
+            Residual(
+                "P-T", "duration", "phases", unit="", worst=nan, rms=nan, tolerance=None, t=0.0, phase="", note=note
+            )
+        ]
     judges: list[str] = []
     phases: list[PhaseSummary] = []
     deviations = np.zeros(len(judged))
@@ -435,9 +487,11 @@ def _rows(
     accelerations = np.zeros(len(judged))
     for i, (span, timed) in enumerate(judged):
         phases.append(PhaseSummary(span.name, span.type, span.t0, span.t1))
-        if span.solver is not None and others[span.solver][0] not in judges:
-            judges.append(others[span.solver][0])
-        deviations[i] = timed.duration
+        if span.solver is not None:
+            judge, _ = others[span.solver]
+            if judge not in judges:
+                judges.append(judge)
+        deviations[i] = timed.duration_error
         speeds[i] = timed.speed
         accelerations[i] = timed.acceleration
     # a row of the residual matrix belongs to a time: each phase has the time of its end
@@ -447,9 +501,22 @@ def _rows(
 
     solvers = " and ".join(judges)
     note = f"relative deviation from the shortest duration by {solvers}, slowed down and rounded up{addition}"
-    rows = [row("P-T", "duration", "phases", "", deviations, DURATION, clock, note=note)]
+    rows = [
+        row(
+            "P-T",
+            "duration",
+            "phases",
+            unit="",
+            differences=deviations,
+            tolerance=DURATION_TOLERANCE,
+            clock=clock,
+            note=note,
+        )
+    ]
     for rate, loads in (("speed", speeds), ("acceleration", accelerations)):
         excess = np.maximum(loads - 1, 0.0)
         note = f"relative excess at the grid points; at most {100 * np.max(loads):.1f} % of a limit{addition}"
-        rows.append(row("P-T", "limit", rate, "", excess, OVER, clock, note=note))
+        rows.append(
+            row("P-T", "limit", rate, unit="", differences=excess, tolerance=LIMIT_TOLERANCE, clock=clock, note=note)
+        )
     return rows

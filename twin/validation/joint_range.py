@@ -34,8 +34,11 @@ HEADING = "joint range"
 SLACK = 10.0
 """Factor on the tolerances of the protocol: singularities at the ends of the range magnify rounding errors."""
 
-_CHANGE = 0.4
+_ANGLE_CHANGE = 0.4
 """Change in rad of an angle that selects one solution of a redundant mechanism."""
+
+_WHOLE = 0.98
+"""Fraction of a joint's range from which it counts as reached: finitely many states miss the very ends."""
 
 _DIFFERS = Kind(
     "range.differs",
@@ -125,21 +128,27 @@ def range_errors(
     is_own_mode = np.ones(len(drawn.run.x), bool)
     errors = {}
     if kin.closed_inverse:
-        offset, turn, is_own_mode = _of_inverse(kin, model, drawn, tolerances, reads)
+        offset, turn, is_own_mode = _inverse_errors(kin, model, drawn, tolerances, reads)
         errors["inverse"] = offset, turn
     if kin.closed_forward:
-        errors["forward"] = _of_forward(kin, drawn)
+        errors["forward"] = _forward_errors(kin, drawn)
     other_values = {}
-    for p in _free_angles(kin, model) if free_angles else ():
-        changed = {**kin.parameters, p.name: kin.parameters[p.name] + _CHANGE}
-        extra_joints = model.mechanism.extra_joints(j.name for j in kin.formula.joints)
-        other = compile_formula(kin.formula, kin.variants, changed, extra_joints)
-        offset, turn, _ = _of_inverse(other, model, drawn, tolerances, reads)
-        judged = np.isfinite(offset)
-        text = f"inverse, {p.name} = {changed[p.name] / DEG:.0f} deg"
-        other_values[text] = np.where(judged, offset, np.nan), np.where(judged, turn, np.nan)
+    angles = []
+    if free_angles:
+        angles = _free_angles(kin, model)
+    for angle in angles:
+        changed_value = kin.parameters[angle.name] + _ANGLE_CHANGE
+        changed_parameters = {**kin.parameters, angle.name: changed_value}
+        extra_joints = model.mechanism.extra_joints(joint.name for joint in kin.formula.joints)
+        changed = compile_formula(kin.formula, kin.variants, changed_parameters, extra_joints)
+        offset, turn, _ = _inverse_errors(changed, model, drawn, tolerances, reads)
+        is_judged = np.isfinite(offset)
+        name = f"inverse, {angle.name} = {changed_value / DEG:.0f} deg"
+        other_values[name] = np.where(is_judged, offset, np.nan), np.where(is_judged, turn, np.nan)
     beyond, without_margin = beyond_reach(kin, drawn.run.q, drawn.run.Ts_base_tool)
-    return RangeErrors(drawn, beyond, without_margin, errors, is_own_mode, other_values)
+    return RangeErrors(
+        drawn, beyond=beyond, without_margin=without_margin, errors=errors, own=is_own_mode, other_values=other_values
+    )
 
 
 def _free_angles(kin: Kinematics, model: ReferenceModel) -> list[Parameter]:
@@ -174,7 +183,14 @@ def whole_range(kin: Kinematics, model: ReferenceModel, tolerances: Tolerances, 
         if residual.pair == "A-B" and not residual.agrees:
             wrong_before = residual.name
             break
-    judge = _Judge(found.drawn, inside, model.mechanism, tolerances, wrong_before, out)
+    judge = _Judge(
+        drawn=found.drawn,
+        inside=inside,
+        mechanism=model.mechanism,
+        tolerances=tolerances,
+        wrong_before=wrong_before,
+        out=out,
+    )
     for name, states in found.without_margin.items():
         judge.no_margin(name, states)
     for name, (offset, turn) in found.errors.items():
@@ -203,11 +219,15 @@ def beyond_reach(kin: Kinematics, q: Array, Ts: Array) -> tuple[dict[str, np.nda
     for states in beyond.values():
         outside |= states
     excluding = {name: states for name, states in beyond.items() if states.any()}
-    without_margin = {name: states & ~outside for name, states in unknown.items() if (states & ~outside).any()}
+    without_margin: dict[str, np.ndarray] = {}
+    for name, states in unknown.items():
+        unknown_inside = states & ~outside
+        if unknown_inside.any():
+            without_margin[name] = unknown_inside
     return excluding, without_margin
 
 
-def _of_inverse(
+def _inverse_errors(
     kin: Kinematics, model: ReferenceModel, drawn: JointRange, tolerances: Tolerances, reads: bool | None
 ) -> tuple[Array, Array, np.ndarray]:
     """Return the errors of the inverse equations (see `RangeErrors`): (k,) in m, (k,) in rad, and `own` (k,).
@@ -247,17 +267,19 @@ def poses_by_inverse(
     other = np.flatnonzero(answered & ~is_own_mode)
     if not len(other):
         return poses, is_own_mode
+    # The mechanism is driven to the values of another solution: its tool must then be at the same pose.
     true = run.Ts_base_tool[other]
     poses[other] = np.inf
-    least = np.full(len(q), np.inf)
-    turned = reads_orientation(kin, run.Ts_base_tool) if reads is None else reads
+    smallest_error = np.full(len(q), np.inf)
+    if reads is None:
+        reads = reads_orientation(kin, run.Ts_base_tool)
     closing = Closing(model, np.ones(q.shape[1]))
     closing.keep(run.q, run.x)
     # Full turns change no pose, but a walk from the known states may reach only one of the values.
-    within = np.where(kin.revolute, (q + np.pi) % (2 * np.pi) - np.pi, q)
+    within_one_turn = np.where(kin.revolute, (q + np.pi) % (2 * np.pi) - np.pi, q)
     nearest_turn = run.q + difference
     tried: list[Array] = []
-    for values in (q, within, nearest_turn):
+    for values in (q, within_one_turn, nearest_turn):
         new = np.ones(len(other), bool)
         for before in tried:
             new &= np.abs(values - before)[other].max(axis=1) > ROUNDING
@@ -267,13 +289,13 @@ def poses_by_inverse(
             continue
         states, possible = closing.states(values[rows])
         Ts = model.collect(states).Ts_base_tool
-        if not turned:
+        if not reads:
             Ts[:, :3, :3] = true[new, :3, :3]  # in another working mode, a position has another orientation
         error = np.linalg.norm(Ts[:, :3, 3] - true[new, :3, 3], axis=1)
         error += np.linalg.norm(rotation_vectors(true[new], Ts), axis=1)
-        nearer = possible & (error < least[rows])
+        nearer = possible & (error < smallest_error[rows])
         poses[rows[nearer]] = Ts[nearer]
-        least[rows[nearer]] = error[nearer]
+        smallest_error[rows[nearer]] = error[nearer]
     return poses, is_own_mode
 
 
@@ -288,7 +310,7 @@ def reads_orientation(kin: Kinematics, Ts: Array) -> bool:
     return not (known.any() and zero.all())
 
 
-def _of_forward(kin: Kinematics, drawn: JointRange) -> tuple[Array, Array]:
+def _forward_errors(kin: Kinematics, drawn: JointRange) -> tuple[Array, Array]:
     """Return the errors (k,) in m and (k,) in rad of the tool poses of the forward equations; NaN without a pose."""
     true = drawn.run.Ts_base_tool
     Ts = kin.forward_many(drawn.run.q)
@@ -333,8 +355,8 @@ class _Judge:
             return
         position_limit = SLACK * self.tolerances.position
         rotation_limit = SLACK * self.tolerances.rotation
-        position = self._row(name, "m", offset, judged, position_limit)
-        rotation = self._row(name, "rad", turn, judged, rotation_limit)
+        position = self._row(name, "m", offset, judged=judged, limit=position_limit)
+        rotation = self._row(name, "rad", turn, judged=judged, limit=rotation_limit)
         self.out.residuals += [position, rotation]
         wrong = judged & ((offset > position_limit) | (turn > rotation_limit))
         if not wrong.any():
@@ -358,13 +380,14 @@ class _Judge:
         self.out.findings.append(found)
 
     def _no_answer(self, name: str, missing: np.ndarray) -> None:
+        """Add a finding on equations that give no result at states (k,) bool."""
         kind = _NO_ANSWER_FOLLOWS if self.wrong_before else _NO_ANSWER
-        self._without_value(kind, name, f"the {name} equations give no result", missing, name)
+        self._without_value(kind, name, f"the {name} equations give no result", states=missing, cause=name)
 
     def no_margin(self, name: str, states: np.ndarray) -> None:
         """Add a finding on a row of reach that is NaN at states (k,) bool."""
         kind = _NO_MARGIN_FOLLOWS if self.wrong_before else _NO_MARGIN
-        self._without_value(kind, name, f"the row '{name}' of reach has no value", states, "reach")
+        self._without_value(kind, name, f"the row '{name}' of reach has no value", states=states, cause="reach")
 
     def _without_value(self, kind: Kind, name: str, what: str, states: np.ndarray, cause: str) -> None:
         """Add a finding on what the equations do not give at states (k,) bool that the mechanism can take."""
@@ -373,6 +396,8 @@ class _Judge:
         self.out.findings.append(kind(name, text, when=self._state(first), cause=cause))
 
     def _row(self, name: str, unit: str, error: Array, judged: np.ndarray, limit: float) -> Residual:
+        """Return the row of errors (k,) in `unit`, of which those at the states `judged` (k,) bool count."""
+        # an error is never negative, so that a state that is not judged is never the worst
         worst = int(np.argmax(np.where(judged, error, -1.0)))
         finite = error[judged & np.isfinite(error)]
         rms = float("nan")
@@ -382,12 +407,12 @@ class _Judge:
             "A-B",
             "range",
             name,
-            unit,
-            float(error[worst]),
-            rms,
-            limit,
-            0.0,
-            HEADING,
+            unit=unit,
+            worst=float(error[worst]),
+            rms=rms,
+            tolerance=limit,
+            t=0.0,
+            phase=HEADING,
             samples=int(judged.sum()),
             consequence_of=self.wrong_before,
             note=f"largest at {self._state(worst)}",
@@ -420,7 +445,7 @@ def _facts(
         first = values[:, i].min() / scale
         last = values[:, i].max() / scale
         text = f"{first:.1f} .. {last:.1f} {unit}"
-        if drawn.share[i] < 0.98:
+        if drawn.share[i] < _WHOLE:
             low = drawn.low[i] / scale
             high = drawn.high[i] / scale
             text += f"; not reached: the rest of {low:.1f} .. {high:.1f} {unit}"

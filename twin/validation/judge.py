@@ -20,15 +20,7 @@ from twin.model.mechanism import Mechanism
 from twin.planning.protocol import Solver
 from twin.planning.trajectory import Trajectory
 from twin.reference import ReferenceModel
-from twin.validation.case import PARTS, Case, Known, Part
-from twin.validation.compare import compare, tool_rates
-from twin.validation.content import content
-from twin.validation.equations_comparison import EquationsComparison
-from twin.validation.fulcrum import fulcrum
-from twin.validation.joint_range import whole_range
-from twin.validation.lengths import lengths, put_down
-from twin.validation.margins import check_equations_margins
-from twin.validation.motion import (
+from twin.validation.baked_motion import (
     MeasuredMotion,
     MotionSamples,
     baked_rows,
@@ -37,13 +29,21 @@ from twin.validation.motion import (
     samples,
     written_rows,
 )
-from twin.validation.passage import about_rcm, of_protocol, passage, passive_limits
-from twin.validation.plausible import apart
+from twin.validation.case import PARTS, Case, Known, Part
+from twin.validation.checked_plan import OTHERS
+from twin.validation.compare import compare, tool_rates
+from twin.validation.equations_comparison import EquationsComparison
+from twin.validation.fulcrum import fulcrum
+from twin.validation.joint_range import whole_range
+from twin.validation.lengths import lengths, put_down
+from twin.validation.margins import check_equations_margins
 from twin.validation.result import Report
-from twin.validation.retimed import OTHERS
 from twin.validation.rows import pose_rows, row, text
+from twin.validation.stage_content import content
+from twin.validation.trajectory_checks import about_rcm, of_protocol, passage, passive_limits
 from twin.validation.trocar_methods import three_methods
 from twin.validation.trocars import as_written, through_trocars
+from twin.validation.unit_mistakes import apart
 
 Progress = Callable[[str, float], None]
 
@@ -81,7 +81,14 @@ def judge(
     with measuring as call:
         try:
             if "equations" in parts:
-                comparison = compare(case.kinematics, case.model, trajectory, case.clock, case.tolerances, progress)
+                comparison = compare(
+                    case.kinematics,
+                    case.model,
+                    trajectory=trajectory,
+                    clock=case.clock,
+                    tolerances=case.tolerances,
+                    progress=progress,
+                )
                 _equations(case, comparison, progress)
             if "stage" in parts:
                 _stage(case, comparison, progress)
@@ -259,12 +266,16 @@ def _stage(case: Case, out: EquationsComparison, progress: Progress) -> None:
     out.facts["stage"] = {"float32 joint frames": note, "most sensitive joint": spread.worst_joint}
     clock = case.clock.at(out.coarse)
     limits = (case.tolerances.stage_position, case.tolerances.stage_rotation)
-    for residual in pose_rows("B-C", "tool", run.Ts_base_tool, back.Ts_base_tool, limits, clock, note=note):
+    for residual in pose_rows(
+        "B-C", "tool", Ts=run.Ts_base_tool, others=back.Ts_base_tool, limits=limits, clock=clock, note=note
+    ):
         what = "the mechanism read from the stage and the mechanism in the CAD have different tool poses"
         out.judge(residual, _STAGE, what, case.stage.name)
     for i, loop in enumerate(back.loop_names):
         gaps = back.gaps[:, i, 0]
-        out.residuals.append(row("C", "loop", loop, "m", gaps, case.tolerances.stage_position, clock))
+        out.residuals.append(
+            row("C", "loop", loop, unit="m", differences=gaps, tolerance=case.tolerances.stage_position, clock=clock)
+        )
 
 
 def _check_files(case: Case, out: EquationsComparison) -> None:
@@ -288,7 +299,9 @@ def _motion(measured: MeasuredMotion, motion_samples: MotionSamples, case: Case,
     out.residuals += rows
     out.findings += findings
     if measured.written is not None:
-        rows, findings = written_rows(measured.written, motion_samples, phases, case.tolerances, case.baked_for_it)
+        rows, findings = written_rows(
+            measured.written, motion_samples, phases=phases, tolerances=case.tolerances, due=case.baked_for_it
+        )
         out.residuals += rows
         out.findings += findings
     driver = motion_samples.driver or "reference model (Pinocchio), because equations and compiled loops give no motion"

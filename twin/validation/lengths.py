@@ -51,7 +51,16 @@ def lengths(
         where = f"{length.parameter} on {length.body}"
         note = f"{first} to {second}, in the CAD"
         difference = np.array([length.value - used])
-        r = row("A-B", "length", where, "m", difference, tolerances.position, drawn, note=note)
+        r = row(
+            "A-B",
+            "length",
+            where,
+            unit="m",
+            differences=difference,
+            tolerance=tolerances.position,
+            clock=drawn,
+            note=note,
+        )
         rows.append(r)
         if not r.agrees:
             findings.append(
@@ -60,9 +69,9 @@ def lengths(
                     length.body,
                     f"{where} measures {length.value / MM:.4f} mm from {first} to {second}; "
                     f"the equations use {used / MM:.4f} mm; difference",
-                    um(r.worst),
-                    um(tolerances.position),
-                    f"fix '{length.body}' in the CAD, or {length.parameter} in the equations",
+                    size=um(r.worst),
+                    limit=um(tolerances.position),
+                    suggestion=f"fix '{length.body}' in the CAD, or {length.parameter} in the equations",
                     when="as drawn",
                     cause=f"length {length.parameter}",
                     word="tolerance",

@@ -27,19 +27,19 @@ from twin.validation.joint_range import SLACK, beyond_reach, range_errors, reads
 from twin.validation.range_samples_result import CONFIRMED, JudgedStage, RangeSamples
 from twin.validation.rows import Tolerances
 
-_BLOCK = 1 << 18
+_BLOCK_STATES = 1 << 18
 """Number of states that are computed together: more of them need more memory, and are not faster."""
 
-_SUSPECTS = 256
+_MAX_EXAMINED = 256
 """Maximum number of suspected states that the reference model judges, spread evenly over all."""
 
-_PILOT = 2048
+_PILOT_STATES = 2048
 """Number of states over the whole range that tell whether most states are possible."""
 
-_ENOUGH = 0.5
+_MOSTLY_POSSIBLE = 0.5
 """Fraction of these states that must be possible; else, states are drawn on lines from the rest poses."""
 
-_SEEN = 1000
+_ORIENTATION_POSES = 1000
 """Number of poses at which it is found out whether the inverse equations read the orientation."""
 
 
@@ -74,16 +74,16 @@ class SuspectReservoir:
         self.found += len(q)
         new = q[numbers % self._every == 0]
         self._kept = new if self._kept is None else np.concatenate([self._kept, new])
-        while len(self._kept) > 2 * _SUSPECTS:
+        while len(self._kept) > 2 * _MAX_EXAMINED:
             self._kept = self._kept[::2]
             self._every *= 2
 
     def chosen(self) -> Array | None:
-        """Return joint values (s, n) of at most `_SUSPECTS` states; None if none was found."""
+        """Return joint values (s, n) of at most `_MAX_EXAMINED` states; None if none was found."""
         kept = self._kept
-        if kept is None or len(kept) <= _SUSPECTS:
+        if kept is None or len(kept) <= _MAX_EXAMINED:
             return kept
-        return kept[np.linspace(0, len(kept) - 1, _SUSPECTS).astype(int)]
+        return kept[np.linspace(0, len(kept) - 1, _MAX_EXAMINED).astype(int)]
 
 
 @dataclass(frozen=True)
@@ -128,12 +128,12 @@ class _Tally:
             self.worst = _WorstSuspect(float(size[largest]), q[largest].copy())
 
     def examined(self, joints: int) -> Array:
-        """Return joint values of at most `_SUSPECTS` suspects (s, joints), that with the largest error among them."""
+        """Return joint values (s, joints) of at most `_MAX_EXAMINED` suspects, with the largest error among them."""
         chosen = self.suspects.chosen()
         if chosen is None:
             return np.zeros((0, joints))
         if self.worst is not None and not (chosen == self.worst.q).all(axis=1).any():
-            chosen = np.concatenate([self.worst.q[None], chosen[: _SUSPECTS - 1]])
+            chosen = np.concatenate([self.worst.q[None], chosen[: _MAX_EXAMINED - 1]])
         return chosen
 
 
@@ -164,37 +164,36 @@ class SampledRange:
         beyond_count = 0
         unsuspected_count = 0
         unsuspected = np.zeros((0, len(self._rest)))
-        for first in range(0, samples, _BLOCK):
-            last = min(first + _BLOCK, samples)
+        for first in range(0, samples, _BLOCK_STATES):
+            last = min(first + _BLOCK_STATES, samples)
             q = self._drawn(first, last, self._on_lines)
             closed = self.loops.forward_many(q)
             possible = self._possible(q, closed)
             possible_count += int(possible.sum())
-            beyond, without_margin = self._beyond_reach(q[possible], closed.Ts_base_tool[possible])
+            beyond, without_margin = self._outside_reach(q[possible], closed.Ts_base_tool[possible])
             beyond_count += int(beyond.sum())
             rows = np.flatnonzero(possible)[~beyond]
             without_margin = {row: states[~beyond] for row, states in without_margin.items()}
-            block = q[rows], closed.Ts_base_tool[rows], closed.states[rows]
-            suspected = self._compare_block(*block, without_margin, tallies)
+            suspected = self._compare_block(
+                q[rows], closed.Ts_base_tool[rows], closed.states[rows], without_margin=without_margin, tallies=tallies
+            )
             unsuspected_count += int((~suspected).sum())
             if len(unsuspected) < CONFIRMED:
                 unsuspected = np.concatenate([unsuspected, q[rows[~suspected]][:CONFIRMED]])
             progress(f"{samples:.3g} states", last / samples)
         progress("reference model", 0.0)
-        confirmed, stages = self._decided(tallies, unsuspected[:CONFIRMED])
-        limit = (SLACK * self.tolerances.position, SLACK * self.tolerances.rotation)
-        device = compute_device.current().name
+        confirmed, stages = self._judged_stages(tallies, unsuspected[:CONFIRMED])
         return RangeSamples(
             robot=self.robot,
             samples=samples,
             on_lines=self._on_lines,
             possible=possible_count,
             beyond=beyond_count,
-            tolerance=limit,
+            tolerance=(SLACK * self.tolerances.position, SLACK * self.tolerances.rotation),
             stages=stages,
             unsuspected=unsuspected_count,
             confirmed=confirmed,
-            device=device,
+            device=compute_device.current().name,
             mechanism=self.model.mechanism,
         )
 
@@ -231,14 +230,14 @@ class SampledRange:
     @cached_property
     def _on_lines(self) -> bool:
         """Whether few states of the whole range are possible, so that states are drawn on lines."""
-        q = self._drawn(0, _PILOT, on_lines=False)
+        q = self._drawn(0, _PILOT_STATES, on_lines=False)
         possible = self._possible(q, self.loops.forward_many(q))
-        return bool(possible.mean() < _ENOUGH)
+        return bool(possible.mean() < _MOSTLY_POSSIBLE)
 
     @cached_property
     def _reads_orientation(self) -> bool:
         """Whether the inverse equations read the orientation: decided once, for kernels and reference model."""
-        q = self._drawn(0, _SEEN, self._on_lines)
+        q = self._drawn(0, _ORIENTATION_POSES, self._on_lines)
         closed = self.loops.forward_many(q)
         Ts = closed.Ts_base_tool[self._possible(q, closed)]
         return not len(Ts) or reads_orientation(self.kin, Ts)
@@ -250,7 +249,7 @@ class SampledRange:
             possible[possible] = self.passive.within(q[possible], closed.states[possible])
         return possible
 
-    def _beyond_reach(self, q: Array, Ts: Array) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    def _outside_reach(self, q: Array, Ts: Array) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Return (whether states are beyond a row of reach, (k,) bool; `RangeErrors.without_margin`)."""
         outside = np.zeros(len(q), bool)
         if not len(q):
@@ -274,15 +273,15 @@ class SampledRange:
             return suspected
         for key, tally in tallies.items():
             if key.kind == "reach":
-                offset = turn = _of_margin(without_margin, key.row, len(q))
+                offset = turn = _margin_errors(without_margin, key.row, len(q))
             elif key.kind == "inverse":
-                offset, turn = self._of_inverse(q, Ts, states)
+                offset, turn = self._inverse_errors(q, Ts, states)
             else:
-                offset, turn = _errors(Ts, self.kin.forward_many(q))
+                offset, turn = _pose_errors(Ts, self.kin.forward_many(q))
             suspected |= tally.add(q, offset, turn, self.tolerances)
         return suspected
 
-    def _of_inverse(self, q: Array, Ts: Array, states: Array) -> tuple[Array, Array]:
+    def _inverse_errors(self, q: Array, Ts: Array, states: Array) -> tuple[Array, Array]:
         """Return the errors (k,) in m and rad of the inverse equations: NaN without a result.
 
         The error is 0 where the equations give the joint values of the state; else, it is that of the mechanism's pose
@@ -304,24 +303,32 @@ class SampledRange:
             found = self.loops.forward_many(answer[other], states[other]).Ts_base_tool
             if not self._reads_orientation:
                 found[:, :3, :3] = Ts[other, :3, :3]  # in another working mode, a position has another orientation
-            offset[other], turn[other] = _errors(Ts[other], found)
+            offset[other], turn[other] = _pose_errors(Ts[other], found)
             open_loops = np.isnan(offset[other])
             offset[other[open_loops]] = np.inf
             turn[other[open_loops]] = np.inf
         return offset, turn
 
-    def _decided(self, tallies: dict[StageKey, _Tally], unsuspected: Array) -> tuple[int, tuple[JudgedStage, ...]]:
+    def _judged_stages(
+        self, tallies: dict[StageKey, _Tally], unsuspected: Array
+    ) -> tuple[int, tuple[JudgedStage, ...]]:
         """Return (number of unsuspected states that the reference model judged, what it finds about each stage).
 
         Rows of reach without a suspicion are left out.
         """
         closing = Closing(self.model, np.ones(len(self._rest)))
         confirming = self._judged_by_reference(closing, unsuspected)
+        confirmed = 0
+        if confirming is not None:
+            confirmed = len(confirming[0])
         stages = []
         for key, tally in tallies.items():
             if key.kind == "reach" and not tally.suspects.found:
                 continue
             examining = self._judged_by_reference(closing, tally.examined(len(self._rest)))
+            examined = 0
+            if examining is not None:
+                examined = len(examining[0])
             q = np.zeros((0, len(self._rest)))
             offset = np.zeros(0)
             turn = np.zeros(0)
@@ -332,9 +339,8 @@ class SampledRange:
                 q = np.concatenate([q, states])
                 offset = np.concatenate([offset, errors[key][0]])
                 turn = np.concatenate([turn, errors[key][1]])
-            examined = 0 if examining is None else len(examining[0])
-            stages.append(self._judged_stage(key, tally, examined, q, offset, turn))
-        return 0 if confirming is None else len(confirming[0]), tuple(stages)
+            stages.append(self._stage_result(key, tally, examined, q=q, offset=offset, turn=turn))
+        return confirmed, tuple(stages)
 
     def _judged_by_reference(
         self, closing: Closing, q: Array
@@ -342,26 +348,29 @@ class SampledRange:
         """Return (joint values (s, n), errors of the stages) by the reference model at those of q that it can take."""
         if not len(q):
             return None
-        states, closed = closing.states(q)
-        states = states[closed]
+        states, is_closed = closing.states(q)
+        states = states[is_closed]
         states = states[within_limits(self.model, states)]
         if not len(states):
             return None
-        drawn = JointRange(self.model.collect(states), *self._ends)
-        reads = self._reads_orientation if self.kin.closed_inverse else None
+        low, high = self._ends
+        drawn = JointRange(self.model.collect(states), low, high)
+        reads = None
+        if self.kin.closed_inverse:
+            reads = self._reads_orientation
         found = range_errors(self.kin, self.model, self.tolerances, drawn, free_angles=False, reads=reads)
         inside = found.inside
         errors: dict[StageKey, tuple[Array, Array]] = {}
         for key in self._stages():
             if key.kind == "reach":
-                margin = _of_margin(found.without_margin, key.row, len(inside))[inside]
+                margin = _margin_errors(found.without_margin, key.row, len(inside))[inside]
                 errors[key] = margin, margin
             else:
                 offset, turn = found.errors[key.kind]
                 errors[key] = offset[inside], turn[inside]
         return found.drawn.run.q[inside], errors
 
-    def _judged_stage(
+    def _stage_result(
         self, key: StageKey, tally: _Tally, examined: int, q: Array, offset: Array, turn: Array
     ) -> JudgedStage:
         """Return what was found, given the reference model's errors (s,) in m and rad at joint values q (s, n)."""
@@ -371,15 +380,21 @@ class SampledRange:
         worst = None
         if len(wrong):
             size = offset[wrong] / self.tolerances.position + turn[wrong] / self.tolerances.rotation
-            k = int(wrong[np.argmax(size)])
-            worst = (float(offset[k]), float(turn[k]), q[k])
-        missing_at = q[int(np.argmax(missing))] if missing.any() else None
-        is_margin = key.kind == "reach"
+            largest = int(wrong[np.argmax(size)])
+            worst = (float(offset[largest]), float(turn[largest]), q[largest])
+        missing_at = None
+        if missing.any():
+            missing_at = q[int(np.argmax(missing))]
+        position = tally.position
+        rotation = tally.rotation
+        if key.kind == "reach":  # a margin has a value or none, but no error
+            position = None
+            rotation = None
         return JudgedStage(
             name=key.kind,
             judged=tally.judged,
-            position=None if is_margin else tally.position,
-            rotation=None if is_margin else tally.rotation,
+            position=position,
+            rotation=rotation,
             suspects=tally.suspects.found,
             examined=examined,
             by_reference=len(q),
@@ -391,13 +406,13 @@ class SampledRange:
         )
 
 
-def _of_margin(without_margin: dict[str, np.ndarray], row: str, count: int) -> Array:
+def _margin_errors(without_margin: dict[str, np.ndarray], row: str, count: int) -> Array:
     """Return an error (count,) for a row of reach: 0 with a value of the margin, NaN without one."""
     states = without_margin.get(row, np.zeros(count, bool))
     return np.where(states, np.nan, 0.0)
 
 
-def _errors(true: Array, Ts: Array) -> tuple[Array, Array]:
+def _pose_errors(true: Array, Ts: Array) -> tuple[Array, Array]:
     """Return the errors (k,) in m and (k,) in rad of poses (k, 4, 4); NaN for poses that are NaN."""
     answered = np.isfinite(Ts).all(axis=(1, 2))
     offset = np.full(len(Ts), np.nan)

@@ -329,7 +329,18 @@ def _test(measure: str, groups: tuple[str, str], x: Array, y: Array) -> RankTest
     effect = 2 * superiority - 1
     counts = (len(x), len(y))
     medians = (float(np.median(x)), float(np.median(y)))
-    return RankTest(measure, groups, counts, medians, u, exact, p, p, effect, superiority)
+    return RankTest(
+        measure,
+        groups,
+        counts=counts,
+        medians=medians,
+        u=u,
+        exact=exact,
+        p=p,
+        holm=p,
+        effect=effect,
+        superiority=superiority,
+    )
 
 
 def _repeated(users: Users) -> Iterator[Finding]:
@@ -366,9 +377,9 @@ def _small(tests: Sequence[RankTest], counted: str) -> Iterator[Finding]:
                 f"{first} - {second}",
                 f"{first} and {second} have {n} and {m} {counted}: with so few {counted}, p cannot be below "
                 f"{smallest:.3f}",
-                Quantity(smallest, "1"),
-                0.05,
-                f"add {counted}: with 4 {counted} in each group, p can be as low as 0.029",
+                size=Quantity(smallest, "1"),
+                limit=0.05,
+                suggestion=f"add {counted}: with 4 {counted} in each group, p can be as low as 0.029",
                 word="",
             )
 
@@ -407,7 +418,9 @@ def _read(path: Path) -> Users:
     numbers = columns.pop(_TRIAL, None)
     if numbers is None:
         measures, findings = scored(path, columns, lines)
-        return Users(path.name, groups, sessions, sessions is not None, measures, findings)
+        return Users(
+            path.name, groups, sessions=sessions, repeated=sessions is not None, measures=measures, findings=findings
+        )
     if sessions is not None:
         raise DescriptionError(f"{path}:1: the header has '{_SESSION}' and '{_TRIAL}'; keep one of these columns")
     if _USER not in head:
@@ -422,7 +435,14 @@ def _read(path: Path) -> Users:
     left_out = len(numbers) - len(numbered)
     if left_out:
         text += f"; rows without a number in the column '{_TRIAL}', which do not count: {left_out}"
-    return Users(path.name, groups, None, False, measures, [*findings, info("study.trials", _TRIAL, text)])
+    return Users(
+        path.name,
+        groups,
+        sessions=None,
+        repeated=False,
+        measures=measures,
+        findings=[*findings, info("study.trials", _TRIAL, text)],
+    )
 
 
 def _means(

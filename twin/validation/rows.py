@@ -48,16 +48,16 @@ class Tolerances:
         p = max(position, self.position)
         r = max(position / (link or 0.1), self.rotation)
         return Tolerances(
-            p,
-            r,
-            max(self.loop, p),
-            max(self.stage_position, p),
-            max(self.stage_rotation, r),
-            self.baked_position,
-            self.baked_rotation,
-            max(self.speed, 10 * p),
-            max(self.acceleration, 100 * p),
-            max(self.rcm, p),
+            position=p,
+            rotation=r,
+            loop=max(self.loop, p),
+            stage_position=max(self.stage_position, p),
+            stage_rotation=max(self.stage_rotation, r),
+            baked_position=self.baked_position,
+            baked_rotation=self.baked_rotation,
+            speed=max(self.speed, 10 * p),
+            acceleration=max(self.acceleration, 100 * p),
+            rcm=max(self.rcm, p),
         )
 
 
@@ -120,14 +120,14 @@ def row(
         pair,
         quantity,
         name,
-        unit,
-        float(values[worst]),
-        rms,
-        tolerance,
-        t,
-        clock.phase(t),
-        component,
-        len(values),
+        unit=unit,
+        worst=float(values[worst]),
+        rms=rms,
+        tolerance=tolerance,
+        t=t,
+        phase=clock.phase(t),
+        component=component,
+        samples=len(values),
         **more,
     )
 
@@ -159,8 +159,17 @@ def pose_rows(
     """
     offset = others[:, :3, 3] - Ts[:, :3, 3]
     return (
-        row(pair, "tool", name, "m", offset, limits[0], clock, **more),
-        row(pair, "tool", name, "rad", rotation_vectors(Ts, others), limits[1], clock, **more),
+        row(pair, "tool", name, unit="m", differences=offset, tolerance=limits[0], clock=clock, **more),
+        row(
+            pair,
+            "tool",
+            name,
+            unit="rad",
+            differences=rotation_vectors(Ts, others),
+            tolerance=limits[1],
+            clock=clock,
+            **more,
+        ),
     )
 
 

@@ -26,14 +26,17 @@ from twin.reference import ReferenceModel
 from twin.validation.equations_comparison import EquationsComparison
 from twin.validation.rows import SampleClock, row, text
 
-ALL = 64
+ALL_MEASURED = 64
 """Largest number of samples of a phase that is measured in all intervals."""
 
-LOOKED = 12
+MEASURED_INTERVALS = 12
 """Largest number of measured intervals in a longer phase."""
 
 _INSIDE = np.linspace(0.0, 1.0, 9)[1:-1]
 """Positions (0 to 1) within an interval at which the distance is measured; a parabola refines the maximum."""
+
+_ROUNDING = 1e-12
+"""Distance in m below which a bound says nothing: it is a rounding error."""
 
 _BETWEEN = Kind(
     "rcm.between",
@@ -54,7 +57,7 @@ class Passage:
         between: largest distance measured between samples, in m.
         t: time of `between`, in s.
         bound: estimated upper bound of the distance anywhere in the phase, in m.
-        looked, intervals: number of measured intervals, and of all intervals.
+        measured, intervals: number of measured intervals, and of all intervals.
     """
 
     phase: str
@@ -63,7 +66,7 @@ class Passage:
     between: float
     t: float
     bound: float
-    looked: int
+    measured: int
     intervals: int
 
 
@@ -110,7 +113,7 @@ def _suspects(trajectory: Trajectory, span: PhaseSpan) -> Index:
     """
     assert span.rcm is not None
     rows = np.arange(span.start, span.stop + 1)
-    if len(rows) <= ALL:
+    if len(rows) <= ALL_MEASURED:
         return rows[:-1]
     e = offset(trajectory.Ts_base_frame[rows], trajectory.shaft_axis, span.rcm)
     rate = np.gradient(e, axis=0)
@@ -122,7 +125,7 @@ def _suspects(trajectory: Trajectory, span: PhaseSpan) -> Index:
         bend[:-1] = second
         bend[1:] = np.maximum(bend[1:], second)
     # The cubic is least accurate where the vector bends most.
-    half = LOOKED // 2
+    half = MEASURED_INTERVALS // 2
     chosen = {*np.argsort(longest)[-half:].tolist(), *np.argsort(bend)[-half:].tolist()}
     return span.start + np.array(sorted(chosen))
 
@@ -151,8 +154,8 @@ def _passage(trajectory: Trajectory, span: PhaseSpan, at: Index, Ts_inside: Arra
     ends = np.linalg.norm(e, axis=1)
     e_inside = offset(Ts_inside.reshape(-1, 4, 4), trajectory.shaft_axis, span.rcm)
     inside = np.linalg.norm(e_inside, axis=1).reshape(Ts_inside.shape[:2])
-    i, j = np.unravel_index(int(np.argmax(inside)), inside.shape)
-    size, position = _summit(inside[i], int(j))
+    interval, place = np.unravel_index(int(np.argmax(inside)), inside.shape)
+    size, position = _summit(inside[interval], int(place))
     # |e| <= larger end value + h^2/8 |e''|; e'' is twice (safety factor) the larger second difference at the ends
     bend = np.zeros(1)
     if len(e) > 2:
@@ -167,9 +170,9 @@ def _passage(trajectory: Trajectory, span: PhaseSpan, at: Index, Ts_inside: Arra
         enforced=span.rcm_mode != "monitored",
         at_samples=float(ends.max()),
         between=float(size),
-        t=float(trajectory.t[at[i]] + position * trajectory.step),
-        bound=float(max(bound.max(), size, 1e-12)),  # smaller values are rounding errors
-        looked=len(at),
+        t=float(trajectory.t[at[interval]] + position * trajectory.step),
+        bound=float(max(bound.max(), size, _ROUNDING)),
+        measured=len(at),
         intervals=len(ends) - 1,
     )
 
@@ -200,12 +203,23 @@ def between_samples(
         found = passages(model, trajectory)
     except AssemblyError:  # already reported by the comparison
         return
-    for p in found:
-        at = clock.at(np.array([np.searchsorted(trajectory.t, p.t)]))
+    for passage in found:
+        nearest_sample = np.searchsorted(trajectory.t, passage.t)
         limit = None
-        if p.enforced or p.at_samples <= tolerance:
+        if passage.enforced or passage.at_samples <= tolerance:
             limit = tolerance
-        note = f"measured in {p.looked} of {p.intervals} intervals; estimated bound elsewhere {text(p.bound, 'm')}"
-        r = row("B", "rcm", f"{p.phase}, between samples", "m", np.array([p.between]), limit, at, note=note)
-        what = f"between samples the shaft misses the RCM (largest distance at the samples: {mm(p.at_samples)})"
-        out.judge(r, _BETWEEN, what, "RCM", when=f"phase '{p.phase}', t = {p.t:.3f} s")
+        residual = row(
+            "B",
+            "rcm",
+            f"{passage.phase}, between samples",
+            unit="m",
+            differences=np.array([passage.between]),
+            tolerance=limit,
+            clock=clock.at(np.array([nearest_sample])),
+            note=(
+                f"measured in {passage.measured} of {passage.intervals} intervals; estimated bound elsewhere "
+                f"{text(passage.bound, 'm')}"
+            ),
+        )
+        what = f"between samples the shaft misses the RCM (largest distance at the samples: {mm(passage.at_samples)})"
+        out.judge(residual, _BETWEEN, what, "RCM", when=f"phase '{passage.phase}', t = {passage.t:.3f} s")

@@ -157,13 +157,13 @@ def sweep(
             raise TwinError(unknown("simplified loop model", name, STANDINS))
     return StrokeSweep(
         joint,
-        bool(kin.revolute[i]),
-        q[:, i],
-        limits,
-        float(run.gaps[..., 0].max(initial=0.0)),
-        _error(run.Ts_base_tool, Ts),
-        curves,
-        (tolerances.position, tolerances.rotation),
+        angle=bool(kin.revolute[i]),
+        q=q[:, i],
+        limits=limits,
+        gap=float(run.gaps[..., 0].max(initial=0.0)),
+        equations=_error(run.Ts_base_tool, Ts),
+        standins=curves,
+        tolerance=(tolerances.position, tolerances.rotation),
     )
 
 

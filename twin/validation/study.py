@@ -161,7 +161,11 @@ def _measure(measure: StudyMeasure) -> StudyRow:
     tests, reach = _with_reach(lambda cells: _tests(cells[:users], cells[users:]), np.append(physical, simulation))
     means = (float(physical.mean()), float(simulation.mean()))
     return StudyRow(
-        measure.name, measure.printed_p, tests, reach, {"printed": measure.printed_mean, "of the rows": means}
+        measure.name,
+        measure.printed_p,
+        tests=tests,
+        reach=reach,
+        means={"printed": measure.printed_mean, "of the rows": means},
     )
 
 
@@ -211,8 +215,8 @@ def _means(measure: StudyMeasure, row: StudyRow) -> list[Finding]:
                     measure.name,
                     f"{measure.name}, {where}: the paper prints a mean of {printed:.2f} {measure.unit}; the printed "
                     f"rows of the users give {mean:.2f}; difference",
-                    Quantity(difference, measure.unit),
-                    2 * _HALF_DIGIT,
+                    size=Quantity(difference, measure.unit),
+                    limit=2 * _HALF_DIGIT,
                     word="rounding",
                 )
             )
@@ -224,7 +228,7 @@ def _rating(rating: Rating, users: int) -> StudyRow:
     mean_2, std_2 = rating.simulation
     cells = np.array([mean_1, std_1, mean_2, std_2])
     tests, reach = _with_reach(lambda cells: _rating_tests(cells, users), cells)
-    return StudyRow(rating.name, rating.printed_p, tests, reach, {"printed": (mean_1, mean_2)})
+    return StudyRow(rating.name, rating.printed_p, tests=tests, reach=reach, means={"printed": (mean_1, mean_2)})
 
 
 def _rating_tests(cells: Array, users: int) -> dict[str, float]:
@@ -256,9 +260,9 @@ def _unreproduced(row: StudyRow) -> list[Finding]:
             row.name,
             f"{row.name}: p = {row.printed_p:.2f} is printed; no test gives this value from the printed rows "
             f"({', '.join(recomputed)})",
-            Quantity(abs(row.tests[nearest] - row.printed_p), "1"),
-            row.limit(nearest),
-            "single trials are not published; a test of the single trials may give the printed value",
+            size=Quantity(abs(row.tests[nearest] - row.printed_p), "1"),
+            limit=row.limit(nearest),
+            suggestion="single trials are not published; a test of the single trials may give the printed value",
             word="",
         )
     ]

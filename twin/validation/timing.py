@@ -26,10 +26,16 @@ from twin.planning.trajectory import PhaseSpan, Trajectory
 OVER = 2e-3
 """Accepted relative excess of a mean value over its limit: 1e-3 for the planner's tolerance and 1e-3 for rounding."""
 
-_CLOCK = 1e-9
+_CLOCK_TOLERANCE = 1e-9
 """Tolerance in s of sample times."""
 
-_ROUNDING = 8 * np.finfo(float).eps
+_PHASE_TOLERANCE = 1e-6
+"""Tolerance in s of the stated times of phases, which files may round."""
+
+_AT_REST = 1e-12
+"""Step in m or rad that counts as rest, also with a very small acceleration limit."""
+
+_RELATIVE_ROUNDING = 8 * np.finfo(float).eps
 """Relative rounding error of a sample; in a difference quotient, the error is divided by the time step."""
 
 
@@ -73,18 +79,18 @@ def timing(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> 
     findings = list(_clock(trajectory))
     if findings:  # without valid times no rates can be computed
         return {}, findings
-    joints = _joints(trajectory, mechanism)
-    frames: list[_Moving] = []
+    joints = _joint_motions(trajectory, mechanism)
+    frames: list[_SampledMotion] = []
     not_at_rest: list[Finding] = []
     for span in trajectory.phases:
-        frame = _frames(trajectory, protocol, span)
+        frame = _frame_motions(trajectory, protocol, span)
         frames += frame
-        not_at_rest += _rest(trajectory, span, [*frame, *joints])
+        not_at_rest += _not_at_rest(trajectory, span, [*frame, *joints])
     loads: list[Load] = []
     claims: list[Finding] = []
     for moving in [*joints, *frames]:
         loads += _loads(trajectory, moving)
-        claims += _claims(trajectory, moving)
+        claims += _false_claims(trajectory, moving)
     for load in loads:
         if load.size > load.limit * (1 + OVER):
             findings.append(_excess(load))
@@ -94,18 +100,20 @@ def timing(trajectory: Trajectory, mechanism: Mechanism, protocol: Protocol) -> 
 
 
 def _excess(load: Load) -> Finding:
+    """Return the finding on a maximum above its limit."""
     return disagreement(
         load.code,
         load.where,
         f"{load.what}, computed from differences of the samples, exceeds its limit",
-        Quantity(load.size, load.unit),
-        load.limit,
-        AGAIN,
+        size=Quantity(load.size, load.unit),
+        limit=load.limit,
+        suggestion=AGAIN,
         when=f"phase '{load.phase}', t = {load.t:.3f} s",
     )
 
 
 def _clock(trajectory: Trajectory) -> Iterator[Finding]:
+    """Yield findings on the times of samples and phases, without which rates cannot be computed."""
     t = trajectory.t
     steps = np.diff(t)
     if len(t) < 2 or not np.isfinite(t).all() or steps.min() <= 0:
@@ -113,15 +121,21 @@ def _clock(trajectory: Trajectory) -> Iterator[Finding]:
         return
     even = np.linspace(t[0], t[-1], len(t))
     deviation = float(np.abs(t - even).max())
-    if deviation > _CLOCK:
+    if deviation > _CLOCK_TOLERANCE:
         median = np.median(steps)
-        k = int(np.argmax(np.abs(steps - median)))
-        what = (
-            f"the samples are not evenly spaced: one step is {steps[k]:.6g} s, the median is {median:.6g} s; deviation"
+        worst = int(np.argmax(np.abs(steps - median)))
+        step = steps[worst]
+        what = f"the samples are not evenly spaced: one step is {step:.6g} s, the median is {median:.6g} s; deviation"
+        yield disagreement(
+            "timing.clock",
+            "t",
+            what,
+            size=Quantity(deviation, "s"),
+            limit=_CLOCK_TOLERANCE,
+            when=f"t = {t[worst]:.3f} s",
         )
-        yield disagreement("timing.clock", "t", what, Quantity(deviation, "s"), _CLOCK, when=f"t = {t[k]:.3f} s")
     if not _phases_cover(trajectory):
-        names = ", ".join(s.name for s in trajectory.phases)
+        names = ", ".join(span.name for span in trajectory.phases)
         what = "the phases must cover all samples without gaps, and begin and end at the stated times"
         yield disagreement("timing.phases", names, what)
 
@@ -139,13 +153,15 @@ def _phases_cover(trajectory: Trajectory) -> bool:
     for span in spans:
         if max(span.start, span.stop) > last:
             continue
-        if abs(t[span.start] - span.t0) > 1e-6 or abs(t[span.stop] - span.t1) > 1e-6:
+        starts_on_time = abs(t[span.start] - span.t0) <= _PHASE_TOLERANCE
+        stops_on_time = abs(t[span.stop] - span.t1) <= _PHASE_TOLERANCE
+        if not (starts_on_time and stops_on_time):
             return False
     return True
 
 
 @dataclass(frozen=True)
-class _Moving:
+class _SampledMotion:
     """Sampled motion of one joint, or of the moved frame in one phase (either its position or its rotation).
 
     Attributes:
@@ -178,8 +194,9 @@ class _Moving:
 _RATES = ("speed", "acceleration", "jerk")
 
 
-def _joints(trajectory: Trajectory, mechanism: Mechanism) -> list[_Moving]:
-    moving: list[_Moving] = []
+def _joint_motions(trajectory: Trajectory, mechanism: Mechanism) -> list[_SampledMotion]:
+    """Return the sampled motion of each driven joint over the whole trajectory."""
+    moving: list[_SampledMotion] = []
     for j, joint in enumerate(mechanism.active):
         q = trajectory.q[:, j : j + 1]
         qd = trajectory.qd[:, j : j + 1]
@@ -191,12 +208,25 @@ def _joints(trajectory: Trajectory, mechanism: Mechanism) -> list[_Moving]:
         unit, factor = display_unit(joint.is_angle)
         what = f"joint {joint.name}"
         names = [what] * len(_RATES)
-        motion = _Moving(what, what, joint.name, _RATES, names, unit, factor, 0, steps, qd, tuple(limits), size)
+        motion = _SampledMotion(
+            what,
+            what,
+            where=joint.name,
+            codes=_RATES,
+            names=names,
+            unit=unit,
+            factor=factor,
+            first=0,
+            steps=steps,
+            stated=qd,
+            limits=tuple(limits),
+            size=size,
+        )
         moving.append(motion)
     return moving
 
 
-def _frames(trajectory: Trajectory, protocol: Protocol, span: PhaseSpan) -> list[_Moving]:
+def _frame_motions(trajectory: Trajectory, protocol: Protocol, span: PhaseSpan) -> list[_SampledMotion]:
     """Return position and rotation of the moved frame in one phase."""
     rows = slice(span.start, span.stop + 1)
     p = trajectory.Ts_base_frame[rows, :3, 3]
@@ -205,29 +235,42 @@ def _frames(trajectory: Trajectory, protocol: Protocol, span: PhaseSpan) -> list
     turns = spatial.log_so3(R[1:] @ np.swapaxes(R[:-1], 1, 2))
     name = trajectory.frame
     limits = protocol.limits[span.type]
-    moving: list[_Moving] = []
+    moving: list[_SampledMotion] = []
     for kind, subject, unit, factor, steps, stated in (
         ("tip", name, "mm", MM, moves, trajectory.tip_velocity[rows]),
         ("rotation", f"{name} (rotation)", "deg", DEG, turns, trajectory.angular_velocity[rows]),
     ):
         codes = []
         names = []
-        most = []
+        limits_of_rates = []
         for rate in _RATES:
             codes.append(f"{kind}_{rate}")
             names.append(f"{kind} {rate} of {name} in phase '{span.name}'")
-            most.append(getattr(limits, f"{kind}_{rate}"))
+            limits_of_rates.append(getattr(limits, f"{kind}_{rate}"))
         what = f"{kind} of {name}"
-        motion = _Moving(what, subject, name, codes, names, unit, factor, span.start, steps, stated, tuple(most))
+        motion = _SampledMotion(
+            what,
+            subject,
+            where=name,
+            codes=codes,
+            names=names,
+            unit=unit,
+            factor=factor,
+            first=span.start,
+            steps=steps,
+            stated=stated,
+            limits=tuple(limits_of_rates),
+        )
         moving.append(motion)
     return moving
 
 
 def _phase(trajectory: Trajectory, sample: int) -> str:
-    return next(s.name for s in trajectory.phases if sample <= s.stop)
+    """Return the name of the phase of a sample; the last sample of a phase belongs to it."""
+    return next(span.name for span in trajectory.phases if sample <= span.stop)
 
 
-def _loads(trajectory: Trajectory, m: _Moving) -> Iterator[Load]:
+def _loads(trajectory: Trajectory, m: _SampledMotion) -> Iterator[Load]:
     """Yield the largest speed, acceleration and jerk; the jerk only of joints, and of frames with a jerk limit."""
     dt = trajectory.step
     for order, (code, name, limit) in enumerate(zip(m.codes, m.names, m.limits, strict=True), 1):
@@ -235,34 +278,39 @@ def _loads(trajectory: Trajectory, m: _Moving) -> Iterator[Load]:
             return
         differences = np.diff(m.steps, n=order - 1, axis=0)
         rates = np.linalg.norm(differences, axis=1) / dt**order
-        k = int(np.argmax(rates))
-        noise = _ROUNDING * 2**order * m.size / dt**order
-        size = max(0.0, float(rates[k]) - noise) / m.factor
+        fastest = int(np.argmax(rates))
+        # a difference of this order has 2**order rounded samples
+        noise = _RELATIVE_ROUNDING * 2**order * m.size / dt**order
+        size = max(0.0, float(rates[fastest]) - noise) / m.factor
         unit = f"{m.unit}/s"
         if order > 1:
             unit += str(order)
-        t = float(trajectory.t[m.first + k] + order * dt / 2)  # the middle of the samples of the difference
-        phase = _phase(trajectory, m.first + k + order)
-        yield Load(f"timing.{code}", name, m.where, unit, size, limit / m.factor, t, phase)
+        t = float(trajectory.t[m.first + fastest] + order * dt / 2)  # the middle of the samples of the difference
+        phase = _phase(trajectory, m.first + fastest + order)
+        yield Load(
+            f"timing.{code}", what=name, where=m.where, unit=unit, size=size, limit=limit / m.factor, t=t, phase=phase
+        )
 
 
-def _rest(trajectory: Trajectory, span: PhaseSpan, moving: list[_Moving]) -> Iterator[Finding]:
+def _not_at_rest(trajectory: Trajectory, span: PhaseSpan, moving: list[_SampledMotion]) -> Iterator[Finding]:
     """Yield a finding if a phase cannot begin or end at rest: a step is larger than the acceleration limit allows."""
     dt = trajectory.step
     for sample, step, verb in ((span.start, span.start, "begin"), (span.stop, span.stop - 1, "end")):
         for m in moving:
             distance = float(np.linalg.norm(m.steps[step - m.first]))
-            reach = 0.5 * m.limits[1] * dt**2 * (1 + OVER) + 1e-12
+            reach = 0.5 * m.limits[1] * dt**2 * (1 + OVER) + _AT_REST
             if distance <= reach:
                 continue
             what = f"phase '{span.name}' does not {verb} at rest: {m.subject} moves too far in one step of {dt:g} s"
             size = Quantity(distance / m.factor, m.unit)
             when = f"phase '{span.name}', t = {trajectory.t[sample]:.3f} s"
-            yield disagreement("timing.rest", m.where, what, size, reach / m.factor, AGAIN, when=when)
+            yield disagreement(
+                "timing.rest", m.where, what, size=size, limit=reach / m.factor, suggestion=AGAIN, when=when
+            )
             break  # one finding for each end of a phase
 
 
-def _claims(trajectory: Trajectory, m: _Moving) -> Iterator[Finding]:
+def _false_claims(trajectory: Trajectory, m: _SampledMotion) -> Iterator[Finding]:
     """Compare the stated speeds with the difference quotients of the positions.
 
     The average of the stated speeds at both ends of a step equals the mean speed in the step if the acceleration is
@@ -281,9 +329,9 @@ def _claims(trajectory: Trajectory, m: _Moving) -> Iterator[Finding]:
         "timing.claimed",
         m.where,
         f"the stated speed of {m.what} differs from the difference quotient of the positions",
-        Quantity(float(deviation.max()) / m.factor, f"{m.unit}/s"),
-        limit / m.factor,
-        AGAIN,
+        size=Quantity(float(deviation.max()) / m.factor, f"{m.unit}/s"),
+        limit=limit / m.factor,
+        suggestion=AGAIN,
         when=f"phase '{_phase(trajectory, sample)}', t = {trajectory.t[sample]:.3f} s",
         word="tolerance",
     )
@@ -297,9 +345,9 @@ def _facts(loads: list[Load], trajectory: Trajectory) -> dict[str, str]:
         by_code.setdefault(load.code, []).append(load)
     for code, alike in by_code.items():
         name = code.removeprefix("timing.")
-        most = max(alike, key=_share_of_limit)
-        if np.isfinite(most.limit):
-            facts[name.replace("_", " ")] = f"{most.what}: {most.text}"
+        most_loaded = max(alike, key=_share_of_limit)
+        if np.isfinite(most_loaded.limit):
+            facts[name.replace("_", " ")] = f"{most_loaded.what}: {most_loaded.text}"
             continue
         # Without a limit, quantities of different units cannot be compared.
         note = " (no limit is given; the jerk is not continuous)" if "jerk" in code else ""
@@ -307,12 +355,13 @@ def _facts(loads: list[Load], trajectory: Trajectory) -> dict[str, str]:
         for load in alike:
             if load.unit not in largest or load.size > largest[load.unit].size:
                 largest[load.unit] = load
-        for unit, most in largest.items():
-            facts[f"{name}, maximum in {unit}"] = f"{most.what}: {most.text}{note}"
+        for unit, load in largest.items():
+            facts[f"{name}, maximum in {unit}"] = f"{load.what}: {load.text}{note}"
     return facts
 
 
 def _share_of_limit(load: Load) -> float:
+    """Return a maximum divided by its limit; 0 without a limit."""
     if not np.isfinite(load.limit):
         return 0.0
     return load.size / load.limit

@@ -255,7 +255,14 @@ def _solved(kin: Kinematics, solver: PointSolver, problems: Problems, limits: Ar
     wrists_by_joints = solver.places(joints[by_joints_solved])[:, -1]
     off_joints[by_joints_solved] = np.linalg.norm(wrists_by_joints - wrists[by_joints_solved], axis=1)
     by_all = np.isfinite(closed).all(axis=(1, 2)) & within_limits & by_joints_solved
-    return _Solutions(points, within_limits, by_joints_solved, off_points, off_joints, by_all)
+    return _Solutions(
+        points=points,
+        within_limits=within_limits,
+        by_joints=by_joints_solved,
+        off_points=off_points,
+        off_joints=off_joints,
+        by_all=by_all,
+    )
 
 
 def _judge_wrists(solver: PointSolver, solutions: _Solutions, out: EquationsComparison) -> None:
@@ -264,8 +271,12 @@ def _judge_wrists(solver: PointSolver, solutions: _Solutions, out: EquationsComp
     chosen = solutions.by_all
     note = f"against the closed form, at {chosen.sum()} of {len(chosen)} random problems, which all methods solve"
     what = "the methods for tip and trocar give different positions"
-    _row(out, "A", f"{wrist} by points", solutions.off_points[chosen], EXACT, note, what)
-    _row(out, "A", f"{wrist} by joints", solutions.off_joints[chosen], EXACT, note, what)
+    _row(
+        out, "A", f"{wrist} by points", differences=solutions.off_points[chosen], tolerance=EXACT, note=note, what=what
+    )
+    _row(
+        out, "A", f"{wrist} by joints", differences=solutions.off_joints[chosen], tolerance=EXACT, note=note, what=what
+    )
 
 
 def _table(
@@ -318,7 +329,16 @@ def _along(solver: PointSolver, case: Case, out: EquationsComparison) -> None:
         known = distance[:, i][np.isfinite(distance[:, i])]
         note = f"against the closed form, at {len(known)} of {len(Ts)} poses of the protocol"
         what = "along the protocol, the optimisation and the closed form give different positions"
-        _row(out, "A", f"{name} along the protocol", known, EXACT, note, what, "protocol")
+        _row(
+            out,
+            "A",
+            f"{name} along the protocol",
+            differences=known,
+            tolerance=EXACT,
+            note=note,
+            what=what,
+            phase="protocol",
+        )
 
 
 def _mechanism(
@@ -341,7 +361,15 @@ def _mechanism(
     distance = np.linalg.norm(Ts[:, :3, 3] - tips, axis=1)
     missed = np.linalg.norm(np.cross(trocars - Ts[:, :3, 3], shaft), axis=1)
     for name, values in (("tip by points", distance), ("shaft by points", missed)):
-        _row(out, "A-B", name, values, case.tolerances.position, note, f"the mechanism misses its target: {name}")
+        _row(
+            out,
+            "A-B",
+            name,
+            differences=values,
+            tolerance=case.tolerances.position,
+            note=note,
+            what=f"the mechanism misses its target: {name}",
+        )
 
 
 def _row(
@@ -361,12 +389,12 @@ def _row(
         pair,
         "trocar",
         name,
-        "m",
-        float(differences.max()),
-        float(np.sqrt(np.mean(differences**2))),
-        tolerance,
-        0.0,
-        phase,
+        unit="m",
+        worst=float(differences.max()),
+        rms=float(np.sqrt(np.mean(differences**2))),
+        tolerance=tolerance,
+        t=0.0,
+        phase=phase,
         samples=len(differences),
         note=note,
     )

@@ -39,7 +39,16 @@ def through_trocars(case: Case, out: EquationsComparison) -> None:
         T = links[shaft.body] @ shaft.T_body_frame
         # z of the frame is along the shaft
         missed = spatial.point_to_line(mechanism.trocar_at(name), T[:, :3, 3], T[:, :3, 2])
-        r = row("B", "rcm", name, "m", missed, tolerance, times, note=f"{shaft.body} in trocar {name}")
+        r = row(
+            "B",
+            "rcm",
+            name,
+            unit="m",
+            differences=missed,
+            tolerance=tolerance,
+            clock=times,
+            note=f"{shaft.body} in trocar {name}",
+        )
         out.judge(r, _TROCAR, f"{shaft.body} misses trocar '{name}'")
 
 
@@ -63,6 +72,14 @@ def as_written(case: Case) -> list[Finding]:
             f"the motion on the stage has trocar '{name}' at ({position}) mm; distance from the trocar of the protocol"
         )
         findings.append(
-            finding(severity, "baked.trocar", name, text, mm(distance), mm(SINGLE), "run `twin build` again")
+            finding(
+                severity,
+                "baked.trocar",
+                name,
+                text,
+                size=mm(distance),
+                limit=mm(SINGLE),
+                suggestion="run `twin build` again",
+            )
         )
     return findings

@@ -33,11 +33,11 @@ from twin.planning.plan import plan
 from twin.planning.protocol import Protocol
 from twin.planning.trajectory import Trajectory
 from twin.reference import ReferenceModel
+from twin.validation.baked_motion import MeasuredMotion, measure, samples, written_motion
 from twin.validation.case import PARTS, Case, Known, Part, summaries
 from twin.validation.compare import compare
 from twin.validation.equations_comparison import EquationsComparison
 from twin.validation.judge import judge
-from twin.validation.motion import MeasuredMotion, measure, samples, written_motion
 from twin.validation.result import Report
 from twin.validation.rows import SampleClock, Tolerances
 

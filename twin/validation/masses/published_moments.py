@@ -24,7 +24,7 @@ from twin.core.json_types import JsonObject
 from twin.core.quantity import Quantity
 from twin.core.spatial import Array
 from twin.schema import Table, at, load_toml
-from twin.validation.masses.possible import least_mass
+from twin.validation.masses.physical_limits import least_mass
 
 Cell = Literal["mx", "my", "mz", "xx", "yy", "zz", "xy", "xz", "yz"]
 Products = Literal["as printed", "negated"]
@@ -170,7 +170,16 @@ def recompute(exhibit: Exhibit) -> tuple[list[MassRow], list[Finding]]:
         repaired = tuple(repair.cell for repair in body.repaired)
         mass_printed = least_mass(J, h)
         mass_negated = least_mass(J_negated, h)
-        rows.append(MassRow(body.name, definite, slack, mass_printed, mass_negated, repaired))
+        rows.append(
+            MassRow(
+                body.name,
+                definite=definite,
+                slack=slack,
+                mass_printed=mass_printed,
+                mass_negated=mass_negated,
+                repaired=repaired,
+            )
+        )
     findings = [*_repairs(exhibit), *_impossible(rows), *_products(rows)]
     if falling(rows, convention(rows)):
         findings.append(
@@ -254,9 +263,9 @@ def _products(rows: list[MassRow]) -> list[Finding]:
             "the products of inertia are printed as +integral(x y dm): as printed, the rows require a mass of at "
             f"least {mass_printed:.2f} kg in total, and row {worst.name} alone {worst.mass_printed:.3f} kg; with "
             f"negated products, {mass_negated:.2f} kg and {worst.mass_negated:.3f} kg",
-            Quantity(mass_printed, "kg"),
-            mass_negated,
-            "negate the products to build the tensor",
+            size=Quantity(mass_printed, "kg"),
+            limit=mass_negated,
+            suggestion="negate the products to build the tensor",
             word="",
         )
     ]

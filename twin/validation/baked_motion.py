@@ -207,7 +207,7 @@ def written_motion(root: Path | None, keys: Array, links: Mapping[str, Array]) -
         if name not in back:
             missing.append(name)
     if len(times) != len(keys) or np.abs(times - keys).max() > TIME:
-        return Written(root.name, times, np.zeros(0), np.zeros(0), tuple(missing))
+        return Written(root.name, times, position=np.zeros(0), rotation=np.zeros(0), missing=tuple(missing))
     return Written(root.name, times, *_errors(links, back, len(keys)), tuple(missing))
 
 
@@ -254,7 +254,16 @@ def written_rows(
         ("rad", written.rotation, tolerances.baked_rotation),
     ):
         limit = tolerance if due else None
-        residual = row("B-D", "baked", "links, existing motion", unit, errors, limit, keys, note=written.file)
+        residual = row(
+            "B-D",
+            "baked",
+            "links, existing motion",
+            unit=unit,
+            differences=errors,
+            tolerance=limit,
+            clock=keys,
+            note=written.file,
+        )
         rows.append(residual)
         if residual.worst > tolerance:
             findings.append(residual.finding(kind, text, written.file))
@@ -271,8 +280,26 @@ def baked_rows(
         return [], [disagreement("baked.times", "", "the baked time codes differ from the requested time codes")]
     name = "links at their time codes"
     rows = [
-        row("B-D", "baked", name, "m", measured.position, tolerances.baked_position, keys, note=samples.driver),
-        row("B-D", "baked", name, "rad", measured.rotation, tolerances.baked_rotation, keys, note=samples.driver),
+        row(
+            "B-D",
+            "baked",
+            name,
+            unit="m",
+            differences=measured.position,
+            tolerance=tolerances.baked_position,
+            clock=keys,
+            note=samples.driver,
+        ),
+        row(
+            "B-D",
+            "baked",
+            name,
+            unit="rad",
+            differences=measured.rotation,
+            tolerance=tolerances.baked_rotation,
+            clock=keys,
+            note=samples.driver,
+        ),
     ]
     findings = []
     for r in rows:
@@ -280,7 +307,18 @@ def baked_rows(
             text = "a baked link pose differs from the mechanism"
             findings.append(r.finding(_DIFFERS, text, "motion layer", when=f"t = {r.t:.2f} s"))
     note = f"error of a player that interpolates {KEY_RATE:g} Hz keys"
-    rows.append(row("B-D", "baked", "links between keys", "m", measured.between, None, middle, note=note))
+    rows.append(
+        row(
+            "B-D",
+            "baked",
+            "links between keys",
+            unit="m",
+            differences=measured.between,
+            tolerance=None,
+            clock=middle,
+            note=note,
+        )
+    )
     return rows, findings
 
 

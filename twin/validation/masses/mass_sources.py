@@ -13,7 +13,7 @@ from twin.core.spatial import Array
 from twin.model.mechanism import Mechanism
 from twin.reference import inertia
 from twin.validation.masses import published_moments
-from twin.validation.masses.possible import JudgedInertia, StatedInertia, judged, least_mass, stated
+from twin.validation.masses.physical_limits import JudgedInertia, StatedInertia, judged, least_mass, stated
 
 PLAIN = 1.02
 """The sign of the products counts as determined if the minimum masses for both signs differ by at least this factor."""
@@ -127,9 +127,9 @@ def of_moments(title: str, rows: list[tuple[str, Array, Array]]) -> MassSource:
                 "the products of inertia are printed as +integral(x y dm): as printed, the rows require a mass of "
                 f"at least {total:.2f} kg, {name} alone {masses[worst]:.3f} kg; with negated "
                 f"products, {total_negated:.2f} kg and {masses_negated[worst]:.3f} kg",
-                Quantity(total, "kg"),
-                total_negated,
-                "negate the products to build the tensor",
+                size=Quantity(total, "kg"),
+                limit=total_negated,
+                suggestion="negate the products to build the tensor",
                 when=title,
                 word="",
             )
@@ -140,13 +140,13 @@ def of_moments(title: str, rows: list[tuple[str, Array, Array]]) -> MassSource:
                 "inertia.sign_open",
                 "",
                 "the sign of the products is undetermined: both signs require about the same mass",
-                Quantity(total, "kg"),
-                total_negated,
+                size=Quantity(total, "kg"),
+                limit=total_negated,
                 when=title,
                 word="negated",
             )
         )
     bodies = []
     for name, first, tensor in chosen:
-        bodies.append(judged(StatedInertia(name, title, None, first, tensor)))
+        bodies.append(judged(StatedInertia(name, title, mass=None, first=first, tensor=tensor)))
     return MassSource(title, tuple(bodies), tuple(findings))

@@ -27,6 +27,12 @@ from twin.validation.masses import solid
 SINGLE = 1e-5
 """Maximum relative difference that single precision can cause."""
 
+_ZERO = 1e-12
+"""Difference, in the unit of the number, that is a rounding error beside zero."""
+
+_NEAR = 1e-6
+"""Difference of a position in m that is a rounding error beside the origin, on a stage of about 10 m."""
+
 # tolerances for estimates from coarse meshes
 COARSE_MASS = 0.15  # relative
 COARSE_SIZE = 0.04  # of a mass centre, divided by the body's size
@@ -97,12 +103,14 @@ def _common(in_cad: Iterable[Any], on_stage: Iterable[Any]) -> list[tuple[Any, A
 def _differs(
     what: str, where: str, in_cad: float, on_stage: float, unit: str, relative: float = SINGLE
 ) -> Iterator[Finding]:
-    limit = relative * max(abs(in_cad), abs(on_stage)) + 1e-12
+    """Yield a finding if a number in `unit` differs on the stage by more than the fraction `relative`."""
+    limit = relative * max(abs(in_cad), abs(on_stage)) + _ZERO
     if abs(in_cad - on_stage) > limit:
         yield _CONTENT(where, f"{what} differs on the stage", Quantity(on_stage, unit), float(in_cad))
 
 
 def _joint(a: Joint, b: Joint) -> Iterator[Finding]:
+    """Compare the joint `a` of the CAD with the joint `b` of the stage: type, bodies, frames and numbers."""
     if (a.parent, a.child) == (b.child, b.parent):  # on the stage, joints of the tree point away from the base
         b = reversed_joint(b)
     for what in ("type", "parent", "child", "active"):
@@ -119,7 +127,7 @@ def _joint(a: Joint, b: Joint) -> Iterator[Finding]:
         on_stage, _ = values_on_stage[name]
         what = f"the {name} of joint '{a.name}'"
         if in_cad is not None and on_stage is not None:
-            yield from _differs(what, a.name, in_cad, on_stage, unit)
+            yield from _differs(what, a.name, in_cad=in_cad, on_stage=on_stage, unit=unit)
         elif in_cad is not None:
             yield _CONTENT(a.name, f"{what} is missing on the stage")
         elif on_stage is not None:
@@ -210,14 +218,17 @@ def _world(mechanism: Mechanism, stage: Mechanism) -> Iterator[Finding]:
 
 
 def _vector(v: Array) -> str:
-    return "(" + ", ".join(f"{x:g}" for x in v) + ")"
+    """Return a vector as text, such as "(0, 0, -9.81)"."""
+    listed = ", ".join(f"{component:g}" for component in v)
+    return f"({listed})"
 
 
 def _place(what: str, where: str, in_cad: Array, on_stage: Array) -> Iterator[Finding]:
+    """Yield a finding if a pose (4, 4) differs on the stage; one of position and rotation is enough to be seen."""
     distance = float(np.linalg.norm(in_cad[:3, 3] - on_stage[:3, 3]))
     angle = float(spatial.rotation_angle(in_cad[:3, :3].T @ on_stage[:3, :3]))
     # a position in single precision has an error relative to its size
-    limit = 1e-6 + 1e-6 * float(np.linalg.norm(in_cad[:3, 3]))
+    limit = _NEAR + _NEAR * float(np.linalg.norm(in_cad[:3, 3]))
     text = f"{what} is displaced on the stage by {mm(distance)} and {deg(angle)}"
     if distance > limit:
         yield _MISPLACED(where, text, mm(distance), mm(limit))
@@ -226,18 +237,28 @@ def _place(what: str, where: str, in_cad: Array, on_stage: Array) -> Iterator[Fi
 
 
 def _body(a: Body, b: Body, description: Description) -> Iterator[Finding]:
+    """Compare meshes and inertia of the body `a` of the CAD with the body `b` of the stage."""
     yield from _meshes(a, b)
     if a.inertia is not None:
         if b.inertia is None:
             yield _CONTENT(a.name, f"the mass of body '{a.name}' is not on the stage")
             return
-        yield from _inertia(a, a.inertia, b.inertia, SINGLE, SINGLE, 10 * SINGLE)
+        yield from _inertia(
+            a, in_cad=a.inertia, on_stage=b.inertia, mass_limit=SINGLE, com_limit=SINGLE, moment_limit=10 * SINGLE
+        )
         return
     if b.inertia is None:
         return
     estimated = estimate(a, description)
     if estimated is not None:
-        yield from _inertia(a, estimated, b.inertia, COARSE_MASS, COARSE_SIZE, COARSE_MOMENT)
+        yield from _inertia(
+            a,
+            in_cad=estimated,
+            on_stage=b.inertia,
+            mass_limit=COARSE_MASS,
+            com_limit=COARSE_SIZE,
+            moment_limit=COARSE_MOMENT,
+        )
 
 
 def _inertia(
@@ -247,9 +268,16 @@ def _inertia(
 
     The limits are relative: to the mass, to the size of the body, and to the largest entry of the inertia tensor.
     """
-    yield from _differs(f"the mass of '{body.name}'", body.name, in_cad.mass, on_stage.mass, "kg", mass_limit)
+    yield from _differs(
+        f"the mass of '{body.name}'",
+        body.name,
+        in_cad=in_cad.mass,
+        on_stage=on_stage.mass,
+        unit="kg",
+        relative=mass_limit,
+    )
     distance = float(np.linalg.norm(in_cad.p_body_com - on_stage.p_body_com))
-    limit = 1e-6 + com_limit * _size(body)
+    limit = _NEAR + com_limit * _size(body)
     if distance > limit:
         text = f"the mass centre of '{body.name}' is {mm(distance)} from its position in the CAD"
         yield _MISPLACED(body.name, text, mm(distance), mm(limit))
@@ -266,13 +294,15 @@ def _inertia(
 
 
 def _size(body: Body) -> float:
+    """Return the diagonal in m of the box around a body's meshes; 0 without meshes."""
     if not body.meshes:
         return 0.0
-    vertices = np.concatenate([m.vertices for m in body.meshes])
+    vertices = np.concatenate([mesh.vertices for mesh in body.meshes])
     return float(np.linalg.norm(np.ptp(vertices, axis=0)))
 
 
 def _meshes(a: Body, b: Body) -> Iterator[Finding]:
+    """Compare the meshes of the body `a` of the CAD with those of the body `b` of the stage, by name."""
     in_cad = {mesh.name for mesh in a.meshes}
     on_stage = {mesh.name for mesh in b.meshes}
     for mesh in a.meshes:
@@ -286,13 +316,14 @@ def _meshes(a: Body, b: Body) -> Iterator[Finding]:
 
 
 def _mesh(in_cad: Mesh, on_stage: Mesh) -> Iterator[Finding]:
+    """Compare vertices and triangles of a mesh; the stage stores vertices in single precision."""
     name = in_cad.name
     same_vertices = in_cad.vertices.shape == on_stage.vertices.shape
     if not same_vertices or in_cad.triangles.shape != on_stage.triangles.shape:
         yield _CONTENT(name, f"the stage has a different mesh '{name}'")
         return
     distance = float(np.abs(in_cad.vertices - on_stage.vertices).max(initial=0.0))
-    limit = 1e-6 + SINGLE * float(np.abs(in_cad.vertices).max(initial=0.0))
+    limit = _NEAR + SINGLE * float(np.abs(in_cad.vertices).max(initial=0.0))
     if distance > limit:
         yield _CONTENT(name, f"vertices of mesh '{name}' are displaced by up to {distance / MM:.4g} mm on the stage")
     elif not np.array_equal(in_cad.triangles, on_stage.triangles):
@@ -309,8 +340,9 @@ def estimate(body: Body, description: Description) -> Inertia | None:
         """Return the density of the last material whose `parts` contain the name of the mesh; None if there is none."""
         last = None
         for material in description.material.values():
-            if any(fnmatch.fnmatch(mesh.name, pattern.lower()) for pattern in material.parts):
-                last = material.density_kg_m3
+            for pattern in material.parts:
+                if fnmatch.fnmatch(mesh.name, pattern.lower()):
+                    last = material.density_kg_m3
         return last
 
     total = solid.of_meshes(body.meshes, density)

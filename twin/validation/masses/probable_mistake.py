@@ -65,7 +65,7 @@ def guesses(name: str, source: str, tensor: Array, centre: Array, mass: float, s
     for other_misfit, other, _ in readings:
         if other != kind and other_misfit < CLEAR * best:
             others.add(other)
-    found = _finding(kind, words, name, source, stated_misfit, best)
+    found = _finding(kind, words, name=name, source=source, now=stated_misfit, best=best)
     if others:
         listed = ", ".join(sorted(others))
         return [replace(found, message=f"{found.message}; {listed} would also explain it")]
@@ -87,7 +87,9 @@ def _sign_of_products(name: str, source: str, tensor: Array, mass: float, shape:
     difference_negated = np.linalg.norm(-stated - products)
     if not (difference_negated < GAIN * difference and difference > size):
         return []
-    return [_finding("sign", _WRONG_SIGN, name, source, float(difference), float(difference_negated))]
+    return [
+        _finding("sign", _WRONG_SIGN, name=name, source=source, now=float(difference), best=float(difference_negated))
+    ]
 
 
 def _finding(kind: str, words: str, name: str, source: str, now: float, best: float) -> Finding:
@@ -95,8 +97,8 @@ def _finding(kind: str, words: str, name: str, source: str, now: float, best: fl
         f"inertia.{kind}",
         name,
         f"{name}: {words}: deviation from the tensor of the filled shapes",
-        Quantity(100 * now, "%"),
-        100 * best,
+        size=Quantity(100 * now, "%"),
+        limit=100 * best,
         when=source,
         word="corrected",
     )

@@ -10,14 +10,14 @@ from twin.core.quantity import moved
 from twin.core.units import DEG, display_unit
 from twin.planning.check import check
 from twin.validation.case import Case
-from twin.validation.consistent import fixes
+from twin.validation.checked_plan import retimed
 from twin.validation.equations_comparison import EquationsComparison
 from twin.validation.margins import margins, of_mechanism
-from twin.validation.plausible import wide_limits
-from twin.validation.retimed import retimed
+from twin.validation.rcm_fixes import fixes
 from twin.validation.rows import row
 from twin.validation.shaft import between_samples
 from twin.validation.timing import timing
+from twin.validation.unit_mistakes import wide_limits
 
 _MECHANISM = Kind("rcm.mechanism", "disagreement", word="tolerance")
 _PASSIVE = Kind("limit.passive", "disagreement", "change the protocol, or correct the limit of the joint", word="")
@@ -46,7 +46,16 @@ def about_rcm(case: Case, out: EquationsComparison) -> None:
         else:
             tolerance = case.protocol.tolerances.rcm
             note = "monitored, on the mechanism driven by the equations"
-        residual = row("B", "rcm", span.name, "m", distance, tolerance, case.clock.at(rows), note=note)
+        residual = row(
+            "B",
+            "rcm",
+            span.name,
+            unit="m",
+            differences=distance,
+            tolerance=tolerance,
+            clock=case.clock.at(rows),
+            note=note,
+        )
         if enforced:
             when = f"{span.name}, t = {residual.t:.2f} s"
             out.judge(residual, _MECHANISM, "the mechanism's shaft misses the enforced RCM", "RCM", when=when)
@@ -93,7 +102,7 @@ def passive_limits(case: Case, out: EquationsComparison) -> None:
 def passage(case: Case, out: EquationsComparison) -> None:
     """Check the RCM between samples, and the distance of the mechanism from singularities."""
     if out.driven is not None and not _tool_follows(out):
-        between_samples(case.model, case.trajectory, case.protocol.tolerances.rcm, out, case.clock)
+        between_samples(case.model, case.trajectory, tolerance=case.protocol.tolerances.rcm, out=out, clock=case.clock)
     if out.posed is not None:
         facts, findings, curves = of_mechanism(case.model, out.posed, out.coarse, case.clock)
         out.facts["margins along the path"] = facts

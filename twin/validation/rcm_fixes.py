@@ -179,7 +179,7 @@ def _poses(protocol: Protocol, trajectory: Trajectory, span: PhaseSpan, planner:
         poses["the smallest move and turn of the tool"] = smallest
     fixes = []
     for name, T_new in poses.items():
-        fixes.append(_planned_fix(protocol, trajectory, span, name, T_new, planner))
+        fixes.append(_planned_fix(protocol, trajectory, span, name=name, T_new=T_new, planner=planner))
     return fixes
 
 
@@ -275,7 +275,9 @@ def _rcm(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
     why = "both shafts pass through the new RCM"
     if not meets:
         why = f"no RCM fits both shafts (skew axes); the largest distance from the new RCM is {distance / MM:.2f} mm"
-    return [Fix("move the RCM", "", moved, 0.0, f"({position}) mm", meets, why)]
+    return [
+        Fix("move the RCM", waypoint="", moved=moved, turned=0.0, value=f"({position}) mm", reachable=meets, why=why)
+    ]
 
 
 def _readings(protocol: Protocol, trajectory: Trajectory, span: PhaseSpan) -> str:

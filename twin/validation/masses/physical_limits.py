@@ -2,8 +2,8 @@
 
 The pseudo-inertia [[Sigma, h], [h^T, m]], with the second moments Sigma, first moment h and mass m, must be positive
 definite; this includes the triangle inequality and the minimum mass. If the shapes are known, the mass centre must be
-inside their convex hull, and the density must be plausible for a real material. `guess` finds probable mistakes in a
-tensor that does not fit the shapes.
+inside their convex hull, and the density must be plausible for a real material. `probable_mistake` searches for the
+mistake in a tensor that does not fit the shapes.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from twin.core.units import MM
 from twin.model.body import Mesh
 from twin.model.inertia import Inertia
 from twin.validation.masses import solid
-from twin.validation.masses.guess import guesses
+from twin.validation.masses.probable_mistake import guesses
 
 DENSITY = (30.0, 25000.0)
 """Plausible density in kg/m3 (mass / volume of closed shapes), from foam and hollow castings to tungsten."""
@@ -96,7 +96,15 @@ def stated(
     # parallel axes: the tensor of the whole mass at the mass centre is added
     shift = inertia.mass * ((p @ p) * np.eye(3) - np.outer(p, p))
     tensor = np.asarray(inertia.I_com, float) + shift
-    return StatedInertia(name, source, float(inertia.mass), inertia.mass * p, tensor, meshes, own_shapes)
+    return StatedInertia(
+        name,
+        source,
+        mass=float(inertia.mass),
+        first=inertia.mass * p,
+        tensor=tensor,
+        meshes=meshes,
+        own_shapes=own_shapes,
+    )
 
 
 def second(tensor: Array) -> Array:
@@ -137,13 +145,33 @@ def judged(body: StatedInertia) -> JudgedInertia:
     numbers = np.concatenate([first, body.tensor.ravel()])
     if not np.all(np.isfinite(numbers)) or (mass is not None and not np.isfinite(mass)):
         say("number", "a mass or moment is not a finite number")
-        return JudgedInertia(body.name, body.source, mass, np.nan, np.nan, np.nan, np.nan, np.nan, tuple(findings))
+        return JudgedInertia(
+            body.name,
+            body.source,
+            mass=mass,
+            least=np.nan,
+            slack=np.nan,
+            definite=np.nan,
+            density=np.nan,
+            outside=np.nan,
+            findings=tuple(findings),
+        )
     skew = float(np.abs(body.tensor - body.tensor.T).max())
     if skew > 1e-9 * float(np.abs(tensor).max()):
         say("symmetry", "the tensor is not symmetric", Quantity(skew, "kg m2"), 0.0)
     if mass is not None and mass <= 0:
         say("mass", "the mass is not positive", Quantity(mass, "kg"), 0.0)
-        return JudgedInertia(body.name, body.source, mass, np.nan, np.nan, np.nan, np.nan, np.nan, tuple(findings))
+        return JudgedInertia(
+            body.name,
+            body.source,
+            mass=mass,
+            least=np.nan,
+            slack=np.nan,
+            definite=np.nan,
+            density=np.nan,
+            outside=np.nan,
+            findings=tuple(findings),
+        )
     least = least_mass(tensor, first)
     if mass is not None:
         about = _about_centre(tensor, first, mass)
@@ -170,8 +198,20 @@ def judged(body: StatedInertia) -> JudgedInertia:
         say("impossible", text, Quantity(mass, "kg"), least, word="minimum")
     density, outside = _against_shapes(body, first, mass, say)
     if mass is not None and body.meshes:
-        findings += guesses(body.name, body.source, about, first / mass, mass, _shape_tensor(body))
-    return JudgedInertia(body.name, body.source, mass, least, slack, definite, density, outside, tuple(findings))
+        findings += guesses(
+            body.name, body.source, tensor=about, centre=first / mass, mass=mass, shape=_shape_tensor(body)
+        )
+    return JudgedInertia(
+        body.name,
+        body.source,
+        mass=mass,
+        least=least,
+        slack=slack,
+        definite=definite,
+        density=density,
+        outside=outside,
+        findings=tuple(findings),
+    )
 
 
 def _three(values: Array) -> str:
