@@ -91,7 +91,7 @@ def test_a_doubt_of_the_kernels_is_no_verdict(tmp_path, monkeypatch):
     """The kernels take all for wrong, the reference model none; where it has not judged all, nothing is claimed."""
     judge = judge_of(tmp_path, *RIGHT[0])
     wrong = np.ones(1000)
-    monkeypatch.setattr(SampledRange, "_of_inverse", lambda self, q, Ts, states: (wrong[: len(q)], wrong[: len(q)]))
+    monkeypatch.setattr(SampledRange, "_inverse_errors", lambda self, q, Ts, states: (wrong[: len(q)], wrong[: len(q)]))
     few = judged(judge, 200)
     assert few.verdict == "agree"
     assert few.stages[0].suspects == few.stages[0].examined == 200
@@ -152,7 +152,7 @@ def test_whether_the_orientation_is_read_is_decided_once(tmp_path, monkeypatch):
     asked = []
     decide = range_samples.reads_orientation
     monkeypatch.setattr(range_samples, "reads_orientation", lambda *given: asked.append(0) or decide(*given))
-    monkeypatch.setattr(range_samples, "_BLOCK", 512)
+    monkeypatch.setattr(range_samples, "_BLOCK_STATES", 512)
     assert judged(judge_of(tmp_path, *RIGHT[4]), 3000).verdict == "agree"
     assert len(asked) == 1
 
@@ -189,7 +189,7 @@ def test_kept_suspects_are_spread_over_all():
 def test_blocks_change_nothing(tmp_path, monkeypatch):
     judge = judge_of(tmp_path, THREE, WRONG["no sign of the elbow"][1])
     whole = judged(judge, 3000)
-    monkeypatch.setattr(range_samples, "_BLOCK", 512)
+    monkeypatch.setattr(range_samples, "_BLOCK_STATES", 512)
     parts = judged(judge, 3000)
     assert parts.content() == whole.content()
     assert [finding.message for finding in parts.findings] == [finding.message for finding in whole.findings]

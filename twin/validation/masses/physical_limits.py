@@ -9,8 +9,7 @@ mistake in a tensor that does not fit the shapes.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -29,6 +28,15 @@ DENSITY = (30.0, 25000.0)
 
 BESIDE = 2 * MM
 """Accepted distance in m of a mass centre from the convex hull of the shapes; shapes may be coarse or incomplete."""
+
+_ALUMINIUM = 2700.0
+"""Density in kg/m3 from which the number of lost decimal places is estimated: most links are of aluminium."""
+
+_ROUNDING = 1e-9
+"""Relative difference that the rounding of stated numbers causes."""
+
+_SUM_OF_WEIGHTS = 1e3
+"""Weight of the condition that the weights of hull corners have the sum one: it must hold exactly."""
 
 DEFINITE = 1e-9
 """Minimum ratio of the smallest to the largest eigenvalue of the pseudo-inertia; a flat sheet has a smaller ratio."""
@@ -131,75 +139,38 @@ def least_mass(tensor: Array, first: Array) -> float:
 
 def judged(body: StatedInertia) -> JudgedInertia:
     """Check a body's stated mass data; return derived quantities and findings."""
-    findings: list[Finding] = []
+    faults = _Faults(body)
     mass = body.mass
     first = np.asarray(body.first, float)
     tensor = 0.5 * (body.tensor + body.tensor.T)
-
-    def say(code: str, what: str, *more: Any, severity: Severity = "disagreement", word: str = "limit") -> None:
-        at = body.source
-        findings.append(
-            finding(severity, f"inertia.{code}", body.name, f"{body.name}: {what}", *more, when=at, word=word)
-        )
-
-    numbers = np.concatenate([first, body.tensor.ravel()])
-    if not np.all(np.isfinite(numbers)) or (mass is not None and not np.isfinite(mass)):
-        say("number", "a mass or moment is not a finite number")
-        return JudgedInertia(
-            body.name,
-            body.source,
-            mass=mass,
-            least=np.nan,
-            slack=np.nan,
-            definite=np.nan,
-            density=np.nan,
-            outside=np.nan,
-            findings=tuple(findings),
-        )
+    if not _is_finite(body):
+        faults.add("number", "a mass or moment is not a finite number")
+        return _without_quantities(body, faults)
     skew = float(np.abs(body.tensor - body.tensor.T).max())
-    if skew > 1e-9 * float(np.abs(tensor).max()):
-        say("symmetry", "the tensor is not symmetric", Quantity(skew, "kg m2"), 0.0)
+    if skew > _ROUNDING * float(np.abs(tensor).max()):
+        faults.add("symmetry", "the tensor is not symmetric", Quantity(skew, "kg m2"), 0.0)
     if mass is not None and mass <= 0:
-        say("mass", "the mass is not positive", Quantity(mass, "kg"), 0.0)
-        return JudgedInertia(
-            body.name,
-            body.source,
-            mass=mass,
-            least=np.nan,
-            slack=np.nan,
-            definite=np.nan,
-            density=np.nan,
-            outside=np.nan,
-            findings=tuple(findings),
-        )
+        faults.add("mass", "the mass is not positive", Quantity(mass, "kg"), 0.0)
+        return _without_quantities(body, faults)
     least = least_mass(tensor, first)
     if mass is not None:
-        about = _about_centre(tensor, first, mass)
-        place = "about the mass centre "
+        about_centre = _about_centre(tensor, first, mass)
         pseudo = _pseudo(tensor, first, mass)
     else:
-        about = tensor
-        place = ""
+        about_centre = tensor
         # just above the minimum; without a first moment, the ratio is the same for any mass
         positive = least if 0 < least < np.inf else 1.0
         pseudo = _pseudo(tensor, first, positive * (1 + 1e-6))
-    moments: Array = np.asarray(np.linalg.eigvalsh(about), float)
+    moments: Array = np.asarray(np.linalg.eigvalsh(about_centre), float)  # in increasing order
     slack = float(moments[0] + moments[1] - moments[2])
     eigenvalues = np.linalg.eigvalsh(pseudo)
     definite = float(eigenvalues[0] / eigenvalues[-1])
-    if moments[0] <= 0:
-        text = f"the tensor {place}is not positive definite: smallest principal moment"
-        say("impossible", text, Quantity(moments[0], "kg m2"), 0.0)
-    elif slack <= 0:
-        text = f"principal moments {_three(moments)} kg m2 violate the triangle inequality: largest"
-        say("impossible", text, Quantity(moments[2], "kg m2"), moments[:2].sum())
-    elif mass is not None and (mass < least * (1 - 1e-9) or definite < DEFINITE):
-        text = "the mass is too small for these moments (the pseudo-inertia is not positive definite)"
-        say("impossible", text, Quantity(mass, "kg"), least, word="minimum")
-    density, outside = _against_shapes(body, first, mass, say)
+    _check_moments(moments, slack, least, definite, faults)
+    density, outside = _compared_with_shapes(body, first, faults)
     if mass is not None and body.meshes:
-        findings += guesses(
-            body.name, body.source, tensor=about, centre=first / mass, mass=mass, shape=_shape_tensor(body)
+        shape = _shape_tensor(body)
+        faults.findings += guesses(
+            body.name, body.source, tensor=about_centre, centre=first / mass, mass=mass, shape=shape
         )
     return JudgedInertia(
         body.name,
@@ -210,16 +181,93 @@ def judged(body: StatedInertia) -> JudgedInertia:
         definite=definite,
         density=density,
         outside=outside,
-        findings=tuple(findings),
+        findings=tuple(faults.findings),
     )
 
 
+@dataclass
+class _Faults:
+    """The findings on one body."""
+
+    body: StatedInertia
+    findings: list[Finding] = field(default_factory=list)
+
+    def add(
+        self,
+        code: str,
+        what: str,
+        size: Quantity | None = None,
+        limit: Quantity | float | None = None,
+        suggestion: str = "",
+        *,
+        severity: Severity = "disagreement",
+        word: str = "limit",
+    ) -> None:
+        """Add a finding on the body; for the arguments see `twin.core.findings.finding`."""
+        name = self.body.name
+        found = finding(
+            severity,
+            f"inertia.{code}",
+            name,
+            f"{name}: {what}",
+            size=size,
+            limit=limit,
+            suggestion=suggestion,
+            when=self.body.source,
+            word=word,
+        )
+        self.findings.append(found)
+
+
+def _is_finite(body: StatedInertia) -> bool:
+    """Return whether mass, if stated, and all moments are finite numbers."""
+    if body.mass is not None and not np.isfinite(body.mass):
+        return False
+    return bool(np.isfinite(body.first).all() and np.isfinite(body.tensor).all())
+
+
+def _without_quantities(body: StatedInertia, faults: _Faults) -> JudgedInertia:
+    """Return the result for a body from whose data no quantity can be derived."""
+    nan = float("nan")
+    return JudgedInertia(
+        body.name,
+        body.source,
+        mass=body.mass,
+        least=nan,
+        slack=nan,
+        definite=nan,
+        density=nan,
+        outside=nan,
+        findings=tuple(faults.findings),
+    )
+
+
+def _check_moments(moments: Array, slack: float, least: float, definite: float, faults: _Faults) -> None:
+    """Add at most one finding on principal moments (3,) in increasing order; for the others see `JudgedInertia`."""
+    mass = faults.body.mass
+    place = "about the mass centre "
+    if mass is None:
+        place = ""
+    if moments[0] <= 0:
+        text = f"the tensor {place}is not positive definite: smallest principal moment"
+        faults.add("impossible", text, Quantity(moments[0], "kg m2"), 0.0)
+    elif slack <= 0:
+        text = f"principal moments {_three(moments)} kg m2 violate the triangle inequality: largest"
+        faults.add("impossible", text, Quantity(moments[2], "kg m2"), moments[:2].sum())
+    elif mass is not None and (mass < least * (1 - _ROUNDING) or definite < DEFINITE):
+        text = "the mass is too small for these moments (the pseudo-inertia is not positive definite)"
+        faults.add("impossible", text, Quantity(mass, "kg"), least, word="minimum")
+
+
 def _three(values: Array) -> str:
-    return ", ".join(f"{v:.4g}" for v in values)
+    """Return three numbers as text."""
+    return ", ".join(f"{value:.4g}" for value in values)
 
 
 def _about_centre(tensor: Array, first: Array, mass: float) -> Array:
+    """Return the inertia tensor (3, 3) about the mass centre, from that about the origin."""
     p = first / mass
+    # parallel axes: the tensor of the whole mass at the mass centre is subtracted
     return tensor - mass * ((p @ p) * np.eye(3) - np.outer(p, p))
 
 
@@ -232,8 +280,9 @@ def _shape_tensor(body: StatedInertia) -> Array | None:
     return np.asarray(solid.tensor(about_centre) / moments.volume, float)
 
 
-def _against_shapes(body: StatedInertia, first: Array, mass: float | None, say) -> tuple[float, float]:
-    """Return (density, distance of the mass centre from the shapes), see `JudgedInertia`; `say` adds a finding."""
+def _compared_with_shapes(body: StatedInertia, first: Array, faults: _Faults) -> tuple[float, float]:
+    """Return (density, distance of the mass centre from the shapes), see `JudgedInertia`; add findings on them."""
+    mass = body.mass
     if mass is None or not body.meshes:
         return float("nan"), float("nan")
     severity = "disagreement" if body.own_shapes else "warning"
@@ -241,7 +290,7 @@ def _against_shapes(body: StatedInertia, first: Array, mass: float | None, say) 
     if outside > BESIDE:
         text = "the mass centre lies outside the convex hull of the shapes"
         advice = "check its frame, its signs and its unit"
-        say("outside", text, mm(outside), mm(BESIDE), advice, severity=severity)
+        faults.add("outside", text, mm(outside), mm(BESIDE), advice, severity=severity)
     moments = solid.of_meshes(body.meshes)
     if moments is None:
         return float("nan"), outside
@@ -250,13 +299,13 @@ def _against_shapes(body: StatedInertia, first: Array, mass: float | None, say) 
     if not lightest <= density <= heaviest:
         guess = ""
         advice = ""
-        power = int(np.round(np.log10(density / 2700.0)))  # from the density of aluminium
+        power = int(np.round(np.log10(density / _ALUMINIUM)))
         if power:
             guess = f" (decimal mark probably shifted by {abs(power)} places)"
             advice = f"{mass / 10.0**power:g} kg would be {density / 10.0**power:.4g} kg/m3"
         limit = lightest if density < lightest else heaviest
         text = f"{mass:g} kg in {1e6 * moments.volume:.4g} cm3 of shapes{guess}: density"
-        say("density", text, Quantity(density, "kg/m3"), limit, advice, severity=severity)
+        faults.add("density", text, Quantity(density, "kg/m3"), limit, advice, severity=severity)
     return density, outside
 
 
@@ -265,7 +314,7 @@ def hull_distance(p: Array, meshes: Sequence[Mesh]) -> float:
     from scipy.optimize import nnls
     from scipy.spatial import ConvexHull, QhullError
 
-    vertices = np.concatenate([m.vertices for m in meshes])
+    vertices = np.concatenate([mesh.vertices for mesh in meshes])
     try:
         hull = ConvexHull(vertices)
     except QhullError:  # all vertices are in one plane
@@ -275,6 +324,6 @@ def hull_distance(p: Array, meshes: Sequence[Mesh]) -> float:
     # nearest point of the hull: non-negative weights of the corners with sum one
     corners = vertices[hull.vertices]
     scale = float(np.ptp(corners, axis=0).max())
-    A = np.vstack([(corners - p).T / scale, np.full(len(corners), 1e3)])
-    weights, _ = nnls(A, np.array([0.0, 0.0, 0.0, 1e3]), maxiter=50 * len(corners))
+    A = np.vstack([(corners - p).T / scale, np.full(len(corners), _SUM_OF_WEIGHTS)])
+    weights, _ = nnls(A, np.array([0.0, 0.0, 0.0, _SUM_OF_WEIGHTS]), maxiter=50 * len(corners))
     return float(np.linalg.norm(weights @ corners / weights.sum() - p))
