@@ -14,9 +14,10 @@ from twin.core.errors import TwinError
 from twin.model.mechanism import Mechanism
 from twin.proof import intervals
 from twin.proof.interval_pose import IntervalPose
-from twin.proof.loops import ClosingConditions, ToolBox
+from twin.proof.loops import ClosingConditions
 from twin.proof.motion.linkage import Linkage
 from twin.proof.motion.taylor import TaylorModel, constant
+from twin.proof.moved_frame import ToolBox
 from twin.proof.rigid_frame import rigid_frame
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -35,7 +35,7 @@ class ChainBounds(Result):
         terms: number of products of sines and cosines in the poses of both sides.
         tolerance: by how much each length of the equations may differ from its value, in m.
         files: {file of equations or mechanism: SHA-256 of its bytes}; empty if two mechanisms are compared.
-        operations: the variables, and both sides as operations, for a certificate.
+        operations: the variables, and both sides as operations, for a certificate; not printed, because they are long.
     """
 
     robot: str
@@ -46,7 +46,7 @@ class ChainBounds(Result):
     terms: tuple[int, int]
     tolerance: float
     files: Mapping[str, str]
-    operations: tuple[Sequence[JsonObject], tuple[JsonObject, JsonObject]]
+    operations: tuple[Sequence[JsonObject], tuple[JsonObject, JsonObject]] = field(repr=False)
 
     kind = "prove-bounds"
     judges = False

@@ -30,7 +30,7 @@ _REASONS = 3
 _POINT = "point "
 """What precedes the name of a point among the outputs of the equations."""
 
-Found = Mapping[str, list[Value]]
+Results = Mapping[str, list[Value]]
 """{output of the equations: its entries}."""
 
 RootGroup = tuple[frozenset[int], frozenset[int]]
@@ -79,22 +79,25 @@ def attempted(
     about the inverse are left out if one about the forward equations is refuted.
     """
     work = Attempt(states, variants, zero_shares, uncovered_points=list(states.formula.points))
-    computed = _evaluated if only_refute else _replayed
+    results_of = _evaluated if only_refute else _replayed
     formula = states.formula
-    if formula.has("forward"):
-        found = computed(work, formula_side.from_joints(formula, variants), list(states.state.values()))
-        inside = _inside(work, found)
-        _claim_mechanism(work, "forward", found, states.state, inside)
-        if only_refute and any(claim.status == "refuted" for claim in work.claims):
-            return work
-        if formula.has("inverse"):
-            outputs = formula_side.from_pose(formula, variants, coordinates=False)
-            again = computed(work, outputs, found["pose"])
-            _claim_inverse(work, again, inside & _inside(work, again))
-    else:
+    state = list(states.state.values())
+    if not formula.has("forward"):
         outputs = formula_side.from_pose(formula, variants, coordinates=True)
-        found = computed(work, outputs, list(states.state.values()))
-        _claim_inverse(work, found, _inside(work, found))
+        results = results_of(work, outputs, state)
+        _claim_inverse(work, results, _inside(work, results))
+        return work
+    outputs = formula_side.from_joints(formula, variants)
+    results = results_of(work, outputs, state)
+    inside = _inside(work, results)
+    _claim_mechanism(work, "forward", results, states.state, inside)
+    if only_refute and any(claim.status == "refuted" for claim in work.claims):
+        return work
+    if formula.has("inverse"):
+        outputs = formula_side.from_pose(formula, variants, coordinates=False)
+        inverse_results = results_of(work, outputs, results["pose"])
+        inside = inside & _inside(work, inverse_results)
+        _claim_inverse(work, inverse_results, inside)
     return work
 
 
@@ -102,7 +105,8 @@ def with_roots(states: ProofStates, variants: Mapping[str, str], groups: Sequenc
     """Return the states where all roots of one of some groups exist in the field."""
     kept = np.zeros(states.count, bool)
     for group in groups:
-        kept[_rooted(states, variants, group)[:_ROOTED_STATES]] = True
+        places = _rooted(states, variants, group)
+        kept[places[:_ROOTED_STATES]] = True
     return states.at(np.flatnonzero(kept))
 
 
@@ -116,16 +120,16 @@ def _rooted(states: ProofStates, variants: Mapping[str, str], group: RootGroup) 
         outputs = formula_side.from_pose(formula, variants, coordinates=True)
     pose = outputs.names.index("pose")
     inputs = [list(states.state.values()), list(states.parameters.values())]
-    results = [pose] if second else []
-    rooted = RootedStates(first, results, np.arange(states.count))
-    found = replay(outputs.function, inputs, Notes(), rooted)
+    needed = [pose] if second else []  # the second function is one of the pose
+    rooted = RootedStates(first, needed, np.arange(states.count))
+    results = replay(outputs.function, inputs, Notes(), rooted)
     if not second:
         return rooted.places
     parameters = [values.taken(value, rooted.places) for value in states.parameters.values()]
-    again = RootedStates(second, [], np.arange(len(rooted.places)))
+    rooted_again = RootedStates(second, [], np.arange(len(rooted.places)))
     outputs = formula_side.from_pose(formula, variants, coordinates=False)
-    replay(outputs.function, [found[pose], parameters], Notes(), again)
-    return rooted.places[again.places]
+    replay(outputs.function, [results[pose], parameters], Notes(), rooted_again)
+    return rooted.places[rooted_again.places]
 
 
 def _replayed(work: Attempt, outputs: Outputs, state: Sequence[Value]) -> dict[str, list[Value]]:
@@ -133,59 +137,79 @@ def _replayed(work: Attempt, outputs: Outputs, state: Sequence[Value]) -> dict[s
     inputs = [list(state), list(work.states.parameters.values())]
     # what has no exact form in the first function is a reason in the second one too
     work.notes = Notes(inexact=list(work.notes.inexact))
-    found = replay(outputs.function, inputs, work.notes)
+    results = replay(outputs.function, inputs, work.notes)
     work.rootless |= work.notes.rootless
-    second = int(bool(work.shares))  # the share of the first function is known when the second one is repeated
-    work.roots += [(second, mark, instruction) for mark, instruction in work.notes.roots]
-    return dict(zip(outputs.names, found, strict=True))
+    number = 0
+    if work.shares:  # the share of the first function is known when the second one is repeated
+        number = 1
+    for mark, instruction in work.notes.roots:
+        work.roots.append((number, mark, instruction))
+    return dict(zip(outputs.names, results, strict=True))
 
 
 def _evaluated(work: Attempt, outputs: Outputs, state: Sequence[Value]) -> dict[str, list[Value]]:
     """Return the outputs of the equations at a state, with real values alone."""
     numbers = np.array([values.real_of(value) for value in state])
     parameters = np.array([values.real_of(value) for value in work.states.parameters.values()])
-    results = outputs.function.call([numbers, parameters.reshape(-1, work.states.count)])
-    found: dict[str, list[Value]] = {}
-    for name, result in zip(outputs.names, results, strict=True):
-        found[name] = [values.unknown(row) for row in result.full()]
-    return found
+    matrices = outputs.function.call([numbers, parameters.reshape(-1, work.states.count)])
+    results: dict[str, list[Value]] = {}
+    for name, matrix in zip(outputs.names, matrices, strict=True):
+        results[name] = [values.unknown(row) for row in matrix.full()]
+    return results
 
 
-def _inside(work: Attempt, found: Found) -> Truths:
-    """Return the states within reach: all values are defined, and no margin is negative."""
-    inside = np.ones(work.states.count, bool)
+def within_reach(results: Results, states: int) -> Truths:
+    """Return which of k states are within reach: all values are defined, and no margin is negative."""
+    inside = np.ones(states, bool)
     for name in ("pose", "joints", "reach"):
-        for value in found.get(name, ()):
+        for value in results.get(name, ()):
             inside &= np.isfinite(values.real_of(value))
-    for margin in found.get("reach", ()):
+    for margin in results.get("reach", ()):
         inside &= values.real_of(margin) >= 0
+    return inside
+
+
+def _inside(work: Attempt, results: Results) -> Truths:
+    """Return the states within reach, and keep their share, the margins, and the answers of conditions there."""
+    inside = within_reach(results, work.states.count)
+    for margin in results.get("reach", ()):
         node = values.scalar(margin).node
         if node is not None:
             work.reach.append(node)
     work.shares.append(float(inside.mean()))
-    work.sides += [answers & inside for answers in work.notes.conditions]
-    work.sides += [~answers & inside for answers in work.notes.conditions]
+    for answers in work.notes.conditions:
+        work.sides.append(answers & inside)
+        work.sides.append(~answers & inside)
     return inside
 
 
 def _matrix(entries: Sequence[Value]) -> Matrix:
     """Return a pose (16,), row by row, as rows."""
-    return [[values.scalar(entries[4 * i + j]) for j in range(4)] for i in range(4)]
+    numbers = [values.scalar(entry) for entry in entries]
+    return [numbers[4 * i : 4 * i + 4] for i in range(4)]
 
 
 def _claim_mechanism(
     work: Attempt,
     stage: str,
-    found: Found,
+    results: Results,
     joints: Mapping[str, Value],
     inside: Truths,
 ) -> mechanism.PlacedBodies:
-    """Claim that all joints fit where the equations put tool and joints; return the placed bodies."""
+    """Claim that all joints fit where the equations put tool and joints; return the placed bodies.
+
+    Args:
+        work: the attempt, which gets the claims.
+        stage: "forward" or "inverse", the equations that are judged.
+        results: their results.
+        joints: {active joint: its value}.
+        inside: the states (k,) within reach.
+    """
     exact = work.states.exact
     known = dict(joints)
-    if "passive" in found:
-        known |= zip(work.states.formula.passive, found["passive"], strict=True)
-    placed = mechanism.place(exact, known, _matrix(found["pose"]))
+    if "passive" in results:
+        known |= zip(work.states.formula.passive, results["passive"], strict=True)
+    placed = mechanism.place(exact, known, _matrix(results["pose"]))
     uncovered = set(placed.missing)
     for joint in placed.closing:
         numbers = mechanism.conditions(exact, placed, joint, known.get(joint.name))
@@ -206,52 +230,70 @@ def _claim_mechanism(
     return placed
 
 
-def _claim_inverse(work: Attempt, found: Found, inside: Truths) -> None:
+def _claim_inverse(work: Attempt, results: Results, inside: Truths) -> None:
     """Claim that the joints of the inverse equations put the tool and the named points where the equations say."""
-    exact = work.states.exact
-    names = [joint.name for joint in work.states.formula.joints]
-    joints = dict(zip(names, found["joints"], strict=True))
-    placed = _claim_mechanism(work, "inverse", found, joints, inside)
+    formula = work.states.formula
+    names = [joint.name for joint in formula.joints]
+    joints = dict(zip(names, results["joints"], strict=True))
+    placed = _claim_mechanism(work, "inverse", results, joints, inside)
+    claimed = _claim_points(work, placed, results, inside)
+    claimed |= _claim_distances(work, results, inside)
+    work.uncovered_points = [name for name in formula.points if name not in claimed]
+    if "again" in results:
+        numbers = list(mechanism.deviations(_matrix(results["again"]), _matrix(results["pose"])))
+        sentence = "forward equations of the joints of the inverse equations give the pose"
+        _claim(work, "forward of inverse", sentence, numbers, inside)
+
+
+def _claim_points(work: Attempt, placed: mechanism.PlacedBodies, results: Results, inside: Truths) -> set[str]:
+    """Claim that points of the equations are where the placed bodies have them; return the names of these points."""
     claimed: set[str] = set()
     for point in work.states.robot.points:
-        entries = found.get(f"point {point.name}")
-        p = mechanism.point_in_base(exact, placed, point)
-        if entries is None or p is None:
+        entries = results.get(_POINT + point.name)
+        p_base = mechanism.point_in_base(work.states.exact, placed, point)
+        if entries is None or p_base is None:
             continue
         claimed.add(point.name)
-        if len(entries) != len(p):
+        if len(entries) != len(p_base):
             raise KinematicsError(
                 f"formula '{work.states.formula.name}': point '{point.name}' has {len(entries)} entries, not 3: "
                 "return (3,)"
             )
-        numbers = [values.difference(a, values.scalar(b)) for a, b in zip(p, entries, strict=True)]
+        numbers = []
+        for own, stated in zip(p_base, entries, strict=True):
+            numbers.append(values.difference(own, values.scalar(stated)))
         sentence = f"point {point.name} of the equations is that of {point.body}"
         _claim(work, f"inverse: point {point.name}", sentence, numbers, inside)
+    return claimed
+
+
+def _claim_distances(work: Attempt, results: Results, inside: Truths) -> set[str]:
+    """Claim that points of the equations on one body keep their distances; return the names of these points."""
+    claimed: set[str] = set()
     for first, second in combinations(work.states.robot.points, 2):
-        ends = [found.get(f"point {point.name}") for point in (first, second)]
-        if first.body != second.body or None in ends:
+        has_both = _POINT + first.name in results and _POINT + second.name in results
+        if first.body != second.body or not has_both:
             continue
         claimed |= {first.name, second.name}
-        square = _square(found, first.name, second.name)
-        own_square = _own_square(exact, first, second)
+        square = _square(results, first.name, second.name)
+        own_square = _own_square(work.states.exact, first, second)
         distance = values.difference(square, own_square)
+        # exactly, squares are compared, because they have no root; in real values, the lengths in m
         distance = replace(distance, real=np.sqrt(square.real) - np.sqrt(own_square.real))
         sentence = f"points {first.name} and {second.name} of the equations keep their distance on {first.body}"
         _claim(work, f"inverse: {first.name} to {second.name}", sentence, [distance], inside)
         claim = work.claims[-1]
         if claim.error:
             work.claims[-1] = replace(claim, error=f"{claim.error} of the square")
-    work.uncovered_points = [name for name in work.states.formula.points if name not in claimed]
-    if "again" in found:
-        numbers = list(mechanism.deviations(_matrix(found["again"]), _matrix(found["pose"])))
-        sentence = "forward equations of the joints of the inverse equations give the pose"
-        _claim(work, "forward of inverse", sentence, numbers, inside)
+    return claimed
 
 
-def _square(found: Found, first: str, second: str) -> ExactValue:
+def _square(results: Results, first: str, second: str) -> ExactValue:
     """Return the square of the distance of two points of the equations, in m2."""
-    pairs = zip(found[f"point {first}"], found[f"point {second}"], strict=True)
-    return _length_squared([values.difference(values.scalar(a), values.scalar(b)) for a, b in pairs])
+    vector = []
+    for a, b in zip(results[_POINT + first], results[_POINT + second], strict=True):
+        vector.append(values.difference(values.scalar(a), values.scalar(b)))
+    return _length_squared(vector)
 
 
 def _own_square(exact: ExactMechanism, first: Point, second: Point) -> ExactValue:
@@ -262,6 +304,7 @@ def _own_square(exact: ExactMechanism, first: Point, second: Point) -> ExactValu
 
 
 def _length_squared(vector: Sequence[ExactValue]) -> ExactValue:
+    """Return the square of the length of a vector (3,)."""
     square = values.product(vector[0], vector[0])
     for x in vector[1:]:
         square = values.total(square, values.product(x, x))
@@ -283,5 +326,15 @@ def _claim(
     reasons += dict.fromkeys(work.notes.inexact)
     reasons = reasons[:_REASONS]
     share = work.zero_shares.get(name)
-    claim = judged(name, sentence, numbers, inside, states.real, reasons, states.drawn_states, work.sides, share)
+    claim = judged(
+        name,
+        sentence,
+        numbers,
+        inside,
+        state=states.real,
+        reasons=reasons,
+        drawn=states.drawn_states,
+        sides=work.sides,
+        share=share,
+    )
     work.claims.append(replace(claim, reach=tuple(work.reach)))

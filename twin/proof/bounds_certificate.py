@@ -12,11 +12,16 @@ from twin.core.spatial import Array
 from twin.formula.contract import Formula
 from twin.model.mechanism import Mechanism
 from twin.proof import chain, formula_side
+from twin.proof.instructions import instructions
 from twin.proof.program import Row
 
 SCHEMA = "twin/bounds-certificate/1"
 
+_POSE_ENTRIES = 16
+"""Number of entries of a pose."""
+
 _ONE_OPERAND = {ca.OP_SIN: "sine", ca.OP_COS: "cosine", ca.OP_NEG: "negative", ca.OP_INV: "inverse"}
+"""Names of the operations of one operand."""
 
 
 def variables(
@@ -33,20 +38,22 @@ def variables(
     Raises:
         TwinError: a sliding joint has no finite limits.
     """
-    found: list[JsonObject] = []
+    rows: list[JsonObject] = []
     for name in joints:
         joint = mechanism.joint(name)
         if joint.type == "revolute":
-            found.append({"name": name, "angle": True})
+            rows.append({"name": name, "angle": True})
         else:
             middle, half = chain.sliding_range(mechanism, name)
-            found.append({"name": name, "angle": False, "low": middle - half, "high": middle + half})
-    for parameter in formula.parameters if formula is not None else ():
+            rows.append({"name": name, "angle": False, "low": middle - half, "high": middle + half})
+    if formula is None:
+        return rows
+    for parameter in formula.parameters:
         tolerance = tolerances.get(parameter.name)
         if tolerance:
             value = float(parameter.value)
-            found.append({"name": parameter.name, "angle": False, "low": value - tolerance, "high": value + tolerance})
-    return found
+            rows.append({"name": parameter.name, "angle": False, "low": value - tolerance, "high": value + tolerance})
+    return rows
 
 
 def equations_side(
@@ -59,74 +66,88 @@ def equations_side(
     """
     outputs = formula_side.from_joints(formula, chosen)
     symbols = outputs.function.sx_in()
-    found = dict(zip(outputs.names, outputs.function(*symbols), strict=True))
+    results = dict(zip(outputs.names, outputs.function(*symbols), strict=True))
     path = {joint.name for joint in mechanism.path(mechanism.frame(mechanism.tool).body)}
-    passive = {}
-    if "passive" in found:
-        values = ca.vertsplit(found["passive"])
-        passive = {name: value for name, value in zip(formula.passive, values, strict=True) if name in path}
-    function = ca.Function("pose", symbols, [ca.densify(ca.vertcat(found["pose"], *passive.values()))])
-    names = [joint.name for joint in formula.joints]
-    inputs: list[list[Row]] = [[["variable", name] for name in names], []]
+    passive: dict[str, ca.SX] = {}
+    if "passive" in results:
+        for name, value in zip(formula.passive, ca.vertsplit(results["passive"]), strict=True):
+            if name in path:
+                passive[name] = value
+    entries = ca.vertcat(results["pose"], *passive.values())
+    function = ca.Function("pose", symbols, [ca.densify(entries)])
+    joints: list[Row] = [["variable", joint.name] for joint in formula.joints]
+    parameters: list[Row] = []
     for parameter in formula.parameters:
         if tolerances.get(parameter.name):
-            inputs[1].append(["variable", parameter.name])
+            parameters.append(["variable", parameter.name])
         else:
-            inputs[1].append(["number", repr(float(parameter.value))])
-    rows, results = _rows(formula.name, function, inputs)
-    pose = [results[4 * i : 4 * i + 4] for i in range(3)]
-    return {"name": "equations", "rows": rows, "pose": pose, "joints": dict(zip(passive, results[16:], strict=True))}
+            parameters.append(["number", repr(float(parameter.value))])
+    rows, places = _rows(formula.name, function, [joints, parameters])
+    return {
+        "name": "equations",
+        "rows": rows,
+        "pose": [places[4 * i : 4 * i + 4] for i in range(3)],
+        "joints": dict(zip(passive, places[_POSE_ENTRIES:], strict=True)),
+    }
 
 
 def _rows(name: str, function: ca.Function, inputs: list[list[Row]]) -> tuple[list[Row], list[int]]:
-    """Return the operations of a function with one output, and the numbers of the rows of its entries."""
+    """Return the operations of a function with one output, and the numbers of the rows of its entries.
+
+    Raises:
+        TwinError: an operation has no row of a certificate; the message has the `name` of the formula.
+    """
     rows: list[Row] = []
-    places: dict[int, int] = {}
+    row_at: dict[int, int] = {}  # {place of memory: number of the row whose result is there}
     results = [0] * function.nnz_out(0)
 
-    def put(*row: str | int) -> int:
+    def add(*row: str | int) -> int:
         rows.append(list(row))
         return len(rows) - 1
 
-    for k in range(function.n_instructions()):
-        operation = function.instruction_id(k)
-        targets = function.instruction_output(k)
-        sources = function.instruction_input(k)
-        if operation == ca.OP_CONST:
-            places[targets[0]] = put("number", repr(function.instruction_constant(k)))
-            continue
-        if operation == ca.OP_INPUT:
-            places[targets[0]] = put(*inputs[sources[0]][sources[1]])
-            continue
-        operands = [places[source] for source in sources]
+    for step in instructions(function):
+        operation = step.operation
+        operands = [row_at[place] for place in step.operands]
         if operation == ca.OP_OUTPUT:
-            results[targets[1]] = operands[0]
+            _, entry = step.port
+            results[entry] = operands[0]
+            continue
+        if operation == ca.OP_CONST:
+            row = add("number", repr(step.constant))
+        elif operation == ca.OP_INPUT:
+            column, entry = step.port
+            row = add(*inputs[column][entry])
         elif operation in _ONE_OPERAND:
-            places[targets[0]] = put(_ONE_OPERAND[operation], operands[0])
+            row = add(_ONE_OPERAND[operation], operands[0])
         elif operation in (ca.OP_ADD, ca.OP_TWICE):
-            places[targets[0]] = put("add", operands[0], operands[-1])
+            row = add("add", operands[0], operands[-1])
         elif operation == ca.OP_SUB:
-            places[targets[0]] = put("add", operands[0], put("negative", operands[1]))
+            opposite = add("negative", operands[1])
+            row = add("add", operands[0], opposite)
         elif operation in (ca.OP_MUL, ca.OP_SQ):
-            places[targets[0]] = put("multiply", operands[0], operands[-1])
+            row = add("multiply", operands[0], operands[-1])
         elif operation == ca.OP_DIV:
-            places[targets[0]] = put("multiply", operands[0], put("inverse", operands[1]))
+            inverse = add("inverse", operands[1])
+            row = add("multiply", operands[0], inverse)
         else:
             raise TwinError(f"{name}: operation {operation} of the forward equations has no row of a certificate")
+        row_at[step.target] = row
     return rows, results
 
 
 def mechanism_side(mechanism: Mechanism) -> JsonObject:
     """Return the frames and joints from the base to the tool, one after the other."""
     tool = mechanism.frame(mechanism.tool)
-    chain: list[list[object]] = []
+    steps: list[list[object]] = []
     for joint in mechanism.path(tool.body):
-        chain.append(["frame", _numbers(joint.T_parent_joint)])
-        if joint.type != "fixed":
-            chain.append(["turn" if joint.type == "revolute" else "slide", joint.name])
-        chain.append(["inverse", _numbers(joint.T_child_joint)])
-    chain.append(["frame", _numbers(tool.T_body_frame)])
-    return {"name": mechanism.name, "chain": chain}
+        steps.append(["frame", _numbers(joint.T_parent_joint)])
+        if joint.type == "revolute":
+            steps.append(["turn", joint.name])
+        elif joint.type != "fixed":
+            steps.append(["slide", joint.name])
+        steps.append(["inverse", _numbers(joint.T_child_joint)])
+    steps.append(["frame", _numbers(tool.T_body_frame)])
+    return {"name": mechanism.name, "chain": steps}
 
 
 def _numbers(T: Array) -> list[list[float]]:

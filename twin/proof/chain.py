@@ -14,6 +14,12 @@ from twin.proof import trigonometric
 from twin.proof.rigid_frame import RigidFrame, joint_frames, rigid_frame
 from twin.proof.trigonometric import AngleSum, Operand, TrigonometricSum
 
+_PRODUCT_ROUNDING = 8 * 2.0**-52
+"""Relative rounding error of an entry of a product of two poses: a sum of four products, with a margin."""
+
+_RADIUS_MARGIN = 1 + 1e-14
+"""Factor by which radii are increased, because they are computed in double precision."""
+
 
 def tool_pose(mechanism: Mechanism, joints: Mapping[str, Operand]) -> TrigonometricSum:
     """Return T_base_tool (4, 4) at given values of the joints on the path from the base to the tool.
@@ -57,19 +63,27 @@ def _steps(mechanism: Mechanism, joints: Mapping[str, Operand]) -> Iterator[Trig
 
 def _product(T: Array, radius: Array, frame: RigidFrame) -> tuple[Array, Array]:
     """Return the product (4, 4) of a pose, known within a radius (4, 4), and a frame, and its radius."""
-    error = np.zeros((4, 4))
-    error[:3, :3] = frame.R_radius
-    error[:3, 3] = frame.p_radius
-    size = np.abs(frame.T)
-    spread = np.abs(T) @ error + radius @ (size + error) + 8 * 2.0**-52 * (np.abs(T) @ size)
-    return T @ frame.T, spread * (1 + 1e-14)
+    frame_radius = np.zeros((4, 4))
+    frame_radius[:3, :3] = frame.R_radius
+    frame_radius[:3, 3] = frame.p_radius
+    T_size = np.abs(T)
+    frame_size = np.abs(frame.T)
+    of_frame = T_size @ frame_radius
+    of_pose = radius @ (frame_size + frame_radius)
+    rounding = _PRODUCT_ROUNDING * (T_size @ frame_size)
+    return T @ frame.T, (of_frame + of_pose + rounding) * _RADIUS_MARGIN
 
 
 def _motion(mechanism: Mechanism, joint: Joint, value: Operand) -> TrigonometricSum:
     """Return the motion (4, 4) of a joint about or along z."""
     one = trigonometric.constant(1.0)
     zero = trigonometric.constant(0.0)
-    entries = [[one if i == j else zero for j in range(4)] for i in range(4)]
+    entries = [
+        [one, zero, zero, zero],
+        [zero, one, zero, zero],
+        [zero, zero, one, zero],
+        [zero, zero, zero, one],
+    ]
     if joint.type == "revolute" and isinstance(value, AngleSum):
         cosine = trigonometric.wave(value, sine=False)
         sine = trigonometric.wave(value, sine=True)

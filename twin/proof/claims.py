@@ -27,6 +27,21 @@ ROUNDING = 1e-6
 ENOUGH = 8
 """Number of states with an exact zero that a proof needs."""
 
+_SURE = -12.0
+"""Largest decimal logarithm of the odds of chance with which a claim is proved."""
+
+_ROUNDING_OF_ROOTS = 1e-9
+"""The same as `ROUNDING`, for a claim with roots: a wrong sign may be as small as that."""
+
+_DOUBTFUL = 16
+"""Maximum number of states that are kept to look at the signs of roots with more digits."""
+
+_MANY = 64
+"""Number of exact values of which one would be zero by chance if a claim is true, but for roots with other signs."""
+
+_CHANCE = 1e-6
+"""Largest probability that roots with other signs are the reason why no zero is on one side of a condition."""
+
 
 @dataclass(frozen=True)
 class JudgedClaim:
@@ -81,7 +96,9 @@ class JudgedClaim:
     @property
     def share(self) -> float:
         """Share of the exact values that are zero; it is not all of them if roots have other signs."""
-        return self.zeros / self.known if self.known else 0.0
+        if not self.known:
+            return 0.0
+        return self.zeros / self.known
 
 
 def judged(
@@ -108,73 +125,156 @@ def judged(
         sides: the states (k,) with each answer of each condition: with roots, zeros must be among them as often.
         share: share of the exact values that are zero at other states, if it is known; None: that at these.
     """
-    found = _together(numbers, inside)
-    known, zero, largest, roots = found.known, found.zero, found.largest, found.roots
-    zeros = int((known & zero).sum())
-    exact = int(known.sum())
-    largest[~inside] = 0
-    undefined = int(np.isnan(largest).sum())
-    largest[np.isnan(largest)] = 0
-    worst = int(largest.argmax())
-    missed = bool(roots) and _missed(known & zero, known, sides, share)
-    unclear = bool(roots) and bool(largest[worst] > _ROUNDING_OF_ROOTS)
-    log_odds = _log_odds(zeros, drawn, found.degree)
-    status: Status = "unproved"
+    at_states = _Numbers.of(numbers, inside)
+    sizes = at_states.largest
+    sizes[~inside] = 0
+    undefined = int(np.isnan(sizes).sum())
+    sizes[np.isnan(sizes)] = 0
+    worst = int(sizes.argmax())
+    is_zero = at_states.known & at_states.zero
+    has_roots = bool(at_states.roots)
+    evidence = _Evidence(
+        within=int(inside.sum()),
+        drawn=drawn,
+        exact=int(at_states.known.sum()),
+        zeros=int(is_zero.sum()),
+        undefined=undefined,
+        largest=float(sizes[worst]),
+        degree=at_states.degree,
+        roots=len(at_states.roots),
+        # with roots, an exact value may be not zero only because a root has its other sign in the field
+        is_missed=has_roots and _is_missed(is_zero, at_states.known, sides, share),
+    )
+    status, reason = evidence.verdict(reasons)
     witness: dict[str, float] = {}
-    reason = ""
-    if not inside.any():
-        reason = "no drawn state is within reach"
-    elif largest[worst] > ROUNDING:
-        status = "refuted"
+    if status == "refuted":
         witness = _at(state, worst)
-    elif undefined:
-        reason = f"a value is undefined, or has no real form, at {undefined} of {int(inside.sum())} states within reach"
-    elif not roots and zeros < exact:
-        reason = (
-            f"{exact - zeros} of {exact} exact values are not zero: a difference below 1e-6, at some states at least"
-        )
-    elif unclear:
-        reason = f"a value is {largest[worst]:.1g}: rounding, or roots with other signs; the exact values do not tell"
-    elif missed:
-        reason = "the exact values are not zero where a condition has one of its answers: a difference below 1e-6"
-    elif zeros >= ENOUGH and log_odds < _SURE:
-        status = "proved"
-    else:
-        reason = _shortage(found, zeros, int(inside.sum()), drawn, log_odds, reasons)
-    kept: tuple[ProgramStep, ...] = ()
-    if status != "unproved" and None not in found.nodes:
-        kept = tuple(node for node in found.nodes if node is not None)
-    open_claim = status == "unproved" and bool(inside.any()) and not undefined
-    # where many exact values are known and none is zero, luck is no reason
-    few = zeros < ENOUGH or _SURE <= log_odds < 0
-    luckless = open_claim and bool(roots) and few and (zeros > 0 or exact < _MANY)
-    different = open_claim and (missed or unclear if roots else zeros < exact)
-    doubtful = ()
-    if roots and status == "proved":
-        doubtful = tuple(_at(state, int(place)) for place in np.flatnonzero(known & ~zero)[:_DOUBTFUL])
-    numbers_of = (zeros, exact, log_odds, float(largest[worst]), witness)
-    verdict = (name, sentence, status, *numbers_of, reason, *found.error, kept)
-    more = {"luckless": luckless, "different": different, "undefined": undefined}
-    return JudgedClaim(*verdict, roots=roots, doubtful=doubtful, **more)
+    nodes: tuple[ProgramStep, ...] = ()
+    if status != "unproved" and None not in at_states.nodes:
+        nodes = tuple(node for node in at_states.nodes if node is not None)
+    doubtful: list[dict[str, float]] = []
+    if has_roots and status == "proved":
+        not_zero = np.flatnonzero(at_states.known & ~at_states.zero)
+        doubtful = [_at(state, int(place)) for place in not_zero[:_DOUBTFUL]]
+    is_open = status == "unproved" and evidence.within > 0 and not undefined
+    error, error_terms = at_states.error
+    return JudgedClaim(
+        name=name,
+        sentence=sentence,
+        status=status,
+        zeros=evidence.zeros,
+        known=evidence.exact,
+        log_odds=evidence.log_odds,
+        largest=evidence.largest,
+        witness=witness,
+        reason=reason,
+        error=error,
+        error_terms=error_terms,
+        nodes=nodes,
+        luckless=is_open and evidence.lacks_luck,
+        roots=at_states.roots,
+        different=is_open and evidence.is_different,
+        undefined=undefined,
+        doubtful=tuple(doubtful),
+    )
 
 
-def _shortage(found: _Together, zeros: int, inside: int, drawn: int, log_odds: float, reasons: Sequence[str]) -> str:
-    """Return why too few exact values are zero for a proof, of those that are known at some states within reach."""
-    exact = int(found.known.sum())
-    if zeros >= ENOUGH and log_odds < 0:
-        return "the odds of chance are not below 1e-12; draw more states"
-    if zeros >= ENOUGH:
-        chance = min(1.0, found.degree / STEPS)
-        return (
-            f"{zeros} of {exact} exact values are zero, but the odds of chance have no bound: with {len(found.roots)} "
-            f"roots, each of which doubles it, the probability of a zero by chance is only known to be below "
-            f"{chance:.2g}, and all roots exist at {exact} of {drawn} drawn states"
-        )
-    if not exact and reasons:
-        return "no exact form: " + ", ".join(reasons)
-    if exact < ENOUGH:
-        return f"only {exact} of {inside} states have roots in the field; draw more states"
-    return "the exact values are not zero: a difference below 1e-6, or roots with other signs"
+@dataclass(frozen=True)
+class _Evidence:
+    """What the numbers of a claim say for it and against it.
+
+    Attributes:
+        within: number of states within reach.
+        drawn: number of states that were drawn.
+        exact: number of states where all numbers have an exact value.
+        zeros: number of those where all of them are zero.
+        undefined: number of states within reach where a value is undefined.
+        largest: the largest real value.
+        degree: bound of the degree of each number, as `Degree.zeros`.
+        roots: number of roots in the numbers.
+        is_missed: whether no zeros are on one side of a condition, although chance would have put one there.
+    """
+
+    within: int
+    drawn: int
+    exact: int
+    zeros: int
+    undefined: int
+    largest: float
+    degree: int
+    roots: int
+    is_missed: bool
+
+    @property
+    def log_odds(self) -> float:
+        """Decimal logarithm of a bound for the probability of so many zeros by chance; 0: no bound."""
+        return _log_odds(self.zeros, self.drawn, self.degree)
+
+    @property
+    def is_unclear(self) -> bool:
+        """Whether a real value is too large for rounding, while roots leave the exact values open."""
+        return self.roots > 0 and self.largest > _ROUNDING_OF_ROOTS
+
+    @property
+    def is_different(self) -> bool:
+        """Whether exact values are not zero, or may not be."""
+        if self.roots:
+            return self.is_missed or self.is_unclear
+        return self.zeros < self.exact
+
+    @property
+    def lacks_luck(self) -> bool:
+        """Whether few states have all roots in the field, so that others may decide."""
+        has_few = self.zeros < ENOUGH or _SURE <= self.log_odds < 0
+        # where many exact values are known and none is zero, luck is no reason
+        return self.roots > 0 and has_few and (self.zeros > 0 or self.exact < _MANY)
+
+    def verdict(self, reasons: Sequence[str]) -> tuple[Status, str]:
+        """Return the status of the claim, and why it is not proved.
+
+        `reasons` are texts of what has no exact form.
+        """
+        if not self.within:
+            return "unproved", "no drawn state is within reach"
+        if self.largest > ROUNDING:
+            return "refuted", ""
+        if self.undefined:
+            reason = (
+                f"a value is undefined, or has no real form, at {self.undefined} of {self.within} states within reach"
+            )
+            return "unproved", reason
+        if not self.roots and self.zeros < self.exact:
+            reason = (
+                f"{self.exact - self.zeros} of {self.exact} exact values are not zero: a difference below 1e-6, at "
+                "some states at least"
+            )
+            return "unproved", reason
+        if self.is_unclear:
+            reason = f"a value is {self.largest:.1g}: rounding, or roots with other signs; the exact values do not tell"
+            return "unproved", reason
+        if self.is_missed:
+            reason = "the exact values are not zero where a condition has one of its answers: a difference below 1e-6"
+            return "unproved", reason
+        if self.zeros >= ENOUGH and self.log_odds < _SURE:
+            return "proved", ""
+        return "unproved", self._shortage(reasons)
+
+    def _shortage(self, reasons: Sequence[str]) -> str:
+        """Return why too few exact values are zero for a proof, of those that are known at some states within reach."""
+        if self.zeros >= ENOUGH and self.log_odds < 0:
+            return "the odds of chance are not below 1e-12; draw more states"
+        if self.zeros >= ENOUGH:
+            chance = min(1.0, self.degree / STEPS)
+            return (
+                f"{self.zeros} of {self.exact} exact values are zero, but the odds of chance have no bound: with "
+                f"{self.roots} roots, each of which doubles it, the probability of a zero by chance is only known to "
+                f"be below {chance:.2g}, and all roots exist at {self.exact} of {self.drawn} drawn states"
+            )
+        if not self.exact and reasons:
+            return "no exact form: " + ", ".join(reasons)
+        if self.exact < ENOUGH:
+            return f"only {self.exact} of {self.within} states have roots in the field; draw more states"
+        return "the exact values are not zero: a difference below 1e-6, or roots with other signs"
 
 
 def _at(state: Mapping[str, Array], place: int) -> dict[str, float]:
@@ -183,10 +283,17 @@ def _at(state: Mapping[str, Array], place: int) -> dict[str, float]:
 
 
 @dataclass(frozen=True)
-class _Together:
-    """The numbers of a claim: where all are known and zero, the largest of them, and what they have in common.
+class _Numbers:
+    """The numbers of a claim at k states.
 
-    `error` is the shortest polynomial that is not zero, and its number of terms; ("", 0) if there is none.
+    Attributes:
+        known: (k,) whether all of them have an exact value, within reach.
+        zero: (k,) whether all exact values are zero.
+        largest: (k,) the largest real value.
+        degree: bound of the degree of each of them, as `Degree.zeros`.
+        roots: the roots in them.
+        error: the shortest polynomial that is not zero, and its number of terms; ("", 0) if there is none.
+        nodes: the operations of each.
     """
 
     known: Truths
@@ -197,64 +304,62 @@ class _Together:
     error: tuple[str, int]
     nodes: list[ProgramStep | None]
 
+    @staticmethod
+    def of(numbers: Iterable[ExactValue], inside: Truths) -> _Numbers:
+        """Return what some numbers are at the states (k,) that are `inside`."""
+        known = inside.copy()
+        zero = np.ones(len(inside), bool)
+        largest = np.zeros(len(inside))
+        degree = 1
+        roots: frozenset[RootMark] = frozenset()
+        errors = []
+        nodes = []
+        for number in numbers:
+            nodes.append(number.node)
+            # a difference of a parameter and a length of the CAD is a polynomial that is zero at the published value;
+            # the few states of formulas need not be within reach
+            is_wrong = bool((np.abs(number.real) > ROUNDING).any())
+            if number.form and is_wrong:
+                errors.append((str(number.form), len(number.form.terms)))
+            known &= number.known
+            zero &= number.residue == 0
+            largest = np.maximum(largest, np.abs(number.real))
+            degree = max(degree, number.degree.zeros)
+            roots |= number.degree.roots
+        error = min(errors, key=lambda text_and_terms: len(text_and_terms[0]), default=("", 0))
+        return _Numbers(known, zero, largest, degree, roots, error, nodes)
 
-def _together(numbers: Iterable[ExactValue], inside: Truths) -> _Together:
-    """Return what the numbers of a claim are at all states."""
-    known = inside.copy()
-    zero = np.ones(len(inside), bool)
-    largest = np.zeros(len(inside))
-    degree = 1
-    roots: frozenset[RootMark] = frozenset()
-    errors = []
-    nodes = []
-    for number in numbers:
-        nodes.append(number.node)
-        # a difference of a parameter and a length of the CAD is a polynomial that is zero at the published value; the
-        # few states of formulas need not be within reach
-        wrong = bool((np.abs(number.real) > ROUNDING).any())
-        if number.form and wrong:
-            errors.append((str(number.form), len(number.form.terms)))
-        known &= number.known
-        zero &= number.residue == 0
-        largest = np.maximum(largest, np.abs(number.real))
-        degree = max(degree, number.degree.zeros)
-        roots |= number.degree.roots
-    error = min(errors, key=lambda text: len(text[0]), default=("", 0))
-    return _Together(known, zero, largest, degree, roots, error, nodes)
 
+def _is_missed(zero: Truths, known: Truths, sides: Sequence[Truths], share: float | None) -> bool:
+    """Return whether no zeros are on one side of a condition, although chance would have put one there.
 
-def _missed(zero: Truths, known: Truths, sides: Sequence[Truths], share: float | None) -> bool:
-    """Return whether no zeros are on one side of a condition, although chance would have put one there."""
+    `share` is the share of exact values that are zero by the signs of roots; None: that of `zero` (k,) in `known` (k,).
+    """
     if share is None:
         if not zero.any():
             return False
         share = float(zero.sum() / known.sum())
     for side in (known, *sides):
-        there = int((known & side).sum())
-        if not (zero & side).any() and (1 - share) ** there < _CHANCE:
+        count = int((known & side).sum())
+        chance = (1 - share) ** count  # of no zero among so many states
+        if not (zero & side).any() and chance < _CHANCE:
             return True
     return False
 
 
-_SURE = -12.0
-"""Largest decimal logarithm of the odds of chance with which a claim is proved."""
-
-_ROUNDING_OF_ROOTS = 1e-9
-"""The same as `ROUNDING`, for a claim with roots: a wrong sign may be as small as that."""
-
-_DOUBTFUL = 16
-"""Maximum number of states that are kept to look at the signs of roots with more digits."""
-
-_MANY = 64
-"""Number of exact values of which one would be zero by chance if a claim is true, but for roots with other signs."""
-
-_CHANCE = 1e-6
-"""Largest probability that roots with other signs are the reason why no zero is on one side of a condition."""
-
-
 def unclaimed(name: str, sentence: str, reason: str) -> JudgedClaim:
     """Return a claim that nothing decides."""
-    return JudgedClaim(name, sentence, "unproved", 0, 0, 0.0, 0.0, {}, reason)
+    return JudgedClaim(
+        name=name,
+        sentence=sentence,
+        status="unproved",
+        zeros=0,
+        known=0,
+        log_odds=0.0,
+        largest=0.0,
+        witness={},
+        reason=reason,
+    )
 
 
 def _log_odds(zeros: int, states: int, degree: int) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 from twin.formula.contract import Formula
 from twin.model.mechanism import Mechanism
 from twin.proof import field, formula_side, values
+from twin.proof.attempt import within_reach
 from twin.proof.branch_report import examined_conditions
 from twin.proof.claims import JudgedClaim, judged, unclaimed
 from twin.proof.combined_proof import with_signs
@@ -16,7 +17,7 @@ from twin.proof.formula_side import Outputs
 from twin.proof.prove import BESIDES, STATES
 from twin.proof.random_states import ProofStates, random_states
 from twin.proof.replay import Notes, replay
-from twin.proof.values import Angle, ExactValue, Truths, Value
+from twin.proof.values import Angle, ExactValue, Value
 
 _REFUSED = 8
 """Of the states at which a search found that a condition leaves no value, one in so many is judged."""
@@ -51,15 +52,16 @@ def equal_outputs(
             for name in states.state:
                 # where one of them has no value, the other must have none
                 near[name] = np.concatenate([report.states[name], report.refused[name][::_REFUSED]])
-            found = len(next(iter(near.values())))
-            if not found:
+            count = len(next(iter(near.values())))
+            if not count:
                 continue
             repeated = {name: np.tile(numbers, BESIDES) for name, numbers in near.items()}
-            besides = random_states(first, robot, found * BESIDES, seed, near=repeated)
+            besides = random_states(first, robot, count * BESIDES, seed, near=repeated)
             for i, other in enumerate(_compared(besides, first, second, variants)):
                 if other.status == "refuted" or other.different or other.undefined:
                     claims[i] = other
-            rare += [{name: float(numbers[k]) for name, numbers in near.items()} for k in range(found)]
+            for state in range(count):
+                rare.append({name: float(numbers[state]) for name, numbers in near.items()})
     return with_signs(claims, rare)
 
 
@@ -85,8 +87,9 @@ def _claims(
     states: ProofStates, stage: str, functions: Sequence[Outputs], state: Sequence[Value]
 ) -> Iterator[JudgedClaim]:
     """Yield the claims about two functions of the same inputs."""
-    first, second = (_replayed(states, function, state) for function in functions)
-    inside = _within(states, first) | _within(states, second)
+    first = _replayed(states, functions[0], state)
+    second = _replayed(states, functions[1], state)
+    inside = within_reach(first, states.count) | within_reach(second, states.count)
     for name in sorted({*first, *second}):
         own = first.get(name, ())
         other = second.get(name, ())
@@ -102,19 +105,8 @@ def _claims(
 
 def _replayed(states: ProofStates, function: Outputs, state: Sequence[Value]) -> dict[str, list[Value]]:
     """Return the outputs of a function at some states."""
-    found = replay(function.function, [list(state), list(states.parameters.values())], Notes())
-    return dict(zip(function.names, found, strict=True))
-
-
-def _within(states: ProofStates, found: Mapping[str, list[Value]]) -> Truths:
-    """Return the states (k,) where a formula has values and no margin is negative."""
-    inside = np.ones(states.count, bool)
-    for name in ("pose", "joints", "reach"):
-        for value in found.get(name, ()):
-            inside &= np.isfinite(values.real_of(value))
-    for margin in found.get("reach", ()):
-        inside &= values.real_of(margin) >= 0
-    return inside
+    results = replay(function.function, [list(state), list(states.parameters.values())], Notes())
+    return dict(zip(function.names, results, strict=True))
 
 
 def _differences(a: Value, b: Value) -> list[ExactValue]:

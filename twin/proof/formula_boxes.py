@@ -40,23 +40,29 @@ class FormulaBoxes:
             raise TwinError(f"{formula.name}: the equations have no inverse, which must predict the joint values")
         self.R = R
         outputs = formula_side.from_pose(formula, variants, coordinates=False)
-        pose, parameters = outputs.function.sx_in(0), outputs.function.sx_in(1)
-        found = dict(zip(outputs.names, outputs.function(pose, parameters), strict=True))
+        pose = outputs.function.sx_in(0)
+        parameters = outputs.function.sx_in(1)
+        results = dict(zip(outputs.names, outputs.function(pose, parameters), strict=True))
         driven = [joint.name for joint in formula.joints]
-        symbols = dict(zip(driven, ca.vertsplit(found["joints"]), strict=True))
-        if "passive" in found:
-            symbols |= zip(formula.passive, ca.vertsplit(found["passive"]), strict=True)
+        symbols = dict(zip(driven, ca.vertsplit(results["joints"]), strict=True))
+        if "passive" in results:
+            symbols |= zip(formula.passive, ca.vertsplit(results["passive"]), strict=True)
         missing = [name for name in joints if name not in symbols]
         if missing:
             raise TwinError(f"{formula.name}: the equations give no value of joint {', '.join(missing)}")
         values = ca.vertcat(*[symbols[name] for name in joints])
         margins = []
         for limit in limits:
-            margins.append(sum(weight * symbols[name] for name, weight in limit.weights.items()) - limit.least)
-        margins += ca.vertsplit(found.get("reach", ca.SX(0, 1)))
+            total = 0
+            for name, weight in limit.weights.items():
+                total = total + weight * symbols[name]
+            margins.append(total - limit.least)
+        margins += ca.vertsplit(results.get("reach", ca.SX(0, 1)))
         self._values = ca.Function("values", [pose, parameters], [values])
         self._margins = IntervalFunction(ca.Function("margins", [pose, parameters], [ca.vertcat(*margins)]))
-        self._aspects = formula_side.aspects(formula, variants) if formula.aspects else None
+        self._aspects: ca.Function | None = None
+        if formula.aspects:
+            self._aspects = formula_side.aspects(formula, variants)
         self._parameters = np.array([float(parameter.value) for parameter in formula.parameters])
 
     def values(self, p: Array) -> Array:

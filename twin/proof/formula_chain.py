@@ -9,14 +9,17 @@ import casadi as ca
 from twin.core.errors import TwinError
 from twin.formula.contract import Formula
 from twin.proof import formula_side, trigonometric
+from twin.proof.instructions import OPERATION_NAMES, instructions
 from twin.proof.trigonometric import AngleSum, Operand, TrigonometricSum
 
 _ROUNDED = 2.0**-50
 """Relative error of a constant of the equations."""
 
 _ANGULAR = ("deg", "rad")
+"""Units of parameters that are angles."""
 
-_NAMES = {getattr(ca, name): name.removeprefix("OP_").lower() for name in dir(ca) if name.startswith("OP_")}
+_BINARY = 1024.0
+"""Multiples of the reciprocal of this are taken as they are."""
 
 
 def tool_pose(
@@ -46,56 +49,82 @@ def tool_pose(
         if joint.kind == "revolute":
             state.append(AngleSum({place: 1}, 0.0, 0.0))
         else:
-            state.append(trigonometric.variable(place, *sliding[joint.name]))
+            middle, half = sliding[joint.name]
+            state.append(trigonometric.variable(place, middle, half))
     symbols = outputs.function.sx_in()
-    found = dict(zip(outputs.names, outputs.function(*symbols), strict=True))
-    parameters: list[Operand] = []
-    place = len(formula.joints)
-    results = ca.vertcat(ca.vec(found["pose"]), ca.vec(found.get("passive", ca.SX(0, 1))))
-    used = ca.which_depends(results, symbols[1], 1) if formula.parameters else []
-    for parameter, needed in zip(formula.parameters, used, strict=True):
+    results = dict(zip(outputs.names, outputs.function(*symbols), strict=True))
+    parameters = _parameters(formula, symbols[1], results, tolerances)
+    pose = ca.Function("pose", symbols, [results["pose"]])
+    entries = []
+    for entry in _evaluate(formula.name, pose, [state, parameters]):
+        entries.append(_as_sum(formula.name, entry))
+    rows = [entries[4 * i : 4 * i + 4] for i in range(4)]
+    joints = dict(zip([joint.name for joint in formula.joints], state, strict=True))
+    if "passive" in results:
+        for name, value in zip(formula.passive, ca.vertsplit(results["passive"]), strict=True):
+            function = ca.Function(name, symbols, [value])
+            try:
+                joints[name] = _evaluate(formula.name, function, [state, parameters])[0]
+            except TwinError:  # this joint may not be needed
+                continue
+    return trigonometric.stacked(rows), joints
+
+
+def _parameters(
+    formula: Formula, symbols: ca.SX, results: Mapping[str, ca.SX], tolerances: Mapping[str, float]
+) -> list[Operand]:
+    """Return the parameters as operands; only one that pose or passive joints need is a variable of its own.
+
+    Args:
+        formula: the equations.
+        symbols: symbols of the parameters, as a column.
+        results: {output of the equations: its entries}.
+        tolerances: {parameter: by how much it may differ from its value, in m or rad}.
+    """
+    if not formula.parameters:
+        return []
+    passive = results.get("passive", ca.SX(0, 1))
+    needed = ca.which_depends(ca.vertcat(ca.vec(results["pose"]), ca.vec(passive)), symbols, 1)
+    place = len(formula.joints)  # the variables after those of the joints
+    operands: list[Operand] = []
+    for parameter, is_needed in zip(formula.parameters, needed, strict=True):
         value = float(parameter.value)
         tolerance = tolerances.get(parameter.name, 0.0)
         if parameter.unit in _ANGULAR:
-            parameters.append(AngleSum({}, value, abs(value) * _ROUNDED + tolerance))
-        elif tolerance and needed:
-            parameters.append(trigonometric.variable(place, value, tolerance))
+            operands.append(AngleSum({}, value, abs(value) * _ROUNDED + tolerance))
+        elif tolerance and is_needed:
+            operands.append(trigonometric.variable(place, value, tolerance))
             place += 1
         else:
-            parameters.append(trigonometric.constant(value, abs(value) * _ROUNDED))
-    function = ca.Function("pose", symbols, [found["pose"]])
-    entries = [_as_sum(formula.name, entry) for entry in _evaluate(formula.name, function, [state, parameters])]
-    joints = dict(zip([joint.name for joint in formula.joints], state, strict=True))
-    if "passive" in found:
-        for name, value in zip(formula.passive, ca.vertsplit(found["passive"]), strict=True):
-            single = ca.Function(name, symbols, [value])
-            try:
-                joints[name] = _evaluate(formula.name, single, [state, parameters])[0]
-            except TwinError:  # this joint may not be needed
-                continue
-    return trigonometric.stacked([entries[4 * i : 4 * i + 4] for i in range(4)]), joints
+            operands.append(trigonometric.constant(value, abs(value) * _ROUNDED))
+    return operands
 
 
 def _evaluate(name: str, function: ca.Function, inputs: list[list[Operand]]) -> list[Operand]:
-    """Return the entries of the only output of a function."""
-    results: dict[int, Operand] = {}
+    """Return the entries of the only output of a function; `name` is that of the formula, for messages."""
+    memory: dict[int, Operand] = {}
     outputs: list[Operand] = [trigonometric.constant(0.0)] * function.nnz_out(0)
-    for k in range(function.n_instructions()):
-        operation = function.instruction_id(k)
-        targets = function.instruction_output(k)
-        sources = function.instruction_input(k)
-        if operation == ca.OP_CONST:
-            value = function.instruction_constant(k)
-            radius = 0.0 if value == round(value * 1024) / 1024 else abs(value) * _ROUNDED
-            results[targets[0]] = trigonometric.constant(value, radius)
-        elif operation == ca.OP_INPUT:
-            results[targets[0]] = inputs[sources[0]][sources[1]]
-        elif operation == ca.OP_OUTPUT:
-            outputs[targets[1]] = results[sources[0]]
+    for step in instructions(function):
+        operands = [memory[place] for place in step.operands]
+        if step.operation == ca.OP_OUTPUT:
+            _, entry = step.port
+            outputs[entry] = operands[0]
+        elif step.operation == ca.OP_CONST:
+            memory[step.target] = _constant(step.constant)
+        elif step.operation == ca.OP_INPUT:
+            column, entry = step.port
+            memory[step.target] = inputs[column][entry]
         else:
-            operands = [results[source] for source in sources]
-            results[targets[0]] = _applied(name, operation, operands)
+            memory[step.target] = _applied(name, step.operation, operands)
     return outputs
+
+
+def _constant(value: float) -> TrigonometricSum:
+    """Return a constant of the equations; one that is no multiple of 1/1024 has been rounded."""
+    radius = 0.0
+    if value != round(value * _BINARY) / _BINARY:
+        radius = abs(value) * _ROUNDED
+    return trigonometric.constant(value, radius)
 
 
 def _applied(name: str, operation: int, operands: list[Operand]) -> Operand:
@@ -106,22 +135,17 @@ def _applied(name: str, operation: int, operands: list[Operand]) -> Operand:
         angle = _as_angle(name, first)
         return trigonometric.wave(angle, operation == ca.OP_SIN)
     if operation == ca.OP_NEG:
-        return _scaled(first, -1) if isinstance(first, AngleSum) else -first
-    if operation in (ca.OP_ADD, ca.OP_SUB):
-        if operation == ca.OP_SUB:
-            last = _scaled(last, -1) if isinstance(last, AngleSum) else -last
-        if isinstance(first, AngleSum) or isinstance(last, AngleSum):
-            return _turned(_as_angle(name, first), _as_angle(name, last))
-        return first + last
+        return _negative(first)
+    if operation == ca.OP_ADD:
+        return _total(name, first, last)
+    if operation == ca.OP_SUB:
+        return _total(name, first, _negative(last))
     if operation == ca.OP_TWICE:
-        return _scaled(first, 2) if isinstance(first, AngleSum) else first + first
+        if isinstance(first, AngleSum):
+            return _scaled(first, 2)
+        return first + first
     if operation == ca.OP_MUL:
-        for factor, other in ((first, last), (last, first)):
-            if isinstance(other, AngleSum) and isinstance(factor, TrigonometricSum) and factor.number is not None:
-                value, radius = factor.number
-                if radius == 0 and value == round(value):
-                    return _scaled(other, int(value))
-        return _as_sum(name, first) * _as_sum(name, last)
+        return _product(name, first, last)
     if operation == ca.OP_SQ:
         return _as_sum(name, first) * _as_sum(name, first)
     if operation == ca.OP_DIV:
@@ -130,8 +154,32 @@ def _applied(name: str, operation: int, operands: list[Operand]) -> Operand:
         return _reciprocal(name, _as_sum(name, first))
     raise TwinError(
         f"{name}: the forward equations have a branch, a table, a root or another operation that is no sum of sines "
-        f"and cosines of the joints ({_NAMES.get(operation, operation)}); they have no bound over all joints"
+        f"and cosines of the joints ({OPERATION_NAMES.get(operation, operation)}); they have no bound over all joints"
     )
+
+
+def _negative(a: Operand) -> Operand:
+    """Return -a."""
+    if isinstance(a, AngleSum):
+        return _scaled(a, -1)
+    return -a
+
+
+def _total(name: str, a: Operand, b: Operand) -> Operand:
+    """Return a + b; a sum with an angle is an angle."""
+    if isinstance(a, AngleSum) or isinstance(b, AngleSum):
+        return _turned(_as_angle(name, a), _as_angle(name, b))
+    return a + b
+
+
+def _product(name: str, a: Operand, b: Operand) -> Operand:
+    """Return a b; a whole multiple of an angle is an angle."""
+    for factor, other in ((a, b), (b, a)):
+        if isinstance(other, AngleSum) and isinstance(factor, TrigonometricSum) and factor.number is not None:
+            value, radius = factor.number
+            if radius == 0 and value == round(value):
+                return _scaled(other, int(value))
+    return _as_sum(name, a) * _as_sum(name, b)
 
 
 def _as_angle(name: str, operand: Operand) -> AngleSum:
@@ -155,12 +203,16 @@ def _as_sum(name: str, operand: Operand) -> TrigonometricSum:
 
 
 def _scaled(angle: AngleSum, factor: int) -> AngleSum:
-    multiples = {place: factor * multiple for place, multiple in angle.multiples.items() if factor}
+    """Return a whole multiple of an angle."""
+    multiples = {}
+    if factor:
+        multiples = {place: factor * multiple for place, multiple in angle.multiples.items()}
     radius = abs(factor) * angle.radius + abs(factor * angle.phase) * _ROUNDED
     return AngleSum(multiples, factor * angle.phase, radius)
 
 
 def _turned(a: AngleSum, b: AngleSum) -> AngleSum:
+    """Return the sum of two angles."""
     multiples = dict(a.multiples)
     for place, multiple in b.multiples.items():
         multiples[place] = multiples.get(place, 0) + multiple
@@ -170,10 +222,14 @@ def _turned(a: AngleSum, b: AngleSum) -> AngleSum:
 
 
 def _reciprocal(name: str, value: TrigonometricSum) -> TrigonometricSum:
-    number = value.number
-    if number is None or abs(number[0]) <= number[1]:
+    """Return 1 / value of a constant.
+
+    Raises:
+        TwinError: the value depends on the joints, or may be 0.
+    """
+    centre, radius = value.number or (0.0, 0.0)
+    if abs(centre) <= radius:
         raise TwinError(f"{name}: the forward equations divide by a value that depends on the joints, or that may be 0")
-    centre, radius = number
     inverse = 1.0 / centre
     spread = radius / (abs(centre) * (abs(centre) - radius)) * (1 + 8 * _ROUNDED)
     return trigonometric.constant(inverse, spread + abs(inverse) * _ROUNDED)

@@ -57,7 +57,7 @@ def from_pose(formula: Formula, variants: Mapping[str, str], coordinates: bool, 
         T = equation_values.to_pose(formula, {**parameters, **state})
         symbols: Mapping[str, Value] = {**parameters, **state, POSE_SYMBOL: T}
     else:
-        state = {f"T{i}{j}": ca.SX.sym(f"T{i}{j}") for i in range(4) for j in range(4)}
+        state = _pose_symbols()
         T = symbolic.unflat(ca.vertcat(*state.values()), 4, 4)
         symbols = {**parameters, **equation_values.from_pose(formula, T)}
     symbols = equation_values.run(formula, variants, symbols, "inverse")
@@ -79,15 +79,15 @@ def aspects(formula: Formula, variants: Mapping[str, str]) -> ca.Function:
     The pose (16,) is given row by row. A value is positive in the preferred assembly.
     """
     parameters = _parameters(formula)
-    state = [ca.SX.sym(f"T{i}{j}") for i in range(4) for j in range(4)]
-    T = symbolic.unflat(ca.vertcat(*state), 4, 4)
+    state = ca.vertcat(*_pose_symbols().values())
+    T = symbolic.unflat(state, 4, 4)
     symbols: Mapping[str, Value] = {**parameters, **equation_values.from_pose(formula, T)}
     for stage in ("inverse", "forward", "helper"):
         symbols = equation_values.run(formula, variants, symbols, stage)
-    found = equation_values.gather(formula, symbols, tuple(aspect.symbol for aspect in formula.aspects), "aspect")
+    names = tuple(aspect.symbol for aspect in formula.aspects)
+    signs = equation_values.gather(formula, symbols, names, "aspect")
     preferred = ca.DM([aspect.preferred for aspect in formula.aspects])
-    numbers = ca.vertcat(*parameters.values()) if parameters else ca.SX(0, 1)
-    return ca.Function("aspects", [ca.vertcat(*state), numbers], [found * preferred])
+    return ca.Function("aspects", [state, _column(parameters)], [signs * preferred])
 
 
 def _of_helpers(
@@ -103,10 +103,12 @@ def _of_helpers(
         "reach": equation_values.gather(formula, symbols, tuple(formula.reach.values()), "reach"),
     }
     for name, symbol in formula.points.items():
+        what = f"point '{name}':"
         if isinstance(symbol, str):
-            outputs[f"point {name}"] = ca.vec(equation_values.expression(formula, symbols, symbol, f"point '{name}':"))
+            p = ca.vec(equation_values.expression(formula, symbols, symbol, what))
         else:
-            outputs[f"point {name}"] = equation_values.gather(formula, symbols, symbol, f"point '{name}':")
+            p = equation_values.gather(formula, symbols, symbol, what)
+        outputs[f"point {name}"] = p
     if measures:
         of_measures = tuple(measure.symbol for measure in formula.measures)
         of_aspects = tuple(aspect.symbol for aspect in formula.aspects)
@@ -116,7 +118,25 @@ def _of_helpers(
 
 
 def _parameters(formula: Formula) -> dict[str, ca.SX]:
+    """Return {parameter: its symbol}."""
     return {parameter.name: ca.SX.sym(parameter.name) for parameter in formula.parameters}
+
+
+def _pose_symbols() -> dict[str, ca.SX]:
+    """Return {name: symbol} of the 16 entries of a pose, row by row."""
+    symbols = {}
+    for i in range(4):
+        for j in range(4):
+            name = f"T{i}{j}"
+            symbols[name] = ca.SX.sym(name)
+    return symbols
+
+
+def _column(symbols: Mapping[str, ca.SX]) -> ca.SX:
+    """Return symbols as a column, which may be empty."""
+    if not symbols:
+        return ca.SX(0, 1)
+    return ca.vertcat(*symbols.values())
 
 
 def _pose(formula: Formula, symbols: Mapping[str, Value]) -> ca.SX:
@@ -129,12 +149,17 @@ def _pose(formula: Formula, symbols: Mapping[str, Value]) -> ca.SX:
 def _function(
     formula: Formula, state: Mapping[str, ca.SX], parameters: Mapping[str, ca.SX], outputs: Mapping[str, ca.SX]
 ) -> Outputs:
+    """Return the function of state and parameters.
+
+    Raises:
+        KinematicsError: an equation calls a table or another compiled function.
+    """
     columns = [ca.densify(ca.SX(value)) for value in outputs.values()]
-    numbers = ca.vertcat(*parameters.values()) if parameters else ca.SX(0, 1)
-    function = ca.Function("equations", [ca.vertcat(*state.values()), numbers], columns)
-    if any(function.instruction_id(k) == ca.OP_CALL for k in range(function.n_instructions())):
-        raise KinematicsError(
-            f"formula '{formula.name}': an equation calls a table or another compiled function; no proof can repeat "
-            "its operations: write it as an expression of cosines, sines, roots and conditions"
-        )
+    function = ca.Function("equations", [ca.vertcat(*state.values()), _column(parameters)], columns)
+    for number in range(function.n_instructions()):
+        if function.instruction_id(number) == ca.OP_CALL:
+            raise KinematicsError(
+                f"formula '{formula.name}': an equation calls a table or another compiled function; no proof can "
+                "repeat its operations: write it as an expression of cosines, sines, roots and conditions"
+            )
     return Outputs(function, tuple(state), tuple(outputs))

@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
 from twin.proof import intervals
+from twin.proof.instructions import instructions
 from twin.proof.intervals import Certainty, Intervals
 
 _ROUNDED = 2.0**-50
@@ -25,6 +25,9 @@ _ROUNDED = 2.0**-50
 
 _BINARY = 1024.0
 """Multiples of the reciprocal of this are taken as they are."""
+
+_NO_RESULT = -1
+"""Instead of the number of a result, for an entry that no instruction writes: it is 0."""
 
 
 def constant(value: float) -> Intervals:
@@ -133,16 +136,6 @@ _BINARY_OPERATIONS: dict[int, Callable[[Intervals, Intervals], Intervals]] = {
 }
 
 
-@dataclass(frozen=True)
-class _Step:
-    """An operation: its code, the number of the value that it writes, those that it reads, and its constant."""
-
-    operation: int
-    target: int
-    sources: tuple[int, ...]
-    number: float = 0.0
-
-
 class IntervalFunction:
     """A function whose operations are repeated on intervals.
 
@@ -152,26 +145,27 @@ class IntervalFunction:
 
     def __init__(self, function: ca.Function) -> None:
         self.function = function
-        self._constants: dict[int, Intervals] = {}
-        self._steps: list[_Step] = []
-        self._inputs: list[tuple[int, int, int]] = []
-        self._outputs: list[list[int]] = [[-1] * function.nnz_out(k) for k in range(function.n_out())]
-        # each result has a number of its own: work that is used again would need copies
-        place: dict[int, int] = {}
-        for k in range(function.n_instructions()):
-            operation = function.instruction_id(k)
-            targets = function.instruction_output(k)
-            sources = function.instruction_input(k)
-            if operation == ca.OP_OUTPUT:
-                self._outputs[targets[0]][targets[1]] = place[sources[0]]
+        self._constants: dict[int, Intervals] = {}  # {number of a result: its value}
+        self._inputs: list[tuple[int, int, int]] = []  # number of a result, of the input, and of the entry of this
+        self._steps: list[tuple[int, int, tuple[int, ...]]] = []  # number of a result, operation, results it reads
+        self._outputs: list[list[int]] = []  # number of the result that is each entry
+        for output in range(function.n_out()):
+            self._outputs.append([_NO_RESULT] * function.nnz_out(output))
+        # each result has a number of its own, that of its instruction: work that is used again would need copies
+        result_at: dict[int, int] = {}  # {place of memory: number of the result that is there}
+        for step in instructions(function):
+            operands = tuple(result_at[place] for place in step.operands)
+            if step.operation == ca.OP_OUTPUT:
+                output, entry = step.port
+                self._outputs[output][entry] = operands[0]
                 continue
-            if operation == ca.OP_CONST:
-                self._constants[k] = constant(function.instruction_constant(k))
-            elif operation == ca.OP_INPUT:
-                self._inputs.append((k, sources[0], sources[1]))
+            if step.operation == ca.OP_CONST:
+                self._constants[step.number] = constant(step.constant)
+            elif step.operation == ca.OP_INPUT:
+                self._inputs.append((step.number, *step.port))
             else:
-                self._steps.append(_Step(operation, k, tuple(place[source] for source in sources)))
-            place[targets[0]] = k
+                self._steps.append((step.number, step.operation, operands))
+            result_at[step.target] = step.number
 
     def __call__(self, inputs: Sequence[Sequence[Intervals]]) -> list[list[Intervals]]:
         """Return the outputs, one array of intervals for each entry, by columns.
@@ -180,15 +174,15 @@ class IntervalFunction:
         unknown interval.
         """
         results = dict(self._constants)
-        for number, which, entry in self._inputs:
-            results[number] = inputs[which][entry]
-        for step in self._steps:
-            operands = [results[source] for source in step.sources]
-            results[step.target] = _evaluated(step.operation, operands)
-        zero = intervals.exactly(0.0)
+        for number, column, entry in self._inputs:
+            results[number] = inputs[column][entry]
+        for number, operation, sources in self._steps:
+            operands = [results[source] for source in sources]
+            results[number] = _evaluated(operation, operands)
+        results[_NO_RESULT] = intervals.exactly(0.0)
         outputs = []
-        for places in self._outputs:
-            outputs.append([results[place] if place >= 0 else zero for place in places])
+        for numbers in self._outputs:
+            outputs.append([results[number] for number in numbers])
         return outputs
 
 

@@ -47,13 +47,13 @@ _SLACK = 1e-6
 _TOOL_SLACK = 6e-4
 """The same of the speeds of the tool: they rest on rates of the passive joints, whose bounds are wider."""
 
-_TOOL_LEAST = 1e-6
+_SMALLEST_TOOL_CHANGE = 1e-6
 """Smallest change of a speed of the tool, as a part of its limit: a tool that does not turn has one that is 0."""
 
-_LEAST = 1e-9
+_SMALLEST_CHANGE = 1e-9
 """Smallest change of a bound, in m, rad, m/s or rad/s."""
 
-_GAP = 30.0
+_GAP_FACTOR = 30.0
 """Factor of the bounds of gaps: they are near rounding, where arithmetics differ."""
 
 _STEEPEST = 1.3
@@ -64,6 +64,9 @@ _DIGITS = 7
 
 _NOISE = 1e-9
 """Part of the largest entry of a matrix below which an entry is written as 0."""
+
+_RELATIVE_ZERO = 1e-9
+"""Singular values below this fraction of the largest one count as zero in the matrix of Krawczyk's operator."""
 
 _DECIMALS = 16
 """Decimals of the predictions in m or rad: rounding of a float near 1."""
@@ -81,12 +84,13 @@ def motion_certificate(
         about: robot, protocol and hashes of their files, as plain data.
     """
     predicted = proof.predicted
-    proved = [claim for claim in proof.claims if claim.status == "proved"]
     if predicted is None:
         return None
     linkage = Linkage(mechanism)
     pieces = _pieces(predicted, linkage)
-    if pieces[0][3] is None:
+    proved = [claim for claim in proof.claims if claim.status == "proved"]
+    _, _, _, predictions, _ = pieces[0]
+    if predictions is None:
         proved = [claim for claim in proved if claim.group in DRIVEN]
     if not proved:
         return None
@@ -112,16 +116,22 @@ def _bound(claim: MotionClaim, linkage: Linkage, path: TimedPath) -> JsonObject:
     row |= _about(claim, linkage, path)
     if claim.group == "determinant":
         return {**row, "not": 0.0}
-    part = _TOOL_SLACK if claim.group == "tool speed" else _SLACK
-    least = _TOOL_LEAST if claim.group == "tool speed" else _LEAST
-    change = max(least, part * abs(claim.bound))
+    part = _SLACK
+    smallest_change = _SMALLEST_CHANGE
+    if claim.group == "tool speed":
+        part = _TOOL_SLACK
+        smallest_change = _SMALLEST_TOOL_CHANGE
+    change = max(smallest_change, part * abs(claim.bound))
     if claim.group == "loop gap":
-        change += (_GAP - 1.0) * claim.bound
+        change += (_GAP_FACTOR - 1.0) * claim.bound
+    limit = claim.limit
     if claim.smallest:
-        limit = claim.limit - TOUCHING if claim.group in MARGINS else claim.limit
+        if claim.group in MARGINS:
+            limit -= TOUCHING
         row["at least"] = max(claim.bound - change, limit)
     else:
-        limit = claim.limit * (1.0 + SPEED_EXCESS) if claim.group in SPEEDS else claim.limit
+        if claim.group in SPEEDS:
+            limit *= 1.0 + SPEED_EXCESS
         row["at most"] = min(claim.bound + change, limit)
     if np.isfinite(claim.limit):
         row["limit"] = claim.limit
@@ -129,39 +139,72 @@ def _bound(claim: MotionClaim, linkage: Linkage, path: TimedPath) -> JsonObject:
 
 
 def _about(claim: MotionClaim, linkage: Linkage, path: TimedPath) -> JsonObject:
-    """Return what a bound is about: weights of coordinates, and limits; or a joint."""
+    """Return what a bound is about: weights of coordinates, and limits; or a joint; nothing if its name says it."""
     mechanism = linkage.mechanism
-    name = claim.name
-    if claim.group in ("joint limit", "joint speed"):
-        joint = mechanism.joint(name)
-        row: JsonObject = {"coordinates": [linkage.index(name)], "weights": [1.0]}
-        return row if claim.group == "joint speed" else {**row, "limits": _limits(joint.limits)}
+    if claim.group == "joint speed":
+        return _one_coordinate(linkage, claim.name)
+    if claim.group == "joint limit":
+        limits = _limits(mechanism.joint(claim.name).limits)
+        return {**_one_coordinate(linkage, claim.name), "limits": limits}
     if claim.group in ("motor limit", "motor speed"):
-        (actuator,) = [actuator for actuator in mechanism.actuators if actuator.name == name]
-        rows = mechanism.motors(np.eye(len(mechanism.active))).T
-        weights = rows[mechanism.motor_names.index(name)]
-        row = {"coordinates": list(linkage.driven), "weights": weights.tolist()}
-        return row if claim.group == "motor speed" else {**row, "limits": _limits(actuator.limits)}
+        return _about_motor(claim, linkage)
     if claim.group == "gap":
-        (pair,) = [(i, j) for i, j, _, gap in path.gaps if gap == name]
-        # carriages do not pass one another: the sign of the distance is that at the start
-        starts = [np.polynomial.chebyshev.chebval(-1.0, path.phases[0].coefficients[:, k]) for k in pair]
-        sign = 1.0 if starts[0] > starts[1] else -1.0
-        return {"coordinates": [linkage.driven[k] for k in pair], "weights": [sign, -sign], "limits": [0.0, None]}
-    if claim.group != "passive limit":
-        return {}
-    joint = mechanism.joint(name)
-    spanning = [other.name for other in mechanism.tree]
-    if joint.cone is None and name in spanning:
-        return {"coordinates": [linkage.index(name)], "weights": [1.0], "limits": _limits(joint.limits)}
-    row = {"joint": _joint(joint)}
+        return _about_gap(claim.name, linkage, path)
+    if claim.group == "passive limit":
+        return _about_passive_limit(mechanism.joint(claim.name), linkage)
+    return {}
+
+
+def _one_coordinate(linkage: Linkage, joint: str) -> JsonObject:
+    """Return the coordinate of a joint, as a sum with one weight."""
+    return {"coordinates": [linkage.index(joint)], "weights": [1.0]}
+
+
+def _about_motor(claim: MotionClaim, linkage: Linkage) -> JsonObject:
+    """Return a motor's position as a sum of driven coordinates, with its limits if the bound is one of them."""
+    mechanism = linkage.mechanism
+    (actuator,) = [actuator for actuator in mechanism.actuators if actuator.name == claim.name]
+    # positions of the motors are linear: row i of this matrix has the weights of motor i
+    matrix = mechanism.motors(np.eye(len(mechanism.active))).T
+    weights = matrix[mechanism.motor_names.index(claim.name)]
+    row: JsonObject = {"coordinates": list(linkage.driven), "weights": weights.tolist()}
+    if claim.group == "motor limit":
+        row["limits"] = _limits(actuator.limits)
+    return row
+
+
+def _about_gap(name: str, linkage: Linkage, path: TimedPath) -> JsonObject:
+    """Return the distance of two carriages on one rail as a difference of driven coordinates."""
+    (pair,) = [(i, j) for i, j, _, gap in path.gaps if gap == name]
+    # carriages do not pass one another: the sign of the distance is that at the start
+    coefficients = path.phases[0].coefficients
+    first, second = [float(np.polynomial.chebyshev.chebval(-1.0, coefficients[:, i])) for i in pair]
+    sign = -1.0
+    if first > second:
+        sign = 1.0
+    coordinates = [linkage.driven[i] for i in pair]
+    return {"coordinates": coordinates, "weights": [sign, -sign], "limits": [0.0, None]}
+
+
+def _about_passive_limit(joint: Joint, linkage: Linkage) -> JsonObject:
+    """Return a passive joint with its limits, as a coordinate or as an angle whose cosine is a sum of entries.
+
+    The entries are those of the rotation R of the joint: R00, R11, R10, R01 and R22, with the weights "cosine"; the
+    sum is the cosine of the angle from the middle of the limits, or of that of the cone.
+    """
+    spanning = [other.name for other in linkage.mechanism.tree]
+    if joint.cone is None and joint.name in spanning:
+        return {**_one_coordinate(linkage, joint.name), "limits": _limits(joint.limits)}
+    row: JsonObject = {"joint": _joint(joint)}
     if joint.cone is not None:
         return {**row, "cosine": [0.0, 0.0, 0.0, 0.0, 1.0], "angle": joint.cone}
     if joint.type == "prismatic":
         return {**row, "limits": _limits(joint.limits)}
     assert joint.limits is not None  # a joint without limits has no bound
     low, high = joint.limits
-    c, s = 0.5 * math.cos(0.5 * (low + high)), 0.5 * math.sin(0.5 * (low + high))
+    middle = 0.5 * (low + high)
+    c = 0.5 * math.cos(middle)
+    s = 0.5 * math.sin(middle)
     return {**row, "cosine": [c, c, s, -s, 0.0], "angle": 0.5 * (high - low)}
 
 
@@ -170,7 +213,9 @@ def _mechanism(mechanism: Mechanism, linkage: Linkage) -> JsonObject:
     tool = mechanism.frame(mechanism.tool)
     couplings = []
     for coupling in mechanism.couplings:
-        scale = ARM if mechanism.joint(coupling.joints[0]).is_angle else 1.0
+        scale = 1.0
+        if mechanism.joint(coupling.joints[0]).is_angle:
+            scale = ARM
         couplings.append(
             {
                 "coordinates": [linkage.index(name) for name in coupling.joints],
@@ -205,18 +250,27 @@ def _limits(limits: tuple[float, float] | None) -> list[float | None] | None:
     """Return limits, None for an infinite one."""
     if limits is None:
         return None
-    return [float(limit) if np.isfinite(limit) else None for limit in limits]
+    row: list[float | None] = []
+    for limit in limits:
+        if np.isfinite(limit):
+            row.append(float(limit))
+        else:
+            row.append(None)
+    return row
 
 
 def _phase(phase: TimedPhase) -> JsonObject:
     """Return one phase of the path."""
+    rcm = None
+    if phase.rcm is not None:
+        rcm = phase.rcm.tolist()
     return {
         "name": phase.name,
         "series": phase.coefficients.T.tolist(),
         "grid": phase.grid.tolist(),
         "rates": phase.rates.tolist(),
         "averaged_s": phase.smoothing,
-        "rcm": None if phase.rcm is None else phase.rcm.tolist(),
+        "rcm": rcm,
         "enforced": phase.enforced,
         "tip_speed": phase.tip_speed,
         "rotation_speed": phase.rotation_speed,
@@ -233,33 +287,42 @@ def _pieces(predicted: PredictedPieces, linkage: Linkage) -> list[Any]:
     jacobian = np.zeros((len(predicted.phase), 0, len(passive)))
     if predicted.jacobian is not None:
         jacobian = predicted.jacobian.copy()
-    known = predicted.proved
+    is_known = predicted.proved
     for name, c in predicted.balls.items():
         own = [i for i, place in enumerate(linkage.places) if place.joint == name]
         turns = _turns(c)
-        known = known and bool(np.abs(turns[0, :, 1]).max() < _STEEPEST)
+        middle_turns = turns[0, :, 1]
+        is_known = is_known and bool(np.abs(middle_turns).max() < _STEEPEST)
         coordinates[:, :, own] = turns
         columns = [passive.index(i) for i in own]
         jacobian[:, :, columns] = jacobian[:, :, columns] @ _turning(turns[0])
     _remove_full_turns(coordinates, linkage)
-    inverses = np.linalg.pinv(jacobian, rcond=1e-9) if known else jacobian
-    out = []
+    inverses = jacobian
+    if is_known:
+        inverses = np.linalg.pinv(jacobian, rcond=_RELATIVE_ZERO)
+    pieces = []
     for i in range(len(predicted.phase)):
         series = None
         matrix = None
-        if known:
+        if is_known:
             # adding 0 makes -0 to 0
             series = (np.round(coordinates[:, i, passive], _DECIMALS).T + 0.0).tolist()
             matrix = _rounded(inverses[i])
-        out.append([int(predicted.phase[i]), float(predicted.first[i]), float(predicted.last[i]), series, matrix])
-    return out
+        phase = int(predicted.phase[i])
+        first = float(predicted.first[i])
+        last = float(predicted.last[i])
+        pieces.append([phase, first, last, series, matrix])
+    return pieces
 
 
 def _rounded(matrix: Array) -> list[list[float]]:
     """Return a matrix in few digits, without the noise of rounding instead of zeros."""
     noise = _NOISE * float(np.abs(matrix).max(initial=0.0))
     kept = np.where(np.abs(matrix) > noise, matrix, 0.0)
-    return [[float(f"{x:.{_DIGITS - 1}e}") for x in row] for row in kept.tolist()]
+    rows = []
+    for row in kept.tolist():
+        rows.append([float(f"{x:.{_DIGITS - 1}e}") for x in row])
+    return rows
 
 
 def _turns(c: Array) -> Array:

@@ -52,12 +52,13 @@ StateOfFractions = Mapping[str, Fraction]
 def numbers_at(nodes: Iterable[ProgramStep], state: StateOfFractions) -> list[PreciseNumber | None]:
     """Return numbers at a state; None for one that is not defined there."""
     rows, places = program.rows(nodes)
-    results: list[_Result] = []
     with localcontext(Context(prec=_DIGITS)):
-        for row in rows:
-            results.append(_constant(row) if row[0] in ("number", "real") else _evaluated(row, results, state))
-    found = [results[place] for place in places]
-    return [number if isinstance(number, PreciseNumber) else None for number in found]
+        results = _results(rows, _constants(rows), state)
+    numbers = []
+    for place in places:
+        result = results[place]
+        numbers.append(result if isinstance(result, PreciseNumber) else None)
+    return numbers
 
 
 def certainly_not_zero(nodes: Iterable[ProgramStep], states: Iterable[Mapping[str, float]]) -> float:
@@ -70,29 +71,49 @@ def certainly_not_zero(nodes: Iterable[ProgramStep], states: Iterable[Mapping[st
     rows, places = program.rows(nodes)
     largest = 0.0
     with localcontext(Context(prec=_DIGITS)):
-        constants = {i: _constant(row) for i, row in enumerate(rows) if row[0] in ("number", "real")}
+        constants = _constants(rows)
         for state in states:
-            results: list[_Result] = []
-            for i, row in enumerate(rows):
-                results.append(constants[i] if i in constants else _evaluated(row, results, state))
+            results = _results(rows, constants, state)
             for place in places:
-                found = results[place]
-                if isinstance(found, PreciseNumber) and abs(found.value) > Decimal(found.error):
-                    largest = max(largest, found.size)
+                result = results[place]
+                if isinstance(result, PreciseNumber) and abs(result.value) > Decimal(result.error):
+                    largest = max(largest, result.size)
     return largest
+
+
+def _constants(rows: Sequence[Row]) -> dict[int, _Result]:
+    """Return {number of a row: its value} of the constants."""
+    return {number: _constant(row) for number, row in enumerate(rows) if row[0] in ("number", "real")}
+
+
+def _results(
+    rows: Sequence[Row], constants: Mapping[int, _Result], state: Mapping[str, float | Fraction]
+) -> list[_Result]:
+    """Return the results of all rows at a state."""
+    results: list[_Result] = []
+    for number, row in enumerate(rows):
+        if number in constants:
+            results.append(constants[number])
+        else:
+            results.append(_evaluated(row, results, state))
+    return results
 
 
 def _constant(row: Row) -> PreciseNumber | None:
     """Return a constant of the equations or of the mechanism."""
     text = str(row[1])
     if row[0] == "real":
-        return PreciseNumber(Decimal(text), 0.0) if Decimal(text).is_finite() else None
+        value = Decimal(text)
+        if value.is_finite():
+            return PreciseNumber(value, 0.0)
+        return None
     total = PreciseNumber(Decimal(0), 0.0)
     for word in text.split(" + "):
         fraction, radicand = word.split("*sqrt(")
         exact = Fraction(fraction)
-        part = Decimal(exact.numerator) / Decimal(exact.denominator) * Decimal(radicand.rstrip(")")).sqrt()
-        total = _sum(total, PreciseNumber(part, abs(float(part)) * _UNIT))
+        root = Decimal(radicand.rstrip(")")).sqrt()
+        term = Decimal(exact.numerator) / Decimal(exact.denominator) * root
+        total = _sum(total, PreciseNumber(term, abs(float(term)) * _UNIT))
     return total
 
 
@@ -107,26 +128,35 @@ def _evaluated(row: Row, results: Sequence[_Result], state: Mapping[str, float |
             return _cosine_or_sine(name, value)
         # the tangent of half of the angle is taken as exact: another state near this one
         t = Decimal(math.tan(math.remainder(value, math.tau) / 2))
-        part = 1 - t * t if name == "cosine" else 2 * t
+        part = 2 * t
+        if name == "cosine":
+            part = 1 - t * t
         return PreciseNumber(part / (1 + t * t), _UNIT)
     operands = [results[int(place)] for place in row[1:]]
     if name == "choose":
-        if operands[0] is None:
+        condition, if_true, if_false = operands
+        if condition is None:
             return None
-        return operands[1] if operands[0] else operands[2]
+        if condition:
+            return if_true
+        return if_false
     if None in operands:
         return None
     if name in _LOGIC:
         return _LOGIC[name](*operands)
     numbers = []
     for operand in operands:
-        numbers.append(operand if isinstance(operand, PreciseNumber) else PreciseNumber(Decimal(bool(operand)), 0.0))
+        if not isinstance(operand, PreciseNumber):
+            operand = PreciseNumber(Decimal(bool(operand)), 0.0)  # a condition is 1 or 0
+        numbers.append(operand)
     return _NUMERIC[name](*numbers)
 
 
 def _cosine_or_sine(name: str, t: Fraction) -> PreciseNumber:
     """Return cosine or sine of the angle whose half has the tangent t."""
-    part = 1 - t * t if name == "cosine" else 2 * t
+    part = 2 * t
+    if name == "cosine":
+        part = 1 - t * t
     return _fraction(part / (1 + t * t))
 
 

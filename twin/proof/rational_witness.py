@@ -31,15 +31,28 @@ def rational_witness(
     if not claim.nodes or not all(name in ranges for name in claim.witness):
         return {}
     for state in _states(claim, ranges, parameters):
-        numbers = numbers_at(claim.nodes, state)
-        margins = numbers_at(claim.reach, state)
-        inside = all(margin is not None and margin.value >= Decimal(margin.error) for margin in margins)
-        inside &= all(_in_range(value, claim.witness[name], *ranges[name]) for name, value in state.items())
-        if not inside or None in numbers:
-            continue
-        if any(number is not None and number.size > ROUNDING + number.error for number in numbers):
+        if _is_inside(claim, state, ranges) and _is_wrong(claim, state):
             return {name: _text(value, ranges[name][0]) for name, value in state.items()}
     return {}
+
+
+def _is_inside(claim: JudgedClaim, state: StateOfFractions, ranges: Mapping[str, tuple[bool, float, float]]) -> bool:
+    """Return whether all numbers of a state are in their ranges, and no margin of the equations can be negative."""
+    for name, value in state.items():
+        if not _in_range(value, claim.witness[name], *ranges[name]):
+            return False
+    for margin in numbers_at(claim.reach, state):
+        if margin is None or margin.value < Decimal(margin.error):
+            return False
+    return True
+
+
+def _is_wrong(claim: JudgedClaim, state: StateOfFractions) -> bool:
+    """Return whether a number that must be zero certainly is not; not if one of them is undefined at the state."""
+    numbers = numbers_at(claim.nodes, state)
+    if None in numbers:
+        return False
+    return any(number is not None and number.size > ROUNDING + number.error for number in numbers)
 
 
 def _states(
@@ -49,10 +62,13 @@ def _states(
     for denominator in _DENOMINATORS:
         state = {}
         for name, value in claim.witness.items():
+            is_angle, _, _ = ranges[name]
             number = value
-            if ranges[name][0]:
+            if is_angle:
                 number = math.tan(math.remainder(value, math.tau) / 2)
-            largest = _DENOMINATORS[-1] if name in parameters else denominator
+            largest = denominator
+            if name in parameters:
+                largest = _DENOMINATORS[-1]
             state[name] = Fraction(number).limit_denominator(largest)
         yield state
 
@@ -61,10 +77,12 @@ def _in_range(value: Fraction, near: float, is_angle: bool, low: float, high: fl
     """Return whether a length, or the angle next to `near` with this tangent of its half, is in its range."""
     if not is_angle:
         return low <= value <= high
-    return low <= near + math.remainder(2 * math.atan(value) - near, math.tau) <= high
+    difference = math.remainder(2 * math.atan(value) - near, math.tau)
+    return low <= near + difference <= high
 
 
 def _text(value: Fraction, is_angle: bool) -> str:
+    """Return a length, or an angle by the tangent of its half, as text."""
     if is_angle:
         return f"2 atan({value})"
     return f"{value} m"

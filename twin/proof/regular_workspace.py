@@ -16,7 +16,8 @@ from twin.proof.interval_pose import IntervalPose
 from twin.proof.intervals import Certainty, Intervals
 from twin.proof.krawczyk import Solutions
 from twin.proof.limits import LinearLimit
-from twin.proof.loops import ClosingConditions, Closure, ToolBox, are_lengths, independent_rows
+from twin.proof.loops import ClosingConditions, Closure, are_lengths, independent_rows
+from twin.proof.moved_frame import ToolBox
 from twin.proof.rigid_frame import rigid_frame
 
 BATCH = 2048
@@ -76,7 +77,15 @@ class RegularWorkspace:
 
 @dataclass(eq=False)
 class _Judged:
-    """The verdicts of n boxes."""
+    """The verdicts of n boxes.
+
+    Attributes:
+        proved: (n,) whether everything is proved.
+        outside: (n,) whether a limit is certainly exceeded.
+        promising: (n,) whether the predicted joint values in the middle are within all limits.
+        reasons: {why a box is not proved: (n,) whether it is so}.
+        redundant: largest value of the conditions that follow from the others, in proved boxes.
+    """
 
     proved: Certainty
     outside: Certainty
@@ -144,7 +153,9 @@ class BoxJudge:
             rows = independent_rows(J, range(len(coordinates)))
             others = [row for row in range(len(J)) if row not in rows]
             self.groups.append(LoopGroup(closures, coordinates, rows, others))
-        enclosed = {number for group in self.groups for number in group.coordinates}
+        enclosed: set[int] = set()
+        for group in self.groups:
+            enclosed.update(group.coordinates)
         free = [name for i, name in enumerate(loops.names) if i not in enclosed]
         if free:
             raise TwinError(f"no loop determines the values of {', '.join(free)} from the tool pose")
@@ -155,10 +166,13 @@ class BoxJudge:
             for name, weight in limit.weights.items():
                 self.weights[i, loops.names.index(name)] = weight
         self.least = np.array([limit.least for limit in limits])
-        # a gap that tolerances may leave would hide that the loops of the CAD itself do not close
-        self.ideal = BoxJudge(ClosingConditions(loops.mechanism), R, limits, equations, p) if loops.tolerance else None
+        self.ideal: BoxJudge | None = None
+        if loops.tolerance:
+            # a gap that tolerances may leave would hide that the loops of the CAD itself do not close
+            self.ideal = BoxJudge(ClosingConditions(loops.mechanism), R, limits, equations, p)
 
     def _tool(self, low: Array, high: Array) -> ToolBox:
+        """Return the tool in boxes with corners low, high (n, 3) in m, with the one orientation."""
         R = intervals.Intervals(
             np.broadcast_to(self._orientation.low, (len(low), 3, 3)),
             np.broadcast_to(self._orientation.high, (len(low), 3, 3)),
@@ -169,56 +183,61 @@ class BoxJudge:
         """Return the verdicts of boxes with corners low, high (n, 3) in m."""
         outside = self.equations.outside(low, high)
         proved = np.zeros(len(low), bool)
-        worth = np.flatnonzero(~outside)
+        candidates = np.flatnonzero(~outside)
         judged = _Judged(proved, outside, promising=np.zeros(len(low), bool))
-        if len(worth):
-            self._prove(judged, worth, low[worth], high[worth])
+        if len(candidates):
+            self._prove(judged, candidates, low[candidates], high[candidates])
         return judged
 
     def _prove(self, judged: _Judged, numbers: np.ndarray, low: Array, high: Array) -> None:
-        """Judge the boxes with some numbers."""
+        """Judge some of the boxes: those with `numbers` (n,) in `judged`, and with corners low, high (n, 3) in m."""
         m = self.equations.values(0.5 * (low + high))
-        predicted = np.all(np.isfinite(m), axis=1)
+        is_predicted = np.all(np.isfinite(m), axis=1)
         judged.reasons["no assembly"] = np.zeros(len(judged.proved), bool)
-        judged.reasons["no assembly"][numbers[~predicted]] = True
-        m, low, high, numbers = m[predicted], low[predicted], high[predicted], numbers[predicted]
+        judged.reasons["no assembly"][numbers[~is_predicted]] = True
+        m = m[is_predicted]
+        low = low[is_predicted]
+        high = high[is_predicted]
+        numbers = numbers[is_predicted]
         if not len(m):
             return
         judged.promising[numbers] = (m @ self.weights.T >= self.least).all(axis=1)
         tool = self._tool(low, high)
         assembled, x, values = self._assembled(m, tool)
-        kept = (values >= self.least).all(axis=1)
+        within = (values >= self.least).all(axis=1)
         outside = (values < self.least).any(axis=1)
         for joint, cosine in self.loops.cones(x, tool):
             limit = intervals.cosine(intervals.decimals(joint.cone or 0.0))
-            kept &= cosine >= limit
+            within &= cosine >= limit
             outside |= cosine < limit
         rest, closed = self._closed(x, tool)
         closed &= assembled
         if self.ideal is not None and closed.any():
             closed[closed] = self.ideal.closes(m[closed], low[closed], high[closed])
-        worth = closed & kept
+        reached = closed & within
         regular = np.zeros(len(low), bool)
-        if worth.any():
-            some = ToolBox(IntervalPose(tool.pose.R[worth], tool.pose.p[worth]))
-            regular[worth] = self._regular(x[worth], some)
+        if reached.any():
+            tool_there = ToolBox(IntervalPose(tool.pose.R[reached], tool.pose.p[reached]))
+            regular[reached] = self._regular(x[reached], tool_there)
         # in a regular box the assembly stays the same; which one the equations prefer is evaluated at its middle and
         # its corners, with rounding: no proof
-        branch = np.ones(len(low), bool)
+        preferred = np.ones(len(low), bool)
         for share in (0.5, *_CORNERS):
-            branch &= self.equations.preferred(low + share * (high - low))
-        proved = worth & regular & branch
+            preferred &= self.equations.preferred(low + share * (high - low))
+        proved = reached & regular & preferred
         judged.proved[numbers] = proved
         judged.outside[numbers] |= outside & assembled
         judged.redundant = float(np.max(rest[proved], initial=0.0))
-        for reason, where in (
-            ("no assembly", ~assembled),
-            ("other conditions", assembled & ~closed),
-            ("limit", closed & ~kept),
-            ("singular", worth & ~regular),
-            ("other assembly", worth & regular & ~branch),
-        ):
-            judged.reasons.setdefault(reason, np.zeros(len(judged.proved), bool))[numbers] |= where
+        reasons = {
+            "no assembly": ~assembled,
+            "other conditions": assembled & ~closed,
+            "limit": closed & ~within,
+            "singular": reached & ~regular,
+            "other assembly": reached & regular & ~preferred,
+        }
+        for reason, holds in reasons.items():
+            boxes_with_reason = judged.reasons.setdefault(reason, np.zeros(len(judged.proved), bool))
+            boxes_with_reason[numbers] |= holds
 
     def _assembled(self, m: Array, tool: ToolBox) -> tuple[Certainty, Intervals, Intervals]:
         """Return where (n,) joint values near predictions m (n, k) fit; they (n, k); and sums of joints (n, limits)."""
@@ -227,8 +246,8 @@ class BoxJudge:
         x = Intervals(np.array(x.low), np.array(x.high))
         values = intervals.exactly(np.zeros((len(m), len(self.limits))))
         for group in self.groups:
-            found, solutions = self._solved(group, m, tool)
-            assembled &= found
+            solutions = self._solved(group, m, tool)
+            assembled &= solutions.found
             x.low[:, group.coordinates] = solutions.x.low
             x.high[:, group.coordinates] = solutions.x.high
             # a limit of joints of several groups is the sum of its parts
@@ -239,7 +258,8 @@ class BoxJudge:
         """Return where (n,) all loops close near predictions m (n, k), in boxes with corners low, high (n, 3) in m."""
         tool = self._tool(low, high)
         assembled, x, _ = self._assembled(m, tool)
-        return assembled & self._closed(x, tool)[1]
+        _, closed = self._closed(x, tool)
+        return assembled & closed
 
     def _closed(self, x: Intervals, tool: ToolBox) -> tuple[Array, Certainty]:
         """Return the largest value (n,) of the conditions that are not among the independent ones, and if loops close.
@@ -251,24 +271,23 @@ class BoxJudge:
         closed = (lengths <= CLOSED + self.loops.play) & (sines <= CLOSED) & self.loops.aligned(x, tool)
         return np.maximum(lengths, sines), closed
 
-    def _solved(self, group: LoopGroup, m: Array, tool: ToolBox) -> tuple[Certainty, Solutions]:
+    def _solved(self, group: LoopGroup, m: Array, tool: ToolBox) -> Solutions:
         """Return the joint values of a group around the predictions m (n, k)."""
         rows = np.array(group.rows)
         whole = Intervals(np.array(m), np.array(m))
 
-        def at(part: Intervals) -> Intervals:
+        def with_values(part: Intervals) -> Intervals:
             whole.low[:, group.coordinates] = part.low
             whole.high[:, group.coordinates] = part.high
             return whole
 
         def residual(part: Intervals) -> Intervals:
-            return self.loops.residual(group.closures, at(part), tool)[:, rows]
+            return self.loops.residual(group.closures, with_values(part), tool)[:, rows]
 
         def jacobian(part: Intervals) -> Intervals:
-            return self.loops.jacobian(group.closures, at(part), tool, group.coordinates)[:, rows]
+            return self.loops.jacobian(group.closures, with_values(part), tool, group.coordinates)[:, rows]
 
-        solutions = krawczyk.solve(residual, jacobian, m[:, group.coordinates])
-        return solutions.found, solutions
+        return krawczyk.solve(residual, jacobian, m[:, group.coordinates])
 
     def _regular(self, x: Intervals, tool: ToolBox) -> Certainty:
         """Return where the tool cannot move while the active joints are at rest: regular derivatives."""
@@ -322,13 +341,13 @@ def cover(
     """
     counts = np.maximum(np.ceil((high - low) / (edge * 2**halvings) - 1e-9).astype(int), 1)
     edges = (high - low) / (counts * 2**halvings)
-    corners = np.stack(np.meshgrid(*[np.arange(n) for n in counts], indexing="ij"), -1).reshape(-1, 3)
     # corners in whole numbers of the smallest edges: neighbours share their faces exactly
-    waiting = [(corners[k : k + BATCH] * 2**halvings, halvings) for k in range(0, len(corners), BATCH)]
+    corners = _grid(*counts) * 2**halvings
+    waiting = _batches(corners, halvings)
     total = float(np.prod(high - low))
     state = _Cover(low, edges)
     finished = 0.0
-    octants = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(-1, 3)
+    octants = _grid(2, 2, 2)
     while waiting:
         numbers, level = waiting.pop()
         judged = judge.judge(low + edges * numbers, low + edges * (numbers + 2**level))
@@ -337,10 +356,13 @@ def cover(
         if level == 1:
             # of a brick whose middle is beyond a limit, less than half can be proved
             undecided &= judged.promising
-        state.keep(judged, numbers, level, volume, undecided if level else np.zeros(len(numbers), bool))
+        is_cut = np.zeros(len(numbers), bool)
+        if level:
+            is_cut = undecided
+        state.keep(judged, numbers, level, volume, is_cut)
         if level and undecided.any():
             parts = (numbers[undecided][:, None] + octants * 2 ** (level - 1)).reshape(-1, 3)
-            waiting += [(parts[k : k + BATCH], level - 1) for k in range(0, len(parts), BATCH)]
+            waiting += _batches(parts, level - 1)
             finished += volume * (~undecided).sum()
         else:
             finished += volume * len(numbers)
@@ -348,8 +370,29 @@ def cover(
     return state.result(judge.R)
 
 
+def _grid(*counts: int) -> np.ndarray:
+    """Return the points (n, 3) of a grid of whole numbers from 0 to the counts along x, y and z, without these."""
+    axes = [np.arange(count) for count in counts]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+
+
+def _batches(corners: np.ndarray, level: int) -> list[tuple[np.ndarray, int]]:
+    """Return (corners (n, 3), level) of at most `BATCH` bricks at a time."""
+    return [(corners[first : first + BATCH], level) for first in range(0, len(corners), BATCH)]
+
+
 class _Cover:
-    """Collects the verdicts."""
+    """Collects the verdicts of bricks.
+
+    Attributes:
+        low: (3,) lower corner of the covered box in m.
+        edges: (3,) edges in m of the smallest bricks.
+        boxes: number of bricks that were examined.
+        outside: volume in m3 where a limit is certainly exceeded.
+        open: {reason: volume in m3} of the smallest bricks where nothing is proved.
+        redundant: see `RegularWorkspace`.
+        proved: (lower corners, upper corners) (n, 3) in m of proved bricks.
+    """
 
     def __init__(self, low: Array, edges: Array) -> None:
         self.low = low

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -11,7 +11,16 @@ from numpy.typing import NDArray
 
 from twin.core.spatial import Array
 from twin.proof import values
+from twin.proof.instructions import OPERATION_NAMES, Instruction, instructions
 from twin.proof.values import Angle, DrawnCondition, RootMark, Truths, Value
+
+
+def _with_sign_of(a: Value, b: Value) -> Value:
+    """Return |a| with the sign of b."""
+    size = values.magnitude(a)
+    is_negative = values.compared("less", b, values.constant(0.0, len(b.real)))
+    return values.choose(is_negative, values.negative(size), size)
+
 
 _UNARY: dict[int, Callable[[Value], Value]] = {
     ca.OP_ASSIGN: lambda a: a,
@@ -25,13 +34,19 @@ _UNARY: dict[int, Callable[[Value], Value]] = {
     ca.OP_FABS: values.magnitude,
     ca.OP_SIGN: values.sign,
     ca.OP_NOT: lambda a: values.negated(values.truth(a)),
+    ca.OP_SQRT: values.root,
+    ca.OP_ACOS: values.of_cosine,
+    ca.OP_ASIN: values.of_sine,
+    ca.OP_ATAN: lambda a: values.direction(a, values.constant(1.0, len(a.real))),
 }
+"""Operations of one operand."""
 
 _BINARY: dict[int, Callable[[Value, Value], Value]] = {
     ca.OP_ADD: values.add,
     ca.OP_SUB: lambda a, b: values.add(a, values.negative(b)),
     ca.OP_MUL: values.multiply,
     ca.OP_DIV: values.divide,
+    ca.OP_ATAN2: values.direction,
     ca.OP_POW: values.power,
     ca.OP_CONSTPOW: values.power,
     ca.OP_LT: lambda a, b: values.compared("less", a, b),
@@ -43,15 +58,9 @@ _BINARY: dict[int, Callable[[Value, Value], Value]] = {
     ca.OP_FMIN: lambda a, b: values.choose(values.compared("at most", a, b), a, b),
     ca.OP_FMAX: lambda a, b: values.choose(values.compared("at most", b, a), a, b),
     ca.OP_IF_ELSE_ZERO: lambda a, b: values.choose(values.truth(a), b, values.constant(0.0, len(a.real))),
-    ca.OP_COPYSIGN: lambda a, b: values.choose(
-        values.compared("less", b, values.constant(0.0, len(b.real))),
-        values.negative(values.magnitude(a)),
-        values.magnitude(a),
-    ),
+    ca.OP_COPYSIGN: _with_sign_of,
 }
-
-
-_NAMES = {getattr(ca, name): name.removeprefix("OP_").lower() for name in dir(ca) if name.startswith("OP_")}
+"""Operations of two operands."""
 
 
 _CHOOSING: dict[int, Callable[..., Truths]] = {
@@ -97,28 +106,26 @@ class RootedStates:
     results: Collection[int]
     places: NDArray[np.integer]
 
-    def needed(self, function: ca.Function) -> set[int]:
-        """Return the instructions that roots and results need."""
-        last: dict[int, int] = {}
-        operands: dict[int, list[int]] = {}
+    def needed(self, steps: Sequence[Instruction]) -> list[Instruction]:
+        """Return those of the instructions of the function that roots and results need, in their order."""
+        writers: dict[int, int] = {}  # {place: instruction that wrote it last}
+        sources: dict[int, list[int]] = {}  # {instruction: those whose results it reads}
         waiting = list(self.roots)
-        for k in range(function.n_instructions()):
-            operation = function.instruction_id(k)
-            if operation not in (ca.OP_CONST, ca.OP_INPUT):
-                operands[k] = [last[place] for place in function.instruction_input(k)]
-            targets = function.instruction_output(k)
-            if operation == ca.OP_OUTPUT:
-                if targets[0] in self.results:
-                    waiting.append(k)
+        for step in steps:
+            sources[step.number] = [writers[place] for place in step.operands]
+            if step.operation != ca.OP_OUTPUT:
+                writers[step.target] = step.number
                 continue
-            last[targets[0]] = k
+            output, _ = step.port
+            if output in self.results:
+                waiting.append(step.number)
         needed: set[int] = set()
         while waiting:
-            k = waiting.pop()
-            if k not in needed:
-                needed.add(k)
-                waiting += operands.get(k, [])
-        return needed
+            number = waiting.pop()
+            if number not in needed:
+                needed.add(number)
+                waiting += sources[number]
+        return [step for step in steps if step.number in needed]
 
     def narrowed(self, instruction: int, result: Value) -> NDArray[np.integer] | None:
         """Return the places (m,) of the states that stay after an instruction; None if all do."""
@@ -141,57 +148,47 @@ def replay(
     needs is computed, and states without its roots are dropped.
     """
     states = len(inputs[0][0].real)
-    one = values.constant(1.0, states)
     memory: dict[int, Value] = {}
     outputs: list[list[Value]] = []
-    for k in range(function.n_out()):
-        outputs.append([values.constant(0.0, states)] * function.nnz_out(k))
-    steps: Iterable[int] = range(function.n_instructions())
+    for number in range(function.n_out()):
+        outputs.append([values.constant(0.0, states)] * function.nnz_out(number))
+    steps = instructions(function)
     if rooted is not None:
-        steps = sorted(rooted.needed(function))
-    for k in steps:
-        operation = function.instruction_id(k)
-        targets = function.instruction_output(k)
-        if operation == ca.OP_CONST:
-            number = function.instruction_constant(k)
-            memory[targets[0]] = values.constant(number, states)
+        steps = rooted.needed(steps)
+    for step in steps:
+        if step.operation == ca.OP_OUTPUT:
+            output, entry = step.port
+            outputs[output][entry] = memory[step.operands[0]]
             continue
-        sources = function.instruction_input(k)
-        if operation == ca.OP_INPUT:
-            result = inputs[sources[0]][sources[1]]
-        elif operation == ca.OP_OUTPUT:
-            outputs[targets[0]][targets[1]] = memory[sources[0]]
+        if step.operation == ca.OP_CONST:
+            memory[step.target] = values.constant(step.constant, states)
             continue
-        elif operation == ca.OP_SQRT:
-            result = values.root(memory[sources[0]])
-        elif operation == ca.OP_ACOS:
-            result = values.of_cosine(memory[sources[0]])
-        elif operation == ca.OP_ASIN:
-            result = values.of_sine(memory[sources[0]])
-        elif operation == ca.OP_ATAN:
-            result = values.direction(memory[sources[0]], one)
-        elif operation == ca.OP_ATAN2:
-            result = values.direction(memory[sources[0]], memory[sources[1]])
-        elif operation in _UNARY:
-            result = _UNARY[operation](memory[sources[0]])
-        elif operation in _BINARY:
-            result = _BINARY[operation](memory[sources[0]], memory[sources[1]])
+        operands = [memory[place] for place in step.operands]
+        if step.operation == ca.OP_INPUT:
+            number, entry = step.port
+            result = inputs[number][entry]
         else:
-            result = values.unknown(_real(operation, [memory[source] for source in sources]))
-        operands = []
-        if operation != ca.OP_INPUT:
-            operands = [memory[source] for source in sources]
-        _note(notes, operation, operands, result)
-        notes.roots += [(mark, k) for mark in _roots(result) - set().union(*map(_roots, operands))]
-        memory[targets[0]] = result
-        kept = rooted and rooted.narrowed(k, result)
+            result = _result(step.operation, operands)
+        _note(notes, step, operands, result)
+        memory[step.target] = result
+        kept = None
+        if rooted is not None:
+            kept = rooted.narrowed(step.number, result)
         if kept is not None:
             memory = {place: values.taken(value, kept) for place, value in memory.items()}
             inputs = [[values.taken(value, kept) for value in column] for column in inputs]
             outputs = [[values.taken(value, kept) for value in column] for column in outputs]
-            one = values.number_at(one, kept)
             states = len(kept)
     return outputs
+
+
+def _result(operation: int, operands: Sequence[Value]) -> Value:
+    """Return the result of an operation; one without an exact form is unknown in the field."""
+    if operation in _UNARY:
+        return _UNARY[operation](operands[0])
+    if operation in _BINARY:
+        return _BINARY[operation](operands[0], operands[1])
+    return values.unknown(_real(operation, operands))
 
 
 def _real(operation: int, operands: Sequence[Value]) -> Array:
@@ -203,15 +200,22 @@ def _real(operation: int, operands: Sequence[Value]) -> Array:
     return function.call(rows)[0].full()[0]
 
 
-def _note(notes: Notes, operation: int, operands: Sequence[Value], result: Value) -> None:
-    """Note which expressions an operation chooses, and whether it is the first that makes a value unknown."""
+def _note(notes: Notes, step: Instruction, operands: Sequence[Value], result: Value) -> None:
+    """Note which expressions an instruction chooses, its root, and whether it is the first without an exact value."""
+    operation = step.operation
     if operation in _CHOOSING:
         notes.conditions.append(_CHOOSING[operation](*operands))
-    if values.known_at(result).any() or not all(values.known_at(operand).any() for operand in operands):
+    old_roots: set[RootMark] = set()
+    for operand in operands:
+        old_roots |= _roots(operand)
+    for mark in _roots(result) - old_roots:
+        notes.roots.append((mark, step.number))
+    is_first_unknown = not values.known_at(result).any() and all(values.known_at(a).any() for a in operands)
+    if not is_first_unknown:
         return
     if operation == ca.OP_INPUT:
         return  # a parameter, or a result of other equations, of which the reason is kept
-    notes.inexact.append(f"operation {_NAMES.get(operation, operation)}")
+    notes.inexact.append(f"operation {OPERATION_NAMES.get(operation, operation)}")
     if operation in _ROOTS and all(_is_constant(operand) for operand in operands):
         notes.rootless = True
 

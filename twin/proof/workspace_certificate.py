@@ -8,12 +8,14 @@ import numpy as np
 
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
-from twin.model.joint import Joint
 from twin.proof.limits import LinearLimit
 from twin.proof.loops import ClosingConditions
 from twin.proof.regular_workspace import RegularWorkspace
 
 SCHEMA = "twin/workspace-certificate/1"
+
+_NEAR_DECIMALS = 9
+"""Decimals of joint values near the middle of a box, in m or rad: they only begin the search for the exact ones."""
 
 
 def loops_as_data(loops: ClosingConditions) -> JsonObject:
@@ -25,10 +27,10 @@ def loops_as_data(loops: ClosingConditions) -> JsonObject:
     closures = []
     for closure in loops.closures:
         joint = closure.joint
-        ends = ((joint.parent, joint.T_parent_joint), (joint.child, joint.T_child_joint))
-        paths = [_path(loops, body, T_body_joint) for body, T_body_joint in ends]
-        closures.append({"name": joint.name, "type": joint.type, "cone": joint.cone, "paths": paths})
-    return {"joints": list(loops.names), "active": [bool(a) for a in loops.active], "closures": closures}
+        to_parent = _path(loops, joint.parent, joint.T_parent_joint)
+        to_child = _path(loops, joint.child, joint.T_child_joint)
+        closures.append({"name": joint.name, "type": joint.type, "cone": joint.cone, "paths": [to_parent, to_child]})
+    return {"joints": list(loops.names), "active": loops.active.tolist(), "closures": closures}
 
 
 def _path(loops: ClosingConditions, body: str, T_body_joint: Array) -> JsonObject:
@@ -39,21 +41,18 @@ def _path(loops: ClosingConditions, body: str, T_body_joint: Array) -> JsonObjec
         tool = loops.mechanism.frame(loops.mechanism.tool)
         steps.append(["inverse", _numbers(tool.T_body_frame)])
     for joint, sign in route:
-        first, second = joint.T_parent_joint, joint.T_child_joint
+        first = joint.T_parent_joint
+        second = joint.T_child_joint
         if sign < 0:
-            first, second = second, first
+            first = joint.T_child_joint
+            second = joint.T_parent_joint
         steps.append(["frame", _numbers(first)])
-        steps += _motion(loops, joint, sign)
+        if joint.type != "fixed":
+            motion = "turn" if joint.type == "revolute" else "slide"
+            steps.append([motion, loops.names.index(joint.name), sign])
         steps.append(["inverse", _numbers(second)])
     steps.append(["frame", _numbers(T_body_joint)])
     return {"from_tool": from_tool, "steps": steps}
-
-
-def _motion(loops: ClosingConditions, joint: Joint, sign: int) -> list[list[object]]:
-    """Return the step of a joint's coordinate; none if it has none."""
-    if joint.type == "fixed":
-        return []
-    return [["turn" if joint.type == "revolute" else "slide", loops.names.index(joint.name), sign]]
 
 
 def limits_as_data(limits: Sequence[LinearLimit]) -> list[JsonObject]:
@@ -63,9 +62,11 @@ def limits_as_data(limits: Sequence[LinearLimit]) -> list[JsonObject]:
 
 def boxes_as_data(proof: RegularWorkspace, joints: Array) -> list[list[list[float]]]:
     """Return [lower corner, upper corner, joint values (k,) near the middle] of each proved box, in m and rad."""
-    near = np.round(joints, 9).tolist()  # they only begin the search for the exact ones
-    boxes = zip(proof.low.tolist(), proof.high.tolist(), near, strict=True)
-    return [[low, high, values] for low, high, values in boxes]
+    near = np.round(joints, _NEAR_DECIMALS).tolist()
+    rows = []
+    for low, high, values in zip(proof.low.tolist(), proof.high.tolist(), near, strict=True):
+        rows.append([low, high, values])
+    return rows
 
 
 def _numbers(T: Array) -> list[list[float]]:

@@ -19,7 +19,7 @@ from twin.core.quantity import Quantity
 from twin.core.sampling import spread
 from twin.core.spatial import Array, Index
 from twin.core.units import DEG, MM, ROUNDING
-from twin.reference.degeneracy import Degeneracy
+from twin.reference.degeneracy import KINDS, Degeneracy
 from twin.reference.loops import LENGTH_SCALE
 from twin.reference.model import ReferenceModel
 from twin.reference.seeking import NEARLY, Mask, Valid, Walks, seek, wander
@@ -39,6 +39,15 @@ _FLAT = 1e-2
 
 _ENDS = 0.05
 """Relative size below which another margin at the end of a search counts as zero, and as the reason for the end."""
+
+_EQUAL = 1e-6
+"""Relative difference up to which two values of a row are equal."""
+
+_BLOCKED_STEPS = (1e-3, -1e-2, 0.1)
+"""Sizes of the tool's steps to poses that the mechanism cannot reach: rad, or parts of the characteristic length."""
+
+_SINGULAR_RATE = 30
+"""Factor by which the joint rates of an inverse exceed their usual ones where it is singular."""
 
 _MOSTLY = 0.3
 """Minimum of (sum of an aspect's values with the preferred sign) / (sum of its values with the other sign).
@@ -112,7 +121,8 @@ class Boundary:
         `stated` contains the margins and measures of the formula. The search begins around the configurations `states`
         (k, nq). `error` is the largest error in m of lengths that counts as agreement.
         """
-        self.model, self.stated = model, stated
+        self.model = model
+        self.stated = stated
         self._error = error
         some = states[spread(len(states), _STARTS)]
         run = model.collect(some)
@@ -121,24 +131,22 @@ class Boundary:
         self._whole = bool(stated.valid(run, True).any())  # False: passive joints are wrong; reported elsewhere
         good = stated.valid(run, self._whole)
         self._drawn = some[good]
-        self._why = "" if good.any() else "there is no state at which the equations agree with the joint values"
-        if not self._why:
-            far = wander(self.motions, self._valid, self._drawn)
-            self._pool = np.concatenate([self._drawn, far])
-            self._values = self._at(self._pool)
-            sizes = []
-            for values in self._values.T:
-                finite = np.abs(values[np.isfinite(values)])
-                sizes.append(float(np.median(finite)) if len(finite) else 1.0)
-            self._size = np.array(sizes)
-            # A measure goes through zero as the square root of a margin, and so does its error.
-            lengths = np.array([kind == "reach" for kind in stated.kinds])
-            self._off = np.where(lengths, error, np.sqrt(error / LENGTH_SCALE) * self._size)
+        self._are_reach = np.array([kind == "reach" for kind in stated.kinds])
+        self._why = ""  # why nothing can be judged
+        if not good.any():
+            self._why = "there is no state at which the equations agree with the joint values"
+            return
+        far = wander(self.motions, self._valid, self._drawn)
+        self._pool = np.concatenate([self._drawn, far])
+        self._values = self._at(self._pool)
+        self._size = _usual_sizes(self._values)
+        # A measure goes through zero as the square root of a margin, and so does its error.
+        error_of_measures = np.sqrt(error / LENGTH_SCALE) * self._size
+        self._row_error = np.where(self._are_reach, error, error_of_measures)
 
     def judge(self) -> list[Judged]:
         """Return the result for each row (margin, measure or aspect)."""
-        s = self.stated
-        rows = range(len(s.names))
+        rows = range(len(self.stated.names))
         if self._why:
             return [self._row(i, "not judged", self._why) for i in rows]
         judged: dict[int, Judged] = {}
@@ -155,53 +163,73 @@ class Boundary:
     # -- checks at known states -------------------------------------------------------------------------------
 
     def _plain(self, i: int) -> Judged | None:
-        """Check value, sign and dimension of a row at the known states; return None if these checks do not decide."""
-        s, v = self.stated, self._values[:, i]
-        unit, scale = ("mm", MM) if s.kinds[i] == "reach" else ("", 1.0)
-        if not np.isfinite(v).all():
-            k = int(np.argmin(np.isfinite(v)))
-            return self._row(
-                i, "disagrees", "the value is undefined at a state that the mechanism can reach", self._pool[k]
-            )
-        drawn = v[: len(self._drawn)]
-        if s.kinds[i] == "aspect":
-            signed = drawn * s.preferred[i]
-            if np.sum(np.maximum(signed, 0)) >= _MOSTLY * np.sum(np.maximum(-signed, 0)):
-                return self._row(
-                    i, "agrees", f"the values in the working range confirm the preferred sign {s.preferred[i]:+d}"
-                )
-            k = int(np.argmin(signed))
-            text = f"the value is {drawn[k]:.4g} in the working range; the preferred sign is {s.preferred[i]:+d}"
-            return self._row(i, "disagrees", text, self._pool[k], float(abs(drawn[k])))
-        if s.kinds[i] == "reach" and v.min() < -self._error:
-            k = int(np.argmin(v))
-            text = f"the value is {v[k] / MM:.4g} mm (out of reach) at a state that the mechanism can reach"
-            return self._row(i, "disagrees", text, self._pool[k], float(-v[k] / MM), "mm")
-        if np.ptp(v) <= 1e-6 * np.abs(v).max():
-            return self._constant(i, float(v[0]))
-        large = s.values(self.model.collect(self._pool), _LARGER)[:, i]
-        deviation = np.abs(large - v * (_LARGER if s.kinds[i] == "reach" else 1.0))
+        """Check value, sign and dimension of row i at the known states; return None if these checks do not decide."""
+        values = self._values[:, i]
+        kind = self.stated.kinds[i]
+        is_finite = np.isfinite(values)
+        if not is_finite.all():
+            state = self._pool[int(np.argmin(is_finite))]
+            text = "the value is undefined at a state that the mechanism can reach"
+            return self._row(i, "disagrees", text, state)
+        if kind == "aspect":
+            return self._aspect(i)
+        if kind == "reach" and values.min() < -self._error:
+            k = int(np.argmin(values))
+            text = f"the value is {values[k] / MM:.4g} mm (out of reach) at a state that the mechanism can reach"
+            return self._row(i, "disagrees", text, self._pool[k], float(-values[k] / MM), "mm")
+        if np.ptp(values) <= _EQUAL * np.abs(values).max():
+            return self._constant(i, float(values[0]))
+        return self._wrong_dimension(i)
+
+    def _aspect(self, i: int) -> Judged:
+        """Return whether the values of aspect i confirm its preferred sign in the working range."""
+        preferred = self.stated.preferred[i]
+        drawn = self._values[: len(self._drawn), i]
+        signed = drawn * preferred
+        with_sign = np.sum(np.maximum(signed, 0))
+        with_other_sign = np.sum(np.maximum(-signed, 0))
+        if with_sign >= _MOSTLY * with_other_sign:
+            text = f"the values in the working range confirm the preferred sign {preferred:+d}"
+            return self._row(i, "agrees", text)
+        k = int(np.argmin(signed))
+        text = f"the value is {drawn[k]:.4g} in the working range; the preferred sign is {preferred:+d}"
+        return self._row(i, "disagrees", text, self._pool[k], float(abs(drawn[k])))
+
+    def _wrong_dimension(self, i: int) -> Judged | None:
+        """Return the result of row i if it is no length, or no number without unit; None if its dimension is right.
+
+        All lengths of the robot are multiplied by one factor: so must be a margin; a measure must stay the same.
+        """
+        values = self._values[:, i]
+        what = "dimensionless number"
+        factor = 1.0
+        unit = ""
+        unit_size = 1.0
+        if self._are_reach[i]:
+            what = "length"
+            factor = _LARGER
+            unit = "mm"
+            unit_size = MM
+        larger = self.stated.values(self.model.collect(self._pool), _LARGER)[:, i]
+        deviation = np.abs(larger - values * factor)
         k = int(np.argmax(deviation))
-        if deviation[k] > 1e-6 * np.abs(v).max() and s.homogeneous(self._given, _LARGER):
-            what = "length" if s.kinds[i] == "reach" else "dimensionless number"
-            before = f"{v[k] / scale:.4g} {unit}".rstrip()  # a measure has no unit
-            after = f"{large[k] / scale:.4g} {unit}".rstrip()
-            text = (
-                f"the row is not a {what}: multiplying all lengths by {_LARGER:g} changes it from {before} to {after}"
-            )
-            return self._row(i, "disagrees", text, self._pool[k], float(deviation[k] / scale), unit)
-        return None
+        if deviation[k] <= _EQUAL * np.abs(values).max() or not self.stated.homogeneous(self._given, _LARGER):
+            return None
+        before = f"{values[k] / unit_size:.4g} {unit}".rstrip()  # a measure has no unit
+        after = f"{larger[k] / unit_size:.4g} {unit}".rstrip()
+        text = f"the row is not a {what}: multiplying all lengths by {_LARGER:g} changes it from {before} to {after}"
+        return self._row(i, "disagrees", text, self._pool[k], float(deviation[k] / unit_size), unit)
 
     def _constant(self, i: int, value: float) -> Judged:
-        s = self.stated
-        if s.kinds[i] != "reach":
+        """Return the result of row i, which has one value at all known states."""
+        if not self._are_reach[i]:
             text = f"the value is {value:.4g} at all states, so the row does not mark a singularity"
             return self._row(i, "disagrees", text, size=abs(value))
         poses = self._beyond()
         if not len(poses):
             text = f"the value is {value / MM:.4g} mm at all states, so the row does not measure reach"
             return self._row(i, "disagrees", text, size=value / MM, unit="mm")
-        accepted = s.refuses(poses)[:, i] >= 0
+        accepted = self.stated.refuses(poses)[:, i] >= 0
         if accepted.any():
             text = f"the row accepts {int(accepted.sum())} of {len(poses)} poses that the mechanism cannot reach"
             return self._row(i, "disagrees", text, size=float(accepted.sum()))
@@ -213,40 +241,59 @@ class Boundary:
         if self.motions.freedom >= 6:
             return np.zeros((0, 4, 4))
         twists = self.motions.tool(X)
-        U = np.linalg.svd(twists)[0][:, :, self.motions.freedom :]
+        left_vectors, _, _ = np.linalg.svd(twists)
+        # (k, 6, j): unit twists of the tool that no motion of the mechanism has, with lengths in `motions.length`
+        blocked = left_vectors[:, :, self.motions.freedom :]
         Ts = self.model.collect(X).Ts_base_tool
         poses = []
-        for j in range(U.shape[2]):
-            for by in (1e-3, -1e-2, 0.1):
-                xi = by * U[:, :, j]
+        for j in range(blocked.shape[2]):
+            for size in _BLOCKED_STEPS:
+                twist = size * blocked[:, :, j]
                 T = Ts.copy()
-                T[:, :3, :3] = spatial.exp_so3(xi[:, 3:]) @ Ts[:, :3, :3]
-                T[:, :3, 3] += xi[:, :3] * self.motions.length
+                T[:, :3, :3] = spatial.exp_so3(twist[:, 3:]) @ Ts[:, :3, :3]
+                T[:, :3, 3] += twist[:, :3] * self.motions.length
                 poses.append(T)
         return np.concatenate(poses)
 
     # -- checks at the ends of walks -----------------------------------------------------------------------------------
 
     def _walked(self, rows: list[int]) -> dict[int, Judged]:
+        """Return {row: result} of rows that are zero at no known state, by walks to zeros."""
         if not rows:
             return {}
-        order, k = np.argsort(np.abs(self._values), axis=0), len(self._pool)
-        walks = [self._seek(rows, [order[0], order[k // 4]], (False, False), self._valid, 0)]
+        # of each row, the states with the smallest values first
+        order = np.argsort(np.abs(self._values), axis=0)
+        count = len(self._pool)
+        starts = [order[0], order[count // 4]]
+        walks = [self._seek(rows, starts, aside=False, valid=self._valid, seed=0)]
         lacking = [i for i in rows if not len(self._zeros(i, walks))]
         if lacking:
-            walks.append(
-                self._seek(lacking, [order[0], order[k // 20], order[k // 2]], (True, True, True), self._valid, 1)
-            )
+            # again from other states, turned away from singularities
+            starts = [order[0], order[count // 20], order[count // 2]]
+            walks.append(self._seek(lacking, starts, aside=True, valid=self._valid, seed=1))
             lacking = [i for i in lacking if not len(self._zeros(i, walks))]
-        beyond = [self._seek(lacking, [order[0], order[k // 2]], (False, False), _anywhere, 2)] if lacking else []
+        beyond = []
+        if lacking:
+            # at last through states of other assembly modes
+            starts = [order[0], order[count // 2]]
+            beyond = [self._seek(lacking, starts, aside=False, valid=_anywhere, seed=2)]
         return {i: self._verdict(i, walks, beyond) for i in rows}
 
-    def _seek(self, rows: list[int], picks: list[Index], aside: tuple[bool, ...], valid: Valid, seed: int) -> Walks:
+    def _seek(self, rows: list[int], picks: list[Index], aside: bool, valid: Valid, seed: int) -> Walks:
+        """Return walks to zeros of some rows, each from several states.
+
+        Args:
+            rows: indices of the rows.
+            picks: arrays (all rows,) of indices in the pool: of each row, a state from which a walk starts.
+            aside: whether the walks avoid singularities where their row does not vanish.
+            valid: test of the states through which the walks may go.
+            seed: seed of the random metrics.
+        """
         row = np.repeat(np.array(rows, np.intp), len(picks))
         # rows of `chosen`: the picks of one row after the other, as in `row`
         chosen = np.array(picks)[:, rows].T.ravel()
-        starts = self._pool[chosen]
-        return seek(self.motions, self._at, valid, starts, row, np.array(aside * len(rows)), self._size, seed)
+        are_aside = np.full(len(row), aside)
+        return seek(self.motions, self._at, valid, self._pool[chosen], row, are_aside, self._size, seed)
 
     def _zeros(self, i: int, walks: list[Walks]) -> Array:
         """Return the states (k, nq) at which walks (sequences of Newton steps) found a zero of row i."""
@@ -265,96 +312,131 @@ class Boundary:
         is_degenerate = self.motions.of(zeros).min(axis=1) <= _DEGENERATE
         rest = np.flatnonzero(~is_degenerate)
         if len(rest):
-            row, aside = np.zeros(len(rest), np.intp), np.zeros(len(rest), bool)
-            ends = seek(self.motions, self._least, _anywhere, zeros[rest], row, aside, np.ones(1)).states
-            ended = self.motions.of(ends).min(axis=1) <= _DEGENERATE
+            walks = seek(
+                self.motions,
+                self._distance_from_degeneracy,
+                _anywhere,
+                zeros[rest],
+                row=np.zeros(len(rest), np.intp),
+                aside=np.zeros(len(rest), bool),
+                size=np.ones(1),
+            )
+            ends = walks.states
+            ends_degenerate = self.motions.of(ends).min(axis=1) <= _DEGENERATE
             values = self._at(ends)
-            reach = values[:, [kind == "reach" for kind in self.stated.kinds]]
+            is_zero = np.abs(values[:, i]) <= self._row_error[i]
             # A measure has no value beyond the reach that the equations state.
-            beyond = np.isnan(values[:, i]) & ((reach < 0) & (reach >= -self._error)).any(axis=1)
-            is_degenerate[rest] = ended & (beyond | (np.abs(values[:, i]) <= self._off[i]))
+            reach = values[:, self._are_reach]
+            is_just_beyond = ((reach < 0) & (reach >= -self._error)).any(axis=1)
+            is_undefined = np.isnan(values[:, i]) & is_just_beyond
+            is_degenerate[rest] = ends_degenerate & (is_undefined | is_zero)
         return np.asarray(is_degenerate, bool)
 
-    def _least(self, states: Array) -> Array:
+    def _distance_from_degeneracy(self, states: Array) -> Array:
         """Return the distance (k, 1) from degeneracy."""
         return self.motions.of(states).min(axis=1)[:, None]
 
     def _verdict(self, i: int, walks: list[Walks], beyond: list[Walks]) -> Judged:
-        s, zeros = self.stated, self._zeros(i, walks)
-        if not len(zeros) and beyond:
-            zeros = self._zeros(i, beyond)
-            if len(zeros) and self._degenerate(i, zeros).any():
-                return self._row(
-                    i, "agrees", "the row is zero where the mechanism is degenerate, in another assembly mode"
-                )
-            zeros = zeros[:0]
+        """Return the result of row i from the ends of walks; `beyond` may have gone through other assembly modes."""
+        zeros = self._zeros(i, walks)
         if not len(zeros):
+            if beyond:
+                zeros_beyond = self._zeros(i, beyond)
+                if len(zeros_beyond) and self._degenerate(i, zeros_beyond).any():
+                    text = "the row is zero where the mechanism is degenerate, in another assembly mode"
+                    return self._row(i, "agrees", text)
             return self._unfound(i, walks)
-        regular = ~self._degenerate(i, zeros)
-        if not regular.any():
+        is_regular = ~self._degenerate(i, zeros)
+        if not is_regular.any():
             return self._row(i, "agrees", f"the row is zero where the mechanism is degenerate, at {len(zeros)} states")
-        left = np.where(regular, self.motions.of(zeros).min(axis=1), 0.0)
-        k = int(np.argmax(left))
-        if s.kinds[i] != "reach" and self._own(zeros[regular]):
-            text = (
-                "the row is zero where the mechanism is regular; the formula's own inverse is singular there and does "
-                "not describe the mechanism"
-            )
-            return self._row(i, "not judged", text, zeros[k])
-        what = "the mechanism can move further" if s.kinds[i] == "reach" else "the mechanism is regular"
-        kept = f"the smallest singular value is {100 * min(left[k], 1):.2g} % of its usual value"
-        text = f"the row is zero at a state where {what}: {kept}"
-        return self._row(i, "disagrees", text, zeros[k], float(left[k]))
+        smallest = np.where(is_regular, self.motions.of(zeros).min(axis=1), 0.0)
+        k = int(np.argmax(smallest))
+        what = "the mechanism can move further"
+        if not self._are_reach[i]:
+            what = "the mechanism is regular"
+            if self._inverse_is_singular(zeros[is_regular]):
+                text = (
+                    "the row is zero where the mechanism is regular; the formula's own inverse is singular there and "
+                    "does not describe the mechanism"
+                )
+                return self._row(i, "not judged", text, zeros[k])
+        share = f"the smallest singular value is {100 * min(smallest[k], 1):.2g} % of its usual value"
+        text = f"the row is zero at a state where {what}: {share}"
+        return self._row(i, "disagrees", text, zeros[k], float(smallest[k]))
 
-    def _own(self, states: Array) -> bool:
+    def _inverse_is_singular(self, states: Array) -> bool:
         """Return whether the formula's own inverse is singular at all given states."""
         usual = float(np.median(self.stated.fails(self._given)))
-        return bool((self.stated.fails(self.model.collect(states)) > 30 * usual).all())
+        rates = self.stated.fails(self.model.collect(states))
+        return bool((rates > _SINGULAR_RATE * usual).all())
 
     def _unfound(self, i: int, walks: list[Walks]) -> Judged:
-        s = self.stated
+        """Return the result of row i, of which no walk found a zero, at the state with its smallest value."""
         ends = []
         for walk in walks:
             for j in np.flatnonzero(walk.row == i):
                 ends.append((abs(walk.value[j]), walk.slope[j], walk.states[j]))
         value, slope, x = min(ends, key=lambda end: end[0])
-        reach = s.kinds[i] == "reach"
-        least = f"{value / MM:.4g} mm" if reach else f"{value:.4g}"
-        flat = slope < _FLAT * max(value, self._size[i])
-        if reach and flat and self.motions.of(x[None])[0, 2] < _DEGENERATE:
+        if not self._are_reach[i]:
+            text = f"the row was zero at no tested state; its smallest absolute value was {value:.4g}"
+            return self._row(i, "not judged", text, x)
+        size_mm = f"{value / MM:.4g} mm"
+        is_flat = slope < _FLAT * max(value, self._size[i])
+        distance_of_tool = self.motions.of(x[None])[0, KINDS.index("tool")]
+        if is_flat and distance_of_tool < _DEGENERATE:
             if value <= self._error:
-                return self._row(i, "agrees", f"the mechanism reaches its limit where the margin is {least}")
-            others = np.array([kind == "reach" for kind in s.kinds])
-            others[i] = False
-            near = np.abs(self._at(x[None])[0]) < _ENDS * self._size
-            if not near[others].any():
+                return self._row(i, "agrees", f"the mechanism reaches its limit where the margin is {size_mm}")
+            other_margins = self._are_reach.copy()
+            other_margins[i] = False
+            is_near_zero = np.abs(self._at(x[None])[0]) < _ENDS * self._size
+            if not is_near_zero[other_margins].any():
                 text = (
-                    f"the mechanism reaches its limit at a state where the margin is {least}, not 0, and no other "
+                    f"the mechanism reaches its limit at a state where the margin is {size_mm}, not 0, and no other "
                     "margin is near 0"
                 )
                 return self._row(i, "disagrees", text, x, value / MM, "mm")
-        text = f"the row was zero at no tested state; its smallest absolute value was {least}"
+        text = f"the row was zero at no tested state; its smallest absolute value was {size_mm}"
         return self._row(i, "not judged", text, x)
 
     # -- helpers ----------------------------------------------------------------------------------------
 
     def _at(self, states: Array) -> Array:
+        """Return the values (k, rows) of all rows at configurations (k, nq)."""
         return self.stated.values(self.model.collect(states))
 
     def _valid(self, states: Array) -> Mask:
+        """Return (k,) bool: whether the equations reproduce each of the configurations (k, nq)."""
         return self.stated.valid(self.model.collect(states), self._whole)
 
     def _row(
         self, i: int, status: Status, why: str, x: Array | None = None, size: float | None = None, unit: str = ""
     ) -> Judged:
-        s = self.stated
-        at = "" if x is None else self._joints(self.model.collect(x[None]))
-        return Judged(s.names[i], s.symbols[i], s.equations[i], s.kinds[i], status, why, at, size, unit)
+        """Return the result of row i; `x` (nq,) is the configuration that is its example."""
+        stated = self.stated
+        at = ""
+        if x is not None:
+            at = self._joints_text(x)
+        return Judged(
+            name=stated.names[i],
+            symbol=stated.symbols[i],
+            equation=stated.equations[i],
+            kind=stated.kinds[i],
+            status=status,
+            why=why,
+            at=at,
+            size=size,
+            unit=unit,
+        )
 
-    def _joints(self, run: SolvedSamples) -> str:
+    def _joints_text(self, x: Array) -> str:
+        """Return the active joint values at a configuration (nq,) as text, in mm and degrees."""
+        run = self.model.collect(x[None])
         texts = []
         for joint, q in zip(self.model.mechanism.active, run.q[0], strict=True):
-            texts.append(f"{joint.name} {q / DEG:.2f}°" if joint.is_angle else f"{joint.name} {q / MM:.2f} mm")
+            if joint.is_angle:
+                texts.append(f"{joint.name} {q / DEG:.2f}°")
+            else:
+                texts.append(f"{joint.name} {q / MM:.2f} mm")
         return ", ".join(texts)
 
 
@@ -371,6 +453,7 @@ def summary(rows: list[Judged]) -> str:
 
 
 _WHAT = {"reach": "margin of reach", "aspect": "aspect"}
+"""What a row of a kind is; a row of another kind is a singularity measure."""
 
 
 def disagreements(rows: list[Judged]) -> list[Finding]:
@@ -379,9 +462,14 @@ def disagreements(rows: list[Judged]) -> list[Finding]:
     for row in rows:
         if row.status != "disagrees":
             continue
-        what = _WHAT.get(row.kind, "singularity measure")
-        code = row.kind if row.kind in _WHAT else "singularity"  # type1 and type2 have one code
-        where = f"{row.equation}.{row.symbol}" if row.equation else row.symbol
+        what = "singularity measure"
+        code = "singularity"  # type1 and type2 have one code
+        if row.kind in _WHAT:
+            what = _WHAT[row.kind]
+            code = row.kind
+        where = row.symbol
+        if row.equation:
+            where = f"{row.equation}.{row.symbol}"
         size = None
         if row.size is not None:
             size = Quantity(row.size, row.unit)
@@ -398,5 +486,18 @@ def disagreements(rows: list[Judged]) -> list[Finding]:
     return findings
 
 
+def _usual_sizes(values: Array) -> Array:
+    """Return the median magnitude (rows,) of the finite values (k, rows) of each row; 1 if none is finite."""
+    sizes = []
+    for of_row in values.T:
+        finite = np.abs(of_row[np.isfinite(of_row)])
+        size = 1.0
+        if len(finite):
+            size = float(np.median(finite))
+        sizes.append(size)
+    return np.array(sizes)
+
+
 def _anywhere(states: Array) -> Mask:
+    """Return (k,) True: every state is valid."""
     return np.ones(len(states), bool)

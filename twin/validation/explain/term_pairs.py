@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
@@ -59,58 +60,61 @@ def _in_the_same_part(
         after_edits = expression.edited(part, singles, np.array(inside, np.intp))[:, known]
         if _takes_term(expression, part):
             missing_terms = needed[known] - after_edits
-            yield from _terms_of_part(expression, (start, end), edits, missing_terms, atoms, products)
+            for edit, values in _likely(edits, missing_terms, products):
+                for addition in _terms(values, atoms):
+                    yield from _beside(expression, (start, end), edit, addition)
         if _takes_factor(expression, part):
             with np.errstate(all="ignore"):
                 missing_factors = needed[known] / after_edits
-            yield from _factors_of_part(expression, (start, end), edits, missing_factors, atoms, products)
+            for edit, values in _likely(edits, missing_factors, products):
+                for addition in _factors(values, atoms):
+                    yield from _beside(expression, (start, end), edit, addition)
 
 
-def _terms_of_part(
-    expression: Expression,
-    span: tuple[int, int],
-    edits: Sequence[Edit],
-    missing: Array,
-    atoms: Sequence[Atom],
-    products: Products,
+@dataclass(frozen=True)
+class _Addition:
+    """A term or a factor as text, at the start and at the end of the part that it is added to."""
+
+    at_start: str
+    at_end: str
+    prefers_end: bool
+
+
+def _terms(values: Array, atoms: Sequence[Atom]) -> Iterator[_Addition]:
+    """Yield terms with given values (k,)."""
+    for sign, text in terms(values, atoms):
+        leading_sign = sign.strip("+")
+        yield _Addition(f"{leading_sign}{text} + ", f" {sign} {text}", prefers_end=True)
+
+
+def _factors(values: Array, atoms: Sequence[Atom]) -> Iterator[_Addition]:
+    """Yield factors with given values (k,)."""
+    for text in factors(values, atoms):
+        factor = in_product(text)
+        yield _Addition(f"{factor} * ", f" * {factor}", prefers_end=False)
+
+
+def _likely(edits: Sequence[Edit], missing: Array, products: Products) -> Iterator[tuple[Edit, Array]]:
+    """Yield those of n edits whose missing values (n, k) may be those of a product, with these values (k,)."""
+    for n in products.likely(missing):
+        yield edits[n], missing[n]
+
+
+def _beside(
+    expression: Expression, span: tuple[int, int], edit: Edit, addition: _Addition
 ) -> Iterator[tuple[Edit, Edit]]:
-    """Yield pairs of an edit, and an inserted term of the part at `span` with the values that are missing.
+    """Yield an edit of a part together with an addition to this part, where the two do not touch.
 
-    `span` is (first byte, end byte), `missing` (n, k) the difference that remains after each of the n edits. A term is
-    inserted at the end of the part, but at its start if it would touch the edit there.
+    `span` is (first byte, end byte) of the part. The addition goes to the end that it prefers; if the edit is there, to
+    the other one; to none if the edit is at both.
     """
     start, end = span
-    for n in products.likely(missing):
-        edit = edits[n]
-        for sign, text in terms(missing[n], atoms):
-            if edit.end < end:
-                yield edit, _inserted(expression, end, f" {sign} {text}")
-            elif start < edit.start:
-                yield edit, _inserted(expression, start, f"{sign.strip('+')}{text} + ")
-
-
-def _factors_of_part(
-    expression: Expression,
-    span: tuple[int, int],
-    edits: Sequence[Edit],
-    missing: Array,
-    atoms: Sequence[Atom],
-    products: Products,
-) -> Iterator[tuple[Edit, Edit]]:
-    """Yield pairs of an edit, and an inserted factor of the part at `span` with the values that are missing.
-
-    `span` is (first byte, end byte), `missing` (n, k) the ratio that remains after each of the n edits. A factor is
-    inserted at the start of the part, but at its end if it would touch the edit there.
-    """
-    start, end = span
-    for n in products.likely(missing):
-        edit = edits[n]
-        for text in factors(missing[n], atoms):
-            factor = in_product(text)
-            if start < edit.start:
-                yield edit, _inserted(expression, start, f"{factor} * ")
-            elif edit.end < end:
-                yield edit, _inserted(expression, end, f" * {factor}")
+    fits_at_start = start < edit.start
+    fits_at_end = edit.end < end
+    if fits_at_end and (addition.prefers_end or not fits_at_start):
+        yield edit, _inserted(expression, end, addition.at_end)
+    elif fits_at_start:
+        yield edit, _inserted(expression, start, addition.at_start)
 
 
 def _in_another_part(
