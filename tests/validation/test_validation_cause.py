@@ -213,6 +213,20 @@ def test_an_edit_is_an_order():
     assert _words(SimpleNamespace(changes=changes)) == "insert `+ a` and delete `2 *` and replace b by c"
 
 
+@pytest.mark.parametrize(
+    ("edit", "old", "new", "words"),
+    [
+        ("insert `-`", "return a, atan2(zz, r)", "return a, atan2(-zz, r)", "replace atan2(zz, r) by atan2(-zz, r)"),
+        ("0 -> 1", "T = row(0, q) @ row(0, 2)", "T = row(0, q) @ row(1, 2)", "replace row(0, 2) by row(1, 2)"),
+        ("R.T -> R", "u = f(R.T @ b)", "u = f(R @ b)", "replace R.T by R"),
+        ("insert `-`", "x = zz", "x = -zz", "insert `-`"),
+    ],
+)
+def test_an_edit_whose_place_is_not_clear_is_given_with_its_call(edit, old, new, words):
+    diff = f"--- a/f.py\n+++ b/f.py\n@@ -1 +1 @@\n-    {old}\n+    {new}\n"
+    assert _words(SimpleNamespace(changes=[SimpleNamespace(edit=edit)], diff=diff)) == words
+
+
 @pytest.mark.nightly
 def test_the_cure_is_found_in_seconds_or_the_command_is_given(short, printed):
     seen = []

@@ -140,8 +140,20 @@ def _edits(found: Explanation, command: str) -> list[str]:
     return texts
 
 
+_LONGEST_CALL = 60
+"""Largest number of characters of a call that is written twice, before and after an edit."""
+
+
 def _words(reading: Reading) -> str:
-    """Return the edits of a reading as orders: "replace a by b", "insert `+ a`" or "delete `2 *`"."""
+    """Return the edits of a reading as orders: "replace a by b", "insert `+ a`" or "delete `2 *`".
+
+    An edit whose place in its line is not clear from these words is given with the call around it, "replace sin(a) by
+    sin(-a)".
+    """
+    if len(reading.changes) == 1:
+        with_call = _with_call(reading.changes[0].edit, reading.diff)
+        if with_call:
+            return with_call
     orders: list[str] = []
     for change in reading.changes:
         old, arrow, new = change.edit.partition(" -> ")
@@ -152,6 +164,54 @@ def _words(reading: Reading) -> str:
     return " and ".join(orders)
 
 
+def _with_call(edit: str, diff: str) -> str:
+    """Return an edit of one line with the call around it; "" if its own words are clear, or without a short call."""
+    removed = [line[1:] for line in diff.splitlines() if line.startswith("-") and not line.startswith("---")]
+    added = [line[1:] for line in diff.splitlines() if line.startswith("+") and not line.startswith("+++")]
+    if len(removed) != 1 or len(added) != 1:
+        return ""
+    old, new = removed[0], added[0]
+    replaced, arrow, _ = edit.partition(" -> ")
+    if arrow and old.count(replaced) == 1:
+        return ""
+    begin = _same(old, new)
+    same_at_end = _same(old[begin:][::-1], new[begin:][::-1])
+    span = _call_around(old, begin, len(old) - same_at_end)
+    if span is None:
+        return ""
+    start, end = span
+    return f"replace {old[start:end]} by {new[start : len(new) - (len(old) - end)]}"
+
+
+def _same(first: str, second: str) -> int:
+    """Return the number of characters with which both texts begin."""
+    count = 0
+    while count < min(len(first), len(second)) and first[count] == second[count]:
+        count += 1
+    return count
+
+
+def _call_around(line: str, begin: int, end: int) -> tuple[int, int] | None:
+    """Return the range of the innermost call in a line around the range from `begin` to `end`; None: no short one."""
+    depth = 0
+    start = begin - 1
+    while start >= 0 and not (line[start] == "(" and depth == 0):
+        depth += {")": 1, "(": -1}.get(line[start], 0)
+        start -= 1
+    depth = 0
+    stop = end
+    while stop < len(line) and not (line[stop] == ")" and depth == 0):
+        depth += {"(": 1, ")": -1}.get(line[stop], 0)
+        stop += 1
+    if start < 0 or stop == len(line):
+        return None
+    while start > 0 and (line[start - 1].isalnum() or line[start - 1] in "._"):
+        start -= 1
+    if stop + 1 - start > _LONGEST_CALL:
+        return None
+    return start, stop + 1
+
+
 def _numbers(found: Explanation) -> list[str]:
     fit = found.identified
     if fit is None or not fit.exact or not fit.moved:
@@ -160,7 +220,10 @@ def _numbers(found: Explanation) -> list[str]:
     for number in fit.moved:
         old = f"{number.formula:.9g} {number.unit}"
         new = f"{number.fitted:.9g} {number.unit}"
-        values.append(f"{number.name} = {new} instead of {old}")
+        value = f"{number.name} = {new} instead of {old}"
+        if number.note:
+            value += f" ({number.note})"
+        values.append(value)
     conjunction = " or " if fit.alternatives else ", "
     texts = conjunction.join(values)
     return [f"set {texts}"]

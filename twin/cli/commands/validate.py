@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin.cli.parser import VARIANT, Command, count
-from twin.core.errors import TwinError
+from twin.core.errors import ProtocolError, TwinError
 
 if TYPE_CHECKING:
     from twin.api.robot import Robot
@@ -77,7 +78,12 @@ def run(args: argparse.Namespace) -> int:
     cures = Cures(robot)
     found = []
     with show.progress(args.quiet or args.json) as progress:
-        trajectories = {protocol: plan(robot, protocol, progress) for protocol in dict.fromkeys(chosen)}
+        trajectories = {}
+        for protocol in dict.fromkeys(chosen):
+            try:
+                trajectories[protocol] = plan(robot, protocol, progress)
+            except ProtocolError as error:
+                raise ProtocolError(f"{error} {_ways_out(args.robot)}") from error
         progress("USD stage", 0.0)
         with robot.source.fresh_stage() as stage:
             for protocol, variants in jobs:
@@ -101,6 +107,12 @@ def run(args: argparse.Namespace) -> int:
             for variants in variants_of_each(robot, args.variant):
                 proofs.append(_proved(robot, variants, root, progress))
     return reports.finish(found, args, proofs)
+
+
+def _ways_out(robot: str) -> str:
+    """Return what to do if a protocol cannot be carried out: the equations that plan its motion may be wrong."""
+    command = shlex.join(["twin", "validate", robot, "--samples", "512"])
+    return f"If it should be possible, the equations, which plan its motion, may be wrong: judge them by `{command}`."
 
 
 def _proved(

@@ -88,20 +88,28 @@ def _which(report: Report, picture: RobotPicture | None) -> str:
     text = where
     if cause.name and cause.name != where:
         if cause.side == "equations":
-            text += f", by {cause.name}"
+            text += f", by {_equations(cause.name)}"
         else:
             text += f" ({cause.name})"
     if picture is not None and picture.marked:
         links = [link for link in picture.marked if link != where]
         if links:
             text += f", on {' and '.join(links)}"
-    others = [finding.where for finding in cause.also if finding.where]
+    others = [finding.where for finding in cause.also if finding.where and finding.where != where]
     if others:
         named = dict.fromkeys(others[:_MOST_PLACES])
         text += f"; also {', '.join(named)}"
         if len(others) > _MOST_PLACES:
             text += f" and {len(others) - _MOST_PLACES} more"
     return text
+
+
+def _equations(names: str) -> str:
+    """Return names of equations, separated by commas; of many, their number."""
+    count = names.count(", ") + 1
+    if count > _MOST_PLACES:
+        return f"one of {count} equations"
+    return names
 
 
 def _how_much(head: Finding) -> str:

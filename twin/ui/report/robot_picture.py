@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import inspect
 import io
 import json
 import re
@@ -322,9 +323,8 @@ def _line(robot: Robot, report: Report, names: tuple[str, ...]) -> str:
     cause = report.causes[0]
     if cause.side == "equations":
         parameters = re.findall(r"(\w+) = \S+ \S* ?instead of", report.cure)
-        if robot.files.formula is None:
-            return ""
-        return _first_line([robot.files.formula], parameters, r"\s*[\"']{0}[\"']\s*:")
+        # a table of a user's file, "a": mm(1), or an entry of a built-in robot, mm("a", 1)
+        return _first_line(_sources(robot), parameters, r"\s*(?:\w+\()?[\"']{0}[\"']\s*[:,]")
     files = [robot.files.description]
     if cause.side == "protocol":
         when = cause.head.when
@@ -332,6 +332,19 @@ def _line(robot: Robot, report: Report, names: tuple[str, ...]) -> str:
         names = (*re.findall(r"'([\w ]+)'", when), *_names(when), *names)
         files.insert(0, robot.files.protocol(report.protocol))
     return _first_line(files, names, r'\s*name\s*=\s*"{0}"|\s*\[\w+\.{0}\]')
+
+
+def _sources(robot: Robot) -> list[Path]:
+    """Return the files with the equations of a robot: its own, then those that robots of one kind share."""
+    files: list[Path] = []
+    if robot.files is not None and robot.files.formula is not None:
+        files.append(robot.files.formula)
+    for equation in robot.formula.equations:
+        for function in equation.variants.values():
+            code = getattr(inspect.unwrap(function), "__code__", None)
+            if code is not None:
+                files.append(Path(code.co_filename))
+    return [file for file in dict.fromkeys(files) if file.is_file()]
 
 
 def _first_line(files: Sequence[Path], names: Sequence[str], pattern: str) -> str:

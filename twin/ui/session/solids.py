@@ -32,8 +32,8 @@ class SolidTable(Table):
     """A solid, in a frame that its user names.
 
     Shapes: `ellipsoid`, `dome` (the upper half of an ellipsoid), `box`, `cylinder` (about its z axis), `bed` (a rough
-    oval ground that ends at its rim), `drape` (a cloth over something round, hanging down at both sides; open below) and
-    `limb` (a round body along points).
+    oval ground that ends at its rim), `drape` (a cloth over something round, hanging down at both sides; open below)
+    and `limb` (a round body along points).
 
     Attributes:
         size_mm: extent along the axes of the solid; not of a limb.
