@@ -12,13 +12,11 @@ from twin.core.spatial import Array
 from twin.formula.contract import Formula
 from twin.model.mechanism import Mechanism
 from twin.proof import chain, formula_side
+from twin.proof.formula_side import POSE_ENTRIES
 from twin.proof.instructions import instructions
 from twin.proof.program import Row
 
 SCHEMA = "twin/bounds-certificate/1"
-
-_POSE_ENTRIES = 16
-"""Number of entries of a pose."""
 
 _ONE_OPERAND = {ca.OP_SIN: "sine", ca.OP_COS: "cosine", ca.OP_NEG: "negative", ca.OP_INV: "inverse"}
 """Names of the operations of one operand."""
@@ -87,7 +85,7 @@ def equations_side(
         "name": "equations",
         "rows": rows,
         "pose": [places[4 * i : 4 * i + 4] for i in range(3)],
-        "joints": dict(zip(passive, places[_POSE_ENTRIES:], strict=True)),
+        "joints": dict(zip(passive, places[POSE_ENTRIES:], strict=True)),
     }
 
 

@@ -10,11 +10,9 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.formula.contract import Formula
 from twin.proof import formula_side
+from twin.proof.formula_side import POSE_ENTRIES
 from twin.proof.function_branches import with_branches
 from twin.proof.values import Truths
-
-_POSE_ENTRIES = 16
-"""Number of entries of a pose."""
 
 _LONGEST_TEXT = 60
 """Maximum length of the text of a condition; a longer one is named by its number."""
@@ -85,7 +83,7 @@ class Branches:
         if any(branch.undefined for branch in self.all):
             unknown = np.isnan(margins).any(axis=0)
             if self._has_forward:
-                has_pose = is_finite[:_POSE_ENTRIES].all(axis=0)
+                has_pose = is_finite[:POSE_ENTRIES].all(axis=0)
                 unknown &= ~has_pose
             beyond |= unknown
         has_values = is_finite.all(axis=0) & np.isfinite(margins).all(axis=0)

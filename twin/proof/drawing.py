@@ -131,68 +131,79 @@ class Drawing:
         """
         if decimal(along, LENGTH_TOLERANCE) is None and abs(math.sin(2 * alpha)) > ANGLE_TOLERANCE:
             offset = decimal(along * math.tan(alpha), LENGTH_TOLERANCE)
+            height = None
             if offset is not None:
                 height = decimal(foot + float(offset) / math.sin(alpha), LENGTH_TOLERANCE)
-                if height is not None:
-                    scaled = values.product(values.exact(offset, self.states), values.reciprocal(bend.sine))
-                    first = values.difference(values.exact(height, self.states), scaled)
-                    return first, values.product(scaled, bend.cosine)
+            if offset is not None and height is not None:
+                slant = values.product(values.exact(offset, self.states), values.reciprocal(bend.sine))
+                first_foot = values.difference(values.exact(height, self.states), slant)
+                return first_foot, values.product(slant, bend.cosine)
         return self.length(foot, what), self.length(along, what)
 
     def length(self, value: float, what: str) -> ExactValue:
         """Return a length in m: a decimal, a decimal and a root, or a sum with a part of a parameter."""
-        found = self._exact_length(value)
-        if found is not None:
-            return self._recognised(found, value)
+        exact_length = self._exact_length(value)
+        if exact_length is not None:
+            return self._recognised(exact_length, value)
         text = f"{value * 1e3:.9g} mm of {what}"
         self.unrecognised.append(text)
-        near = near_length(value, {name: float(length) for name, length in self._lengths.items() if length})
+        lengths = {name: float(length) for name, length in self._lengths.items() if length}
+        near = near_length(value, lengths)
         if near:
             self.near[text] = near
         return values.unknown(np.full(self.states, value))
 
     def _exact_length(self, value: float) -> ExactNumber | None:
+        """Return the exact form of a length in m; None if there is none."""
         return _exact_length(value, tuple(self._lengths.values()))
 
     def angle(self, value: float, what: str) -> Angle:
         """Return an angle in rad: a multiple of 30 or 45 degrees, or a sum of one with parameters."""
-        found = self._exact_angle(value)
-        if found is not None:
-            return found
+        exact = self._exact_angle(value)
+        if exact is not None:
+            return exact
         self.unrecognised.append(f"{math.degrees(value):.9g} deg of {what}")
         real = np.full(self.states, value)
         return Angle(values.unknown(np.cos(real)), values.unknown(np.sin(real)), real)
 
     def _exact_angle(self, value: float) -> Angle | None:
-        fixed = self._multiple(value)
-        if fixed is not None:
-            return fixed
+        """Return an angle in rad as a multiple of 30 or 45 degrees, or a sum of one with parameters; None if none."""
+        multiple = self._multiple(value)
+        if multiple is not None:
+            return multiple
         for parameters in self._sums:
-            fixed = self._multiple(math.remainder(value - sum(p.published for p in parameters), 2 * math.pi))
-            if fixed is not None:
-                for parameter in parameters:
-                    fixed = values.turned(fixed, parameter)
-                return fixed
+            published = sum(parameter.published for parameter in parameters)
+            multiple = self._multiple(math.remainder(value - published, 2 * math.pi))
+            if multiple is None:
+                continue
+            angle = multiple
+            for parameter in parameters:
+                angle = values.turned(angle, parameter)
+            return angle
         return None
 
     def _multiple(self, value: float) -> Angle | None:
-        """Return a multiple of 30 or 45 degrees."""
-        found = exact_angle(value, ANGLE_TOLERANCE)
-        if found is None:
+        """Return an angle in rad as a multiple of 30 or 45 degrees; None if it is none."""
+        point = exact_angle(value, ANGLE_TOLERANCE)
+        if point is None:
             return None
-        cosine, sine = found
+        cosine, sine = point
         exact_value = math.atan2(float(sine), float(cosine))
         self.largest = max(self.largest, abs(math.remainder(value - exact_value, 2 * math.pi)))
         real = np.full(self.states, exact_value)
         return Angle(values.exact(cosine, self.states), values.exact(sine, self.states), real)
 
-    def _recognised(self, found: ExactNumber, value: float) -> ExactValue:
-        self.largest = max(self.largest, abs(float(found) - value))
-        if found.decimal is None:
-            self.recognised[f"{value * 1e3:.9g} mm"] = f"{found.in_mm} mm"
-        length = values.exact(found, self.states)
-        if self._formulas and len(found.parts) == 1:
-            return replace(length, form=self._form(*found.parts[0]) or length.form)
+    def _recognised(self, number: ExactNumber, value: float) -> ExactValue:
+        """Return a length whose exact form is `number`, and keep what must be said of it."""
+        self.largest = max(self.largest, abs(float(number) - value))
+        if number.decimal is None:
+            self.recognised[f"{value * 1e3:.9g} mm"] = f"{number.in_mm} mm"
+        length = values.exact(number, self.states)
+        if self._formulas and len(number.parts) == 1:
+            radicand, fraction = number.parts[0]
+            part = self._form(radicand, fraction)
+            if part:
+                return replace(length, form=part)
         return length
 
     def _form(self, radicand: int, fraction: Fraction) -> Form | None:
@@ -208,26 +219,27 @@ class Drawing:
 @lru_cache(maxsize=4096)
 def _exact_length(value: float, lengths: tuple[Fraction, ...]) -> ExactNumber | None:
     """Return the exact form of a length in m, given the lengths in m of parameters that it may contain."""
-    found = decimal(value, LENGTH_TOLERANCE)
-    if found is not None:
-        return found
-    for real, factor in _parts(lengths):
-        rest = _on_grid(value - real)
+    number = decimal(value, LENGTH_TOLERANCE)
+    if number is not None:
+        return number
+    for size, part in _parts(lengths):
+        rest = _on_grid(value - size)
         if rest is not None:
-            return constants.both(factor, rest)
+            return constants.both(part, rest)
     return None
 
 
 @cache
 def _parts(lengths: tuple[Fraction, ...]) -> list[tuple[float, ExactNumber]]:
     """Return the parts of parameters that a length may contain, each with its value."""
-    found = []
+    opposite = [-part for part in _PARTS]
+    parts = []
     for length in lengths:
         for radicand in (1, *ROOTS):
-            for part in (*_PARTS, *(-part for part in _PARTS)):
-                factor = constants.exact(part * length, radicand)
-                found.append((float(factor), factor))
-    return found
+            for part in (*_PARTS, *opposite):
+                number = constants.exact(part * length, radicand)
+                parts.append((float(number), number))
+    return parts
 
 
 def _on_grid(value: float) -> ExactNumber | None:

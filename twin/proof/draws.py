@@ -28,6 +28,9 @@ NEAR_PART = 512.0 * _NEAR / STEPS
 The fractions are above the value, but for half a step. Those of an angle are tangents, which are up to 1273 wide.
 """
 
+_ANGLE_TOLERANCE = 1e-12
+"""Tolerance of an angle that is a multiple of 30 or of 45 degrees, in multiples of these."""
+
 _OPEN = 0.999
 """Share of half a turn to each side within which angles are drawn: the tangent of half of it must exist."""
 
@@ -55,7 +58,9 @@ def number(
     steps = np.full(states, field.residue(step), np.uint64)
     starts = np.full(states, field.residue(first), np.uint64)
     residue = field.add(field.multiply(multiples, steps), starts)
-    form = forms.variable(name) if formulas else None
+    form = None
+    if formulas:
+        form = forms.variable(name)
     node = ProgramStep("input", text=name)
     return ExactValue(residue, np.ones(states, bool), real, Degree(1), form=form, node=node)
 
@@ -77,11 +82,12 @@ def turn(
     sine are fractions of t.
     """
     start = _nearest((low + high) / 2)
-    first = math.tan(max(low - start, -_OPEN * math.pi) / 2)
-    last = math.tan(min(high - start, _OPEN * math.pi) / 2)
+    farthest = _OPEN * math.pi
+    first = math.tan(max(low - start, -farthest) / 2)
+    last = math.tan(min(high - start, farthest) / 2)
     near_t = None
     if near is not None:
-        near_t = np.tan(np.clip(near - start, -_OPEN * math.pi, _OPEN * math.pi) / 2)
+        near_t = np.tan(np.clip(near - start, -farthest, farthest) / 2)
     t = number(generator, first, last, states, name, near=near_t)
     one = values.constant(1.0, states)
     square = values.product(t, t)
@@ -101,16 +107,18 @@ def turn(
 
 def _nearest(angle: float) -> float:
     """Return the multiple of 30 degrees nearest to an angle in rad."""
-    return round(angle / (math.pi / 6)) * (math.pi / 6)
+    step = math.pi / 6
+    return round(angle / step) * step
 
 
 def fixed_angle(angle: float, states: int) -> Angle:
     """Return an angle in rad at k states; cosine and sine are unknown in the field if they have no exact form."""
     real = np.full(states, angle)
-    found = exact_angle(angle, tolerance=1e-12)
-    if found is None:
+    point = exact_angle(angle, tolerance=_ANGLE_TOLERANCE)
+    if point is None:
         return Angle(values.unknown(np.cos(real)), values.unknown(np.sin(real)), real)
-    return Angle(values.exact(found[0], states), values.exact(found[1], states), real)
+    cosine, sine = point
+    return Angle(values.exact(cosine, states), values.exact(sine, states), real)
 
 
 def named(
@@ -127,6 +135,8 @@ def named(
     drawn: dict[str, Value] = {}
     for name, (is_angle, low, high) in ranges.items():
         draw = turn if is_angle else number
-        values_near = None if near is None else near[name]
+        values_near = None
+        if near is not None:
+            values_near = near[name]
         drawn[name] = draw(generator, low, high, states, name, formulas, values_near)
     return drawn

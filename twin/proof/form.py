@@ -17,6 +17,10 @@ MOST_TERMS = 1000
 _SINE = "sin "
 _COSINE = "cos "
 _ROOT = "sqrt "
+"""What precedes the argument in the names of variables that are functions."""
+
+_FACTORS_OF_ROOTS = {6: 1, 3: 2, 2: 3}
+"""{third of the radicands 2, 3, 6: factor of its root in the product of the roots of the other two}."""
 
 
 @dataclass(frozen=True)
@@ -40,9 +44,11 @@ class Form:
             ((monomial, coefficient),) = self.terms.items()
             return _term(coefficient, _powers(monomial)).removeprefix("+ ")
         common = _common(self.terms)
-        size = min((abs(c) for c in self.terms.values()), key=lambda c: (c.denominator, c))
+        sizes = [abs(coefficient) for coefficient in self.terms.values()]
+        size = min(sizes, key=lambda fraction: (fraction.denominator, fraction))  # the simplest one
+        largest_first = sorted(self.terms.items(), key=lambda term: (-term[1], term[0]))
         parts = []
-        for monomial, coefficient in sorted(self.terms.items(), key=lambda term: (-term[1], term[0])):
+        for monomial, coefficient in largest_first:
             parts.append(_term(coefficient / size, _powers(_divided(monomial, common))))
         inside = " ".join(parts).removeprefix("+ ")
         before = _powers(common)
@@ -137,14 +143,14 @@ def _reduce(terms: dict[Monomial, Fraction], powers: dict[str, int], coefficient
         first, second = roots
         (third,) = set(ROOTS) - set(roots)
         rest = {**powers, f"{_ROOT}{first}": 0, f"{_ROOT}{second}": 0, f"{_ROOT}{third}": 1}
-        factor = {6: 1, 3: 2, 2: 3}[third]
-        _reduce(terms, rest, coefficient * factor)
+        _reduce(terms, rest, coefficient * _FACTORS_OF_ROOTS[third])
         return
-    monomial = tuple(sorted((name, exponent) for name, exponent in powers.items() if exponent))
-    _add(terms, monomial, coefficient)
+    kept = [(name, exponent) for name, exponent in powers.items() if exponent]
+    _add(terms, tuple(sorted(kept)), coefficient)
 
 
 def _add(terms: dict[Monomial, Fraction], monomial: Monomial, coefficient: Fraction) -> None:
+    """Add a term to a polynomial; terms that cancel are dropped."""
     total = terms.get(monomial, Fraction(0)) + coefficient
     if total:
         terms[monomial] = total
@@ -153,6 +159,7 @@ def _add(terms: dict[Monomial, Fraction], monomial: Monomial, coefficient: Fract
 
 
 def _short(terms: dict[Monomial, Fraction]) -> Form | None:
+    """Return a polynomial; None if it has too many terms."""
     if len(terms) > MOST_TERMS:
         return None
     return Form(terms)
@@ -163,13 +170,16 @@ def _common(terms: Mapping[Monomial, Fraction]) -> Monomial:
     monomials = [dict(monomial) for monomial in terms]
     shared = []
     for name, exponent in monomials[0].items():
-        least = min([exponent, *(powers.get(name, 0) for powers in monomials[1:])])
-        if least:
-            shared.append((name, least))
+        smallest = exponent
+        for powers in monomials[1:]:
+            smallest = min(smallest, powers.get(name, 0))
+        if smallest:
+            shared.append((name, smallest))
     return tuple(shared)
 
 
 def _divided(monomial: Monomial, common: Monomial) -> Monomial:
+    """Return a monomial divided by powers that it has."""
     powers = dict(monomial)
     for name, exponent in common:
         powers[name] -= exponent

@@ -12,6 +12,9 @@ from twin.formula import equation_values, symbolic
 from twin.formula.contract import POSE_SYMBOL, Formula
 from twin.formula.scalar import Value
 
+POSE_ENTRIES = 16
+"""Number of entries of a pose."""
+
 
 @dataclass(frozen=True)
 class Outputs:

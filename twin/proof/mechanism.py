@@ -67,13 +67,13 @@ class ExactMechanism:
             elif body == joint.parent:
                 frames.append(joint.T_parent_joint)
         points = [point.p_body for point in self.mechanism.points if point.body == body]
-        references = [*frames[:1]]
+        references = frames[:1]
         for p in points:
-            moved_frame = np.array(references[0])
-            moved_frame[:3, 3] = p
-            references.append(moved_frame)
+            at_point = np.array(references[0])
+            at_point[:3, 3] = p
+            references.append(at_point)
         best = np.eye(4)
-        fewest = np.inf
+        fewest = np.inf  # numbers of the body's joints and points without an exact form
         for reference in references:
             inverse_reference = spatial.inverse(reference)
             trial = self.drawing.fresh()
@@ -177,7 +177,7 @@ def judges(mechanism: Mechanism, joint: str, missing: Collection[str]) -> bool:
     It can if the joint is in a loop of placed bodies, where the given pose of the tool closes one as well. A joint that
     only carries what hangs on it, or that holds a body of `missing`, is not judged.
     """
-    edges = [(mechanism.base, mechanism.frame(mechanism.tool).body)]
+    edges = [(mechanism.base, mechanism.frame(mechanism.tool).body)]  # the given pose of the tool
     own: tuple[str, str] | None = None
     for other in mechanism.joints:
         if {other.parent, other.child} & set(missing):
@@ -188,14 +188,15 @@ def judges(mechanism: Mechanism, joint: str, missing: Collection[str]) -> bool:
             edges.append((other.parent, other.child))
     if own is None:
         return False
-    reached = {own[0]}
-    size = 0
-    while len(reached) > size:
-        size = len(reached)
+    parent, child = own
+    reached = {parent}  # the bodies to which a way leads from the parent, without the joint itself
+    count = 0
+    while len(reached) > count:
+        count = len(reached)
         for ends in edges:
             if reached & set(ends):
                 reached |= set(ends)
-    return own[1] in reached
+    return child in reached
 
 
 def slides(exact: ExactMechanism, placed: PlacedBodies) -> Iterator[tuple[str, str, list[ExactValue]]]:
@@ -205,21 +206,22 @@ def slides(exact: ExactMechanism, placed: PlacedBodies) -> Iterator[tuple[str, s
     """
     for name in placed.missing:
         joints = [joint for joint in exact.mechanism.joints if name in (joint.parent, joint.child)]
-        kinds = {joint.type: joint for joint in joints}
-        if len(joints) != 2 or set(kinds) != {"prismatic", "spherical"}:
+        by_type = {joint.type: joint for joint in joints}
+        if len(joints) != 2 or set(by_type) != {"prismatic", "spherical"}:
             continue
-        slide = kinds["prismatic"]
-        ball = kinds["spherical"]
-        if any(_other_end(joint, name)[0] not in placed.poses for joint in joints):
-            continue
+        slide = by_type["prismatic"]
+        ball = by_type["spherical"]
         carrier, T_carrier_slide = _other_end(slide, name)
         holder, T_holder_ball = _other_end(ball, name)
+        if carrier not in placed.poses or holder not in placed.poses:
+            continue
         T_base_slide = compose(placed.poses[carrier], exact.link(carrier, T_carrier_slide, f"joint {slide.name}"))
         T_base_ball = compose(placed.poses[holder], exact.link(holder, T_holder_ball, f"joint {ball.name}"))
         centre = compose(inverse(T_base_slide), T_base_ball)
         T_body_slide = exact.link(name, _own_end(slide, name), f"joint {slide.name}")
         T_body_ball = exact.link(name, _own_end(ball, name), f"joint {ball.name}")
         own = compose(inverse(T_body_slide), T_body_ball)
+        # along the slide, z, the centre may be anywhere
         numbers = [values.difference(centre[i][3], own[i][3]) for i in range(2)]
         yield name, f"{carrier} slides through the ball of {name} in {holder}", numbers
 

@@ -117,23 +117,31 @@ def _held(mechanism: Mechanism) -> Mechanism:
     before = T_base_rest  # pose of the carried frame in base, then in the frame of the body before
     moves: tuple[tuple[JointType, tuple[int, ...]], ...] = (("prismatic", (0, 1, 2)), ("revolute", (2, 1, 0)))
     for kind, axes in moves:
+        motion = "shift" if kind == "prismatic" else "turn"
         for axis in axes:
-            R = _along(axis)
-            T_parent_joint = before @ R
-            name = f"tool_{'shift' if kind == 'prismatic' else 'turn'}_{_DIRECTIONS[axis]}"
+            T_body_joint = _along(axis)
+            name = f"tool_{motion}_{_DIRECTIONS[axis]}"
             bodies.append(Body(name))
-            joints.append(Joint(name, kind, parent, name, T_parent_joint, R, active=True))
+            joints.append(Joint(name, kind, parent, name, before @ T_body_joint, T_body_joint, active=True))
             parent = name
             before = np.eye(4)
             rest[name] = T_base_rest
             if kind == "prismatic" and axis == 2:
+                # after the last shift, the turns are about the axes of the tool at rest
                 before[:3, :3] = T_rest[:3, :3]
                 T_base_rest = T_rest
     # the six bodies stand in the tool frame at rest; the last one holds the tool
     joints += [replace(joint, active=False, drive=None) for joint in mechanism.joints]
     joints.append(Joint("tool_held", "fixed", parent, tool.body, np.eye(4), tool.T_body_frame))
-    changed = {"bodies": tuple(bodies), "joints": tuple(joints), "rest": rest, "postures": {}}
-    return replace(mechanism, **changed, actuators=(), transmissions=())
+    return replace(
+        mechanism,
+        bodies=tuple(bodies),
+        joints=tuple(joints),
+        rest=rest,
+        postures={},
+        actuators=(),
+        transmissions=(),
+    )
 
 
 def _along(axis: int) -> Array:
@@ -146,7 +154,10 @@ def _along(axis: int) -> Array:
 def _drawn(linkage: Linkage, count: int) -> tuple[Array, dict[str, Array]]:
     """Return coordinates (count, m) and rotations (count, 3, 3) of the balls in the poses of the CAD."""
     mechanism = linkage.mechanism
-    poses = {body.name: np.asarray(mechanism.rest.get(body.name, np.eye(4)))[None] for body in mechanism.bodies}
+    poses = {}
+    for body in mechanism.bodies:
+        T_base_body = mechanism.rest.get(body.name, np.eye(4))
+        poses[body.name] = np.asarray(T_base_body)[None]
     values, balls = linkage.drawn(poses)
     rotations = {name: np.repeat(R, count, axis=0) for name, R in balls.items()}
     return np.repeat(values, count, axis=0), rotations
@@ -174,19 +185,29 @@ def _assembled(
         else:
             placed = linkage.place(prediction, rotations)
             closed = np.ones(len(values), bool)
-        poses = {name: spatial.pose(frame.R.c[0], frame.p.c[0]) for name, frame in placed.frames.items()}
+        poses = {}
+        for name, frame in placed.frames.items():
+            poses[name] = spatial.pose(frame.R.c[0], frame.p.c[0])
         within = closed.copy()
         for joint in linkage.mechanism.joints:
             within &= joint.beyond(poses[joint.parent], poses[joint.child]) <= -_WITHIN
-        q = np.column_stack([values[:, linkage.index(joint.name)] for joint in mechanism.active])
-    motors = {actuator.name: actuator for actuator in mechanism.actuators}
+        within &= _motors_within(mechanism, linkage, values)
+    return MechanismStates(closed, within)
+
+
+def _motors_within(mechanism: Mechanism, linkage: Linkage, values: Array) -> Truths:
+    """Return where (k,) all motors certainly are within their limits, at coordinates (k, m)."""
+    q = np.column_stack([values[:, linkage.index(joint.name)] for joint in mechanism.active])
+    limits_of = {actuator.name: actuator.limits for actuator in mechanism.actuators}
+    positions = mechanism.motors(q)
+    within = np.ones(len(values), bool)
     for j, name in enumerate(mechanism.motor_names):
-        limits = motors[name].limits if name in motors else None
+        limits = limits_of.get(name)
         if limits is not None:
             low, high = limits
-            motor = mechanism.motors(q)[:, j]
+            motor = positions[:, j]
             within &= (motor >= low + _WITHIN) & (motor <= high - _WITHIN)
-    return MechanismStates(closed, within)
+    return within
 
 
 def _led(
@@ -194,11 +215,12 @@ def _led(
 ) -> tuple[Array, dict[str, TaylorModel]]:
     """Return coordinates (k, m) and rotations of balls after small steps to the states; see `_assembled`."""
     start = values[:, linkage.driven].copy()
-    steps = range(1, _STEPS + 1) if linkage.closes else (_STEPS,)
-    for step in steps:
-        values[:, linkage.driven] = start + step / _STEPS * (targets - start)
-        if linkage.closes:
-            iterations = _ITERATIONS if step < _STEPS else _LAST_ITERATIONS
+    if linkage.closes:
+        for step in range(1, _STEPS + 1):
+            values[:, linkage.driven] = start + step / _STEPS * (targets - start)
+            iterations = _ITERATIONS
+            if step == _STEPS:
+                iterations = _LAST_ITERATIONS
             values, balls = solved(linkage, values, balls, iterations, _LONGEST_STEP)
     values[:, linkage.driven] = targets
     rotations = {}

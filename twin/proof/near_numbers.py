@@ -17,6 +17,12 @@ _MOST_DIGITS = 12
 _FEWEST_DECIMALS = 5
 """Decimals below which a number was chosen, and is near a root by chance."""
 
+_ALL_DIGITS = 1e-14
+"""Relative difference up to which two numbers have the same digits in double precision."""
+
+_HALF = 0.5000001
+"""Half of a last digit, with a margin for the rounding of the number itself."""
+
 _LARGEST = 12
 """Largest numerator and denominator of a fraction of a parameter, or of a number without a unit."""
 
@@ -37,13 +43,18 @@ def near_length(value: float, lengths: Mapping[str, float]) -> str:
         return ""
     for name, length in lengths.items():
         part = _part(millimetres, 1e3 * length, tolerance)
-        if part is not None and not _equal(part[1], millimetres):
-            return f"{part[0]} {name} = {part[1]:.10g} mm"
+        if part is None:
+            continue
+        text, exact = part
+        if not _is_equal(exact, millimetres):
+            return f"{text} {name} = {exact:.10g} mm"
     for radicand in ROOTS:
-        steps = round(millimetres / math.sqrt(radicand) * _STEPS)
-        exact = steps / _STEPS * math.sqrt(radicand)
-        if steps and abs(exact - millimetres) <= tolerance and not _equal(exact, millimetres):
-            return f"{steps / _STEPS:g} sqrt({radicand}) = {exact:.10g} mm"
+        root = math.sqrt(radicand)
+        factor = round(millimetres / root * _STEPS) / _STEPS
+        exact = factor * root
+        is_near = abs(exact - millimetres) <= tolerance
+        if factor and is_near and not _is_equal(exact, millimetres):
+            return f"{factor:g} sqrt({radicand}) = {exact:.10g} mm"
     return ""
 
 
@@ -53,14 +64,17 @@ def near_number(value: float) -> str:
     if not tolerance:
         return ""
     part = _part(value, 1.0, tolerance)
-    if part is None or _equal(part[1], value):
+    if part is None:
         return ""
-    return f"{part[0]} = {part[1]:.10g}"
+    text, exact = part
+    if _is_equal(exact, value):
+        return ""
+    return f"{text} = {exact:.10g}"
 
 
-def _equal(exact: float, value: float) -> bool:
+def _is_equal(exact: float, value: float) -> bool:
     """Return whether a number has all digits of a root: then it is not rounded."""
-    return abs(exact - value) <= 1e-14 * abs(value)
+    return abs(exact - value) <= _ALL_DIGITS * abs(value)
 
 
 def _last_digit(value: float) -> float:
@@ -69,7 +83,7 @@ def _last_digit(value: float) -> float:
     _, _, decimals = text.partition(".")
     if "e" in text or len(decimals) < _FEWEST_DECIMALS:
         return 0.0
-    return 0.5000001 * 10.0 ** -len(decimals)
+    return _HALF * 10.0 ** -len(decimals)
 
 
 def _part(value: float, unit: float, tolerance: float) -> tuple[str, float] | None:
@@ -82,7 +96,11 @@ def _part(value: float, unit: float, tolerance: float) -> tuple[str, float] | No
         exact = float(fraction) * unit * math.sqrt(radicand)
         if abs(exact - value) > tolerance:
             continue
-        factor = {1: "", -1: "-"}.get(fraction.numerator, f"{fraction.numerator} ")
+        factor = f"{fraction.numerator} "
+        if fraction.numerator == 1:
+            factor = ""
+        elif fraction.numerator == -1:
+            factor = "-"
         below = ""
         if fraction.denominator != 1:
             below = f"/{fraction.denominator}"

@@ -33,6 +33,9 @@ SPREAD_ANGLE = 0.3
 SPREAD_PARAMETER = 0.05
 """The same for a parameter that is an angle, around its published value."""
 
+_WIDEST_SLIDE = 1.0
+"""Distance in m to both sides of 0 within which a sliding joint without limits is drawn."""
+
 ANGULAR = ("deg", "rad")
 """Units of parameters that are angles."""
 
@@ -123,57 +126,64 @@ def random_states(
         near: {random number: values (k,) near which it is drawn}.
     """
     generator = np.random.default_rng(seed)
-    made = ProofStates(formula, robot, states, formulas)
-    _set_parameters(made, states, drawn, generator, near)
-    ranges = _joint_ranges(formula, robot) if formula.has("forward") else _coordinate_ranges(formula)
-    made.ranges.update(ranges)
-    made.state.update(draws.named(generator, ranges, states, formulas, near))
-    return made
+    proof_states = ProofStates(formula, robot, states, formulas)
+    _set_parameters(proof_states, drawn, generator, near)
+    if formula.has("forward"):
+        ranges = _joint_ranges(formula, robot)
+    else:
+        ranges = _coordinate_ranges(formula)
+    proof_states.ranges.update(ranges)
+    proof_states.state.update(draws.named(generator, ranges, states, formulas, near))
+    return proof_states
 
 
 def _set_parameters(
-    made: ProofStates,
-    states: int,
+    proof_states: ProofStates,
     drawn: Collection[str],
     generator: np.random.Generator,
     near: Mapping[str, Array] | None,
 ) -> None:
     """Set the parameters to their published values, but those of `drawn`, which are angles, to random ones nearby."""
-    for parameter in made.formula.parameters:
+    states = proof_states.drawn_states
+    for parameter in proof_states.formula.parameters:
         name = parameter.name
         value = float(parameter.value)
         if not math.isfinite(value):
             raise KinematicsError(
-                f"formula '{made.formula.name}': parameter '{name}' is {value}, not a finite number; nothing can be "
-                "proved with it"
+                f"formula '{proof_states.formula.name}': parameter '{name}' is {value}, not a finite number; nothing "
+                "can be proved with it"
             )
         if parameter.unit not in ANGULAR:
             number = values.constant(value, states)
-            if made.formulas:
+            if proof_states.formulas:
                 number = replace(number, form=forms.variable(name), constant=None)
-            made.parameters[name] = number
+            proof_states.parameters[name] = number
             if exact_number(value) is None:
-                made.inexact.append(name)
+                proof_states.inexact.append(name)
         elif name in drawn:
             low = value - SPREAD_PARAMETER
             high = value + SPREAD_PARAMETER
-            made.ranges[name] = (True, low, high)
-            values_near = None if near is None else near[name]
+            proof_states.ranges[name] = (True, low, high)
+            values_near = None
+            if near is not None:
+                values_near = near[name]
             angle = draws.turn(generator, low, high, states, name, near=values_near)
-            made.parameters[name] = replace(angle, published=value)
-            made.drawn.append(name)
+            proof_states.parameters[name] = replace(angle, published=value)
+            proof_states.drawn.append(name)
         else:
             angle = draws.fixed_angle(value, states)
-            made.parameters[name] = angle
+            proof_states.parameters[name] = angle
             if not (angle.cosine.known.all() and angle.sine.known.all()):
-                made.inexact.append(name)
+                proof_states.inexact.append(name)
 
 
 def _joint_ranges(formula: Formula, robot: Mechanism) -> dict[str, tuple[bool, float, float]]:
     """Return the limits of the active joints of the equations."""
     ranges = {}
     for joint in formula.joints:
-        widest = math.pi if joint.kind == "revolute" else 1.0
+        widest = _WIDEST_SLIDE
+        if joint.kind == "revolute":
+            widest = math.pi
         low, high = robot.joint(joint.name).limits or (-widest, widest)
         if not low < high:
             low, high = -widest, widest
@@ -188,6 +198,9 @@ def _coordinate_ranges(formula: Formula) -> dict[str, tuple[bool, float, float]]
     """Return ranges of the coordinates around the first seed."""
     ranges = {}
     for name, unit, value in zip(formula.coordinates.names, formula.coordinates.units, formula.seeds[0], strict=True):
-        spread = SPREAD_ANGLE if unit == "rad" else SPREAD_LENGTH
-        ranges[name] = (unit == "rad", value - spread, value + spread)
+        is_angle = unit == "rad"
+        spread = SPREAD_LENGTH
+        if is_angle:
+            spread = SPREAD_ANGLE
+        ranges[name] = (is_angle, value - spread, value + spread)
     return ranges

@@ -7,7 +7,7 @@ where the mechanism cannot be assembled within the limits of all joints.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from twin.model.mechanism import Mechanism
 from twin.proof import mechanism_reach
 from twin.proof.branches import Branches
 from twin.proof.claims import JudgedClaim, unclaimed
+from twin.proof.formula_side import POSE_ENTRIES
 
 _DRAWN = 2048
 """Number of states that are drawn evenly within the ranges."""
@@ -50,10 +51,9 @@ class RefusedStates:
         """Return the claim that is wrong or open; None if the mechanism is at none of these states."""
         if not self.reached:
             return None
-        state = ", ".join(f"{name} = {value:.6g}" for name, value in self.witness.items())
         if self.without_value:
-            found = unclaimed("values", SENTENCE, "")
-            return JudgedClaim(**{**vars(found), "status": "refuted", "witness": dict(self.witness)})
+            return replace(unclaimed("values", SENTENCE, ""), status="refuted", witness=dict(self.witness))
+        state = ", ".join(f"{name} = {value:.6g}" for name, value in self.witness.items())
         reason = f"a margin of the equations is negative, or not a number, at {state}, where it can"
         return unclaimed("values", SENTENCE, reason)
 
@@ -77,35 +77,39 @@ def refused_states(
         seed: of the random numbers.
     """
     conditions = Branches(formula, variants, ())
-    limits = np.array([ranges[name][1:] for name in conditions.names])
+    limits = np.array([ranges[name][1:] for name in conditions.names])  # (n, 2): low, high
     generator = np.random.default_rng([seed, 3])
     drawn = generator.uniform(limits[:, :1], limits[:, 1:], (len(limits), _DRAWN))
     searched = np.array([found[name] for name in conditions.names])
-    chosen = [_refused(conditions, state) for state in (searched, drawn)]
-    state = np.hstack(chosen)
+    state = np.hstack([_refused(conditions, searched), _refused(conditions, drawn)])
     if not state.shape[1]:
         return RefusedStates(0, 0, 0, {}, False)
     values, _ = conditions.values(state)
-    known = np.isfinite(values.full()).all(axis=0)
+    has_values = np.isfinite(values.full()).all(axis=0)
     try:
         if formula.has("forward"):
             of_mechanism = mechanism_reach.at_joints(robot, list(conditions.names), state.T)
         else:
-            T_base_tool = values.full()[:16].T.reshape(-1, 4, 4)
+            T_base_tool = values.full()[:POSE_ENTRIES].T.reshape(-1, 4, 4)
             of_mechanism = mechanism_reach.at_poses(robot, T_base_tool)
     except TwinError:
         return None
     reached = of_mechanism.within
     # a state without a value tells more than one with a negative margin
-    best = np.flatnonzero(reached & ~known)
+    best = np.flatnonzero(reached & ~has_values)
     without_value = len(best) > 0
     if not without_value:
         best = np.flatnonzero(reached)
     witness: dict[str, float] = {}
     if len(best):
         witness = {name: float(x) for name, x in zip(conditions.names, state[:, best[0]], strict=True)}
-    counts = (state.shape[1], int((~of_mechanism.closed).sum()), int(reached.sum()))
-    return RefusedStates(*counts, witness, without_value)
+    return RefusedStates(
+        compared=state.shape[1],
+        unknown=int((~of_mechanism.closed).sum()),
+        reached=int(reached.sum()),
+        witness=witness,
+        without_value=without_value,
+    )
 
 
 def _refused(conditions: Branches, state: Array) -> Array:

@@ -23,8 +23,10 @@ VARIABLES = 12
 """Maximum number of variables: a term keeps the exponent of each in five bits."""
 
 _BASE = 32
+"""Base of the number whose digits are the exponents of a term, from -16 to 15: five bits for each."""
 
 _LARGEST_EXPONENT = 15
+"""Largest magnitude of an exponent."""
 
 _SHARE = 2.0**-50
 """Relative rounding error of a product of complex numbers (at most 2.24 times 2^-53), with a margin."""
@@ -34,6 +36,9 @@ _SMALL = 1e-9
 
 _NEGLIGIBLE = 1e-5
 """Share of a bound below which a term is not kept by itself in the square."""
+
+_FURTHER_ROUNDINGS = 20
+"""Number of roundings of a bound besides one for each of its terms, with a margin."""
 
 _TERMS = 400
 """Maximum number of terms that are squared."""
@@ -120,15 +125,17 @@ class TrigonometricSum:
 
     def pruned(self, limit: float) -> TrigonometricSum:
         """Return the sum without terms below a limit; an unknown constant, as large as their sum, replaces them."""
-        axes = tuple(range(1, self.centre.ndim))
         size = np.abs(self.centre) + self.radius
-        small = size.max(axis=axes) < limit if axes else size < limit
+        largest_entries = size
+        if size.ndim > 1:
+            largest_entries = size.max(axis=tuple(range(1, size.ndim)))
+        small = largest_entries < limit
         if not small.any():
             return self
-        lost = size[small].sum(axis=0) * (1 + (small.sum() + 2) * _SHARE)
+        replaced = size[small].sum(axis=0) * (1 + (small.sum() + 2) * _SHARE)
         keys = np.concatenate([self.keys[~small], np.zeros(1, np.int64)])
         centre = np.concatenate([self.centre[~small], np.zeros((1, *self.centre.shape[1:]), complex)])
-        radius = np.concatenate([self.radius[~small], lost[None]])
+        radius = np.concatenate([self.radius[~small], replaced[None]])
         return _collected(keys, centre, radius, self.degree)
 
     def split(self, places: Sequence[int]) -> list[TrigonometricSum]:
@@ -143,20 +150,23 @@ class TrigonometricSum:
     def exponents(self) -> Keys:
         """Return the exponents (n, VARIABLES) of the terms."""
         rest = self.keys.copy()
-        found = np.zeros((rest.size, VARIABLES), np.int64)
+        exponents = np.zeros((rest.size, VARIABLES), np.int64)
         half = _BASE // 2
         for place in range(VARIABLES):
             # a negative digit borrows from the next one
-            found[:, place] = (rest + half) % _BASE - half
-            rest = (rest - found[:, place]) // _BASE
-        return found
+            digits = (rest + half) % _BASE - half
+            exponents[:, place] = digits
+            rest = (rest - digits) // _BASE
+        return exponents
 
     def bound(self) -> float:
         """Return an upper bound at all values of the magnitude, or of the root of the sum of squares of all entries."""
-        axes = tuple(range(1, self.centre.ndim))
         size = np.abs(self.centre) + self.radius
-        terms = np.sqrt((size**2).sum(axis=axes)) if axes else size
-        return float(terms.sum() * (1 + (terms.size + 20) * _SHARE))
+        terms = size
+        if size.ndim > 1:
+            axes = tuple(range(1, size.ndim))
+            terms = np.sqrt((size**2).sum(axis=axes))
+        return float(terms.sum() * (1 + (terms.size + _FURTHER_ROUNDINGS) * _SHARE))
 
 
 @dataclass(frozen=True)

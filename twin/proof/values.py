@@ -42,7 +42,8 @@ class RootMark:
         if len(argument.residue) != len(self.residue):
             return False
         known = argument.known & self.known
-        return int(known.sum()) >= ALIKE and bool((argument.residue == self.residue)[known].all())
+        is_equal = (argument.residue == self.residue)[known]
+        return len(is_equal) >= ALIKE and bool(is_equal.all())
 
 
 ALIKE = 4
@@ -165,6 +166,9 @@ class DrawnCondition:
 
 
 Value = ExactValue | Angle | DrawnCondition
+
+_LARGEST_MULTIPLE = 4
+"""Largest multiple of an angle that is computed; the degree of its cosine grows with it."""
 
 ROUNDING = 1e-12
 """Error in m of a length that was computed with double precision."""
@@ -346,11 +350,11 @@ def root(a: Value) -> ExactValue:
     with np.errstate(invalid="ignore"):
         real = np.sqrt(number.real)
     node = program.operation("root", number.node)
-    same = number.residue[number.known]
-    if len(same) and (same == same[0]).all():
+    residues = number.residue[number.known]
+    if len(residues) and (residues == residues[0]).all():
         # a length that does not depend on the state, written as a root; in the field both signs are roots
         length = decimal(float(real[number.known][0]), ROUNDING)
-        if length is not None and length.residue**2 % prime.prime() == same[0]:
+        if length is not None and length.residue**2 % prime.prime() == residues[0]:
             residue = np.full(len(real), length.residue, np.uint64)
             return ExactValue(residue, number.known, real, node=node)
     residue = prime.root(number.residue)
@@ -402,6 +406,7 @@ def choose(condition: DrawnCondition, a: Value, b: Value) -> Value:
 
 
 def _either(condition: DrawnCondition, a: ExactValue, b: ExactValue) -> ExactValue:
+    """Return the number a where a condition is true, and b elsewhere."""
     residue = np.where(condition.real, a.residue, b.residue)
     known = np.where(condition.real, a.known, b.known)
     real = np.where(condition.real, a.real, b.real)
@@ -419,9 +424,10 @@ def angle(value: Value) -> Angle:
     number = scalar(value)
     states = len(number.real)
     if number.constant is not None:
-        found = exact_angle(number.constant)
-        if found is not None:
-            return Angle(exact(found[0], states), exact(found[1], states), number.real)
+        point = exact_angle(number.constant)
+        if point is not None:
+            exact_cosine, exact_sine = point
+            return Angle(exact(exact_cosine, states), exact(exact_sine, states), number.real)
     # the part of a conditional expression that is not chosen is the number 0
     known = number.known & (number.residue == 0) & (number.real == 0)
     one = program.number(exact_of(1))
@@ -452,7 +458,7 @@ def _multiple(a: Angle, factor: float) -> Value:
         if factor > 0:
             return half
         return negative(half)
-    if not float(factor).is_integer() or abs(factor) > 4:
+    if not float(factor).is_integer() or abs(factor) > _LARGEST_MULTIPLE:
         return unknown(a.real * factor)
     result = angle(constant(0.0, len(a.real)))
     step = a

@@ -38,6 +38,39 @@ _BOXES = 4
 _FIRST_BOX = 1e-12
 """Half of the smallest box that is tried, in m or rad."""
 
+_FIRST_FACTOR = 8.0
+"""Half of the first box as a multiple of the move from the prediction towards the motion."""
+
+_GROWTH = 3.0
+"""Half of the next box as a multiple of the image of the one before, which was not inside it."""
+
+_LARGEST_BOX = 0.1
+"""Half of the largest box that is grown to, in m or rad."""
+
+_UNKNOWN_BOX = 1.0
+"""Half of a box, in m or rad, on a piece where no finite one is known: it only keeps the arithmetic finite."""
+
+_RATE_STEPS = 8
+"""Number of steps in which the bound of the rates' errors approaches one that is mapped into itself."""
+
+_RATE_FACTOR = 1.5
+"""Factor by which this bound is increased, so that it certainly is mapped into itself."""
+
+_SMALLEST_RATE = 1e-15
+"""Smallest bound of the error of a rate, in m or rad per unit of s."""
+
+_RELATIVE_ZERO = 1e-9
+"""Singular values of the loops' Jacobian below this fraction of the largest one count as zero."""
+
+_MARGIN = 1.0 + 1e-12
+"""Factor by which bounds are increased, because sums and products of bounds are rounded."""
+
+_ROTATION_ERROR = 64 * _UNIT
+"""Bound of the rounding error of a product of two rotations, 1 less, and of its norm."""
+
+_VALUE_ERROR = 64 * _UNIT
+"""Relative bound of the rounding of values of the polynomials, and of the full turns that are subtracted."""
+
 Poses = Mapping[str, Array]
 """{body: T_base_body (k, 4, 4)}."""
 
@@ -178,7 +211,7 @@ def solved(
         jacobian = linkage.jacobian(placed).c[0][:, :, passive]
         if not (np.isfinite(gaps).all() and np.isfinite(jacobian).all()):
             break
-        steps = -(np.linalg.pinv(jacobian, rcond=1e-9) @ gaps[..., None])[..., 0]
+        steps = -(np.linalg.pinv(jacobian, rcond=_RELATIVE_ZERO) @ gaps[..., None])[..., 0]
         steps = np.clip(steps, -longest, longest)
         turns: dict[str, Array] = {}
         for column, i in enumerate(passive):
@@ -203,30 +236,30 @@ def enclosed(linkage: Linkage, prediction: TaylorModel, balls: Mapping[str, Tayl
     gaps = linkage.gaps(placed, prediction)
     centre = linkage.jacobian(placed).c[0][:, :, passive]
     known = np.isfinite(centre).all(axis=(1, 2))
-    inverse = np.linalg.pinv(np.where(known[:, None, None], centre, 0.0), rcond=1e-9)
+    inverse = np.linalg.pinv(np.where(known[:, None, None], centre, 0.0), rcond=_RELATIVE_ZERO)
     move = gaps[..., None].before(inverse)[..., 0].sizes()
-    radius = 8.0 * move + _FIRST_BOX
+    radius = _FIRST_FACTOR * move + _FIRST_BOX
     box = np.zeros((count, len(linkage.places)))
     closed = np.zeros(count, bool)
     image = radius
     contraction = np.full(count, np.inf)
     full = linkage.jacobian(placed)
     for _ in range(_BOXES):
-        box[:, passive] = np.where(np.isfinite(radius), radius, 1.0)
+        box[:, passive] = np.where(np.isfinite(radius), radius, _UNKNOWN_BOX)
         inside = prediction.widened(box)
         placed_box = linkage.place(inside, balls)
         full = linkage.jacobian(placed_box)
         product = full[:, :, passive].before(inverse)
         rest = (product - np.eye(len(passive))).sizes()
-        # move and rest are upper bounds; the factor counts the rounding of this product
-        image = (move + (rest @ radius[..., None])[..., 0]) * (1.0 + 1e-12)
+        spread = (rest @ radius[..., None])[..., 0]
+        image = (move + spread) * _MARGIN
         with np.errstate(invalid="ignore", divide="ignore"):
-            scaled = (rest @ radius[..., None])[..., 0] / radius
-        contraction = np.where(np.isfinite(scaled), scaled, np.inf).max(axis=1) * (1.0 + 1e-12)
+            scaled = spread / radius
+        contraction = np.where(np.isfinite(scaled), scaled, np.inf).max(axis=1) * _MARGIN
         closed = known & (image < radius).all(axis=1) & (contraction < 1)
         if closed.all():
             break
-        grown = np.where(np.isfinite(image), np.minimum(3.0 * image, 0.1), 0.1)
+        grown = np.where(np.isfinite(image), np.minimum(_GROWTH * image, _LARGEST_BOX), _LARGEST_BOX)
         radius = np.where(closed[:, None], radius, np.maximum(grown, radius))
     # the motion is in the image, which is inside the box
     box[:, passive] = np.where(closed[:, None], np.minimum(image, radius), 0.0)
@@ -235,7 +268,7 @@ def enclosed(linkage: Linkage, prediction: TaylorModel, balls: Mapping[str, Tayl
     closed = closed & linkage.aligned(placed)
     full = linkage.jacobian(placed)
     within = (full[:, :, passive].sizes() @ np.where(closed[:, None], image, 0.0)[..., None])[..., 0]
-    gap = np.where(closed, (gaps.sizes() + within).max(axis=1) * (1.0 + 1e-12), np.inf)
+    gap = np.where(closed, (gaps.sizes() + within).max(axis=1) * _MARGIN, np.inf)
     return ClosedLinkage(
         placed=placed,
         coordinates=coordinates,
@@ -268,11 +301,12 @@ def connected(closed: ClosedLinkage, linkage: Linkage, before: Array, after: Arr
     powers_before = after[:, None] ** np.arange(order + 1)
     ends = np.einsum("ak,kai->ai", powers_after, closed.prediction.c)[:-1]
     starts = np.einsum("ak,kai->ai", powers_before, closed.prediction.c)[1:]
-    away = np.abs(ends - starts)
+    difference = ends - starts
     for i, place in enumerate(linkage.places):
         if place.part == "turn":
-            turns = np.round((ends[:, i] - starts[:, i]) / (2 * np.pi))
-            away[:, i] = np.abs(ends[:, i] - starts[:, i] - 2 * np.pi * turns)
+            turns = np.round(difference[:, i] / (2 * np.pi))
+            difference[:, i] -= 2 * np.pi * turns
+    away = np.abs(difference)
     away = away[:, linkage.passive]
     for name, R in closed.balls.items():
         R_end = np.einsum("ak,kaij->aij", powers_after, R.c)[:-1]
@@ -281,17 +315,18 @@ def connected(closed: ClosedLinkage, linkage: Linkage, before: Array, after: Arr
         # a power of x, its product with a coefficient and the sum are rounded at most 2 order + 1 times
         entries = R.r + 2 * (order + 1) * _UNIT * np.abs(R.c).sum(axis=0)
         errors = 1.01 * np.linalg.norm(entries, axis=(1, 2))
-        # and the product of two rotations, 1 less, and its norm
-        turn = turn + errors[:-1] + errors[1:] + 64 * _UNIT
+        turn = turn + errors[:-1] + errors[1:] + _ROTATION_ERROR
         for column, i in enumerate(linkage.passive):
             if linkage.places[i].joint == name:
                 away[:, column] = 1.1 * turn
-    # the rounding of the values of the polynomials, and of the full turns that are subtracted
     sizes = np.abs(closed.prediction.c).sum(axis=0)[:, linkage.passive]
-    away = away + 64 * _UNIT * (sizes[:-1] + sizes[1:])
-    first = away + 2.0 * closed.image[:-1]
-    second = away + 2.0 * closed.image[1:]
-    same = (first <= closed.box[1:]).all(axis=1) | (second <= closed.box[:-1]).all(axis=1)
+    away = away + _VALUE_ERROR * (sizes[:-1] + sizes[1:])
+    # each box that contains a motion, seen from the middle of the other piece's box
+    of_piece = away + 2.0 * closed.image[:-1]
+    of_next = away + 2.0 * closed.image[1:]
+    is_inside_next = (of_piece <= closed.box[1:]).all(axis=1)
+    is_inside_piece = (of_next <= closed.box[:-1]).all(axis=1)
+    same = is_inside_next | is_inside_piece
     return same & closed.closed[:-1] & closed.closed[1:]
 
 
@@ -321,10 +356,10 @@ def rates(closed: ClosedLinkage, linkage: Linkage, driven: TaylorModel) -> Taylo
     rest = (product - np.eye(len(linkage.passive))).sizes()
     # |error| <= remainder + rest |error|: a vector that this maps into itself is a bound
     bound = remainder
-    for _ in range(8):
+    for _ in range(_RATE_STEPS):
         bound = remainder + (rest @ bound[..., None])[..., 0]
-    bound = 1.5 * bound + 1e-15
-    mapped = (remainder + (rest @ bound[..., None])[..., 0]) * (1.0 + 1e-12)
+    bound = _RATE_FACTOR * bound + _SMALLEST_RATE
+    mapped = (remainder + (rest @ bound[..., None])[..., 0]) * _MARGIN
     proven = np.all(mapped <= bound, axis=1) & closed.closed
     bound = np.where(proven[:, None], bound, np.inf)
     c[:, :, linkage.passive] = y.c

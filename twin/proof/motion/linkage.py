@@ -21,6 +21,21 @@ from twin.proof.rigid_frame import RigidFrame, joint_frames, rigid_frame
 ARM = 0.1
 """Length in m by which gaps of directions, in rad, are multiplied."""
 
+_PARTS: dict[str, tuple[str, ...]] = {
+    "revolute": ("turn",),
+    "prismatic": ("slide",),
+    "cylindrical": ("slide", "turn"),
+    "spherical": ("z", "y", "x"),
+    "fixed": (),
+}
+"""The coordinates of each type of joint, in the order in which they move the child; see `LinkageCoordinate.part`."""
+
+_AXES = {"turn": 2, "z": 2, "y": 1, "x": 0}
+"""Number of the axis of the joint's frame about which a coordinate turns."""
+
+_ANTISYMMETRIC = ((2, 1), (0, 2), (1, 0))
+"""Entries of a rotation whose differences from their mirror images are its turns about x, y and z, twice the sines."""
+
 
 @dataclass(frozen=True)
 class PlacedFrame:
@@ -139,9 +154,8 @@ class Linkage:
         """
         count = coordinates.shape[0]
         order = coordinates.order
-        origin = PlacedFrame(
-            constant(np.broadcast_to(np.eye(3), (count, 3, 3)), order), constant(np.zeros((count, 3)), order)
-        )
+        R_origin = constant(np.broadcast_to(np.eye(3), (count, 3, 3)), order)
+        origin = PlacedFrame(R_origin, constant(np.zeros((count, 3)), order))
         frames = {self.mechanism.base: origin}
         axes = []
         centres = []
@@ -157,9 +171,9 @@ class Linkage:
                     axis = frame.R[..., 2]
                     frame = PlacedFrame(frame.R, frame.p + axis * value[:, None])
                 else:
-                    k = {"turn": 2, "z": 2, "y": 1, "x": 0}[part]
-                    axis = frame.R[..., k]
-                    frame = PlacedFrame(_turned(frame.R, value, k), frame.p)
+                    number = _AXES[part]
+                    axis = frame.R[..., number]
+                    frame = PlacedFrame(_turned(frame.R, value, number), frame.p)
                 axes.append(axis)
                 centres.append(frame.p)
                 i += 1
@@ -178,9 +192,9 @@ class Linkage:
         on_parent, on_child = self._frames[joint.name]
         first = placed.frames[joint.parent].then(on_parent)
         second = placed.frames[joint.child].then(on_child)
-        turned = first.R.swapped()
-        offset = (turned @ (second.p - first.p)[..., None])[..., 0]
-        return first, second, offset, turned @ second.R
+        R_first_base = first.R.swapped()
+        offset = (R_first_base @ (second.p - first.p)[..., None])[..., 0]
+        return first, second, offset, R_first_base @ second.R
 
     def gaps(self, placed: PlacedLinkage, coordinates: TaylorModel) -> TaylorModel:
         """Return the gaps (N, rows) of all loops and couplings, in m; angles in rad are multiplied by `ARM`."""
@@ -201,15 +215,17 @@ class Linkage:
         The gaps are sines: they are zero too where the two z axes of a joint, or the y axes of one that cannot turn,
         are opposite.
         """
-        found = np.ones(placed.columns.axes.shape[0], bool)
+        is_aligned = np.ones(placed.columns.axes.shape[0], bool)
         for joint in self.mechanism.loops:
             if joint.type not in ("revolute", "cylindrical", "prismatic", "fixed"):
                 continue
             _, _, _, R = self.relative(placed, joint)
-            found &= R[:, 2, 2].range()[0] > 0
+            lowest_cosine, _ = R[:, 2, 2].range()  # of the angle between the z axes
+            is_aligned &= lowest_cosine > 0
             if joint.type in ("prismatic", "fixed"):
-                found &= R[:, 1, 1].range()[0] > 0
-        return found
+                lowest_cosine, _ = R[:, 1, 1].range()  # of that between the y axes
+                is_aligned &= lowest_cosine > 0
+        return is_aligned
 
     def jacobian(self, placed: PlacedLinkage) -> TaylorModel:
         """Return the derivatives (N, rows, m) of the gaps with respect to the coordinates."""
@@ -218,6 +234,7 @@ class Linkage:
         slides = np.array([place.slides for place in self.places])
         for joint in self.mechanism.loops:
             first, second, _, R = self.relative(placed, joint)
+            # a coordinate that moves both bodies, or none, changes no gap; one of the parent counts backwards
             moved = self._moved[joint.child].astype(float) - self._moved[joint.parent]
             w = (axes @ first.R) * moved[:, None]
             turns = w * (~slides)[:, None].astype(float)
@@ -250,10 +267,14 @@ class Linkage:
 
     def index(self, joint: str) -> int:
         """Return the index of the (last) coordinate of a joint of the tree."""
-        return max(i for i, place in enumerate(self.places) if place.joint == joint)
+        indices = [i for i, place in enumerate(self.places) if place.joint == joint]
+        return indices[-1]
 
     def _scale(self, joint: str) -> float:
-        return ARM if self.mechanism.joint(joint).is_angle else 1.0
+        """Return the length in m of a unit of a joint's coordinate, in gaps: `ARM` of an angle, 1 of a length."""
+        if self.mechanism.joint(joint).is_angle:
+            return ARM
+        return 1.0
 
     def drawn(self, poses: Mapping[str, Array]) -> tuple[Array, dict[str, Array]]:
         """Return (coordinates (k, m), {ball joint: rotations (k, 3, 3)}) at body poses {body: (k, 4, 4)}."""
@@ -261,12 +282,12 @@ class Linkage:
         balls = {}
         for joint in self.mechanism.tree:
             T = joint.relative(poses[joint.parent], poses[joint.child])
-            parts = _parts(joint)
             if joint.type == "spherical":
+                # the rotation is the predicted one: its small turns are 0
                 balls[joint.name] = T[:, :3, :3]
                 columns += [np.zeros(len(T))] * 3
                 continue
-            for part in parts:
+            for part in _parts(joint):
                 if part == "slide":
                     columns.append(T[:, 2, 3])
                 else:
@@ -290,9 +311,7 @@ def supported(mechanism: Mechanism) -> str:
 
 def _parts(joint: Joint) -> tuple[str, ...]:
     """Return the coordinates of a joint, in the order in which they move the child."""
-    kinds = {"revolute": ("turn",), "prismatic": ("slide",), "cylindrical": ("slide", "turn"), "fixed": ()}
-    kinds["spherical"] = ("z", "y", "x")
-    return kinds.get(joint.type, ())
+    return _PARTS.get(joint.type, ())
 
 
 def _turned(R: TaylorModel, angle: TaylorModel, axis: int) -> TaylorModel:
@@ -310,7 +329,7 @@ def _gap_rows(joint: Joint, offset: TaylorModel, R: TaylorModel) -> list[TaylorM
     """Return the gaps of a loop joint along and about its locked axes."""
     rows = [offset[:, axis] for axis in range(3) if axis not in joint.free_axes]
     if joint.type in ("fixed", "prismatic"):
-        for i, j in ((2, 1), (0, 2), (1, 0)):
+        for i, j in _ANTISYMMETRIC:
             rows.append((R[:, i, j] - R[:, j, i]) * (ARM / 2))
     elif joint.type in ("revolute", "cylindrical"):
         rows.append(R[:, 1, 2] * -ARM)
@@ -330,11 +349,11 @@ def _rate_rows(joint: Joint, offsets: TaylorModel, turns: TaylorModel, R: Taylor
     rows = [offsets[..., axis] for axis in range(3) if axis not in joint.free_axes]
     if joint.type == "spherical":
         return rows
-    changes = []
-    for k in range(3):
-        changes.append(cross(turns, R[:, None, :, k]))  # (N, m, 3): derivative of column k
+    changes = []  # (N, m, 3) derivatives of the columns of R
+    for column in range(3):
+        changes.append(cross(turns, R[:, None, :, column]))
     if joint.type in ("fixed", "prismatic"):
-        for i, j in ((2, 1), (0, 2), (1, 0)):
+        for i, j in _ANTISYMMETRIC:
             rows.append((changes[j][..., i] - changes[i][..., j]) * (ARM / 2))
     else:
         rows.append(changes[2][..., 1] * -ARM)
@@ -344,13 +363,22 @@ def _rate_rows(joint: Joint, offsets: TaylorModel, turns: TaylorModel, R: Taylor
 
 def rotation_of(quaternions: TaylorModel) -> TaylorModel:
     """Return the rotations (N, 3, 3) of quaternions (N, 4), scalar first, of any length."""
-    w, x, y, z = (quaternions[:, i] for i in range(4))
-    ww, xx, yy, zz = w * w, x * x, y * y, z * z
+    w = quaternions[:, 0]
+    x = quaternions[:, 1]
+    y = quaternions[:, 2]
+    z = quaternions[:, 3]
+    ww = w * w
+    xx = x * x
+    yy = y * y
+    zz = z * z
+    # divided by the square of the length: the quaternions need not be unit ones
     share = (ww + xx + yy + zz).inverted()
     entries = [
         [ww + xx - yy - zz, (x * y - w * z) * 2.0, (x * z + w * y) * 2.0],
         [(x * y + w * z) * 2.0, ww - xx + yy - zz, (y * z - w * x) * 2.0],
         [(x * z - w * y) * 2.0, (y * z + w * x) * 2.0, ww - xx - yy + zz],
     ]
-    rows = [stacked([entry * share for entry in row]) for row in entries]
+    rows = []
+    for row in entries:
+        rows.append(stacked([entry * share for entry in row]))
     return stacked(rows, -2)

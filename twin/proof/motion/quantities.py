@@ -19,12 +19,19 @@ from twin.proof.motion.taylor import TaylorModel, cross
 from twin.proof.rigid_frame import rigid_frame
 
 _UNIT = 2.0**-53
+"""Relative rounding error of an operation in double precision."""
 
 _CELL_OVERLAP = 1e-12
 """Fraction by which a cell is longer than the interval that it stands for."""
 
 _SHORTEST_CELL = 16 * _UNIT
 """Distance in s from the end of a piece within which a grid point is no new cell: it is that end, rounded."""
+
+_AXIS_ERROR = 1e-12
+"""Bound of the relative difference of the length of a shaft's axis from 1."""
+
+_SCALE_ERROR = 1e-15
+"""Bound of the relative rounding error of a speed that is divided by its limit."""
 
 _FUNCTION_ERROR = 4e-15
 """Bound of the error of NumPy's inverse functions for angles within a turn, in rad."""
@@ -119,17 +126,17 @@ def _squares(phases: tuple[TimedPhase, ...], phase: np.ndarray, centre: Array, h
     r = np.zeros(len(centre))
     for k, timed in enumerate(phases):
         own = phase == k
-        x = timed.rates**2
-        i = np.clip(np.searchsorted(timed.grid, centre[own], side="right") - 1, 0, len(x) - 2)
-        slopes = np.diff(x) / np.diff(timed.grid)
+        squares = timed.rates**2  # at the grid points
+        i = np.clip(np.searchsorted(timed.grid, centre[own], side="right") - 1, 0, len(squares) - 2)
+        slopes = np.diff(squares) / np.diff(timed.grid)
         slope = slopes[i]
         # near an end the cell may reach into the next segment by the rounding of s
         beside = np.abs(np.concatenate([slopes[:1], slopes, slopes[-1:]]))
         steepest = np.maximum(np.maximum(beside[i], beside[i + 1]), beside[i + 2])
-        c[0, own] = x[i] + (centre[own] - timed.grid[i]) * slope
+        c[0, own] = squares[i] + (centre[own] - timed.grid[i]) * slope
         if order > 0:
             c[1, own] = slope * half[own]
-        r[own] = 32 * _UNIT * (x[i] + x[i + 1]) + 4 * _SHORTEST_CELL * steepest
+        r[own] = 32 * _UNIT * (squares[i] + squares[i + 1]) + 4 * _SHORTEST_CELL * steepest
     return TaylorModel(c, r)
 
 
@@ -169,7 +176,7 @@ def _driven(
         if joint.limits is not None and np.isfinite(joint.limits).any():
             yield _margin(joint.name, "joint limit", unit, values[:, j].range(), joint.limits)
         low, high = _speed(rate[:, j], cells)
-        limit = np.inf if joint.max_speed is None else joint.max_speed
+        limit = _or_infinite(joint.max_speed)
         yield Enclosure(joint.name, "joint speed", f"{unit}/s", low, high, limit, smallest=False)
     rows, row_errors = _motor_rows(mechanism)
     actuators = {actuator.name: actuator for actuator in mechanism.actuators}
@@ -183,11 +190,18 @@ def _driven(
             yield _margin(name, "motor limit", unit, motor.range(), actuator.limits)
         motor_rate = (rate @ row[:, None])[:, 0].widened(rate.sizes() @ row_error)
         low, high = _speed(motor_rate, cells)
-        limit = np.inf if actuator.max_speed is None else actuator.max_speed
+        limit = _or_infinite(actuator.max_speed)
         yield Enclosure(name, "motor speed", f"{unit}/s", low, high, limit, smallest=False)
     for i, j, smallest, name in path.gaps:
         low, high = _absolute((values[:, i] - values[:, j]).range())
         yield Enclosure(name, "gap", "m", low, high, smallest, smallest=True)
+
+
+def _or_infinite(limit: float | None) -> float:
+    """Return a limit; infinity if there is none."""
+    if limit is None:
+        return np.inf
+    return limit
 
 
 def _motor_rows(mechanism: Mechanism) -> tuple[Array, Array]:
@@ -257,19 +271,21 @@ def _of_mechanism(
     if linkage.closes:
         gap = closed.gap[cells.piece]
         yield Enclosure("loops", "loop gap", "m", 0.0 * gap, gap, np.inf, smallest=False)
-    found = determinant(closed)
-    if found is not None:
-        logs, error = found
-        first, last = start_determinant(logs, error)
+    log_determinant = determinant(closed)
+    if log_determinant is not None:
+        logs, error = log_determinant
+        lowest_start, highest_start = start_determinant(logs, error)
         low, high = cells.of(logs).range()
         error = error[cells.piece]
-        yield Enclosure("loops", "determinant", "1", low - error - last, high + error - first, -np.inf, smallest=True)
+        ratio_low = low - error - highest_start
+        ratio_high = high + error - lowest_start
+        yield Enclosure("loops", "determinant", "1", ratio_low, ratio_high, -np.inf, smallest=True)
 
 
 def _passive(linkage: Linkage, cells: TimeCells, closed: ClosedLinkage, joint: Joint) -> Iterator[Enclosure]:
     """Yield the distances of a passive joint from its limits and its cone."""
     name = joint.name
-    tree_joint = next((j for j in linkage.mechanism.tree if j.name == joint.name), None)
+    spanning = [other.name for other in linkage.mechanism.tree]
     _, _, offset, R = linkage.relative(closed.placed, joint)
     if joint.cone is not None:
         low, high = cells.of(R[:, 2, 2]).range()
@@ -282,7 +298,7 @@ def _passive(linkage: Linkage, cells: TimeCells, closed: ClosedLinkage, joint: J
     if joint.type == "prismatic":
         yield _margin(name, "passive limit", "m", cells.of(offset[:, 2]).range(), joint.limits)
         return
-    if tree_joint is not None:
+    if name in spanning:
         coordinate = closed.coordinates[:, linkage.index(joint.name)]
         yield _margin(name, "passive limit", "rad", cells.of(coordinate).range(), joint.limits)
         return
@@ -332,8 +348,8 @@ def _rcm(path: TimedPath, cells: TimeCells, moved: PlacedFrame) -> Iterator[Encl
         distance = cross(tip - places, axis)
         low, high = _root((distance * distance).total().range())
         # the axis is a unit vector but for rounding
-        low = np.where(with_rcm, low * (1.0 - 1e-12), -np.inf)
-        high = np.where(with_rcm, high * (1.0 + 1e-12), -np.inf)
+        low = np.where(with_rcm, low * (1.0 - _AXIS_ERROR), -np.inf)
+        high = np.where(with_rcm, high * (1.0 + _AXIS_ERROR), -np.inf)
         name = "enforced" if enforced else "monitored"
         yield Enclosure(name, "RCM", "m", low, high, path.rcm_tolerance, smallest=False)
 
@@ -349,10 +365,9 @@ def _tip(
     """Yield the speeds of the moved frame, as fractions of the limits of their phases."""
     body = linkage.mechanism.frame(linkage.mechanism.tool).body
     velocity, turning = linkage.twist(closed.placed, body, moved.p, rates(closed, linkage, slopes))
-    for name, vector, limits in (
-        ("tip", velocity, [phase.tip_speed for phase in path.phases]),
-        ("rotation", turning, [phase.rotation_speed for phase in path.phases]),
-    ):
+    tip_limits = [phase.tip_speed for phase in path.phases]
+    rotation_limits = [phase.rotation_speed for phase in path.phases]
+    for name, vector, limits in (("tip", velocity, tip_limits), ("rotation", turning, rotation_limits)):
         scale = 1.0 / np.array(limits)[cells.phase]
         on_cells = cells.of(vector)
         low, high = _root(((on_cells * on_cells).total() * cells.square).range())
@@ -360,8 +375,8 @@ def _tip(
             name,
             "tool speed",
             "1",
-            low * scale * (1.0 - 1e-15),
-            high * scale * (1.0 + 1e-15),
+            low * scale * (1.0 - _SCALE_ERROR),
+            high * scale * (1.0 + _SCALE_ERROR),
             1.0,
             smallest=False,
         )
