@@ -11,7 +11,6 @@ import pinocchio as pin
 import pytest
 
 from made import mechanisms as made
-from made.lanes import nightly
 from made.loops import ALONG_X, ROD, mechanism, rod, slider_crank, through_a_trocar, two_links
 from twin.core import spatial
 from twin.core.errors import AssemblyError, MechanismError
@@ -20,7 +19,6 @@ from twin.model.body import Body, Frame
 from twin.model.joint import Joint
 from twin.model.mechanism import Coupling, Mechanism
 from twin.reference import ReferenceModel, sensitivity
-from twin.reference.target_continuation import GAP_TOLERANCE
 
 
 @pytest.fixture(scope="module")
@@ -51,36 +49,6 @@ def test_the_four_bar_follows_its_closed_form_through_a_full_turn(four_bar):
     assert np.array_equal(run.q[:, 0], cranks)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("degrees", [70, 81, 100, 170 + 81])
-def test_a_crank_that_cannot_turn_fully_is_driven_around_what_it_cannot_pass(monkeypatch, degrees):
-    """Beyond 138 degrees the crank is blocked; from -100 degrees, the shorter way to 100 would lead through that."""
-    for name, length in (("GROUND", 0.1), ("CRANK", 0.06), ("COUPLER", 0.08), ("ROCKER", 0.07)):
-        monkeypatch.setattr(made, name, length)
-    monkeypatch.setattr(made, "CRANK_AT_REST", -100 * DEG)
-    model, q = ReferenceModel(made.four_bar()), np.array([degrees * DEG])
-    if degrees > 180:  # only as -109 degrees
-        q -= 2 * np.pi
-    poses, _ = made.four_bar_state(q[0])
-    for x in (model.solve(q).x, model.solve_many(q[None]).x[0], model.run(q[None]).x[0]):
-        np.testing.assert_allclose(model.link_poses(x[None])["rocker"][0], poses["rocker"], atol=1e-10)
-    away = q + 2 * np.pi
-    for x in (model.solve(away).x, model.solve_many(away[None]).x[0], model.run(away[None]).x[0]):
-        np.testing.assert_allclose(model.link_poses(x[None])["rocker"][0], poses["rocker"], atol=1e-10)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("turns", [1, 2])
-@pytest.mark.parametrize("count", nightly([2, 10, 14, 27, 47], every=3))
-def test_a_few_wide_samples_stay_on_the_branch_too(four_bar, count, turns):
-    """Where samples are half a radian and more apart, an interpolation between knots would lead elsewhere."""
-    cranks = made.CRANK_AT_REST + np.linspace(0, 2 * np.pi * turns, count)
-    run = four_bar.run(cranks[:, None])
-    for k, crank in enumerate(cranks):
-        T_tool = made.four_bar_state(crank)[0]["coupler"] @ four_bar.mechanism.frame("tool").T_body_frame
-        assert np.abs(run.Ts_base_tool[k] - T_tool).max() < 1e-12
-
-
 @pytest.mark.parametrize("crank", [-2.5, -0.3, 0.9, 2.2, 4.0])
 def test_one_state_of_the_four_bar(four_bar, crank):
     poses, q = made.four_bar_state(crank)
@@ -103,15 +71,6 @@ def test_the_four_bar_is_planar_so_three_of_its_five_closure_rows_are_redundant(
         # In the plane the loop is not repeated; out of it every pin of the loop locks the same again.
         assert m.repeated == {"closing": ("offset z", "turn x", "turn y")}
         assert m.describe() == "closing: 3 among offset z, turn x, turn y"
-
-
-def test_unrelated_states_are_solved_at_once(four_bar, rng):
-    q = rng.uniform(-2, 2, (40, 1))
-    run = four_bar.solve_many(q)
-    assert np.array_equal(run.q, q)
-    assert run.gaps.max() < 1e-13
-    for i in (0, 17, 39):
-        assert np.abs(run.Ts_base_tool[i] - four_bar.solve(q[i]).T_base_tool).max() < 1e-12
 
 
 # -- other closures ------------------------------------------------------------------------------------
@@ -305,78 +264,7 @@ def test_a_run_reports_its_progress(sils_model, sils_run):
     assert 0 < seen[0] < 0.5
 
 
-def test_rates_are_the_derivatives_of_a_run(sils_model):
-    q0, q1 = (sils_model.mechanism.posture(n) for n in ("home", "inserted"))
-    wave = np.array([1.0, 1.3, 0.7, 1.1, 0.9, 1.6])
-
-    def motion(t):
-        return q0 + (q1 - q0) * (0.5 - 0.5 * np.cos(wave * t[:, None]))
-
-    def rates(t):
-        u = wave * t[:, None]
-        return (q1 - q0) * 0.5 * wave * np.sin(u), (q1 - q0) * 0.5 * wave**2 * np.cos(u)
-
-    t = np.linspace(0.3, 1.2, 7)
-    h = 1e-3
-    offsets = np.arange(-2, 3)
-    dense = sils_model.run(motion((t[:, None] + h * offsets).reshape(-1)))
-    T = dense.Ts_base_tool.reshape(7, 5, 4, 4)
-    middle = sils_model.run(motion(t))
-    twist, acceleration = sils_model.rates(middle.x, *rates(t))
-    first, second = np.array([1, -8, 0, 8, -1]) / 12 / h, np.array([-1, 16, -30, 16, -1]) / 12 / h**2
-    v = np.einsum("o,koi->ki", first, T[..., :3, 3])
-    a = np.einsum("o,koi->ki", second, T[..., :3, 3])
-    # Rotation vectors from the middle sample: their rate at it is the angular velocity, their second rate
-    # the angular acceleration, as the rotation vector is zero there.
-    turn = spatial.log_so3(T[..., :3, :3] @ np.swapaxes(T[:, 2:3, :3, :3], -1, -2))
-    w, dw = np.einsum("o,koi->ki", first, turn), np.einsum("o,koi->ki", second, turn)
-    for got, want, tolerance in (
-        (twist[:, :3], v, 1e-6),
-        (twist[:, 3:], w, 1e-6),
-        (acceleration[:, :3], a, 1e-4),
-        (acceleration[:, 3:], dw, 1e-4),
-    ):
-        assert np.abs(got - want).max() < tolerance * np.abs(want).max()
-
-
 # -- the constraint Jacobian ----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("kind", ["fixed", "revolute", "prismatic", "cylindrical", "spherical", "free"])
-@pytest.mark.parametrize("scatter", [0.0, 0.6], ids=["closed", "open"])
-def test_loop_jacobians_are_derivatives_for_every_joint_type(kind, scatter, rng):
-    """Two arms of many joints, tied by one loop joint that is closed, or far from it."""
-
-    def anywhere(size=0.5):
-        return spatial.pose(spatial.exp_so3(rng.normal(size=3)), rng.uniform(-size, size, 3))
-
-    joints = [
-        Joint("j0", "revolute", "base", "a0", anywhere(), anywhere()),
-        Joint("j1", "spherical", "a0", "a1", anywhere(), anywhere()),
-        Joint("j2", "prismatic", "a1", "a2", anywhere(), anywhere()),
-        Joint("j3", "cylindrical", "a0", "a3", anywhere(), anywhere()),
-        Joint("j4", "free", "base", "a4", anywhere(), anywhere()),
-        Joint("j5", "fixed", "a4", "a5", anywhere(), anywhere()),
-    ]
-    model = ReferenceModel(mechanism(*joints, tool="a2"))
-    x = pin.integrate(model.tree.model, pin.neutral(model.tree.model), rng.normal(size=model.tree.model.nv))
-    links = {n: T[0] for n, T in model.link_poses(x[None]).items()}
-    for parent, child in (("a2", "a5"), ("a3", "a2"), ("base", "a2"), ("a5", "base")):
-        T_parent = anywhere()
-        T_child = spatial.inverse(links[child]) @ links[parent] @ T_parent
-        T_child = T_child @ spatial.pose(spatial.exp_so3(scatter * rng.normal(size=3)), scatter * rng.normal(size=3))
-        loop = Joint("loop", kind, parent, child, T_parent, T_child)
-        tree = ReferenceModel(mechanism(*joints, loop, tool="a2")).tree
-        r, A = tree.loops.evaluate(x[None], *tree.update(x[None]))
-        assert r.shape == (1, 6 - len(loop.free_axes))
-        assert A.shape == (1, r.shape[1], tree.model.nv)
-        if not scatter:
-            assert np.abs(r).max(initial=0.0) < 4e-15
-        h = 1e-6
-        for i, unit in enumerate(np.eye(tree.model.nv)):
-            ends = [pin.integrate(tree.model, x, s * h * unit) for s in (1, -1)]
-            plus, minus = (tree.loops.evaluate(e[None], *tree.update(e[None]))[0] for e in ends)
-            assert np.abs((plus - minus) / (2 * h) - A[..., i]).max(initial=0.0) < 1e-9
 
 
 def test_the_tool_jacobian_is_the_derivative_of_the_tool(sils_model, sils_states):
@@ -422,70 +310,6 @@ def test_a_loop_that_is_too_short_shares_its_gap(sils_cad):
 
 
 # -- refusals ----------------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("active", "target", "other"), [("lift", 0.55, 0.5), ("push", 0.6, 0.5)])
-def test_what_cannot_close_raises_with_the_best_state_and_its_gap(active, target, other):
-    model = ReferenceModel(rod(active))
-    with pytest.raises(
-        AssemblyError, match=r"m: the mechanism cannot be assembled at the target: .* % of the way"
-    ) as caught:
-        model.solve(np.array([target]))
-    best = caught.value.best
-    assert caught.value.gap == best.worst_gap
-    assert 0 <= best.worst_gap < target - other + 1e-6
-    assert best.q[0] == pytest.approx(other, abs=0.02)  # as far as the rod reaches
-
-
-@pytest.mark.slow
-def test_a_rocker_is_not_driven_through_its_toggle():
-    """Crank and coupler in line end the rocker's range; beyond, no state exists."""
-    good = made.four_bar()
-    joints = [j for j in good.joints if j.name in ("rocker_joint", "crank_joint", "elbow", "closing")]
-    joints = [replace(j, active=j.name == "rocker_joint", limits=None) for j in joints]
-    model = ReferenceModel(replace(good, joints=tuple(joints), postures={}))
-    start = model.home()
-    a, b, c, d = made.CRANK, made.COUPLER, made.ROCKER, made.GROUND
-    lowest = np.pi - np.arccos((c * c + d * d - (b - a) ** 2) / (2 * c * d))
-    highest = np.pi - np.arccos((c * c + d * d - (b + a) ** 2) / (2 * c * d))
-    low, high = sorted([lowest, highest])
-    assert low < start.q[0] < high
-    for inside in (low + 1e-3, high - 1e-3):
-        assert model.solve(np.array([inside])).worst_gap < 1e-12
-    for beyond in (low - 0.05, high + 0.05):
-        with pytest.raises(AssemblyError) as caught:
-            model.solve(np.array([beyond]))
-        assert low - 0.06 < caught.value.best.q[0] < high + 0.06
-
-
-def test_a_pose_that_only_another_branch_has_is_not_jumped_to(four_bar):
-    crank = made.CRANK_AT_REST
-    pin_at = made.CRANK * np.array([np.cos(crank), np.sin(crank)])
-    across = np.array([made.GROUND, 0.0]) - pin_at
-    coupler, _ = made.four_bar_angles(crank)
-    flipped = 2 * np.arctan2(across[1], across[0]) - coupler  # mirrored at the line from crank pin to rocker pivot
-    T = made.T_TILT @ spatial.pose(spatial.rotation_z(flipped), [*pin_at, 0])
-    with pytest.raises(AssemblyError) as caught:
-        four_bar.solve_pose(T @ four_bar.mechanism.frame("tool").T_body_frame)
-    poses, _ = made.four_bar_state(caught.value.best.q[0])
-    assert caught.value.best.q.shape == (1,)
-    assert set(caught.value.best.link_poses) == set(poses)
-
-
-def test_a_run_that_leaves_the_reach_between_two_knots_raises():
-    model = ReferenceModel(rod())
-    lifts = np.full(200, 0.45)
-    lifts[100:103] = [0.49, 0.51, 0.49]  # one sample 10 mm beyond the rod's length, knots at 96 and 128
-    with pytest.raises(AssemblyError, match="at sample 101") as caught:
-        model.run(lifts[:, None])
-    assert caught.value.gap == pytest.approx(caught.value.best.worst_gap)
-    assert caught.value.gap > GAP_TOLERANCE
-
-
-def test_a_run_that_ends_out_of_reach_raises():
-    with pytest.raises(AssemblyError, match=r"at sample 67: m: the mechanism cannot be assembled"):
-        ReferenceModel(rod()).run(np.linspace(0.3, 0.6, 100)[:, None])  # sample 66 lifts by 0.5 exactly
 
 
 def test_poses_out_of_reach_raise(sils_model):
@@ -633,16 +457,6 @@ def test_a_belt_keeps_the_sum_of_its_joints(rng):
     assert np.abs(run.gaps).max() < 1e-12
     back = model.solve_pose(run.Ts_base_tool[7], model.solve(q[7] + 0.01))
     assert back.q == pytest.approx(q[7], abs=1e-10)
-
-
-def test_rates_of_a_belt_are_derivatives():
-    model = ReferenceModel(two_links(Coupling("gear", ("b", "c"), (2.0, -1.0))))
-    x, h = model.solve(np.array([0.3, 0.4])).x[None], 1e-5
-    qd = np.array([[0.7, -0.5]])
-    twist, _ = model.rates(x, qd, np.zeros((1, 2)))
-    ends = [model.solve(np.array([0.3, 0.4]) + s * h * qd[0]).T_base_tool for s in (1, -1)]
-    np.testing.assert_allclose(twist[0, :3], (ends[0] - ends[1])[:3, 3] / (2 * h), atol=1e-8)
-    assert twist[0, 5] == pytest.approx(0.7 - 0.5 + 2 * -0.5)
 
 
 def test_a_belt_on_what_it_cannot_drive_is_named():
