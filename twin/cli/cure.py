@@ -64,7 +64,7 @@ class Cures:
 
         kin = robot.kinematics(dict(report.variants))
         try:
-            found = explain(
+            explanation = explain(
                 robot.name,
                 robot.formula,
                 robot.reference(),
@@ -75,7 +75,7 @@ class Cures:
             )
         except (_LateError, TwinError):  # the report is valid without an explanation
             return ""
-        return text(found, report.commands.get("explain", ""))
+        return text(explanation, report.commands.get("explain", ""))
 
 
 def tolerance(report: Report) -> tuple[float, float]:
@@ -91,28 +91,28 @@ def tolerance(report: Report) -> tuple[float, float]:
     return tolerances["m"], tolerances["rad"]
 
 
-def text(found: Explanation, command: str) -> str:
+def text(explanation: Explanation, command: str) -> str:
     """Return one line of text on the fix of the equation rows that disagree with the mechanism; "" without a fix.
 
     `command` is a command line that shows details; where necessary, the text refers to this command.
     """
-    conventions = dict.fromkeys(convention.message for convention in found.conventions)
-    parts = [*_edits(found, command), *_numbers(found), *conventions]
+    conventions = dict.fromkeys(convention.message for convention in explanation.conventions)
+    parts = [*_edits(explanation, command), *_numbers(explanation), *conventions]
     if not parts:
         return ""
-    if found.explained:
+    if explanation.explained:
         parts.append("every row then agrees")
     else:
         parts.append(f"other rows still disagree, see {command}")
     return "; ".join(parts)
 
 
-def _edits(found: Explanation, command: str) -> list[str]:
+def _edits(explanation: Explanation, command: str) -> list[str]:
     """Return one text for each edit, even if an edit changes several rows; of equivalent edits, only the first."""
     symbols: dict[tuple[str, str, str], list[str]] = {}
     lines: dict[tuple[str, str, str], set[int]] = {}
     ambiguous: set[tuple[str, str, str]] = set()
-    for repair in found.repairs:
+    for repair in explanation.repairs:
         readings: list[Reading] = []
         for cure in repair.cures:
             readings += cure
@@ -212,8 +212,8 @@ def _call_around(line: str, begin: int, end: int) -> tuple[int, int] | None:
     return start, stop + 1
 
 
-def _numbers(found: Explanation) -> list[str]:
-    fit = found.identified
+def _numbers(explanation: Explanation) -> list[str]:
+    fit = explanation.identified
     if fit is None or not fit.exact or not fit.moved:
         return []
     values: list[str] = []

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from twin.ui.session.loaded_scene import LoadedScene
 
 
-def running(given: Sequence[str] | None) -> dict[str, Address]:
+def running(options: Sequence[str] | None) -> dict[str, Address]:
     """Return the addresses of machines from options "ROBOT=HOST:PORT:STATEPORT".
 
     Raises:
@@ -25,7 +25,7 @@ def running(given: Sequence[str] | None) -> dict[str, Address]:
     from twin.simulation.machine.link import Address
 
     addresses: dict[str, Address] = {}
-    for text in given or ():
+    for text in options or ():
         name, equal, where = text.partition("=")
         if not equal or not name:
             form = "ROBOT=HOST:PORT:STATEPORT, such as raven_left=127.0.0.1:36000:36001"
@@ -36,7 +36,7 @@ def running(given: Sequence[str] | None) -> dict[str, Address]:
     return addresses
 
 
-def driven(robot: Robot, given: Sequence[str] | None) -> DrivenMachine | None:
+def driven(robot: Robot, options: Sequence[str] | None) -> DrivenMachine | None:
     """Connect to the machine of a robot that the option --machine names; None: the option is not given.
 
     Raises:
@@ -45,30 +45,32 @@ def driven(robot: Robot, given: Sequence[str] | None) -> DrivenMachine | None:
     from twin.api.machine import machine_parts
     from twin.ui.session.driven_machine import DrivenMachine
 
-    where = running(given)
-    if not where:
+    addresses = running(options)
+    if not addresses:
         return None
-    if list(where) != [robot.name]:
-        raise TwinError(f"--machine {', '.join(where)}: the robot of this page is {robot.name}; name its machine only")
-    return DrivenMachine(where[robot.name], machine_parts(robot))
+    if list(addresses) != [robot.name]:
+        raise TwinError(
+            f"--machine {', '.join(addresses)}: the robot of this page is {robot.name}; name its machine only"
+        )
+    return DrivenMachine(addresses[robot.name], machine_parts(robot))
 
 
-def connected(loaded: LoadedScene, given: Sequence[str] | None) -> LoadedScene:
-    """Connect a scene to its machines; start the machines that are not in `given`.
+def connected(loaded: LoadedScene, options: Sequence[str] | None) -> LoadedScene:
+    """Connect a scene to its machines; start the machines that are not in `options`.
 
-    `given` contains the values of the option --machine.
+    `options` contains the values of the option --machine.
 
     Raises:
         TwinError: --machine is wrong, or a machine does not answer.
     """
     from twin.api.session import machines_of
 
-    where, scene = running(given), loaded.scene
+    addresses, scene = running(options), loaded.scene
     if scene.trainer is None:
-        if where:
+        if addresses:
             raise TwinError(f"--machine: scene '{scene.name}' has no machines: add a section [trainer] to its file")
         return loaded
-    started = [n for n in scene.trainer.robots if n not in where]
+    started = [n for n in scene.trainer.robots if n not in addresses]
     if started:
         print(f"twin: starting the machine of {', '.join(started)}", file=sys.stderr, flush=True)
-    return replace(loaded, machines=machines_of(scene, loaded.robots, where))
+    return replace(loaded, machines=machines_of(scene, loaded.robots, addresses))

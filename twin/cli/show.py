@@ -275,18 +275,18 @@ def has_color() -> bool:
     return sys.stdout.isatty()
 
 
-def text(given: str) -> str:
+def text(content: str) -> str:
     """Return a text with its lines wrapped to the width, and its verdicts colored, if it is printed on a terminal."""
-    lines = wrapped_lines(given)
+    lines = wrapped_lines(content)
     if has_color():
         lines = [_colored(line) for line in lines]
     return "\n".join(lines)
 
 
-def wrapped_lines(given: str) -> list[str]:
+def wrapped_lines(content: str) -> list[str]:
     """Return the lines of a text, wrapped to the width if it is printed on a terminal."""
     columns = terminal_width()
-    lines = given.split("\n")
+    lines = content.split("\n")
     if columns is None:
         return lines
     wrapped: list[str] = []

@@ -101,7 +101,7 @@ def _tell(args: argparse.Namespace, name: str, arm: Machine, server: Server, sai
 
     pace = server.pace.summary()
     receiver = arm.receiver
-    found = {
+    content = {
         "robot": name,
         "level": arm.plc.level.name,
         "reason": arm.reason,
@@ -112,7 +112,7 @@ def _tell(args: argparse.Namespace, name: str, arm: Machine, server: Server, sai
         **pace,
     }
     if args.json:
-        print(show.as_json(show.record("machine", found)))
+        print(show.as_json(show.record("machine", content)))
         return
     packets = f"packets: {receiver.accepted} accepted, {receiver.refused} refused"
     if receiver.reason:

@@ -22,10 +22,29 @@ from twin.simulation.proxy import proxy
 DEVICE_DAMPING = 2.0
 """Damping in N s/m of a pen and the fingers that hold it; ASSUMED: no value is published for this pen."""
 
-FORCE, LAST, ENERGY, DEPTH, RATE = slice(0, 3), slice(3, 6), 6, 7, 8
+FORCE = slice(0, 3)
+"""Indices, in the state of a hand, of the force (3,) in N in {H}."""
+
+LAST = slice(3, 6)
+"""Indices of the position (3,) of the hand in this tick, in m in {H}."""
+
+ENERGY = 6
+"""Index of the observed energy in J."""
+
+DEPTH = 7
+"""Index of the depth in m."""
+
+RATE = 8
+"""Index of the filtered rate of the depth in m/s."""
+
 STATE = 9
-"""Number of values of the state of a hand. Their indices: FORCE (3,) in N, and LAST (3,), the position of the hand in
-this tick in m, both in {H}; ENERGY, observed, in J; DEPTH in m; RATE, the filtered rate of the depth in m/s."""
+"""Number of values of the state of a hand."""
+
+_SMALLEST_SCALE = 1e-3
+"""Motion scale below which it is not divided by it."""
+
+_NO_DEPTH = 1e-9
+"""Distance in m from goal to tool up to which it has no direction."""
 
 _AT_LIMIT = 1e-6
 """Tolerance in rad or m within which a joint counts as being at its limit."""
@@ -73,33 +92,37 @@ def hand_force(
         dt: duration of a tick in s.
         bounds: whether the observed energy bounds the force.
     """
-    shapes = (STATE, 3, 1, 1, 1, 16, 16, 16, 16, 16, len(moves), *(SIZE for _ in range(sources)))
-    given = [ca.SX.sym(f"x{i}", n) for i, n in enumerate(shapes)]
-    state, pulse, on, follows, scale, hand, view, base, tool, goal, q, *found = given
+    sizes = [STATE, 3, 1, 1, 1, 16, 16, 16, 16, 16, len(moves)]
+    sizes += [SIZE] * sources
+    arguments = [ca.SX.sym(f"x{i}", size) for i, size in enumerate(sizes)]
+    state, pulse, on, follows, scale, hand, view, base, tool, goal, q, *rows_of_sources = arguments
     b = surface.device_damping
     h = symbolic.unflat(hand, 4, 4)[:3, 3]
     energy = observed(state[ENERGY], state[FORCE], h - state[LAST], b, dt)
     T = symbolic.unflat(tool, 4, 4)
-    planes = [symbolic.unflat(x, COUNT, WIDTH) for x in found]
+    planes = [symbolic.unflat(rows, COUNT, WIDTH) for rows in rows_of_sources]
     planes.append(_wall(symbolic.unflat(base, 4, 4), T, symbolic.unflat(goal, 4, 4), q, limits, moves))
-    way, pull = proxy(ca.vertcat(*planes), T)
+    to_proxy, pull = proxy(ca.vertcat(*planes), T)
     acts = ca.logic_and(on > 0.5, follows > 0.5)
-    depth = ca.if_else(acts, symbolic.norm(way), 0.0)
+    depth = ca.if_else(acts, symbolic.norm(to_proxy), 0.0)
     touches = depth > 0
     rate = state[RATE] + smoothing(dt) * ((depth - state[DEPTH]) / dt - state[RATE])
     rate = ca.if_else(touches, rate, 0.0)
-    size = -to_sx(laws.laws["eq5"](from_sx(depth), from_sx(rate), surface.stiffness, surface.damping, surface.largest))
+    eq5 = laws.laws["eq5"]
+    size = -to_sx(eq5(from_sx(depth), from_sx(rate), surface.stiffness, surface.damping, surface.largest))
     away = pull * (size / ca.if_else(touches, depth, 1.0))
-    force = symbolic.unflat(view, 4, 4)[:3, :3].T @ ca.if_else(touches, away, ca.SX.zeros(3))
+    R_view_world = symbolic.unflat(view, 4, 4)[:3, :3].T
+    force = R_view_world @ ca.if_else(touches, away, ca.SX.zeros(3))
     force = clipped(force + ca.if_else(acts, pulse, ca.SX.zeros(3)), surface.largest)
     # Limit the energy to the energy stored at this depth plus the energy stored at the largest force. Otherwise, energy
     # from motion long ago would allow new forces.
     full = stored(ca.SX(surface.largest / surface.stiffness), surface.stiffness, surface.largest)
-    kept = stored(depth, surface.stiffness, surface.largest) / ca.fmax(scale, 1e-3) + full
-    energy = ca.fmin(energy, kept)
+    most_energy = stored(depth, surface.stiffness, surface.largest) / ca.fmax(scale, _SMALLEST_SCALE) + full
+    energy = ca.fmin(energy, most_energy)
     if bounds:
         force = bounded(force, energy, b, dt)
-    return ca.Function("haptic_hand", given, [ca.densify(ca.vertcat(force, h, energy, depth, rate))])
+    new_state = ca.vertcat(force, h, energy, depth, rate)
+    return ca.Function("haptic_hand", arguments, [ca.densify(new_state)])
 
 
 def _wall(base: ca.SX, T: ca.SX, goal: ca.SX, q: ca.SX, limits: JointLimits, moves: np.ndarray) -> ca.SX:
@@ -111,9 +134,10 @@ def _wall(base: ca.SX, T: ca.SX, goal: ca.SX, q: ca.SX, limits: JointLimits, mov
     back = T[:3, 3] - wanted
     depth = symbolic.norm(back)
     joints = np.flatnonzero(moves).tolist()
-    low, high = ca.DM(limits.lower[joints]), ca.DM(limits.upper[joints])
+    low = ca.DM(limits.lower[joints])
+    high = ca.DM(limits.upper[joints])
     room = ca.mmin(ca.fmin(q[joints] - low, high - q[joints]))
-    at = ca.logic_and(room < _AT_LIMIT, depth > 1e-9)
-    normal = back / ca.if_else(at, depth, 1.0)
+    is_at_limit = ca.logic_and(room < _AT_LIMIT, depth > _NO_DEPTH)
+    normal = back / ca.if_else(is_at_limit, depth, 1.0)
     row = ca.vertcat(normal, normal, ca.SX.zeros(3), ca.dot(normal, T[:3, 3]) + depth)
-    return ca.if_else(at, row, ca.SX.zeros(WIDTH)).T
+    return ca.if_else(is_at_limit, row, ca.SX.zeros(WIDTH)).T

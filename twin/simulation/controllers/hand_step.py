@@ -56,9 +56,9 @@ class HandStep:
         law, slow = _compile(laws.laws["eq2"], laws.laws["eq1"], pace, dt)
         # The attributes below are views into the inputs and outputs of the compiled functions.
         z = np.zeros(_SCALE + 1)
-        out, self._law = attach(law.function, z)
-        self._tests = out[:3]
-        self._out = out[3:].reshape(4, 4)
+        result, self._law = attach(law.function, z)
+        self._tests = result[:3]
+        self._wanted_view = result[3:].reshape(4, 4)
         self._hand, self.last, self._goal, self._W_0, self._P_0, self._T = z[:_SCALE].reshape(6, 4, 4)
         self._scale = z[_SCALE:]
         pair, self._slow = slow.bind()
@@ -88,7 +88,7 @@ class HandStep:
         rigid, jumped, near = self._tests.tolist()
         self.rigid = rigid > 0
         self.jumped = jumped > 0
-        self.wanted = self._out.copy()
+        self.wanted = self._wanted_view.copy()
         if near:
             self.goal = self.wanted
         else:
@@ -103,46 +103,57 @@ def _compile(eq2: Law, eq1: Law, pace: HandPace, dt: float) -> tuple[Evaluator, 
 
     The second function is separate because it is slower than the first and seldom needed.
     """
-    z, pair = ca.SX.sym("z", _SCALE + 1), ca.SX.sym("pair", 32)
+    z = ca.SX.sym("z", _SCALE + 1)
+    pair = ca.SX.sym("pair", 32)
     hand, last, goal, W_0, P_0, T = (symbolic.unflat(z[16 * i : 16 * i + 16], 4, 4) for i in range(6))
-    dW = eq2(*(from_sx(x) for x in (W_0, hand, T, z[_SCALE])))
+    dW = eq2(from_sx(W_0), from_sx(hand), from_sx(T), from_sx(z[_SCALE]))
     wanted = to_sx(eq1(dW, from_sx(P_0)))
-    way, turn = pace.speed * dt, pace.turn * dt
-    near = ca.logic_and(ca.sumsqr(wanted[:3, 3] - goal[:3, 3]) <= way**2, _apart(goal, wanted) <= _chord(turn))
-    out = ca.vertcat(_is_rigid(hand), _has_jumped(last, hand, pace), near, symbolic.flat(wanted))
-    slow = symbolic.flat(_towards(symbolic.unflat(pair[:16], 4, 4), symbolic.unflat(pair[16:], 4, 4), way, turn))
-    return Evaluator("hand_step", z, out), Evaluator("towards", pair, slow)
+    longest = pace.speed * dt
+    turn = pace.turn * dt
+    is_near = ca.sumsqr(wanted[:3, 3] - goal[:3, 3]) <= longest**2
+    near = ca.logic_and(is_near, _squared_chord(goal, wanted) <= _squared_chord_of(turn))
+    law = ca.vertcat(_is_rigid(hand), _has_jumped(last, hand, pace), near, symbolic.flat(wanted))
+    begin = symbolic.unflat(pair[:16], 4, 4)
+    end = symbolic.unflat(pair[16:], 4, 4)
+    slow = symbolic.flat(_towards(begin, end, longest, turn))
+    return Evaluator("hand_step", z, law), Evaluator("towards", pair, slow)
 
 
 def _is_rigid(T: ca.SX) -> ca.SX:
-    R, p = T[:3, :3], T[:3, 3]
-    good = ca.logic_and(ca.norm_inf(ca.vec(R.T @ R - ca.SX.eye(3))) < _RIGID, ca.det(R) > 0)
-    finite = ca.sumsqr(p) < np.inf  # false for NaN
-    return ca.logic_and(ca.logic_and(good, finite), ca.sumsqr(T[3, :] - ca.SX([0, 0, 0, 1]).T) == 0)
+    """Return whether a pose (4, 4) is rigid; false for NaN."""
+    R = T[:3, :3]
+    is_orthonormal = ca.norm_inf(ca.vec(R.T @ R - ca.SX.eye(3))) < _RIGID
+    is_rotation = ca.logic_and(is_orthonormal, ca.det(R) > 0)
+    is_finite = ca.sumsqr(T[:3, 3]) < np.inf  # false for NaN
+    has_last_row = ca.sumsqr(T[3, :] - ca.SX([0, 0, 0, 1]).T) == 0
+    return ca.logic_and(ca.logic_and(is_rotation, is_finite), has_last_row)
 
 
 def _has_jumped(last: ca.SX, hand: ca.SX, pace: HandPace) -> ca.SX:
-    far = ca.sumsqr(hand[:3, 3] - last[:3, 3]) > pace.jump**2
-    return ca.logic_or(far, _apart(last, hand) > _chord(pace.twist))
+    is_far = ca.sumsqr(hand[:3, 3] - last[:3, 3]) > pace.jump**2
+    return ca.logic_or(is_far, _squared_chord(last, hand) > _squared_chord_of(pace.twist))
 
 
-def _apart(T: ca.SX, other: ca.SX) -> ca.SX:
+def _squared_chord(T: ca.SX, other: ca.SX) -> ca.SX:
     """Return 4 (1 - cos angle) for the angle between two poses, as |R1 - R2|^2 (Frobenius): faster than by a log."""
     return ca.sumsqr(ca.vec(other[:3, :3] - T[:3, :3]))
 
 
-def _chord(angle: float) -> float:
+def _squared_chord_of(angle: float) -> float:
+    """Return 4 (1 - cos angle) for an angle in rad; it grows with the angle up to a half turn."""
     return float(4 * (1 - np.cos(min(angle, np.pi))))
 
 
-def _towards(T: ca.SX, wanted: ca.SX, way: float, turn: float) -> ca.SX:
-    """Return the pose after a step of at most `way` in m and `turn` in rad from T towards `wanted`."""
+def _towards(T: ca.SX, wanted: ca.SX, longest: float, turn: float) -> ca.SX:
+    """Return the pose after a step of at most `longest` in m and `turn` in rad from T towards `wanted`."""
     step = wanted[:3, 3] - T[:3, 3]
     length = symbolic.norm(step)
-    far = length > way
-    p = ca.if_else(far, T[:3, 3] + step * (way / ca.if_else(far, length, 1)), wanted[:3, 3])
-    small = _apart(T, wanted) <= _chord(turn)
+    is_far = length > longest
+    part = longest / ca.if_else(is_far, length, 1)
+    p = ca.if_else(is_far, T[:3, 3] + step * part, wanted[:3, 3])
+    is_small = _squared_chord(T, wanted) <= _squared_chord_of(turn)
     rotation = symbolic.log_so3(wanted[:3, :3] @ T[:3, :3].T)
-    angle = ca.if_else(small, 1, symbolic.norm(rotation))
-    R = ca.if_else(small, wanted[:3, :3], symbolic.exp_so3(rotation * (turn / angle)) @ T[:3, :3])
+    angle = ca.if_else(is_small, 1, symbolic.norm(rotation))
+    R_step = symbolic.exp_so3(rotation * (turn / angle))
+    R = ca.if_else(is_small, wanted[:3, :3], R_step @ T[:3, :3])
     return symbolic.pose(R, p)

@@ -20,6 +20,12 @@ from twin.core.errors import WorldError
 FILTER_HZ = 30.0
 """Cut-off frequency in Hz of the rate at which a tool enters a surface; ASSUMED, above the motions of a hand."""
 
+_LOWEST = 1e-3
+"""Lowest angle w T in rad per tick at which the condition of passivity is evaluated."""
+
+_FREQUENCIES = 4000
+"""Number of these angles up to pi."""
+
 _MARGIN = 0.99
 """Fraction of the observed energy that a force may use in one tick; the rest allows for rounding."""
 
@@ -41,10 +47,12 @@ def needed_damping(stiffness: float, damping: float, dt: float) -> float:
         damping: damping of the surface in N s/m.
         dt: duration of a tick in s.
     """
-    z = np.exp(1j * np.linspace(1e-3, np.pi, 4000))
+    z = np.exp(1j * np.linspace(_LOWEST, np.pi, _FREQUENCIES))
     a = smoothing(dt)
+    # H(z): the rate is the difference of two samples, then the low-pass filter
     surface = stiffness + damping * (z - 1) / (dt * z) * a / (1 - (1 - a) / z)
-    return float(np.max(dt / 2 / (1 - np.real(z)) * np.real((1 - 1 / z) * surface)))
+    needed = dt / 2 / (1 - np.real(z)) * np.real((1 - 1 / z) * surface)
+    return float(np.max(needed))
 
 
 def require_passive(stiffness: float, damping: float, largest: float, device_damping: float, dt: float) -> None:
@@ -60,24 +68,30 @@ def require_passive(stiffness: float, damping: float, largest: float, device_dam
     Raises:
         WorldError: a number is out of range, or the surface is not passive on this device.
     """
-    for what, value, unit, above in (
-        ("stiffness", stiffness, "N/m", True),
-        ("damping", damping, "N s/m", False),
-        ("largest force", largest, "N", True),
-        ("damping of the device", device_damping, "N s/m", True),
-    ):
-        if not (math.isfinite(value) and (value > 0 if above else value >= 0)):
-            limit = "above 0" if above else "at least 0"
-            raise WorldError(f"haptics: the {what} is {value:g} {unit}; it must be finite and {limit}")
-    if (needed := needed_damping(stiffness, damping, dt)) > device_damping:
-        alone = needed_damping(stiffness, 0.0, dt)
-        most = damping * (device_damping - alone) / (needed - alone) if damping and device_damping > alone else 0.0
-        lower = f"damping to at most {math.floor(100 * most) / 100:g} N s/m" if most > 0 else "stiffness"
-        raise WorldError(
-            f"haptics: the damping of the device is {device_damping:g} N s/m; a surface with {stiffness:g} N/m and "
-            f"{damping:g} N s/m at ticks of {dt * 1e3:g} ms needs at least {needed:.3g} N s/m. Lower the {lower}, or "
-            "use shorter ticks"
-        )
+    _require("stiffness", stiffness, "N/m", stiffness > 0, "above 0")
+    _require("damping", damping, "N s/m", damping >= 0, "at least 0")
+    _require("largest force", largest, "N", largest > 0, "above 0")
+    _require("damping of the device", device_damping, "N s/m", device_damping > 0, "above 0")
+    needed = needed_damping(stiffness, damping, dt)
+    if not needed > device_damping:
+        return
+    # the needed damping is convex in the damping of the surface: the line between two of its values is not below it
+    without_damping = needed_damping(stiffness, 0.0, dt)
+    remedy = "stiffness"
+    if damping and device_damping > without_damping:
+        most = damping * (device_damping - without_damping) / (needed - without_damping)
+        remedy = f"damping to at most {math.floor(100 * most) / 100:g} N s/m"
+    raise WorldError(
+        f"haptics: the damping of the device is {device_damping:g} N s/m; a surface with {stiffness:g} N/m and "
+        f"{damping:g} N s/m at ticks of {dt * 1e3:g} ms needs at least {needed:.3g} N s/m. Lower the {remedy}, or "
+        "use shorter ticks"
+    )
+
+
+def _require(what: str, value: float, unit: str, is_in_range: bool, limit: str) -> None:
+    """Raise `WorldError` unless a parameter is finite and in its range."""
+    if not (math.isfinite(value) and is_in_range):
+        raise WorldError(f"haptics: the {what} is {value:g} {unit}; it must be finite and {limit}")
 
 
 def observed(energy: ca.SX, force: ca.SX, dh: ca.SX, device_damping: float, dt: float) -> ca.SX:
@@ -94,12 +108,13 @@ def stored(depth: ca.SX, stiffness: float, largest: float) -> ca.SX:
 def bounded(force: ca.SX, energy: ca.SX, device_damping: float, dt: float) -> ca.SX:
     """Return a force (3,) in N, shortened so that it cannot use more than `energy` in J in the next tick."""
     most = ca.sqrt(4 * _MARGIN * device_damping / dt * ca.fmax(energy, 0))
-    return force * ca.fmin(1, most / ca.fmax(_length(force), 1e-12))
+    return clipped(force, most)
 
 
-def clipped(force: ca.SX, largest: float) -> ca.SX:
+def clipped(force: ca.SX, largest: float | ca.SX) -> ca.SX:
     """Return a force (3,) in N, shortened to the length `largest` in N if it is longer."""
-    return force * ca.fmin(1, largest / ca.fmax(_length(force), 1e-12))
+    length = ca.fmax(_length(force), 1e-12)  # not 0, by which it is divided
+    return force * ca.fmin(1, largest / length)
 
 
 def _length(v: ca.SX) -> ca.SX:

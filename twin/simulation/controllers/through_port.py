@@ -22,8 +22,14 @@ from twin.simulation.world.signal_kinds import ROBOT_COMMAND, ROBOT_ENCODER, ROB
 _NEAR = 0.05
 """Largest joint step in rad or m per tick; a larger step may belong to another working mode."""
 
-_TRIES, _SAFE = 4, 0.98
-"""Maximum number of inverse kinematics calls per motion; safety factor of the motion's fraction within limits."""
+_TRIES = 4
+"""Maximum number of inverse kinematics calls per motion."""
+
+_SAFE = 0.98
+"""Safety factor of the fraction of a motion that is within the limits: joints do not move in proportion to it."""
+
+_NO_TURN = 1e-15
+"""Sine of an angle up to which two directions are one, and define no axis."""
 
 _STUCK = 0.02
 """If less than this fraction of a motion is possible, its components (direction, depth, roll) are tried separately."""
@@ -40,68 +46,88 @@ class ThroughPort(Block):
 
     def __init__(self, robot: str, kin: Kinematics, q: Array, limits: JointLimits, p_port: Array) -> None:
         """Start at joint values q (n,), with the shaft in the port p_port (3,) in m in base."""
-        self.robot, self.kin, self.limits = robot, kin, limits
+        self.robot = robot
+        self.kin = kin
+        self.limits = limits
         self._command = ROBOT_COMMAND.of(robot)
-        self._pair, self._way = _way(p_port).bind()
-        self._z, self._allowed = _allowed(kin, p_port).bind()
-        parts = np.cumsum((16, 4, len(q), len(q)))
-        self._T, self._at, self._q, self._low, self._high = np.split(self._z, parts)
-        self._given: tuple[bytes, bytes] = b"", b""
+        self._pair, self._displacement = _displacement_of(p_port).bind()
+        # The attributes below are views into the inputs of the compiled function.
+        z, self._allowed = _allowed(kin, p_port).bind()
+        n = len(q)
+        ends = np.cumsum((16, 4, n, n))
+        self._T, self._tried, self._q, self._low, self._high = np.split(z, ends)
+        self._last_inputs: tuple[bytes, bytes] = (b"", b"")
         self.outputs = {self._command: q}
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Make one step towards the goal."""
-        goal, q = signals[ROBOT_GOAL.of(self.robot)], signals[ROBOT_ENCODER.of(self.robot)]
-        given = goal.tobytes(), q.tobytes()
-        if given == self._given:
+        goal = signals[ROBOT_GOAL.of(self.robot)]
+        q = signals[ROBOT_ENCODER.of(self.robot)]
+        inputs = (goal.tobytes(), q.tobytes())
+        if inputs == self._last_inputs:
             return {}
-        self._given = given
+        self._last_inputs = inputs
         self._T[:] = self.kin.program.forward.one(q).ravel()
-        self._pair[:16], self._pair[16:] = self._T, goal
-        way = self._way()
-        if not np.abs(way).max() > _STILL:
+        self._pair[:16] = self._T
+        self._pair[16:] = goal
+        displacement = self._displacement()
+        if not np.abs(displacement).max() > _STILL:
             return {}
         low, high = self.limits.steps(q, dt)
-        self._q[:], self._low[:], self._high[:] = q, np.maximum(low, -_NEAR), np.minimum(high, _NEAR)
-        step, part = self._along(np.zeros(4), way)
+        self._q[:] = q
+        self._low[:] = np.maximum(low, -_NEAR)
+        self._high[:] = np.minimum(high, _NEAR)
+        step, part = self._along(np.zeros(4), displacement)
         if part >= _STUCK:
             return {self._command: q + step}
-        step, displacement = np.zeros_like(q), np.zeros(4)
-        for alone in np.diag(way):
-            further, part = self._along(displacement, alone)
+        # blocked: tilt about x, tilt about y, depth and roll one after the other, each as far as it goes
+        step = np.zeros_like(q)
+        covered = np.zeros(4)
+        for component in np.diag(displacement):
+            further, part = self._along(covered, component)
             if part > 0:
-                step, displacement = further, displacement + part * alone
+                step = further
+                covered = covered + part * component
         return {self._command: q + step}
 
-    def _along(self, done: Array, way: Array) -> tuple[Array, float]:
-        """Return (joint step (n,) for the displacement done + fraction * way, fraction); zeros if it is blocked."""
-        part = 1.0 if np.abs(way).max() > _STILL else 0.0
+    def _along(self, covered: Array, displacement: Array) -> tuple[Array, float]:
+        """Return (joint step (n,) for `covered` + fraction * `displacement`, fraction); zeros if it is blocked."""
+        fraction = 1.0
+        if not np.abs(displacement).max() > _STILL:
+            fraction = 0.0
         for _ in range(_TRIES):
-            if part <= 0:
+            if fraction <= 0:
                 break
-            self._at[:] = done + part * way
-            out = self._allowed()
-            if out[-1] == 1.0:
-                return out[:-1], part
-            part *= float(out[-1])
+            self._tried[:] = covered + fraction * displacement
+            result = self._allowed()
+            part_within_limits = result[-1]
+            if part_within_limits == 1.0:
+                return result[:-1], fraction
+            fraction *= float(part_within_limits)
         return np.zeros_like(self._q), 0.0
 
 
-def _way(p_port: Array) -> Evaluator:
-    """Return the function from two poses (16 each) to the displacement `way` (4) from the first pose to the second.
+def _displacement_of(p_port: Array) -> Evaluator:
+    """Return the function from two poses (16 each) to the displacement (4) from the first pose to the second.
 
     The values are the tilt about x and y of the tool in rad, the change of depth in m, and the roll in rad.
     """
     z = ca.SX.sym("z", 32)
-    T, goal = symbolic.unflat(z[:16], 4, 4), symbolic.unflat(z[16:], 4, 4)
-    a, b = T[:3, 2], goal[:3, 2]
-    v = T[:3, :3].T @ ca.cross(a, b)
-    size = symbolic.norm(v)
-    tilt = v[:2] * ca.if_else(size > 1e-15, ca.atan2(size, ca.dot(a, b)) / ca.if_else(size > 1e-15, size, 1), 1)
+    T = symbolic.unflat(z[:16], 4, 4)
+    goal = symbolic.unflat(z[16:], 4, 4)
+    shaft = T[:3, 2]
+    goal_shaft = goal[:3, 2]
+    # axis of the smallest rotation between the shafts, in the tool, times the sine of its angle
+    axis = T[:3, :3].T @ ca.cross(shaft, goal_shaft)
+    sine = symbolic.norm(axis)
+    turns = sine > _NO_TURN
+    angle = ca.atan2(sine, ca.dot(shaft, goal_shaft))
+    tilt = axis[:2] * ca.if_else(turns, angle / ca.if_else(turns, sine, 1), 1)
+    # what remains after the tilt is a rotation about the shaft
     rest = (T[:3, :3] @ _tilted(tilt)).T @ goal[:3, :3]
     roll = ca.atan2(rest[1, 0] - rest[0, 1], rest[0, 0] + rest[1, 1])
     port = ca.DM(p_port)
-    depth = ca.dot(goal[:3, 3] - port, b) - ca.dot(T[:3, 3] - port, a)
+    depth = ca.dot(goal[:3, 3] - port, goal_shaft) - ca.dot(T[:3, 3] - port, shaft)
     return Evaluator("way_through_port", z, ca.vertcat(tilt, depth, roll))
 
 
@@ -113,19 +139,24 @@ def _allowed(kin: Kinematics, p_port: Array) -> Evaluator:
     """
     n = len(kin.joints)
     z = ca.SX.sym("z", 20 + 3 * n)
-    flat, way, q, low, high = ca.vertsplit(z, (0, 16, 20, 20 + n, 20 + 2 * n, 20 + 3 * n))
-    T, port = symbolic.unflat(flat, 4, 4), ca.DM(p_port)
-    R = T[:3, :3] @ _tilted(way[:2]) @ symbolic.rotation_z(way[3])
-    depth = ca.dot(T[:3, 3] - port, T[:3, 2]) + way[2]
-    found = kin.program.inverse.function(symbolic.flat(symbolic.pose(R, port + depth * R[:, 2])))
-    turns = ca.DM(np.where(kin.revolute, 1 / (2 * np.pi), 0.0))
-    step = found[:n] - q
-    step -= 2 * np.pi * ca.floor(step * turns + 0.5)
-    reached = ca.logic_and(ca.sumsqr(step) < np.inf, found[n] <= POSE_TOL)  # false for NaN
-    within = ca.mmin(ca.vertcat(step >= low, step <= high))
+    flat, displacement, q, low, high = ca.vertsplit(z, (0, 16, 20, 20 + n, 20 + 2 * n, 20 + 3 * n))
+    T = symbolic.unflat(flat, 4, 4)
+    port = ca.DM(p_port)
+    R = T[:3, :3] @ _tilted(displacement[:2]) @ symbolic.rotation_z(displacement[3])
+    depth = ca.dot(T[:3, 3] - port, T[:3, 2]) + displacement[2]
+    end = symbolic.pose(R, port + depth * R[:, 2])
+    # joint values, then the error of the pose at these values
+    solution = kin.program.inverse.function(symbolic.flat(end))
+    step = solution[:n] - q
+    # full turns are removed
+    turns_per_rad = ca.DM(np.where(kin.revolute, 1 / (2 * np.pi), 0.0))
+    step -= 2 * np.pi * ca.floor(step * turns_per_rad + 0.5)
+    is_reached = ca.logic_and(ca.sumsqr(step) < np.inf, solution[n] <= POSE_TOL)  # false for NaN
+    is_within = ca.mmin(ca.vertcat(step >= low, step <= high))
     limit = ca.if_else(step > high, high, ca.if_else(step < low, low, step))
     parts = ca.if_else(step == limit, 1, limit / ca.if_else(step == 0, 1, step))
-    part = ca.if_else(reached, ca.if_else(within, 1, _SAFE * ca.fmax(ca.mmin(parts), 0)), 0.5)
+    part_within_limits = _SAFE * ca.fmax(ca.mmin(parts), 0)
+    part = ca.if_else(is_reached, ca.if_else(is_within, 1, part_within_limits), 0.5)
     return Evaluator("allowed_through_port", z, ca.vertcat(step, part))
 
 

@@ -77,9 +77,14 @@ def economy(p: Array, parts: list[tuple[int, int]]) -> float:
     Distances and path lengths are added up over the movements; the result is NaN without a movement. `p` (k, 3):
     positions of the point in m; `parts`: the result of `movements`.
     """
-    straight = sum([float(np.linalg.norm(p[last] - p[first])) for first, last in parts])
-    path = sum([path_length(p[first : last + 1]) for first, last in parts])
-    return straight / path if path > 0 else np.nan
+    straight = 0.0
+    path = 0.0
+    for first, last in parts:
+        straight += float(np.linalg.norm(p[last] - p[first]))
+        path += path_length(p[first : last + 1])
+    if path > 0:
+        return straight / path
+    return np.nan
 
 
 def spectral_arc_length(v: Array, dt: float) -> float:

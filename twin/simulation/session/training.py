@@ -147,32 +147,32 @@ def _shown(distance: float) -> str:
     return "-" if np.isnan(distance) else f"{distance / MM:.2f} mm"
 
 
-def measure(kept: Recording, table: TrainerTable, robot: str, kin: Kinematics) -> Training:
+def measure(log: Recording, table: TrainerTable, robot: str, kin: Kinematics) -> Training:
     """Return the measures of a machine from the kept signals of a session; `kin`: the machine's equations."""
-    force = np.linalg.norm(kept[ROBOT_CUE.of(robot)], axis=1)
-    cue = (float(force.max(initial=0.0)), float(np.sum(force > 0) * kept.dt))
-    alone = np.isin(kept[ROBOT_PHASE.of(robot)][:, 0], (TrainerPhase.REHEARSE, TrainerPhase.JUDGED))
-    deviation = np.where(alone, np.nan, kept[ROBOT_DEVIATION.of(robot)][:, 0])
-    steps = _steps(kept, table, robot, kin, deviation)
-    run = kept[ROBOT_RUN.of(robot)]
+    force = np.linalg.norm(log[ROBOT_CUE.of(robot)], axis=1)
+    cue = (float(force.max(initial=0.0)), float(np.sum(force > 0) * log.dt))
+    alone = np.isin(log[ROBOT_PHASE.of(robot)][:, 0], (TrainerPhase.REHEARSE, TrainerPhase.JUDGED))
+    deviation = np.where(alone, np.nan, log[ROBOT_DEVIATION.of(robot)][:, 0])
+    steps = _steps(log, table, robot, kin, deviation)
+    run = log[ROBOT_RUN.of(robot)]
     answers = run[:, ANSWERS] > 0.5
-    first = int(np.argmax(answers)) if answers.any() else len(kept.t)
+    first = int(np.argmax(answers)) if answers.any() else len(log.t)
     stopped = (run[first:, LEVEL] == Level.E_STOP) & answers[first:]
     stops = len(movement.runs(stopped))
-    silent = float(np.sum(~answers[first:]) * kept.dt)
-    return Training(robot, kept.t, deviation, table.cue.tol_mm * MM, steps, cue, stops, silent)
+    silent = float(np.sum(~answers[first:]) * log.dt)
+    return Training(robot, log.t, deviation, table.cue.tol_mm * MM, steps, cue, stops, silent)
 
 
 def _steps(
-    kept: Recording, table: TrainerTable, robot: str, kin: Kinematics, deviation: Array
+    log: Recording, table: TrainerTable, robot: str, kin: Kinematics, deviation: Array
 ) -> tuple[TrainingSpan, ...]:
     """Return the phases in order; deviation (k,) in m, nan while the model moves alone."""
-    t = kept.t
-    phase = kept[ROBOT_PHASE.of(robot)]
-    tip = kin.forward_many(kept[ROBOT_Q.of(robot)])[:, :3, 3]
-    model = kin.forward_many(kept[f"{robot}{MODEL}.q"])[:, :3, 3]
+    t = log.t
+    phase = log[ROBOT_PHASE.of(robot)]
+    tip = kin.forward_many(log[ROBOT_Q.of(robot)])[:, :3, 3]
+    model = kin.forward_many(log[f"{robot}{MODEL}.q"])[:, :3, 3]
     bounds = machine_scene.bounds(table)
-    longest_lag = round(_LAG / kept.dt)
+    longest_lag = round(_LAG / log.dt)
     changes = np.any(np.diff(phase[:, :2], axis=0) != 0, axis=1)
     edges = [0, *(np.flatnonzero(changes) + 1).tolist(), len(t)]
     steps = []
@@ -188,7 +188,7 @@ def _steps(
         largest = float("nan") if np.isnan(part).all() else float(np.nanmax(part))
         text = told(Why(int(why)), float(value), bounds, robot)
         begin = float(t[a])
-        end = float(t[a] + (b - a) * kept.dt)
+        end = float(t[a] + (b - a) * log.dt)
         steps.append(TrainingSpan(TrainerPhase(int(number)), begin, end, largest, record, text))
     return tuple(steps)
 

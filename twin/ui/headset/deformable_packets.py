@@ -27,16 +27,18 @@ class Bends:
 
     def __init__(self, feed: Feed | None) -> None:
         """Set the source of the vertices, and pack the vertices at time 0."""
-        self.feed, self.packed, self._broken = feed, (), ""
+        self.feed = feed
+        self.packed: tuple[bytes, ...] = ()
+        self._error = ""  # the first error, after which deformables follow no links
         self.send: Callable[[JsonObject], object] = lambda document: None
         self.at(0.0)
-
-    packed: tuple[bytes, ...]
 
     @property
     def needs(self) -> Mapping[str, Sequence[str]]:
         """Names of the links that `follow` needs, by robot; empty if the deformables do not follow links."""
-        return self.feed.touching if isinstance(self.feed, FollowingFeed) and not self._broken else {}
+        if isinstance(self.feed, FollowingFeed) and not self._error:
+            return self.feed.touching
+        return {}
 
     def follow(self, links: Callable[[], Mapping[str, Mapping[str, Array]]], passed: float, t: float) -> None:
         """Deform, according to the present link poses, the deformables that follow links.
@@ -46,7 +48,7 @@ class Bends:
             passed: time in s since the last call.
             t: time in s of the scene.
         """
-        if not isinstance(self.feed, FollowingFeed) or self._broken:
+        if not isinstance(self.feed, FollowingFeed) or self._error:
             return
         try:
             moved = self.feed.follow(links(), passed)
@@ -71,7 +73,10 @@ class Bends:
 
     def _fail(self, error: Exception) -> None:
         """Report the first error in deformables."""
-        if not self._broken:
-            self._broken = str(error) if isinstance(error, TwinError) else f"{type(error).__name__}: {error}"
-            logging.getLogger(__name__).warning("deformables: %s", self._broken)
-            self.send({"type": "error", "code": "failed", "message": self._broken[:500]})
+        if self._error:
+            return
+        self._error = f"{type(error).__name__}: {error}"
+        if isinstance(error, TwinError):
+            self._error = str(error)
+        logging.getLogger(__name__).warning("deformables: %s", self._error)
+        self.send({"type": "error", "code": "failed", "message": self._error[:500]})

@@ -39,8 +39,10 @@ def drawn_of_robot(robot: Robot) -> DrawnFiles:
     Raises:
         DescriptionError: its scenery.toml is invalid.
     """
-    found = _parts_of(robot)
-    return _drawn([] if found is None else [(robot.name, found)])
+    parts = _parts_of(robot)
+    if parts is None:
+        return _drawn([])
+    return _drawn([(robot.name, parts)])
 
 
 def drawn_of_scene(scene: Scene, robots: Mapping[str, Robot], props: Mechanism | None) -> DrawnFiles:
@@ -51,9 +53,9 @@ def drawn_of_scene(scene: Scene, robots: Mapping[str, Robot], props: Mechanism |
     if own is not None:
         parts.append((None, own))
     for name, robot in robots.items():
-        found = _parts_of(robot)
-        if found is not None:
-            parts.append((name, found))
+        own_parts = _parts_of(robot)
+        if own_parts is not None:
+            parts.append((name, own_parts))
     return _drawn(parts)
 
 
@@ -82,11 +84,11 @@ def _drawn(parts: Sequence[tuple[Owner, DrawnParts]]) -> DrawnFiles:
             finishes.append({"body": finish.body, "color": list(finish.color), "pattern": finish.pattern})
     figure = person()
     standing = [body for _, _, body in figure.bodies()]
-    out = files.glb_file(_PERSON, _glb("person", standing))
+    contents = files.glb_file(_PERSON, _glb("person", standing))
     entries: JsonObject = {"person": {"file": _PERSON, "note": figure.note}}
     if parts:
         if bodies:
-            out |= files.glb_file(_FILE, _glb("drawn", bodies))
+            contents |= files.glb_file(_FILE, _glb("drawn", bodies))
         entries["drawn"] = {
             "file": _FILE if bodies else None,
             "notes": notes,
@@ -94,7 +96,7 @@ def _drawn(parts: Sequence[tuple[Owner, DrawnParts]]) -> DrawnFiles:
             "cables": cables,
             "finishes": finishes,
         }
-    return DrawnFiles(out, entries)
+    return DrawnFiles(contents, entries)
 
 
 def _cable(owner: Owner, cable: DrawnCable) -> JsonObject:

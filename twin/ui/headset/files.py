@@ -40,17 +40,17 @@ def page_files(folder: Path, preload: Sequence[str] = ()) -> dict[str, File]:
         folder: folder of the page; if it is missing or empty, the result is empty.
         preload: paths of the files that a browser is told to load in parallel with the script of index.html.
     """
-    out = {}
+    files = {}
     for path in sorted(p for p in folder.rglob("*") if p.is_file() and not p.name.startswith(".")):
         kind = _TYPES.get(path.suffix.lower(), "application/octet-stream")
         content = path.read_bytes()
         if path.name == "index.html":
             links = "".join(_PRELOAD.format(p) for p in preload)
             content = content.replace(b"<script", links.encode() + b"<script", 1)
-        out["/" + path.relative_to(folder).as_posix()] = File(content, kind)
-    if "/index.html" in out:
-        out["/"] = out["/index.html"]
-    return out
+        files["/" + path.relative_to(folder).as_posix()] = File(content, kind)
+    if "/index.html" in files:
+        files["/"] = files["/index.html"]
+    return files
 
 
 def robot_files(glb: bytes, description: JsonObject, folder: str = "") -> dict[str, File]:
@@ -82,4 +82,7 @@ def _tag(description: JsonObject) -> str:
 
 def patient_files(glbs: Mapping[str, bytes]) -> dict[str, File]:
     """Return a geometry file for each patient, by path /patient/<protocol>.glb; `glbs`: contents, by protocol."""
-    return {k: v for name, glb in glbs.items() for k, v in glb_file(f"patient/{name}.glb", glb).items()}
+    files: dict[str, File] = {}
+    for name, glb in glbs.items():
+        files |= glb_file(f"patient/{name}.glb", glb)
+    return files

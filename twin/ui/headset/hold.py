@@ -38,14 +38,15 @@ def hold_of(client: str, message: GrabMessage, desk: Desk) -> ClientHold:
     Raises:
         RefusedError: the joint or link does not exist, or cannot be moved.
     """
-    joint, name = -1, message.name or ""
+    joint = -1
+    name = message.name or ""
     if message.target == "joint":
-        names = [j.name for j in desk.joints]
+        names = [active.name for active in desk.joints]
         if name not in names:
             raise RefusedError("unknown", unknown("active joint", name, names))
         joint = names.index(name)
     elif message.target == "link":
-        links = [b.name for b in desk.mechanism.bodies]
+        links = [body.name for body in desk.mechanism.bodies]
         if name not in links:
             raise RefusedError("unknown", unknown("link", name, links))
         if name == desk.mechanism.base:
@@ -66,7 +67,8 @@ def move_of(hold: ClientHold, message: DragMessage, desk: Desk) -> Callable[[], 
         value = message.value
         return lambda: desk.move_joint(hold.joint, value)
     if hold.target == "link" and message.point is not None:
-        p, target = np.array(hold.point), np.array(message.point)
-        return lambda: desk.move_point(hold.body, p, target)
-    wanted = {"tool": "pose", "joint": "value", "link": "point"}[hold.target]
-    raise RefusedError("not_held", f"the {hold.target} is grabbed; a drag of it must contain `{wanted}`")
+        p_body = np.array(hold.point)
+        target = np.array(message.point)
+        return lambda: desk.move_point(hold.body, p_body, target)
+    fields = {"tool": "pose", "joint": "value", "link": "point"}
+    raise RefusedError("not_held", f"the {hold.target} is grabbed; a drag of it must contain `{fields[hold.target]}`")

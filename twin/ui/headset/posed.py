@@ -20,8 +20,8 @@ class Posed:
 
     def __init__(self, bodies: Mapping[str, Sequence[str]], bases: Mapping[str, Array]) -> None:
         """Set link names and base pose T_world_base (4, 4) of each robot; both mappings are by robot."""
-        self.bodies = {n: tuple(names) for n, names in bodies.items()}
-        self._T_base_world = {n: spatial.inverse(bases[n]) for n in bodies}
+        self.bodies = {robot: tuple(names) for robot, names in bodies.items()}
+        self._T_base_world = {robot: spatial.inverse(bases[robot]) for robot in bodies}
         self._sevens: dict[str, Array] = {}
 
     @property

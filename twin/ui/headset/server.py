@@ -324,7 +324,7 @@ class StreamServer:
         """Handle a valid request of a client at the time `now` in s."""
         if self.recording is not None:
             self.recording.add_request(self._tick, client.id, message)
-        held = self.source.holds(client.id)
+        was_holding = self.source.holds(client.id)
         try:
             if isinstance(message, RecordMessage):
                 self._record(message.on)
@@ -336,7 +336,7 @@ class StreamServer:
         if isinstance(message, HandsMessage) and self._response is None:
             self._respond(now)
         # `hands` arrives 100 times per second: only the first one causes a `state` at once.
-        is_repeated = isinstance(message, DragMessage) or (held and isinstance(message, HandsMessage))
+        is_repeated = isinstance(message, DragMessage) or (was_holding and isinstance(message, HandsMessage))
         if not is_repeated:
             self._dirty = True
         if message.id is not None:
@@ -370,8 +370,8 @@ class StreamServer:
         task.add_done_callback(self._tasks.discard)
 
     def _answer(self, client: Client, document: JsonObject) -> None:
-        given = {name: value for name, value in document.items() if value is not None}
-        client.queue(document["type"], to_json(given).decode())
+        content = {name: value for name, value in document.items() if value is not None}
+        client.queue(document["type"], to_json(content).decode())
         client.flush(self._frame, time.monotonic())
 
     def _error(self, client: Client, code: str, text: str, id: int | str | None = None) -> None:

@@ -374,8 +374,8 @@ class Twin:
     def _undo(self) -> None:
         """Move to the joint values at the begin of the last grab that moved the robot."""
         self._require_no_machine("undo")
-        here = np.array(self._shown.q, float)
-        while self._before and np.abs(self._before[-1] - here).max(initial=0.0) < 1e-9:
+        q_now = np.array(self._shown.q, float)
+        while self._before and np.abs(self._before[-1] - q_now).max(initial=0.0) < 1e-9:
             self._before.pop()
         if not self._before:
             raise RefusedError("refused", f"nothing to undo: {self.called} has not been moved by a grab")

@@ -120,10 +120,11 @@ def append_phase(protocol: Path, name: str, T_base_tool: Array, T_tool_frame: Ar
     phase = {"name": name, "type": "positioning", "to": name}
 
     def check(fresh: Path) -> None:
-        kept = load_protocol(fresh, folder=protocol.parent)
-        by_joints = any(w.joints is not None for w in kept.waypoints.values())
-        if not by_joints and not any(isinstance(p, Samples) for p in kept.phases):  # else the mechanism would be needed
-            paths.build(kept, T_tool_frame)
+        written = load_protocol(fresh, folder=protocol.parent)
+        by_joints = any(waypoint.joints is not None for waypoint in written.waypoints.values())
+        has_samples = any(isinstance(phase, Samples) for phase in written.phases)
+        if not by_joints and not has_samples:  # else the mechanism would be needed
+            paths.build(written, T_tool_frame)
 
     rewrite(protocol, [("waypoints", name, waypoint), ("phases", None, phase)], check)
 
@@ -146,12 +147,19 @@ def _ends_inside(p: Protocol) -> bool:
 
 def _in_file_units(path: Path, d: descriptions.Description, name: str, values: Mapping[str, float]) -> dict[str, float]:
     """Return a posture as it is written to the file: rounded values in mm or deg; a key is a joint's name and unit."""
-    keys = {j.name: f"{j.name}_{references.UNITS.get(j.type, 'mm')}" for j in d.joint if j.active}
-    limits = {joint: spec for spec in d.limit for joint in spec.joints}
+    keys = {}
+    for joint_spec in d.joint:
+        if joint_spec.active:
+            unit = references.UNITS.get(joint_spec.type, "mm")
+            keys[joint_spec.name] = f"{joint_spec.name}_{unit}"
+    limits = {}
+    for limit in d.limit:
+        for joint in limit.joints:
+            limits[joint] = limit
     for joint in values:
         if joint not in keys:
             raise error_at(path, ("posture", name), unknown("active joint", joint, keys))
-    out = {}
+    posture = {}
     for joint, key in keys.items():
         unit = key.rpartition("_")[2]
         if joint not in values:
@@ -164,8 +172,8 @@ def _in_file_units(path: Path, d: descriptions.Description, name: str, values: M
         if not lower - last <= value <= upper + last:
             text = f"{value:.6g} {unit} is outside the limits {lower:g} .. {upper:g} {unit} of '{joint}'"
             raise error_at(path, ("posture", name, key), f"{text}; move the joint back, or change the limits")
-        out[key] = float(np.clip(_rounded(value, unit), lower, upper))
-    return out
+        posture[key] = float(np.clip(_rounded(value, unit), lower, upper))
+    return posture
 
 
 def _rounded(value: Any, unit: str) -> Any:

@@ -59,15 +59,15 @@ class RobotNodes:
                 )
                 for k, look in enumerate(looks(body)):
                     vertices, triangles, color, opacity = look
-                    seen = opacity if ghost is None else _GHOST_OPACITY
+                    shown_opacity = opacity if ghost is None else _GHOST_OPACITY
                     handle = scene.add_mesh_simple(
                         f"{place}/mesh{k}",
                         vertices.astype(np.float32),
                         triangles,
                         color=ghost or color,
-                        opacity=seen if seen < 1 else None,
+                        opacity=shown_opacity if shown_opacity < 1 else None,
                         cast_shadow=ghost is None,
-                        side="double" if seen < 1 else "front",
+                        side="double" if shown_opacity < 1 else "front",
                     )
                     self.meshes.append((body.name, handle))
                     self._looks.append((body.name, look))
@@ -137,7 +137,7 @@ class RobotNodes:
         """Show or hide the axes of joints with one degree of freedom: active joints blue, passive joints orange."""
 
         def make() -> list[viser.SceneNodeHandle]:
-            out: list[viser.SceneNodeHandle] = []
+            handles: list[viser.SceneNodeHandle] = []
             half = np.array([0.0, 0.0, 0.06 * self.size])
             for joint in self._mechanism.joints:
                 if len(joint.free_axes) != 1:
@@ -146,12 +146,12 @@ class RobotNodes:
                 ends = np.array([T[:3, 3] - T[:3, :3] @ half, T[:3, 3] + T[:3, :3] @ half])
                 color = BLUE if joint.active else ORANGE
                 name = f"{self._path}/{joint.parent}/axis_{joint.name}"
-                out.append(
+                handles.append(
                     self._server.scene.add_line_segments(
                         name, ends[None].astype(np.float32), color, thickness=2.0, thickness_units="screen"
                     )
                 )
-            return out
+            return handles
 
         self._toggle("axes", visible, make)
 

@@ -20,7 +20,8 @@ class RecordPanel:
     """Controls below the joint sliders: record, replay, save and load a session; save a posture or a phase."""
 
     def __init__(self, front: Front, a: ShownRobot, tab: viser.GuiTabHandle, handles: list) -> None:
-        self.front, self.actor = front, a
+        self.front = front
+        self.actor = a
         self.session: RecordedSession | None = None
         self._began = 0.0
         self._replayed: float | None = None
@@ -61,11 +62,13 @@ class RecordPanel:
 
     def _toggle(self) -> None:
         if self._record.label == "● Record":
-            a = self.actor
-            self.session = RecordedSession.of(a.desk.mechanism)
-            self._began, self._record.label, self._replay.disabled = time.perf_counter(), "■ Stop recording", True
+            self.session = RecordedSession.of(self.actor.desk.mechanism)
+            self._began = time.perf_counter()
+            self._record.label = "■ Stop recording"
+            self._replay.disabled = True
         else:
-            self._record.label, self._replay.disabled = "● Record", False
+            self._record.label = "● Record"
+            self._replay.disabled = False
 
     def _start(self) -> None:
         self.front.clock.playing = False

@@ -36,29 +36,28 @@ def turntable(client: viser.ClientHandle | None, title: str, progress: Progress)
 
     client = _one(client)
     camera = client.camera
-    centre, start, up = (
-        camera.look_at.copy(),
-        camera.position.copy(),
-        camera.up_direction / np.linalg.norm(camera.up_direction),
-    )
-    arm = start - centre
+    centre = camera.look_at.copy()
+    up = camera.up_direction / np.linalg.norm(camera.up_direction)
+    arm = camera.position - centre
     images = []
     for k in range(TURN):
         angle = 2 * np.pi * k / TURN
-        eye = centre + arm * np.cos(angle) + np.cross(up, arm) * np.sin(angle) + up * (up @ arm) * (1 - np.cos(angle))
+        # Rodrigues' rotation of the arm about the upward direction
+        along_up = up * (up @ arm) * (1 - np.cos(angle))
+        eye = centre + arm * np.cos(angle) + np.cross(up, arm) * np.sin(angle) + along_up
+        # axes of the camera: x to the right, y down, z along the view
         z = (centre - eye) / np.linalg.norm(centre - eye)
         x = np.cross(z, up) / np.linalg.norm(np.cross(z, up))
         R = np.column_stack([x, np.cross(z, x), z])
-
-        images.append(
-            _over(_render(client, 480, 640, wxyz=spatial.quat_from_matrix_wxyz(R), position=eye, fov=camera.fov))
-        )
+        wxyz = spatial.quat_from_matrix_wxyz(R)
+        image = _render(client, 480, 640, wxyz=wxyz, position=eye, fov=camera.fov)
+        images.append(_over(image))
         progress((k + 1) / TURN)
-    out = io.BytesIO()
-    frames = [Image.fromarray(i).convert("P", palette=Image.Palette.ADAPTIVE) for i in images]
-    frames[0].save(out, "GIF", save_all=True, append_images=frames[1:], duration=80, loop=0)
-    client.send_file_download(f"{title}.gif", out.getvalue())
-    return out.getvalue()
+    buffer = io.BytesIO()
+    frames = [Image.fromarray(image).convert("P", palette=Image.Palette.ADAPTIVE) for image in images]
+    frames[0].save(buffer, "GIF", save_all=True, append_images=frames[1:], duration=80, loop=0)
+    client.send_file_download(f"{title}.gif", buffer.getvalue())
+    return buffer.getvalue()
 
 
 def page(front: Front, progress: Progress = lambda part: None) -> str:
@@ -70,8 +69,12 @@ def page(front: Front, progress: Progress = lambda part: None) -> str:
     clock = front.clock
     if clock.duration <= 0:
         raise TwinError("no protocol is loaded: choose a protocol in the tab Play first")
-    time, playing, clock.playing = clock.time, clock.playing, False
-    visible, front.gizmo.visible = front.gizmo.visible, False
+    # what is restored at the end
+    time = clock.time
+    was_playing = clock.playing
+    was_visible = front.gizmo.visible
+    clock.playing = False
+    front.gizmo.visible = False
     try:
         serializer = front.server.get_scene_serializer()
         for t in np.arange(0.0, clock.duration, 1 / RATE):
@@ -84,8 +87,8 @@ def page(front: Front, progress: Progress = lambda part: None) -> str:
             progress(t / clock.duration)
         return serializer.as_html()
     finally:
-        front.gizmo.visible = visible
-        clock.playing = playing
+        front.gizmo.visible = was_visible
+        clock.playing = was_playing
         clock.seek(time)
         front.stand()
 
@@ -112,6 +115,6 @@ def _over(image: np.ndarray) -> np.ndarray:
 def _png(image: np.ndarray) -> bytes:
     from PIL import Image
 
-    out = io.BytesIO()
-    Image.fromarray(_over(image)).save(out, "PNG", optimize=True)
-    return out.getvalue()
+    buffer = io.BytesIO()
+    Image.fromarray(_over(image)).save(buffer, "PNG", optimize=True)
+    return buffer.getvalue()

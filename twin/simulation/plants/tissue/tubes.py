@@ -87,13 +87,13 @@ class Tube:
         self._add_bending(F, H)
         K = H.reshape(3 * n + 3, 3 * n + 3)
         K[np.diag_indices(3 * n + 3)] += self._drag
-        given = {0: first, n: x[n]}  # both ends are attached
-        for held in self.held.values():
-            given[held.node] = held.p
+        stated_positions = {0: first, n: x[n]}  # both ends are attached
+        for grasp in self.held.values():
+            stated_positions[grasp.node] = grasp.p
         dx = np.zeros_like(x)
-        for node, p in given.items():
+        for node, p in stated_positions.items():
             dx[node] = p - x[node]
-        free = np.setdiff1d(np.arange(n + 1), list(given))
+        free = np.setdiff1d(np.arange(n + 1), list(stated_positions))
         rows = (3 * free[:, None] + np.arange(3)).ravel()
         load = (F.ravel() - K @ dx.ravel())[rows]
         dx[free] = np.linalg.solve(K[np.ix_(rows, rows)], load).reshape(-1, 3)
@@ -102,13 +102,13 @@ class Tube:
         self.points = x + dx
         self._creeps = float(np.abs(dx).max()) > _STILL
         self.reaction = remaining[0]
-        for held in self.held.values():
-            held.force = -remaining[held.node]  # force of the jaws on the node
-            load_ratio = float(np.linalg.norm(held.force)) / held.limit
+        for grasp in self.held.values():
+            grasp.force = -remaining[grasp.node]  # force of the jaws on the node
+            load_ratio = float(np.linalg.norm(grasp.force)) / grasp.limit
             if load_ratio > 1.0:
                 slide = min(load_ratio - 1.0, 2.0) * _SLIDE
-                held.p = held.p - held.force / np.linalg.norm(held.force) * slide
-                held.slipped += slide
+                grasp.p = grasp.p - grasp.force / np.linalg.norm(grasp.force) * slide
+                grasp.slipped += slide
 
     def _add_stretching(self, F: Array, H: Array) -> None:
         """Add the forces of the springs to F (n + 1, 3), their stiffness to H (n + 1, 3, n + 1, 3)."""

@@ -6,6 +6,9 @@ import numpy as np
 
 from twin.core.spatial import Array, Index
 
+_TOGETHER = 256
+"""Number of triangles whose products are computed together."""
+
 
 class Volume:
     """The volume inside a surface, as a polynomial of third degree in the nodes of the organ's grid.
@@ -17,7 +20,7 @@ class Volume:
         n = weights.shape[1]
         sums = np.zeros((n, n * n))
         # in parts, because the products of all triangles at once would take much memory
-        for part in np.array_split(triangles, max(1, len(triangles) // 256)):
+        for part in np.array_split(triangles, max(1, len(triangles) // _TOGETHER)):
             a = weights[part[:, 0]]
             b = weights[part[:, 1]]
             c = weights[part[:, 2]]

@@ -24,6 +24,11 @@ _MARGIN = 6
 """Width in pixels of the drawn margin around the surface."""
 
 _SAMPLES = 8
+"""Number of samples in a pixel."""
+
+_AMBIENT = 0.3
+"""Brightness, as a share, of a triangle that the light along the view only grazes."""
+
 _ROWS = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
 """Heights of the samples in a pixel. All samples are on the vertical centre line of the pixel. There, the height of an
 edge is measured to an eighth of a pixel at every slope; samples that are spread over the width do not achieve this."""
@@ -136,7 +141,7 @@ def _project(
     corners = np.concatenate([corners[whole], np.reshape(cut_corners, (-1, 3, 3))])
     normals = _normals(corners)
     lengths = np.maximum(np.linalg.norm(normals, axis=1), 1e-30)  # not 0, by which it is divided
-    shade = 0.3 + 0.7 * np.abs(normals[:, 2]) / lengths  # light along the view
+    shade = _AMBIENT + (1 - _AMBIENT) * np.abs(normals[:, 2]) / lengths  # light along the view
     spots = focal * corners[..., :2] / corners[..., 2:] + np.array(SIZE) / 2
     return owner, np.concatenate([spots, 1 / corners[..., 2:]], axis=-1), shade
 
@@ -153,25 +158,27 @@ def _reaches(flat: Array, low: np.ndarray, high: np.ndarray, depth: float) -> np
     c = flat[:, 2] - a
     area = b[:, 0] * c[:, 1] - b[:, 1] * c[:, 0]
     area = np.where(np.abs(area) < 1e-12, np.inf, area)  # a triangle seen from its edge: its depth is that of `a`
+    # the inverse depth is linear in the picture: its change per column and per row
     along = (b[:, 2] * c[:, 1] - c[:, 2] * b[:, 1]) / area
     down = (c[:, 2] * b[:, 0] - b[:, 2] * c[:, 0]) / area
     most = np.full(len(flat), -np.inf)
     for x in (low[0], high[0]):
         for y in (low[1], high[1]):
-            most = np.maximum(most, a[:, 2] + along * (x - a[:, 0]) + down * (y - a[:, 1]))
+            at_corner = a[:, 2] + along * (x - a[:, 0]) + down * (y - a[:, 1])
+            most = np.maximum(most, at_corner)
     return (most > depth) & (flat[..., 2].max(axis=1) > depth)
 
 
 def _cut(corners: Array) -> Iterator[Array]:
     """Cut a triangle at the smallest drawn distance; yield the triangles (3, 3) of its farther part."""
-    kept: list[Array] = []
+    corners_kept: list[Array] = []
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         if a[2] > _NEAR:
-            kept.append(a)
+            corners_kept.append(a)
         if (a[2] > _NEAR) != (b[2] > _NEAR):
-            kept.append(a + (b - a) * (_NEAR - a[2]) / (b[2] - a[2]))
-    for k in range(1, len(kept) - 1):
-        yield np.array([kept[0], kept[k], kept[k + 1]])
+            corners_kept.append(a + (b - a) * (_NEAR - a[2]) / (b[2] - a[2]))
+    for k in range(1, len(corners_kept) - 1):
+        yield np.array([corners_kept[0], corners_kept[k], corners_kept[k + 1]])
 
 
 class _Box:

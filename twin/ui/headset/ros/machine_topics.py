@@ -99,9 +99,9 @@ class MachineTopics(TopicTable):
     # -- inputs -----------------------------------------------------------------------------------------
 
     def _servo(self, client: str, message: dict[str, Any]) -> str:
-        given = checked_message(PoseStamped, message)
-        given.require_frame(self._base)
-        goal = handle_pose(given.p, given.q_wxyz)
+        stamped_pose = checked_message(PoseStamped, message)
+        stamped_pose.require_frame(self._base)
+        goal = handle_pose(stamped_pose.p, stamped_pose.q_wxyz)
         refusal = self._take(client)
         if refusal:
             return refusal

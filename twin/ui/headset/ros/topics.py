@@ -69,8 +69,8 @@ class ConsoleTopics(TopicTable):
         name = f"/MTM{hand[0].upper()}"
 
         def pose(client: str, message: dict[str, Any]) -> str:
-            given = checked_message(PoseStamped, message)
-            return self.hands.pose(client, number, handle_pose(given.p, given.q_wxyz))
+            stamped_pose = checked_message(PoseStamped, message)
+            return self.hands.pose(client, number, handle_pose(stamped_pose.p, stamped_pose.q_wxyz))
 
         def grip(client: str, message: dict[str, Any]) -> str:
             self.hands.grip(client, number, grip_angle(checked_message(Float64, message).data))
@@ -159,9 +159,9 @@ class ConsoleTopics(TopicTable):
         """Return the function that moves the tool of a robot to a pose in its base, by the hand that controls it."""
 
         def servo(client: str, message: dict[str, Any]) -> str:
-            given = checked_message(PoseStamped, message)
-            given.require_frame(_base(robot))
-            goal = handle_pose(given.p, given.q_wxyz)
+            stamped_pose = checked_message(PoseStamped, message)
+            stamped_pose.require_frame(_base(robot))
+            goal = handle_pose(stamped_pose.p, stamped_pose.q_wxyz)
             console = self._console
             if console.table.teleoperation is not None:
                 return f"{robot} is moved by the pose of its hand while the pedal is pressed: send MTMR/measured_cp"
