@@ -12,12 +12,10 @@ TYPE_CHECKING = False  # as in `typing`, whose import takes longer than that of 
 if TYPE_CHECKING:
     from typing import Any
 
+    from twin.analysis.error_propagation import Spread as Spread
     from twin.analysis.search import workspace as workspace
     from twin.analysis.sweep import sweep as sweep
-    from twin.analysis.tolerance import (
-        Spread as Spread,
-        tolerance as tolerance,
-    )
+    from twin.analysis.tolerance import tolerance as tolerance
     from twin.api import (
         Robot as Robot,
         audit as audit,
@@ -95,9 +93,10 @@ _HOMES = {
     "twin.api.new": ("new",),
     "twin.api.procedure": ("operate_procedure", "replay_procedure"),
     "twin.api.session": ("operate_console", "replay_session"),
+    "twin.analysis.error_propagation": ("Spread",),
     "twin.analysis.search": ("workspace",),
     "twin.analysis.sweep": ("sweep",),
-    "twin.analysis.tolerance": ("Spread", "tolerance"),
+    "twin.analysis.tolerance": ("tolerance",),
     "twin.checking.checker": ("check",),
     "twin.core.compute_device": ("computing_on",),
     "twin.core.errors": ("TwinError",),

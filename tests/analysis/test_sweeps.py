@@ -24,8 +24,10 @@ from made.lanes import contrasting, nightly
 from twin import cli
 from twin.analysis import cluster, design, joint_samples, table
 from twin.analysis import workspace as reach
+from twin.analysis.error_propagation import ErrorPropagation, Spread
+from twin.analysis.pose_grid import PoseGrid
 from twin.analysis.robot_source import robot_source
-from twin.analysis.tolerance import ErrorPropagation, Spread
+from twin.analysis.workspace_result import volume_error
 from twin.api.imported_file import imported_file
 from twin.api.robot import Robot, RobotSource
 from twin.core import spatial
@@ -51,7 +53,7 @@ def robots():
 def grid_around(robot, count=(9, 8, 7), step=0.01, **more):
     T = reach.centre(robot)
     low = T[:3, 3] - step * (np.array(count) - 1) / 2
-    return reach.PoseGrid(low, step, count, T[:3, :3], **more)
+    return PoseGrid(low, step, count, T[:3, :3], **more)
 
 
 def poses(grid):
@@ -121,7 +123,7 @@ def test_orientations_are_counted_at_each_position(robots, monkeypatch):
     monkeypatch.setattr(reach, "passive_check", lambda robot: None)
     grid = grid_around(robot, (5, 4, 3), 0.03, tilt=20 * DEG, turns=8)
     values = reach.evaluate(reach.judge(robot, grid), grid, 0, grid.positions)
-    one = reach.PoseGrid(grid.low, grid.step, grid.shape, grid.R_base_tool)
+    one = PoseGrid(grid.low, grid.step, grid.shape, grid.R_base_tool)
     Ts = poses(grid)
     kin, limits = robot.kinematics(), robot.mechanism.limits
     with np.errstate(all="ignore"):
@@ -143,12 +145,12 @@ def test_the_box_holds_all_that_is_reached(robots, name):
     low, high = reach.box(robot, T)
     step = float((high - low).max() / 40)
     wide = np.floor((high - low) * 1.4 / step).astype(int) + 1
-    grid = reach.PoseGrid(low - 0.2 * (high - low), step, (int(wide[0]), int(wide[1]), int(wide[2])), T[:3, :3])
+    grid = PoseGrid(low - 0.2 * (high - low), step, (int(wide[0]), int(wide[1]), int(wide[2])), T[:3, :3])
     found = reach.workspace(robot, grid)
     p = grid.position(np.flatnonzero(found.reached))
     assert (p >= low).all()
     assert (p <= high).all()
-    finer = reach.PoseGrid(grid.low, step / 2, tuple(2 * int(n) for n in wide), T[:3, :3])  # type: ignore[arg-type]
+    finer = PoseGrid(grid.low, step / 2, tuple(2 * int(n) for n in wide), T[:3, :3])  # type: ignore[arg-type]
     volume = reach.workspace(robot, finer).content()["volume_dm3"]
     assert found.content()["volume_dm3"] == pytest.approx(volume, rel=0.05)
 
@@ -160,7 +162,7 @@ def test_sils_reaches_the_volume_that_was_derived_for_it(robots):
     robot = robots["sils"]
     kin = robot.kinematics()
     limits = np.array([[0, 0.657], [0, 0.657], [-0.01, 0.612], [-0.01, 0.612], [0, 0.657], [0, 0.657]])
-    grid = reach.PoseGrid(np.zeros(3), 0.01, (60, 72, 48), np.eye(3))
+    grid = PoseGrid(np.zeros(3), 0.01, (60, 72, 48), np.eye(3))
     kernel = measure.kernel(kin, limits, grid.pose, bounds=reach.shared_bounds(robot))
     values = reach.evaluate(kernel, grid, 0, grid.positions)
     reached = np.flatnonzero(values[:, 0] > 0)
@@ -178,7 +180,7 @@ def test_joints_and_poses_reach_the_same_places(robots):
     T = reach.centre(robot)
     low, high = reach.box(robot, T)
     nx, ny, nz = (int(n) for n in np.floor((high - low) / 0.1))
-    by_poses = reach.workspace(robot, reach.PoseGrid(low, 0.1, (nx, ny, nz), T[:3, :3]))
+    by_poses = reach.workspace(robot, PoseGrid(low, 0.1, (nx, ny, nz), T[:3, :3]))
     p = by_poses.grid.position(np.flatnonzero(by_poses.reached))
     grid = by_joints.grid
     index = np.round((p - grid.low) / grid.step).astype(int)
@@ -677,9 +679,9 @@ def test_the_stated_error_of_a_volume_holds_for_known_bodies(step, thick):
         inside = (shell < 0.4) & (shell > 0.4 - thick) & (p @ n > 0)
         true = 2 * np.pi / 3 * (0.4**3 - (0.4 - thick) ** 3)
         cell = step**3
-        held.append(abs(cell * inside.sum() - true) <= 2 * reach.volume_error(inside, cell))
+        held.append(abs(cell * inside.sum() - true) <= 2 * volume_error(inside, cell))
     assert np.mean(held) >= 0.75
-    assert reach.volume_error(inside, cell) < 0.5 * true
+    assert volume_error(inside, cell) < 0.5 * true
 
 
 @pytest.mark.nightly
@@ -691,7 +693,7 @@ def test_workspace_and_sweep_agree_within_the_errors_that_they_state(monkeypatch
     low, high = reach.box(robot, T)
     step = float(np.prod(high - low) / 150_000) ** (1 / 3)
     nx, ny, nz = (int(n) for n in np.floor((high - low) / step) + 1)
-    fine = reach.workspace(robot, reach.PoseGrid(low, step, (nx, ny, nz), T[:3, :3])).content()
+    fine = reach.workspace(robot, PoseGrid(low, step, (nx, ny, nz), T[:3, :3])).content()
     work = design.job(robot, "sils", None, [design.factor(robot, "l_p=120..150mm")], ("volume",))
     coarse = design.judge(work, [robot.kinematics().parameters["l_p"]])["volume"]
     apart, stated = abs(coarse - fine["volume_dm3"]), design.grid_error(work) + fine["volume_error_dm3"]

@@ -12,6 +12,7 @@ from race import Contender, Effort, Fact, Table, race, show
 
 import twin
 from twin.analysis import workspace as reach
+from twin.analysis.pose_grid import PoseGrid
 from twin.core import processors, spatial
 
 _PEAK = """
@@ -55,7 +56,7 @@ def throughput(effort: Effort) -> Table:
     count = effort.of(10_000_000, 400_000)
     step = float((np.prod(high - low) / count) ** (1 / 3))
     nx, ny, nz = (int(n) for n in np.floor((high - low) / step) + 1)
-    grid = reach.PoseGrid(low, step, (nx, ny, nz), T[:3, :3])
+    grid = PoseGrid(low, step, (nx, ny, nz), T[:3, :3])
     kernel = reach.judge(robot, grid)
     parts = [np.arange(a, b, dtype=np.float64)[None] for a, b in reach.chunks(grid)]
     some = spatial.pose(T[:3, :3], grid.position(np.linspace(0, grid.positions - 1, 5000).astype(int)))

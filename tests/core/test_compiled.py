@@ -381,7 +381,7 @@ import mmap
 import twin
 from twin.codegen import kernel
 from twin.core import kernel_cache, machine_code
-from twin.analysis.tolerance import ErrorPropagation, Spread
+from twin.analysis.error_propagation import ErrorPropagation, Spread
 texts = []
 kernel.compiled = lambda text: texts.append(text) or machine_code.compiled(text)
 mechanism = twin.load("hibou").mechanism

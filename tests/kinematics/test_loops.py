@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components, maximum_bipartite_matchin
 import twin
 from made import loops as made
 from made import mechanisms
-from twin.analysis.tolerance import ErrorPropagation, Spread
+from twin.analysis.error_propagation import ErrorPropagation, Spread
 from twin.core import spatial
 from twin.core.errors import AssemblyError, MechanismError
 from twin.kinematics.closed_loops import LoopSolver, linear

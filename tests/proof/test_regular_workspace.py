@@ -10,6 +10,7 @@ import pytest
 
 import twin
 from twin.analysis import workspace as sampled
+from twin.analysis.pose_grid import PoseGrid
 from twin.analysis.proven_workspace import proven_workspace
 from twin.cli import main
 from twin.core.errors import TwinError
@@ -65,7 +66,7 @@ def test_proved_positions_are_assembled_by_the_reference_model_within_limits(sil
 
 def test_the_sampled_workspace_reaches_all_proved_positions(sils, proven):
     proof = proven.proof
-    grid = sampled.PoseGrid(CORNERS[0], 0.002, (21, 21, 21), proof.orientation)
+    grid = PoseGrid(CORNERS[0], 0.002, (21, 21, 21), proof.orientation)
     found = sampled.workspace(sils, grid)
     p = grid.position(np.arange(grid.positions))[:, None]
     inside = ((proof.low < p) & (p < proof.high)).all(axis=2).any(axis=1)
@@ -195,5 +196,5 @@ def test_four_fifths_of_the_workspace_of_sils_are_proved(sils):
     assert found.share >= 0.8
     assert found.proof.volume <= found.sampled + 2 * found.sampled_error
     for p in _positions(found.proof, 24):
-        grid = sampled.PoseGrid(p, 1e-3, (1, 1, 1), found.proof.orientation)
+        grid = PoseGrid(p, 1e-3, (1, 1, 1), found.proof.orientation)
         assert sampled.workspace(sils, grid).reached.all()

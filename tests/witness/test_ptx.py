@@ -11,8 +11,9 @@ import pytest
 
 import twin
 from made.lanes import CONTRASTING
+from twin.analysis.error_propagation import Spread
 from twin.analysis.search import workspace
-from twin.analysis.tolerance import Spread, tolerance
+from twin.analysis.tolerance import tolerance
 from twin.api.judge import validate_samples
 from twin.codegen import Kernel
 from twin.codegen.gpu_entry import THREADS

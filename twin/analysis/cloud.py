@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.analysis.workspace import COLUMNS, Workspace
+from twin.analysis.workspace_result import COLUMNS, Workspace
 from twin.core.spatial import Array
 
 MOST = 400_000

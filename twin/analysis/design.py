@@ -13,8 +13,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from twin.analysis.tolerance import ErrorPropagation, Spread
-from twin.analysis.workspace import PoseGrid, centre, shared_bounds, volume_error
+from twin.analysis.error_propagation import ErrorPropagation, Spread
+from twin.analysis.pose_grid import PoseGrid
+from twin.analysis.workspace import centre, shared_bounds
+from twin.analysis.workspace_result import volume_error
 from twin.api.robot import Robot, load
 from twin.core import spatial
 from twin.core.compute_device import Choice, computing_on
@@ -135,7 +137,7 @@ def factor(robot: Robot, text: str) -> Factor:
         if own_unit in units and unit not in units:
             raise TwinError(f"--vary '{text}': {name} is given in {own_unit}; '{unit}' is not a unit of {kind}")
     scale = _UNITS[unit]
-    return Factor(name, start * scale, end * scale, unit, drawn)
+    return Factor(name, low=start * scale, high=end * scale, unit=unit, drawn=drawn)
 
 
 def _is_distance(name: str) -> bool:
@@ -217,7 +219,16 @@ def job(
             "distance of the mechanism (body:joint-joint)"
         )
     if set(objectives) == {"tolerance"}:
-        return DesignJob(source, protocol, tuple(factors), tuple(objectives), (0.0, 0.0, 0.0), 1.0, (1, 1, 1), ())
+        return DesignJob(
+            source,
+            protocol=protocol,
+            factors=tuple(factors),
+            objectives=tuple(objectives),
+            low=(0.0, 0.0, 0.0),
+            step=1.0,
+            shape=(1, 1, 1),
+            R=(),
+        )
     T = centre(robot)
     try:
         low, high = box(robot, T)
@@ -235,7 +246,16 @@ def job(
     x, y, z = low.tolist()
     # Plain numbers, because a job is hashed as JSON.
     R = tuple(tuple(row) for row in T[:3, :3].tolist())
-    return DesignJob(source, protocol, tuple(factors), tuple(objectives), (x, y, z), step, (nx, ny, nz), R)
+    return DesignJob(
+        source,
+        protocol=protocol,
+        factors=tuple(factors),
+        objectives=tuple(objectives),
+        low=(x, y, z),
+        step=step,
+        shape=(nx, ny, nz),
+        R=R,
+    )
 
 
 def values(factors: Sequence[Factor], samples: int, levels: int | None, seed: int) -> Array:

@@ -14,7 +14,9 @@ import numpy as np
 
 from twin import robots
 from twin.analysis import measure
-from twin.analysis.workspace import CHUNK, PoseGrid, Workspace, limit_facts, passive_check, shared_bounds
+from twin.analysis.pose_grid import PoseGrid
+from twin.analysis.workspace import CHUNK, limit_facts, passive_check, shared_bounds
+from twin.analysis.workspace_result import Workspace
 from twin.api.robot import Robot
 from twin.core import compute_device
 from twin.core.errors import TwinError
@@ -109,7 +111,9 @@ def by_joints(
         "without_limits": open_ended,
         **limit_facts(robot, passive),
     }
-    return Workspace(robot.name, grid, out, facts, _dimension(robot, ranges, int((~flat).sum())))
+    return Workspace(
+        robot.name, grid=grid, values=out, facts=facts, dimension=_dimension(robot, ranges, int((~flat).sum()))
+    )
 
 
 def _grid(low: Array, extent: Array, flat: np.ndarray, step: float | None) -> PoseGrid:

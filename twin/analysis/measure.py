@@ -118,7 +118,7 @@ def kernel(
     first = ca.Function("pose", [i], dense, {"cse": True})
     stages = [
         Stage(first, ("i",), tuple(results)),
-        Stage(_sweep(m), ("gram",), ("gram", "error"), _SWEEPS, _BESIDE),
+        Stage(_sweep(m), takes=("gram",), gives=("gram", "error"), repeat=_SWEEPS, tolerance=_BESIDE),
         Stage(_last(m), ("gram", "reached", "margin", "singularity"), NAMES),
     ]
     if passive is None:

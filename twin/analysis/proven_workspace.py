@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from twin.analysis import workspace as sampled
+from twin.analysis.pose_grid import PoseGrid
+from twin.analysis.workspace_result import volume_error
 from twin.api.robot import Progress, Robot, silent
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, warning
@@ -211,17 +213,27 @@ def proven_workspace(
     edge = _edge(edge, low, high)
     limits, unchecked = _limits(robot, loops)
     chosen = variant_choice.choose(robot.formula, variants)
-    equations = FormulaBoxes(robot.formula, chosen, T[:3, :3], loops.names, limits)
-    judge = BoxJudge(loops, T[:3, :3], limits, equations, start)
+    equations = FormulaBoxes(robot.formula, chosen, R=T[:3, :3], joints=loops.names, limits=limits)
+    judge = BoxJudge(loops, R=T[:3, :3], limits=limits, equations=equations, p=start)
     halvings = int(np.clip(np.log2((high - low).min() / edge), 0, _HALVINGS))
-    proof = cover(judge, low, high, edge, halvings, progress)
+    proof = cover(judge, low=low, high=high, edge=edge, halvings=halvings, progress=progress)
     volume, error = _sampled_volume(robot, T, low, high, progress)
     certified: JsonObject = {
         **loops_as_data(loops),
         "limits": limits_as_data(limits),
         "boxes": boxes_as_data(proof, equations.values(0.5 * (proof.low + proof.high))),
     }
-    return ProvenWorkspace(robot.name, chosen, proof, volume, error, unchecked, robot.hashes(), certified, tolerance)
+    return ProvenWorkspace(
+        robot.name,
+        variants=chosen,
+        proof=proof,
+        sampled=volume,
+        sampled_error=error,
+        unchecked=unchecked,
+        files=robot.hashes(),
+        certified=certified,
+        tolerance=tolerance,
+    )
 
 
 def _checked(name: str, corners: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -286,10 +298,8 @@ def _sampled_volume(robot: Robot, T: Array, low: Array, high: Array, progress: P
     step = float(np.cbrt(np.prod(high - low) / _SAMPLES))
     nx, ny, nz = np.maximum(np.round((high - low) / step).astype(int), 1).tolist()
     # each position is the middle of its cell
-    grid = sampled.PoseGrid(
-        low + 0.5 * (high - low - step * (np.array([nx, ny, nz]) - 1)), step, (nx, ny, nz), T[:3, :3]
-    )
+    grid = PoseGrid(low + 0.5 * (high - low - step * (np.array([nx, ny, nz]) - 1)), step, (nx, ny, nz), T[:3, :3])
     found = sampled.workspace(robot, grid, progress=progress)
     cell = step**3
     reached = found.cube[..., 0] > 0
-    return float(cell * reached.sum()), sampled.volume_error(reached, cell)
+    return float(cell * reached.sum()), volume_error(reached, cell)

@@ -9,9 +9,11 @@ import numpy as np
 
 from twin.analysis.cluster import Processes, cluster, require_keys
 from twin.analysis.joint_samples import by_joints
+from twin.analysis.pose_grid import PoseGrid
 from twin.analysis.robot_source import robot_source
-from twin.analysis.workspace import PoseGrid, UnreachedError, Workspace, box, centre
+from twin.analysis.workspace import UnreachedError, box, centre
 from twin.analysis.workspace import workspace as over_grid
+from twin.analysis.workspace_result import Workspace
 from twin.api.robot import Progress, Robot, loaded, silent
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
@@ -87,7 +89,7 @@ def workspace(
         if scheduler or tilt:
             raise
         return by_joints(robot, count, step, progress)
-    grid = _grid(low, high, T, count, step, tilt, turns)
+    grid = _grid(low, high, T_base_tool=T, count=count, step=step, tilt=tilt, turns=turns)
 
     def kept(shape: tuple[int, int]) -> np.ndarray:
         if store is None:
@@ -122,7 +124,7 @@ def _grid(
         step = float((np.prod(high - low) * turns / count) ** (1 / 3))
     # Integers of Python have no largest value, those of numpy have one.
     nx, ny, nz = [int(edge) + 1 for edge in np.floor((high - low) / step).tolist()]
-    grid = PoseGrid(low, step, (nx, ny, nz), T_base_tool[:3, :3], tilt, turns)
+    grid = PoseGrid(low=low, step=step, shape=(nx, ny, nz), R_base_tool=T_base_tool[:3, :3], tilt=tilt, turns=turns)
     if grid.positions > _POSITIONS:
         raise TwinError(
             f"{grid.positions:.3g} positions; the limit is {_POSITIONS:.0e}. Increase --step-mm or reduce --count; or "

@@ -193,14 +193,24 @@ def sweep(
         before = len(store.done)
         missing = [number for number in range(len(designs)) if number not in store.done]
         if missing:
-            computed_by = _judge(work, designs, missing, store, processes, progress)
+            computed_by = _judge(work, designs, missing=missing, store=store, processes=processes, progress=progress)
     judged = np.zeros((len(designs), len(objectives)))
     for number in range(len(designs)):
         judged[number] = [store.done[number][name] for name in objectives]
     directions = [design.OBJECTIVES[name][1] for name in objectives]
     best = design.pareto(judged, directions)
     unchecked = _unchecked(robot, objectives)
-    return Sweep(robot.name, work, designs, judged, best, before, unchecked, tuple(sorted(computed_by)), folder)
+    return Sweep(
+        robot.name,
+        work=work,
+        designs=designs,
+        judged=judged,
+        best=best,
+        before=before,
+        unchecked=unchecked,
+        devices=tuple(sorted(computed_by)),
+        folder=folder,
+    )
 
 
 def _unchecked(robot: Robot, objectives: Sequence[str]) -> tuple[str, ...]:

@@ -1,30 +1,28 @@
-"""Tool error caused by manufacturing and encoder errors: first-order propagation through the loops, and Monte Carlo.
-
-Every joint has two frames, one on each body; each frame has a small error in position and rotation. With these errors,
-the loops are closed again. Overconstrained loops are closed by least squares, which distributes the gaps as clearances
-would; an example is a planar loop with pins that are no longer parallel. The first-order result is the derivative of
-the implicit equations. A Monte Carlo simulation with compiled Newton steps checks this result.
-"""
+"""Tool error caused by manufacturing and encoder errors, compared with the requirement; see `error_propagation`."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 
-import casadi as ca
 import numpy as np
 
 from twin.analysis.declared_limits import beyond_limits
-from twin.analysis.quantile import UpperQuantile
+from twin.analysis.error_propagation import (
+    SHARE,
+    ErrorBudget,
+    ErrorPropagation,
+    Spread,
+    as_dict,
+    normal_length_quantile,
+)
 from twin.analysis.tightening import COST, Tightening, least_cost
 from twin.api.judge import plan
 from twin.api.robot import Progress, Robot, loaded, silent
-from twin.codegen import Kernel, Stage
-from twin.core import compute_device, spatial
+from twin.core import compute_device
 from twin.core.compute_device import PROCESSOR
-from twin.core.errors import TwinError
 from twin.core.findings import Finding, Verdict, disagreement
 from twin.core.json_types import JsonObject
 from twin.core.quantity import um
@@ -32,291 +30,13 @@ from twin.core.result import Part, Result, TextTable
 from twin.core.sampling import spread
 from twin.core.spatial import Array
 from twin.core.units import DEG, UM
-from twin.kinematics.closed_loops import LoopSolver, linear
-from twin.kinematics.closed_loops.equations import LoopEquations, stepped
-from twin.model.mechanism import Mechanism
 
-_CHUNK = 8192
-"""Number of Monte Carlo samples in a batch; each sample has a few hundred errors."""
-
-_NEWTON = 12
-"""Maximum number of Newton steps."""
-
-_LAST = 1e-10
-"""Step size in m or rad below which the Newton iteration ends."""
-
-_ALONG = 12
+_STATES_OF_PROTOCOL = 12
 """Number of states evaluated along a protocol."""
 
-SHARE = 0.95
-"""Fraction of the built robots that must meet the accuracy requirement."""
 
-
-@dataclass(frozen=True)
-class Spread:
-    """Standard deviations of the errors of each encoder, and of each joint frame along and about each axis.
-
-    Attributes:
-        shift: standard deviation of a joint frame's position on its body, in m.
-        turn: standard deviation of a joint frame's rotation, in rad.
-        slide, angle: standard deviations of the encoders of prismatic and revolute active joints, in m and rad.
-    """
-
-    shift: float
-    turn: float
-    slide: float
-    angle: float
-
-
-@dataclass(frozen=True)
-class ErrorBudget:
-    """Tool error of a mechanism in one state.
-
-    Attributes:
-        q: (n,) active joints in m or rad.
-        sensitivity: (6, errors) tool shift (m) and rotation (rad), in base, per unit (m or rad) of each error.
-        labels: (errors,) joint or encoder of each error.
-        sigma: (errors,) standard deviations in m or rad.
-        covariance: (6, 6) covariance of the tool error, to first order.
-        within: (position error in m, rotation error in rad): for each error, the quantile `SHARE` over all robots, to
-            first order.
-        sampled, sampled_within: `covariance` and `within` by Monte Carlo; None if not requested.
-        samples: number of Monte Carlo samples.
-    """
-
-    name: str
-    q: Array
-    sensitivity: Array
-    labels: tuple[str, ...]
-    sigma: Array
-    covariance: Array
-    within: tuple[float, float]
-    sampled: Array | None = None
-    sampled_within: tuple[float, float] | None = None
-    samples: int = 0
-
-    @property
-    def contributors(self) -> list[tuple[str, float, float]]:
-        """(joint or encoder, fraction of position variance, fraction of rotation variance) for each joint or encoder.
-
-        The list is sorted by the fraction of position variance, largest first.
-        """
-        variances = (self.sensitivity * self.sigma) ** 2
-        position = max(variances[:3].sum(), 1e-300)  # not 0, also where no error has an effect
-        rotation = max(variances[3:].sum(), 1e-300)
-        labels = np.array(self.labels)
-        contributors = []
-        for name in dict.fromkeys(self.labels):
-            own = variances[:, labels == name]
-            contributors.append((name, float(own[:3].sum() / position), float(own[3:].sum() / rotation)))
-        contributors.sort(key=lambda contributor: -contributor[1])
-        return contributors
-
-    @property
-    def difference(self) -> float | None:
-        """Largest relative difference between the first-order and Monte Carlo standard deviations of the tool error.
-
-        None without a Monte Carlo check.
-        """
-        if self.sampled is None:
-            return None
-        sigma = np.sqrt(np.diag(self.covariance))
-        sampled_sigma = np.sqrt(np.diag(self.sampled))
-        # relative to the largest component: the direction in which the tool hardly errs needs few digits
-        scale = np.repeat([sigma[:3].max(), sigma[3:].max()], 3)
-        known = scale > 0
-        differences = np.abs(sigma - sampled_sigma)[known] / scale[known]
-        return float(differences.max(initial=0.0))
-
-
-class ErrorPropagation:
-    """Error propagation in one mechanism; `budget` evaluates one state."""
-
-    def __init__(self, mechanism: Mechanism, spread: Spread) -> None:
-        """Set up the loop equations with frame errors.
-
-        Raises:
-            TwinError: a standard deviation is negative or not finite, or all are zero.
-            AssemblyError: the loops do not close in the rest poses.
-        """
-        parts = (spread.shift, spread.turn, spread.slide, spread.angle)
-        if min(parts) < 0 or not max(parts) > 0 or not np.isfinite(parts).all():
-            raise TwinError("standard deviations must be finite and not negative, and at least one must be positive")
-        self.mechanism = mechanism
-        self.spread = spread
-        self.solver = LoopSolver(mechanism)
-        self.equations = LoopEquations(mechanism, with_errors=True)
-        errors = self.equations.errors
-        self.error = ca.vertcat(*errors.values()) if errors else ca.SX(0, 1)
-        labels: list[str] = []
-        sigma: list[float] = []
-        for joint_name, _ in errors:
-            labels += [joint_name] * 6
-            sigma += [spread.shift] * 3
-            sigma += [spread.turn] * 3
-        for joint in mechanism.active:
-            labels.append(f"encoder {joint.name}")
-            sigma.append(spread.angle if joint.is_angle else spread.slide)
-        self.labels = tuple(labels)
-        self.sigma = np.array(sigma)
-        tool = mechanism.frame(mechanism.tool)
-        T = self.equations.pose(tool.body, tool.T_body_frame, stepping=True)
-        self._slopes = self._derivatives(T)
-
-    def budget(self, name: str, q: Array, samples: int = 0, rng: np.random.Generator | None = None) -> ErrorBudget:
-        """Return the tool error at active joints q (n,) in m or rad.
-
-        `samples` is the number of samples of the Monte Carlo check; 0: no check. They are computed in batches, but
-        up to a tenth of the position errors and of the rotation errors are kept for their quantiles.
-
-        Raises:
-            AssemblyError: the loops cannot be closed at q.
-        """
-        q = np.asarray(q, float)
-        solution = self.solver.forward_many(q[None])
-        self.solver.forward(q)  # raises a clear error if the loops cannot be closed
-        state = solution.states[0]
-        S = self._sensitivity(q, state)
-        covariance = (S * self.sigma**2) @ S.T
-        budget = ErrorBudget(name, q, S, self.labels, self.sigma, covariance, _within(covariance))
-        if not samples:
-            return budget
-        squares = np.zeros((6, 6))
-        far = UpperQuantile(SHARE, samples)
-        turned = UpperQuantile(SHARE, samples)
-        for twists in self._sampled_twists(budget.q, state, samples, rng or np.random.default_rng(0)):
-            squares += twists.T @ twists
-            far.add(np.linalg.norm(twists[:, :3], axis=1))
-            turned.add(np.linalg.norm(twists[:, 3:], axis=1))
-        within = (far.value, turned.value)
-        return replace(budget, sampled=squares / samples, sampled_within=within, samples=samples)
-
-    def _derivatives(self, T: ca.SX) -> ca.Function:
-        """Return derivatives of residual and tool pose with respect to unknowns, frame errors and active joints."""
-        e = self.equations
-
-        def without_errors(x: ca.SX) -> ca.SX:
-            x = ca.substitute(x, self.error, 0)
-            x = ca.substitute(x, e.steps, 0)
-            return ca.densify(x)
-
-        R = without_errors(T[:3, :3])
-
-        def twist(by: ca.SX) -> ca.SX:
-            shifts = without_errors(ca.jacobian(T[:3, 3], by))
-            units = ca.SX.eye(by.numel())
-            rotations = ca.SX(3, 0)
-            for k in range(by.numel()):
-                # dR R^T is the skew matrix of the rotation
-                W = without_errors(ca.jtimes(T[:3, :3], by, units[:, k])) @ R.T
-                rotations = ca.horzcat(rotations, ca.vertcat(W[2, 1], W[0, 2], W[1, 0]))
-            return ca.vertcat(shifts, rotations)
-
-        slopes = [
-            without_errors(e.jacobian),
-            without_errors(ca.jacobian(e.residual, self.error)),
-            without_errors(ca.jacobian(e.residual, e.q)),
-            twist(e.steps),
-            twist(self.error),
-            twist(e.q),
-        ]
-        dense = [ca.densify(slope) for slope in slopes]
-        return ca.Function("slopes", [e.q, e.states], dense, {"cse": True})
-
-    def _sensitivity(self, q: Array, state: Array) -> Array:
-        """Return the tool twist (6, errors) in base per unit of each error: frame errors first, then encoder errors."""
-        slopes = [slope.full() for slope in self._slopes(q, state)]
-        # J: of the residual, T: of the tool; by loop unknowns x, frame errors e and active joints q
-        Jx, Je, Jq, Tx, Te, Tq = slopes
-        direct = np.hstack([Te, Tq])
-        if not Jx.size:
-            return direct
-        # The pseudoinverse closes overconstrained loops by least squares.
-        return direct - Tx @ np.linalg.pinv(Jx, rcond=1e-9) @ np.hstack([Je, Jq])
-
-    def _sampled_twists(self, q: Array, state: Array, samples: int, rng: np.random.Generator) -> Iterator[Array]:
-        """Yield the tool errors (k, 6) in the base frame for random errors: shift in m, then rotation in rad.
-
-        There are `samples` of them in all, in batches of `_CHUNK`.
-        """
-        kernel = self._kernel
-        T0 = self.solver.forward(q)
-        frames = self.error.numel()
-        for first in range(0, samples, _CHUNK):
-            k = min(_CHUNK, samples - first)
-            errors = self.sigma[:, None] * rng.normal(size=(len(self.sigma), k))
-            qs = q[:, None] + errors[frames:]
-            states = np.repeat(state[:, None], k, axis=1)
-            (pose,) = kernel(errors[:frames], qs, states)
-            pose = pose.T.reshape(k, 3, 4)
-            shifts = pose[:, :, 3] - T0[:3, 3]
-            rotations = spatial.log_so3(pose[:, :, :3] @ T0[:3, :3].T)
-            yield np.hstack([shifts, rotations])
-
-    @property
-    def _kernel(self) -> Kernel:
-        """Compiled function that closes the loops with given errors, by Gauss-Newton from the error-free state."""
-        e = self.equations
-        keys = [passive.key for passive in e.passive]
-        states = [passive.state for passive in e.passive]
-        arguments = [self.error, e.q, *states]
-        argument_names = ("e", "q", *keys)
-        stages = []
-        if keys:
-            stages.append(Stage(e.split(), ("seed",), tuple(keys)))
-        if keys and e.residual.numel():
-            pattern = np.array(ca.DM(e.jacobian.sparsity(), 1).full(), bool)
-            step = linear.least_squares(e.jacobian, -e.residual, pattern)
-            new = stepped(e.passive, step)
-            newton = ca.Function("step", arguments, [*new.values(), linear.largest(step)], {"cse": True})
-            stages.append(Stage(newton, argument_names, (*new, "error"), _NEWTON, _LAST))
-        tool_rows = ca.densify(ca.vec(e.T_base_tool[:3, :].T))
-        pose = ca.Function("pose", arguments, [tool_rows], {"cse": True})
-        stages.append(Stage(pose, argument_names, ("pose",)))
-        inputs = {"e": self.error.numel(), "q": e.q.numel(), "seed": e.states.numel()}
-        return Kernel(stages, inputs, ["pose"])
-
-
-def _within(covariance: Array) -> tuple[float, float]:
-    """Return (position error in m, rotation error in rad): for each error, the quantile `SHARE` over all robots."""
-    return _quantile(covariance[:3, :3]), _quantile(covariance[3:, 3:])
-
-
-def _quantile(covariance: Array) -> float:
-    """Return the quantile `SHARE` of the length of a normal vector with this covariance (3, 3), from fixed samples."""
-    samples = np.random.default_rng(0).normal(size=(200_000, 3))
-    # In the principal axes, the components are independent; rounding can make an eigenvalue of 0 negative.
-    eigenvalues = np.maximum(np.linalg.eigvalsh(covariance), 0)
-    squares = samples**2 @ eigenvalues
-    return float(np.sqrt(np.quantile(squares, SHARE)))
-
-
-def as_dict(budget: ErrorBudget) -> JsonObject:
-    """Return a budget as plain data in SI units."""
-    sigma = np.sqrt(np.diag(budget.covariance))
-    contributors = []
-    for name, position, rotation in budget.contributors:
-        contributors.append({"what": name, "position": position, "rotation": rotation})
-    data: JsonObject = {
-        "state": budget.name,
-        "q": budget.q.tolist(),
-        "sigma_position": sigma[:3].tolist(),
-        "sigma_rotation": sigma[3:].tolist(),
-        "within_position": budget.within[0],
-        "within_rotation": budget.within[1],
-        "contributors": contributors,
-    }
-    if budget.sampled is not None and budget.sampled_within is not None:
-        sampled_sigma = np.sqrt(np.diag(budget.sampled))
-        data["monte_carlo"] = {
-            "samples": budget.samples,
-            "sigma_position": sampled_sigma[:3].tolist(),
-            "sigma_rotation": sampled_sigma[3:].tolist(),
-            "within_position": budget.sampled_within[0],
-            "within_rotation": budget.sampled_within[1],
-            "difference": budget.difference,
-        }
-    return data
+_ONE_PART_TO_BLAME = 0.2
+"""Fraction of the variance from which one part is worth tightening alone."""
 
 
 @dataclass(frozen=True)
@@ -346,12 +66,14 @@ class ToleranceBudget(Result):
     @property
     def worst(self) -> ErrorBudget:
         """Budget of the state with the largest position error."""
-        return max(self.budgets, key=lambda b: b.within[0])
+        return max(self.budgets, key=lambda budget: budget.within[0])
 
     @property
     def factor(self) -> float | None:
         """Required position error divided by computed position error in the worst state; a value below 1 fails."""
-        return None if self.required is None else self.required / self.worst.within[0]
+        if self.required is None:
+            return None
+        return self.required / self.worst.within[0]
 
     @cached_property
     def tightening(self) -> Tightening | None:
@@ -367,7 +89,7 @@ class ToleranceBudget(Result):
             for k, name in enumerate(names):
                 S = budget.sensitivity[:3, labels == name] * budget.sigma[labels == name]
                 covariances[i, k] = S @ S.T
-        return least_cost(names, covariances, self.required, _quantile)
+        return least_cost(names, covariances, self.required, normal_length_quantile)
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -378,15 +100,16 @@ class ToleranceBudget(Result):
             "tolerance.required",
             "tool",
             f"{100 * SHARE:g}th-percentile position error",
-            um(self.worst.within[0]),
-            um(self.required),
-            self._what_to_tighten(),
+            size=um(self.worst.within[0]),
+            limit=um(self.required),
+            suggestion=self._what_to_tighten(),
             when=self.worst.name,
             word="required",
         )
         return (*self.beyond, missed)
 
     def _what_to_tighten(self) -> str:
+        """Return what to tighten as a sentence; "" if nothing can be told."""
         if self.tightening is None:
             return ""
         return self.tightening.sentence
@@ -394,7 +117,9 @@ class ToleranceBudget(Result):
     @property
     def verdict(self) -> Verdict:
         """The verdict: "unchecked" without a requirement, "agree" if it is met, else "disagree"."""
-        return "unchecked" if self.required is None else super().verdict
+        if self.required is None:
+            return "unchecked"
+        return super().verdict
 
     @property
     def word(self) -> str:
@@ -428,6 +153,12 @@ class ToleranceBudget(Result):
     def content(self) -> JsonObject:
         """Return all budgets as plain data; keys of values that are not in SI units end with the unit."""
         spread = self.spread
+        required_um = None
+        if self.required is not None:
+            required_um = self.required / UM
+        tightening = None
+        if self.tightening is not None:
+            tightening = asdict(self.tightening)
         return {
             "robot": self.robot,
             "errors": {
@@ -437,10 +168,10 @@ class ToleranceBudget(Result):
                 "encoder_deg": spread.angle / DEG,
                 "note": "normal, independent, for each axis of each joint frame; ASSUMED if not given",
             },
-            "required_um": None if self.required is None else self.required / UM,
+            "required_um": required_um,
             "requirement": self.requirement,
             "factor": self.factor,
-            "tightening": None if self.tightening is None else asdict(self.tightening),
+            "tightening": tightening,
             "worst": self.worst.name,
             "device": self.device,
             "states": [as_dict(budget) for budget in self.budgets],
@@ -492,8 +223,10 @@ class ToleranceBudget(Result):
         spread = self.spread
         for name, factor in found.factors:
             if name.startswith("encoder "):
-                joint = self.angular.get(name.removeprefix("encoder "), False)
-                size = f"{factor * spread.angle / DEG:.2g}°" if joint else f"{factor * spread.slide / UM:.2g} µm"
+                is_angle = self.angular.get(name.removeprefix("encoder "), False)
+                size = f"{factor * spread.slide / UM:.2g} µm"
+                if is_angle:
+                    size = f"{factor * spread.angle / DEG:.2g}°"
             else:
                 size = f"{factor * spread.shift / UM:.2g} µm and {factor * spread.turn / DEG:.2g}°"
             rows.append((name, f"{100 * factor:.2g} %", size))
@@ -504,7 +237,7 @@ class ToleranceBudget(Result):
             f"if all errors are reduced by the factor {1 / self.factor:.3g}"
         )
         yield f"  {COST}"
-        if share < 0.2:
+        if share < _ONE_PART_TO_BLAME:
             yield f"  no single part is to blame: the largest contributes {100 * share:.0f} % of the variance"
 
 
@@ -579,7 +312,16 @@ def tolerance(
     beyond = tuple(beyond_limits(robot, tolerances.solver, states))
     device = compute_device.current().name
     angular = {joint.name: joint.is_angle for joint in robot.mechanism.active}
-    return ToleranceBudget(robot.name, spread, tuple(budgets), required, requirement, beyond, device, angular)
+    return ToleranceBudget(
+        robot.name,
+        spread=spread,
+        budgets=tuple(budgets),
+        required=required,
+        requirement=requirement,
+        beyond=beyond,
+        device=device,
+        angular=angular,
+    )
 
 
 def _states(robot: Robot, protocol: str | None, progress: Progress) -> list[tuple[str, Array]]:
@@ -587,7 +329,7 @@ def _states(robot: Robot, protocol: str | None, progress: Progress) -> list[tupl
     states = []
     if protocol:
         trajectory = plan(robot, protocol, progress)
-        for k in spread(len(trajectory.t), _ALONG):
+        for k in spread(len(trajectory.t), _STATES_OF_PROTOCOL):
             states.append((f"t = {trajectory.t[k]:.2f} s", trajectory.q[k]))
         return states
     for name in robot.mechanism.postures:

@@ -101,7 +101,7 @@ class Bench:
         """
         folder.mkdir(parents=True, exist_ok=True)
         root = write_usd(mechanism, (), folder)[0]
-        bake(mechanism, bound, self.trajectory.protocol, self.motion, folder)
+        bake(mechanism, bound, protocol=self.trajectory.protocol, motion=self.motion, folder=folder)
         return root
 
     @cached_property
@@ -115,7 +115,14 @@ class Bench:
     def case(self, **changes) -> Case:
         """Return the input of the validator for the correct robot; `changes` are fields of `Case` with new values."""
         case = Case(
-            self.kin, self.cad, self.chosen, self.trajectory, self.stage, self.tolerances, self.paths, baked_for_it=True
+            kinematics=self.kin,
+            cad=self.cad,
+            protocol=self.chosen,
+            trajectory=self.trajectory,
+            stage=self.stage,
+            tolerances=self.tolerances,
+            paths=self.paths,
+            baked_for_it=True,
         )
         return replace(case, **changes)
 
@@ -134,7 +141,14 @@ class Bench:
         """Comparison of the equations with the correct mechanism."""
         clock = SampleClock(self.trajectory.t, summaries(self.trajectory))
         model = ReferenceModel(self.robot.mechanism)
-        return compare(self.kin, model, self.trajectory, clock, self.tolerances, lambda label, fraction: None)
+        return compare(
+            self.kin,
+            model,
+            trajectory=self.trajectory,
+            clock=clock,
+            tolerances=self.tolerances,
+            progress=lambda label, fraction: None,
+        )
 
     @cached_property
     def links(self) -> tuple[Array, dict[str, Array]]:
@@ -181,7 +195,16 @@ class Bench:
             state = "missed"
             message = "no finding"
         seconds = round(time.monotonic() - began, 3)
-        return Detection(fault.family, fault.kind, fault.what, state, code, where, message, seconds)
+        return Detection(
+            fault.family,
+            fault.kind,
+            what=fault.what,
+            state=state,
+            code=code,
+            where=where,
+            message=message,
+            seconds=seconds,
+        )
 
     def _judged(self, fault: SeededFault, folder: Path) -> tuple[Finding | None, str]:
         """Return (new finding or None, reason why the fault has no effect or "").

@@ -27,7 +27,7 @@ KINDS = (
 
 def faults(mechanism: Mechanism, rng: np.random.Generator, count: int) -> Iterator[SeededFault]:
     """Yield `count` faults of a mechanism, with the kinds in the order of `KINDS`, repeated as often as necessary."""
-    for kind, (what, make) in drawn(KINDS, _MAKERS, mechanism, rng, count):
+    for kind, (what, make) in drawn(KINDS, _MAKERS, subject=mechanism, rng=rng, count=count):
         yield SeededFault("cad", kind, what, mechanism=make)
 
 

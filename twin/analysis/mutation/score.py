@@ -52,8 +52,8 @@ class Score(Result):
             "selftest.bar",
             "",
             f"{self.caught} of {self.counted} seeded faults caught",
-            Quantity(100 * self.share, "percent"),
-            100 * self.bar,
+            size=Quantity(100 * self.share, "percent"),
+            limit=100 * self.bar,
             word="required",
         )
         return (low, *self.false_alarms)

@@ -31,7 +31,7 @@ def faults(
         kinds.remove("RCM")
         kinds.remove("shaft")
     makers = {**_MAKERS, "planned": lambda _, rng: _planned(protocol, planner, rng)}
-    for kind, (what, make) in drawn(kinds, makers, trajectory, rng, count):
+    for kind, (what, make) in drawn(kinds, makers, subject=trajectory, rng=rng, count=count):
         yield SeededFault("timing", kind, what, trajectory=make)
 
 

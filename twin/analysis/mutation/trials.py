@@ -48,18 +48,18 @@ def selftest(
     with Call(_share, *task, 1) as beside:
         with bench_of(str(robot), protocol) as bench:
             alarms = [f for f in bench.correct.findings if f.severity in ("disagreement", "error")]
-            outcomes = _judged(bench, families, count, seed, 0, progress)
+            outcomes = _judged(bench, families, count=count, seed=seed, share=0, progress=progress)
         progress("wait for the other process", 1.0)
         outcomes |= beside.result()
     in_order = [outcomes[i] for i in sorted(outcomes)]
     return Score(
         bench.robot.name,
-        bench.chosen.name,
-        bench.robot.mechanism.source,
-        seed,
-        time.monotonic() - began,
-        tuple(in_order),
-        tuple(alarms),
+        protocol=bench.chosen.name,
+        source=bench.robot.mechanism.source,
+        seed=seed,
+        seconds=time.monotonic() - began,
+        outcomes=tuple(in_order),
+        false_alarms=tuple(alarms),
     )
 
 
@@ -137,4 +137,4 @@ def _share(
 ) -> dict[int, Detection]:
     """Check the faults with indices `share`, `share` + 2, ... (`share`: 0 or 1); called in the second process."""
     with bench_of(robot, protocol) as bench:
-        return _judged(bench, families, count, seed, share, lambda label, fraction: None)
+        return _judged(bench, families, count=count, seed=seed, share=share, progress=lambda label, fraction: None)

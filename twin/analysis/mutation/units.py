@@ -143,10 +143,10 @@ def _trocar(document: Any, rng: np.random.Generator) -> str | None:
 
 # Each function changes a parsed protocol, and returns what it changed; None: its kind does not apply.
 _MAKERS: dict[str, Callable[[Any, np.random.Generator], str | None]] = {
-    "position": lambda d, rng: _waypoint(d, rng, "position_mm", 1.0, 1e-3, "metres"),
-    "angles": lambda d, rng: _waypoint(d, rng, "angles_deg", 0.0, np.pi / 180, "radians"),
+    "position": lambda d, rng: _waypoint(d, rng, key="position_mm", least=1.0, factor=1e-3, unit="metres"),
+    "angles": lambda d, rng: _waypoint(d, rng, key="angles_deg", least=0.0, factor=np.pi / 180, unit="radians"),
     "depth": _depth,
-    "speed": lambda d, rng: _limits(d, rng, "tip", 1e-3, "m/s"),
-    "turning": lambda d, rng: _limits(d, rng, "rotation", np.pi / 180, "rad/s"),
+    "speed": lambda d, rng: _limits(d, rng, name="tip", factor=1e-3, unit="m/s"),
+    "turning": lambda d, rng: _limits(d, rng, name="rotation", factor=np.pi / 180, unit="rad/s"),
     "trocar": _trocar,
 }

@@ -25,7 +25,7 @@ Made = tuple[str, Edit]
 def faults(root: Path, rng: np.random.Generator, count: int) -> Iterator[SeededFault]:
     """Yield faults of a stage; `root` is the layer with the motion or, without motion, the robot's root layer."""
     stage = Usd.Stage.Open(str(root))
-    for kind, (what, edit) in drawn(KINDS, _MAKERS, stage, rng, count):
+    for kind, (what, edit) in drawn(KINDS, _MAKERS, subject=stage, rng=rng, count=count):
         yield SeededFault("usd", kind, what, stage=_spoiler(root.name, edit))
 
 

@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     The exit code is 1 if a requirement is not met.
     """
     from twin import api
-    from twin.analysis.tolerance import Spread
+    from twin.analysis.error_propagation import Spread
     from twin.analysis.tolerance import tolerance as compute
     from twin.cli import show
     from twin.cli.chosen import device

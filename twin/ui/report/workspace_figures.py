@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twin.analysis.workspace import PoseGrid, Workspace
+from twin.analysis.pose_grid import PoseGrid
+from twin.analysis.workspace_result import Workspace
 from twin.core.json_types import JsonMapping
 from twin.core.sampling import spread
 from twin.core.spatial import Array
