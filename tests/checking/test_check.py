@@ -16,16 +16,16 @@ import yaml
 
 from made.repository import ARM, FAULTS, faulty, repository
 from twin.checking.baseline import read_baseline, write_baseline
+from twin.checking.check_finding import CheckFinding, numbered
 from twin.checking.check_result import FolderCheck
 from twin.checking.checker import check
 from twin.checking.descriptions import patterns, walk
 from twin.checking.file_verdict import JudgeJob, judge
-from twin.checking.found import CheckFinding, numbered
 from twin.checking.junit import junit
+from twin.checking.pair_comparison import compare_two, pairs, stem
 from twin.checking.places import repository_prefix, within
 from twin.checking.rules import RULES
 from twin.checking.sarif import sarif
-from twin.checking.twins import compare_two, pairs, stem
 from twin.cli import main
 from twin.core.errors import SourceError
 from twin.exchange.xacro import XacroSettings
@@ -64,7 +64,7 @@ def test_each_rule_finds_its_fault_on_its_line_and_no_other_rule_does(tmp_path, 
     if rule not in ("mesh/outside", "audit/fault"):  # these name no element
         assert abs(first.line - line) <= 5, first
     assert first.file == "arm_description/urdf/arm.urdf"
-    assert first.way
+    assert first.advice
 
 
 def test_every_rule_is_documented_and_seeded_here():

@@ -13,7 +13,7 @@ from twin.checking import checker, file_verdict
 from twin.checking.checker import NoAnswer, Workers, check
 from twin.checking.descriptions import DescriptionFile, FolderContent
 from twin.checking.file_verdict import JudgedFile, JudgeJob, judge
-from twin.checking.twins import compare_two
+from twin.checking.pair_comparison import compare_two
 from twin.comparison.comparison_result import Comparison
 from twin.comparison.mimic import LinkError, MimicError
 from twin.comparison.pair import SidePair, compare_pair
@@ -69,7 +69,7 @@ def test_a_comparison_that_crashes_is_no_note(late: bool, tmp_path: Path, monkey
         for job in jobs:
             yield job, NoAnswer("KeyError: 'tip'", late)
 
-    monkeypatch.setattr(checker, "_judge_all", lambda *_: ([one, other], []))
+    monkeypatch.setattr(checker, "_judge_all", lambda *_, **__: ([one, other], []))
     monkeypatch.setattr(Workers, "answers", answers)
     result = check(tmp_path)
     (finding,) = result.found

@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
-from twin.checking.found import CheckFinding, readable
+from twin.checking.check_finding import CheckFinding, readable
 from twin.core.atomic import write_text
 from twin.core.errors import BudgetError, SourceError
 from twin.core.foreign.text import load_json

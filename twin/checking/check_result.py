@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
+from twin.checking.check_finding import CheckFinding
 from twin.checking.file_verdict import JudgedFile
-from twin.checking.found import CheckFinding
 from twin.checking.junit import fails, junit
 from twin.checking.rules import LEVELS, Level
 from twin.checking.sarif import sarif
@@ -140,7 +140,7 @@ class FolderCheck(Result):
             shown[key] += 1
             yield f"{_MARKS[finding.level]} {finding.place}: {finding.message} [{finding.rule}]"
             if shown[key] == 1:
-                yield f"    {finding.way}"
+                yield f"    {finding.advice}"
         for (file, rule), count in hidden.items():
             yield f"  and {count} more of {rule} in {file} (--all shows them)"
         yield from self._summary()

@@ -10,13 +10,13 @@ from typing import Generic, TypeVar
 
 from twin.api.robot import Progress, silent
 from twin.checking.baseline import read_baseline
+from twin.checking.check_finding import CheckFinding, numbered
 from twin.checking.check_result import FolderCheck
 from twin.checking.descriptions import DescriptionFile, FolderContent, walk
 from twin.checking.file_verdict import JudgedFile, JudgeJob, judged_stream
-from twin.checking.found import CheckFinding, numbered
+from twin.checking.pair_comparison import PairJob, compared_stream, pairs
 from twin.checking.places import repository_prefix
 from twin.checking.rules import LEVELS, Level
-from twin.checking.twins import PairJob, compared_stream, pairs
 from twin.core.errors import CodeRefusedError, TwinError
 from twin.core.foreign.consent import require_consent
 from twin.core.jobs import Stream
@@ -24,6 +24,9 @@ from twin.exchange.xacro import XacroSettings
 
 SECONDS = 120.0
 """Time in s that one file, or one pair of files, may take."""
+
+_SHARE_OF_FILES = 0.8
+"""Part of the progress that is that of single files; the rest is that of pairs."""
 
 _PAUSE = 0.005
 """Time in s between two looks at the processes."""
@@ -77,12 +80,16 @@ def check(
     if fail_on not in LEVELS:
         raise TwinError(f"fail_on '{fail_on}': use one of {', '.join(LEVELS)}")
     settings = xacro or XacroSettings()
-    known = set() if baseline is None else read_baseline(Path(baseline))
+    known: set[str] = set()
+    if baseline is not None:
+        known = read_baseline(Path(baseline))
     progress("search", 0.0)
     tree = walk(Path(folder), exclude, settings.packages)
-    judged, findings = _judge_all(tree, settings, jobs, seconds, progress)
-    chosen = pairs(judged) if compare else []
-    of_pairs = _compare_all(chosen, settings, jobs, seconds, progress)
+    judged, findings = _judge_all(tree, settings, jobs=jobs, seconds=seconds, progress=progress)
+    chosen = []
+    if compare:
+        chosen = pairs(judged)
+    of_pairs = _compare_all(chosen, settings, jobs=jobs, seconds=seconds, progress=progress)
     findings += of_pairs
     for name, reason in tree.unreadable.items():
         findings.append(CheckFinding("file/unjudged", name, "", f"cannot be read ({reason})"))
@@ -90,15 +97,28 @@ def check(
     for finding in numbered(findings):
         found.append(replace(finding, known=finding.fingerprint in known))
     forgotten = len(known - {finding.fingerprint for finding in found})
-    named = "" if baseline is None else str(baseline)
+    named = ""
+    if baseline is not None:
+        named = str(baseline)
     prefix = repository_prefix(Path(folder))
-    compared = len(chosen) - sum(finding.rule in ("compare/skipped", "file/unjudged") for finding in of_pairs)
-    return FolderCheck(str(folder), tuple(judged), tuple(found), compared, fail_on, named, forgotten, prefix)
+    not_compared = [finding for finding in of_pairs if finding.rule in ("compare/skipped", "file/unjudged")]
+    compared = len(chosen) - len(not_compared)
+    return FolderCheck(
+        str(folder),
+        judged=tuple(judged),
+        found=tuple(found),
+        compared=compared,
+        fail_on=fail_on,
+        baseline=named,
+        forgotten=forgotten,
+        prefix=prefix,
+    )
 
 
 def _judge_all(
     tree: FolderContent, settings: XacroSettings, jobs: int, seconds: float, progress: Progress
 ) -> tuple[list[JudgedFile], list[CheckFinding]]:
+    """Return the results of all files, by name, and their findings; `seconds` is the time of one file."""
     findings: list[CheckFinding] = []
     refused: dict[str, JudgedFile] = {}
     work: list[JudgeJob] = []
@@ -120,9 +140,8 @@ def _judge_all(
         return f"read {job.description.name}"
 
     results: dict[str, JudgedFile] = dict(refused)
-    share = 0.8
     for number, (job, answer) in enumerate(Workers(judged_stream, jobs, seconds).answers(work)):
-        progress(label(job), share * (number + 1) / len(work))
+        progress(label(job), _SHARE_OF_FILES * (number + 1) / len(work))
         if isinstance(answer, NoAnswer):
             answer = _unjudged(job.description, answer.reason)
         results[job.description.name] = answer
@@ -141,11 +160,12 @@ def _compare_all(
     seconds: float,
     progress: Progress,
 ) -> list[CheckFinding]:
+    """Return the findings on all chosen pairs; `seconds` is the time of one pair."""
     findings: list[CheckFinding] = []
     work = [PairJob(first, second, settings) for first, second in chosen]
     for number, (job, answer) in enumerate(Workers(compared_stream, jobs, seconds).answers(work)):
         name = job.second.description.name
-        progress(f"compare {name}", 0.8 + 0.2 * (number + 1) / len(work))
+        progress(f"compare {name}", _SHARE_OF_FILES + (1 - _SHARE_OF_FILES) * (number + 1) / len(work))
         if isinstance(answer, NoAnswer):
             subject = f"{job.first.description.name} and {name}"
             # `compare_two` answers a pair that cannot be compared: without an answer in time, the comparison crashed

@@ -10,20 +10,32 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from twin.checking.found import CheckFinding
+from twin.checking.check_finding import CheckFinding
 
 ElementPlace = Callable[[Element, str], tuple[str, int]]
 """(element, "joint/NAME/limit") to (file relative to the checked folder, line or 0)."""
 
 _MOVING = ("revolute", "continuous", "prismatic")
 
-_KEYS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+_MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
-_SLACK = 1e-6
+_FLAT_PLATE = 1e-6
 """Relative tolerance of the triangle inequality: the tensor of a flat plate is at the limit."""
 
-_NOTHING = 1e-14
+_ZERO_MOMENT = 1e-14
 """Moment in kg m2 up to which a tensor is zero: exporters print 1e-20 for zero; 1 mg with a size of 1 mm has 1e-13."""
+
+_DEGREE_STEP = 5.0
+"""Angles in degrees are usually multiples of this; an angle in rad hardly ever is."""
+
+_NOT_LIMITED = (100.0, 500.0)
+"""Limits in rad that authors write for a joint without limits."""
+
+_ROUNDING = 1e-9
+"""Difference in rad or m of a soft limit from a limit that is a rounding error."""
+
+_ABOVE_ZERO = -1e-300
+"""Efforts up to this are wrong; 0 is accepted."""
 
 _FULL_TURN = 6.5
 """Angle in rad from which one of an origin may be in degrees; slightly more than 2 pi."""
@@ -49,10 +61,10 @@ class Elements:
     sdf: bool
     place: ElementPlace
 
-    def found(self, rule: str, element: Element, path: str, subject: str, message: str) -> CheckFinding:
+    def finding(self, rule: str, element: Element, path: str, subject: str, message: str) -> CheckFinding:
         """Return a finding on an element."""
         file, line = self.place(element, path)
-        return CheckFinding(rule, file, subject, f"{subject}: {message}", line)
+        return CheckFinding(rule, file, subject, message=f"{subject}: {message}", line=line)
 
 
 def check_elements(elements: Elements) -> Iterator[CheckFinding]:
@@ -64,18 +76,18 @@ def check_elements(elements: Elements) -> Iterator[CheckFinding]:
             for joint in model.findall("joint"):
                 yield from _sdf_limits(elements, joint)
         return
-    yield from _names(elements)
+    yield from _unique_names(elements)
     for link in elements.root.findall("link"):
         yield from _inertia(elements, link)
-        yield from _origins(elements, link, "link")
+        yield from _origins_in_degrees(elements, link, "link")
     joints: dict[str, Element] = {}
     for joint in elements.root.findall("joint"):
         joints[joint.get("name", "")] = joint
     for joint in joints.values():
         yield from _urdf_limits(elements, joint)
-        yield from _origins(elements, joint, "joint")
-        yield from _axis(elements, joint)
-        yield from _mimic(elements, joint, joints)
+        yield from _origins_in_degrees(elements, joint, "joint")
+        yield from _nonzero_axis(elements, joint)
+        yield from _mimic_leader(elements, joint, joints)
 
 
 def number(text: str | None) -> float | None:
@@ -103,7 +115,8 @@ def rounding(text: str) -> float:
 # -- names and structure --------------------------------------------------------------------------
 
 
-def _names(elements: Elements) -> Iterator[CheckFinding]:
+def _unique_names(elements: Elements) -> Iterator[CheckFinding]:
+    """Yield findings on names of links and joints that are used twice, and on the tree that they form."""
     links: dict[str, Element] = {}
     for kind in ("link", "joint"):
         seen: set[str] = set()
@@ -112,14 +125,14 @@ def _names(elements: Elements) -> Iterator[CheckFinding]:
             if kind == "link":
                 links.setdefault(name, element)
             if name in seen:
-                yield elements.found(
+                yield elements.finding(
                     "names/duplicate", element, f"{kind}/{name}", f"{kind} '{name}'", "the name is used twice"
                 )
             seen.add(name)
-    yield from _tree(elements, links)
+    yield from _tree_structure(elements, links)
 
 
-def _tree(elements: Elements, links: dict[str, Element]) -> Iterator[CheckFinding]:
+def _tree_structure(elements: Elements, links: dict[str, Element]) -> Iterator[CheckFinding]:
     """Yield findings on unknown links, links with two parents, and several roots or cycles."""
     above: dict[str, str] = {}
     whole = True
@@ -135,7 +148,7 @@ def _tree(elements: Elements, links: dict[str, Element]) -> Iterator[CheckFindin
                 text = f"its {end} '{link}' does not exist"
                 if not link:
                     text = f"it has no {end}"
-                yield elements.found(
+                yield elements.finding(
                     "names/unknown",
                     joint if element is None else element,
                     f"joint/{name}/{end}",
@@ -146,7 +159,7 @@ def _tree(elements: Elements, links: dict[str, Element]) -> Iterator[CheckFindin
         if child in above:
             whole = False
             text = f"its child '{child}' is also the child of joint '{above[child]}'"
-            yield elements.found("names/tree", joint, f"joint/{name}", f"joint '{name}'", text)
+            yield elements.finding("names/tree", joint, f"joint/{name}", f"joint '{name}'", text)
         above.setdefault(child, name)
     roots = [link for link in links if link not in above]
     if links and whole and len(roots) != 1:
@@ -157,13 +170,14 @@ def _tree(elements: Elements, links: dict[str, Element]) -> Iterator[CheckFindin
         file, line = elements.place(elements.root, "")
         if roots:
             file, line = elements.place(links[roots[-1]], f"link/{roots[-1]}")
-        yield CheckFinding("names/tree", file, "the tree", text[0].upper() + text[1:], line)
+        yield CheckFinding("names/tree", file, "the tree", message=text[0].upper() + text[1:], line=line)
 
 
 # -- inertia --------------------------------------------------------------------------------------
 
 
 def _inertia(elements: Elements, link: Element) -> Iterator[CheckFinding]:
+    """Yield findings on mass and moments of a link that no body can have."""
     inertial = link.find("inertial")
     if inertial is None:
         return
@@ -174,51 +188,68 @@ def _inertia(elements: Elements, link: Element) -> Iterator[CheckFinding]:
     name = link.get("name", "")
     subject = f"link '{name}'"
     mass = number(mass_element.text if elements.sdf else mass_element.get("value"))
-    texts: list[str] = []
-    for key in _KEYS:
-        given = tensor.findtext(key) if elements.sdf else tensor.get(key)
-        default = "1" if elements.sdf and key in _KEYS[:3] else "0"
-        texts.append(given or default)
+    texts = _moment_texts(elements, tensor)
     values = [number(text) for text in texts]
     if mass is None or None in values:
         return  # the reader tells what is wrong
     xx, yy, zz, xy, xz, yz = (value or 0.0 for value in values)
     matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    none = bool(np.abs(matrix).max() < _NOTHING)
-    mass_path = f"link/{name}/inertial/mass"
+    is_zero = bool(np.abs(matrix).max() < _ZERO_MOMENT)
     path = f"link/{name}/inertial/inertia"
-    if mass < 0 or (mass == 0 and not none):
+    if mass < 0 or (mass == 0 and not is_zero):
         text = f"mass {mass:g} kg (must be above 0)"
         if mass == 0:
             text += ", although its moments are not zero"
-        yield elements.found("inertia/mass", mass_element, mass_path, subject, text)
-    elif none:
+        yield elements.finding("inertia/mass", mass_element, f"link/{name}/inertial/mass", subject, text)
+    elif is_zero:
         text = f"all moments are 0, with a mass of {mass:g} kg"
-        yield elements.found("inertia/zero", tensor, path, subject, text)
-    if none:
-        return
-    slack = sum(rounding(text) for text in texts[:3]) + 2.0 * sum(rounding(text) for text in texts[3:])
+        yield elements.finding("inertia/zero", tensor, path, subject, text)
+    if not is_zero:
+        yield from _principal_moments(elements, tensor, path, subject, matrix=matrix, texts=texts)
+
+
+def _moment_texts(elements: Elements, tensor: Element) -> list[str]:
+    """Return the six moments as they are printed, in the order of `_MOMENTS`, with the defaults of the format."""
+    texts: list[str] = []
+    for key in _MOMENTS:
+        given = tensor.findtext(key) if elements.sdf else tensor.get(key)
+        default = "0"
+        if elements.sdf and key in _MOMENTS[:3]:
+            default = "1"  # SDF: a moment about an axis that is not stated is 1 kg m2
+        texts.append(given or default)
+    return texts
+
+
+def _principal_moments(
+    elements: Elements, tensor: Element, path: str, subject: str, *, matrix: np.ndarray, texts: list[str]
+) -> Iterator[CheckFinding]:
+    """Yield findings on the principal moments of an inertia matrix (3, 3) in kg m2, printed as six `texts`."""
+    # by how much rounding can change a principal moment: each product stands at two places of the matrix
+    of_moments = sum(rounding(text) for text in texts[:3])
+    of_products = sum(rounding(text) for text in texts[3:])
+    slack = of_moments + 2.0 * of_products
     low, middle, high = (float(moment) for moment in np.linalg.eigvalsh(matrix))
     shown = f"principal moments {low:.4g}, {middle:.4g}, {high:.4g} kg m2"
-    if low < -_SLACK * high:
+    if low < -_FLAT_PLATE * high:
         rule = "inertia/positive"
         if low >= -slack and high > 0:
             rule = "inertia/rounded"
-        yield elements.found(rule, tensor, path, subject, f"{shown}: the smallest must be above 0")
-    elif low <= 0 and high <= (max(low, 0.0) + middle) * (1.0 + _SLACK):
-        yield elements.found("inertia/zero", tensor, path, subject, f"{shown}: the smallest is 0")
-    elif high > (low + middle) * (1.0 + _SLACK):
+        yield elements.finding(rule, tensor, path, subject, f"{shown}: the smallest must be above 0")
+    elif low <= 0 and high <= (max(low, 0.0) + middle) * (1.0 + _FLAT_PLATE):
+        yield elements.finding("inertia/zero", tensor, path, subject, f"{shown}: the smallest is 0")
+    elif high > (low + middle) * (1.0 + _FLAT_PLATE):
         rule = "inertia/triangle"
         if high - low - middle <= slack:
             rule = "inertia/rounded"
         text = f"{shown}: the largest must not exceed the sum of the others, {low + middle:.4g}"
-        yield elements.found(rule, tensor, path, subject, text)
+        yield elements.finding(rule, tensor, path, subject, text)
 
 
 # -- joints ---------------------------------------------------------------------------------------
 
 
 def _urdf_limits(elements: Elements, joint: Element) -> Iterator[CheckFinding]:
+    """Yield findings on the limits of a joint of a URDF: missing, not positive, in a wrong order or unit."""
     kind = joint.get("type", "")
     if kind not in _MOVING:
         return
@@ -228,26 +259,26 @@ def _urdf_limits(elements: Elements, joint: Element) -> Iterator[CheckFinding]:
     limit = joint.find("limit")
     if limit is None:
         if kind != "continuous":
-            yield elements.found("limits/missing", joint, f"joint/{name}", subject, f"a {kind} joint needs a <limit>")
+            yield elements.finding("limits/missing", joint, f"joint/{name}", subject, f"a {kind} joint needs a <limit>")
         return
     missing = [key for key in ("effort", "velocity") if limit.get(key) is None]
     if missing and kind != "continuous":
         text = f"<limit> has no {' and no '.join(missing)}"
-        yield elements.found("limits/missing", limit, path, subject, text)
-    for key, rule, least in (("velocity", "limits/velocity", 0.0), ("effort", "limits/effort", -1e-300)):
+        yield elements.finding("limits/missing", limit, path, subject, text)
+    for key, rule, least in (("velocity", "limits/velocity", 0.0), ("effort", "limits/effort", _ABOVE_ZERO)):
         value = number(limit.get(key))
         if value is not None and value <= least:
-            yield elements.found(rule, limit, path, subject, f"{key} {value:g} (must be above 0)")
+            yield elements.finding(rule, limit, path, subject, f"{key} {value:g} (must be above 0)")
     lower = number(limit.get("lower", "0"))
     upper = number(limit.get("upper", "0"))
     if kind == "continuous" or lower is None or upper is None:
         return
     stated = limit.get("lower") is not None or limit.get("upper") is not None
-    yield from _range(elements, limit, path, subject, kind, (lower, upper), stated)
-    yield from _soft(elements, joint, lower, upper)
+    yield from _limit_order(elements, limit, path, subject, kind, (lower, upper), stated)
+    yield from _soft_limits(elements, joint, lower, upper)
 
 
-def _range(
+def _limit_order(
     elements: Elements,
     limit: Element,
     path: str,
@@ -261,17 +292,17 @@ def _range(
     unit = "m" if kind == "prismatic" else "rad"
     shown = f"lower {lower:g} and upper {upper:g} {unit}"
     if lower > upper:
-        yield elements.found("limits/order", limit, path, subject, f"{shown}: lower must be below upper")
+        yield elements.finding("limits/order", limit, path, subject, f"{shown}: lower must be below upper")
     elif lower == upper:
         text = f"{shown}: the joint cannot move"
         if not stated:
             text = "lower and upper are not stated, so both are 0: the joint cannot move"
-        yield elements.found("limits/fixed", limit, path, subject, text)
+        yield elements.finding("limits/fixed", limit, path, subject, text)
     elif lower > 0 or upper < 0:
-        yield elements.found("limits/zero", limit, path, subject, f"{shown}: 0 is outside")
+        yield elements.finding("limits/zero", limit, path, subject, f"{shown}: 0 is outside")
     if kind == "revolute" and _in_degrees(lower, upper):
         text = f"{shown} are {upper - lower:g} rad, or {(upper - lower) / (2 * math.pi):.0f} turns"
-        yield elements.found("limits/degrees", limit, path, subject, text)
+        yield elements.finding("limits/degrees", limit, path, subject, text)
 
 
 def _in_degrees(lower: float, upper: float) -> bool:
@@ -279,12 +310,13 @@ def _in_degrees(lower: float, upper: float) -> bool:
     largest = max(abs(lower), abs(upper))
     if not _MANY_TURNS < largest <= _MOST_DEGREES:
         return False
-    if largest in (100.0, 500.0):  # what authors write for a joint without limits
+    if largest in _NOT_LIMITED:
         return False
-    return lower % 5.0 == 0.0 and upper % 5.0 == 0.0
+    return lower % _DEGREE_STEP == 0.0 and upper % _DEGREE_STEP == 0.0
 
 
-def _soft(elements: Elements, joint: Element, lower: float, upper: float) -> Iterator[CheckFinding]:
+def _soft_limits(elements: Elements, joint: Element, lower: float, upper: float) -> Iterator[CheckFinding]:
+    """Yield a finding if the soft limits of a joint are not inside its limits in rad or m."""
     safety = joint.find("safety_controller")
     if safety is None or lower >= upper:
         return
@@ -292,13 +324,14 @@ def _soft(elements: Elements, joint: Element, lower: float, upper: float) -> Ite
     high = number(safety.get("soft_upper_limit"))
     if low is None or high is None or low == high:  # both 0: not stated
         return
-    if low < lower - 1e-9 or high > upper + 1e-9:
+    if low < lower - _ROUNDING or high > upper + _ROUNDING:
         name = joint.get("name", "")
         text = f"soft limits {low:g} .. {high:g} are not inside the limits {lower:g} .. {upper:g}"
-        yield elements.found("limits/soft", safety, f"joint/{name}/safety_controller", f"joint '{name}'", text)
+        yield elements.finding("limits/soft", safety, f"joint/{name}/safety_controller", f"joint '{name}'", text)
 
 
 def _sdf_limits(elements: Elements, joint: Element) -> Iterator[CheckFinding]:
+    """Yield findings on the limits of the axes of a joint of a SDF."""
     kind = joint.get("type", "")
     name = joint.get("name", "")
     for axis in joint.findall("axis"):
@@ -311,32 +344,34 @@ def _sdf_limits(elements: Elements, joint: Element) -> Iterator[CheckFinding]:
             continue
         path = f"joint/{name}/axis/limit"
         if kind in ("revolute", "prismatic", "screw"):
-            yield from _range(elements, limit, path, f"joint '{name}'", kind, (lower, upper))
+            yield from _limit_order(elements, limit, path, f"joint '{name}'", kind, (lower, upper))
 
 
-def _origins(elements: Elements, element: Element, kind: str) -> Iterator[CheckFinding]:
+def _origins_in_degrees(elements: Elements, element: Element, kind: str) -> Iterator[CheckFinding]:
     """Yield findings on angles that look like degrees."""
     name = element.get("name", "")
     for origin in element.iter("origin"):
         angles = [number(text) for text in (origin.get("rpy") or "").split()]
         for angle in angles:
-            if angle is not None and abs(angle) > _FULL_TURN and angle % 5.0 == 0.0:
+            if angle is not None and abs(angle) > _FULL_TURN and angle % _DEGREE_STEP == 0.0:
                 text = f"rpy '{origin.get('rpy')}' has {angle:g} rad"
-                yield elements.found("origin/degrees", origin, f"{kind}/{name}/origin", f"{kind} '{name}'", text)
+                yield elements.finding("origin/degrees", origin, f"{kind}/{name}/origin", f"{kind} '{name}'", text)
                 break
 
 
-def _axis(elements: Elements, joint: Element) -> Iterator[CheckFinding]:
+def _nonzero_axis(elements: Elements, joint: Element) -> Iterator[CheckFinding]:
+    """Yield a finding if the axis of a moving joint is zero."""
     axis = joint.find("axis")
     if axis is None or joint.get("type") not in _MOVING:
         return
     values = [number(text) for text in (axis.get("xyz") or "").split()]
     if len(values) == 3 and None not in values and not any(values):
         name = joint.get("name", "")
-        yield elements.found("axis/zero", axis, f"joint/{name}/axis", f"joint '{name}'", "the axis is 0 0 0")
+        yield elements.finding("axis/zero", axis, f"joint/{name}/axis", f"joint '{name}'", "the axis is 0 0 0")
 
 
-def _mimic(elements: Elements, joint: Element, joints: dict[str, Element]) -> Iterator[CheckFinding]:
+def _mimic_leader(elements: Elements, joint: Element, joints: dict[str, Element]) -> Iterator[CheckFinding]:
+    """Yield a finding if a joint follows itself, or none of the `joints` of the file."""
     mimic = joint.find("mimic")
     if mimic is None:
         return
@@ -348,4 +383,4 @@ def _mimic(elements: Elements, joint: Element, joints: dict[str, Element]) -> It
         text = "it follows itself"
     else:
         return
-    yield elements.found("mimic/leader", mimic, f"joint/{name}/mimic", f"joint '{name}'", text)
+    yield elements.finding("mimic/leader", mimic, f"joint/{name}/mimic", f"joint '{name}'", text)

@@ -1,4 +1,4 @@
-"""All rules on one file."""
+"""All rules on one file: those on its elements, then those on the mechanism that the import and the audit read."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import Literal
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
+from twin.checking.check_finding import CheckFinding
 from twin.checking.descriptions import DescriptionFile, FolderContent, find_mesh
-from twin.checking.elements import Elements, check_elements
-from twin.checking.found import CheckFinding
+from twin.checking.elements import ElementPlace, Elements, check_elements
 from twin.checking.mechanisms import check_loops, check_masses, check_zero
 from twin.checking.places import element_lines, within
 from twin.core.errors import (
@@ -48,7 +48,7 @@ _ABSENT = re.compile(r"was not found|is not a file of type")
 _ELEMENT = re.compile(r"(joint|link|body) '[^']+'")
 """Beginning of the error of a reader that is about an element."""
 
-_GONE = re.compile(r"\bis missing[:;]")
+_MISSING_MESH = re.compile(r"\bis missing[:;]")
 """What the import of a MJCF says of a mesh that does not exist."""
 
 _WITHOUT_MESH = re.compile(r"because its mesh is missing")
@@ -59,7 +59,7 @@ _CRASH = re.compile(r"parser crashed|exceeded its limit|waited for")
 _FAULT = "disagreement"
 """Severity of the findings of an audit that are faults."""
 
-_OWN = re.compile(
+_OTHER_RULES = re.compile(
     r"mjcf\.(control|keyframe)|stage\.|"
     r"urdf\.(mesh|tree|duplicate_name|limits|driven)|physics\.(mass|inertia|moment|triangle)|"
     r"\w+\.(mesh|texture)|.*not_positive|.*drive_negative|.*triangle"
@@ -107,13 +107,14 @@ def judge(job: JudgeJob) -> JudgedFile:
 
 
 def _judge(job: JudgeJob) -> JudgedFile:
+    """Return the findings on one file, in which messages still have absolute paths."""
     description = job.description
     name = description.name
     try:
         if description.kind == "folder":
             return _robot_folder(job)
         if description.root:
-            return _text(job)
+            return _judged_markup(job)
         judged = _imported(job, ())
         if description.kind == "mjcf":
             judged = _mjcf_places(job, _unless_part(job, judged))
@@ -135,6 +136,7 @@ def judged_stream(job: JudgeJob) -> Iterator[JudgedFile]:
 
 
 def _unjudged(description: DescriptionFile, message: str) -> JudgedFile:
+    """Return the result of a file that could not be judged, with the reason."""
     text = _without_path(description, message)
     return JudgedFile(description, "unjudged", (CheckFinding("file/unjudged", description.name, "", text),))
 
@@ -152,7 +154,8 @@ def _without_path(description: DescriptionFile, message: str) -> str:
 # -- texts: URDF, xacro, SDF ----------------------------------------------------------------------
 
 
-def _text(job: JudgeJob) -> JudgedFile:
+def _judged_markup(job: JudgeJob) -> JudgedFile:
+    """Return the findings on a URDF, a xacro or a SDF, whose elements have rules with lines."""
     from twin.exchange.read.xml import Xml
 
     description = job.description
@@ -166,7 +169,7 @@ def _text(job: JudgeJob) -> JudgedFile:
         data = path.read_bytes() if expanded is None else expanded.data
         root = Xml(path, tag, None if expanded is None else data).root
     except SourceError as error:
-        return _refused(description, error)
+        return _refused_file(description, error)
     if expanded is not None and expanded.omitted:
         text = expanded.omitted[0]
         if len(expanded.omitted) > 1:
@@ -181,9 +184,9 @@ def _text(job: JudgeJob) -> JudgedFile:
             finding = CheckFinding("file/malformed", description.name, "", "the file has no <link>: it is empty")
             return JudgedFile(description, "judged", (finding,))
         return JudgedFile(description, "no robot")
-    elements = Elements(root, tag == "sdf", _placed(job, data, root, expanded))
+    elements = Elements(root, tag == "sdf", _place_function(job, data, root, expanded))
     findings = list(check_elements(elements))
-    findings += _meshes(job, elements)
+    findings += _missing_meshes(job, elements)
     if not joints:
         return JudgedFile(description, "judged", tuple(findings))
     judged = _imported(job, findings)
@@ -262,11 +265,12 @@ def _mjcf_places(job: JudgeJob, judged: JudgedFile) -> JudgedFile:
         root = parse_xml(job.description.path, data)
     except (ElementTree.ParseError, ValueError, LookupError, BudgetError):
         return judged
-    elements = Elements(root, False, _placed(job, data, root, None))
+    elements = Elements(root, False, _place_function(job, data, root, None))
     return replace(judged, findings=tuple(_with_places(judged.findings, elements)))
 
 
-def _refused(description: DescriptionFile, error: SourceError) -> JudgedFile:
+def _refused_file(description: DescriptionFile, error: SourceError) -> JudgedFile:
+    """Return the result of a file that a reader refuses: unjudged, incomplete, unsupported or malformed."""
     message = str(error)
     if _CRASH.search(message):
         return _unjudged(description, message)
@@ -275,19 +279,19 @@ def _refused(description: DescriptionFile, error: SourceError) -> JudgedFile:
         return JudgedFile(description, "incomplete", (CheckFinding("file/incomplete", description.name, "", text),))
     if isinstance(error, UnsupportedError):
         return JudgedFile(description, "unsupported", (CheckFinding("file/unsupported", description.name, "", text),))
-    finding = CheckFinding("file/malformed", description.name, "", text, _line_in(message))
+    finding = CheckFinding("file/malformed", description.name, "", message=text, line=_line_in(message))
     return JudgedFile(description, "judged", (finding,))
 
 
 def _line_in(message: str) -> int:
     """Return the line that a message names; 0 if it names none."""
-    found = re.search(r"\bline (\d+)|\.(?:xacro|urdf|sdf|xml):(\d+)", message)
-    if found is None:
+    line = re.search(r"\bline (\d+)|\.(?:xacro|urdf|sdf|xml):(\d+)", message)
+    if line is None:
         return 0
-    return int(found[1] or found[2])
+    return int(line[1] or line[2])
 
 
-def _placed(job: JudgeJob, data: bytes, root: Element, expanded: Expanded | None):
+def _place_function(job: JudgeJob, data: bytes, root: Element, expanded: Expanded | None) -> ElementPlace:
     """Return the function that tells where an element is: in the file, or in the xacro that made it."""
     name = job.description.name
     lines: dict[Element, int] = {}
@@ -300,9 +304,10 @@ def _placed(job: JudgeJob, data: bytes, root: Element, expanded: Expanded | None
             return name, lines.get(element, 0)
         parts = path.split("/")
         while parts:
-            found = expanded.places.get("/".join(parts))
-            if found is not None:
-                return _relative(found[0], folder, name), found[1]
+            place_in_xacro = expanded.places.get("/".join(parts))
+            if place_in_xacro is not None:
+                file, line = place_in_xacro
+                return _relative(file, folder, name), line
             parts.pop()
         return name, 0
 
@@ -310,13 +315,14 @@ def _placed(job: JudgeJob, data: bytes, root: Element, expanded: Expanded | None
 
 
 def _relative(file: str, folder: Path, name: str) -> str:
+    """Return a file relative to the checked folder; `name` if it is not inside."""
     try:
         return Path(file).resolve().relative_to(folder).as_posix()
     except ValueError:
         return name
 
 
-def _meshes(job: JudgeJob, elements: Elements) -> Iterator[CheckFinding]:
+def _missing_meshes(job: JudgeJob, elements: Elements) -> Iterator[CheckFinding]:
     """Yield the meshes that do not exist; those of packages that are not in the folder as one note."""
     path = job.description.path
     outside: dict[str, int] = {}
@@ -339,7 +345,7 @@ def _meshes(job: JudgeJob, elements: Elements) -> Iterator[CheckFinding]:
             text = f"mesh '{address}' does not exist"
             if found.similar:
                 text += f"; there is '{found.similar}'"
-            yield elements.found("mesh/missing", mesh, f"link/{name}", f"link '{name}'", text)
+            yield elements.finding("mesh/missing", mesh, f"link/{name}", f"link '{name}'", text)
     for package, count in outside.items():
         text = f"{count} meshes are in package '{package}', which is not in the folder"
         yield CheckFinding("mesh/outside", job.description.name, f"package '{package}'", text)
@@ -372,10 +378,11 @@ def _imported(job: JudgeJob, findings: list[CheckFinding] | tuple[()]) -> Judged
         collected += _of_audit(job)
     mechanism = imported.mechanism
     moving = tuple(sorted(joint.name for joint in mechanism.joints if joint.type in ("revolute", "prismatic")))
-    return JudgedFile(description, "judged", tuple(collected), mechanism.name, moving)
+    return JudgedFile(description, status="judged", findings=tuple(collected), robot=mechanism.name, joints=moving)
 
 
 def _not_imported(job: JudgeJob, findings: list[CheckFinding], error: TwinError) -> JudgedFile:
+    """Return the result of a file that the import refuses; `findings` are those of its elements."""
     description = job.description
     name = description.name
     message = str(error)
@@ -387,23 +394,23 @@ def _not_imported(job: JudgeJob, findings: list[CheckFinding], error: TwinError)
         status: Status = "judged" if findings else "no robot"
         return JudgedFile(description, status, tuple(findings))
     if isinstance(error, IncompleteError):
-        finding = CheckFinding("file/incomplete", name, "", text, _line_in(message))
+        finding = CheckFinding("file/incomplete", name, "", message=text, line=_line_in(message))
         return JudgedFile(description, "incomplete", (*findings, finding))
     if isinstance(error, UnsupportedError):
-        finding = CheckFinding("file/unsupported", name, "", text, _line_in(message))
+        finding = CheckFinding("file/unsupported", name, "", message=text, line=_line_in(message))
         return JudgedFile(description, "unsupported", (*findings, finding))
-    if not _told(text, findings):
+    if not _is_told(text, findings):
         element = _ELEMENT.match(text)
         subject = "" if element is None else element[0]
-        findings.append(CheckFinding("file/malformed", name, subject, text, _line_in(message)))
+        findings.append(CheckFinding("file/malformed", name, subject, message=text, line=_line_in(message)))
     return JudgedFile(description, "judged", tuple(findings))
 
 
-def _told(text: str, findings: Sequence[CheckFinding]) -> bool:
+def _is_told(text: str, findings: Sequence[CheckFinding]) -> bool:
     """Return whether a finding tells the fault for which a reader refuses the file with a text."""
     for finding in findings:
-        said = _REFUSALS.get(finding.rule)
-        if said is None or not re.search(said, text):
+        refusal = _REFUSALS.get(finding.rule)
+        if refusal is None or not re.search(refusal, text):
             continue
         if finding.rule == "names/tree" or finding.subject in text or "no <link>" in text:
             return True
@@ -411,6 +418,7 @@ def _told(text: str, findings: Sequence[CheckFinding]) -> bool:
 
 
 def _of_import(job: JudgeJob, imported: Imported) -> Iterator[CheckFinding]:
+    """Yield findings on inertias, meshes, loops, limits and masses of what was imported."""
     name = job.description.name
     missing: set[str] = set()
     printed = bool(job.description.root)  # the rules for elements have judged its inertias and limits
@@ -420,7 +428,9 @@ def _of_import(job: JudgeJob, imported: Imported) -> Iterator[CheckFinding]:
             if "principal moment 0 kg" in finding.message:
                 rule = "inertia/zero"
             yield CheckFinding(rule, name, f"link '{finding.where}'", finding.message)
-        if finding.code == "import.mesh" and _GONE.search(finding.message):  # told for each body: once is enough
+        if finding.code == "import.mesh" and _MISSING_MESH.search(
+            finding.message
+        ):  # told for each body: once is enough
             missing.add(finding.where)
         elif finding.code == "import.mesh" and not _ABSENT.search(finding.message):
             yield CheckFinding("mesh/unreadable", name, f"mesh '{finding.where}'", finding.message)
@@ -451,10 +461,10 @@ def _of_audit(job: JudgeJob) -> Iterator[CheckFinding]:
         raise
     except TwinError as error:
         text = f"the independent reader of an audit refuses the file: {_without_path(job.description, str(error))}"
-        yield CheckFinding("audit/fault", name, "", text, _line_in(str(error)))
+        yield CheckFinding("audit/fault", name, "", message=text, line=_line_in(str(error)))
         return
     for finding in report.findings:
-        if finding.severity == _FAULT and not _OWN.match(finding.code):
+        if finding.severity == _FAULT and not _OTHER_RULES.match(finding.code):
             subject = finding.where or finding.code
             yield CheckFinding("audit/fault", name, subject, f"{finding.message} [{finding.code}]")
 
@@ -471,8 +481,8 @@ def _robot_folder(job: JudgeJob) -> JudgedFile:
         raise
     except TwinError as error:
         text = _without_path(description, str(error))
-        finding = CheckFinding("file/malformed", description.name, "", text, _line_in(str(error)))
+        finding = CheckFinding("file/malformed", description.name, "", message=text, line=_line_in(str(error)))
         return JudgedFile(description, "judged", (finding,))
     moving = tuple(sorted(joint.name for joint in mechanism.joints if joint.type in ("revolute", "prismatic")))
     findings = tuple(check_zero(mechanism, description.name))
-    return JudgedFile(description, "judged", findings, robot.name, moving)
+    return JudgedFile(description, status="judged", findings=findings, robot=robot.name, joints=moving)

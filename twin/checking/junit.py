@@ -6,8 +6,8 @@ import re
 from collections.abc import Sequence
 from xml.etree import ElementTree
 
+from twin.checking.check_finding import CheckFinding, readable
 from twin.checking.file_verdict import JudgedFile
-from twin.checking.found import CheckFinding, readable
 from twin.checking.rules import LEVELS, Level
 
 _FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -62,7 +62,7 @@ def _add(case: ElementTree.Element, tag: str, findings: Sequence[CheckFinding]) 
     element = ElementTree.SubElement(case, tag, message=_clean(first.message), type=first.rule)
     lines: list[str] = []
     for finding in findings:
-        lines.append(f"{finding.place}: {finding.level}: {finding.message} [{finding.rule}] {finding.way}")
+        lines.append(f"{finding.place}: {finding.level}: {finding.message} [{finding.rule}] {finding.advice}")
     element.text = _clean("\n".join(lines))
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from twin.checking.found import CheckFinding
+from twin.checking.check_finding import CheckFinding
 from twin.core.quantity import mm
 from twin.exchange.read.source import Imported
 from twin.model.body import Body
@@ -26,6 +26,9 @@ _WIDE = 2.0
 
 _NARROW = 1e-3
 """Smallest radius of gyration in diagonals of the box; a solid cube has 0.24."""
+
+_THINNEST = 0.05
+"""Smallest edge of the box that counts, in diagonals: the shape of a sheet may have no thickness."""
 
 _DENSE = 23_000.0
 """Density in kg/m3 of the box of a link; that of osmium, the densest metal, is 22 590."""
@@ -73,7 +76,7 @@ def check_masses(mechanism: Mechanism, file: str) -> Iterator[CheckFinding]:
         if radius > _WIDE * diagonal or radius < _NARROW * diagonal:
             text = f"{subject}: the radius of gyration is {mm(radius)}, the size of its shape {mm(diagonal)}"
             yield CheckFinding("inertia/size", file, subject, text)
-        edges = np.maximum(high - low, 0.05 * diagonal)
+        edges = np.maximum(high - low, _THINNEST * diagonal)
         density = inertia.mass / float(np.prod(edges))
         if density > _DENSE and diagonal >= _LEAST_BODY:
             text = f"{subject}: {inertia.mass:g} kg in a box of {density:,.0f} kg/m3 (limit {_DENSE:,.0f})"

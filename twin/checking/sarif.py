@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from urllib.parse import quote_from_bytes
 
-from twin.checking.found import CheckFinding, readable
+from twin.checking.check_finding import CheckFinding, readable
 from twin.checking.rules import RULES
 from twin.core.json_types import JsonObject
 from twin.core.version import __version__
@@ -52,7 +52,7 @@ def _result(finding: CheckFinding, ids: Sequence[str], prefix: str) -> JsonObjec
         "ruleId": finding.rule,
         "ruleIndex": ids.index(finding.rule),
         "level": finding.level,
-        "message": {"text": _literal(f"{finding.message} {finding.way}")},
+        "message": {"text": _literal(f"{finding.message} {finding.advice}")},
         "locations": [
             {
                 "physicalLocation": {

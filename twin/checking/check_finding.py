@@ -47,7 +47,7 @@ class CheckFinding:
         return RULES[self.rule].level
 
     @property
-    def way(self) -> str:
+    def advice(self) -> str:
         """The way out."""
         return self.suggestion or RULES[self.rule].help
 
@@ -72,7 +72,7 @@ class CheckFinding:
         severity = _SEVERITY[self.level]
         if self.rule == "file/unjudged":
             severity = "error"
-        return Finding(f"check.{self.rule}", severity, self.message, where=self.place, suggestion=self.way)
+        return Finding(f"check.{self.rule}", severity, self.message, where=self.place, suggestion=self.advice)
 
     def as_dict(self) -> JsonObject:
         """Return the finding as plain data."""
@@ -83,7 +83,7 @@ class CheckFinding:
             "line": self.line or None,
             "subject": self.subject,
             "message": self.message,
-            "suggestion": self.way,
+            "suggestion": self.advice,
             "fingerprint": self.fingerprint,
             "known": self.known,
         }

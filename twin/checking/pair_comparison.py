@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePosixPath
 
+from twin.checking.check_finding import CheckFinding
 from twin.checking.file_verdict import JudgedFile
-from twin.checking.found import CheckFinding
 from twin.comparison.comparison_result import Comparison
 from twin.comparison.items import ComparedItem
 from twin.core.errors import TwinError
@@ -86,7 +86,12 @@ def _differences(result: Comparison, labels: tuple[str, str], subject: str) -> I
     for item in pair.differences:
         text = f"{item.text}, compared with {labels[0]}"
         yield CheckFinding(
-            "compare/kinematics", file, f"joint '{item.joint}'", text, _line(item, pair.second.label), _edit(item)
+            "compare/kinematics",
+            file,
+            f"joint '{item.joint}'",
+            message=text,
+            line=_line(item, pair.second.label),
+            suggestion=_edit(item),
         )
     if pair.mimic is not None and not pair.agrees:
         texts = [f"{pair.mimic.text()}, compared with {labels[0]}"]
