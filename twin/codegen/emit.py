@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import casadi as ca
 
@@ -67,6 +67,9 @@ _INTRINSIC = {
 }
 """Functions that LLVM provides for vectors."""
 
+_ARITHMETIC = (ca.OP_DIV, ca.OP_MUL, ca.OP_SQ, ca.OP_ADD, ca.OP_SUB, ca.OP_TWICE, ca.OP_NEG, ca.OP_INV, ca.OP_ASSIGN)
+"""Operations with an instruction of their own."""
+
 _TERMS = (ca.OP_ADD, ca.OP_SUB, ca.OP_NEG, ca.OP_TWICE, ca.OP_ASSIGN)
 """Operations that keep what they add: of a difference of equal terms remains 0."""
 
@@ -93,6 +96,10 @@ _COSINE = (
 
 _ROUND = 1.5 * 2.0**52
 """Constant c for rounding: the lowest bits of the double x + c contain the integer nearest to x."""
+
+_SMALLEST = 1e-300
+_LARGEST = 1e300
+"""Sizes of numbers between which a reciprocal neither overflows nor loses digits."""
 
 _AHEAD = 4
 """Number of vectors between the vector being computed and the vector that is prefetched from memory."""
@@ -125,6 +132,31 @@ class Stage:
     reciprocals: bool = False
 
 
+@dataclass
+class _Memory:
+    """What is known of the values of a function while its instructions are written.
+
+    Attributes:
+        radicands: instructions that add or subtract terms of what a square root is taken of.
+        reciprocals: see `Stage`.
+        names: {place in CasADi's work vector: LLVM name of its value}.
+        numbers: {name of a constant: its number}.
+        inverses: {name: name of its reciprocal}.
+        sines: {name of an angle: names of its sine and cosine}.
+        points: {name of an angle that is an arc tangent: names of its arguments (y, x)}.
+        products: {name of a product that a sum may take in: names of its factors}.
+    """
+
+    radicands: set[int]
+    reciprocals: bool
+    names: dict[int, str] = field(default_factory=dict)
+    numbers: dict[str, float] = field(default_factory=dict)
+    inverses: dict[str, str] = field(default_factory=dict)
+    sines: dict[str, tuple[str, str]] = field(default_factory=dict)
+    points: dict[str, tuple[str, str]] = field(default_factory=dict)
+    products: dict[str, tuple[str, str]] = field(default_factory=dict)
+
+
 class _Writer:
     """Writer of the lines of an LLVM function that operates on vectors of `width` lanes."""
 
@@ -144,9 +176,9 @@ class _Writer:
             self.suffix = "f64"
         self.lines: list[str] = []
         self.declared: set[str] = set()
-        self.sines = False
-        self.waiting: dict[str, int] = {}
-        self.loaded: dict[str, str] = {}
+        self.sines = False  # whether the function for sine and cosine is called
+        self.waiting: dict[str, int] = {}  # {input that is not loaded yet: number of its array}
+        self.loaded: dict[str, str] = {}  # {input: LLVM name of its loaded value}
         self._count = 0
 
     def constant(self, x: float) -> str:
@@ -158,11 +190,13 @@ class _Writer:
         return bits
 
     def integer(self, k: int) -> str:
+        """Return an integer as LLVM's constant."""
         if self.width > 1:
             return f"splat (i64 {k})"
         return str(k)
 
     def line(self, text: str) -> None:
+        """Write an instruction without result."""
         self.lines.append(f"  {text}")
 
     def put(self, text: str) -> str:
@@ -173,6 +207,7 @@ class _Writer:
         return name
 
     def intrinsic(self, name: str, *arguments: str) -> str:
+        """Write a call of a function that LLVM provides for vectors; return the LLVM name of its result."""
         function = f"{self.V} @llvm.{name}.{self.suffix}"
         types = ", ".join([self.V] * len(arguments))
         values = ", ".join(f"{self.V} {argument}" for argument in arguments)
@@ -180,15 +215,18 @@ class _Writer:
         return self.put(f"call {function}({values})")
 
     def library(self, name: str, *arguments: str) -> str:
+        """Write a call of a function of the C library; return the LLVM name of its result."""
         types = ", ".join(["double"] * len(arguments))
         values = ", ".join(f"double {argument}" for argument in arguments)
         self.declared.add(f"declare double @{name}({types}) nounwind memory(none)")
         return self.put(f"call double @{name}({values})")
 
     def choose(self, condition: str, a: str, b: str) -> str:
+        """Return the LLVM name of a where a condition is true, else of b."""
         return self.put(f"select {self.B} {condition}, {self.V} {a}, {self.V} {b}")
 
     def true(self, x: str) -> str:
+        """Return the LLVM name of the condition that a number is not 0."""
         return self.put(f"fcmp une {self.V} {x}, {self.constant(0.0)}")
 
     def value(self, name: str) -> str:
@@ -208,16 +246,8 @@ class _Writer:
         """
         if not function.is_a("SXFunction"):
             raise ValueError(f"function '{function.name()}' is not a CasADi function of scalars (SX)")
-        V = self.V
-        one = self.constant(1.0)
+        memory = _Memory(radicands=_radicands(function), reciprocals=reciprocals)
         zero = self.constant(0.0)
-        names: dict[int, str] = {}  # of the values in CasADi's work vector
-        numbers: dict[str, float] = {}  # of constants
-        inverses: dict[str, str] = {}
-        sines: dict[str, tuple[str, str]] = {}
-        points: dict[str, tuple[str, str]] = {}  # (y, x) of each angle that is an arc tangent
-        products: dict[str, tuple[str, str]] = {}  # factors of each product that a sum may take in
-        radicands = _radicands(function)
         results = [[zero] * function.numel_out(i) for i in range(function.n_out())]
         for k in range(function.n_instructions()):
             op = function.instruction_id(k)
@@ -225,64 +255,81 @@ class _Writer:
             targets = function.instruction_output(k)
             if op == ca.OP_OUTPUT:
                 output, entry = targets
-                results[output][entry] = names[sources[0]]
+                results[output][entry] = memory.names[sources[0]]
                 continue
             target = targets[0]
             if op == ca.OP_INPUT:
                 argument, entry = sources
-                names[target] = self.value(arguments[argument][entry])
+                memory.names[target] = self.value(arguments[argument][entry])
                 continue
             if op == ca.OP_CONST:
                 number = function.instruction_constant(k)
-                names[target] = self.constant(number)
-                numbers[names[target]] = number
+                memory.names[target] = self.constant(number)
+                memory.numbers[memory.names[target]] = number
                 continue
-            operands = [names[source] for source in sources]
-            a = operands[0]
-            b = operands[-1]  # of an operation with one operand, this operand
-            if self.exact and op in _LIBRARY:
-                result = self.library(_LIBRARY[op], *operands)
-            elif op == ca.OP_DIV and not self.exact and _invertible(numbers.get(b, 0.0)):
-                # Multiplication is ten times as fast as division; the rounding error is larger by half a unit.
-                result = self._product(a, self.constant(1 / numbers[b]), products)
-            elif op == ca.OP_DIV and reciprocals:
-                if b not in inverses:
-                    inverses[b] = self.put(f"fdiv {V} {one}, {b}")
-                result = self._product(a, inverses[b], products)
-            elif op == ca.OP_DIV:
-                result = self.put(f"fdiv {V} {a}, {b}")
-            elif op == ca.OP_MUL:
-                result = self._product(a, b, products)
-            elif op == ca.OP_SQ:
-                result = self._product(a, a, products)
-            elif op in (ca.OP_ADD, ca.OP_SUB):
-                taken = {} if k in radicands else products
-                result = self._sum(a, b, taken, minus=op == ca.OP_SUB)
-            elif op == ca.OP_TWICE:
-                result = self.put(f"fadd {V} {a}, {a}")
-            elif op == ca.OP_NEG:
-                result = self.put(f"fneg {V} {a}")
-            elif op == ca.OP_INV:
-                result = self.put(f"fdiv {V} {one}, {a}")
-            elif op == ca.OP_ASSIGN:
-                result = a
-            elif op in (ca.OP_SIN, ca.OP_COS):
-                if a not in sines:
-                    sines[a] = self._sine_of_point(*points[a]) if a in points else self._sine(a)
-                sine, cosine = sines[a]
-                result = sine if op == ca.OP_SIN else cosine
-            elif op in lowered():
-                ((result,),) = self.call(lowered()[op], [[operand] for operand in operands])
-                if op == ca.OP_ATAN2:
-                    points[result] = (a, b)
-            elif op in _INTRINSIC:
-                result = self.intrinsic(_INTRINSIC[op], *operands)
-            elif op in _LOGICAL:
-                result = self._logical(op, a, b)
-            else:
+            operands = [memory.names[source] for source in sources]
+            result = self._operation(op, k, operands, memory)
+            if result is None:
                 raise ValueError(f"function '{function.name()}': CasADi's operation {op} cannot be compiled")
-            names[target] = result
+            memory.names[target] = result
         return results
+
+    def _operation(self, op: int, k: int, operands: Sequence[str], memory: _Memory) -> str | None:
+        """Return the LLVM name of the result of instruction k, an operation; None if it cannot be compiled."""
+        if self.exact and op in _LIBRARY:
+            return self.library(_LIBRARY[op], *operands)
+        a = operands[0]
+        b = operands[-1]  # of an operation with one operand, this operand
+        if op in _ARITHMETIC:
+            return self._arithmetic(op, k, a, b, memory)
+        if op in (ca.OP_SIN, ca.OP_COS):
+            if a not in memory.sines:
+                memory.sines[a] = self._sine_of_point(*memory.points[a]) if a in memory.points else self._sine(a)
+            sine, cosine = memory.sines[a]
+            return sine if op == ca.OP_SIN else cosine
+        if op in lowered():
+            ((result,),) = self.call(lowered()[op], [[operand] for operand in operands])
+            if op == ca.OP_ATAN2:
+                memory.points[result] = (a, b)
+            return result
+        if op in _INTRINSIC:
+            return self.intrinsic(_INTRINSIC[op], *operands)
+        if op in _LOGICAL:
+            return self._logical(op, a, b)
+        return None
+
+    def _arithmetic(self, op: int, k: int, a: str, b: str, memory: _Memory) -> str:
+        """Return the LLVM name of the result of one of the operations `_ARITHMETIC`; of one operand, `b` is `a`."""
+        V = self.V
+        if op == ca.OP_DIV:
+            return self._quotient(a, b, memory)
+        if op == ca.OP_MUL:
+            return self._product(a, b, memory.products)
+        if op == ca.OP_SQ:
+            return self._product(a, a, memory.products)
+        if op in (ca.OP_ADD, ca.OP_SUB):
+            products = {} if k in memory.radicands else memory.products
+            return self._sum(a, b, products, minus=op == ca.OP_SUB)
+        if op == ca.OP_TWICE:
+            return self.put(f"fadd {V} {a}, {a}")
+        if op == ca.OP_NEG:
+            return self.put(f"fneg {V} {a}")
+        if op == ca.OP_INV:
+            return self.put(f"fdiv {V} {self.constant(1.0)}, {a}")
+        return a  # OP_ASSIGN
+
+    def _quotient(self, a: str, b: str, memory: _Memory) -> str:
+        """Return the LLVM name of a / b, where it may be a product with the reciprocal of b."""
+        V = self.V
+        number = memory.numbers.get(b, 0.0)
+        if not self.exact and _invertible(number):
+            # Multiplication is ten times as fast as division; the rounding error is larger by half a unit.
+            return self._product(a, self.constant(1 / number), memory.products)
+        if not memory.reciprocals:
+            return self.put(f"fdiv {V} {a}, {b}")
+        if b not in memory.inverses:
+            memory.inverses[b] = self.put(f"fdiv {V} {self.constant(1.0)}, {b}")
+        return self._product(a, memory.inverses[b], memory.products)
 
     def _logical(self, op: int, a: str, b: str) -> str:
         """Return the LLVM name of the result of one of the operations `_LOGICAL`; of one operand, `b` is `a`."""
@@ -452,7 +499,7 @@ def emit(
     w = _Writer(width, exact)
     V = w.V
     head: list[str] = []
-    known: dict[str, list[str]] = {}
+    known: dict[str, list[str]] = {}  # {argument or result: LLVM names of its numbers}
     carried_names = []
     for name, count in carried.items():
         known[name] = [f"%c.{name}.{i}" for i in range(count)]
@@ -546,7 +593,7 @@ def _store(w: _Writer, names: Sequence[str], head: list[str]) -> None:
 
 def _invertible(x: float) -> bool:
     """Return whether multiplication by 1 / x equals division by x, except for rounding."""
-    return x != 0 and 1e-300 < abs(x) < 1e300
+    return _SMALLEST < abs(x) < _LARGEST
 
 
 def _prefetch(w: _Writer, inputs: Sequence[str], outputs: Sequence[str]) -> None:

@@ -48,6 +48,7 @@ How many calls will follow is not known: with this rule, a GPU that is faster co
 
 @cache
 def _pool() -> ThreadPoolExecutor:
+    """Return the threads that all kernels share."""
     return ThreadPoolExecutor(usable(), "twin-kernel")
 
 
@@ -134,7 +135,11 @@ class Kernel:
         else:
             results = tuple(out)
             self._check_out(results, k)
-        if self._on_gpu(k, lambda card, kernel: kernel.columns(card, given, results, 0, k)):
+
+        def compute(card: Gpu, kernel: GpuKernel) -> None:
+            kernel.columns(card, given, results, 0, k)
+
+        if self._on_gpu(k, compute):
             return results
         whole = k - k % self._width
         self._run(given, results, 0, whole, carry, threads)
@@ -231,7 +236,12 @@ class Kernel:
         if Z.shape != (k, count):
             raise ValueError(f"samples have shape {Z.shape}, not {(k, count)}")
         result = np.zeros((k, size))
-        if self._on_gpu(k, lambda card, kernel: kernel.rows(card, Z, result, 0, k)):
+        first = 0  # sample from which a GPU is to compute
+
+        def compute(card: Gpu, kernel: GpuKernel) -> None:
+            kernel.rows(card, Z, result, first, k)
+
+        if self._on_gpu(k, compute):
             return result
         begins = deque(range(0, k, _BLOCK))
 
@@ -253,8 +263,8 @@ class Kernel:
         start = time.perf_counter()
         work(1)
         seconds = (time.perf_counter() - start) * len(begins)
-        rest = begins[0] if begins else k
-        if self._on_gpu(k - rest, lambda card, kernel: kernel.rows(card, Z, result, rest, k), seconds / usable()):
+        first = begins[0] if begins else k
+        if self._on_gpu(k - first, compute, seconds / usable()):
             return result
         _share(work, len(begins), seconds)
         return result
@@ -316,6 +326,7 @@ class Kernel:
         carry: Array | None,
         threads: int | None,
     ) -> None:
+        """Process the samples `begin` to `end` - 1, a multiple of the width; arguments as in `__call__`."""
         if end <= begin:
             return
         ins = _pointers(given)
@@ -338,9 +349,11 @@ class Kernel:
         seconds = (time.perf_counter() - start) * len(chunks)
         workers = min(threads or usable(), usable())
         rest = begin + size
-        if self._on_gpu(
-            end - rest, lambda card, kernel: kernel.columns(card, given, results, rest, end), seconds / workers
-        ):
+
+        def compute(card: Gpu, kernel: GpuKernel) -> None:
+            kernel.columns(card, given, results, rest, end)
+
+        if self._on_gpu(end - rest, compute, seconds / workers):
             return
 
         # ctypes releases Python's lock, so that threads run in parallel. After a Ctrl-C in this thread, other
