@@ -83,7 +83,7 @@ class RobotFiles:
 
     def protocols(self) -> dict[str, Path]:
         """Return the paths of the protocol files, by protocol name."""
-        return {p.stem: p for p in sorted(self.trajectories.glob("*.toml"))}
+        return {path.stem: path for path in sorted(self.trajectories.glob("*.toml"))}
 
     def protocol(self, name: str) -> Path:
         """Return the file of one protocol; `name` is FOLDER/NAME for a file in a subfolder of `trajectories`.
@@ -117,7 +117,7 @@ def equations(files: RobotFiles | None, name: str) -> Path:
 
 def scenes() -> list[str]:
     """Return the names of the built-in scenes: every cad/<name>/scene.toml."""
-    return sorted(p.parent.name for p in data_folder().glob("cad/*/scene.toml"))
+    return sorted(path.parent.name for path in data_folder().glob("cad/*/scene.toml"))
 
 
 def scene_file(scene: str | Path) -> Path | None:
@@ -141,7 +141,11 @@ def studies(name: str) -> list[Path]:
 
 def names() -> list[str]:
     """Return the names of the built-in robots: every cad/<name>/<name>.toml."""
-    return sorted(p.parent.name for p in data_folder().glob("cad/*/*.toml") if p.stem == p.parent.name)
+    robots = []
+    for path in data_folder().glob("cad/*/*.toml"):
+        if path.stem == path.parent.name:
+            robots.append(path.stem)
+    return sorted(robots)
 
 
 def files(robot: str | Path) -> RobotFiles:
@@ -152,9 +156,15 @@ def files(robot: str | Path) -> RobotFiles:
     """
     folder = Path(robot)
     if str(robot) in names():
-        root, name = data_folder(), str(robot)
-        places = root / "cad" / name, root / "usd" / name, root / "trajectories" / name
-        robot_files = RobotFiles(name, *places, _PACKAGE / "robots" / f"{name}.py")
+        root = data_folder()
+        name = str(robot)
+        robot_files = RobotFiles(
+            name=name,
+            cad=root / "cad" / name,
+            usd=root / "usd" / name,
+            trajectories=root / "trajectories" / name,
+            formula=_PACKAGE / "robots" / f"{name}.py",
+        )
     elif folder.is_dir():
         folder = folder.resolve()
         descriptions = _descriptions(folder)
@@ -164,11 +174,17 @@ def files(robot: str | Path) -> RobotFiles:
                 f"{[p.name for p in descriptions] or 'none'}. A robot folder contains cad/<name>.toml, "
                 "trajectories/ and formula.py."
             )
-        places = folder / "cad", folder / "usd", folder / "trajectories"
-        robot_files = RobotFiles(descriptions[0].stem, *places, folder / "formula.py")
+        robot_files = RobotFiles(
+            name=descriptions[0].stem,
+            cad=folder / "cad",
+            usd=folder / "usd",
+            trajectories=folder / "trajectories",
+            formula=folder / "formula.py",
+        )
     else:
         raise TwinError(f"{unknown('robot', str(robot), names())} The path of a robot folder is also accepted.")
-    for place in places:
+    # writes of killed processes may have left files half replaced
+    for place in (robot_files.cad, robot_files.usd, robot_files.trajectories):
         settle(place)
     return robot_files
 

@@ -45,6 +45,15 @@ class _Lost(Exception):  # noqa: N818 - not used outside this file
 
 
 class _Scanner:
+    """A scan of a text from its begin to its end.
+
+    Attributes:
+        text: the text.
+        i: index of the character that is read next.
+        lines: the lines found so far, see `key_lines`.
+        ends: indices of the ends of lines.
+    """
+
     _SPACE = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
     _NAME = re.compile(r"""\s*("(?:\\.|[^"\\])*"|'[^']*'|[A-Za-z0-9_-]+)\s*""")
     _TEXT = re.compile(r'''"""(?:\\.|[^\\])*?"{3,5}|\'{3}.*?\'{3,5}|"(?:\\.|[^"\\])*"|'[^']*\'''', re.DOTALL)
@@ -54,7 +63,7 @@ class _Scanner:
         self.text = text
         self.i = 0
         self.lines: dict[Keys, int] = {}
-        self.ends = [found.start() for found in re.finditer("\n", text)]
+        self.ends = [newline.start() for newline in re.finditer("\n", text)]
         self.sizes: dict[Keys, int] = {}  # number of elements found in each [[list of tables]]
         table: Keys = ()
         with contextlib.suppress(_Lost):
@@ -65,19 +74,23 @@ class _Scanner:
                     self.pair(table)
 
     def skip(self) -> int:
+        """Skip spaces and comments; return the index behind them."""
         self.i = self.match(self._SPACE).end()
         return self.i
 
     def match(self, pattern: re.Pattern[str]) -> re.Match[str]:
+        """Return the match of a pattern at the present place."""
         match = pattern.match(self.text, self.i)
         if match is None:  # cannot happen for valid TOML; the positions found so far are used
             raise _Lost
         return match
 
     def note(self, keys: Keys) -> None:
+        """Take the present line for some keys, if they have none yet."""
         self.lines.setdefault(keys, bisect.bisect_left(self.ends, self.i) + 1)
 
     def name(self) -> Keys:
+        """Read the keys of a name with dots."""
         names: list[Key] = []
         while True:
             match = self.match(self._NAME)
@@ -93,6 +106,7 @@ class _Scanner:
             self.i += 1
 
     def header(self) -> Keys:
+        """Read the header of a table or of an element of a list of tables; return its keys."""
         start = self.i
         is_list = self.text.startswith("[[", start)
         brackets = 2 if is_list else 1
@@ -113,6 +127,7 @@ class _Scanner:
         return table
 
     def pair(self, table: Keys) -> None:
+        """Read a key of a table, and its value."""
         start = self.i
         names = self.name()
         end = self.i
@@ -123,6 +138,7 @@ class _Scanner:
         self.value((*table, *names))
 
     def value(self, keys: Keys) -> None:
+        """Read a value, and those inside it."""
         self.skip()
         opening = self.text[self.i : self.i + 1]
         if opening in ("[", "{"):

@@ -20,6 +20,9 @@ UNITS = (
 )
 """Suffixes of key names that are units."""
 
+_SIMILAR = 0.7
+"""Smallest similarity, of 1, of an unknown key and the known key that may be meant."""
+
 _SHOWN = 60
 """Maximum length in characters of a value in a message; longer values are cut."""
 
@@ -53,12 +56,12 @@ def first_mistake(error: ValidationError) -> tuple[str, str]:
 def explain(error: ValidationError, data: JsonObject, lines: dict[Keys, int], model: type[BaseModel], name: str) -> str:
     """Return the message of a validation error: one line for each mistake, in the order of the file."""
     schema = _schema(model)
-    found: dict[Keys, tuple[int, str]] = {}
+    mistakes: dict[Keys, tuple[int, str]] = {}  # line and text
     kinds: dict[Keys, str] = {}
     replaced: set[Keys] = set()  # missing keys that a misspelt key explains
     for item in error.errors(include_url=False):
         keys, value = _raw_keys(item, data)
-        if keys in found:
+        if keys in mistakes:
             continue  # the same keys in another branch of a union; the message of the first branch covers all branches
         if item["type"] == "extra_forbidden":
             text, meant = _unknown_key(keys, _nodes(schema, data, keys[:-1]))
@@ -67,14 +70,14 @@ def explain(error: ValidationError, data: JsonObject, lines: dict[Keys, int], mo
         else:
             text = _problem(item, keys, value, _nodes(schema, data, keys))
         kinds[keys] = item["type"]
-        found[keys] = (nearest_line(lines, keys), f"{spell(keys)}{_shown(item, value)}: {text}")
-    for keys in list(found):  # the deepest matching branch of a union explains the error best
+        mistakes[keys] = (nearest_line(lines, keys), f"{spell(keys)}{_shown(item, value)}: {text}")
+    for keys in mistakes:  # the deepest matching branch of a union explains the error best
         for depth in range(len(keys)):
             if kinds.get(keys[:depth]) in _KINDS:
                 replaced.add(keys[:depth])
-    rows = [row for keys, row in found.items() if keys not in replaced]
-    rows.sort(key=lambda row: row[0])  # by line; several mistakes of a line keep their order
-    messages = [f"{name}:{line}: {text}" for line, text in rows]
+    remaining = [mistake for keys, mistake in mistakes.items() if keys not in replaced]
+    remaining.sort(key=lambda mistake: mistake[0])  # by line; several mistakes of a line keep their order
+    messages = [f"{name}:{line}: {text}" for line, text in remaining]
     return "\n".join(messages)
 
 
@@ -101,6 +104,7 @@ def _raw_keys(item: ErrorDetails, data: object) -> tuple[Keys, object]:
 
 
 def _inside(value: object, key: Key) -> bool:
+    """Return whether a table has a key, or a list an index."""
     if isinstance(value, list):
         return isinstance(key, int) and key < len(value)
     return isinstance(value, dict) and key in value
@@ -116,6 +120,7 @@ def _step(value: object, key: Key) -> object:
 
 
 def _shown(item: ErrorDetails, value: object) -> str:
+    """Return " = " and a value as the file states it; "" where the message needs none."""
     if item["type"] in ("missing", "extra_forbidden") or isinstance(value, dict) or value is None:
         return ""
     text = json.dumps(value, ensure_ascii=False)
@@ -153,7 +158,7 @@ def _unknown_key(keys: Keys, nodes: list[JsonObject]) -> tuple[str, str | None]:
         return f"the unit is {units} here: write {choices}", with_other_unit[0]
     hint = ""
     similar = None
-    close = get_close_matches(key, known, n=1, cutoff=0.7)
+    close = get_close_matches(key, known, n=1, cutoff=_SIMILAR)
     if close:
         similar = close[0]
         hint = f"; did you mean {similar}?"
@@ -169,9 +174,13 @@ def _unit_of(name: str) -> str | None:
     return None
 
 
+_SIGNS = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
+"""{key of JSON Schema: sign of the bound}."""
+
 _KINDS = {"float_type": "a number", "int_type": "a whole number", "string_type": "text in quotes"}
 _KINDS |= {"bool_type": "true or false", "tuple_type": "a list", "list_type": "a list", "dict_type": "a table"}
 _KINDS |= {"model_type": "a table", "model_attributes_type": "a table", "int_from_float": "a whole number"}
+"""{type of an error of pydantic: what is expected}."""
 
 
 def _problem(item: ErrorDetails, keys: Keys, value: object, nodes: list[JsonObject]) -> str:
@@ -191,17 +200,15 @@ def _problem(item: ErrorDetails, keys: Keys, value: object, nodes: list[JsonObje
         return f"this key is missing; its value must be {one_of}{allowed}"
     if kind == "union_tag_not_found":
         tag = context["discriminator"].strip("'")
-        tags: list[str] = []
+        known = []
         for node in nodes:
-            tags += _choices(node.get("properties", {}).get(tag, {}))
-        choices = ", ".join(tags)
-        return f"the key {tag} is missing; its value must be one of {choices}"
+            known += _choices(node.get("properties", {}).get(tag, {}))
+        return f"the key {tag} is missing; its value must be one of {', '.join(known)}"
     if kind == "union_tag_invalid":
         tag = context["discriminator"].strip("'")
-        found = context["tag"]
+        stated = context["tag"]
         known = re.findall(r"'([^']*)'", context["expected_tags"])
-        choices = ", ".join(known)
-        return f"unknown {tag} '{found}'{_close(found, known)}; allowed: {choices}"
+        return f"unknown {tag} '{stated}'{_close(stated, known)}; allowed: {', '.join(known)}"
     if kind in ("literal_error", "enum"):
         known = []
         for node in nodes:
@@ -227,6 +234,7 @@ def _problem(item: ErrorDetails, keys: Keys, value: object, nodes: list[JsonObje
 
 
 def _close(value: object, known: list[str]) -> str:
+    """Return a question for the known text that is most like a value; "" if none is like it."""
     close = get_close_matches(str(value).lower(), known, n=1)
     if not close:
         return ""
@@ -234,11 +242,13 @@ def _close(value: object, known: list[str]) -> str:
 
 
 def _kind_of(value: object) -> str:
+    """Return what a value of a file is, as in `_KINDS`."""
     names = {bool: "true or false", str: "text", list: "a list", dict: "a table"}
     return names.get(type(value), "a number")
 
 
 def _as_number(value: object, kind: str) -> str:
+    """Return how to write a text as a number; "" if no number is expected."""
     if isinstance(value, str) and kind in ("float_type", "int_type"):
         try:
             return f"; write {float(value):g} without quotes"
@@ -295,6 +305,7 @@ def _child(node: JsonObject, key: Key) -> object:
 
 
 def _allowed(nodes: list[JsonObject]) -> str:
+    """Return the values that JSON Schema nodes allow, as text; "" if they restrict nothing."""
     texts: list[str] = []
     for node in nodes:
         text = _allowed_one(node)
@@ -304,20 +315,21 @@ def _allowed(nodes: list[JsonObject]) -> str:
 
 
 def _choices(node: JsonObject) -> list[str]:
+    """Return the values that a JSON Schema node lists; [] if it lists none."""
     values = node.get("enum", [node.get("const")])
     return [str(value) for value in values if value is not None]
 
 
 def _allowed_one(node: JsonObject) -> str:
+    """Return the values that one JSON Schema node allows, as text."""
     choices = _choices(node)
     if choices:
         return ", ".join(choices)
     kind = node.get("type")
     if kind in ("number", "integer"):
         text = "a number" if kind == "number" else "a whole number"
-        signs = {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
         bounds = []
-        for key, sign in signs.items():
+        for key, sign in _SIGNS.items():
             if key in node:
                 bounds.append(f"{sign} {node[key]:g}")
         if bounds:

@@ -13,6 +13,14 @@ from twin.core.foreign.text import parse_json
 from twin.core.json_types import JsonObject
 
 _WIDTH = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+"""{type of an accessor: count of numbers in an element}."""
+
+_HEAD = 20
+_LENGTH_AT = 12
+"""Size in bytes of the headers of a .glb file and of its first chunk, and place of the length of this chunk."""
+
+_MOST = 1e18
+"""Count from which a number is no count: larger ones would not fit into 64 bits."""
 
 
 def check_gltf(path: Path) -> None:
@@ -30,17 +38,15 @@ def check_gltf(path: Path) -> None:
     if not isinstance(data, dict):
         return
     _check_buffers(path, data)
-    views = [_whole(view.get("byteLength")) for view in _objects(data, "bufferViews")]
-    sizes = [_numbers(accessor, views) for accessor in _objects(data, "accessors")]
+    view_bytes = [_whole(view.get("byteLength")) for view in _objects(data, "bufferViews")]
+    sizes = [_numbers(accessor, view_bytes) for accessor in _objects(data, "accessors")]
     limit = BUDGETS["GLTF"].numbers
     if sum(sizes) > limit:
         over(path, "GLTF", "numbers in the accessors", sum(sizes), limit)
     weights: list[int] = []
     for mesh in _objects(data, "meshes"):
-        weight = 0
-        for primitive in _objects(mesh, "primitives"):
-            weight += _used(primitive, sizes)
-        weights.append(weight)
+        counts = [_used(primitive, sizes) for primitive in _objects(mesh, "primitives")]
+        weights.append(sum(counts))
     _check_nodes(path, _objects(data, "nodes"), weights)
 
 
@@ -95,21 +101,22 @@ def _valid(indices: list[Any], count: int) -> list[int]:
 
 
 def _json_of(path: Path) -> bytes:
+    """Return the JSON of a file: the whole .gltf, or the first chunk of a .glb."""
     with path.open("rb") as file:
-        head = file.read(20)
+        head = file.read(_HEAD)
         if head[:4] != b"glTF":
             return head + file.read()
-        if len(head) < 20:
+        if len(head) < _HEAD:
             return b""
-        (length,) = struct.unpack_from("<I", head, 12)
+        (length,) = struct.unpack_from("<I", head, _LENGTH_AT)
         return file.read(length)
 
 
-def _numbers(accessor: JsonObject, views: list[int]) -> int:
+def _numbers(accessor: JsonObject, view_bytes: list[int]) -> int:
     """Return the count of numbers in an accessor, but at most one per byte of its buffer view (readers reject more)."""
     size = _whole(accessor.get("count")) * _WIDTH.get(str(accessor.get("type")), 1)
-    for view in _valid([accessor.get("bufferView")], len(views)):
-        size = min(size, views[view])
+    for view in _valid([accessor.get("bufferView")], len(view_bytes)):
+        size = min(size, view_bytes[view])
     return size
 
 
@@ -123,10 +130,15 @@ def _used(primitive: JsonObject, sizes: list[int]) -> int:
 
 
 def _objects(data: JsonObject, key: str) -> list[JsonObject]:
-    return [value if isinstance(value, dict) else {} for value in _list(data, key)]
+    """Return the objects in a list of JSON, {} for other values; [] if there is no list."""
+    objects: list[JsonObject] = []
+    for value in _list(data, key):
+        objects.append(value if isinstance(value, dict) else {})
+    return objects
 
 
 def _list(data: JsonObject, key: str) -> list[Any]:
+    """Return a list of JSON; [] if there is none."""
     value = data.get(key)
     if isinstance(value, list):
         return value
@@ -135,6 +147,6 @@ def _list(data: JsonObject, key: str) -> list[Any]:
 
 def _whole(value: Any) -> int:
     """Return a count in JSON as an integer; 0 for anything else."""
-    if isinstance(value, int | float) and 0 < value < 1e18:
+    if isinstance(value, int | float) and 0 < value < _MOST:
         return int(value)
     return 0

@@ -11,7 +11,8 @@ import math
 import os
 import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -44,6 +45,15 @@ _LEVELS = 4
 _FOLDERS = 5000
 """Maximum number of folders that are searched for packages."""
 
+_ABOVE = 6
+"""Number of folders above a file in which its package.xml is searched."""
+
+_HEAD = 20_000
+"""Number of bytes of a package.xml in which its name is searched."""
+
+_SHOWN = 80
+"""Number of characters of a value that a message shows."""
+
 _NUMBERS = {
     *("xyz", "rpy", "lower", "upper", "effort", "velocity", "mass", "size", "radius", "length", "scale"),
     *("multiplier", "offset", "ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
@@ -54,7 +64,7 @@ _NO_ARGUMENT = "Undefined substitution argument"
 """Beginning of what xacro says of an argument without a value."""
 
 _NOT_FINITE = re.compile(r"(?i)(?<![\w.])[+-]?(nan|inf(inity)?)(?![\w.])")
-
+"""A number that is not finite, as a word of its own."""
 
 _CONSTANTS = {
     **{"m_pi": math.pi, "M_PI": math.pi, "PI": math.pi},
@@ -91,7 +101,7 @@ class _Packages:
             for folder in os.environ.get(variable, "").split(os.pathsep):
                 if folder:
                     self._places.append(Path(folder) / below)
-        self._found: dict[str, Path] | None = None
+        self._by_name: dict[str, Path] | None = None  # None: the folders have not been searched yet
 
     def find(self, name: str) -> str:
         """Return the folder of a package.
@@ -107,32 +117,51 @@ class _Packages:
                 return str(place.resolve())
             if (place / name).is_dir():
                 return str((place / name).resolve())
-        if self._found is None:
-            self._found = self._searched()
-        if name not in self._found:
+        if self._by_name is None:
+            self._by_name = self._searched()
+        if name not in self._by_name:
             raise _PackageMissingError(name)
-        return str(self._found[name])
+        return str(self._by_name[name])
 
     def _searched(self) -> dict[str, Path]:
-        folders: dict[str, Path] = {}
-        left = _FOLDERS
+        """Return {name: folder} of the packages in all folders, of several with one name the first."""
+        search = _PackageSearch()
+        for place in self._places:
+            search.below(place, _LEVELS)
         # the folders around the file are only searched one level deep: they may be the user's whole disk
-        for place, levels in [(p, _LEVELS) for p in self._places] + [(p, 1) for p in self._neighbours]:
-            waiting = [(place, 0)]
-            while waiting and left:
-                left -= 1
-                folder, level = waiting.pop(0)
-                name = _package_name(folder)
-                if name:
-                    folders.setdefault(name, folder.resolve())
-                elif level < levels:
-                    waiting += [(inner, level + 1) for inner in _folders(folder)]
-        return folders
+        for place in self._neighbours:
+            search.below(place, 1)
+        return search.packages
+
+
+class _PackageSearch:
+    """A search of packages, level by level, in at most `_FOLDERS` folders.
+
+    Attributes:
+        packages: {name: folder} of the packages that were found.
+    """
+
+    def __init__(self) -> None:
+        self.packages: dict[str, Path] = {}
+        self._folders_left = _FOLDERS
+
+    def below(self, place: Path, levels: int) -> None:
+        """Add the packages in a folder and `levels` levels below it; folders inside packages are not searched."""
+        waiting = deque([(place, 0)])
+        while waiting and self._folders_left:
+            self._folders_left -= 1
+            folder, level = waiting.popleft()
+            name = _package_name(folder)
+            if name:
+                self.packages.setdefault(name, folder.resolve())
+            elif level < levels:
+                for inner in _folders(folder):
+                    waiting.append((inner, level + 1))
 
 
 def _neighbours(file: Path) -> Iterator[Path]:
     """Yield the package that contains a file, then its folder; for a file outside packages, the folders around it."""
-    around = list(file.resolve().parents)[:6]
+    around = list(file.resolve().parents)[:_ABOVE]
     for folder in around:
         if _package_name(folder):
             yield folder
@@ -143,17 +172,22 @@ def _neighbours(file: Path) -> Iterator[Path]:
 
 
 def _folders(folder: Path) -> list[Path]:
+    """Return the folders in a folder, sorted, without hidden ones; [] if it cannot be read."""
+    folders = []
     try:
-        return sorted(p for p in folder.iterdir() if p.is_dir() and not p.name.startswith("."))
+        for path in folder.iterdir():
+            if path.is_dir() and not path.name.startswith("."):
+                folders.append(path)
     except OSError:
         return []
+    return sorted(folders)
 
 
 def _package_name(folder: Path) -> str:
     """Return the name in the package.xml of a folder; "" if the folder is no package."""
     try:
         with (folder / "package.xml").open("rb") as file:
-            head = file.read(20_000).decode("utf-8", "replace")
+            head = file.read(_HEAD).decode("utf-8", "replace")
     except OSError:
         return ""
     named = re.search(r"<name>\s*([\w-]+)\s*</name>", head)
@@ -206,7 +240,7 @@ class _Expansion:
         from xacro import substitution_args
 
         self.xacro: Any = xacro
-        self.file, self.arguments = file, arguments
+        self.file = file
         self.packages = _Packages(file, packages)
         self.missing: list[tuple[str, str, int]] = []
         """(package, file, line) of each include whose package was not found."""
@@ -216,8 +250,12 @@ class _Expansion:
         self._values = dict(arguments)
         """Values of the arguments; xacro adds the defaults."""
         self._lent: set[str] = set()
+        """Names of `_CONSTANTS` that no file had defined where a package was missing."""
         self._texts: list[str] = []
-        self._include, self._call = xacro.process_include, xacro.handle_macro_call
+        """Texts of all files that were read."""
+        # xacro has no hooks: these functions of it are replaced in this process, which expands one file
+        self._include = xacro.process_include
+        self._call = xacro.handle_macro_call
         xacro.parse = self.parse
         xacro.process_include = self.include
         xacro.handle_macro_call = self.call
@@ -238,7 +276,7 @@ class _Expansion:
         except (RecursionError, MemoryError):
             raise
         except Exception as error:
-            raise _Fault(self._message(error), _error_place(error), self._lacks(error)) from error
+            raise _Fault(self._message(error), _error_place(error), self._is_incomplete(error)) from error
         self._check_finite(document.documentElement)
         self._find_meshes(document.documentElement)
         return document
@@ -291,17 +329,18 @@ class _Expansion:
         try:
             return self._call(node, macros, symbols)
         except self.xacro.XacroException as error:
-            unknown = str(error).startswith("unknown macro name: ")
-            if not (unknown and self.missing and str(error).endswith(node.tagName) and _looks(node)):
+            text = str(error)
+            is_unknown = text.startswith("unknown macro name: ") and text.endswith(node.tagName)
+            if not (is_unknown and self.missing and _is_appearance(node)):
                 raise
             file, line = _place(node) or (str(self.file), 0)
             self.left_out.append((node.tagName, file, line))
             self.xacro.replace_node(node, by=None)
             return True
 
-    def _lacks(self, error: BaseException) -> bool:
+    def _is_incomplete(self, error: BaseException) -> bool:
         """Return whether an error is due to an argument or a package that is not here, and not to the file."""
-        if _missing_package(error) is not None or _said(error).startswith(_NO_ARGUMENT):
+        if _missing_package(error) is not None or _one_line(error).startswith(_NO_ARGUMENT):
             return True
         causes = list(_causes(error))
         if any(isinstance(cause, OSError) for cause in causes):
@@ -313,49 +352,46 @@ class _Expansion:
 
     def _message(self, error: BaseException) -> str:
         """Return what is wrong and the way out."""
-        said = _said(error)
+        text_of_error = _one_line(error)
         causes = list(_causes(error))
         package = _missing_package(error)
         if package is not None:
             text = f"package '{package}' was not found: it is in no folder of --packages, ROS_PACKAGE_PATH and "
             return text + "AMENT_PREFIX_PATH, and not beside the file. Give the folder that contains it: --packages DIR"
-        if said.startswith(_NO_ARGUMENT):
-            name = said.split()[-1]
+        if text_of_error.startswith(_NO_ARGUMENT):
+            name = text_of_error.split()[-1]
             return f"the argument '{name}' has no value and no default. Give it: --arg {name}:=VALUE"
         for cause in causes:
             if isinstance(cause, OSError):
-                head, _, more = said.partition("[Errno")
+                head, _, of_system = text_of_error.partition("[Errno")
                 if not head:  # an error in an expression, which stands behind the text of the system
-                    head = f"the file {cause.filename} cannot be read{more.partition(str(cause.filename))[2]}"
+                    _, _, expression = of_system.partition(str(cause.filename))
+                    head = f"the file {cause.filename} cannot be read{expression}"
                 return f"{head.strip()} ({cause.strerror}). Correct the path, or add the file"
             if isinstance(cause, MemoryError):
-                return f"there is not enough memory {said}. Make the expression smaller"
-        way = "Correct the expression"
-        if said.startswith("unknown macro name"):
-            way = "Define the macro, or include the file that defines it"
-        elif "Undefined parameters" in said or "Invalid parameter" in said:
-            way = "Correct the parameters of the macro's call"
-        elif any(isinstance(cause, NameError) for cause in causes) or "is not defined" in said:
-            way = "Define it by <xacro:property>, or correct its name"
-        elif "circular variable definition" in said:
-            way = "Remove one of these definitions"
+                return f"there is not enough memory {text_of_error}. Make the expression smaller"
+        way_out = _way_out(text_of_error, causes)
         if self.missing:
             names = ", ".join(sorted({package for package, _, _ in self.missing}))
-            way += f"; it may be in a package that was not found ({names}): give its folder by --packages DIR"
-        return f"{said}. {way}"
+            way_out += f"; it may be in a package that was not found ({names}): give its folder by --packages DIR"
+        return f"{text_of_error}. {way_out}"
 
     def lent(self) -> list[str]:
         """Return the constants of `_CONSTANTS` that the files use and that a missing package would have defined."""
         text = "\n".join(self._texts)
         defined = set(re.findall(r"<xacro:property[^>]*?\bname\s*=\s*[\"'](\w+)", text))
-        return [name for name in sorted(self._lent - defined) if re.search(rf"\$\{{[^}}]*\b{name}\b", text)]
+        used = []
+        for name in sorted(self._lent - defined):
+            if re.search(rf"\$\{{[^}}]*\b{name}\b", text):
+                used.append(name)
+        return used
 
     def _check_finite(self, root: minidom.Element) -> None:
         """Raise `_Fault` if a number of a link or joint is not finite."""
         for element in root.getElementsByTagName("*"):
             for name, value in element.attributes.items():
                 if name in _NUMBERS and _NOT_FINITE.search(value):
-                    text = f'<{element.tagName}> has {name}="{value[:80]}", but must be finite. Correct the'
+                    text = f'<{element.tagName}> has {name}="{value[:_SHOWN]}", but must be finite. Correct the'
                     raise _Fault(f"{text} expression", _place(element))
 
     def _find_meshes(self, root: minidom.Element) -> None:
@@ -389,13 +425,26 @@ class _Expansion:
         return places
 
 
-def _said(error: BaseException) -> str:
+def _one_line(error: BaseException) -> str:
     """Return the text of an error of xacro in one line, without the names of Python's classes."""
-    said = " ".join(str(error).split()).rstrip(".")
-    return re.sub(r"<class '[\w.]+'>: ", "", said)
+    text = " ".join(str(error).split()).rstrip(".")
+    return re.sub(r"<class '[\w.]+'>: ", "", text)
 
 
-def _looks(node: Any) -> bool:
+def _way_out(text_of_error: str, causes: Sequence[BaseException]) -> str:
+    """Return what to do about an error in the text of a file."""
+    if text_of_error.startswith("unknown macro name"):
+        return "Define the macro, or include the file that defines it"
+    if "Undefined parameters" in text_of_error or "Invalid parameter" in text_of_error:
+        return "Correct the parameters of the macro's call"
+    if any(isinstance(cause, NameError) for cause in causes) or "is not defined" in text_of_error:
+        return "Define it by <xacro:property>, or correct its name"
+    if "circular variable definition" in text_of_error:
+        return "Remove one of these definitions"
+    return "Correct the expression"
+
+
+def _is_appearance(node: Any) -> bool:
     """Return whether an element is inside one that only says what a link looks like."""
     while node is not None:
         if isinstance(node, minidom.Element) and node.tagName in _APPEARANCE:
@@ -414,6 +463,7 @@ def _causes(error: BaseException | None) -> Iterator[BaseException]:
 
 
 def _missing_package(error: BaseException) -> str | None:
+    """Return the name of the package that an error is about; None if it is about none."""
     for cause in _causes(error):
         if isinstance(cause, _PackageMissingError):
             return str(cause)
@@ -422,15 +472,23 @@ def _missing_package(error: BaseException) -> str | None:
 
 def _error_place(error: BaseException) -> tuple[str, int] | None:
     """Return the place of the element that xacro processed when the error was raised."""
-    place_found: tuple[str, int] | None = None
+    innermost: tuple[str, int] | None = None
     trace: TracebackType | None = error.__traceback__
     while trace is not None:
         names = trace.tb_frame.f_locals
         if trace.tb_frame.f_code.co_filename.endswith(("xacro/__init__.py", "xacro/xmlutils.py")):
             for name in ("node", "elt", "tag"):
-                place_found = _place(names.get(name)) or place_found
+                innermost = _place(names.get(name)) or innermost
         trace = trace.tb_next
-    return place_found
+    return innermost
+
+
+def _last_file(expansion: _Expansion | None) -> str | None:
+    """Return the file that xacro was reading last; None if it had read none."""
+    if expansion is None:
+        return None
+    names = [name for name in expansion.xacro.filestack or [] if name]
+    return names[-1] if names else None
 
 
 def main(file: str, request: str, answer: str) -> None:
@@ -450,11 +508,8 @@ def main(file: str, request: str, answer: str) -> None:
         outcome["places"] = expansion.places(root)
         outcome["lent"] = {name: _CONSTANTS[name] for name in expansion.lent()}
     except _Fault as fault:
-        place = fault.place
-        if place is None:
-            stack = [name for name in expansion.xacro.filestack or [] if name] if expansion is not None else []
-            place = (stack[-1] if stack else file, 0)
-        outcome = {"error": str(fault), "file": place[0], "line": place[1], "incomplete": fault.incomplete}
+        fault_file, line = fault.place or (_last_file(expansion) or file, 0)
+        outcome = {"error": str(fault), "file": fault_file, "line": line, "incomplete": fault.incomplete}
     except TwinError as error:
         outcome = {"error": str(error), "file": "", "line": 0, "incomplete": False}
     except RecursionError:
