@@ -181,6 +181,11 @@ def settle_all() -> None:
 
 
 def _settle(base: Path, own: Path) -> None:
+    """Complete, undo or remove one unfinished write of a killed process in `base`; nothing while its owner is alive.
+
+    Raises:
+        OSError: the folder is locked by its owner, or was removed.
+    """
     lock = os.open(own, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
     try:
         if os.fstat(lock).st_uid != os.geteuid():
@@ -377,6 +382,7 @@ def no_room(error: BaseException) -> str:
 
 
 def _unwritable(target: Path, error: OSError) -> str:
+    """Return the message for a target that cannot be written, with the way out."""
     text = f"cannot write to {target}: {error.strerror or error}. Choose another folder with --out."
     if error.errno not in FULL:
         return text

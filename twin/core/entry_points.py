@@ -66,6 +66,11 @@ def _rows(file: Path, group: str) -> list[tuple[str, str]]:
 
 
 def _loaded(name: str, place: str, file: Path) -> object:
+    """Return the object that an entry point names, as "module:attribute".
+
+    Raises:
+        TwinError: it cannot be imported.
+    """
     module, _, attribute = place.partition(":")
     try:
         return getattr(import_module(module), attribute)

@@ -6,9 +6,12 @@ Their base class is `TwinError`, so that calling programs need to catch only thi
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from typing import Any
+
+_LIKE_UNREAD = 0.3
+"""Smallest similarity, of 1, of a name and an unread one whose misspelling it may be: hardly any other name is meant."""
 
 
 class TwinError(Exception):
@@ -117,15 +120,37 @@ def unknown(kind: str, name: str, known: Iterable[str], unread: Iterable[str] = 
     `kind` is the kind of object, for instance "joint". `unread` are the names that have a value but are never used;
     such a name is suggested first, because `name` may be a misspelling of it.
     """
-    names, waiting = sorted(known), sorted(unread)
-    close = get_close_matches(name, waiting, n=1, cutoff=0.3) or (waiting if len(waiting) == 1 else [])
-    if close:
-        hint = f" '{close[0]}' has a value but is never used: is '{name}' a misspelling of '{close[0]}'?"
-    else:
-        folded = {n.casefold(): n for n in names}
-        close = get_close_matches(name, names, n=1) or get_close_matches(name.casefold(), folded, n=1)
-        hint = f" Did you mean '{folded.get(close[0], close[0])}'?" if close else ""
+    names = sorted(known)
+    misspelt = _misspelt(name, sorted(unread))
+    similar = _similar(name, names)
+    hint = ""
+    if misspelt is not None:
+        hint = f" '{misspelt}' has a value but is never used: is '{name}' a misspelling of '{misspelt}'?"
+    elif similar is not None:
+        hint = f" Did you mean '{similar}'?"
     return f"there is no {kind} '{name}'.{hint} Known: {', '.join(names) or 'none'}."
+
+
+def _misspelt(name: str, unread: Sequence[str]) -> str | None:
+    """Return the unread name that is most like a name, or the only one there is; None if there is none."""
+    close = get_close_matches(name, unread, n=1, cutoff=_LIKE_UNREAD)
+    if close:
+        return close[0]
+    if len(unread) == 1:
+        return unread[0]
+    return None
+
+
+def _similar(name: str, names: Sequence[str]) -> str | None:
+    """Return the name that is most like another one, also if only upper and lower case differ; None if none is."""
+    close = get_close_matches(name, names, n=1)
+    if close:
+        return close[0]
+    folded = {known.casefold(): known for known in names}
+    close = get_close_matches(name.casefold(), folded, n=1)
+    if close:
+        return folded[close[0]]
+    return None
 
 
 def no_inverse(rows: int, columns: int) -> str:

@@ -25,6 +25,10 @@ _NOTHING_LENGTH = 1e-12
 _NOTHING_ANGLE = 1e-9
 _LARGE = 10.0  # length in m from which lengths are shown in m instead of mm
 _SMALL_ANGLE = 1e-4  # angle in degrees below which angles are shown with a power of ten
+_SMALL = 1e-3  # number of mm or um below which a length is shown in a smaller unit
+# below and from these values, numbers are shown with a power of ten
+_POWER_BELOW = 1e-4
+_POWER_FROM = 1e7
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _SIGNS = {"um": "µm", "deg": "°", "ohm": "Ω", "percent": "%"}
 
@@ -76,12 +80,12 @@ def shown(value: float | None, unit: str, digits: int = 4) -> str:
     """
     if value is None or not math.isfinite(value):
         return _not_finite(value)
-    if 0 < abs(value) < 1e-3:
+    if 0 < abs(value) < _SMALL:
         if unit == "mm":
             return quantity(value * 1e-3, "m", digits)
         if unit == "um":
             return quantity(value * 1e-6, "m", digits)
-    if value == 0 or 1e-4 <= abs(value) < 1e7:
+    if value == 0 or _POWER_BELOW <= abs(value) < _POWER_FROM:
         text = plain(value, digits)
     else:
         text = power(value, digits)
@@ -161,6 +165,7 @@ def count(n: int, one: str, many: str = "") -> str:
 
 
 def _not_finite(value: float | None) -> str:
+    """Return the text of a missing or infinite number."""
     if value is None or math.isnan(value):
         return NONE
     if value > 0:
@@ -169,6 +174,7 @@ def _not_finite(value: float | None) -> str:
 
 
 def _length(value: float, per: str, digits: int | None) -> str:
+    """Return a length in m, or its rate with `per`, in a unit that suits its size."""
     if value == 0:
         return f"0 mm{per}"
     if abs(value) < _NOTHING_LENGTH:
@@ -187,6 +193,7 @@ def _length(value: float, per: str, digits: int | None) -> str:
 
 
 def _angle(deg: float, per: str, digits: int | None) -> str:
+    """Return an angle in degrees, or its rate with `per`."""
     size = abs(deg)
     if 0 < size < _NOTHING_ANGLE:
         return f"< 10⁻⁹°{per}"

@@ -73,15 +73,17 @@ class Call:
         try:
             self._outcome = self._process.line.recv()
         except (EOFError, OSError):
-            self._outcome = None, self._process.end
+            self._outcome = (None, self._process.end)
 
 
 def _answer(line: Connection, module: str, name: str, arguments: tuple[Any, ...], nice: int) -> None:
+    """Send (result, None) of a call, or (None, error text)."""
     os.nice(nice)
     try:
-        outcome = getattr(importlib.import_module(module), name)(*arguments), None
+        function = getattr(importlib.import_module(module), name)
+        outcome = (function(*arguments), None)
     except (Exception, SystemExit) as error:
-        outcome = None, _message(error)
+        outcome = (None, _message(error))
     line.send(outcome)
 
 
@@ -94,10 +96,12 @@ class Stream(Generic[Piece]):
 
     def __init__(self, function: Callable[[Any], Iterator[Piece]], nice: int = 10) -> None:
         """Set the function of all jobs; `nice` is added to the nice value of the process, which lowers its priority."""
-        self._function, self._nice = function, nice
+        self._function = function
+        self._nice = nice
         self._lock = threading.Lock()
         self._process: Apart | None = None
-        self._number, self._running = 0, False
+        self._number = 0  # of the last job
+        self._running = False
 
     def start(self, job: Any) -> None:
         """Start a job; a running job is cancelled and its pieces are discarded."""
@@ -140,6 +144,7 @@ class Stream(Generic[Piece]):
             self._close()
 
     def _say(self, job: Any) -> None:
+        """Send the next job to the process; None cancels the running one."""
         assert self._process is not None
         self._number += 1
         self._running = job is not None
@@ -147,8 +152,9 @@ class Stream(Generic[Piece]):
             self._process.line.send((self._number, job))
 
     def _open(self) -> None:
-        f = self._function
-        self._process = Apart(_stream, f.__module__, f.__qualname__, self._nice)
+        """Start the process, and a thread that reads its pieces."""
+        function = self._function
+        self._process = Apart(_stream, function.__module__, function.__qualname__, self._nice)
         self._inbox: queue.SimpleQueue[tuple[int | None, Any, str | None]] = queue.SimpleQueue()
         # A piece may be larger than the pipe's buffer; without this thread, `poll` would wait for the process.
         threading.Thread(target=_read, args=(self._process, self._inbox), daemon=True).start()
@@ -161,6 +167,7 @@ class Stream(Generic[Piece]):
 
 
 def _read(process: Apart, inbox: queue.SimpleQueue) -> None:
+    """Put (number of the job, piece, end) into the inbox until the process ends; its own end has no number."""
     with process.line as line, suppress(EOFError, OSError):
         while True:
             inbox.put(line.recv())

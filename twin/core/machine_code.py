@@ -35,18 +35,25 @@ def compiled(text: str) -> tuple[Call, Any]:
         # Code and constants are in one block: if they were more than 2 GB apart, LLVM would abort the process.
         engine = llvm.create_lljit_compiler(target, use_jit_link=True)
         tracker = library.link(engine, f"k{key[:16]}")
-        pointer, integer = ctypes.c_void_p, ctypes.c_int64
-        call = ctypes.CFUNCTYPE(None, integer, integer, pointer, pointer, pointer)(tracker["kernel"])
+        pointer = ctypes.c_void_p
+        integer = ctypes.c_int64
+        prototype = ctypes.CFUNCTYPE(None, integer, integer, pointer, pointer, pointer)
+        call = prototype(tracker["kernel"])
         return call, (tracker, engine)
 
 
 def lanes() -> int:
     """Return the number of doubles in two vector registers: a kernel uses two at once to hide latencies."""
     features = llvm.get_host_cpu_features()
-    return 16 if features.get("avx512f") else 8 if features.get("avx2") else 4
+    if features.get("avx512f"):
+        return 16
+    if features.get("avx2"):
+        return 8
+    return 4
 
 
 def _machine() -> llvm.TargetMachine:
+    """Return LLVM's description of this processor."""
     global _ready
     if not _ready:
         llvm.initialize_native_target()
@@ -63,10 +70,14 @@ def _machine() -> llvm.TargetMachine:
 
 
 def _code(text: str, target: llvm.TargetMachine) -> bytes:
+    """Return the object code of LLVM assembly."""
     module = llvm.parse_assembly(text)
     module.verify()
     options = llvm.create_pipeline_tuning_options(speed_level=2)
-    options.loop_vectorization = options.slp_vectorization = options.loop_unrolling = False  # already vectorised
+    # the text is already vectorised
+    options.loop_vectorization = False
+    options.slp_vectorization = False
+    options.loop_unrolling = False
     builder = llvm.create_pass_builder(target, options)
     builder.getModulePassManager().run(module, builder)
     return target.emit_object(module)

@@ -83,10 +83,10 @@ class Output:
         Raises:
             ProgramEndError: the output was not the same as before.
         """
-        done = self.restore()
-        if done:
+        deeds = self.restore()
+        if deeds:
             subject = place or "code of the robot"
-            actions = " and ".join(done)
+            actions = " and ".join(deeds)
             raise ProgramEndError(
                 f"{subject}: the code {actions}, so no verdict can be printed. Use contextlib.redirect_stdout, which "
                 "restores the output."
@@ -107,10 +107,10 @@ def _is_closed(stream: TextIO | None) -> bool:
 def _open_file() -> tuple[int, int] | None:
     """Return device and inode of the file that is open at file descriptor 1; None if it is closed."""
     try:
-        found = os.fstat(1)
+        status = os.fstat(1)
     except OSError:
         return None
-    return found.st_dev, found.st_ino
+    return status.st_dev, status.st_ino
 
 
 @contextlib.contextmanager
@@ -181,8 +181,10 @@ def name_exits(report: Callable[[str], object]) -> None:
     process = os.getpid()
     reported: set[str] = set()
 
-    def reporting(name: str, leave: Callable[..., Any]) -> Callable[..., Any]:
-        def left(*arguments: Any) -> None:
+    def reporting(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        """Return a function of `os` that reports its caller before it is called."""
+
+        def reported_call(*arguments: Any) -> None:
             if os.getpid() == process:
                 place = _authored(traceback.extract_stack()[:-1])
                 text = f"os.{name} was called"
@@ -191,9 +193,9 @@ def name_exits(report: Callable[[str], object]) -> None:
                 if text not in reported and (place or name not in _SIGNALLING):
                     reported.add(text)
                     report(text)
-            leave(*arguments)
+            function(*arguments)
 
-        return left
+        return reported_call
 
     for name in ("_exit", "execv", "execve", *_SIGNALLING):
         setattr(os, name, reporting(name, getattr(os, name)))
@@ -254,6 +256,11 @@ def _timed() -> Iterator[None]:
 
 
 def _allowed() -> float:
+    """Return the longest time in s that code may run.
+
+    Raises:
+        TwinError: the environment states no positive number.
+    """
     text = os.environ.get(SECONDS, "")
     try:
         seconds = float(text) if text else _DEFAULT_SECONDS

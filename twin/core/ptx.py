@@ -38,6 +38,7 @@ def ptx(text: str) -> str:
 
 
 def _code(text: str) -> str:
+    """Return the PTX of LLVM assembly."""
     target = _machine()
     module = llvm.parse_assembly(text)
     module.triple = target.triple
@@ -52,6 +53,7 @@ def _code(text: str) -> str:
 
 
 def _machine() -> llvm.TargetMachine:
+    """Return LLVM's description of the GPU."""
     global _ready
     if not _ready:
         llvm.initialize_all_targets()

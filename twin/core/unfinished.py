@@ -45,6 +45,7 @@ def abandoned() -> list[Path]:
 
 
 def _in_use(folder: Path) -> bool:
+    """Return whether the process that locked a folder is alive."""
     try:
         lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
     except OSError:  # it was removed

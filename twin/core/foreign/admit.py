@@ -82,6 +82,7 @@ def admit_together(paths: Iterable[Path]) -> set[Path]:
 
 
 def _look_at_usd(path: Path) -> None:
+    """Raise an error if a USD file exceeds limits that its own bytes show."""
     check_size(path, "USD")
     if path.suffix.lower() == ".usdz":
         check_zip(path, "USDZ")

@@ -69,7 +69,8 @@ its subfolders increase the limits."""
 _MOST_BESIDE = 2000
 """Maximum number of files that are searched for these suffixes, in the folder and its subfolders."""
 
-_MOST_SECONDS, _MOST_MEMORY = 600.0, 8_000 * MB
+_MOST_SECONDS = 600.0
+_MOST_MEMORY = 8_000 * MB
 """Maximum processor time (s) and memory (bytes) of a parser's process, independent of file sizes."""
 
 _IDLE = 8.0

@@ -30,12 +30,15 @@ class Once:
             OSError: the file cannot be read.
         """
         stamp = _stamp(path.stat())
-        if (known := self._known.get(path)) is not None and known[0] == stamp:
-            return known[1]
+        if path in self._known:
+            known_stamp, known_data = self._known[path]
+            if known_stamp == stamp:
+                return known_data
         check_size(path, kind)
         with path.open("rb") as file:
-            stamp, data = _stamp(os.fstat(file.fileno())), file.read()
-        self._known[path] = stamp, data
+            stamp = _stamp(os.fstat(file.fileno()))  # of the file that is read: another may have taken its place
+            data = file.read()
+        self._known[path] = (stamp, data)
         return data
 
     def __reduce__(self) -> tuple[type[Once], tuple[()]]:
@@ -43,4 +46,5 @@ class Once:
 
 
 def _stamp(stat: os.stat_result) -> tuple[int, ...]:
+    """Return numbers that change if a file is replaced or written."""
     return stat.st_dev, stat.st_ino, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns

@@ -58,11 +58,15 @@ class _Counted(ElementTree.TreeBuilder):
 
     def __init__(self, path: Path, kind: str) -> None:
         super().__init__()
-        self._path, self._kind, self._budget = path, kind, BUDGETS[kind]
-        self._depth = self._count = 0
+        self._path = path
+        self._kind = kind
+        self._budget = BUDGETS[kind]
+        self._depth = 0
+        self._count = 0
         self._parts = dict.fromkeys(("joint", "link", "body", "visual", "collision"), 0)
 
     def start(self, tag: Any, attrs: Any) -> Any:
+        """Count an element; raise `BudgetError` if there are too many, or if it is nested too deeply."""
         self._depth += 1
         self._count += 1
         if self._depth > self._budget.depth:
@@ -105,13 +109,19 @@ _QUOTED = re.compile(
 
 def check_depth(path: Path, kind: str, text: str) -> None:
     """Raise `BudgetError` if brackets or dotted names, outside quotes and comments, are nested too deeply."""
-    most, depth, deepest = BUDGETS[kind].depth, 0, 0
+    limit = BUDGETS[kind].depth
     text = _QUOTED.sub("", text)
-    dotted = max(part.count(".") for part in re.split(r"[=\n,{}\[\]]", text)) if kind == "TOML" else 0
-    if dotted > most:
-        over(path, kind, "depth of the dotted names", dotted, most)
+    if kind == "TOML":
+        dots = [part.count(".") for part in re.split(r"[=\n,{}\[\]]", text)]
+        if max(dots) > limit:
+            over(path, kind, "depth of the dotted names", max(dots), limit)
+    depth = 0
+    deepest = 0
     for bracket in re.findall(r"[{\[(]|[}\])]", text):
-        depth += 1 if bracket in "{[(" else -1
-        deepest = max(deepest, depth)
-    if deepest > most:
-        over(path, kind, "depth of the brackets", deepest, most)
+        if bracket in "{[(":
+            depth += 1
+            deepest = max(deepest, depth)
+        else:
+            depth -= 1
+    if deepest > limit:
+        over(path, kind, "depth of the brackets", deepest, limit)
