@@ -11,7 +11,7 @@ from difflib import get_close_matches
 from typing import Any
 
 _LIKE_UNREAD = 0.3
-"""Smallest similarity, of 1, of a name and an unread one whose misspelling it may be: hardly any other name is meant."""
+"""Smallest similarity, of 1, of a name and an unread one that it may misspell: hardly any other name is meant."""
 
 
 class TwinError(Exception):
