@@ -17,7 +17,7 @@ from twin.core import spatial
 from twin.formula import symbolic
 from twin.robots import _authoring, load_formula
 from twin.validation.explain.conventions import ORDERS, conventions, dh_form
-from twin.validation.explain.explain import known
+from twin.validation.explain.judged_states import known
 from twin.validation.explain.rebuilt_functions import Matrix, Rebuilder, of_formula
 from twin.validation.explain.row_deviations import Judge
 

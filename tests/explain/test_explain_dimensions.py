@@ -25,7 +25,7 @@ from twin.reference import ReferenceModel
 from twin.validation.explain.explain import ExplainOptions, explain
 from twin.validation.explain.repair_search import GroupResult
 from twin.validation.explain.simplest_explanation import simplest_explanation
-from twin.validation.explain.wrong_parameters import Identified, Moved
+from twin.validation.explain.wrong_parameters import ChangedParameter, FittedParameters
 
 ROOT = Path(__file__).parents[2]
 
@@ -125,9 +125,9 @@ def _moved(m, p):
     return replace(m, face=replace(m.face, point=m.face.point + p))
 
 
-def _numbers(*notes: str, alternatives: bool = False, exact: bool = True) -> Identified:
-    moved = tuple(Moved(f"p{i}", "mm", 1.0, 2.0, 0.1, note) for i, note in enumerate(notes))
-    return Identified(exact, 9.0, 0.0, moved, alternatives, (), (), ())
+def _numbers(*notes: str, alternatives: bool = False, exact: bool = True) -> FittedParameters:
+    moved = tuple(ChangedParameter(f"p{i}", "mm", 1.0, 2.0, 0.1, note) for i, note in enumerate(notes))
+    return FittedParameters(exact, 9.0, 0.0, moved, alternatives, (), (), ())
 
 
 def _edits(*counts: int) -> list[GroupResult]:

@@ -26,7 +26,7 @@ SEARCHES = int(os.environ.get("TWIN_SEARCHES", "4"))
 @pytest.fixture(scope="module")
 def sils(sils_model):
     from twin.robots import load_formula
-    from twin.validation.explain.explain import known
+    from twin.validation.explain.judged_states import known
 
     formula = load_formula("sils")
     return formula, known(formula, sils_model)

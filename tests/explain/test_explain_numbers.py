@@ -8,7 +8,8 @@ import pytest
 from twin import api
 from twin.core.units import DEG
 from twin.robots import load_formula
-from twin.validation.explain.explain import explain, known
+from twin.validation.explain.explain import explain
+from twin.validation.explain.judged_states import known
 from twin.validation.explain.row_deviations import Judge
 from twin.validation.explain.wrong_parameters import Fit, ParameterResiduals, _covariance, identify
 

@@ -10,8 +10,8 @@ from made.formulas import replaced
 from twin import api
 from twin.robots import load_formula
 from twin.robots._authoring import row
-from twin.validation.explain.explain import known
 from twin.validation.explain.joint_offsets import axes_text, offsets
+from twin.validation.explain.judged_states import known
 from twin.validation.explain.row_deviations import Judge
 
 

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from twin.robots import load_formula
-from twin.validation.explain.explain import ExplainOptions, explain, known
+from twin.validation.explain.explain import ExplainOptions, explain
 from twin.validation.explain.function_source import patched
+from twin.validation.explain.judged_states import known
 from twin.validation.explain.repair_search import RepairSearch
 from twin.validation.explain.row_deviations import Judge
 

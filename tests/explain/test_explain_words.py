@@ -9,8 +9,9 @@ import pytest
 
 from twin.core.errors import KinematicsError
 from twin.robots import load_formula
-from twin.validation.explain.explain import explain, known
+from twin.validation.explain.explain import explain
 from twin.validation.explain.function_source import Source
+from twin.validation.explain.judged_states import known
 from twin.validation.explain.tidying import tidy
 
 pytestmark = pytest.mark.usefixtures("sampled_once")

@@ -26,7 +26,7 @@ SEEDED = {"sher": ("margins",), "pa10": ("margins",), "lapbot": ("margins",)}
 def setting(name):
     """Formula, independent model and states of a robot."""
     from twin import api
-    from twin.validation.explain.reference_values import sample_states
+    from twin.validation.explain.sampled_states import sample_states
 
     robot = api.load(name)
     return robot.formula, robot.reference(), sample_states(robot.reference())
@@ -119,7 +119,7 @@ def test_a_margin_that_accepts_what_no_joint_can_do_is_found():
 
 def test_a_measure_of_the_formulas_own_angles_is_named_and_not_accused():
     formula, model, _ = setting("pa10")
-    from twin.validation.explain.explain import known
+    from twin.validation.explain.judged_states import known
 
     found = judged(formula, model, known(formula, model).run)
     assert found["swivel_zero", "type1"].status != "disagrees"

@@ -47,7 +47,7 @@ def built_ins():
 def built_in(name):
     from twin import api
     from twin.robots import load_formula
-    from twin.validation.explain.explain import known
+    from twin.validation.explain.judged_states import known
 
     formula = load_formula(name)
     return Case(name, _file_of(formula), formula, known(formula, api.load(name).reference()))
@@ -56,7 +56,8 @@ def built_in(name):
 def stranger(path):
     """Return the case of a plain formula that is not built in; its reference values are what it returns for numbers."""
     from twin.validation.explain.rebuilt_functions import Matrix, Rebuilder
-    from twin.validation.explain.reference_values import SAMPLES, ReferenceValues
+    from twin.validation.explain.reference_values import ReferenceValues
+    from twin.validation.explain.sampled_states import SAMPLES
 
     spec = importlib.util.spec_from_file_location(path.stem, path)
     module = importlib.util.module_from_spec(spec)

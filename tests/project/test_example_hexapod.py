@@ -11,8 +11,9 @@ import pytest
 from twin import api
 from twin.core.errors import ProtocolError
 from twin.core.program_end import ProgramEndError
-from twin.validation.explain.explain import ExplainOptions, explain, known
+from twin.validation.explain.explain import ExplainOptions, explain
 from twin.validation.explain.function_source import patched
+from twin.validation.explain.judged_states import known
 from twin.validation.explain.repair_search import RepairSearch
 from twin.validation.explain.row_deviations import Judge
 

@@ -11,7 +11,8 @@ from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
     from twin.api.robot import Robot
-    from twin.validation.explain.explanation import Explanation, Reading
+    from twin.validation.explain.explanation import Explanation
+    from twin.validation.explain.explanation_data import Reading
     from twin.validation.result import Report
 
 SECONDS = 5.0

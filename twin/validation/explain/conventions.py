@@ -18,7 +18,7 @@ from twin.core.spatial import Array
 from twin.formula.contract import POSE_SYMBOL
 from twin.formula.scalar import Value
 from twin.validation.explain.equation_steps import Helper, RowKey, Step
-from twin.validation.explain.explanation import Convention
+from twin.validation.explain.explanation_data import Convention
 from twin.validation.explain.invariants import formula_pose, formula_values
 from twin.validation.explain.joint_offsets import axes_text, offsets
 from twin.validation.explain.plain_values import enter, leave

@@ -19,7 +19,7 @@ from twin.core.findings import Finding
 from twin.core.spatial import Array
 from twin.formula.contract import Formula
 from twin.reference import ReferenceModel
-from twin.validation.explain.explanation import PartOff
+from twin.validation.explain.explanation_data import FaultyPart
 from twin.validation.explain.row_deviations import Judge
 
 CODES = ("cad.noise", "cad.meeting", "cad.tilt")
@@ -45,7 +45,7 @@ class Corrected:
     """
 
     findings: tuple[Finding, ...]
-    parts: tuple[PartOff, ...]
+    parts: tuple[FaultyPart, ...]
     model: ReferenceModel | None
     judge: Judge | None
     agrees: bool
@@ -104,7 +104,7 @@ def correct(
     chosen: dict[tuple[str, ...], Suspect] = {}
     for fault, suspect in zip(located, best.chosen, strict=False):
         chosen[fault.joints] = suspect
-    parts: list[PartOff] = []
+    parts: list[FaultyPart] = []
     for fault in found:
         parts.append(_part(fault, findings, chosen.get(fault.joints), best, tried))
     agrees = best.agrees and len(located) == len(found)
@@ -170,7 +170,7 @@ def _part(
     chosen: Suspect | None,
     top: _Tried,
     tried: Sequence[_Tried],
-) -> PartOff:
+) -> FaultyPart:
     """Return the result about one fault, as text and data; `chosen`: the suspect in the best combination."""
     gaps: list[str] = []
     joints: dict[str, None] = {}
@@ -183,7 +183,7 @@ def _part(
     head = f"{noun} {', '.join(joints)}, {' and '.join(gaps)}"
     if chosen is None:
         text = f"{head}: no single faulty part explains these gaps"
-        return PartOff(fault.joints, "", (), "", (), (), text)
+        return FaultyPart(fault.joints, "", (), "", (), (), text)
     others = [s for s in fault.suspects if s is not chosen]
     told_by, why, undecided = _decide(chosen, others, top, tried)
     alternatives = tuple(_name(s) for s in undecided)
@@ -192,13 +192,13 @@ def _part(
         text += f", or {', or '.join(alternatives)}; CAD and rows do not determine which"
     elif why:
         text += f" ({'; '.join(why[:2])})"
-    return PartOff(fault.joints, chosen.body, chosen.features, told_by, tuple(why), alternatives, text)
+    return FaultyPart(fault.joints, chosen.body, chosen.features, told_by, tuple(why), alternatives, text)
 
 
 def _decide(
     chosen: Suspect, others: list[Suspect], top: _Tried, tried: Sequence[_Tried]
 ) -> tuple[str, list[str], list[Suspect]]:
-    """Return (kind of evidence as in `PartOff.told_by`, evidence as text, alternative parts)."""
+    """Return (kind of evidence as in `FaultyPart.told_by`, evidence as text, alternative parts)."""
     why = list(chosen.for_it)
     for suspect in others:
         why += suspect.against_it

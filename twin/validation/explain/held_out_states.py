@@ -8,8 +8,9 @@ from twin.core.errors import TwinError
 from twin.reference import ReferenceModel
 from twin.validation.explain.candidate import Candidate, GroupResult
 from twin.validation.explain.equation_steps import RowKey
-from twin.validation.explain.reference_values import sample_states, symbol_values
+from twin.validation.explain.reference_values import symbol_values
 from twin.validation.explain.row_deviations import Judge, evaluate, worst
+from twin.validation.explain.sampled_states import sample_states
 
 _STATES = 12
 _SEED = 101  # other states than those of the search

@@ -16,7 +16,7 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.validation.explain.explanation import Convention
+from twin.validation.explain.explanation_data import Convention
 from twin.validation.explain.invariants import formula_pose
 from twin.validation.explain.row_deviations import Judge, RowPlace
 

@@ -11,12 +11,14 @@ from typing import Literal
 
 from twin.validation.explain.candidate import GroupResult
 from twin.validation.explain.equation_steps import RowKey
-from twin.validation.explain.explanation import Identified
+from twin.validation.explain.explanation_data import FittedParameters
 
 Lead = Literal["edits", "numbers", "edits or numbers", ""]
 
 
-def simplest_explanation(found: Sequence[GroupResult], lost: Sequence[RowKey], identified: Identified | None) -> Lead:
+def simplest_explanation(
+    found: Sequence[GroupResult], lost: Sequence[RowKey], identified: FittedParameters | None
+) -> Lead:
     """Return the simplest explanation of all wrong rows: "edits", "numbers", "edits or numbers"; "" if none exists."""
     numbers = _numbers(identified)
     edits = _edits(found, lost)
@@ -44,7 +46,7 @@ def _edits(found: Sequence[GroupResult], lost: Sequence[RowKey]) -> int | None:
     return sum(len(f.cures[0][0].edits) for f in found if f.cures)
 
 
-def _numbers(identified: Identified | None) -> int | None:
+def _numbers(identified: FittedParameters | None) -> int | None:
     """Return the number of changed parameters with which every row agrees; None if there is no such change."""
     if identified is None or not identified.exact or not identified.moved:
         return None

@@ -11,7 +11,7 @@ from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.equation_steps import RowPlace
-from twin.validation.explain.explanation import Identified, Moved
+from twin.validation.explain.explanation_data import ChangedParameter, FittedParameters
 from twin.validation.explain.row_deviations import Judge, worst
 
 _BLIND = 1e-7
@@ -182,7 +182,7 @@ def identify(
     noise: float = 0.0,
     alone: bool = False,
     deadline: Deadline | None = None,
-) -> Identified | None:
+) -> FittedParameters | None:
     """Return the parameters whose change explains the wrong rows; None if no parameter affects these rows.
 
     Single parameters are tried first. If several parameters explain the rows, each one alone, they are alternatives. If
@@ -217,13 +217,13 @@ def identify(
     everything = residuals.fit(tuple(p.name for p in parameters))
     blind = _blind(everything, parameters)
     by_name = {p.name: p for p in parameters}
-    moved: list[Moved] = []
+    moved: list[ChangedParameter] = []
     if single:
         for fit in single:
             moved.append(_moved(by_name[fit.names[0]], residuals, fit, 0, noise))
         fit = single[0]
         covariance = _plain(_covariance(fit, noise))
-        return Identified(
+        return FittedParameters(
             exact=True,
             before=before,
             after=fit.worst,
@@ -242,7 +242,7 @@ def identify(
             # Changes below four standard deviations are noise.
             if abs(everything.values[i] - start) > max(4 * sigma[i], 1e-9 * max(1, abs(start))):
                 moved.append(_moved(p, residuals, everything, i, noise))
-    return Identified(
+    return FittedParameters(
         exact=exact,
         before=before,
         after=everything.worst,
@@ -270,7 +270,7 @@ def _covariance(fit: Fit, noise: float) -> Array:
     return variance * (inverse @ inverse.T) / np.outer(scale, scale)
 
 
-def _moved(p: Parameter, residuals: ParameterResiduals, fit: Fit, i: int, noise: float) -> Moved:
+def _moved(p: Parameter, residuals: ParameterResiduals, fit: Fit, i: int, noise: float) -> ChangedParameter:
     if p.shown:
         unit = p.value / p.shown
     else:
@@ -279,7 +279,7 @@ def _moved(p: Parameter, residuals: ParameterResiduals, fit: Fit, i: int, noise:
     value = float(fit.values[i])
     sigma = float(np.sqrt(max(_covariance(fit, noise)[i, i], 0)))
     note = _slip(p.name, start, value, residuals.start)
-    return Moved(p.name, p.unit, start / unit, value / unit, sigma / unit, note)
+    return ChangedParameter(p.name, p.unit, start / unit, value / unit, sigma / unit, note)
 
 
 def _slip(name: str, start: float, value: float, values: dict[str, float]) -> str:

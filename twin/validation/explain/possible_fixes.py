@@ -1,0 +1,167 @@
+"""Search what makes the wrong rows agree, the simplest kind first: edits, changed numbers, conventions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from twin.reference import ReferenceModel
+from twin.validation.explain.candidate import GroupResult
+from twin.validation.explain.conventions import conventions, general
+from twin.validation.explain.deadline import Deadline, LateError
+from twin.validation.explain.equation_steps import RowKey
+from twin.validation.explain.explanation_data import Convention, FittedParameters
+from twin.validation.explain.explanation_repairs import edit_phrase
+from twin.validation.explain.explanation_rows import row_name
+from twin.validation.explain.held_out_states import held_out
+from twin.validation.explain.judged_states import Progress
+from twin.validation.explain.repair_search import RepairSearch
+from twin.validation.explain.row_deviations import Judge
+from twin.validation.explain.simplest_explanation import simplest_explanation
+from twin.validation.explain.suspects import shared
+from twin.validation.explain.wrong_parameters import identify
+
+_NUMBERS_PART = 0.3
+_LEAST_NUMBERS = 2.5
+"""Time limit of each of the two fits of numbers: this part of the whole limit, but at least so many seconds."""
+
+_LEAST_EDITS = 4.0
+"""Minimum time limit in s of the search for edits: single edits take about as long."""
+
+
+@dataclass(frozen=True)
+class PossibleFixes:
+    """Possible fixes of the wrong rows.
+
+    Attributes:
+        search, found: the search for edits, and the results of this search.
+        identified: the changed numbers; None if no change of numbers fits, or if edits are simpler.
+        conventions: conventions under which rows agree; searched only after edits and numbers have failed.
+        lead: see `Explanation`.
+        notes: remarks.
+    """
+
+    search: RepairSearch
+    found: list[GroupResult]
+    identified: FittedParameters | None
+    conventions: tuple[Convention, ...]
+    lead: str
+    notes: tuple[str, ...] = ()
+
+
+def possible_fixes(
+    judge: Judge, model: ReferenceModel, budget: float, progress: Progress, end_lap: Callable[[str], None]
+) -> PossibleFixes:
+    """Search edits, parameter values and conventions with which the wrong rows agree.
+
+    `budget` is the time limit in s; see `_LEAST_NUMBERS` and `_LEAST_EDITS` for short ones. `end_lap` is called with
+    the name of each step at its end.
+    """
+    return _FixSearch(judge, model, budget, progress, end_lap).run()
+
+
+class _FixSearch:
+    """The searches for edits, numbers and conventions of one judged formula."""
+
+    def __init__(
+        self, judge: Judge, model: ReferenceModel, budget: float, progress: Progress, end_lap: Callable[[str], None]
+    ) -> None:
+        self.judge = judge
+        self.model = model
+        self.budget = budget
+        self.progress = progress
+        self.end_lap = end_lap
+        self.remarks: list[str] = []
+
+    def run(self) -> PossibleFixes:
+        """Return the simplest fixes that explain the wrong rows; without any, all that fix some of them."""
+        identified = self._numbers(alone=True)
+        deadline = Deadline(max(self.budget, _LEAST_EDITS))  # the time of the numbers is not that of the edits
+        search = RepairSearch(self.judge, lambda fraction: self.progress("try edits", fraction), deadline)
+        general_conventions: tuple[Convention, ...] | None = None
+        results: list[GroupResult] = []
+        unrepaired = search.failing
+        if identified is None:
+            results, unrepaired = search.run(0.0)
+            self.end_lap("repair")
+            if unrepaired:
+                # A convention of the whole formula is simpler than pairs of edits, and is found in less time.
+                self.progress("conventions", 0.0)
+                general_conventions = tuple(general(self.judge))
+                self.end_lap("conventions")
+                if self._all_fixed(general_conventions, search.failing):
+                    return self._fixes(search, [], None, general_conventions, "conventions")
+                results, unrepaired = search.pairs(results, unrepaired, self.budget)
+        elif shared(self.judge, search.targets):
+            # One changed number explains everything: only a single edit would be equally simple.
+            results, unrepaired = search.run(0.0)
+        self._note_edits_by_chance(search)
+        results, unrepaired = held_out(self.judge, self.model, results, unrepaired)
+        self.end_lap("repair")
+        if identified is None and (unrepaired or not results):
+            identified = self._numbers()
+        lead: str = simplest_explanation(results, unrepaired, identified)
+        if lead == "edits":
+            return self._fixes(search, results, None, (), lead)
+        if lead == "numbers":
+            if not unrepaired:
+                self._note_edits_beside_numbers(results)
+            return self._fixes(search, [], identified, (), lead)
+        if lead:
+            return self._fixes(search, results, identified, (), lead)
+        self.progress("conventions", 0.0)
+        found_conventions = tuple(conventions(self.judge, general_conventions))
+        self.end_lap("conventions")
+        if self._all_fixed(found_conventions, unrepaired):
+            lead = "conventions"
+        return self._fixes(search, results, identified, found_conventions, lead)
+
+    def _fixes(
+        self,
+        search: RepairSearch,
+        results: list[GroupResult],
+        identified: FittedParameters | None,
+        found_conventions: tuple[Convention, ...],
+        lead: str,
+    ) -> PossibleFixes:
+        return PossibleFixes(search, results, identified, found_conventions, lead, tuple(self.remarks))
+
+    def _numbers(self, alone: bool = False) -> FittedParameters | None:
+        """Fit the parameters; None if none explains a row, or if the time was over. `alone`: see `identify`."""
+        self.progress("identify parameters", 0.0)
+        until = Deadline(max(_NUMBERS_PART * self.budget, _LEAST_NUMBERS))
+        try:
+            return identify(
+                self.judge,
+                lambda fraction: self.progress("identify parameters", fraction),
+                alone=alone,
+                deadline=until,
+            )
+        except LateError:
+            self.remarks.append("the time ended before every number was fitted; a larger --seconds gives more time")
+            return None
+        finally:
+            self.end_lap("identify")
+
+    def _note_edits_by_chance(self, search: RepairSearch) -> None:
+        """Remark on the edits that are no fixes because rows agree after them only by chance."""
+        for candidate, reason in search.by_chance:
+            texts = "; ".join(edit_phrase(edit) for edit in candidate.edits)
+            self.remarks.append(f"`{texts}` makes rows agree only {reason}; it is no fix")
+
+    def _note_edits_beside_numbers(self, results: Sequence[GroupResult]) -> None:
+        """Remark on the edits that would also make the rows agree, but are more changes than the fitted numbers."""
+        count = 0
+        for result in results:
+            if result.cures:
+                count += len(result.cures[0][0].edits)
+        if count:
+            self.remarks.append(f"{count} edits together would also make the rows agree; one changed number is simpler")
+
+    def _all_fixed(self, found_conventions: Sequence[Convention], rows: Sequence[RowKey]) -> bool:
+        """Return whether conventions fix all the given rows."""
+        fixed: set[str] = set()
+        for convention in found_conventions:
+            fixed.update(convention.rows)
+        names = {row_name(self.judge, row) for row in rows}
+        return bool(found_conventions) and names <= fixed
