@@ -103,7 +103,7 @@ def test_an_edit_of_an_equation_that_others_call_is_judged_in_its_own_rows(tmp_p
     search = searched("lapbot", tmp_path, ("-pi / 2 + q6", "q6"))
     step = search.judge.step("gimbal")
     chain = search.judge.step("chain")
-    search._until = search.deadline
+    search.singles.until = search.deadline
     source = step.source
     start = source.data.index(b"asin(-u[1])")
     last = source.statements[-1]

@@ -450,10 +450,10 @@ def test_an_expression_in_a_function_with_several_calls_is_not_refuted(tmp_path)
     """All calls of row() have a matrix of the same form, but an edit may change an entry by other amounts in each."""
     case, formula = changed("lapbot", "-pi / 2 + q6", "pi / 2 + q6", tmp_path)
     search = RepairSearch(Judge(formula, None, case.reference), deadline=Deadline(30.0))
-    search._refute()
+    search.singles.refute()
     (row,) = {h.source.path for s in search.judge.steps for h in search.judge.helpers(s) if h.source.name == "row"}
-    assert search._refuted
-    assert row not in {path for path, _, _ in search._refuted}
+    assert search.singles.refuted
+    assert row not in {path for path, _, _ in search.singles.refuted}
 
 
 def test_expressions_with_a_swivel_are_unknowns(tmp_path):
