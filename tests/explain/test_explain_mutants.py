@@ -22,10 +22,11 @@ from twin.robots import _raven
 from twin.validation.explain.counterparts import counterpart_edits
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.explain import explain
+from twin.validation.explain.name_pool import NamePool
 from twin.validation.explain.parameter_coincidences import coincidences
 from twin.validation.explain.repair_search import RepairSearch
 from twin.validation.explain.row_deviations import Judge
-from twin.validation.explain.statement_edits import NamePool, edits
+from twin.validation.explain.statement_edits import statement_edits
 
 COUNT = int(os.environ.get("TWIN_MUTANTS", "8"))
 PAIRS = int(os.environ.get("TWIN_MUTANT_PAIRS", "1"))
@@ -372,7 +373,9 @@ def test_a_missing_square_of_a_parenthesis_is_one_edit(parenthesis, tmp_path):
     case, formula = changed("sils", _ROW, wrong, tmp_path)
     source = Judge(formula, None, case.reference).step("eq2").source
     statement = source.statements[5]
-    found = edits(source, statement, NamePool(frozenset(), {}, frozenset(), frozenset(), frozenset()), ("exponent",))
+    found = statement_edits(
+        source, statement, NamePool(frozenset(), {}, frozenset(), frozenset(), frozenset()), ("exponent",)
+    )
     right = source.data.decode()
     assert case.path.read_text(encoding="utf-8") in [right[: e.start] + e.new + right[e.end :] for e in found]
 

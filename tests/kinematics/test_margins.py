@@ -136,7 +136,8 @@ def seeded(name, rng):
     from twin.core.errors import TwinError
     from twin.robots import load_formula
     from twin.validation.explain.function_source import Source, patched
-    from twin.validation.explain.statement_edits import edits, pool
+    from twin.validation.explain.name_pool import pool
+    from twin.validation.explain.statement_edits import statement_edits
 
     formula, model, run = setting(name)
     sources = [Source(e.variants[e.default]) for e in formula.equations if e.name in SEEDED[name]]
@@ -149,7 +150,7 @@ def seeded(name, rng):
         statement = source.statements[rng.integers(len(source.statements))]
         kinds = KINDS[list(KINDS)[rng.integers(len(KINDS))]]
         around = pool(source, statement, set(source.arguments), parameters & set(source.arguments), scope)
-        some = [e for e in edits(source, statement, around, kinds) if e.define is None]
+        some = [e for e in statement_edits(source, statement, around, kinds) if e.define is None]
         if not some:
             continue
         edit = some[rng.integers(len(some))]

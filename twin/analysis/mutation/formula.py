@@ -21,7 +21,8 @@ from twin.core.errors import TwinError
 from twin.formula.contract import Formula
 from twin.robots import load_formula
 from twin.validation.explain.function_source import Edit, Source, patched
-from twin.validation.explain.statement_edits import edits, pool
+from twin.validation.explain.name_pool import pool
+from twin.validation.explain.statement_edits import statement_edits
 
 KINDS: dict[str, tuple[str, ...]] = {
     "sign": ("sign",),
@@ -107,7 +108,7 @@ def _draw(
     arguments = set(source.arguments)
     around = pool(source, statement, arguments, parameters & arguments, scope)
     # A misprint changes one place; an edit that needs a definition elsewhere is none.
-    misprints = [edit for edit in edits(source, statement, around, kinds) if edit.define is None]
+    misprints = [edit for edit in statement_edits(source, statement, around, kinds) if edit.define is None]
     return some(misprints, rng) if misprints else None
 
 

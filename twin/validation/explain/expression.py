@@ -19,9 +19,10 @@ from twin.validation.explain.candidate import REST, TOKENS
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.function_source import Edit, Source, Statement, apply
 from twin.validation.explain.inverses import inverse
+from twin.validation.explain.name_pool import NamePool
 from twin.validation.explain.required_values import expressions, scalar_atoms, written
 from twin.validation.explain.shifts import DIFFERENCE, Flat, Shift
-from twin.validation.explain.statement_edits import NamePool, edits
+from twin.validation.explain.statement_edits import statement_edits
 from twin.validation.explain.term_texts import EQUAL, Atom
 
 _HOLE = "_hole_"
@@ -48,7 +49,7 @@ class Site:
     @cached_property
     def edits(self) -> tuple[Edit, ...]:
         """All single edits of the statement that require no new name."""
-        every = edits(self.source, self.statement, self.pool, (*TOKENS, *REST))
+        every = statement_edits(self.source, self.statement, self.pool, (*TOKENS, *REST))
         return tuple(e for e in every if e.define is None and e.kind != "left side")
 
     @cached_property

@@ -14,12 +14,13 @@ from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.edited_functions import EditedFunctions
 from twin.validation.explain.equation_steps import RowKey
 from twin.validation.explain.function_source import Edit, Source
+from twin.validation.explain.name_pool import pool
 from twin.validation.explain.pair_search import PairSearch
 from twin.validation.explain.position_pairs import PositionPairs
 from twin.validation.explain.repair_choice import MOST_EXACT, RepairChoice
 from twin.validation.explain.row_deviations import Judge
 from twin.validation.explain.single_edits import SingleEdits
-from twin.validation.explain.statement_edits import edits, pool
+from twin.validation.explain.statement_edits import statement_edits
 from twin.validation.explain.trials import Trials
 
 _FORM_TOKENS = tuple(kind for kind in TOKENS if kind in FORMS)
@@ -292,7 +293,7 @@ class RepairSearch(Trials):
             steps = [candidate.step, *self.callers(source, candidate.step)]
             for statement in source.statements:
                 names = pool(source, statement, set(source.arguments), self.parameters, candidate.step.scope)
-                for second in edits(source, statement, names, FORMS):
+                for second in statement_edits(source, statement, names, FORMS):
                     if deadline.passed:
                         return pairs
                     if first.start <= second.end and second.start <= first.end:  # they touch each other

@@ -11,9 +11,10 @@ from twin.validation.explain.counterparts import counterpart_edits
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.equation_steps import Helper, RowKey, Step
 from twin.validation.explain.function_source import Edit, Source, Statement
+from twin.validation.explain.name_pool import pool
 from twin.validation.explain.pair_search import PairSearch
 from twin.validation.explain.required_values import RequiredValues
-from twin.validation.explain.statement_edits import edits, pool
+from twin.validation.explain.statement_edits import statement_edits
 from twin.validation.explain.suspects import available
 from twin.validation.explain.trials import Trials
 
@@ -88,7 +89,7 @@ class SingleEdits:
             names = pool(step.source, statement, symbols, self.trials.parameters, step.scope)
             # Other equations may call this equation's function.
             others = self.trials.callers(step.source, step)
-            every = list(edits(step.source, statement, names, kinds))
+            every = list(statement_edits(step.source, statement, names, kinds))
             likely = self._likely(step, statement, every)
             for edit in every:
                 if self._is_late():
@@ -124,7 +125,7 @@ class SingleEdits:
                 arguments = set(source.arguments)
                 scope = helper.function.__globals__
                 names = pool(source, statement, arguments, self.trials.parameters, scope)
-                for edit in edits(source, statement, names, kinds):
+                for edit in statement_edits(source, statement, names, kinds):
                     if self._is_late():
                         return candidates
                     if self._is_refuted(edit):

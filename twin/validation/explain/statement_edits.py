@@ -7,15 +7,15 @@ dropped when it is tried.
 from __future__ import annotations
 
 import ast
-import builtins
 import re
-import tokenize
 from collections.abc import Container, Iterator
-from dataclasses import dataclass
+from itertools import pairwise
 from typing import TypeGuard
 
-from twin.validation.explain.function_source import Edit, Source, Statement, comprehension_targets
-from twin.validation.explain.tokens import cut, shape, tokens_of
+from twin.validation.explain.edit_writer import EditWriter
+from twin.validation.explain.function_source import Edit, Source, Statement
+from twin.validation.explain.name_pool import NamePool
+from twin.validation.explain.parenthesis_edits import parenthesis_edits
 
 _FUNCTIONS = (
     ("sin", "cos", "tan"),
@@ -27,100 +27,30 @@ _FUNCTIONS = (
     ("norm_2", "sumsqr"),
     ("fmin", "fmax"),
 )
+"""Groups of functions that are misprinted for each other."""
+
 _OPERATORS: dict[type[ast.operator], tuple[str, tuple[str, ...]]] = {
     ast.Add: ("+", ("-", "*")),
     ast.Sub: ("-", ("+", "*")),
     ast.Mult: ("*", ("/", "+", "-")),
     ast.Div: ("/", ("*",)),
 }
-_LONGEST_MOVE = 48
-"""Maximum number of tokens by which a parenthesis is moved."""
+"""The sign of each operator, and the signs that may stand in its place."""
+
+_NEAR_NUMBERS = {0, 1, 2, 3, 4, 6}
+"""Numbers that are tried instead of any other: they are frequent in equations."""
+
+_MOST_INDICES = 4
+"""Number of indices that are tried, from 0 on: of a vector, or of a row or column of a pose."""
 
 _SUM = (ast.Add, ast.Sub)
 """Operators between the terms of a sum."""
 
 
-@dataclass(frozen=True)
-class NamePool:
-    """Names that an edit may insert: existing `names`, and new `aliases`, each with the expression that defines it."""
-
-    names: frozenset[str]
-    aliases: dict[str, str]
-    parameters: frozenset[str]
-    arguments: frozenset[str]
-    unknown: frozenset[str]  # used by the statement but computed by no equation: probably misspelt
-
-
-def pool(
-    source: Source, statement: Statement, available: set[str], parameters: set[str], scope: Container[str]
-) -> NamePool:
-    """Return the names that a statement could use: known symbols, earlier local variables, and aliases."""
-    local, readable = source.names_at(statement)
-    inner = set(comprehension_targets(statement.node))
-    if isinstance(statement.node, ast.For):  # its lines may use names assigned by earlier lines of the loop
-        inner |= set(statement.writes)
-    local |= inner
-    readable |= inner
-    names = {name for name in available if name.isidentifier()} | local
-    aliases = {}
-    for name, definition in _aliases(source, statement).items():
-        if name not in names:
-            aliases[name] = definition
-    unknown = []
-    for name in statement.reads - names - set(dir(builtins)):
-        if name not in scope:
-            unknown.append(name)
-    return NamePool(frozenset(names), aliases, frozenset(parameters), frozenset(readable), frozenset(unknown))
-
-
-def _aliases(source: Source, statement: Statement) -> dict[str, str]:
-    """Return {name: definition} of sines and cosines that the statement's function could name as it names others.
-
-    After `s_theta = sin(theta)` and `c_phi = cos(phi)`, these are also `s_phi` and `c_theta`.
-    """
-    angles: set[str] = set()
-    styles: set[tuple[str, str]] = set()  # (function, prefix of the names of its values)
-    for earlier in source.statements[: statement.index]:
-        if earlier.home is not statement.home:
-            continue
-        for name, call in _assigned(earlier.node):
-            if not (isinstance(call, ast.Call) and isinstance(call.func, ast.Name)):
-                continue
-            if call.func.id not in ("sin", "cos"):
-                continue
-            argument = ast.unparse(call.args[0]) if call.args else ""
-            if argument.isidentifier() and name.endswith(argument):
-                styles.add((call.func.id, name.removesuffix(argument)))
-                angles.add(argument)
-    aliases: dict[str, str] = {}
-    for function, prefix in styles:
-        for angle in angles:
-            aliases[prefix + angle] = f"{function}({angle})"
-    return aliases
-
-
-def _assigned(node: ast.stmt) -> list[tuple[str, ast.expr]]:
-    """Return (name, value) of each name that an assignment sets; `a, b = x, y` sets two."""
-    if not isinstance(node, ast.Assign):
-        return []
-    target = node.targets[0]
-    value = node.value
-    targets = [target]
-    values = [value]
-    if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple) and len(target.elts) == len(value.elts):
-        targets = target.elts
-        values = value.elts
-    pairs = []
-    for one, value_of_one in zip(targets, values, strict=True):
-        if isinstance(one, ast.Name):
-            pairs.append((one.id, value_of_one))
-    return pairs
-
-
-def edits(source: Source, statement: Statement, pool: NamePool, kinds: Container[str]) -> Iterator[Edit]:
+def statement_edits(source: Source, statement: Statement, pool: NamePool, kinds: Container[str]) -> Iterator[Edit]:
     """Yield the edits of a statement that have one of the given kinds."""
     seen: set[tuple[int, int, str]] = set()
-    writer = _Writer(source, statement, pool)
+    writer = EditWriter(source, statement, pool)
     for make in (_names, _calls, _quotients, _signs, _operators, _numbers, _sides, _terms, _factors):
         for edit in make(writer, statement.node):
             key = (edit.start, edit.end, edit.new)
@@ -128,46 +58,7 @@ def edits(source: Source, statement: Statement, pool: NamePool, kinds: Container
                 seen.add(key)
                 yield edit
     if "parenthesis" in kinds:
-        yield from _parentheses(writer, statement.node)
-
-
-class _Writer:
-    """Writes the edits of one statement."""
-
-    def __init__(self, source: Source, statement: Statement, pool: NamePool) -> None:
-        self.source = source
-        self.statement = statement
-        self.pool = pool
-        self._parents: dict[ast.AST, ast.AST] = {}
-        for node in ast.walk(statement.node):
-            for child in ast.iter_child_nodes(node):
-                self._parents[child] = node
-
-    def parent(self, node: ast.AST) -> ast.AST | None:
-        return self._parents.get(node)
-
-    def replace(self, node: ast.AST, new: str, kind: str, define: tuple[str, str] | None = None) -> Edit:
-        return self.between(*self.source.span(node), new, kind, define)
-
-    def between(self, start: int, end: int, new: str, kind: str, define: tuple[str, str] | None = None) -> Edit:
-        source = self.source
-        line = source.line_of(start)
-        old = source.text(start, end)
-        return Edit(source.path, line, start, end, old, new, kind, self.statement.index, source.name, define)
-
-    def inserted(self, at: int, new: str, kind: str, define: tuple[str, str] | None = None) -> Edit:
-        return self.between(at, at, new, kind, define)
-
-    def text(self, node: ast.AST) -> str:
-        return self.source.text(*self.source.span(node))
-
-    def need(self, name: str) -> tuple[str, str] | None:
-        """Return the definition (name, expression) that an inserted name requires; None if it requires none."""
-        if name in self.pool.aliases:
-            return name, self.pool.aliases[name]
-        if name in self.pool.arguments:
-            return None
-        return name, ""
+        yield from parenthesis_edits(writer, statement.node)
 
 
 def _is_operation(node: ast.AST | None, *operators: type[ast.operator]) -> TypeGuard[ast.BinOp]:
@@ -176,17 +67,19 @@ def _is_operation(node: ast.AST | None, *operators: type[ast.operator]) -> TypeG
 
 
 def _expressions(root: ast.AST) -> Iterator[ast.expr]:
+    """Yield the expressions of a statement that are read, not assigned."""
     for node in ast.walk(root):
         if isinstance(node, ast.expr) and not isinstance(getattr(node, "ctx", None), ast.Store):
             yield node
 
 
-def _is_called(w: _Writer, node: ast.AST) -> bool:
+def _is_called(w: EditWriter, node: ast.AST) -> bool:
     parent = w.parent(node)
     return isinstance(parent, ast.Call) and parent.func is node
 
 
 def _stem(name: str) -> str:
+    """Return a name without the digits of its indices, as "l_#" for l_12."""
     return re.sub(r"\d+", "#", name)
 
 
@@ -203,13 +96,15 @@ def kind_of_name(old: str, new: str, parameters: frozenset[str], aliases: dict[s
     return "name"
 
 
-def _names(w: _Writer, root: ast.AST) -> Iterator[Edit]:
+def _names(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
+    """Yield other names instead of each name."""
     choices = sorted(w.pool.names | set(w.pool.aliases))
+    symbols = w.pool.names | w.pool.arguments | w.pool.unknown
     for node in _expressions(root):
         if not isinstance(node, ast.Name) or _is_called(w, node):
             continue
-        old = node.id  # a module, as in symbolic.pose, is not a symbol
-        if old not in w.pool.names | w.pool.arguments | w.pool.unknown:
+        old = node.id
+        if old not in symbols:  # a module, as in symbolic.pose, is not a symbol
             continue
         for new in choices:
             if new != old:
@@ -217,7 +112,8 @@ def _names(w: _Writer, root: ast.AST) -> Iterator[Edit]:
                 yield w.replace(node, new, kind, w.need(new))
 
 
-def _calls(w: _Writer, root: ast.AST) -> Iterator[Edit]:
+def _calls(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
+    """Yield other functions, and other orders of arguments and of factors of matrix products."""
     for node in _expressions(root):
         if isinstance(node, ast.Attribute):
             yield from _other_attributes(w, node)
@@ -230,7 +126,7 @@ def _calls(w: _Writer, root: ast.AST) -> Iterator[Edit]:
                     yield w.replace(side, f"({w.text(side)}).T", "transpose")
 
 
-def _other_attributes(w: _Writer, node: ast.Attribute) -> Iterator[Edit]:
+def _other_attributes(w: EditWriter, node: ast.Attribute) -> Iterator[Edit]:
     """Yield other functions of the same module, as in `symbolic.cross`, and a matrix without its transposition."""
     for group in _FUNCTIONS:
         if node.attr not in group:
@@ -242,7 +138,7 @@ def _other_attributes(w: _Writer, node: ast.Attribute) -> Iterator[Edit]:
         yield w.replace(node, w.text(node.value), "transpose")
 
 
-def _other_calls(w: _Writer, node: ast.Call) -> Iterator[Edit]:
+def _other_calls(w: EditWriter, node: ast.Call) -> Iterator[Edit]:
     """Yield calls of other functions, calls with two arguments exchanged, and the argument without the call."""
     if isinstance(node.func, ast.Name):
         for group in _FUNCTIONS:
@@ -253,7 +149,7 @@ def _other_calls(w: _Writer, node: ast.Call) -> Iterator[Edit]:
                 kind = "trig"
             for other in group:
                 yield w.replace(node.func, other, kind)
-    for first, second in zip(node.args, node.args[1:], strict=False):
+    for first, second in pairwise(node.args):
         start, end_of_first = w.source.span(first)
         start_of_second, end = w.source.span(second)
         separator = w.source.text(end_of_first, start_of_second)
@@ -262,7 +158,7 @@ def _other_calls(w: _Writer, node: ast.Call) -> Iterator[Edit]:
         yield w.replace(node, f"({w.text(node.args[0])})", "surplus")
 
 
-def _quotients(w: _Writer, root: ast.AST) -> Iterator[Edit]:
+def _quotients(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
     """Yield `atan2(n, d)` instead of `atan(n / d)`, which has angles of two quadrants only."""
     for node in _expressions(root):
         if not isinstance(node, ast.Call) or len(node.args) != 1:
@@ -276,7 +172,8 @@ def _quotients(w: _Writer, root: ast.AST) -> Iterator[Edit]:
             yield w.replace(node, new, "function")
 
 
-def _signs(w: _Writer, root: ast.AST) -> Iterator[Edit]:
+def _signs(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
+    """Yield edits that remove a minus sign, or put one in front of an operand."""
     for node in _expressions(root):
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
             yield w.replace(node, w.text(node.operand), "sign")
@@ -284,7 +181,7 @@ def _signs(w: _Writer, root: ast.AST) -> Iterator[Edit]:
             yield _negated(w, node)
 
 
-def _begins_expression(w: _Writer, node: ast.expr) -> bool:
+def _begins_expression(w: EditWriter, node: ast.expr) -> bool:
     """Return whether a node is the first operand of an expression, in front of which a sign can stand."""
     if not isinstance(node, ast.Name | ast.Call | ast.Subscript | ast.Constant | ast.BinOp | ast.Attribute):
         return False
@@ -300,7 +197,7 @@ def _begins_expression(w: _Writer, node: ast.expr) -> bool:
     return isinstance(parent, ast.Tuple | ast.List | ast.Return | ast.Assign | ast.GeneratorExp | ast.AugAssign)
 
 
-def _negated(w: _Writer, node: ast.expr) -> Edit:
+def _negated(w: EditWriter, node: ast.expr) -> Edit:
     """Return the edit that changes the sign of an operand, written as an author would write it."""
     parent = w.parent(node)
     start, _ = w.source.span(node)
@@ -317,7 +214,8 @@ def _plain(node: ast.AST) -> bool:
     return isinstance(node, ast.Name | ast.Call | ast.Subscript)
 
 
-def _operators(w: _Writer, root: ast.AST) -> Iterator[Edit]:
+def _operators(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
+    """Yield other operators between two operands."""
     for node in _expressions(root):
         if not isinstance(node, ast.BinOp) or type(node.op) not in _OPERATORS:
             continue
@@ -336,7 +234,8 @@ def _operators(w: _Writer, root: ast.AST) -> Iterator[Edit]:
             yield w.between(at_byte, at_byte + 1, other, kind)
 
 
-def _numbers(w: _Writer, root: ast.AST) -> Iterator[Edit]:
+def _numbers(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
+    """Yield other numbers instead of each number, and other fractions of pi."""
     for node in _expressions(root):
         # a bool is an int, but no number of an equation
         if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
@@ -352,14 +251,14 @@ def _numbers(w: _Writer, root: ast.AST) -> Iterator[Edit]:
             yield w.replace(parent, "0", "number")
 
 
-def _other_numbers(w: _Writer, node: ast.Constant, number: float) -> Iterator[Edit]:
+def _other_numbers(w: EditWriter, node: ast.Constant, number: float) -> Iterator[Edit]:
     """Yield other numbers instead of a number: another index, exponent, factor or term."""
     parent = w.parent(node)
     in_index = isinstance(parent, ast.Subscript | ast.Slice)
     if isinstance(parent, ast.Tuple):
         in_index = isinstance(w.parent(parent), ast.Subscript)
     if in_index:
-        for i in range(4):
+        for i in range(_MOST_INDICES):
             yield w.replace(node, str(i), "index")
         return
     if _is_operation(parent, ast.Pow) and parent.right is node:
@@ -367,7 +266,7 @@ def _other_numbers(w: _Writer, node: ast.Constant, number: float) -> Iterator[Ed
         for i in (1, 2, 3, 4):
             yield w.replace(node, str(i), "exponent")
         return
-    others = {number + 1, number - 1, 2 * number, number / 2, 0, 1, 2, 3, 4, 6}
+    others = {number + 1, number - 1, 2 * number, number / 2} | _NEAR_NUMBERS
     for other in sorted(others - {number}):
         if other >= 0:
             yield w.replace(node, f"{other:g}", "number")
@@ -378,7 +277,7 @@ def _other_numbers(w: _Writer, node: ast.Constant, number: float) -> Iterator[Ed
             yield w.replace(node, text, "number")
 
 
-def _sides(w: _Writer, root: ast.AST) -> Iterator[Edit]:
+def _sides(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
     """Yield edits of the index of the symbol on the left side of an implicit row."""
     if root is not w.statement.node or not isinstance(root, ast.Assign):
         return
@@ -390,7 +289,7 @@ def _sides(w: _Writer, root: ast.AST) -> Iterator[Edit]:
             yield w.replace(target, other, "left side")
 
 
-def _terms(w: _Writer, root: ast.AST) -> Iterator[Edit]:
+def _terms(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
     """Yield edits that remove a term or factor, or add a square, a root or a term."""
     for node in _expressions(root):
         if _is_operation(node, ast.Add, ast.Sub, ast.Mult, ast.Div, ast.MatMult):
@@ -413,7 +312,7 @@ def _terms(w: _Writer, root: ast.AST) -> Iterator[Edit]:
                     yield w.replace(node, f"({node.id} {sign} {name})", "missing", w.need(name))
 
 
-def _without_operand(w: _Writer, node: ast.BinOp) -> Iterator[Edit]:
+def _without_operand(w: EditWriter, node: ast.BinOp) -> Iterator[Edit]:
     """Yield an operation's left operand alone, and its right one with its sign; a divisor alone is no misprint."""
     yield w.replace(node, w.text(node.left), "surplus")
     if isinstance(node.op, ast.Div):
@@ -424,7 +323,7 @@ def _without_operand(w: _Writer, node: ast.BinOp) -> Iterator[Edit]:
     yield w.replace(node, right, "surplus")
 
 
-def _is_whole(w: _Writer, node: ast.expr) -> bool:
+def _is_whole(w: EditWriter, node: ast.expr) -> bool:
     """Return whether a node is all that is assigned, returned or passed; of an assigned tuple, its entries are."""
     parent = w.parent(node)
     if isinstance(parent, ast.Call):
@@ -434,7 +333,7 @@ def _is_whole(w: _Writer, node: ast.expr) -> bool:
     return isinstance(parent, ast.Assign | ast.Return) and not isinstance(node, ast.Tuple)
 
 
-def _end_of_base(w: _Writer, node: ast.expr) -> int | None:
+def _end_of_base(w: EditWriter, node: ast.expr) -> int | None:
     """Return the byte after a name, an entry or a parenthesis that may be squared; None for other expressions."""
     parent = w.parent(node)
     start, end = w.source.span(node)
@@ -453,16 +352,16 @@ def _end_of_base(w: _Writer, node: ast.expr) -> int | None:
     return None
 
 
-def _squares(w: _Writer, node: ast.expr) -> Iterator[Edit]:
+def _squares(w: EditWriter, node: ast.expr) -> Iterator[Edit]:
     """Yield edits of an expression with squares: its square root, and one more square."""
-    end = w.source.span(node)[1]
+    _, end = w.source.span(node)
     yield from _roots(w, node)
     for name in sorted(w.pool.names):
         for sign in "+-":
             yield w.inserted(end, f" {sign} {name}**2", "missing", w.need(name))
 
 
-def _roots(w: _Writer, node: ast.expr) -> Iterator[Edit]:
+def _roots(w: EditWriter, node: ast.expr) -> Iterator[Edit]:
     """Yield the edits that put an expression under a square root, as the file writes it."""
     names = re.findall(r"(?:\w+\.)?\bsqrt(?=\()", w.source.data.decode())
     for name in sorted(set(names)):
@@ -473,13 +372,13 @@ def _has_square(node: ast.AST) -> bool:
     return any(_is_operation(part, ast.Pow) for part in ast.walk(node))
 
 
-def _is_multiplied(w: _Writer, node: ast.AST) -> bool:
+def _is_multiplied(w: EditWriter, node: ast.AST) -> bool:
     """Return whether a node is what a matrix is multiplied by."""
     parent = w.parent(node)
     return _is_operation(parent, ast.MatMult) and parent.right is node
 
 
-def _is_inner_sum(w: _Writer, node: ast.AST) -> bool:
+def _is_inner_sum(w: EditWriter, node: ast.AST) -> bool:
     """Return whether a node is a sum in parentheses inside a sum or product."""
     parent = w.parent(node)
     if not (_is_operation(node, *_SUM) and isinstance(parent, ast.BinOp)):
@@ -487,8 +386,9 @@ def _is_inner_sum(w: _Writer, node: ast.AST) -> bool:
     return not (_is_operation(parent, *_SUM, ast.Pow) and parent.left is node)
 
 
-def _factors(w: _Writer, root: ast.AST) -> Iterator[Edit]:
+def _factors(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
     """Yield edits that add a factor to a term of a sum, or to a whole expression without a sum."""
+    names = sorted(w.pool.names | set(w.pool.aliases))
     for node in _expressions(root):
         if not (_is_operation(w.parent(node), *_SUM) or _is_whole(w, node)):
             continue
@@ -496,88 +396,7 @@ def _factors(w: _Writer, root: ast.AST) -> Iterator[Edit]:
         if isinstance(node, ast.Tuple | ast.UnaryOp) or _is_operation(node, *_SUM):
             continue
         start, _ = w.source.span(node)
-        for name in sorted(w.pool.names | set(w.pool.aliases)):
+        for name in names:
             yield w.inserted(start, f"{name} * ", "missing", w.need(name))
         yield w.inserted(start, "2 * ", "missing")
         yield w.inserted(start, "0.5 * ", "missing")
-
-
-def _parentheses(w: _Writer, root: ast.AST) -> Iterator[Edit]:
-    """Yield edits of parentheses: move one end, remove a pair, add a pair."""
-    start, end = w.source.span(root)
-    if isinstance(root, ast.Return) and root.value is not None:
-        start, end = w.source.span(root.value)
-    text = w.source.text(start, end)
-    if not text.isascii():
-        return
-    known_shapes = {shape(text)}
-    for new in _parenthesised(text):
-        new_shape = shape(new)
-        # parentheses that change nothing are no edit, and many of them come to the same
-        if not new_shape or new_shape in known_shapes:
-            continue
-        known_shapes.add(new_shape)
-        first, last = _changed_part(text, new)
-        yield w.between(start + first, start + len(text) - last, new[first : len(new) - last], "parenthesis")
-
-
-def _changed_part(text: str, new: str) -> tuple[int, int]:
-    """Return the numbers of equal characters before and after what differs between two texts, in whole names."""
-    shorter = min(len(text), len(new))
-    before = 0
-    while before < shorter and text[before] == new[before]:
-        before += 1
-    if before == shorter:
-        before = 0
-    after = 0
-    while after < shorter - before and text[-1 - after] == new[-1 - after]:
-        after += 1
-    if after == shorter - before:
-        after = 0
-    while before and (text[before - 1].isalnum() or text[before - 1] == "_"):
-        before -= 1
-    return before, after
-
-
-def _parenthesised(text: str) -> Iterator[str]:
-    """Yield a text with one pair of parentheses less, with one end of a pair elsewhere, or with one pair more."""
-    tokens = tokens_of(text)
-    open_tokens: list[int] = []
-    pairs: list[tuple[int, int]] = []
-    for i, (kind, string, _, _) in enumerate(tokens):
-        if kind == tokenize.OP and string == "(":
-            open_tokens.append(i)
-        elif kind == tokenize.OP and string == ")" and open_tokens:
-            pairs.append((open_tokens.pop(), i))
-    for opening, closing in pairs:
-        _, _, open_start, open_end = tokens[opening]
-        _, _, close_start, close_end = tokens[closing]
-        called = opening > 0 and tokens[opening - 1][0] == tokenize.NAME
-        if not called:
-            yield text[:open_start] + text[open_end:close_start] + text[close_end:]
-        for j, (kind, string, _, finish) in enumerate(tokens):
-            if abs(j - closing) > _LONGEST_MOVE or j <= opening or j in (closing, closing - 1):
-                continue
-            if kind in (tokenize.NAME, tokenize.NUMBER) or string == ")":
-                yield cut(text, sorted([(close_start, close_end, ""), (finish, finish, ")")]))
-        if called:  # the parenthesis after a function's name stays there
-            continue
-        for j, (kind, string, begin, _) in enumerate(tokens):
-            if abs(j - opening) > _LONGEST_MOVE or j >= closing or j == opening:
-                continue
-            if kind in (tokenize.NAME, tokenize.NUMBER) or string in ("(", "-"):
-                yield cut(text, sorted([(open_start, open_end, ""), (begin, begin, "(")]))
-    begins = []
-    ends = []
-    for i, (kind, string, _, _) in enumerate(tokens):
-        operand = kind in (tokenize.NAME, tokenize.NUMBER)
-        if operand or string == "(":
-            begins.append(i)
-        if operand or string in ")]":
-            ends.append(i)
-    for i in begins:
-        _, _, begin, _ = tokens[i]
-        for j in ends:
-            if i < j <= i + _LONGEST_MOVE // 2:
-                _, _, _, finish = tokens[j]
-                yield cut(text, [(begin, begin, "("), (finish, finish, ")")])

@@ -6,7 +6,21 @@ import ast
 import contextlib
 import io
 import tokenize
-from typing import AnyStr
+from typing import AnyStr, NamedTuple
+
+
+class Token(NamedTuple):
+    """A name, number or operator of a text: its kind in `tokenize`, and the characters `start` to `end`."""
+
+    kind: int
+    text: str
+    start: int
+    end: int
+
+    @property
+    def is_operand(self) -> bool:
+        """Whether the token is a name or a number."""
+        return self.kind in (tokenize.NAME, tokenize.NUMBER)
 
 
 def line_starts(text: AnyStr) -> list[int]:
@@ -20,19 +34,23 @@ def line_starts(text: AnyStr) -> list[int]:
 def span(node: ast.AST, starts: list[int]) -> tuple[int, int]:
     """Return (first byte, end byte) of a syntax node; `starts` are the offsets of the lines of its text in bytes."""
     start = starts[node.lineno - 1] + node.col_offset  # type: ignore[attr-defined]
-    return start, starts[node.end_lineno - 1] + node.end_col_offset  # type: ignore[attr-defined]
+    end = starts[node.end_lineno - 1] + node.end_col_offset  # type: ignore[attr-defined]
+    return start, end
 
 
-def tokens_of(text: str) -> list[tuple[int, str, int, int]]:
-    """Return (kind, text, start, end) of each token of an expression."""
+def tokens_of(text: str) -> list[Token]:
+    """Return the names, numbers and operators of an expression, in the order of the text."""
     lines = line_starts(text)
-    tokens: list[tuple[int, str, int, int]] = []
+    tokens: list[Token] = []
     # A text that ends too early has an error only at its end; the tokens before it are kept.
     with contextlib.suppress(tokenize.TokenError, IndentationError):
         for token in tokenize.generate_tokens(io.StringIO(text).readline):
             if token.type in (tokenize.NAME, tokenize.NUMBER, tokenize.OP):
-                (first_line, first), (last_line, last) = token.start, token.end
-                tokens.append((token.type, token.string, lines[first_line - 1] + first, lines[last_line - 1] + last))
+                first_line, first = token.start
+                last_line, last = token.end
+                start = lines[first_line - 1] + first
+                end = lines[last_line - 1] + last
+                tokens.append(Token(token.type, token.string, start, end))
     return tokens
 
 
@@ -46,6 +64,6 @@ def shape(text: str) -> str:
 
 def cut(text: str, parts: list[tuple[int, int, str]]) -> str:
     """Return a text after replacing parts (start, end, new text), which must be in order."""
-    for a, b, new in reversed(parts):
-        text = text[:a] + new + text[b:]
+    for start, end, new in reversed(parts):  # from the end, so that earlier positions stay as they are
+        text = text[:start] + new + text[end:]
     return text

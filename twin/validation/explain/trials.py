@@ -14,8 +14,8 @@ from twin.validation.explain.equation_steps import RowKey, Step
 from twin.validation.explain.expression import Site
 from twin.validation.explain.formula_state import is_worse
 from twin.validation.explain.function_source import Edit, Source, Statement
+from twin.validation.explain.name_pool import pool
 from twin.validation.explain.row_deviations import Judge, evaluate, worst
-from twin.validation.explain.statement_edits import pool
 from twin.validation.explain.suspects import available, suspects, unread
 
 
