@@ -23,9 +23,9 @@ from twin.cad import frames
 from twin.core.units import MM
 from twin.reference import ReferenceModel
 from twin.validation.explain.explain import ExplainOptions, explain
+from twin.validation.explain.explanation_data import ChangedParameter, FittedParameters
 from twin.validation.explain.repair_search import GroupResult
 from twin.validation.explain.simplest_explanation import simplest_explanation
-from twin.validation.explain.wrong_parameters import ChangedParameter, FittedParameters
 
 ROOT = Path(__file__).parents[2]
 

@@ -10,8 +10,9 @@ from twin.core.units import DEG
 from twin.robots import load_formula
 from twin.validation.explain.explain import explain
 from twin.validation.explain.judged_states import known
+from twin.validation.explain.parameter_fit import ParameterFit, ParameterResiduals
 from twin.validation.explain.row_deviations import Judge
-from twin.validation.explain.wrong_parameters import Fit, ParameterResiduals, _covariance, identify
+from twin.validation.explain.wrong_parameters import _covariance, identify
 
 pytestmark = pytest.mark.usefixtures("sampled_once")
 
@@ -151,7 +152,7 @@ def test_rows_without_a_derivative_do_not_count(lost, rng):
     """At the end of the reach a parameter has no derivative: one side of it has no real solution."""
     J, r = rng.normal(size=(8, 2)), rng.normal(size=8)
     kept = [i for i in range(8) if i not in lost]
-    whole = _covariance(Fit(("a", "b"), np.zeros(2), r[kept], J[kept]), 0.0)
+    whole = _covariance(ParameterFit(("a", "b"), np.zeros(2), r[kept], J[kept]), 0.0)
     J[lost, 1] = np.nan
-    some = _covariance(Fit(("a", "b"), np.zeros(2), r, J), 0.0)
+    some = _covariance(ParameterFit(("a", "b"), np.zeros(2), r, J), 0.0)
     np.testing.assert_array_equal(some, whole)

@@ -1,0 +1,181 @@
+"""Fit parameters of the equations to the mechanism: Gauss-Newton on the residuals of the judged rows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.core.provenance import Parameter
+from twin.core.spatial import Array
+from twin.validation.explain.deadline import Deadline
+from twin.validation.explain.equation_steps import RowPlace
+from twin.validation.explain.row_deviations import Judge, worst
+
+BLIND = 1e-7
+"""A combination of parameters counts as without effect on the rows if its relative singular value is smaller."""
+
+_STEPS = 30
+"""Maximum number of steps of a fit."""
+
+_GAIN = 1e-3
+_SLOW_STEPS = 2
+"""A fit ends if so many successive steps reduce the sum of squares by less than the fraction `_GAIN`."""
+
+_DONE = 1e-13
+"""A fit ends if a step changes each parameter by less than this fraction of its scale."""
+
+_SHORTEST = 1e-3
+"""A step is halved until the sum of squares does not increase, but not below this fraction of it."""
+
+_DIFFERENCE = 1e-6
+"""Change of a parameter, relative to its scale, for derivatives by differences."""
+
+_SMALLEST_SCALE = 0.01
+"""Smallest scale of a parameter in m or rad; that of a larger one is its absolute value."""
+
+_PROBE = 1e-4
+"""Change of a parameter, relative to its scale, that shows whether a row depends on it."""
+
+_FELT = 1e-3
+"""Smallest change of a residual, in units of the tolerance, by which a row depends on a parameter."""
+
+_NO_RESIDUAL = 1e-300
+"""Minimum divisor where a sum of squares may be zero."""
+
+
+@dataclass(frozen=True)
+class ParameterFit:
+    """Result of a Gauss-Newton fit.
+
+    Attributes:
+        names: names (n) of the fitted parameters.
+        values: (n,) in SI.
+        residual: (m,) in units of the tolerance.
+        J: (m, n) derivatives of `residual` by `values`, in units of the tolerance per SI unit.
+    """
+
+    names: tuple[str, ...]
+    values: Array
+    residual: Array
+    J: Array
+
+    @property
+    def worst(self) -> float:
+        """Worst residual, in units of the tolerance."""
+        return worst(self.residual)
+
+
+class ParameterResiduals:
+    """Residuals of the used rows as functions of the parameters.
+
+    Helper rows are used only if all printed rows agree. Rows with a residual that is not finite are not used.
+
+    Attributes:
+        complete: whether all wrong rows have finite residuals.
+    """
+
+    def __init__(self, judge: Judge, noise: float = 0.0, seed: int = 0, deadline: Deadline | None = None) -> None:
+        """Store the rows; `noise`: standard deviation, in units of the tolerance, added to the mechanism's values."""
+        self.judge = judge
+        self.deadline = deadline or Deadline()
+        self.start = {p.name: float(np.asarray(judge.reference.symbols[p.name])) for p in judge.formula.parameters}
+        failing = judge.failing()
+        # Helpers often only repeat the error of a printed row: helper rows are used only if all printed rows agree.
+        printed_fails = any(self._printed(p.equation) for p in failing)
+        self.rows: list[RowPlace] = []
+        self.complete = True
+        size = 0  # number of residuals of all used rows
+        for place, residual in judge.residuals.items():
+            if printed_fails and not self._printed(place.equation):
+                continue
+            if np.isfinite(residual).all():
+                self.rows.append(place)
+                size += residual.size
+            elif place in failing:
+                self.complete = False
+        self.noise = np.zeros(size)
+        if noise:
+            self.noise = noise * np.random.default_rng(seed).standard_normal(size)
+
+    def _printed(self, equation: str) -> bool:
+        return self.judge.step(equation).stage != "helper"
+
+    def residual(self, values: dict[str, float]) -> Array:
+        """Return the residuals (m,) of all rows for parameter values in SI; all are NaN if a row has none there.
+
+        Raises:
+            LateError: the time is over.
+        """
+        self.deadline.check()
+        other = self.judge.on(self.judge.reference.with_parameters(values))
+        without_value = np.full(self.noise.shape, np.nan)
+        of_rows: list[Array] = [np.zeros(0)]  # there may be no rows
+        for place in self.rows:
+            if place not in other.residuals:
+                return without_value
+            of_rows.append(other.residuals[place].ravel())
+        flat = np.concatenate(of_rows)
+        if flat.shape != self.noise.shape:
+            return without_value
+        return flat + self.noise
+
+    def used(self) -> list[Parameter]:
+        """Return the parameters on which at least one row depends."""
+        base = self.residual(self.start)
+        used: list[Parameter] = []
+        for p in self.judge.formula.parameters:
+            start = self.start[p.name]
+            scale = max(abs(start), _SMALLEST_SCALE)
+            moved = self.residual({**self.start, p.name: start + _PROBE * scale})
+            if np.nanmax(np.abs(moved - base), initial=0.0) > _FELT:
+                used.append(p)
+        return used
+
+    def fit(self, names: tuple[str, ...]) -> ParameterFit:
+        """Fit the named parameters by least squares (Gauss-Newton, step halving; minimum norm if not identifiable)."""
+        x: Array = np.array([self.start[n] for n in names], float)
+        scale = np.maximum(np.abs(x), _SMALLEST_SCALE)
+
+        def residual(values: Array) -> Array:
+            named_values = dict(zip(names, values.tolist(), strict=True))
+            return self.residual({**self.start, **named_values})
+
+        r = residual(x)
+        J = np.zeros((len(r), len(names)))  # derivatives by values in units of `scale`
+        slow_steps = 0
+        for _ in range(_STEPS):
+            for i in range(len(names)):
+                h = np.zeros(len(names))
+                h[i] = _DIFFERENCE * scale[i]
+                J[:, i] = (residual(x + h) - residual(x - h)) / (2 * _DIFFERENCE)
+            if not np.isfinite(J).all():
+                break
+            # With singular values below `BLIND` cut off, what no row depends on has no step.
+            solution, *_ = np.linalg.lstsq(J, -r, rcond=BLIND)
+            step = np.asarray(solution, np.float64) * scale
+            factor = 1.0
+            shorter = residual(x + step)
+            while not _is_smaller(shorter, r) and factor > _SHORTEST:
+                factor /= 2
+                shorter = residual(x + factor * step)
+            if not _is_smaller(shorter, r):
+                break
+            gain = 1 - float(shorter @ shorter) / max(float(r @ r), _NO_RESIDUAL)
+            change = float(np.abs(factor * step / scale).max())
+            x = x + factor * step
+            r = shorter
+            if gain < _GAIN:
+                slow_steps += 1
+            else:
+                slow_steps = 0
+            if change < _DONE or slow_steps == _SLOW_STEPS:
+                break
+        return ParameterFit(names, x, r, J / scale)
+
+
+def _is_smaller(new: Array, old: Array) -> bool:
+    """Return whether new residuals are finite and their sum of squares is not larger than that of the old ones."""
+    if not np.isfinite(new).all():
+        return False
+    return bool(new @ new <= old @ old)
