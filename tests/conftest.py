@@ -164,8 +164,8 @@ def no_plots(monkeypatch):
 @pytest.fixture(scope="module")
 def sampled_once():
     """Sample each mechanism once in a file whose tests explain many formulas by it."""
-    from twin.validation.explain import explain, held_out_states, judged_states
-    from twin.validation.explain.sampled_states import SAMPLES, sample_states
+    from twin.validation.explain import explain, possible_fixes, judged_states
+    from twin.validation.explain.judged_states import SAMPLES, sample_states
 
     found = {}
 
@@ -181,7 +181,7 @@ def sampled_once():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(explain, "sample_states", once)
         patch.setattr(judged_states, "sample_states", once)
-        patch.setattr(held_out_states, "sample_states", once)
+        patch.setattr(possible_fixes, "sample_states", once)
         yield
 
 

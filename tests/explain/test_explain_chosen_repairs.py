@@ -103,7 +103,7 @@ def test_all_searches_for_pairs_have_one_deadline(search):
 def test_a_refused_pair_is_refused_when_it_is_tried_again(search, monkeypatch):
     monkeypatch.setattr(trials, "aliases", lambda judge, step, change: {})
     monkeypatch.setattr(
-        trials, "evaluate", lambda judge, step, change, extra: {RowPlace("e", "printed", 0, 0, "x", 1): 0.0}
+        trials, "trial_residuals", lambda judge, step, change, extra: {RowPlace("e", "printed", 0, 0, "x", 1): 0.0}
     )
     monkeypatch.setattr(trials, "worst", lambda r: r)
     monkeypatch.setattr(RepairSearch, "dependence", SimpleNamespace(judged=lambda c, rows: None))

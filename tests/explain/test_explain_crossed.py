@@ -12,7 +12,7 @@ from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.function_source import Edit
 from twin.validation.explain.rebuilt_functions import unguarded
 from twin.validation.explain.repair_search import RepairSearch
-from twin.validation.explain.row_deviations import Judge, evaluate
+from twin.validation.explain.row_deviations import Judge, trial_residuals
 from twin.validation.explain.statement_pairs import _at_best_angle
 
 TROCAR = "u = W - vertcat(trocar_x, trocar_y, trocar_z)"
@@ -63,7 +63,7 @@ def test_values_of_many_pairs_are_those_of_each_pair(tmp_path):
             (row,) = found
             for n, residual in enumerate(found[row]):
                 i, j = divmod(n, len(firsts))
-                alone = evaluate(crossed.judge, crossed.step, [*firsts[j], *others[i]])
+                alone = trial_residuals(crossed.judge, crossed.step, [*firsts[j], *others[i]])
                 (expected,) = (r for place, r in alone.items() if place.key == row)
                 np.testing.assert_allclose(residual, expected[0], rtol=1e-6, atol=1e-3)
                 compared += 1

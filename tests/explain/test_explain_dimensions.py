@@ -24,8 +24,8 @@ from twin.core.units import MM
 from twin.reference import ReferenceModel
 from twin.validation.explain.explain import ExplainOptions, explain
 from twin.validation.explain.explanation_data import ChangedParameter, FittedParameters
+from twin.validation.explain.possible_fixes import simplest_explanation
 from twin.validation.explain.repair_search import GroupResult
-from twin.validation.explain.simplest_explanation import simplest_explanation
 
 ROOT = Path(__file__).parents[2]
 

@@ -14,7 +14,7 @@ from twin.formula import variant_choice
 from twin.proof.equality import equal_outputs
 from twin.robots import load_formula
 from twin.validation.explain.candidate import Candidate, GroupResult
-from twin.validation.explain.edited_formula import edited_formula, source_path
+from twin.validation.explain.formula_state import edited_formula, source_path
 from twin.validation.explain.function_source import Edit
 from twin.validation.explain.proved_repairs import proved
 

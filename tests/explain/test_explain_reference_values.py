@@ -9,9 +9,9 @@ import pytest
 
 from made.arm import arm
 from twin.reference import ReferenceModel
+from twin.validation.explain.judged_states import sample_states
 from twin.validation.explain.rebuilt_functions import Matrix
 from twin.validation.explain.reference_values import ReferenceValues
-from twin.validation.explain.sampled_states import sample_states
 
 
 @pytest.fixture

@@ -26,7 +26,7 @@ SEEDED = {"sher": ("margins",), "pa10": ("margins",), "lapbot": ("margins",)}
 def setting(name):
     """Formula, independent model and states of a robot."""
     from twin import api
-    from twin.validation.explain.sampled_states import sample_states
+    from twin.validation.explain.judged_states import sample_states
 
     robot = api.load(name)
     return robot.formula, robot.reference(), sample_states(robot.reference())

@@ -55,9 +55,9 @@ def built_in(name):
 
 def stranger(path):
     """Return the case of a plain formula that is not built in; its reference values are what it returns for numbers."""
+    from twin.validation.explain.judged_states import SAMPLES
     from twin.validation.explain.rebuilt_functions import Matrix, Rebuilder
     from twin.validation.explain.reference_values import ReferenceValues
-    from twin.validation.explain.sampled_states import SAMPLES
 
     spec = importlib.util.spec_from_file_location(path.stem, path)
     module = importlib.util.module_from_spec(spec)

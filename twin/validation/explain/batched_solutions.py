@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.core.spatial import Array
-from twin.validation.explain.candidate import evaluated
+from twin.validation.explain.candidate import residuals_with
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.equation_steps import RowKey
 from twin.validation.explain.expression import Site
@@ -318,7 +318,7 @@ class _Newton:
             angle = np.zeros(k)
             angle[: count * poses] = values[:, :, -1].ravel()
         extra: dict[str, Any] = {f"_required_{number}_": shift for number, shift in shifts.items()}
-        by_row = evaluated(judge, self.equation, self.change, extra, angle)
+        by_row = residuals_with(judge, self.equation, self.change, extra, angle)
         if by_row is None:
             return None
         return self._gathered(judge, by_row, shifts, values.shape)

@@ -13,7 +13,7 @@ from twin.core.spatial import Array
 from twin.formula.scalar import Value
 from twin.validation.explain.equation_steps import RowKey, Step
 from twin.validation.explain.function_source import Edit
-from twin.validation.explain.row_deviations import Judge, evaluate
+from twin.validation.explain.row_deviations import Judge, trial_residuals
 
 TOKENS = ("trig", "index", "parameter", "name", "sign", "left side", "function", "number", "operator", "exponent")
 """Kinds of edits that change one token, like a misprint; these edits are ranked before edits of other kinds."""
@@ -125,7 +125,7 @@ def aliases(judge: Judge, step: Step, change: Sequence[Edit]) -> dict[str, Value
     return values
 
 
-def residuals(
+def edited_residuals(
     judge: Judge, equation: str, change: Sequence[Edit], extra: dict[str, Value] | None = None
 ) -> dict[RowKey, Array] | None:
     """Return the residuals of the rows that edits of an equation change; None if the edits cannot be evaluated.
@@ -141,7 +141,7 @@ def residuals(
             extra = aliases(judge, step, change)
         if extra is None:
             return None
-        deviations = evaluate(judge, step, list(change), extra)
+        deviations = trial_residuals(judge, step, list(change), extra)
     except (StopIteration, KinematicsError, IndexError):
         return None
     if not deviations:
@@ -149,7 +149,7 @@ def residuals(
     return {p.key: r for p, r in deviations.items()}
 
 
-def evaluated(
+def residuals_with(
     judge: Judge, equation: str, change: Sequence[Edit], extra: Mapping[str, Any], angle: Array | None = None
 ) -> dict[RowKey, Array] | None:
     """Return the residuals of the rows that edits change; None if they cannot be evaluated.
@@ -163,7 +163,7 @@ def evaluated(
     for scope in called:
         scope.update(extra)
     try:
-        deviations = evaluate(judge, step, list(change), extra, angle)
+        deviations = trial_residuals(judge, step, list(change), extra, angle)
     finally:
         for scope in called:
             for name in extra:

@@ -13,6 +13,7 @@ from functools import lru_cache
 
 from twin.validation.explain.analogies import unread_names
 from twin.validation.explain.function_source import Edit, Source, Statement
+from twin.validation.explain.tokens import parents_of
 
 _FEWEST_NAMES, _FEWEST_RENAMED = 2, 3
 """Minimum numbers of different names of an expression, so that its form means something: with the same names, and with
@@ -31,7 +32,7 @@ _Names = Mapping[str, str]
 def counterpart_edits(source: Source, statement: Statement) -> Iterator[Edit]:
     """Yield the edits of a statement that put back what a counterpart elsewhere in the file has more."""
     _, usable = source.names_at(statement)
-    parents = {child: node for node in ast.walk(statement.node) for child in ast.iter_child_nodes(node)}
+    parents = parents_of(statement.node)
     unread = sorted(unread_names(source, statement))
     seen: set[tuple[int, int, str]] = set()
     wholes = _roots_of(source.data)

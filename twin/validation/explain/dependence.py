@@ -14,7 +14,7 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.formula.scalar import Value
-from twin.validation.explain.candidate import Candidate, residuals
+from twin.validation.explain.candidate import Candidate, edited_residuals
 from twin.validation.explain.equation_steps import RowKey, Step
 from twin.validation.explain.function_source import Edit, Source
 from twin.validation.explain.rebuilt_functions import Matrix
@@ -118,12 +118,12 @@ class Dependence:
                 symbols.append(output)
         symbols_of_row: dict[RowKey, set[str]] = {row: set() for row in rows}
         for i, base in enumerate(self.bases):
-            before = residuals(base, name, change)
+            before = edited_residuals(base, name, change)
             if before is None:
                 continue
             for symbol in symbols:
                 moved = self._moved(i, step, equations, symbol)
-                after = None if moved is None else residuals(moved, name, change)
+                after = None if moved is None else edited_residuals(moved, name, change)
                 if after is None:
                     continue
                 for row in rows:
@@ -218,10 +218,10 @@ class Dependence:
             values[name] = values[name] + sign * _STEP
             self._stepped[moved] = self.judge.on(self.judge.reference.with_parameters(values), {equation})
         judge = self._stepped[moved]
-        unedited = residuals(judge, equation, ()) or {}
+        unedited = edited_residuals(judge, equation, ()) or {}
         if c.step.equation.name != equation:
             return unedited
-        changed = residuals(judge, equation, c.edits)
+        changed = edited_residuals(judge, equation, c.edits)
         if changed is None:
             return None
         return {**unedited, **changed}

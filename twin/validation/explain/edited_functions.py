@@ -1,16 +1,21 @@
-"""Group exact edits by the function that results: different edits may be readings of one repair."""
+"""Group exact edits by the function that results: different edits may be readings of one repair.
+
+Two edited functions are the same if their statements have the same canonical text, with sorted operands of sums and
+products, or if their rows have the same residuals at values that no mechanism has.
+"""
 
 from __future__ import annotations
 
+import ast
 from pathlib import Path
+from typing import TypeGuard
 
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.validation.explain.candidate import Candidate, residuals
-from twin.validation.explain.canonical_text import canonical
+from twin.validation.explain.candidate import Candidate, edited_residuals
 from twin.validation.explain.equation_steps import RowKey
-from twin.validation.explain.function_source import Source
+from twin.validation.explain.function_source import Edit, Source, Statement
 from twin.validation.explain.row_deviations import Judge
 
 _SAME = 1e-7
@@ -64,7 +69,7 @@ class EditedFunctions:
 
     def perturbed(self, c: Candidate, rows: list[RowKey]) -> dict[RowKey, Array] | None:
         """Return a candidate's residuals at perturbed values, to compare functions; None if a row has only NaN."""
-        deviations = residuals(self.shaken, c.step.equation.name, c.edits)
+        deviations = edited_residuals(self.shaken, c.step.equation.name, c.edits)
         if not deviations:
             return None
         of_rows = {}
@@ -109,3 +114,72 @@ def _same(a: dict[RowKey, Array], b: dict[RowKey, Array]) -> bool:
         if np.abs(y - x * factor).max() > _SAME * float(np.abs(y).max(initial=0.0)):
             return False
     return True
+
+
+def canonical(source: Source, statement: Statement, change: list[Edit]) -> str:
+    """Return the edited statement with the operands of sums and products in a fixed order."""
+    edits = [e for e in change if e.statement == statement.index]
+    text = source.edited(statement, edits)
+    if statement.returns:
+        text = text.removeprefix("return").strip()
+    return "; ".join(_sorted(n) for n in ast.parse(text).body)
+
+
+def _is_sum(node: ast.AST) -> TypeGuard[ast.BinOp]:
+    return isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub)
+
+
+def _is_product(node: ast.AST) -> TypeGuard[ast.BinOp]:
+    return isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult | ast.Div)
+
+
+def _is_minus(node: ast.AST) -> TypeGuard[ast.UnaryOp]:
+    return isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub)
+
+
+def _sorted(node: ast.AST) -> str:
+    if _is_sum(node) or _is_minus(node):
+        return f"({' '.join(sorted(_sum(node, '+')))})"
+    if _is_product(node):
+        sign, factors = _product(node)
+        return f"[{sign}{' '.join(sorted(factors))}]"
+    if isinstance(node, ast.Name):
+        return node.id
+    if isinstance(node, ast.Constant):
+        return repr(node.value)
+    parts: list[str] = []
+    for child in ast.iter_child_nodes(node):
+        if not isinstance(child, ast.expr_context):  # whether a name is read or assigned does not matter
+            parts.append(_sorted(child))
+    attribute = getattr(node, "attr", "")
+    return f"{type(node).__name__}{attribute}({', '.join(parts)})"
+
+
+def _sum(node: ast.AST, sign: str) -> list[str]:
+    """Return the terms of a sum, each with its sign."""
+    opposite = "-" if sign == "+" else "+"
+    if _is_sum(node):
+        right = sign if isinstance(node.op, ast.Add) else opposite
+        return _sum(node.left, sign) + _sum(node.right, right)
+    if _is_minus(node):
+        return _sum(node.operand, opposite)
+    if _is_product(node):
+        minus, factors = _product(node)
+        if minus:
+            sign = opposite
+        return [sign + " ".join(sorted(factors))]
+    return [sign + _sorted(node)]
+
+
+def _product(node: ast.AST, divided: bool = False) -> tuple[str, list[str]]:
+    """Return ("-" or "", factors of a product, each with "*" or "/" before it)."""
+    if _is_product(node):
+        left_sign, left = _product(node.left, divided)
+        right_sign, right = _product(node.right, divided != isinstance(node.op, ast.Div))
+        sign = "-" if left_sign != right_sign else ""
+        return sign, left + right
+    if _is_minus(node):
+        sign, factors = _product(node.operand, divided)
+        return ("" if sign else "-"), factors
+    operator = "/" if divided else "*"
+    return "", [operator + _sorted(node)]

@@ -17,7 +17,7 @@ from twin.formula.contract import Formula
 from twin.formula.variant_choice import choose
 from twin.reference import ReferenceModel
 from twin.reference.boundary import Judged
-from twin.validation.explain.coverage import coverage
+from twin.validation.explain.coverage import check_margins, coverage, unvalued
 from twin.validation.explain.drawing import Corrected, correct, drawing
 from twin.validation.explain.equation_steps import Tolerance
 from twin.validation.explain.explanation import Explanation
@@ -25,16 +25,13 @@ from twin.validation.explain.explanation_data import WrongRow
 from twin.validation.explain.explanation_repairs import repair
 from twin.validation.explain.explanation_rows import wrong_margin, wrong_row
 from twin.validation.explain.invariants import invariants
-from twin.validation.explain.judged_states import Progress, judge_over_range, known
+from twin.validation.explain.judged_states import Progress, judge_over_range, known, sample_states
 from twin.validation.explain.noise_limits import limits
 from twin.validation.explain.parameter_coincidences import coincidences, condition
 from twin.validation.explain.possible_fixes import possible_fixes
 from twin.validation.explain.proved_repairs import RepairProver, proved
 from twin.validation.explain.reference_values import ReferenceValues, symbol_values
 from twin.validation.explain.row_deviations import Judge
-from twin.validation.explain.sampled_states import sample_states
-from twin.validation.explain.unvalued_symbols import unvalued
-from twin.validation.explain.zero_margins import check_margins
 
 
 class _Laps:

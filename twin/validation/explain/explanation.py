@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from math import inf, isnan
 
 from twin.core.findings import Finding, Verdict
 from twin.core.json_types import JsonObject
 from twin.core.result import Line, Part, Result
-from twin.validation.explain.explanation_data import Convention, FaultyPart, FittedParameters, Repair, WrongRow
-from twin.validation.explain.explanation_text import (
-    convention_lines,
-    number_lines,
-    part_lines,
-    repair_lines,
-    row_lines,
-    section,
+from twin.core.units import decimals
+from twin.validation.explain.explanation_data import (
+    Change,
+    Convention,
+    FaultyPart,
+    FittedParameters,
+    Reading,
+    Repair,
+    WrongRow,
 )
 
 
@@ -145,3 +147,171 @@ class Explanation(Result):
             return Line(f"  {verdict}: {wrong}, explained", "bold green")
         reason = "NOT explained: no edit among those tried makes the rows agree"
         return Line(f"  {verdict}: {wrong}, {reason}", "bold red")
+
+
+_SIZES = (
+    "sizes: the largest difference of each row alone, at {} poses around the postures; `twin validate` gives the size "
+    "of the fault along a protocol"
+)
+"""Remark on the sizes of wrong rows: they are not those of `validate`, which judges points along a protocol."""
+
+_DIFF_COLOURS = {"-": "red", "+": "green"}
+"""Colours of the lines of a diff, by their first character."""
+
+
+def section(title: str, parts: Sequence[Part]) -> Iterator[Part]:
+    """Yield a title and the parts of a section; nothing if it has no parts."""
+    if parts:
+        yield ""
+        yield Line(title, "bold")
+        yield from parts
+
+
+def part_lines(parts: Sequence[FaultyPart]) -> list[Line]:
+    """Return one line for each faulty part of the CAD."""
+    lines: list[Line] = []
+    for part in parts:
+        is_certain = bool(part.part) and not part.others
+        lines.append(Line(f"  {part.message}", "green" if is_certain else "yellow"))
+    return lines
+
+
+def row_lines(rows: Sequence[WrongRow], repairs: Sequence[Repair], samples: int) -> list[Line]:
+    """Return the lines on the wrong rows, judged at `samples` poses."""
+    faults = _first_changes(repairs)
+    lines: list[Line] = []
+    for row in rows:
+        lines += _row(row, faults.get(f"{row.equation}.{row.symbol}", ()))
+    has_sizes = any(not row.why for row in rows)  # margins have none
+    if lines and has_sizes:
+        lines.insert(0, Line(f"  {_SIZES.format(samples)}", "dim"))
+    return lines
+
+
+def _first_changes(repairs: Sequence[Repair]) -> dict[str, tuple[Change, ...]]:
+    """Return, for each row with a fix, the changes of its first fix: they are where the fault is."""
+    changes: dict[str, tuple[Change, ...]] = {}
+    for repair in repairs:
+        if repair.cures:
+            for row in repair.rows:
+                changes.setdefault(row, repair.cures[0][0].changes)
+    return changes
+
+
+def _row(row: WrongRow, faults: Sequence[Change]) -> Iterator[Line]:
+    """Yield the lines on a wrong row; `faults` are the changes of its first fix, the line of each is cited first."""
+    yield Line(f"  {row.equation} ({row.variant}), {row.symbol} = {row.means}: {_difference_text(row)}", "")
+    for fault in faults:
+        if (fault.file, fault.line) != (row.file, row.line):
+            yield Line(f"      fault: {fault.file}:{fault.line}   {fault.before}", "dim")
+    yield Line(f"      {row.file}:{row.line}   {row.text}", "dim")
+    if row.why:
+        yield Line(f"      at {row.worst_at}", "dim")
+        return
+    if row.term:
+        yield Line(f"      term: {row.term}", "dim")
+    yield Line(f"      worst at {row.worst_at}", "dim")
+    if row.share < 1:
+        yield Line(f"      correct at {row.least_at}", "dim")
+
+
+def _difference_text(row: WrongRow) -> str:
+    """Return how much a row differs, and at how many of the poses; of a margin, why it is wrong."""
+    if row.why:
+        return row.why
+    unit = "°" if row.unit == "deg" else f" {row.unit}"
+    size = "no value" if isnan(row.off) else f"up to {row.off:.4g}{unit}"
+    if row.share == 1:
+        return f"{size}, wrong at every pose"
+    return f"{size}, wrong at {100 * row.share:.0f} % of the poses"
+
+
+def convention_lines(conventions: Sequence[Convention]) -> list[Line]:
+    """Return the lines on conventions under which rows agree."""
+    lines: list[Line] = []
+    for convention in conventions:
+        lines.append(Line(f"  {convention.message}", "green"))
+        lines.append(Line(f"      makes these rows agree: {', '.join(convention.rows)}", "dim"))
+    return lines
+
+
+def repair_lines(repairs: Sequence[Repair]) -> list[Part]:
+    """Return the lines on the repairs of all groups of rows."""
+    lines: list[Part] = []
+    for repair in repairs:
+        lines += _repair(repair)
+    return lines
+
+
+def _repair(repair: Repair) -> Iterator[Part]:
+    rows = ", ".join(repair.rows)
+    if not repair.cures:
+        yield Line(f"  {rows}: {repair.note}", "red")
+        yield Line(f"      {_tried(repair)}", "dim")
+        return
+    if repair.tie:
+        yield Line(f"  {rows} (TIE)", "yellow")
+    else:
+        yield Line(f"  {rows}", "green")
+    for i, cure in enumerate(repair.cures):
+        for reading in cure:
+            mark = ""
+            if len(repair.cures) > 1:
+                mark = f"{i + 1}. "
+            elif reading is not cure[0]:
+                mark = "or "
+            yield from _reading(reading, f"    {mark}")
+        if repair.proofs:
+            colour = "green" if repair.proofs[i].startswith("identity") else "yellow"
+            yield Line(f"        {repair.proofs[i]}", colour)
+    if repair.tie:
+        yield Line(f"      tie: {repair.tie}", "yellow")
+    margin = "no other candidate is close"
+    if repair.margin != inf:
+        margin = f"the next best is {repair.margin:.1g} times worse"
+    if repair.runner_up:
+        margin += f": {repair.runner_up}"
+    yield Line(f"      {margin}; {_tried(repair)}", "dim")
+
+
+def _reading(reading: Reading, mark: str) -> Iterator[Line]:
+    """Yield one fix; its first line begins with `mark`."""
+    changes = " and ".join(f"{c.edit}   ({c.kind}, {c.file}:{c.line})" for c in reading.changes)
+    yield Line(mark + changes, "bold")
+    for line in reading.diff.splitlines():
+        if not line.startswith(("---", "+++")):
+            yield Line(f"        {line}", _DIFF_COLOURS.get(line[0], "dim"))
+    if reading.dropped:
+        yield Line(f"        with this fix, the row no longer depends on {', '.join(reading.dropped)}", "dim")
+    if reading.note:
+        yield Line(f"        {reading.note}", "dim")
+
+
+def _tried(repair: Repair) -> str:
+    """Return how many edits were tried, whether more could be, and for pairs the time of their search."""
+    if repair.seconds:  # pairs were searched
+        extent = "every pair" if repair.complete else "not every pair (a larger --seconds gives more time)"
+        return f"{repair.tried} edits and pairs of edits were tried; {extent} was tried, in {repair.seconds:.1f} s"
+    edits = "1 edit was" if repair.tried == 1 else f"{repair.tried} edits were"
+    if repair.complete:
+        return f"{edits} tried"
+    return f"{edits} tried; not every edit (a larger --seconds gives more time)"
+
+
+def number_lines(fit: FittedParameters) -> list[Part]:
+    """Return the lines on parameters whose changed values explain the rows, or on their absence."""
+    lines: list[Part] = []
+    if not fit.moved:
+        lines.append(Line(f"  no values of {', '.join(fit.names)} make the rows agree", "red"))
+    elif fit.alternatives:
+        text = "  each of these changes alone makes every row agree; the rows do not determine the true one:"
+        lines.append(Line(text, "yellow"))
+    for parameter in fit.moved:
+        note = f"  ({parameter.note})" if parameter.note else ""
+        digits = decimals(abs(parameter.fitted - parameter.formula))
+        in_formula = f"{parameter.formula:.{digits}f} {parameter.unit} in the formula"
+        in_cad = f"{parameter.fitted:.{digits}f} ± {parameter.sigma:.1g} {parameter.unit} in the CAD"
+        lines.append(Line(f"  {parameter.name}: {in_formula}, {in_cad}{note}", "green"))
+    for combination in fit.blind:
+        lines.append(Line(f"  a combined change that has no effect on any row: {combination}", "dim"))
+    return lines

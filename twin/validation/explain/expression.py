@@ -17,13 +17,14 @@ from twin.core.spatial import Array
 from twin.formula.scalar import Scalar
 from twin.validation.explain.candidate import REST, TOKENS
 from twin.validation.explain.deadline import Deadline
-from twin.validation.explain.function_source import Edit, Source, Statement, apply
+from twin.validation.explain.function_source import ByteRange, Edit, Source, Statement, apply
 from twin.validation.explain.inverses import inverse
 from twin.validation.explain.name_pool import NamePool
 from twin.validation.explain.required_values import expressions, scalar_atoms, written
 from twin.validation.explain.shifts import DIFFERENCE, Flat, Shift
 from twin.validation.explain.statement_edits import statement_edits
 from twin.validation.explain.term_texts import EQUAL, Atom
+from twin.validation.explain.tokens import parents_of
 
 _HOLE = "_hole_"
 """Name that stands for a part of an expression whose value is sought."""
@@ -55,8 +56,16 @@ class Site:
     @cached_property
     def parents(self) -> dict[ast.AST, ast.AST]:
         """Parent of each syntax node of the statement."""
-        nodes = ast.walk(self.statement.node)
-        return {child: node for node in nodes for child in ast.iter_child_nodes(node)}
+        return parents_of(self.statement.node)
+
+    @cached_property
+    def undefined(self) -> list[ByteRange]:
+        """Where names without a value stand: the equation can run only if edits replace all of them."""
+        ranges: list[ByteRange] = []
+        for node in ast.walk(self.statement.node):
+            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load) and node.id in self.pool.unknown:
+                ranges.append(self.source.span(node))
+        return sorted(ranges)
 
 
 class Expression:

@@ -23,6 +23,9 @@ _BRANCHES = "the function returns from within a branch or a loop"
 _AUGMENTED = re.compile(r"[-+*/@]=")
 """Signs of augmented assignments, which few statements have."""
 
+ByteRange = tuple[int, int]
+"""First byte and end of a part of a file."""
+
 OUT = "_out_"
 """Name under which an executed function stores its return value."""
 
@@ -51,6 +54,11 @@ class Edit:
     statement: int
     function: str
     define: tuple[str, str] | None = None
+
+    def replaces(self, part: ByteRange) -> bool:
+        """Return whether the edit replaces a part of its file."""
+        start, end = part
+        return self.start <= start and end <= self.end
 
     @property
     def text(self) -> str:

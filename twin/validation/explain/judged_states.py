@@ -1,21 +1,143 @@
-"""Choose the states of the mechanism at which a formula is judged: near its postures, or all over the joint range."""
+"""Sample the states of the mechanism at which a formula is judged: around its postures, or all over the joint range."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import contextlib
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from twin.core.errors import TwinError
+from twin.core.errors import AssemblyError, TwinError
+from twin.core.spatial import Array
 from twin.formula.contract import Formula
 from twin.kinematics import compile_formula
-from twin.reference import ReferenceModel
+from twin.model.joint import Joint
+from twin.reference import Assembly, ReferenceModel, SolvedSamples
+from twin.reference.conditioning import conditioning
+from twin.reference.loops import LENGTH_SCALE
 from twin.validation.explain.equation_steps import Tolerance
 from twin.validation.explain.reference_values import ReferenceValues, symbol_values
 from twin.validation.explain.row_deviations import Judge
-from twin.validation.explain.sampled_states import sample_states
 from twin.validation.joint_range import range_errors
 from twin.validation.rows import Tolerances
+
+SAMPLES = 24
+"""Number of poses at which a formula is judged."""
+
+_SPREAD = 0.06
+"""Half width of the box of joint values that is sampled around each posture, as a fraction of each joint's range."""
+
+_POSTURES = 4
+"""Maximum number of postures around which the mechanism is sampled: the first ones in the description."""
+
+_FEWEST = 6
+"""Minimum number of states with which a formula is judged, if the mechanism hardly moves."""
+
+_SHRINKING = (1.0, 0.5, 0.2, 0.05)
+"""Parts of the box in which states are drawn one after the other, until there are enough that can be assembled."""
+
+_TURN_RANGE = 0.5
+_SLIDE_RANGE = 0.1
+"""Half ranges in rad and m that are assumed of joints without limits."""
+
+_MOST_TURN = 0.3
+_MOST_SLIDE = 0.02
+"""Maximum half widths in rad and m of the box, for joints with a long range."""
+
+_REGULAR = 0.1
+"""A posture is skipped as near a singularity if its conditioning is below this fraction of the best conditioning."""
+
+
+def sample_states(
+    model: ReferenceModel,
+    samples: int = SAMPLES,
+    seed: int = 7,
+    progress: Callable[[float], None] = lambda f: None,
+    regular: bool = False,
+) -> SolvedSamples:
+    """Return states of the mechanism around its first `_POSTURES` postures (without postures: around the rest poses).
+
+    With `regular`, postures near a singularity, where several assembly modes meet, are skipped. The result has fewer
+    than `samples` states, but at least `_FEWEST`, if the mechanism can take few of the drawn ones.
+
+    Raises:
+        TwinError: the mechanism can take fewer than `_FEWEST` of the drawn states.
+    """
+    mechanism = model.mechanism
+    rng = np.random.default_rng(seed)
+    low, high, half = _box(mechanism.active)
+    starts = _starts(model, regular)
+    states: list[Array] = []
+    for shrink in _SHRINKING:
+        for i, start in enumerate(starts):
+            # The starts that are left share the samples that are missing.
+            wanted = (samples - len(states)) // (len(starts) - i)
+            box = shrink * half
+            q = start.q + box * rng.uniform(-1, 1, (wanted, len(half)))
+            states += _solved(model, np.clip(q, low, high), start)
+            progress(len(states) / samples)
+        if len(states) >= samples:
+            break
+    if len(states) < _FEWEST:
+        raise TwinError(
+            f"{mechanism.name}: the mechanism hardly moves near its postures, so there are no poses for the check"
+        )
+    return model.collect(np.array(states))
+
+
+def _box(joints: Sequence[Joint]) -> tuple[Array, Array, Array]:
+    """Return (lower limits, upper limits, half widths of the sampled box), each (n,), in m and rad.
+
+    Limits may be infinite; the half widths are finite.
+    """
+    ranges: list[tuple[float, float]] = []
+    most: list[float] = []
+    for joint in joints:
+        assumed = _SLIDE_RANGE
+        longest = _MOST_SLIDE
+        if joint.is_angle:
+            assumed = _TURN_RANGE
+            longest = _MOST_TURN
+        ranges.append(joint.limits or (-assumed, assumed))
+        most.append(longest)
+    limits = np.array(ranges)
+    half = np.minimum(_SPREAD * np.ptp(limits, axis=1), most)
+    return limits[:, 0], limits[:, 1], half
+
+
+def _starts(model: ReferenceModel, regular: bool) -> list[Assembly]:
+    """Return the states around which the mechanism is sampled."""
+    mechanism = model.mechanism
+    starts: list[Assembly] = []
+    for name in list(mechanism.postures)[:_POSTURES]:
+        with contextlib.suppress(AssemblyError):
+            starts.append(model.solve(np.asarray(mechanism.posture(name), float)))
+    if not starts:
+        starts = [model.home()]
+    if not regular:
+        return starts
+    states = np.array([start.x for start in starts])
+    values = conditioning(model, states, LENGTH_SCALE).stands
+    regular_starts: list[Assembly] = []
+    for start, value in zip(starts, values, strict=True):
+        if value >= _REGULAR * values.max():
+            regular_starts.append(start)
+    return regular_starts
+
+
+def _solved(model: ReferenceModel, q: Array, start: Assembly) -> list[Array]:
+    """Return the reachable states at joint values q (k, n), solved together or, if that fails, one by one."""
+    if not len(q):
+        return []
+    try:
+        return list(model.solve_many(q, start).x)
+    except AssemblyError:
+        states: list[Array] = []
+        for joint_values in q:
+            with contextlib.suppress(AssemblyError):
+                states.append(model.solve(joint_values, start).x)
+        return states
+
 
 Progress = Callable[[str, float], None]
 """Called with a description of the current step and the fraction done."""

@@ -11,14 +11,16 @@ from collections.abc import Iterator, Sequence
 from itertools import combinations
 from typing import Protocol
 
+import numpy as np
+
 from twin.core.spatial import Array
 from twin.formula.scalar import Value
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.equation_steps import RowKey
 from twin.validation.explain.expression import Site, expression_code
 from twin.validation.explain.function_source import OUT, Edit, Source, Statement, apply
-from twin.validation.explain.many_values import form, stacked, tiled
 from twin.validation.explain.plain_values import copied
+from twin.validation.explain.rebuilt_functions import Matrix
 
 _MOST = 100_000
 """Maximum number of pairs in one evaluation."""
@@ -162,3 +164,42 @@ def _hole(source: Source, statement: Statement, operand: ast.AST, name: str) -> 
     start, end = source.span(operand)
     old = source.text(start, end)
     return Edit(source.path, source.line_of(start), start, end, old, name, "required", statement.index, source.name)
+
+
+def form(value: Value, size: int) -> Value:
+    """Return what values must have in common to be one array; None for values that cannot be part of one."""
+    if isinstance(value, Matrix):
+        return value.shape if len(value.a) in (1, size) else None
+    if isinstance(value, list | tuple):
+        forms = tuple(form(entry, size) for entry in value)
+        if None in forms:
+            return None
+        return type(value), forms
+    is_number = isinstance(value, bool | int | float | np.ndarray | np.number)
+    # an array of objects may hold matrices, which have forms of their own
+    if is_number and np.shape(value) in ((), (1,), (size,)) and np.asarray(value).dtype != object:
+        return "scalar"
+    return None
+
+
+def stacked(values: Sequence[Value], size: int) -> Value:
+    """Return values of the same form, each of which has 1 or `size` values, as one array."""
+    first = values[0]
+    if isinstance(first, Matrix):
+        return Matrix(np.concatenate([np.broadcast_to(v.a, (size, *first.shape)) for v in values]))
+    if isinstance(first, list | tuple):
+        return type(first)(stacked([v[i] for v in values], size) for i in range(len(first)))
+    return np.concatenate([np.broadcast_to(np.asarray(v, float), (size,)) for v in values])
+
+
+def tiled(value: Value, size: int, count: int) -> Value:
+    """Return `size` values, repeated for each of `count` edits; a single value holds for all of them."""
+    if size == 1:
+        return value
+    if isinstance(value, Matrix) and len(value.a) == size:
+        return Matrix(np.tile(value.a, (count, 1, 1)))
+    if isinstance(value, list | tuple):
+        return type(value)(tiled(entry, size, count) for entry in value)
+    if isinstance(value, np.ndarray) and value.shape == (size,):
+        return np.tile(value, count)
+    return value

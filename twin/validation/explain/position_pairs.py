@@ -10,10 +10,9 @@ from twin.core.spatial import Array
 from twin.validation.explain.candidate import TOKENS, Candidate
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.equation_steps import RowKey, Step
-from twin.validation.explain.function_source import Edit
+from twin.validation.explain.function_source import ByteRange, Edit
 from twin.validation.explain.replacement_pairs import ReplacementPairs
 from twin.validation.explain.trials import Trials
-from twin.validation.explain.undefined_names import ByteRange, undefined
 
 _SHARED_PART = 0.2
 """Maximum part of the remaining time for the pairs with an edit of a repaired group."""
@@ -108,7 +107,7 @@ class PositionPairs:
         for other, sites in self.trials.sites():
             if other is step:
                 for site in sites:
-                    ranges += undefined(site)
+                    ranges += site.undefined
         return ranges
 
     def _moving(self, row: RowKey, singles: list[Candidate]) -> list[tuple[Step, list[Edit]]]:

@@ -1,25 +1,33 @@
-"""Search what makes the wrong rows agree, the simplest kind first: edits, changed numbers, conventions."""
+"""Search what makes the wrong rows agree, the simplest kind first: edits, changed numbers, conventions.
+
+The simpler explanation has fewer changes. One changed number after which every row agrees is simpler than two edits,
+and as simple as one edit.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
+from twin.core.errors import TwinError
 from twin.reference import ReferenceModel
-from twin.validation.explain.candidate import GroupResult
+from twin.validation.explain.candidate import Candidate, GroupResult
 from twin.validation.explain.conventions import conventions, general
 from twin.validation.explain.deadline import Deadline, LateError
 from twin.validation.explain.equation_steps import RowKey
 from twin.validation.explain.explanation_data import Convention, FittedParameters
 from twin.validation.explain.explanation_repairs import edit_phrase
 from twin.validation.explain.explanation_rows import row_name
-from twin.validation.explain.held_out_states import held_out
-from twin.validation.explain.judged_states import Progress
+from twin.validation.explain.judged_states import Progress, sample_states
+from twin.validation.explain.reference_values import symbol_values
 from twin.validation.explain.repair_search import RepairSearch
-from twin.validation.explain.row_deviations import Judge
-from twin.validation.explain.simplest_explanation import simplest_explanation
+from twin.validation.explain.row_deviations import Judge, trial_residuals, worst
 from twin.validation.explain.suspects import shared
 from twin.validation.explain.wrong_parameters import identify
+
+Lead = Literal["edits", "numbers", "edits or numbers", ""]
+"""Kind of the simplest explanation; "" if there is none."""
 
 _NUMBERS_PART = 0.3
 _LEAST_NUMBERS = 2.5
@@ -27,6 +35,13 @@ _LEAST_NUMBERS = 2.5
 
 _LEAST_EDITS = 4.0
 """Minimum time limit in s of the search for edits: single edits take about as long."""
+
+_HELD_OUT_STATES = 12
+_HELD_OUT_SEED = 101
+"""Number of states, not used by the search, at which repairs are checked, and the seed with which they are drawn."""
+
+_HELD_OUT_LIMIT = 10
+"""Largest residual of a correct repair at these states, in units of the tolerance; wrong ones have far larger ones."""
 
 
 @dataclass(frozen=True)
@@ -151,10 +166,7 @@ class _FixSearch:
 
     def _note_edits_beside_numbers(self, results: Sequence[GroupResult]) -> None:
         """Remark on the edits that would also make the rows agree, but are more changes than the fitted numbers."""
-        count = 0
-        for result in results:
-            if result.cures:
-                count += len(result.cures[0][0].edits)
+        count = _edits_of_first_repairs(results)
         if count:
             self.remarks.append(f"{count} edits together would also make the rows agree; one changed number is simpler")
 
@@ -165,3 +177,111 @@ class _FixSearch:
             fixed.update(convention.rows)
         names = {row_name(self.judge, row) for row in rows}
         return bool(found_conventions) and names <= fixed
+
+
+def simplest_explanation(
+    results: Sequence[GroupResult], unrepaired: Sequence[RowKey], identified: FittedParameters | None
+) -> Lead:
+    """Return the simplest explanation of all wrong rows: "edits", "numbers", "edits or numbers"; "" if none exists.
+
+    `results` are those of the search for edits, `unrepaired` the rows that it does not repair.
+    """
+    numbers = _count_of_numbers(identified)
+    edits = _count_of_edits(results, unrepaired)
+    if numbers is None and edits is None:
+        return ""
+    if numbers is None:
+        return "edits"
+    if edits is None:
+        return "numbers"
+    if numbers == edits:
+        return "edits or numbers"
+    if numbers > edits:
+        return "edits"
+    # The value of another parameter is as likely a misprint of its name.
+    assert identified is not None
+    notes = [parameter.note for parameter in identified.moved]
+    if all(note.startswith("the value of") for note in notes):
+        return "edits or numbers"
+    return "numbers"
+
+
+def _count_of_edits(results: Sequence[GroupResult], unrepaired: Sequence[RowKey]) -> int | None:
+    """Return the number of edits with which every row agrees; None if there are no such edits."""
+    if unrepaired or not results:
+        return None
+    return _edits_of_first_repairs(results)
+
+
+def _edits_of_first_repairs(results: Sequence[GroupResult]) -> int:
+    """Return the number of edits of the first repairs of all groups."""
+    count = 0
+    for result in results:
+        if result.cures:
+            count += len(result.cures[0][0].edits)
+    return count
+
+
+def _count_of_numbers(identified: FittedParameters | None) -> int | None:
+    """Return the number of changed parameters with which every row agrees; None if there is no such change."""
+    if identified is None or not identified.exact or not identified.moved:
+        return None
+    if identified.alternatives:
+        return 1
+    return len(identified.moved)
+
+
+def held_out(
+    judge: Judge, model: ReferenceModel, results: list[GroupResult], unrepaired: list[RowKey]
+) -> tuple[list[GroupResult], list[RowKey]]:
+    """Return (search results without the repairs that fail at new states, rows for which no repair is left).
+
+    If a repaired row agrees at all states of the search, but not at the new states, its agreement was a coincidence.
+    """
+    fresh = _judge_at_new_states(judge, model)
+    if fresh is None or not any(result.cures for result in results):
+        return results, unrepaired
+    failing = {place.key for place in fresh.failing()}
+    kept: list[GroupResult] = []
+    unexplained = list(unrepaired)
+    for result in results:
+        cures: list[list[Candidate]] = []
+        for readings in result.cures:
+            holding = [candidate for candidate in readings if _holds(fresh, candidate, result.rows, failing)]
+            if holding:
+                cures.append(holding)
+        if result.cures and not cures:
+            for row in result.rows:
+                if row not in unexplained:
+                    unexplained.append(row)
+        kept.append(replace(result, cures=cures))
+    return kept, unexplained
+
+
+def _judge_at_new_states(judge: Judge, model: ReferenceModel) -> Judge | None:
+    """Return a judge of the formula at new states; None if a row that agrees in `judge` is wrong at the new states."""
+    try:
+        run = sample_states(model, _HELD_OUT_STATES, _HELD_OUT_SEED, regular=model.redundant)
+    except TwinError:
+        return None
+    values = {p.name: float(judge.reference.symbols[p.name]) for p in judge.formula.parameters}
+    fresh = judge.on(symbol_values(judge.formula, run, model, values))
+    failing = {place.key for place in judge.failing()}
+    failing_at_new_states = {place.key for place in fresh.failing()}
+    if not failing_at_new_states <= failing:
+        return None
+    return fresh
+
+
+def _holds(fresh: Judge, candidate: Candidate, rows: list[RowKey], failing: set[RowKey]) -> bool:
+    """Return whether the rows agree at the new states after a candidate's edits."""
+    if candidate.extra:  # names defined by the edits have values only at the states of the search
+        return True
+    residuals = trial_residuals(fresh, fresh.step(candidate.step.equation.name), candidate.edits)
+    if residuals is None:
+        return False
+    for place, residual in residuals.items():
+        is_judged = place.key in rows and place.key in failing
+        if is_judged and worst(residual) > _HELD_OUT_LIMIT:
+            return False
+    return True

@@ -9,7 +9,7 @@ from typing import Protocol
 
 from twin.formula.contract import Formula
 from twin.validation.explain.candidate import Candidate, GroupResult
-from twin.validation.explain.edited_formula import edited_formula
+from twin.validation.explain.formula_state import edited_formula
 from twin.validation.explain.function_source import Edit
 
 _MOST = 6

@@ -122,7 +122,7 @@ class RepairSearch(Trials):
     def _quiet(
         self, search: Callable[[], tuple[list[GroupResult], list[RowKey]]]
     ) -> tuple[list[GroupResult], list[RowKey]]:
-        """Run a search without the warnings of edited text: what is wrong with it shows when it is evaluated."""
+        """Run a search without the warnings of edited text: a fault in it shows when it is evaluated."""
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             # Python warns about a call of a number after a moved parenthesis; such an edit fails when tried.
             warnings.simplefilter("ignore", SyntaxWarning)

@@ -20,13 +20,12 @@ from numpy.typing import NDArray
 from twin.core.spatial import Array
 from twin.formula.scalar import Scalar, Value
 from twin.validation.explain import plain_values
-from twin.validation.explain.candidate import aliases, residuals
+from twin.validation.explain.candidate import aliases, edited_residuals
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.equation_steps import RowKey, Step
-from twin.validation.explain.function_source import Edit
+from twin.validation.explain.function_source import ByteRange, Edit
 from twin.validation.explain.rebuilt_functions import Matrix
 from twin.validation.explain.row_deviations import Judge
-from twin.validation.explain.undefined_names import ByteRange, replaces
 
 _PLACES = 2
 """Number of the mechanism's samples used to exclude pairs; one perturbed sample is added."""
@@ -106,7 +105,7 @@ class ReplacementPairs:
             self.evaluated += 1
             if a.edits[0].path == b.edits[0].path and a.start <= b.end and b.start <= a.end:
                 continue  # the edits overlap or touch
-            if not all(replaces(a.edits[0], part) or replaces(b.edits[0], part) for part in self.needed):
+            if not all(a.edits[0].replaces(part) or b.edits[0].replaces(part) for part in self.needed):
                 continue
             yield from self._try(a, b)
 
@@ -250,7 +249,7 @@ class ReplacementPairs:
             called = [h.function.__globals__ for h in judge.helpers(step)]
         for scope in called:
             scope.update(picks)
-        deviations = residuals(judge, self.step.equation.name, change, {**extra, **picks})
+        deviations = edited_residuals(judge, self.step.equation.name, change, {**extra, **picks})
         for scope in called:
             for name in picks:
                 scope.pop(name, None)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from twin.core.spatial import Array
 from twin.formula.scalar import Scalar
 from twin.validation.explain.batched_solutions import Batch, Choice, Cut
-from twin.validation.explain.candidate import evaluated
+from twin.validation.explain.candidate import residuals_with
 from twin.validation.explain.counterparts import counterpart_edits
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.equation_steps import RowKey, Step
@@ -313,7 +313,7 @@ class RequiredPairs:
             change.append(shifted(site.source, site.statement, node, name, scope=False))
             extra[name] = probes[i]
         with unguarded():
-            deviations = evaluated(self.judge, self.step.equation.name, change, extra)
+            deviations = residuals_with(self.judge, self.step.equation.name, change, extra)
         if deviations is None:
             return []
         return probes
@@ -539,7 +539,7 @@ class RequiredPairs:
             extra[name] = shifts[i]
             shifts[i].begin()
         with unguarded():
-            return evaluated(judge or self.judge, self.step.equation.name, change, extra)
+            return residuals_with(judge or self.judge, self.step.equation.name, change, extra)
 
 
 class _Probe(Shift):

@@ -20,17 +20,28 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.validation.explain.analogies import analogies, scalar_values
-from twin.validation.explain.candidate import evaluated
+from twin.validation.explain.candidate import residuals_with
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.equation_steps import RowKey, Step
 from twin.validation.explain.function_source import Edit, Source, Statement, comprehension_targets
 from twin.validation.explain.inverses import inverse
 from twin.validation.explain.rebuilt_functions import Matrix, unguarded
-from twin.validation.explain.row_deviations import Judge, Residuals, evaluate
+from twin.validation.explain.row_deviations import Judge, Residuals, trial_residuals
 from twin.validation.explain.shifts import DIFFERENCE, Calls, Flat, Shift, shifted, solution
 from twin.validation.explain.swivel import fitted
-from twin.validation.explain.term_texts import Atom, Products, equal, factors, roots, sums, terms
-from twin.validation.explain.vector_texts import VECTOR, vector_atoms, vector_texts
+from twin.validation.explain.term_texts import (
+    VECTOR,
+    Atom,
+    Products,
+    equal,
+    factors,
+    roots,
+    sums,
+    terms,
+    vector_atoms,
+    vector_texts,
+)
+from twin.validation.explain.tokens import parents_of
 
 _NAME = "_required_"
 """Name of the function, in the edited text, that changes the value of an expression."""
@@ -82,7 +93,7 @@ class RequiredValues:
         """Yield edits of a statement after which a row agrees, until the deadline; all of them must be tried."""
         atoms: dict[int, list[Atom]] = {}  # by the number of calls
         passed_on: dict[ast.expr, Shift] = {}  # required of the operands, where Gauss-Newton finds no value
-        parents = {c: n for n in ast.walk(statement.node) for c in ast.iter_child_nodes(n)}
+        parents = parents_of(statement.node)
         for node in expressions(statement.node, parents):
             start, end = source.span(node)
             if any(start <= edit.end and edit.start <= end for edit in self.fixed):
@@ -207,7 +218,7 @@ class RequiredValues:
         """Return the residuals of the rows with a shifted expression; `angle`: values (k,) of the swivel, if any."""
         shift.begin()
         with unguarded():
-            return evaluated(self.judge, self.step.equation.name, [*self.fixed, edit], {_NAME: shift}, angle)
+            return residuals_with(self.judge, self.step.equation.name, [*self.fixed, edit], {_NAME: shift}, angle)
 
     @cached_property
     def _swivel(self) -> Array | None:
@@ -219,7 +230,7 @@ class RequiredValues:
             return np.asarray(angle, float)
 
         def rows(angle: Array) -> Residuals:
-            return evaluate(self.judge, self.step, self.fixed, None, angle) or {}
+            return trial_residuals(self.judge, self.step, self.fixed, None, angle) or {}
 
         with unguarded():
             return fitted(rows, self.judge.reference.k)

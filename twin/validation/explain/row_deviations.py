@@ -660,7 +660,7 @@ def worst(r: Array) -> float:
     return float("inf") if math.isnan(largest) else largest
 
 
-def evaluate(
+def trial_residuals(
     judge: Judge,
     step: Step,
     edits: list[Edit],

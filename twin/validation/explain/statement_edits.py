@@ -12,10 +12,10 @@ from collections.abc import Container, Iterator
 from itertools import pairwise
 from typing import TypeGuard
 
-from twin.validation.explain.edit_writer import EditWriter
 from twin.validation.explain.function_source import Edit, Source, Statement
 from twin.validation.explain.name_pool import NamePool
-from twin.validation.explain.parenthesis_edits import parenthesis_edits
+from twin.validation.explain.parentheses import other_parentheses
+from twin.validation.explain.tokens import parents_of
 
 _FUNCTIONS = (
     ("sin", "cos", "tan"),
@@ -50,7 +50,7 @@ _SUM = (ast.Add, ast.Sub)
 def statement_edits(source: Source, statement: Statement, pool: NamePool, kinds: Container[str]) -> Iterator[Edit]:
     """Yield the edits of a statement that have one of the given kinds."""
     seen: set[tuple[int, int, str]] = set()
-    writer = EditWriter(source, statement, pool)
+    writer = _Writer(source, statement, pool)
     for make in (_names, _calls, _quotients, _signs, _operators, _numbers, _sides, _terms, _factors):
         for edit in make(writer, statement.node):
             key = (edit.start, edit.end, edit.new)
@@ -58,7 +58,51 @@ def statement_edits(source: Source, statement: Statement, pool: NamePool, kinds:
                 seen.add(key)
                 yield edit
     if "parenthesis" in kinds:
-        yield from parenthesis_edits(writer, statement.node)
+        yield from _parentheses(writer, statement.node)
+
+
+class _Writer:
+    """Writes the edits of one statement."""
+
+    def __init__(self, source: Source, statement: Statement, pool: NamePool) -> None:
+        """Store the statement of a function, and the names that its edits may insert."""
+        self.source = source
+        self.statement = statement
+        self.pool = pool
+        self._parents = parents_of(statement.node)
+
+    def parent(self, node: ast.AST) -> ast.AST | None:
+        """Return the syntax node of which a node is a part."""
+        return self._parents.get(node)
+
+    def replace(self, node: ast.AST, new: str, kind: str, define: tuple[str, str] | None = None) -> Edit:
+        """Return the edit that replaces the text of a node; `define`: see `Edit`."""
+        start, end = self.source.span(node)
+        return self.between(start, end, new, kind, define)
+
+    def between(self, start: int, end: int, new: str, kind: str, define: tuple[str, str] | None = None) -> Edit:
+        """Return the edit that replaces the bytes `start` to `end` of the file."""
+        source = self.source
+        line = source.line_of(start)
+        old = source.text(start, end)
+        return Edit(source.path, line, start, end, old, new, kind, self.statement.index, source.name, define)
+
+    def inserted(self, at: int, new: str, kind: str, define: tuple[str, str] | None = None) -> Edit:
+        """Return the edit that inserts a text before a byte of the file."""
+        return self.between(at, at, new, kind, define)
+
+    def text(self, node: ast.AST) -> str:
+        """Return the text of a node, as it is in the file."""
+        start, end = self.source.span(node)
+        return self.source.text(start, end)
+
+    def need(self, name: str) -> tuple[str, str] | None:
+        """Return the definition (name, expression) that an inserted name requires; None if it requires none."""
+        if name in self.pool.aliases:
+            return name, self.pool.aliases[name]
+        if name in self.pool.arguments:
+            return None
+        return name, ""
 
 
 def _is_operation(node: ast.AST | None, *operators: type[ast.operator]) -> TypeGuard[ast.BinOp]:
@@ -73,7 +117,7 @@ def _expressions(root: ast.AST) -> Iterator[ast.expr]:
             yield node
 
 
-def _is_called(w: EditWriter, node: ast.AST) -> bool:
+def _is_called(w: _Writer, node: ast.AST) -> bool:
     parent = w.parent(node)
     return isinstance(parent, ast.Call) and parent.func is node
 
@@ -96,7 +140,7 @@ def kind_of_name(old: str, new: str, parameters: frozenset[str], aliases: dict[s
     return "name"
 
 
-def _names(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
+def _names(w: _Writer, root: ast.AST) -> Iterator[Edit]:
     """Yield other names instead of each name."""
     choices = sorted(w.pool.names | set(w.pool.aliases))
     symbols = w.pool.names | w.pool.arguments | w.pool.unknown
@@ -112,7 +156,7 @@ def _names(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
                 yield w.replace(node, new, kind, w.need(new))
 
 
-def _calls(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
+def _calls(w: _Writer, root: ast.AST) -> Iterator[Edit]:
     """Yield other functions, and other orders of arguments and of factors of matrix products."""
     for node in _expressions(root):
         if isinstance(node, ast.Attribute):
@@ -126,7 +170,7 @@ def _calls(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
                     yield w.replace(side, f"({w.text(side)}).T", "transpose")
 
 
-def _other_attributes(w: EditWriter, node: ast.Attribute) -> Iterator[Edit]:
+def _other_attributes(w: _Writer, node: ast.Attribute) -> Iterator[Edit]:
     """Yield other functions of the same module, as in `symbolic.cross`, and a matrix without its transposition."""
     for group in _FUNCTIONS:
         if node.attr not in group:
@@ -138,7 +182,7 @@ def _other_attributes(w: EditWriter, node: ast.Attribute) -> Iterator[Edit]:
         yield w.replace(node, w.text(node.value), "transpose")
 
 
-def _other_calls(w: EditWriter, node: ast.Call) -> Iterator[Edit]:
+def _other_calls(w: _Writer, node: ast.Call) -> Iterator[Edit]:
     """Yield calls of other functions, calls with two arguments exchanged, and the argument without the call."""
     if isinstance(node.func, ast.Name):
         for group in _FUNCTIONS:
@@ -158,7 +202,7 @@ def _other_calls(w: EditWriter, node: ast.Call) -> Iterator[Edit]:
         yield w.replace(node, f"({w.text(node.args[0])})", "surplus")
 
 
-def _quotients(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
+def _quotients(w: _Writer, root: ast.AST) -> Iterator[Edit]:
     """Yield `atan2(n, d)` instead of `atan(n / d)`, which has angles of two quadrants only."""
     for node in _expressions(root):
         if not isinstance(node, ast.Call) or len(node.args) != 1:
@@ -172,7 +216,7 @@ def _quotients(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
             yield w.replace(node, new, "function")
 
 
-def _signs(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
+def _signs(w: _Writer, root: ast.AST) -> Iterator[Edit]:
     """Yield edits that remove a minus sign, or put one in front of an operand."""
     for node in _expressions(root):
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
@@ -181,7 +225,7 @@ def _signs(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
             yield _negated(w, node)
 
 
-def _begins_expression(w: EditWriter, node: ast.expr) -> bool:
+def _begins_expression(w: _Writer, node: ast.expr) -> bool:
     """Return whether a node is the first operand of an expression, in front of which a sign can stand."""
     if not isinstance(node, ast.Name | ast.Call | ast.Subscript | ast.Constant | ast.BinOp | ast.Attribute):
         return False
@@ -197,7 +241,7 @@ def _begins_expression(w: EditWriter, node: ast.expr) -> bool:
     return isinstance(parent, ast.Tuple | ast.List | ast.Return | ast.Assign | ast.GeneratorExp | ast.AugAssign)
 
 
-def _negated(w: EditWriter, node: ast.expr) -> Edit:
+def _negated(w: _Writer, node: ast.expr) -> Edit:
     """Return the edit that changes the sign of an operand, written as an author would write it."""
     parent = w.parent(node)
     start, _ = w.source.span(node)
@@ -214,7 +258,7 @@ def _plain(node: ast.AST) -> bool:
     return isinstance(node, ast.Name | ast.Call | ast.Subscript)
 
 
-def _operators(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
+def _operators(w: _Writer, root: ast.AST) -> Iterator[Edit]:
     """Yield other operators between two operands."""
     for node in _expressions(root):
         if not isinstance(node, ast.BinOp) or type(node.op) not in _OPERATORS:
@@ -234,7 +278,7 @@ def _operators(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
             yield w.between(at_byte, at_byte + 1, other, kind)
 
 
-def _numbers(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
+def _numbers(w: _Writer, root: ast.AST) -> Iterator[Edit]:
     """Yield other numbers instead of each number, and other fractions of pi."""
     for node in _expressions(root):
         # a bool is an int, but no number of an equation
@@ -251,7 +295,7 @@ def _numbers(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
             yield w.replace(parent, "0", "number")
 
 
-def _other_numbers(w: EditWriter, node: ast.Constant, number: float) -> Iterator[Edit]:
+def _other_numbers(w: _Writer, node: ast.Constant, number: float) -> Iterator[Edit]:
     """Yield other numbers instead of a number: another index, exponent, factor or term."""
     parent = w.parent(node)
     in_index = isinstance(parent, ast.Subscript | ast.Slice)
@@ -277,7 +321,7 @@ def _other_numbers(w: EditWriter, node: ast.Constant, number: float) -> Iterator
             yield w.replace(node, text, "number")
 
 
-def _sides(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
+def _sides(w: _Writer, root: ast.AST) -> Iterator[Edit]:
     """Yield edits of the index of the symbol on the left side of an implicit row."""
     if root is not w.statement.node or not isinstance(root, ast.Assign):
         return
@@ -289,7 +333,7 @@ def _sides(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
             yield w.replace(target, other, "left side")
 
 
-def _terms(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
+def _terms(w: _Writer, root: ast.AST) -> Iterator[Edit]:
     """Yield edits that remove a term or factor, or add a square, a root or a term."""
     for node in _expressions(root):
         if _is_operation(node, ast.Add, ast.Sub, ast.Mult, ast.Div, ast.MatMult):
@@ -312,7 +356,7 @@ def _terms(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
                     yield w.replace(node, f"({node.id} {sign} {name})", "missing", w.need(name))
 
 
-def _without_operand(w: EditWriter, node: ast.BinOp) -> Iterator[Edit]:
+def _without_operand(w: _Writer, node: ast.BinOp) -> Iterator[Edit]:
     """Yield an operation's left operand alone, and its right one with its sign; a divisor alone is no misprint."""
     yield w.replace(node, w.text(node.left), "surplus")
     if isinstance(node.op, ast.Div):
@@ -323,7 +367,7 @@ def _without_operand(w: EditWriter, node: ast.BinOp) -> Iterator[Edit]:
     yield w.replace(node, right, "surplus")
 
 
-def _is_whole(w: EditWriter, node: ast.expr) -> bool:
+def _is_whole(w: _Writer, node: ast.expr) -> bool:
     """Return whether a node is all that is assigned, returned or passed; of an assigned tuple, its entries are."""
     parent = w.parent(node)
     if isinstance(parent, ast.Call):
@@ -333,7 +377,7 @@ def _is_whole(w: EditWriter, node: ast.expr) -> bool:
     return isinstance(parent, ast.Assign | ast.Return) and not isinstance(node, ast.Tuple)
 
 
-def _end_of_base(w: EditWriter, node: ast.expr) -> int | None:
+def _end_of_base(w: _Writer, node: ast.expr) -> int | None:
     """Return the byte after a name, an entry or a parenthesis that may be squared; None for other expressions."""
     parent = w.parent(node)
     start, end = w.source.span(node)
@@ -352,7 +396,7 @@ def _end_of_base(w: EditWriter, node: ast.expr) -> int | None:
     return None
 
 
-def _squares(w: EditWriter, node: ast.expr) -> Iterator[Edit]:
+def _squares(w: _Writer, node: ast.expr) -> Iterator[Edit]:
     """Yield edits of an expression with squares: its square root, and one more square."""
     _, end = w.source.span(node)
     yield from _roots(w, node)
@@ -361,7 +405,7 @@ def _squares(w: EditWriter, node: ast.expr) -> Iterator[Edit]:
             yield w.inserted(end, f" {sign} {name}**2", "missing", w.need(name))
 
 
-def _roots(w: EditWriter, node: ast.expr) -> Iterator[Edit]:
+def _roots(w: _Writer, node: ast.expr) -> Iterator[Edit]:
     """Yield the edits that put an expression under a square root, as the file writes it."""
     names = re.findall(r"(?:\w+\.)?\bsqrt(?=\()", w.source.data.decode())
     for name in sorted(set(names)):
@@ -372,13 +416,13 @@ def _has_square(node: ast.AST) -> bool:
     return any(_is_operation(part, ast.Pow) for part in ast.walk(node))
 
 
-def _is_multiplied(w: EditWriter, node: ast.AST) -> bool:
+def _is_multiplied(w: _Writer, node: ast.AST) -> bool:
     """Return whether a node is what a matrix is multiplied by."""
     parent = w.parent(node)
     return _is_operation(parent, ast.MatMult) and parent.right is node
 
 
-def _is_inner_sum(w: EditWriter, node: ast.AST) -> bool:
+def _is_inner_sum(w: _Writer, node: ast.AST) -> bool:
     """Return whether a node is a sum in parentheses inside a sum or product."""
     parent = w.parent(node)
     if not (_is_operation(node, *_SUM) and isinstance(parent, ast.BinOp)):
@@ -386,7 +430,7 @@ def _is_inner_sum(w: EditWriter, node: ast.AST) -> bool:
     return not (_is_operation(parent, *_SUM, ast.Pow) and parent.left is node)
 
 
-def _factors(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
+def _factors(w: _Writer, root: ast.AST) -> Iterator[Edit]:
     """Yield edits that add a factor to a term of a sum, or to a whole expression without a sum."""
     names = sorted(w.pool.names | set(w.pool.aliases))
     for node in _expressions(root):
@@ -400,3 +444,15 @@ def _factors(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
             yield w.inserted(start, f"{name} * ", "missing", w.need(name))
         yield w.inserted(start, "2 * ", "missing")
         yield w.inserted(start, "0.5 * ", "missing")
+
+
+def _parentheses(w: _Writer, root: ast.AST) -> Iterator[Edit]:
+    """Yield edits of parentheses: move one end, remove a pair, add a pair."""
+    start, end = w.source.span(root)
+    if isinstance(root, ast.Return) and root.value is not None:
+        start, end = w.source.span(root.value)
+    text = w.source.text(start, end)
+    if not text.isascii():  # the positions below are those of characters, not of bytes
+        return
+    for first, last, new in other_parentheses(text):
+        yield w.between(start + first, start + last, new, "parenthesis")

@@ -26,13 +26,11 @@ from twin.validation.explain.candidate import TOKENS
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.equation_steps import RowKey
 from twin.validation.explain.expression import Site
-from twin.validation.explain.function_source import OUT, Edit, Statement
-from twin.validation.explain.many_values import form, stacked, tiled
-from twin.validation.explain.operand_pairs import Evaluated, operand_pairs
+from twin.validation.explain.function_source import OUT, ByteRange, Edit, Statement
+from twin.validation.explain.operand_pairs import Evaluated, form, operand_pairs, stacked, tiled
 from twin.validation.explain.plain_values import copied
 from twin.validation.explain.rebuilt_functions import unguarded
 from twin.validation.explain.row_deviations import Judge
-from twin.validation.explain.undefined_names import ByteRange, replaces, undefined
 
 _MOST = 100_000
 """Maximum number of pairs in one evaluation."""
@@ -303,7 +301,7 @@ class StatementPairs:
         """The names without a value in each statement that has some, by its index: the edits must replace all."""
         ranges = {}
         for site in self.sites:
-            parts = undefined(site)
+            parts = site.undefined
             if parts:
                 ranges[site.statement.index] = parts
         return ranges
@@ -313,7 +311,7 @@ class StatementPairs:
         parts = self._undefined.get(statement.index, ())
         defining = []
         for edit in edits:
-            if all(replaces(edit, part) for part in parts):
+            if all(edit.replaces(part) for part in parts):
                 defining.append(edit)
         return defining
 

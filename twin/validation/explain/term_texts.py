@@ -1,15 +1,18 @@
-"""Short formulas for values: terms and factors made of symbols and expressions, each known by its values at poses."""
+"""Short formulas for values: terms and factors made of scalars and vectors, each known by its values at poses."""
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twin.core.spatial import Array
+from twin.formula.scalar import Value
+from twin.validation.explain.function_source import Source
+from twin.validation.explain.rebuilt_functions import Matrix, to_array
 
 EQUAL = 1e-6
 """Relative difference up to which a formula gives the required value; the edit is then tried like any other."""
@@ -208,3 +211,86 @@ class Products:
 def in_product(text: str) -> str:
     """Return the text of a factor of a product, in parentheses where it needs them."""
     return f"({text})" if isinstance(ast.parse(text, mode="eval").body, ast.BinOp | ast.UnaryOp) else text
+
+
+VECTOR = 3
+"""Number of entries of a vector."""
+
+_MOST_VECTORS = 60
+"""Maximum number of vectors that terms and factors may be."""
+
+
+def vector_atoms(source: Source, scope: Mapping[str, Value], k: int) -> list[Atom]:
+    """Return the vectors in scope, with values (k, 3).
+
+    They are names, expressions of the same function, and the other columns of matrices of which it uses one column.
+    """
+    texts: dict[str, None] = dict.fromkeys(sorted(source.arguments))
+    for s in source.statements:
+        texts.update(dict.fromkeys(sorted({*s.reads, *s.writes})))
+        for node in ast.walk(s.node):
+            if isinstance(node, ast.Call | ast.BinOp | ast.Subscript):
+                texts[ast.unparse(node)] = None
+            if isinstance(node, ast.Subscript):
+                texts.update(dict.fromkeys(_columns(node)))
+    atoms = []
+    with np.errstate(all="ignore"):
+        for text in sorted(texts, key=len):
+            try:
+                value = eval(text, dict(scope))
+            except Exception:  # a name that is not in scope, an index out of range
+                continue
+            if isinstance(value, Matrix) and value.shape == (VECTOR, 1):
+                values = to_array(value, k)
+                if np.isfinite(values).any() and np.nanmax(np.abs(values)) > 0:
+                    atoms.append(Atom(text, values))
+    return atoms[:_MOST_VECTORS]
+
+
+def _columns(node: ast.Subscript) -> Iterator[str]:
+    """Yield the texts of the columns 0 to 3 of the matrix of which `node` is a column, with the same rows."""
+    index = node.slice
+    if not isinstance(index, ast.Tuple) or len(index.elts) != 2 or not isinstance(index.elts[0], ast.Slice):
+        return
+    base = ast.unparse(node.value)
+    rows = ast.unparse(index.elts[0])
+    for column in range(4):
+        yield f"{base}[{rows}, {column}]"
+
+
+def vector_texts(
+    text: str, node: ast.expr, value: Array, added: Array, atoms: Sequence[Atom], vectors: Sequence[Atom]
+) -> Iterator[str]:
+    """Yield texts that make the value (k, 3) of `text` larger by `added` (k, 3), the shortest kinds first."""
+    whole = f"({text})" if isinstance(node, ast.BinOp | ast.UnaryOp) else text
+    wanted = value + added
+    for vector in vectors:  # the expression is the scalar of which a vector was the factor
+        for sign in (1.0, -1.0):
+            if equal(wanted, sign * value * vector.values):
+                yield f"{'' if sign > 0 else '-'}{whole} * {in_product(vector.text)}"
+    ratio = _ratio(wanted, value)
+    if ratio is not None:
+        for factor in factors(ratio, atoms):
+            yield f"{factor} * {whole}"
+        for factor in factors(1 / ratio, atoms):
+            yield f"{whole} / ({factor})"
+    for vector in vectors:
+        ratio = _ratio(added, vector.values)
+        if ratio is None:
+            continue
+        name = in_product(vector.text)
+        for sign, factor in (("+", 1.0), ("-", -1.0)):
+            if equal(ratio, np.full(len(ratio), factor)):
+                yield f"{text} {sign} {name}"
+            for other in factors(factor * ratio, atoms):
+                yield f"{text} {sign} {other} * {name}"
+
+
+def _ratio(a: Array, b: Array) -> Array | None:
+    """Return the scalars (k,) by which vectors b (k, 3) are multiplied in a (k, 3); None if a is not parallel to b."""
+    with np.errstate(all="ignore"):
+        ratio = np.sum(a * b, axis=1) / np.sum(b * b, axis=1)
+    if not np.isfinite(ratio).all() or not np.abs(ratio).min() > 0:
+        return None
+    limit = EQUAL * max(float(np.abs(a).max()), 1e-9)
+    return ratio if np.abs(ratio[:, None] * b - a).max() <= limit else None

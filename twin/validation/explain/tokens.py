@@ -38,6 +38,15 @@ def span(node: ast.AST, starts: list[int]) -> tuple[int, int]:
     return start, end
 
 
+def parents_of(root: ast.AST) -> dict[ast.AST, ast.AST]:
+    """Return the parent of each syntax node below `root`."""
+    parents: dict[ast.AST, ast.AST] = {}
+    for node in ast.walk(root):
+        for child in ast.iter_child_nodes(node):
+            parents[child] = node
+    return parents
+
+
 def tokens_of(text: str) -> list[Token]:
     """Return the names, numbers and operators of an expression, in the order of the text."""
     lines = line_starts(text)

@@ -8,14 +8,14 @@ from functools import cached_property
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.validation.explain.candidate import Candidate, aliases, residuals
+from twin.validation.explain.candidate import Candidate, aliases, edited_residuals
 from twin.validation.explain.dependence import Dependence
 from twin.validation.explain.equation_steps import RowKey, Step
 from twin.validation.explain.expression import Site
 from twin.validation.explain.formula_state import is_worse
 from twin.validation.explain.function_source import Edit, Source, Statement
 from twin.validation.explain.name_pool import pool
-from twin.validation.explain.row_deviations import Judge, evaluate, worst
+from twin.validation.explain.row_deviations import Judge, trial_residuals, worst
 from twin.validation.explain.suspects import available, suspects, unread
 
 
@@ -129,7 +129,7 @@ class Trials:
         """Return the candidate for edits of one equation, or None if the edited formula is not valid."""
         self.tried += 1
         extra = aliases(self.judge, step, change)
-        residuals = None if extra is None else evaluate(self.judge, step, change, extra)
+        residuals = None if extra is None else trial_residuals(self.judge, step, change, extra)
         if residuals is None:
             return None
         worsts: dict[RowKey, float] = {}
@@ -191,7 +191,7 @@ class Trials:
 
         For example, a scalar with an index is an error, but with several samples the scalar is an array.
         """
-        return residuals(self.first, c.step.equation.name, c.edits) is not None
+        return edited_residuals(self.first, c.step.equation.name, c.edits) is not None
 
 
 def _is_of(step: Step, edit: Edit) -> bool:

@@ -1,13 +1,10 @@
-"""Generate edits of the parentheses of a statement: move one end of a pair, remove a pair, add a pair."""
+"""Change the parentheses of a text: move one end of a pair, remove a pair, add a pair."""
 
 from __future__ import annotations
 
-import ast
 import tokenize
 from collections.abc import Iterator, Sequence
 
-from twin.validation.explain.edit_writer import EditWriter
-from twin.validation.explain.function_source import Edit
 from twin.validation.explain.tokens import Token, cut, shape, tokens_of
 
 _LONGEST_MOVE = 48
@@ -17,24 +14,17 @@ _LONGEST_PAIR = _LONGEST_MOVE // 2
 """Maximum number of tokens in a pair of parentheses that is added."""
 
 
-def parenthesis_edits(w: EditWriter, root: ast.AST) -> Iterator[Edit]:
-    """Yield edits of parentheses: move one end, remove a pair, add a pair."""
-    start, end = w.source.span(root)
-    if isinstance(root, ast.Return) and root.value is not None:
-        start, end = w.source.span(root.value)
-    text = w.source.text(start, end)
-    if not text.isascii():
-        return
+def other_parentheses(text: str) -> Iterator[tuple[int, int, str]]:
+    """Yield (start, end, new text) of the changes of a text that give it other parentheses and another meaning."""
     known_shapes = {shape(text)}
     for new in _parenthesised(text):
         new_shape = shape(new)
-        # parentheses that change nothing are no edit, and many of them come to the same
+        # Parentheses that change nothing are no edit, and many of them come to the same.
         if not new_shape or new_shape in known_shapes:
             continue
         known_shapes.add(new_shape)
         before, after = _changed_part(text, new)
-        changed = new[before : len(new) - after]
-        yield w.between(start + before, start + len(text) - after, changed, "parenthesis")
+        yield before, len(text) - after, new[before : len(new) - after]
 
 
 def _changed_part(text: str, new: str) -> tuple[int, int]:
