@@ -27,6 +27,15 @@ from twin.validation.explain.reference_values import ReferenceValues
 from twin.validation.explain.row_deviations import Judge, RowPlace, worst
 from twin.validation.explain.suspects import suspects
 
+_ROUNDING = 1e-9
+"""Differences, in m or rad, that are rounding."""
+
+_INVERTIBLE = 1e12
+"""Condition number of a matrix above which its inverse is mostly rounding."""
+
+_EXACT_ROW = 1e-12
+"""Largest difference of two matrices of the same row of a Denavit-Hartenberg table."""
+
 _NAMED = (
     (-1.0, "the opposite sign"),
     (1e3, "millimetres instead of metres"),
@@ -34,6 +43,7 @@ _NAMED = (
     (180 / np.pi, "degrees instead of radians"),
     (np.pi / 180, "radians instead of degrees"),
 )
+"""Ratios of a value of the formula and that of the mechanism, and what they say."""
 
 
 def conventions(judge: Judge, known: Sequence[Convention] | None = None) -> list[Convention]:
@@ -49,7 +59,7 @@ def conventions(judge: Judge, known: Sequence[Convention] | None = None) -> list
         candidates = [*known, *_scalars(judge)]
         if not candidates:  # a slow search, so only where nothing simpler was found
             candidates = list(offsets(judge))
-    return sorted(candidates, key=lambda c: (-len(c.rows), c.after))
+    return sorted(candidates, key=lambda convention: (-len(convention.rows), convention.after))
 
 
 def general(judge: Judge) -> list[Convention]:
@@ -64,7 +74,9 @@ def _cured(judge: Judge, other: Judge) -> tuple[list[RowPlace], float] | None:
     Return None if there is no such row, or if a row that agrees in `judge` is wrong in `other`.
     """
     failing = judge.failing()
-    worst_by_row = {p.key: worst(r) for p, r in other.residuals.items()}
+    worst_by_row: dict[RowKey, float] = {}
+    for place, residual in other.residuals.items():
+        worst_by_row[place.key] = worst(residual)
     for place in judge.residuals:
         if place in failing or judge.step(place.equation).stage == "helper":
             continue
@@ -82,7 +94,16 @@ def _cured(judge: Judge, other: Judge) -> tuple[list[RowPlace], float] | None:
     return cured, largest
 
 
-ORDERS = tuple("".join(o) for o in product("xyz", repeat=3) if o[0] != o[1] and o[1] != o[2])
+def _axis_sequences() -> tuple[str, ...]:
+    """Return the twelve sequences of axes of which no two adjacent ones are the same."""
+    sequences: list[str] = []
+    for first, second, third in product("xyz", repeat=3):
+        if first != second and second != third:
+            sequences.append(first + second + third)
+    return tuple(sequences)
+
+
+ORDERS = _axis_sequences()
 """The twelve axis sequences of Euler angles."""
 
 
@@ -133,28 +154,28 @@ def _euler_conventions(R: Array) -> Iterator[tuple[_EulerConvention, Array]]:
 def _euler(judge: Judge) -> Iterator[Convention]:
     """Yield a convention if the rows agree with the mechanism for another Euler sequence, or for other signs."""
     reference = judge.reference
-    angles = [n for n, unit in reference.coordinates if unit == "rad"]
+    angles = [name for name, unit in reference.coordinates if unit == "rad"]
     if len(angles) != 3 or not _read(judge, angles):
         return
-    wrong = [p for p in judge.failing() if judge.step(p.equation).stage == "inverse"]
+    wrong = [place for place in judge.failing() if judge.step(place.equation).stage == "inverse"]
     if not wrong:
         return
     involved: set[str] = set()
     for place in wrong:
         involved.update(suspects(judge, place))
-    angle_values = np.column_stack([reference.symbols[a] for a in angles])
+    angle_values = np.column_stack([reference.symbols[name] for name in angles])
     for convention, values in _euler_conventions(reference.Ts[:, :3, :3]):
-        if np.abs(np.sin(values - angle_values)).max() < 1e-9:
+        if np.abs(np.sin(values - angle_values)).max() < _ROUNDING:
             continue  # the formula's own convention
-        symbols = {**reference.symbols, **dict(zip(angles, values.T, strict=True))}
-        other = replace(reference, symbols=symbols)
+        angles_by_name = dict(zip(angles, values.T, strict=True))
+        other = reference.with_parameters(angles_by_name)
         # Few equations first: nearly all of the conventions fail there.
         if not _one_agrees(judge.on(other, involved), wrong):
             continue
-        found = _cured(judge, judge.on(other))
-        if found is None:
+        fix = _cured(judge, judge.on(other))
+        if fix is None:
             continue
-        cured, after = found
+        cured, after = fix
         text = (
             f"the rows agree with the angles of R = {convention.text(angles)}, not with the angles "
             "that the formula's own convention gives"
@@ -172,8 +193,10 @@ def _read(judge: Judge, symbols: Sequence[str]) -> bool:
 
 
 def _one_agrees(judge: Judge, places: Sequence[RowPlace]) -> bool:
-    keys = {p.key for p in places}
-    return any(place.key in keys and worst(r) <= 1 for place, r in judge.residuals.items())
+    """Return whether at least one of some rows agrees in a judge."""
+    rows = {place.key for place in places}
+    agreeing = {place.key for place, residual in judge.residuals.items() if worst(residual) <= 1}
+    return not rows.isdisjoint(agreeing)
 
 
 def _names(places: Iterable[RowPlace]) -> tuple[str, ...]:
@@ -184,7 +207,7 @@ def _angles_in(judge: Judge) -> Iterator[Convention]:
     """Yield one convention if the rows agree for angles in degrees, and one if they agree for lengths in mm."""
     in_degrees = "the rows expect angles in degrees, but the angles are given in radians"
     in_mm = "the rows expect lengths in millimetres, but the lengths are given in metres"
-    failing_names = {p.name for p in judge.failing()}
+    failing_names = {place.name for place in judge.failing()}
     for kind, units, factor, text in (
         ("angle", ("deg",), 180 / np.pi, in_degrees),
         ("length", ("mm", "m"), 1e3, in_mm),
@@ -236,7 +259,8 @@ def _scalars(judge: Judge) -> Iterator[Convention]:
     groups: dict[str, list[tuple[RowPlace, float]]] = {}
     for place in judge.failing():
         true = to_array(reference.symbols[place.symbol], reference.k)
-        if place.symbol not in values or true.shape[1] != 1 or np.ptp(true) < 1e-9:
+        is_constant = np.ptp(true) < _ROUNDING  # any value is then a constant value with an offset
+        if place.symbol not in values or true.shape[1] != 1 or is_constant:
             continue
         angle = reference.kinds[place.symbol] == "angle"
         tolerance = judge.tolerance.angle if angle else judge.tolerance.length
@@ -245,22 +269,27 @@ def _scalars(judge: Judge) -> Iterator[Convention]:
             middle, after = _offset(value, true[:, 0], slope, angle, tolerance)
             if not after <= 1:  # also for NaN
                 continue
-            parts = [text] if text else []
+            parts: list[str] = []
+            if text:
+                parts.append(text)
             if abs(middle) > tolerance:
-                shown = f"{np.degrees(middle):.6g}°" if angle else f"{middle * 1e3:.6g} mm"
-                parts.append(f"its zero position differs by {shown} from the zero position in the mechanism")
+                size = f"{middle * 1e3:.6g} mm"
+                if angle:
+                    size = f"{np.degrees(middle):.6g}°"
+                parts.append(f"its zero position differs by {size} from the zero position in the mechanism")
             if parts:
                 groups.setdefault(" and ".join(parts), []).append((place, after))
             break
     for message, rows in groups.items():
         places = [place for place, _ in rows]
-        symbols = ", ".join(p.symbol for p in places)
+        symbols = ", ".join(place.symbol for place in places)
+        after = max(after_of_row for _, after_of_row in rows)
         kind = "unit"
         if message.startswith("its zero"):
             kind = "offset"
         elif "sign" in message:
             kind = "sign"
-        yield Convention(kind, f"{symbols}: {message}", _names(places), max(after for _, after in rows))
+        yield Convention(kind, f"{symbols}: {message}", _names(places), after)
 
 
 def _offset(value: Array, true: Array, slope: float, angle: bool, tolerance: float) -> tuple[float, float]:
@@ -268,13 +297,20 @@ def _offset(value: Array, true: Array, slope: float, angle: bool, tolerance: flo
     offset = value - slope * true
     if not angle:
         middle = float(offset.mean())
-        return middle, float(np.abs(offset - middle).max()) / tolerance / abs(slope)
+        largest = float(np.abs(offset - middle).max())
+        return middle, largest / tolerance / abs(slope)
     if abs(slope) == 1:  # full turns do not count; in another unit an angle has no full turn of 2 pi
-        offset = np.angle(np.exp(1j * offset))
+        offset = _within_half_turn(offset)
         middle = float(np.angle(np.mean(np.exp(1j * offset))))
     else:
         middle = float(offset.mean())
-    return middle, float(np.abs(np.angle(np.exp(1j * (offset - middle)))).max() / tolerance)
+    deviations = _within_half_turn(offset - middle)
+    return middle, float(np.abs(deviations).max() / tolerance)
+
+
+def _within_half_turn(angles: Array) -> Array:
+    """Return angles in rad without full turns, from -pi to pi."""
+    return np.angle(np.exp(1j * angles))
 
 
 @dataclass(frozen=True)
@@ -293,13 +329,15 @@ def _wrong_points(judge: Judge) -> list[_WrongPoint]:
     failing = judge.failing()
     points: list[_WrongPoint] = []
     for name, symbol in judge.formula.points.items():
-        parts = (symbol,) if isinstance(symbol, str) else symbol
-        places = [p for p in failing if p.symbol in parts]
-        if not places or not values.keys() >= set(parts):
+        symbols = symbol
+        if isinstance(symbol, str):  # one vector, not three coordinates
+            symbols = (symbol,)
+        places = [place for place in failing if place.symbol in symbols]
+        if not places or not values.keys() >= set(symbols):
             continue
-        value = np.hstack([to_array(values[p], reference.k) for p in parts])
-        true = np.hstack([to_array(reference.symbols[p], reference.k) for p in parts])
-        points.append(_WrongPoint(name, places, value, true))
+        coordinates = [to_array(values[part], reference.k) for part in symbols]
+        true_coordinates = [to_array(reference.symbols[part], reference.k) for part in symbols]
+        points.append(_WrongPoint(name, places, np.hstack(coordinates), np.hstack(true_coordinates)))
     return points
 
 
@@ -308,13 +346,15 @@ def _axes(judge: Judge) -> Iterator[Convention]:
     points = _wrong_points(judge)
     if not points:
         return
-    value = np.vstack([p.value for p in points])
-    true = np.vstack([p.true for p in points])
+    value = np.vstack([point.value for point in points])
+    true = np.vstack([point.true for point in points])
     if not np.isfinite(value).all():
         return
+    names = ", ".join(point.name for point in points)
     for P in signed_permutations()[1:]:
         for factor, unit in ((1.0, ""), (1e3, ", in millimetres")):
-            after = float(np.abs(value - factor * true @ P.T).max() / factor / judge.tolerance.length)
+            largest = np.abs(value - factor * true @ P.T).max()
+            after = float(largest / factor / judge.tolerance.length)
             if after > 1:
                 continue
             kind = "axes"
@@ -322,7 +362,6 @@ def _axes(judge: Judge) -> Iterator[Convention]:
             if np.linalg.det(P) < 0:
                 kind = "handedness"
                 handedness = ": a left-handed frame"
-            names = ", ".join(p.name for p in points)
             rows: list[RowPlace] = []
             for point in points:
                 rows += point.places
@@ -335,8 +374,9 @@ def signed_permutations() -> list[Array]:
     """Return the 48 signed permutation matrices (3, 3), the identity first."""
     matrices: list[Array] = []
     for order in permutations(range(3)):
+        permutation = np.eye(3)[list(order)]
         for signs in product((1.0, -1.0), repeat=3):
-            matrices.append(np.eye(3)[list(order)] * np.array(signs)[:, None])
+            matrices.append(permutation * np.array(signs)[:, None])
     return matrices
 
 
@@ -348,9 +388,9 @@ def _frames(judge: Judge) -> Iterator[Convention]:
         T = formula_pose(judge, place)
         if not np.isfinite(T).all():
             continue
-        found = _other_frames(judge, judge.reference.symbols[place.symbol].a, T)
-        if found is not None:
-            text, after = found
+        change = _other_frames(judge, judge.reference.symbols[place.symbol].a, T)
+        if change is not None:
+            text, after = change
             message = f"{place.symbol} of {place.equation} agrees with the mechanism's pose: {text}"
             yield Convention("axes", message, (place.name,), after)
 
@@ -358,7 +398,7 @@ def _frames(judge: Judge) -> Iterator[Convention]:
 def _other_frames(judge: Judge, true: Array, T: Array) -> tuple[str, float] | None:
     """Return (change of a pose T (k, 4, 4) with which it agrees, residual); the change with the shortest text."""
     inverse = T
-    if np.linalg.cond(T).max() < 1e12:
+    if np.linalg.cond(T).max() < _INVERTIBLE:
         inverse = np.linalg.inv(T)
     best: tuple[str, float] | None = None
     for inversion, M in (("", T), ("inverted, ", inverse)):
@@ -369,15 +409,15 @@ def _other_frames(judge: Judge, true: Array, T: Array) -> tuple[str, float] | No
                 if position > 1:
                     continue
                 # The rotation of the tool must be the same at all poses.
-                Q = np.swapaxes(P @ M[:, :3, :3], 1, 2) @ true[:, :3, :3]
-                rotation = float(np.abs(Q - Q.mean(axis=0)).max() / judge.tolerance.angle)
+                R_tool = np.swapaxes(P @ M[:, :3, :3], 1, 2) @ true[:, :3, :3]
+                rotation = float(np.abs(R_tool - R_tool.mean(axis=0)).max() / judge.tolerance.angle)
                 if not rotation <= 1:
                     continue
                 text = f"{inversion}{unit}"
                 if not np.allclose(P, np.eye(3)):
                     text += f"base axes {axes_text(P)}, "
-                if not np.allclose(Q[0], np.eye(3)):
-                    text += f"tool axes {axes_text(Q[0].T)}, "
+                if not np.allclose(R_tool[0], np.eye(3)):
+                    text += f"tool axes {axes_text(R_tool[0].T)}, "
                 text = text.removesuffix(", ")
                 if best is None or len(text) < len(best[0]):
                     best = text, max(position, rotation)
@@ -386,15 +426,15 @@ def _other_frames(judge: Judge, true: Array, T: Array) -> tuple[str, float] | No
 
 def _dh(judge: Judge) -> Iterator[Convention]:
     """Yield a convention for each helper that makes rows agree if it uses the other Denavit-Hartenberg form."""
-    failing = {p.equation for p in judge.failing()}
+    failing = {place.equation for place in judge.failing()}
     for step in judge.steps:
         if step.equation.name not in failing or step.stage == "helper":
             continue
         for helper in judge.helpers(step):
             for stand_in, message in _other_forms(helper):
-                found = _with_helper(judge, step, helper, stand_in)
-                if found is not None:
-                    cured, after = found
+                fix = _with_helper(judge, step, helper, stand_in)
+                if fix is not None:
+                    cured, after = fix
                     yield Convention("dh", message, _names(cured), after)
                     break
 
@@ -461,9 +501,8 @@ def _dh_row(form: str, order: tuple[int, ...], *values: Value) -> Matrix:
 
     `form` is "standard" or "modified"; `order` gives the positions of alpha, a, theta and d in `values`.
     """
-    arrays = [np.atleast_1d(np.asarray(values[i], float)) for i in order]
-    k = max(len(x) for x in arrays)
-    alpha, a, theta, d = (np.broadcast_to(x, (k,)) for x in arrays)
+    columns = [np.atleast_1d(np.asarray(values[i], float)) for i in order]
+    alpha, a, theta, d = np.broadcast_arrays(*columns)
     about_x = _screw(turn(0)(alpha).a, 0, a)
     about_z = _screw(turn(2)(theta).a, 2, d)
     if form == "modified":
@@ -496,6 +535,7 @@ def dh_form(function: Callable[..., Value]) -> tuple[str, tuple[int, ...]] | Non
     for kind in ("modified", "standard"):
         for order in permutations(range(4)):
             # The four values of the probe differ, so that only one order fits.
-            if np.abs(_dh_row(kind, order, *probe).a - T.a).max() < 1e-12:
+            row = _dh_row(kind, order, *probe)
+            if np.abs(row.a - T.a).max() < _EXACT_ROW:
                 return kind, order
     return None

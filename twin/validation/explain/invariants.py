@@ -25,6 +25,33 @@ from twin.validation.explain.row_deviations import Judge, RowPlace, returned_val
 
 _LOOP = Kind("invariant.loop", "disagreement", word="tolerance")
 
+_OTHER_INPUT = 2.0
+"""Value of all outputs of an implicit equation, with which it is tested that its rows are linear in them."""
+
+_LINEAR = 1e-9
+"""Absolute difference from linear rows that is rounding."""
+
+_DETERMINED = 1e12
+"""Condition number above which rows do not determine the outputs of an implicit equation."""
+
+_CONSTANT = 10
+"""Change of a length that counts as none, in units of the tolerance: two points may each be off by rounding."""
+
+_RIGID = 1e-6
+"""Length in m: a rod that changes by more is none, and one that is shorter has no direction."""
+
+_ORTHOGONAL = 1e-9
+"""Largest entry of R^T R - I of a rotation."""
+
+_SCALE = 1.25
+"""Factor of all lengths, with which the error of a dimensionally consistent row grows by the same factor."""
+
+_LENGTHS = ("mm", "m", "cm", "um")
+"""Units of parameters that are lengths."""
+
+_SAME_GROWTH = 1e-6
+"""Largest difference of the growth of an error from that of a length, or of an angle, relative to the error."""
+
 
 def formula_values(judge: Judge) -> dict[str, Value]:
     """Return {symbol: value computed by the formula from the mechanism's values}, for the compared symbols."""
@@ -49,16 +76,22 @@ def formula_values(judge: Judge) -> dict[str, Value]:
 def formula_pose(judge: Judge, place: RowPlace) -> Array:
     """Return the pose (k, 4, 4) that a row of the formula computes; it is recovered from the residual of the row."""
     scale = np.full(16, judge.tolerance.angle)
-    scale[[3, 7, 11]] = judge.tolerance.length
-    return judge.reference.symbols[place.symbol].a + (judge.residuals[place] * scale).reshape(-1, 4, 4)
+    scale[[3, 7, 11]] = judge.tolerance.length  # the entries of the position
+    difference = judge.residuals[place] * scale
+    return judge.reference.symbols[place.symbol].a + difference.reshape(-1, 4, 4)
 
 
 def solved(judge: Judge) -> dict[str, Value]:
     """Return the outputs of implicit equations; the coupled rows of an equation are solved together."""
     values: dict[str, Value] = {}
     for step in judge.steps:
-        names = [n for n in step.equation.outputs if n in step.required and n in judge.reference.kinds]
-        if not names or step.missing or step.stage == "helper":
+        if step.missing or step.stage == "helper":
+            continue
+        names: list[str] = []
+        for name in step.equation.outputs:
+            if name in step.required and name in judge.reference.kinds:
+                names.append(name)
+        if not names:
             continue
         x = _solution(judge, step.equation.name, names)
         if x is not None:
@@ -73,7 +106,7 @@ def _solution(judge: Judge, equation: str, names: list[str]) -> Array | None:
     """
     n = len(names)
     b = _outputs_at(judge, equation, names, [0.0] * n)
-    tested = _outputs_at(judge, equation, names, [2.0] * n)
+    tested = _outputs_at(judge, equation, names, [_OTHER_INPUT] * n)
     if b is None or tested is None:
         return None
     columns: list[Array] = []
@@ -83,12 +116,15 @@ def _solution(judge: Judge, equation: str, names: list[str]) -> Array | None:
             return None
         columns.append(moved - b)
     A = np.stack(columns, axis=2)
-    if not np.allclose(A.sum(axis=2) * 2 + b, tested, atol=1e-9) or not np.isfinite(A).all():
-        return None  # the rows are not linear in the outputs
-    M = np.eye(n) - A
-    if not np.linalg.cond(M).max() < 1e12:
+    predicted = A.sum(axis=2) * _OTHER_INPUT + b
+    is_linear = np.allclose(predicted, tested, atol=_LINEAR)
+    if not is_linear or not np.isfinite(A).all():
         return None
-    return np.asarray(np.linalg.solve(M, b[..., None])[..., 0], np.float64)
+    M = np.eye(n) - A
+    if not np.linalg.cond(M).max() < _DETERMINED:
+        return None
+    x = np.linalg.solve(M, b[..., None])
+    return np.asarray(x[..., 0], np.float64)
 
 
 def _outputs_at(judge: Judge, equation: str, names: list[str], x: list[float]) -> Array | None:
@@ -96,7 +132,11 @@ def _outputs_at(judge: Judge, equation: str, names: list[str], x: list[float]) -
     values = outputs(judge, equation, dict(zip(names, x, strict=True)))
     if not values:
         return None
-    return np.stack([to_array(values[name], judge.reference.k)[:, 0] for name in names], axis=1)
+    columns: list[Array] = []
+    for name in names:
+        entries = to_array(values[name], judge.reference.k)
+        columns.append(entries[:, 0])
+    return np.stack(columns, axis=1)
 
 
 def invariants(judge: Judge, model: ReferenceModel) -> list[Finding]:
@@ -109,7 +149,9 @@ def invariants(judge: Judge, model: ReferenceModel) -> list[Finding]:
 def _parts(judge: Judge, point: str) -> tuple[str, ...]:
     """Return the symbols of a named point: one vector, or its coordinates."""
     symbol = judge.formula.points[point]
-    return (symbol,) if isinstance(symbol, str) else tuple(symbol)
+    if isinstance(symbol, str):
+        return (symbol,)
+    return tuple(symbol)
 
 
 def _points(judge: Judge, values: Mapping[str, Value]) -> dict[str, Array]:
@@ -118,15 +160,19 @@ def _points(judge: Judge, values: Mapping[str, Value]) -> dict[str, Array]:
     for name in judge.formula.points:
         parts = _parts(judge, name)
         if values.keys() >= set(parts):
-            positions[name] = np.hstack([to_array(values[p], judge.reference.k) for p in parts])
+            coordinates = [to_array(values[part], judge.reference.k) for part in parts]
+            positions[name] = np.hstack(coordinates)
     return positions
 
 
 def _rigid(judge: Judge, model: ReferenceModel, values: Mapping[str, Value]) -> Iterator[Finding]:
     """Yield a finding for each distance between points of one body that the formula makes different from the CAD."""
     positions = _points(judge, values)
-    failing = {p.symbol for p in judge.failing()}
-    wrong = {name for name in positions if not failing.isdisjoint(_parts(judge, name))}
+    failing = {place.symbol for place in judge.failing()}
+    wrong: set[str] = set()
+    for name in positions:
+        if not failing.isdisjoint(_parts(judge, name)):
+            wrong.add(name)
     points_of: dict[str, list[str]] = {}
     p_body: dict[str, Array] = {}
     for point in model.mechanism.points:
@@ -154,14 +200,16 @@ def _distance(
     if largest <= judge.tolerance.length:
         return
     digits = decimals(largest / MM)
-    low = f"{float(np.nanmin(length)) / MM:.{digits}f}"
-    high = f"{float(np.nanmax(length)) / MM:.{digits}f}"
+    shortest = float(np.nanmin(length))
+    longest = float(np.nanmax(length))
+    low = f"{shortest / MM:.{digits}f}"
+    high = f"{longest / MM:.{digits}f}"
     where = f"on '{body}' " if body else ""
-    reference = f"{where}in the CAD it is {true / MM:.{digits}f} mm"
-    if float(np.nanmax(length)) - float(np.nanmin(length)) <= 10 * judge.tolerance.length:
-        text = f"{what} {low} mm long; {reference}"
+    in_cad = f"{where}in the CAD it is {true / MM:.{digits}f} mm"
+    if longest - shortest <= _CONSTANT * judge.tolerance.length:
+        text = f"{what} {low} mm long; {in_cad}"
     else:
-        text = f"{what} {low} .. {high} mm long; {reference}: a rigid body cannot change its length"
+        text = f"{what} {low} .. {high} mm long; {in_cad}: a rigid body cannot change its length"
     yield disagreement(
         code,
         name,
@@ -183,24 +231,30 @@ def _rods(judge: Judge, model: ReferenceModel, values: Mapping[str, Value]) -> I
             wrong.add(joint.name)
     if reference.run is None or not wrong:
         return
-    moved = model.link_poses(_with_values(reference.run.x, model, {n: values[n] for n in wrong}))
+    wrong_values = {name: values[name] for name in wrong}
+    moved = model.link_poses(_with_values(reference.run.x, model, wrong_values))
     real = model.link_poses(reference.run.x)
-    drive_of = {j.child: j.name for j in mechanism.tree if j.name in wrong}  # by the body that the joint moves
+    drive_of: dict[str, str] = {}  # by the body that the joint moves
+    for joint in mechanism.tree:
+        if joint.name in wrong:
+            drive_of[joint.child] = joint.name
     for link in mechanism.bodies:
-        joints = [j for j in mechanism.joints if link.name in (j.parent, j.child)]
-        driven = [j for j in joints if _other(j, link.name) in drive_of]
+        joints = [joint for joint in mechanism.joints if link.name in (joint.parent, joint.child)]
+        driven = [joint for joint in joints if _other_body(joint, link.name) in drive_of]
         for joint in driven:
-            if joint.type == "prismatic":
+            if joint.type == "prismatic":  # its centre has no place of its own on the link
                 continue
-            drive = drive_of[_other(joint, link.name)]
-            pivot = _centre(joint, _other(joint, link.name), moved)
+            driving_body = _other_body(joint, link.name)
+            drive = drive_of[driving_body]
+            pivot = _centre(joint, driving_body, moved)
             held = _centre(joint, link.name, real)
             for far in joints:
                 if far in driven:
                     continue
                 end = _centre(far, link.name, real)
+                real_length = np.linalg.norm(held - end, axis=1)
                 true = float(np.linalg.norm(held[0] - end[0]))
-                if true < 1e-6 or np.ptp(np.linalg.norm(held - end, axis=1)) > 1e-6:
+                if true < _RIGID or np.ptp(real_length) > _RIGID:
                     continue
                 length = np.linalg.norm(pivot - end, axis=1)
                 what = f"with {drive} from the formula, '{link.name}' would be, from {joint.name} to {far.name},"
@@ -220,20 +274,29 @@ def _moved(judge: Judge, name: str, value: Value) -> bool:
     return worst(judge.difference(name, value)) > 1
 
 
-def _other(joint: Joint, body: str) -> str:
-    return joint.parent if joint.child == body else joint.child
+def _other_body(joint: Joint, body: str) -> str:
+    """Return the body that a joint connects with a body."""
+    if joint.child == body:
+        return joint.parent
+    return joint.child
 
 
 def _centre(joint: Joint, body: str, poses: Mapping[str, Array]) -> Array:
     """Return the positions (k, 3) of a joint on one of its two bodies."""
-    T = joint.T_parent_joint if joint.parent == body else joint.T_child_joint
-    return (poses[body] @ T)[:, :3, 3]
+    T_body_joint = joint.T_child_joint
+    if joint.parent == body:
+        T_body_joint = joint.T_parent_joint
+    T_world_joint = poses[body] @ T_body_joint
+    return T_world_joint[:, :3, 3]
 
 
 def _loops(judge: Judge, model: ReferenceModel, values: Mapping[str, Value]) -> Iterator[Finding]:
     """Yield a finding for each loop that opens if wrong joint values of the formula replace those of the mechanism."""
     run = judge.reference.run
-    wrong = {n: values[n] for n in model.tree.configuration if n in values and _moved(judge, n, values[n])}
+    wrong: dict[str, Value] = {}
+    for name in model.tree.configuration:
+        if name in values and _moved(judge, name, values[name]):
+            wrong[name] = values[name]
     if run is None or not wrong or not model.mechanism.loops:
         return
     states = _with_values(run.x, model, wrong)
@@ -243,14 +306,14 @@ def _loops(judge: Judge, model: ReferenceModel, values: Mapping[str, Value]) -> 
     limit = max(judge.tolerance.length, 10 * float(run.gaps[..., 0].max(initial=0.0)))
     gaps = model.collect(states).gaps[..., 0]
     for loop, gap in zip(run.loop_names, gaps.T, strict=True):
-        k = int(np.argmax(gap))
-        if gap[k] > limit:
+        widest = int(np.argmax(gap))
+        if gap[widest] > limit:
             yield _LOOP(
                 loop,
                 f"with {', '.join(wrong)} from the formula, the loop at {loop} opens",
-                mm(gap[k]),
+                mm(gap[widest]),
                 mm(judge.tolerance.length),
-                when=judge.reference.pose_text(k),
+                when=judge.reference.pose_text(widest),
             )
 
 
@@ -263,8 +326,9 @@ def _rotations(judge: Judge) -> Iterator[Finding]:
             R = value.a[:, :3, :3]
             if not np.isfinite(R).all():
                 continue
-            deviation = float(np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max())
-            if deviation > 1e-9:
+            difference = np.swapaxes(R, 1, 2) @ R - np.eye(3)
+            deviation = float(np.abs(difference).max())
+            if deviation > _ORTHOGONAL:
                 what = f"not orthogonal (R^T R - I is {deviation:.2g})"
             elif np.linalg.det(R).min() < 0:
                 what = "left-handed (its determinant is -1)"
@@ -272,7 +336,7 @@ def _rotations(judge: Judge) -> Iterator[Finding]:
                 continue
             where = f"{step.equation.name}.{name}"
             text = f"rotation {name} of {step.equation.name} is {what}"
-            yield disagreement("invariant.rotation", where, text, Quantity(deviation), 1e-9, word="")
+            yield disagreement("invariant.rotation", where, text, Quantity(deviation), _ORTHOGONAL, word="")
 
 
 def outputs(judge: Judge, equation: str, given: Mapping[str, Value] = MappingProxyType({})) -> dict[str, Value]:
@@ -294,10 +358,6 @@ def outputs(judge: Judge, equation: str, given: Mapping[str, Value] = MappingPro
     return dict(zip(step.equation.outputs, values, strict=step.plain is not None))
 
 
-_SCALE = 1.25
-"""Factor of all lengths, with which the error of a dimensionally consistent row grows by the same factor."""
-
-
 def _dimensions(judge: Judge) -> Iterator[Finding]:
     """Yield a finding for each wrong row that is dimensionally inconsistent: its error does not scale with lengths."""
     failing = judge.failing()
@@ -314,9 +374,14 @@ def _dimensions(judge: Judge) -> Iterator[Finding]:
         after = residuals[place.key]
         if not (np.isfinite(before).all() and np.isfinite(after).all()):
             continue
-        factor, unit = (_SCALE, "a length") if kind == "length" else (1.0, "an angle")
-        deviation = float(np.abs(after - factor * before).max()) / max(float(np.abs(before).max()), 1e-300)
-        if deviation > 1e-6:
+        factor = 1.0
+        unit = "an angle"
+        if kind == "length":
+            factor = _SCALE
+            unit = "a length"
+        difference = float(np.abs(after - factor * before).max())
+        size = max(float(np.abs(before).max()), 1e-300)  # an error may be zero at some values
+        if difference / size > _SAME_GROWTH:
             yield disagreement(
                 "invariant.dimension",
                 f"{place.name}, line {place.line}",
@@ -330,7 +395,7 @@ def _scaled(judge: Judge) -> ReferenceValues:
     """Return the values of a mechanism that is larger in all its lengths."""
     reference = judge.reference
     symbols = dict(reference.symbols)
-    lengths = {p.name for p in judge.formula.parameters if p.unit in ("mm", "m", "cm", "um")}
+    lengths = {p.name for p in judge.formula.parameters if p.unit in _LENGTHS}
     for name, value in symbols.items():
         kind = reference.kinds.get(name)
         if kind == "pose":

@@ -10,7 +10,7 @@ tried. Offsets of lengths are computed by least squares.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import combinations, product
+from itertools import combinations, islice, product
 
 import numpy as np
 
@@ -21,10 +21,26 @@ from twin.validation.explain.invariants import formula_pose
 from twin.validation.explain.row_deviations import Judge, RowPlace
 
 _QUARTERS = (np.pi / 2, -np.pi / 2, np.pi)
+"""Offsets in rad that are tried for each angle."""
+
 _MOST = 3
 """Maximum number of angles with an offset."""
 
 _TRIALS = 400
+"""Maximum number of choices of offsets that are tried: each is an evaluation of the forward equations."""
+
+_UNIQUE = 1e3
+"""Factor by which the second smallest mean squared residual must exceed `_ALIKE`, so that the rotations are unique."""
+
+_MOVED = 0.1
+"""Change of a sliding joint in m, with which the direction is computed in which it moves the tool."""
+
+_NO_SHIFT = 1e-9
+"""Shift of base or tool in m that is not told: it is rounding."""
+
+_AXIS = 1e-6
+"""Difference from 1 up to which an entry of a rotation makes an axis one of the other frame."""
+
 _ALIKE = 1e-9
 """Mean squared rotation residual below which the rotations agree."""
 
@@ -43,20 +59,20 @@ def offsets(judge: Judge) -> Iterator[Convention]:
 
 def _search(judge: Judge, place: RowPlace) -> tuple[str, float] | None:
     """Return (text on the offsets, worst residual) of the first offsets with which the pose agrees, fewest first."""
-    joints = [j for j in judge.formula.joints if j.name in judge.reference.symbols]
-    angles = [j.name for j in joints[1:-1] if j.kind == "revolute"]
-    slides = [j.name for j in joints if j.kind == "prismatic"]
+    joints = [joint for joint in judge.formula.joints if joint.name in judge.reference.symbols]
+    # An offset of the first or last angle is a rotation of base or tool.
+    angles = [joint.name for joint in joints[1:-1] if joint.kind == "revolute"]
+    slides = [joint.name for joint in joints if joint.kind == "prismatic"]
     true = judge.reference.symbols[place.symbol].a
-    for tried, moved in enumerate(_turned(angles)):
-        if tried == _TRIALS:
-            return None
-        T = _said(judge, place, moved)
+    for turns in islice(_turned(angles), _TRIALS):
+        T = _pose_with_offsets(judge, place, turns)
         if T is None:
             return None
-        ends = _ends(T[:, :3, :3], true[:, :3, :3])
+        ends = _end_rotations(T[:, :3, :3], true[:, :3, :3])
         if ends is None:
             continue
-        fit = _placed(judge, place, moved, slides, T, *ends)
+        base, tool = ends
+        fit = _fitted_positions(judge, place, turns, slides, T, base, tool)
         if fit is not None:
             return fit
     return None
@@ -70,21 +86,24 @@ def _turned(angles: Sequence[str]) -> Iterator[dict[str, float]]:
                 yield dict(zip(chosen, turns, strict=True))
 
 
-def _said(judge: Judge, place: RowPlace, moved: dict[str, float]) -> Array | None:
-    """Return the formula's pose (k, 4, 4) with the joint offsets `moved`; None if the pose has no value."""
+def _pose_with_offsets(judge: Judge, place: RowPlace, offsets: dict[str, float]) -> Array | None:
+    """Return the formula's pose (k, 4, 4) with offsets of joints, in rad or m; None if the pose has no value."""
     symbols = dict(judge.reference.symbols)
-    for name, offset in moved.items():
+    for name, offset in offsets.items():
         symbols[name] = symbols[name] + offset
-    forward = {s.equation.name for s in judge.steps if s.stage == "forward"}
+    forward = {step.equation.name for step in judge.steps if step.stage == "forward"}
     other = judge.on(judge.reference.with_parameters(symbols), forward)
-    for same in other.residuals:
-        if same.key == place.key:
-            T = formula_pose(other, same)
-            return T if np.isfinite(T).all() else None
+    for other_place in other.residuals:
+        if other_place.key != place.key:
+            continue
+        T = formula_pose(other, other_place)
+        if np.isfinite(T).all():
+            return T
+        return None
     return None
 
 
-def _ends(F: Array, R: Array) -> tuple[Array, Array] | None:
+def _end_rotations(F: Array, R: Array) -> tuple[Array, Array] | None:
     """Return rotations of base and tool (3, 3) with R = base F tool at all poses (k, 3, 3); None if there are none.
 
     base^T R - F tool = 0 is linear in the unknowns base and tool; the solution must be unique up to a factor.
@@ -92,10 +111,14 @@ def _ends(F: Array, R: Array) -> tuple[Array, Array] | None:
     eye = np.eye(3)
     blocks: list[Array] = []
     for f, r in zip(F, R, strict=True):
-        blocks.append(np.hstack([np.kron(eye, r.T), -np.kron(f, eye)]))
+        # vec(base^T r) and vec(f tool), with the entries of a matrix row by row
+        of_base = np.kron(eye, r.T)
+        of_tool = np.kron(f, eye)
+        blocks.append(np.hstack([of_base, -of_tool]))
     A = np.stack(blocks)
-    squares, V = np.linalg.eigh(np.einsum("kij,kil->jl", A, A) / len(A))
-    if squares[0] > _ALIKE or squares[1] < 1e3 * _ALIKE:
+    mean_squares = np.einsum("kij,kil->jl", A, A) / len(A)
+    squares, V = np.linalg.eigh(mean_squares)  # the smallest first
+    if squares[0] > _ALIKE or squares[1] < _UNIQUE * _ALIKE:
         return None
     base_T = V[:9, 0].reshape(3, 3)
     tool = V[9:, 0].reshape(3, 3)
@@ -103,50 +126,61 @@ def _ends(F: Array, R: Array) -> tuple[Array, Array] | None:
     return (base_T / scale).T, tool / scale
 
 
-def _placed(
-    judge: Judge, place: RowPlace, moved: dict[str, float], slides: list[str], T: Array, base: Array, tool: Array
+def _fitted_positions(
+    judge: Judge, place: RowPlace, turns: dict[str, float], slides: list[str], T: Array, base: Array, tool: Array
 ) -> tuple[str, float] | None:
-    """Return (text on the offsets, worst residual) if, with the rotations, the positions also agree; otherwise None."""
+    """Return (text on the offsets, worst residual) if, with the rotations, the positions also agree; otherwise None.
+
+    `turns` are the offsets of angles in rad, T (k, 4, 4) the formula's poses with them, `slides` the sliding joints,
+    `base` and `tool` rotations (3, 3).
+    """
     true = judge.reference.symbols[place.symbol].a
-    want = true[:, :3, 3] @ base - T[:, :3, 3]
+    missing = true[:, :3, 3] @ base - T[:, :3, 3]
     slopes: list[Array] = []  # change of the position (k, 3) with the value of each sliding joint
     for name in slides:
-        there = _said(judge, place, {**moved, name: 0.1})
-        if there is None:
+        T_moved = _pose_with_offsets(judge, place, {**turns, name: _MOVED})
+        if T_moved is None:
             return None
-        slopes.append((there[:, :3, 3] - T[:, :3, 3]) / 0.1)
-    columns = np.zeros((*want.shape, 0))
+        slopes.append((T_moved[:, :3, 3] - T[:, :3, 3]) / _MOVED)
+    of_slides = np.zeros((*missing.shape, 0))
     if slopes:
-        columns = np.stack(slopes, axis=2)
-    fixed = np.concatenate([columns, T[:, :3, :3], np.broadcast_to(np.eye(3), T[:, :3, :3].shape)], axis=2)
+        of_slides = np.stack(slopes, axis=2)
+    R = T[:, :3, :3]
+    of_tool = R  # a shift of the tool is turned with it, one of the base is not
+    of_base = np.broadcast_to(np.eye(3), R.shape)
+    of_all = np.concatenate([of_slides, of_tool, of_base], axis=2)
     # Offsets of the joints alone first, then also shifts of tool and base.
-    for A, count in ((columns, len(slides)), (fixed, len(slides) + 6)):
-        flat = A.reshape(want.size, count)
-        x = np.linalg.lstsq(flat, want.ravel(), rcond=None)[0]
-        after = float(np.abs(flat @ x - want.ravel()).max(initial=0.0)) / judge.tolerance.length
+    for A in (of_slides, of_all):
+        flat = A.reshape(missing.size, -1)
+        x, *_ = np.linalg.lstsq(flat, missing.ravel(), rcond=None)
+        after = float(np.abs(flat @ x - missing.ravel()).max(initial=0.0)) / judge.tolerance.length
         shifts: dict[str, float] = {}
         for name, shift in zip(slides, x, strict=False):
             if abs(shift) > judge.tolerance.length:
                 shifts[name] = shift
-        if after <= 1 and (moved or shifts):
-            return _text(moved, shifts, base, tool, x[len(slides) :]), after
+        if after <= 1 and (turns or shifts):
+            return _text(turns, shifts, base, tool, x[len(slides) :]), after
     return None
 
 
-def _text(moved: dict[str, float], shifts: dict[str, float], base: Array, tool: Array, ends: Array) -> str:
-    parts: list[str] = []
-    for name, turn in moved.items():
-        parts.append(f"{name} {_sign(turn)} {abs(np.degrees(turn)):g}°")
+def _text(turns: dict[str, float], shifts: dict[str, float], base: Array, tool: Array, end_shifts: Array) -> str:
+    """Return the offsets of joints, and rotations and shifts of base and tool, as text.
+
+    `end_shifts` are the shifts of tool and base in m, three numbers each; none without them.
+    """
+    offsets: list[str] = []
+    for name, turn in turns.items():
+        offsets.append(f"{name} {_sign(turn)} {abs(np.degrees(turn)):g}°")
     for name, shift in shifts.items():
-        parts.append(f"{name} {_sign(shift)} {abs(shift) / MM:.6g} mm")
-    text = f"agrees with the mechanism's pose with {', '.join(parts)}"
+        offsets.append(f"{name} {_sign(shift)} {abs(shift) / MM:.6g} mm")
+    text = f"agrees with the mechanism's pose with {', '.join(offsets)}"
     if not np.allclose(base, np.eye(3)):
         text += f"; base axes {axes_text(base)}"
     if not np.allclose(tool, np.eye(3)):
         text += f"; tool axes {axes_text(tool.T)}"
-    for end, p in zip(("tool", "base"), ends.reshape(-1, 3), strict=False):
-        if np.abs(p).max() > 1e-9:
-            shift_mm = ", ".join(f"{v:.6g}" for v in p / MM)
+    for end, p in zip(("tool", "base"), end_shifts.reshape(-1, 3), strict=False):
+        if np.abs(p).max() > _NO_SHIFT:
+            shift_mm = ", ".join(f"{value:.6g}" for value in p / MM)
             text += f"; {end} moved by ({shift_mm}) mm"
     return text
 
@@ -157,12 +191,13 @@ def _sign(x: float) -> str:
 
 def axes_text(P: Array) -> str:
     """Return a rotation as text: "x = -y, ..." for quarter turns, otherwise its angle."""
-    if np.abs(np.abs(P).max(axis=1) - 1).max() < 1e-6:
+    if np.abs(np.abs(P).max(axis=1) - 1).max() < _AXIS:
         parts: list[str] = []
         for axis, row in zip("xyz", P, strict=True):
             i = int(np.argmax(np.abs(row)))
             minus = "-" if row[i] < 0 else ""
             parts.append(f"{axis} = {minus}{'xyz'[i]}")
         return ", ".join(parts)
-    angle = np.degrees(np.arccos(np.clip((np.trace(P) - 1) / 2, -1, 1)))
+    cosine = (np.trace(P) - 1) / 2
+    angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
     return f"turned by {angle:.4f}°"

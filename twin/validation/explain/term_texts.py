@@ -19,21 +19,34 @@ EQUAL = 1e-6
 
 _MOST_FACTORS = 60
 """Maximum number of values of which products are made."""
+
+_SMALLEST = 1e-9
+"""Size in m or rad below which values are compared as if they had this size: they are rounding of zero."""
+
+_SIGNS = (("+", 1.0), ("-", -1.0))
+"""The signs of a term, and their values."""
+
 NUMBERS = {
-    **{
-        1.0: "1",
-        2.0: "2",
-        3.0: "3",
-        4.0: "4",
-        0.5: "1 / 2",
-        0.25: "1 / 4",
-        1 / 3: "1 / 3",
-        2 / 3: "2 / 3",
-        1.5: "3 / 2",
-    },
-    **{np.pi: "pi", np.pi / 2: "pi / 2", 2 * np.pi: "2 * pi", np.pi / 3: "pi / 3", 2 * np.pi / 3: "2 * pi / 3"},
-    **{np.sqrt(3): "sqrt(3)", np.sqrt(3) / 2: "sqrt(3) / 2", np.sqrt(3) / 3: "sqrt(3) / 3"},
-    **{np.sqrt(3) / 6: "sqrt(3) / 6", np.sqrt(2): "sqrt(2)", np.sqrt(2) / 2: "sqrt(2) / 2"},
+    1.0: "1",
+    2.0: "2",
+    3.0: "3",
+    4.0: "4",
+    0.5: "1 / 2",
+    0.25: "1 / 4",
+    1 / 3: "1 / 3",
+    2 / 3: "2 / 3",
+    1.5: "3 / 2",
+    np.pi: "pi",
+    np.pi / 2: "pi / 2",
+    2 * np.pi: "2 * pi",
+    np.pi / 3: "pi / 3",
+    2 * np.pi / 3: "2 * pi / 3",
+    np.sqrt(3): "sqrt(3)",
+    np.sqrt(3) / 2: "sqrt(3) / 2",
+    np.sqrt(3) / 3: "sqrt(3) / 3",
+    np.sqrt(3) / 6: "sqrt(3) / 6",
+    np.sqrt(2): "sqrt(2)",
+    np.sqrt(2) / 2: "sqrt(2) / 2",
 }
 """Numbers that terms and factors may be."""
 
@@ -48,21 +61,36 @@ class Atom:
 
 def equal(a: Array, b: Array) -> bool:
     """Return whether two arrays of values are equal, except for rounding."""
-    return bool(np.abs(a - b).max() <= EQUAL * max(float(np.abs(a).max()), 1e-9))
+    return bool(np.abs(a - b).max() <= _limit(a))
+
+
+def _limit(values: Array) -> float:
+    """Return the largest difference from values that counts as rounding."""
+    return EQUAL * max(_size(values), _SMALLEST)
+
+
+def _size(values: Array) -> float:
+    return float(np.abs(values).max())
+
+
+def _is_constant(values: Array) -> bool:
+    """Return whether values (k,) are the same at all poses; formulas for such values often coincide."""
+    return bool(np.ptp(values) <= EQUAL * np.abs(values).max())
 
 
 def terms(wanted: Array, atoms: Sequence[Atom]) -> Iterator[tuple[str, str]]:
     """Yield (sign, text) of terms with the values `wanted` (k,)."""
     for value, text in NUMBERS.items():
-        for sign, factor in (("+", 1.0), ("-", -1.0)):
+        for sign, factor in _SIGNS:
             if equal(wanted, np.full(len(wanted), factor * value)):
                 yield sign, text
     for coefficient, text in _products(wanted, atoms):
         sign = "-" if coefficient < 0 else "+"
-        size = abs(coefficient)
-        number = number_text(size)
-        if number is not None:
-            yield sign, text if number == "1" else f"{number} * {text}"
+        number = number_text(abs(coefficient))
+        if number == "1":
+            yield sign, text
+        elif number is not None:
+            yield sign, f"{number} * {text}"
 
 
 def sums(wanted: Array, patterns: Sequence[Sequence[Atom]]) -> Iterator[str]:
@@ -70,18 +98,22 @@ def sums(wanted: Array, patterns: Sequence[Sequence[Atom]]) -> Iterator[str]:
 
     Each pattern contains the terms of a sum elsewhere; terms may be left out, or have the other sign.
     """
-    limit = EQUAL * max(float(np.abs(wanted).max()), 1e-9)
+    limit = _limit(wanted)
     for pattern in patterns:
         A = np.stack([a.values for a in pattern], axis=1)
         if not np.isfinite(A).all() or np.linalg.matrix_rank(A) < len(pattern):
             continue
-        coefficients = np.round(np.linalg.lstsq(A, wanted, rcond=None)[0])
+        solution, *_ = np.linalg.lstsq(A, wanted, rcond=None)
+        coefficients = np.round(solution)
         if np.abs(coefficients).max() != 1 or np.abs(A @ coefficients - wanted).max() > limit:
             continue
-        signs = {1.0: "+", -1.0: "-"}
-        parts = [f"{signs[c]} {a.text}" for a, c in zip(pattern, coefficients, strict=True) if c]
-        if len(parts) > 1:  # single terms are found by `terms`
-            yield " ".join(parts)
+        signed_terms: list[str] = []
+        for atom, coefficient in zip(pattern, coefficients, strict=True):
+            if coefficient:
+                sign = "+" if coefficient > 0 else "-"
+                signed_terms.append(f"{sign} {atom.text}")
+        if len(signed_terms) > 1:  # single terms are found by `terms`
+            yield " ".join(signed_terms)
 
 
 def factors(wanted: Array, atoms: Sequence[Atom]) -> Iterator[str]:
@@ -90,9 +122,9 @@ def factors(wanted: Array, atoms: Sequence[Atom]) -> Iterator[str]:
         if value != 1.0 and equal(wanted, np.full(len(wanted), value)):
             yield text
     for coefficient, text in _products(wanted, atoms):
-        if equal(np.array([coefficient]), np.ones(1)):
+        if _is_number(coefficient, 1.0):
             yield text
-        elif equal(np.array([coefficient]), np.full(1, 2.0)):
+        elif _is_number(coefficient, 2.0):
             yield f"2 * {text}"
     yield from _differences(wanted, atoms)
 
@@ -105,28 +137,31 @@ def roots(wanted: Array, atoms: Sequence[Atom], root: str) -> Iterator[str]:
     if not atoms or wanted.min() < 0 or np.ptp(wanted) <= EQUAL * wanted.max():
         return
     few = atoms[:_MOST_FACTORS]
-    for i, coefficient in _proportional(wanted**2, np.stack([a.values for a in few])):
-        if equal(np.array([coefficient]), np.ones(1)):
+    radicand = wanted**2
+    values = np.stack([atom.values for atom in few])
+    for i, coefficient in _proportional(radicand, values):
+        if _is_number(coefficient, 1.0):
             yield f"{root}({few[i].text})"
-    squares = np.stack([a.values for a in few]) ** 2
-    limit = EQUAL * float((wanted**2).max())
-    sizes = np.abs(squares).max(axis=1)
-    for first in np.flatnonzero(sizes > limit).tolist():
-        for sign, factor in (("+", 1.0), ("-", -1.0)):
-            rest = wanted**2 - squares[first] - factor * squares
-            for second in np.flatnonzero((np.abs(rest).max(axis=1) <= limit) & (sizes > limit)):
+    squares = values**2
+    limit = EQUAL * float(radicand.max())
+    is_something = np.abs(squares).max(axis=1) > limit
+    for first in np.flatnonzero(is_something).tolist():
+        for sign, factor in _SIGNS:
+            rest = radicand - squares[first] - factor * squares
+            fits = np.abs(rest).max(axis=1) <= limit
+            for second in np.flatnonzero(fits & is_something).tolist():
                 if sign == "-" or first < second:  # a sum of two squares has no order
-                    one = in_product(atoms[first].text)
-                    other = in_product(atoms[int(second)].text)
+                    one = in_product(few[first].text)
+                    other = in_product(few[second].text)
                     yield f"{root}({one}**2 {sign} {other}**2)"
 
 
 def _differences(wanted: Array, atoms: Sequence[Atom]) -> Iterator[str]:
     """Yield the texts of differences of two names with the values `wanted` (k,), which vary from pose to pose."""
-    if np.ptp(wanted) <= EQUAL * np.abs(wanted).max():  # lengths often have the same differences
+    if _is_constant(wanted):  # lengths often have the same differences
         return
-    names = [a for a in atoms if a.text.isidentifier()]
-    limit = EQUAL * max(float(np.abs(wanted).max()), 1e-9)
+    names = [atom for atom in atoms if atom.text.isidentifier()]
+    limit = _limit(wanted)
     for first in names:
         for second in names:
             if np.abs(first.values - second.values - wanted).max() <= limit:
@@ -135,19 +170,27 @@ def _differences(wanted: Array, atoms: Sequence[Atom]) -> Iterator[str]:
 
 def number_text(size: float) -> str | None:
     """Return the text of a number of `NUMBERS`; None for other numbers."""
-    return next((text for value, text in NUMBERS.items() if abs(size / value - 1) < EQUAL), None)
+    for value, text in NUMBERS.items():
+        if abs(size / value - 1) < EQUAL:
+            return text
+    return None
+
+
+def _is_number(coefficient: float, number: float) -> bool:
+    """Return whether a coefficient is a number, except for rounding."""
+    return equal(np.array([coefficient]), np.array([number]))
 
 
 def _products(wanted: Array, atoms: Sequence[Atom]) -> Iterator[tuple[float, str]]:
     """Yield (coefficient, text) of atoms, then of squares and products of two, that are proportional to `wanted`."""
     if not atoms:
         return
-    A = np.stack([a.values for a in atoms])
+    A = np.stack([atom.values for atom in atoms])
     for i, coefficient in _proportional(wanted, A):
         yield coefficient, in_product(atoms[i].text)
     for i, coefficient in _proportional(wanted, A**2):
         yield coefficient, f"{in_product(atoms[i].text)}**2"
-    if np.ptp(wanted) <= EQUAL * np.abs(wanted).max():  # products of decimal numbers often coincide
+    if _is_constant(wanted):  # products of decimal numbers often coincide
         return
     A = A[:_MOST_FACTORS]
     first, second = np.triu_indices(len(A), 1)
@@ -162,8 +205,7 @@ def _proportional(wanted: Array, rows: Array) -> Iterator[tuple[int, float]]:
     with np.errstate(all="ignore"):
         coefficients = (rows @ wanted) / np.sum(rows**2, axis=1)
         differences = np.abs(coefficients[:, None] * rows - wanted).max(axis=1)
-    limit = EQUAL * max(float(np.abs(wanted).max()), 1e-9)
-    for i in np.flatnonzero(differences <= limit):
+    for i in np.flatnonzero(differences <= _limit(wanted)):
         yield int(i), float(coefficients[i])
 
 
@@ -172,15 +214,18 @@ class Products:
 
     def __init__(self, atoms: Sequence[Atom]) -> None:
         """Multiply the values (k,) of atoms; those without a value at a pose are left out."""
-        finite = [a.values for a in atoms if np.isfinite(a.values).all()]
-        A = np.stack(finite) if finite else np.zeros((0, 1))
+        finite = [atom.values for atom in atoms if np.isfinite(atom.values).all()]
+        A = np.zeros((0, 1))
+        if finite:
+            A = np.stack(finite)
         few = A[:_MOST_FACTORS]
         first, second = np.triu_indices(len(few), 1)
         self.table: Array = np.vstack([A, A**2, few[first] * few[second]])
         sizes = np.linalg.norm(self.table, axis=1, keepdims=True)
-        self._units = np.vstack(
-            [self.table / np.where(sizes > 0, sizes, 1.0), np.ones((1, A.shape[1])) / A.shape[1] ** 0.5]
-        )
+        unit_products = self.table / np.where(sizes > 0, sizes, 1.0)
+        unit_number = np.ones((1, A.shape[1])) / A.shape[1] ** 0.5
+        self._units = np.vstack([unit_products, unit_number])
+        """Unit vectors in the directions of the products, and in that of a number that is the same at all poses."""
 
     def likely(self, wanted: Array) -> NDArray[np.intp]:
         """Return the indices of the rows of `wanted` (n, k) that are numbers, or proportional to a product.
@@ -192,29 +237,37 @@ class Products:
         with np.errstate(all="ignore"):
             rows = wanted / np.linalg.norm(wanted, axis=1, keepdims=True)
         rows = np.where(np.isfinite(rows).all(axis=1, keepdims=True), rows, 0.0)
+        cosines = np.abs(rows @ self._units.T).max(axis=1)
+        # Entries that differ by EQUAL make an angle whose cosine is smaller than 1 by about its square, for each entry.
         least = 1 - EQUAL**2 * wanted.shape[1]
-        return np.flatnonzero(np.abs(rows @ self._units.T).max(axis=1) >= least)
+        return np.flatnonzero(cosines >= least)
 
     def either(self, first: Array, second: Array) -> Array:
         """Return the products (n, k), or their negatives, that have one of two required values (k,) at each pose."""
         if not len(self.table) or not (np.isfinite(first).all() and np.isfinite(second).all()):
             return np.zeros((0, len(first)))
-        limit = EQUAL * max(float(np.abs(first).max()), float(np.abs(second).max()), 1e-9)
-        matches = []
+        limit = max(_limit(first), _limit(second))
+        matches: list[Array] = []
         for sign in (1.0, -1.0):
             signed = sign * self.table
-            differences = np.minimum(np.abs(signed - first), np.abs(signed - second)).max(axis=1)
-            matches.append(signed[differences <= limit])
+            nearest = np.minimum(np.abs(signed - first), np.abs(signed - second))
+            matches.append(signed[nearest.max(axis=1) <= limit])
         return np.vstack(matches)
 
 
 def in_product(text: str) -> str:
     """Return the text of a factor of a product, in parentheses where it needs them."""
-    return f"({text})" if isinstance(ast.parse(text, mode="eval").body, ast.BinOp | ast.UnaryOp) else text
+    expression = ast.parse(text, mode="eval").body
+    if isinstance(expression, ast.BinOp | ast.UnaryOp):
+        return f"({text})"
+    return text
 
 
 VECTOR = 3
 """Number of entries of a vector."""
+
+_POSE_COLUMNS = 4
+"""Number of columns of the largest matrix, a pose."""
 
 _MOST_VECTORS = 60
 """Maximum number of vectors that terms and factors may be."""
@@ -225,15 +278,15 @@ def vector_atoms(source: Source, scope: Mapping[str, Value], k: int) -> list[Ato
 
     They are names, expressions of the same function, and the other columns of matrices of which it uses one column.
     """
-    texts: dict[str, None] = dict.fromkeys(sorted(source.arguments))
-    for s in source.statements:
-        texts.update(dict.fromkeys(sorted({*s.reads, *s.writes})))
-        for node in ast.walk(s.node):
+    texts: dict[str, None] = dict.fromkeys(sorted(source.arguments))  # in the order in which they are found
+    for statement in source.statements:
+        texts |= dict.fromkeys(sorted({*statement.reads, *statement.writes}))
+        for node in ast.walk(statement.node):
             if isinstance(node, ast.Call | ast.BinOp | ast.Subscript):
                 texts[ast.unparse(node)] = None
             if isinstance(node, ast.Subscript):
-                texts.update(dict.fromkeys(_columns(node)))
-    atoms = []
+                texts |= dict.fromkeys(_columns(node))
+    atoms: list[Atom] = []
     with np.errstate(all="ignore"):
         for text in sorted(texts, key=len):
             try:
@@ -254,36 +307,41 @@ def _columns(node: ast.Subscript) -> Iterator[str]:
         return
     base = ast.unparse(node.value)
     rows = ast.unparse(index.elts[0])
-    for column in range(4):
+    for column in range(_POSE_COLUMNS):
         yield f"{base}[{rows}, {column}]"
 
 
 def vector_texts(
     text: str, node: ast.expr, value: Array, added: Array, atoms: Sequence[Atom], vectors: Sequence[Atom]
 ) -> Iterator[str]:
-    """Yield texts that make the value (k, 3) of `text` larger by `added` (k, 3), the shortest kinds first."""
-    whole = f"({text})" if isinstance(node, ast.BinOp | ast.UnaryOp) else text
+    """Yield texts that make the value (k, 3) of `text` larger by `added` (k, 3), the shortest kinds first.
+
+    `node` is the expression, `atoms` are scalars with values (k,), `vectors` have values (k, 3).
+    """
+    factor_text = text
+    if isinstance(node, ast.BinOp | ast.UnaryOp):
+        factor_text = f"({text})"
     wanted = value + added
     for vector in vectors:  # the expression is the scalar of which a vector was the factor
-        for sign in (1.0, -1.0):
+        for minus, sign in (("", 1.0), ("-", -1.0)):
             if equal(wanted, sign * value * vector.values):
-                yield f"{'' if sign > 0 else '-'}{whole} * {in_product(vector.text)}"
+                yield f"{minus}{factor_text} * {in_product(vector.text)}"
     ratio = _ratio(wanted, value)
     if ratio is not None:
         for factor in factors(ratio, atoms):
-            yield f"{factor} * {whole}"
+            yield f"{factor} * {factor_text}"
         for factor in factors(1 / ratio, atoms):
-            yield f"{whole} / ({factor})"
+            yield f"{factor_text} / ({factor})"
     for vector in vectors:
         ratio = _ratio(added, vector.values)
         if ratio is None:
             continue
         name = in_product(vector.text)
-        for sign, factor in (("+", 1.0), ("-", -1.0)):
-            if equal(ratio, np.full(len(ratio), factor)):
+        for sign, sign_value in _SIGNS:
+            if equal(ratio, np.full(len(ratio), sign_value)):
                 yield f"{text} {sign} {name}"
-            for other in factors(factor * ratio, atoms):
-                yield f"{text} {sign} {other} * {name}"
+            for factor in factors(sign_value * ratio, atoms):
+                yield f"{text} {sign} {factor} * {name}"
 
 
 def _ratio(a: Array, b: Array) -> Array | None:
@@ -292,5 +350,7 @@ def _ratio(a: Array, b: Array) -> Array | None:
         ratio = np.sum(a * b, axis=1) / np.sum(b * b, axis=1)
     if not np.isfinite(ratio).all() or not np.abs(ratio).min() > 0:
         return None
-    limit = EQUAL * max(float(np.abs(a).max()), 1e-9)
-    return ratio if np.abs(ratio[:, None] * b - a).max() <= limit else None
+    is_parallel = np.abs(ratio[:, None] * b - a).max() <= _limit(a)
+    if not is_parallel:
+        return None
+    return ratio

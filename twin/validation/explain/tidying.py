@@ -11,11 +11,23 @@ from twin.validation.explain.tokens import span as span_of
 Span = tuple[int, int]
 """(first byte, end byte) of a part of a text."""
 
+_Change = tuple[Span, bytes]
+"""A part of a text, and the bytes that replace it."""
+
 _NEAR = 3
 """Number of bytes around an edit in which the text may be tidied."""
 
+_MOST_CHANGES = 8
+"""Maximum number of changes of one statement; one change may make another one possible."""
+
 _OPPOSITE = {ast.Add: b"-", ast.Sub: b"+"}
+"""The sign that an addition or subtraction has if its right operand has the opposite sign."""
+
 _ATOM = (ast.Name, ast.Constant, ast.Call, ast.Subscript, ast.Attribute)
+"""Expressions that need no parentheses."""
+
+_KEYWORDS = (b"return", b"in", b"and", b"or", b"not")
+"""Words before a parenthesis that do not make it that of a call."""
 
 
 def tidy(text: bytes, edited: Sequence[Span]) -> bytes:
@@ -23,21 +35,19 @@ def tidy(text: bytes, edited: Sequence[Span]) -> bytes:
 
     Text that is not valid Python is returned unchanged. `edited` are the edited parts of the text.
     """
-    for _ in range(8):
+    for _ in range(_MOST_CHANGES):
         tree = _parsed(text)
         if tree is None:
             return text
-        change = next((c for c in _changes(text, tree) if _is_near(c[0], edited)), None)
+        change = _first_near(_changes(text, tree), edited)
         if change is None:
             return text
         (start, end), new = change
-        if _parsed(text[:start] + new + text[end:]) is None:
+        tidied = text[:start] + new + text[end:]
+        if _parsed(tidied) is None:
             return text
-        text = text[:start] + new + text[end:]
-        shift = len(new) - (end - start)
-        edited = [
-            (a if a <= start else max(start, a + shift), b if b <= start else max(start, b + shift)) for a, b in edited
-        ]
+        text = tidied
+        edited = _shifted(edited, start, len(new) - (end - start))
     return text
 
 
@@ -48,52 +58,101 @@ def _parsed(text: bytes) -> ast.Module | None:
         return None
 
 
-def _is_near(span: Span, edited: Sequence[Span]) -> bool:
-    return any(span[0] <= b + _NEAR and a - _NEAR <= span[1] for a, b in edited)
+def _first_near(changes: Iterator[_Change], edited: Sequence[Span]) -> _Change | None:
+    """Return the first change of a part that is near an edit; text far from the edits stays as its author wrote it."""
+    for (start, end), new in changes:
+        for first, last in edited:
+            if start <= last + _NEAR and first - _NEAR <= end:
+                return (start, end), new
+    return None
 
 
-def _changes(text: bytes, tree: ast.Module) -> Iterator[tuple[Span, bytes]]:
+def _shifted(spans: Sequence[Span], start: int, shift: int) -> list[Span]:
+    """Return parts of a text after a change at `start` that makes the text longer by `shift`."""
+
+    def moved(position: int) -> int:
+        if position <= start:
+            return position
+        return max(start, position + shift)
+
+    return [(moved(first), moved(last)) for first, last in spans]
+
+
+def _changes(text: bytes, tree: ast.Module) -> Iterator[_Change]:
     """Yield (part, replacement) pairs that do not change the meaning."""
     starts = line_starts(text)
-
-    def span(node: ast.expr) -> Span:
-        return span_of(node, starts)
-
     for node in ast.walk(tree):
         if isinstance(node, ast.BinOp):
-            a, b, c, d = *span(node.left), *span(node.right)
-            between = text[b:c]
-            minus = _leading(node.right)
-            opposite = _OPPOSITE.get(type(node.op))
-            if opposite and minus is not None and span(minus)[0] == c and between.strip() in (b"+", b"-"):
-                sign = between.replace(between.strip(), opposite)
-                yield (b, span(minus.operand)[0]), sign
-            bare = between.strip() in (b"*", b"/", b"**")
-            if bare and isinstance(node.op, ast.Pow | ast.Div | ast.Mult) and _is_one(node.right):
-                yield (b, d), b""
-            if bare and isinstance(node.op, ast.Mult) and _is_one(node.left):
-                yield (a, c), b""
-        minus = _leading(node) if isinstance(node, ast.UnaryOp) else None
-        inner = _leading(minus.operand) if minus is not None else None
-        if minus is not None and inner is not None and not text[span(minus)[0] + 1 : span(inner)[0]].strip():
-            yield (span(minus)[0], span(inner.operand)[0]), b""
+            yield from _of_operation(text, node, starts)
+        if isinstance(node, ast.UnaryOp):
+            yield from _without_two_signs(text, node, starts)
         if isinstance(node, _ATOM):
-            a, b = span(node)
-            before, after = text[:a].rstrip(), text[b:].lstrip()
-            if before.endswith(b"(") and after.startswith(b")"):
-                outer = before[:-1].rstrip()
-                called = outer[-1:].isalnum() or outer[-1:] in (b"_", b")", b"]")
-                start, end = len(before) - 1, len(text) - len(after) + 1
-                word = outer.split()[-1] if outer.split() else b""
-                if (not called or word in (b"return", b"in", b"and", b"or", b"not")) and b"\n" not in text[start:end]:
-                    yield (start, end), text[a:b]
+            yield from _without_parentheses(text, node, starts)
 
 
-def _leading(node: ast.expr) -> ast.UnaryOp | None:
+def _of_operation(text: bytes, node: ast.BinOp, starts: list[int]) -> Iterator[_Change]:
+    """Yield `a - b` for `a + -b` and `a + b` for `a - -b`, then an operation with one without this operation."""
+    left_start, left_end = span_of(node.left, starts)
+    right_start, right_end = span_of(node.right, starts)
+    between = text[left_end:right_start]
+    operator = between.strip()
+    minus = _leading_minus(node.right)
+    opposite = _OPPOSITE.get(type(node.op))
+    if opposite and minus is not None and operator in (b"+", b"-"):
+        minus_start, _ = span_of(minus, starts)
+        if minus_start == right_start:
+            operand_start, _ = span_of(minus.operand, starts)
+            yield (left_end, operand_start), between.replace(operator, opposite)
+    if operator not in (b"*", b"/", b"**"):  # there are parentheses beside the operator
+        return
+    if isinstance(node.op, ast.Pow | ast.Div | ast.Mult) and _is_one(node.right):
+        yield (left_end, right_end), b""
+    if isinstance(node.op, ast.Mult) and _is_one(node.left):
+        yield (left_start, right_start), b""
+
+
+def _without_two_signs(text: bytes, node: ast.UnaryOp, starts: list[int]) -> Iterator[_Change]:
+    """Yield `x` for `--x`, if only spaces are between the signs."""
+    outer = _leading_minus(node)
+    if outer is None:
+        return
+    inner = _leading_minus(outer.operand)
+    if inner is None:
+        return
+    outer_start, _ = span_of(outer, starts)
+    inner_start, _ = span_of(inner, starts)
+    if text[outer_start + 1 : inner_start].strip():
+        return
+    operand_start, _ = span_of(inner.operand, starts)
+    yield (outer_start, operand_start), b""
+
+
+def _without_parentheses(text: bytes, node: ast.expr, starts: list[int]) -> Iterator[_Change]:
+    """Yield `x` for `(x)`, but not for the argument of a call."""
+    first, last = span_of(node, starts)
+    before = text[:first].rstrip()
+    after = text[last:].lstrip()
+    if not (before.endswith(b"(") and after.startswith(b")")):
+        return
+    start = len(before) - 1
+    end = len(text) - len(after) + 1
+    if b"\n" in text[start:end]:
+        return
+    outside = before[:-1].rstrip()
+    is_called = outside[-1:].isalnum() or outside[-1:] in (b"_", b")", b"]")
+    words = outside.split()
+    follows_keyword = bool(words) and words[-1] in _KEYWORDS
+    if not is_called or follows_keyword:
+        yield (start, end), text[first:last]
+
+
+def _leading_minus(node: ast.expr) -> ast.UnaryOp | None:
     """Return the minus sign at the beginning of a product, or None."""
     while isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult | ast.Div | ast.MatMult):
         node = node.left
-    return node if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub) else None
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
+        return node
+    return None
 
 
 def _is_one(node: ast.expr) -> bool:
