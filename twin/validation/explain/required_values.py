@@ -10,15 +10,17 @@ two.
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
 from typing import TypeGuard
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twin.core.spatial import Array
+from twin.formula.scalar import Value
 from twin.validation.explain.analogies import analogies, scalar_values
 from twin.validation.explain.candidate import residuals_with
 from twin.validation.explain.deadline import Deadline
@@ -46,8 +48,11 @@ from twin.validation.explain.tokens import parents_of
 _NAME = "_required_"
 """Name of the function, in the edited text, that changes the value of an expression."""
 
-_MOST_ATOMS, _MOST_ENTRIES = 200, 4
-"""Maximum number of values that may be terms, and of entries of a vector of which each is such a value."""
+_MOST_ATOMS = 200
+"""Maximum number of values that may be terms."""
+
+_MOST_ENTRIES = 4
+"""Maximum number of entries of a vector of which each is such a value."""
 
 _COFUNCTIONS = {"sin": "cos", "cos": "sin"}
 """The function that often stands with another one, of the same argument."""
@@ -95,10 +100,7 @@ class RequiredValues:
         passed_on: dict[ast.expr, Shift] = {}  # required of the operands, where Gauss-Newton finds no value
         parents = parents_of(statement.node)
         for node in expressions(statement.node, parents):
-            start, end = source.span(node)
-            if any(start <= edit.end and edit.start <= end for edit in self.fixed):
-                continue
-            if any(path == source.path and first <= start and end <= last for path, first, last in self.refuted):
+            if self._is_left_out(source, node):
                 continue
             for entries in (0, VECTOR):
                 if self.deadline.passed:
@@ -113,11 +115,21 @@ class RequiredValues:
                 calls = len(solved.scopes)
                 if calls not in atoms:
                     atoms[calls] = scalar_atoms(source, statement, solved, self.fixed)
-                writer = written if not entries else _written_vectors
-                yield from islice(writer(source, statement, node, parents, solved, atoms[calls]), _MOST_EDITS)
+                writer = _written_vectors if entries else written
+                texts = writer(source, statement, node, parents, solved, atoms[calls])
+                yield from islice(texts, _MOST_EDITS)
                 if not entries and is_square(node):
-                    products = Products([Atom(a.text, a.values[solved.known]) for a in atoms[calls]])
+                    products = Products(_at_poses(atoms[calls], solved.known))
                     yield from in_square(source, statement, node, parents, solved, atoms[calls], products)
+
+    def _is_left_out(self, source: Source, node: ast.expr) -> bool:
+        """Return whether an expression touches a fixed edit, or is in a scalar without a right value."""
+        start, end = source.span(node)
+        for edit in self.fixed:
+            if start <= edit.end and edit.start <= end:
+                return True
+        of_file = [(first, last) for path, first, last in self.refuted if path == source.path]
+        return any(first <= start and end <= last for first, last in of_file)
 
     def _solved(self, source: Source, statement: Statement, node: ast.expr, entries: int) -> Shift | None:
         """Return the shift of an expression with which all rows agree, or the first row that can; None without one.
@@ -133,17 +145,24 @@ class RequiredValues:
         moved = self._residual(edit, at_zero, self._swivel)
         if moved is None:
             return None
-        moved_rows = [k for k in self.rows if k in moved and k in base and not np.array_equal(base[k], moved[k])]
-        every = [k for k in moved if k in base and not np.array_equal(base[k], moved[k])]
-        if not entries and moved_rows:
-            called = self._called(edit, every, at_zero)
+        every_moved_row: list[RowKey] = []
+        for row, residual in moved.items():
+            if row in base and not np.array_equal(base[row], residual):
+                every_moved_row.append(row)
+        moved_rows = [row for row in self.rows if row in every_moved_row]
+        if not moved_rows:
+            return None
+        if entries:  # rows that agree also determine entries of a vector
+            choices = [every_moved_row, moved_rows]
+        else:
+            called = self._called(edit, every_moved_row, at_zero)
             if called is not None:
                 return called
-        choices = [moved_rows, *([k] for k in moved_rows if len(moved_rows) > 1)]
-        if entries and moved_rows:  # rows that agree also determine entries of a vector
-            choices = [every, moved_rows]
+            choices = [moved_rows]
+            if len(moved_rows) > 1:
+                choices += [[row] for row in moved_rows]
         for rows in choices:
-            shift = self._fitted(edit, rows, entries) if rows else None
+            shift = self._fitted(edit, rows, entries)
             if shift is not None:
                 return shift
         return None
@@ -160,8 +179,13 @@ class RequiredValues:
         moved = self._residual(edit, shift, self._swivel)
         if base is None or moved is None:
             return None
-        rows = [k for k in moved if k in base and not np.array_equal(base[k], moved[k], equal_nan=True)]
-        return self._called(edit, rows, shift) if rows else None
+        moved_rows: list[RowKey] = []
+        for row, residual in moved.items():
+            if row in base and not np.array_equal(base[row], residual, equal_nan=True):
+                moved_rows.append(row)
+        if not moved_rows:
+            return None
+        return self._called(edit, moved_rows, shift)
 
     def _called(self, edit: Edit, rows: Sequence[RowKey], probe: Shift) -> Shift | None:
         """Return the shifts of an expression in each of its calls with which the rows agree, as one.
@@ -176,11 +200,12 @@ class RequiredValues:
         def residual(values: Array) -> Array | None:
             shift.shift = values
             by_row = self._residual(edit, shift, None)
-            if by_row is None or shift.count != count or any(k not in by_row for k in rows):
+            if by_row is None or shift.count != count or not by_row.keys() >= set(rows):
                 return None
-            return np.hstack([by_row[k] for k in rows])
+            return np.hstack([by_row[row] for row in rows])
 
-        solved = solution(residual, np.zeros_like(shift.shift), lambda: shift.values.copy(), self.deadline)
+        start = np.zeros_like(shift.shift)
+        solved = solution(residual, start, lambda: shift.values.copy(), self.deadline)
         if solved is None:
             return None
         _, shift.known = solved
@@ -199,9 +224,9 @@ class RequiredValues:
             shift.shift = values[:, :unknowns]
             angle = None if swivel is None else values[:, -1]
             by_row = self._residual(edit, shift, angle)
-            if by_row is None or any(k not in by_row for k in rows):
+            if by_row is None or not by_row.keys() >= set(rows):
                 return None
-            return np.hstack([by_row[k] for k in rows])
+            return np.hstack([by_row[row] for row in rows])
 
         def scale() -> Array:
             if swivel is not None:
@@ -250,7 +275,13 @@ def expressions(root: ast.AST, parents: dict[ast.AST, ast.AST]) -> Iterator[ast.
         yield node
 
 
+def _at_poses(atoms: Sequence[Atom], known: NDArray[np.bool_]) -> list[Atom]:
+    """Return atoms with their values only at the poses `known` (k,)."""
+    return [Atom(atom.text, atom.values[known]) for atom in atoms]
+
+
 def _in_index(node: ast.AST, parents: dict[ast.AST, ast.AST]) -> bool:
+    """Return whether an expression is in the index of a subscript: it is no scalar of the row."""
     while node in parents and not isinstance(node, ast.stmt):
         parent = parents[node]
         if isinstance(parent, ast.Subscript) and parent.slice is node:
@@ -264,57 +295,78 @@ def scalar_atoms(source: Source, statement: Statement, shift: Shift, fixed: Sequ
 
     Then expressions of the file with names that nobody reads, see `analogies`; `fixed` are edits made in any case.
     """
-    scope = shift.scope
-    texts: dict[str, None] = {}
-    names_so_far = {w for s in source.statements[: statement.index + 1] for w in (*s.reads, *s.writes)}
-    names_so_far.update(comprehension_targets(statement.node))
-    for name in sorted({*source.arguments, *names_so_far}):
-        value = scope.get(name)
-        size = len(value) if isinstance(value, np.ndarray) and value.dtype == object and value.ndim == 1 else 0
-        if isinstance(value, Matrix) and value.shape[1] == 1:
-            size = value.shape[0]
-        if size and size <= _MOST_ENTRIES:
-            texts.update(dict.fromkeys(f"{name}[{i}]" for i in range(size)))
-        else:
-            texts[name] = None
-    for s in source.statements:
-        for node in ast.walk(s.node):
-            if isinstance(node, ast.Call | ast.BinOp | ast.Subscript) and len(ast.unparse(node)) <= _LONGEST:
-                texts[ast.unparse(node)] = None
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in _COFUNCTIONS:
-                cofunction = _COFUNCTIONS[node.func.id]
-                texts[f"{cofunction}({ast.unparse(node.args[0])})"] = None
-                for angle in ast.walk(node.args[0]):
-                    if isinstance(angle, ast.Name):
-                        texts[f"{node.func.id}({angle.id})"] = None
-                        texts[f"{cofunction}({angle.id})"] = None
-    found_atoms = []
+    texts = dict.fromkeys(_names_and_entries(source, statement, shift.scope))  # in the order in which they are found
+    for other in source.statements:
+        for node in ast.walk(other.node):
+            texts |= dict.fromkeys(_scalar_texts(node))
+    atoms: list[Atom] = []
     with np.errstate(all="ignore"):
         for text in sorted(texts, key=len):
             values = scalar_values(compile(text, "<explain>", "eval"), shift)
             if values is not None:
-                found_atoms.append(Atom(text, values))
-    return [*found_atoms[:_MOST_ATOMS], *analogies(source, statement, shift, fixed)]
+                atoms.append(Atom(text, values))
+    return [*atoms[:_MOST_ATOMS], *analogies(source, statement, shift, fixed)]
+
+
+def _names_and_entries(source: Source, statement: Statement, scope: Mapping[str, Value]) -> Iterator[str]:
+    """Yield the names that may have a value at a statement; of a short vector, its entries."""
+    names = {*source.arguments, *comprehension_targets(statement.node)}
+    for earlier in source.statements[: statement.index + 1]:
+        names.update(earlier.reads, earlier.writes)
+    for name in sorted(names):
+        value = scope.get(name)
+        size = 0  # number of entries of a vector
+        if isinstance(value, np.ndarray) and value.dtype == object and value.ndim == 1:
+            size = len(value)
+        elif isinstance(value, Matrix) and value.shape[1] == 1:
+            size = value.shape[0]
+        if 0 < size <= _MOST_ENTRIES:
+            for i in range(size):
+                yield f"{name}[{i}]"
+        else:
+            yield name
+
+
+def _scalar_texts(node: ast.AST) -> Iterator[str]:
+    """Yield the text of an expression; of a sine, also the cosine, and both of each name in its argument."""
+    if isinstance(node, ast.Call | ast.BinOp | ast.Subscript):
+        text = ast.unparse(node)
+        if len(text) <= _LONGEST:
+            yield text
+    if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Name) or node.func.id not in _COFUNCTIONS:
+        return
+    cofunction = _COFUNCTIONS[node.func.id]
+    argument = node.args[0]
+    yield f"{cofunction}({ast.unparse(argument)})"
+    for angle in ast.walk(argument):
+        if isinstance(angle, ast.Name):
+            yield f"{node.func.id}({angle.id})"
+            yield f"{cofunction}({angle.id})"
 
 
 def _patterns(source: Source, expression: ast.expr, atoms: Sequence[Atom]) -> list[list[Atom]]:
     """Return, of each sum of the function, the terms that are among `atoms` and are no terms of `expression`."""
     own_terms = {ast.unparse(term) for term in _summands(expression)}
-    known = {a.text: a for a in atoms if a.text not in own_terms}
+    known = {atom.text: atom for atom in atoms if atom.text not in own_terms}
     terms_of_sums: dict[tuple[str, ...], list[Atom]] = {}
-    for s in source.statements:
-        for node in ast.walk(s.node):
-            if not (isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub)):
+    for statement in source.statements:
+        for node in ast.walk(statement.node):
+            if not _is_sum(node):
                 continue
-            texts = sorted({ast.unparse(term) for term in _summands(node)} & known.keys())
+            terms_of_sum = {ast.unparse(term) for term in _summands(node)}
+            texts = sorted(terms_of_sum & known.keys())
             if len(texts) > 1:
                 terms_of_sums[tuple(texts)] = [known[text] for text in texts]
     return list(terms_of_sums.values())
 
 
+def _is_sum(node: ast.AST | None) -> TypeGuard[ast.BinOp]:
+    return isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub)
+
+
 def _summands(node: ast.expr) -> Iterator[ast.expr]:
     """Yield the terms of a sum without their signs."""
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub):
+    if _is_sum(node):
         yield from _summands(node.left)
         yield from _summands(node.right)
     else:
@@ -343,43 +395,48 @@ def written(
     """Yield the edits that give an expression its required value, the shortest first."""
     start, end = source.span(node)
     text = source.text(start, end)
-    whole = f"({text})" if isinstance(node, ast.BinOp | ast.UnaryOp) else text
+    factor_text = text
+    if isinstance(node, ast.BinOp | ast.UnaryOp):
+        factor_text = f"({text})"
     parent = parents.get(node)
-    summand = isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Add | ast.Sub)
-    factor = isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Mult)
 
-    def made(new: str, kind: str) -> Edit:
+    def edit(new: str, kind: str) -> Edit:
         return _replaced(source, statement, node, parent, new, kind)
 
-    x, added = shift.value[shift.known, 0], shift.shift[shift.known, 0]
+    x = shift.value[shift.known, 0]
+    added = shift.shift[shift.known, 0]
     wanted = x + added
-    atoms = [Atom(a.text, a.values[shift.known]) for a in atoms]
+    atoms = _at_poses(atoms, shift.known)
     if equal(wanted, -x):
-        yield made(f"-{whole}", "sign")
+        yield edit(f"-{factor_text}", "sign")
     if equal(wanted, x**2):
-        yield made(f"{whole}**2", "exponent")
-    root = "np.sqrt" if "np." in source.text(statement.start, statement.end) else "sqrt"
+        yield edit(f"{factor_text}**2", "exponent")
+    root = "sqrt"
+    if "np." in source.text(statement.start, statement.end):
+        root = "np.sqrt"
     with np.errstate(all="ignore"):
         ratio = wanted / x
         is_root = equal(wanted, np.sqrt(x))
     if is_root:
-        yield made(f"{root}({text})", "missing")
-    if not summand:  # a term of the sum is found at the sum
+        yield edit(f"{root}({text})", "missing")
+    if not _is_sum(parent):  # a term of the sum is found at the sum
         for sign, term in terms(added, atoms):
-            yield made(f"{text} {sign} {term}", "missing")
-        for several in sums(added, _patterns(source, node, atoms)):
-            yield made(f"{text} {several}", "missing")
-        for sign, factor_of_root in (("+", 1.0), ("-", -1.0)):
-            for term in roots(factor_of_root * added, atoms, root):
-                yield made(f"{text} {sign} {term}", "missing")
-    if not factor and np.isfinite(ratio).all():
-        for term in factors(ratio, atoms):
-            yield made(f"{term} * {whole}", "missing")
-        if ratio.all():
-            for term in factors(1 / ratio, atoms):
-                yield made(f"{whole} / ({term})", "missing")
-        for term in roots(ratio, atoms, root):
-            yield made(f"{term} * {whole}", "missing")
+            yield edit(f"{text} {sign} {term}", "missing")
+        for signed_terms in sums(added, _patterns(source, node, atoms)):
+            yield edit(f"{text} {signed_terms}", "missing")
+        for sign, sign_value in (("+", 1.0), ("-", -1.0)):
+            for term in roots(sign_value * added, atoms, root):
+                yield edit(f"{text} {sign} {term}", "missing")
+    in_product_already = isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Mult)
+    if in_product_already or not np.isfinite(ratio).all():
+        return
+    for factor in factors(ratio, atoms):
+        yield edit(f"{factor} * {factor_text}", "missing")
+    if ratio.all():
+        for divisor in factors(1 / ratio, atoms):
+            yield edit(f"{factor_text} / ({divisor})", "missing")
+    for factor in roots(ratio, atoms, root):
+        yield edit(f"{factor} * {factor_text}", "missing")
 
 
 def _present(part: ast.expr, shift: Shift) -> Array | None:
@@ -395,15 +452,22 @@ def _of_operands(node: ast.expr, shift: Shift) -> dict[ast.expr, Shift]:
         if not isinstance(child, ast.expr):
             continue
         needed = inverse(node, child, wanted, lambda part: _present(part, shift))
-        values = _present(child, shift) if needed is not None else None
-        if needed is None or values is None or not np.isfinite((needed + values)[shift.known]).all():
+        if needed is None:
             continue
-        inner = Flat(len(values), shift.scopes)
-        inner.known = shift.known
-        inner.value = values[:, None]
-        inner.shift[shift.known, 0] = (needed - values)[shift.known]
-        shifts[child] = inner
+        values = _present(child, shift)
+        if values is None or not np.isfinite((needed + values)[shift.known]).all():
+            continue
+        shifts[child] = _shift_of_part(shift, values, needed)
     return shifts
+
+
+def _shift_of_part(shift: Shift, values: Array, wanted: Array) -> Flat:
+    """Return the shift of a part of an expression from its values (k,) to others (k,), in the scopes of `shift`."""
+    of_part = Flat(len(values), shift.scopes)
+    of_part.known = shift.known
+    of_part.value = values[:, None]
+    of_part.shift[shift.known, 0] = (wanted - values)[shift.known]
+    return of_part
 
 
 def is_square(node: ast.AST) -> TypeGuard[ast.BinOp]:
@@ -436,25 +500,27 @@ def in_square(
     todo = [(node.left, root, -root)]
     while todo:
         part, first, second = todo.pop(0)
-        values_of_part = value(part)
-        if values_of_part is not None and np.isfinite(values_of_part[known]).all():
+        present = value(part)
+        if present is not None and np.isfinite(present[known]).all():
+            x = present[known]
             with np.errstate(all="ignore"):
-                added = products.either(first[known] - values_of_part[known], second[known] - values_of_part[known])
-                ratios = products.either(first[known] / values_of_part[known], second[known] / values_of_part[known])
-            for values in (
-                *(values_of_part[known] + added[:_MOST_EITHER]),
-                *(values_of_part[known] * ratios[:_MOST_EITHER]),
-            ):
-                inner = Flat(len(values_of_part), shift.scopes)
-                inner.known = known
-                inner.value = values_of_part[:, None]
-                inner.shift[known, 0] = values - values_of_part[known]
-                yield from islice(written(source, statement, part, parents, inner, atoms), _MOST_EDITS)
+                added = products.either(first[known] - x, second[known] - x)
+                ratios = products.either(first[known] / x, second[known] / x)
+            with_term = x + added[:_MOST_EITHER]
+            with_factor = x * ratios[:_MOST_EITHER]
+            for wanted in (*with_term, *with_factor):
+                of_part = Flat(len(present), shift.scopes)
+                of_part.known = known
+                of_part.value = present[:, None]
+                of_part.shift[known, 0] = wanted - x
+                yield from islice(written(source, statement, part, parents, of_part, atoms), _MOST_EDITS)
         for child in ast.iter_child_nodes(part):
-            if isinstance(child, ast.expr):
-                above, below = inverse(part, child, first, value), inverse(part, child, second, value)
-                if above is not None and below is not None:
-                    todo.append((child, above, below))
+            if not isinstance(child, ast.expr):
+                continue
+            above = inverse(part, child, first, value)
+            below = inverse(part, child, second, value)
+            if above is not None and below is not None:
+                todo.append((child, above, below))
 
 
 def _written_vectors(
@@ -466,9 +532,10 @@ def _written_vectors(
     atoms: Sequence[Atom],
 ) -> Iterator[Edit]:
     """Yield the edits that give an expression its required value, a vector."""
-    text = source.text(*source.span(node))
+    start, end = source.span(node)
+    text = source.text(start, end)
     known = shift.known
-    scalars = [Atom(a.text, a.values[known]) for a in atoms]
-    vectors = [Atom(a.text, a.values[known]) for a in vector_atoms(source, shift.scope, len(known))]
+    scalars = _at_poses(atoms, known)
+    vectors = _at_poses(vector_atoms(source, shift.scope, len(known)), known)
     for new in vector_texts(text, node, shift.value[known], shift.shift[known], scalars, vectors):
         yield _replaced(source, statement, node, parents.get(node), new, "missing")
