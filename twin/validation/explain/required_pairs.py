@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations, islice, product
 from pathlib import Path
@@ -47,6 +48,7 @@ _NAMES = 8
 """Number of names of the same function whose values an expression may have instead."""
 
 _CHOICES = len(_MULTIPLES) + len(_FULL_TURNS) + _NAMES
+"""Number of shifts of each of two expressions that are tried in all combinations."""
 
 _PAIRS = 8
 """Number of pairs of expressions for which such shifts are tried by one evaluation."""
@@ -111,13 +113,14 @@ class RequiredPairs:
         """Yield expressions with the values (k,) that they must have so that rows agree."""
         choices = [(cut,) for cut in self.cuts(rows, deadline)]
         for (cut,), (shift,) in self._solutions((), choices, rows, deadline):
-            yield Expression(cut.site, cut.node, shift, deadline), (shift.value + shift.shift)[:, 0]
+            yield Expression(cut.site, cut.node, shift, deadline), _required_values(shift)
         for site, node in self._in_loops:
             if deadline.passed:
                 return
-            shift = RequiredValues(self.judge, self.step, rows, deadline).in_calls(site.source, site.statement, node)
+            search = RequiredValues(self.judge, self.step, rows, deadline)
+            shift = search.in_calls(site.source, site.statement, node)
             if shift is not None:
-                yield Expression(site, node, shift, deadline), (shift.value + shift.shift)[:, 0]
+                yield Expression(site, node, shift, deadline), _required_values(shift)
 
     def in_two(self, rows: Sequence[RowKey], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of edits in two expressions, the expressions first that explain most of the residuals."""
@@ -129,25 +132,28 @@ class RequiredPairs:
                 unexplained.append((self._unexplained(a, b, rows), (a, b)))
         unexplained.sort(key=lambda item: item[0])
         ordered = [pair for _, pair in unexplained]
-        solved = []
+        without_edit: list[_SolvedPair] = []
         for guessed in (False, True):
             starts = None
             choices = ordered
             if guessed:
                 starts = self._guesses(ordered, rows, deadline)
                 choices = list(starts)
-            for (a, b), shifts in self._solutions((), choices, rows, deadline, starts):
-                known = [list(self._texts(a, shifts[0], deadline)), list(self._texts(b, shifts[1], deadline))]
-                solved.append((a, b, shifts, known))
-                yield from product(known[0], known[1])
+            for (a, b), (shift_of_a, shift_of_b) in self._solutions((), choices, rows, deadline, starts):
+                edits_of_a = list(self._texts(a, shift_of_a, deadline))
+                edits_of_b = list(self._texts(b, shift_of_b, deadline))
+                if not (edits_of_a and edits_of_b):
+                    without_edit.append(_SolvedPair((a, b), (shift_of_a, shift_of_b), edits_of_a, edits_of_b))
+                yield from product(edits_of_a, edits_of_b)
         # Short formulas take longer than edits that are tried anyway, so that they come last.
-        for a, b, shifts, known in solved:
-            if all(known):
-                continue
-            for i, cut in enumerate((a, b)):
-                if all(known[:i]) and not known[i]:
-                    known[i] = list(self._composed(cut, shifts[i], deadline))
-            yield from product(known[0], known[1])
+        for pair in without_edit:
+            a, b = pair.cuts
+            shift_of_a, shift_of_b = pair.shifts
+            edits_of_a = pair.edits_of_a or list(self._composed(a, shift_of_a, deadline))
+            edits_of_b = pair.edits_of_b
+            if edits_of_a and not edits_of_b:
+                edits_of_b = list(self._composed(b, shift_of_b, deadline))
+            yield from product(edits_of_a, edits_of_b)
 
     def beside(
         self, firsts: Sequence[Edit], rows: Sequence[RowKey], deadline: Deadline, composed: bool = False
@@ -160,10 +166,11 @@ class RequiredPairs:
         for first in firsts:
             if deadline.passed:
                 return
-            choices = []
+            choices: list[tuple[Cut, ...]] = []
             for cut in cuts:
                 _, start, end = cut.place
-                if (first.path, first.function) == cut.function and (first.end < start or end < first.start):
+                is_beside = first.end < start or end < first.start
+                if (first.path, first.function) == cut.function and is_beside:
                     choices.append((cut,))
             for (cut,), (shift,) in self._solutions((first,), choices, rows, deadline):
                 seconds = list(self._texts(cut, shift, deadline))
@@ -180,6 +187,7 @@ class RequiredPairs:
             if deadline.passed:
                 return
             search = RequiredValues(self.judge, self.step, rows, deadline, [first])
+            # Statements of the rows themselves come first: most of their expressions move a row.
             for site in sorted(self.sites, key=lambda site: not self._assigns(site, rows)):
                 if (first.path, first.function) != (site.source.path, site.source.name):
                     continue
@@ -198,7 +206,8 @@ class RequiredPairs:
         """Return whether a statement assigns one of the rows itself."""
         if site.source is not self.step.source:
             return False
-        return any(key[:2] == (self.step.equation.name, site.statement.index) for key in rows)
+        statement = (self.step.equation.name, site.statement.index)
+        return any(row[:2] == statement for row in rows)
 
     def outside(self, edits: Sequence[Edit], deadline: Deadline) -> tuple[list[Edit], list[Edit]]:
         """Return (edits in no scalar expression, so that only `beside` finds a pair with them; the other edits)."""
@@ -206,12 +215,13 @@ class RequiredPairs:
         outside: list[Edit] = []
         inside: list[Edit] = []
         for edit in edits:
-            where = outside
+            is_inside = False
             for path, start, end in places:
-                if start <= edit.start and edit.end <= end and edit.path == path:
-                    where = inside
-                    break
-            where.append(edit)
+                is_inside |= start <= edit.start and edit.end <= end and edit.path == path
+            if is_inside:
+                inside.append(edit)
+            else:
+                outside.append(edit)
         return outside, inside
 
     def refuted(self, rows: Sequence[RowKey], deadline: Deadline) -> list[tuple[Path, int, int]]:
@@ -221,23 +231,26 @@ class RequiredPairs:
         """
         base = self.full.residuals
         trials: list[Choice] = []
-        able: set[Cut] = set()
+        possible: set[Cut] = set()  # expressions in which an edit may repair a row, as far as is known
         cuts = self.cuts(rows, deadline)
         for cut in cuts:
             for row in rows:
                 if row not in cut.slopes:
                     continue
                 r = base[row]
-                if cut.several or r.shape[1] == 1 or np.isfinite(r).all(axis=1).sum() < FEWEST:
-                    able.add(cut)
+                poses_with_value = np.isfinite(r).all(axis=1).sum()
+                # One entry has a right value nearly everywhere, and several calls may need several values.
+                if cut.several or r.shape[1] == 1 or poses_with_value < FEWEST:
+                    possible.add(cut)
                 for turn in (0.0, *_FULL_TURNS):
-                    trials.append(Choice((cut,), (row,), np.full((len(self.coarse.poses), 1), turn * np.pi)))
-        trials = [trial for trial in trials if trial.cuts[0] not in able]
-        for i, _ in self.coarse.solved(self.step.equation.name, (), trials, deadline):
-            able.add(trials[i].cuts[0])
+                    start = np.full((len(self.coarse.poses), 1), turn * np.pi)
+                    trials.append(Choice((cut,), (row,), start))
+        undecided = [trial for trial in trials if trial.cuts[0] not in possible]
+        for i, _ in self.coarse.solved(self.step.equation.name, (), undecided, deadline):
+            possible.add(undecided[i].cuts[0])
         if deadline.passed:  # expressions may be undecided
             return []
-        return [cut.place for cut in cuts if cut not in able]
+        return [cut.place for cut in cuts if cut not in possible]
 
     # -- expressions ------------------------------------------------------------------------------------------------
 
@@ -255,6 +268,10 @@ class RequiredPairs:
         return moving
 
     def _largest_scalars(self, deadline: Deadline) -> list[Cut] | None:
+        """Return the largest scalar expressions of the statements; None if the time is over.
+
+        Those that are computed several times in an evaluation are stored in `_in_loops`.
+        """
         todo: list[tuple[Site, ast.AST]] = [(site, site.statement.node) for site in self.sites]
         cuts: list[Cut] = []
         while todo:
@@ -269,18 +286,20 @@ class RequiredPairs:
                 elif not isinstance(node, ast.Subscript):  # the names in an index are no scalars of the row
                     below += [(site, child) for child in ast.iter_child_nodes(node)]
             for (site, node), probe in zip(tried, self._probed(tried), strict=True):
-                cut = Cut(site, node, {})
-                if probe is not None and (probe.mixed or probe.several):
-                    self.unsure.append(cut.place)
-                if probe is not None and probe.scalar and probe.several and not _is_inside(site, node, self._in_loops):
-                    self._in_loops.append((site, node))
-                if probe is not None and probe.scalar and not probe.mixed:
-                    cuts.append(Cut(site, node, {}, probe.value[:, 0], probe.several))
-                elif not isinstance(node, ast.Subscript):
+                is_scalar = False
+                if probe is not None:
+                    if probe.mixed or probe.several:
+                        self.unsure.append(Cut(site, node, {}).place)
+                    if probe.scalar and probe.several and not _is_inside(site, node, self._in_loops):
+                        self._in_loops.append((site, node))
+                    if probe.scalar and not probe.mixed:
+                        is_scalar = True
+                        cuts.append(Cut(site, node, {}, probe.value[:, 0], probe.several))
+                if not is_scalar and not isinstance(node, ast.Subscript):
                     below += [(site, child) for child in ast.iter_child_nodes(node)]
             todo = below
         slopes = self.full.slopes(self.step.equation.name, cuts)
-        moving = []
+        moving: list[Cut] = []
         for cut, moved in zip(cuts, slopes, strict=True):
             if moved:
                 moving.append(Cut(cut.site, cut.node, moved, cut.value, cut.several))
@@ -295,7 +314,7 @@ class RequiredPairs:
         for numbers in together.values():
             parts = [numbers]
             if not self._probe([nodes[i] for i in numbers]):
-                parts = [[i] for i in numbers]
+                parts = [[i] for i in numbers]  # one of them has no value, so that each is tried alone
             for part in parts:
                 probes = self._probe([nodes[i] for i in part])
                 for i, probe in zip(part, probes, strict=False):
@@ -333,15 +352,15 @@ class RequiredPairs:
             slopes_of_b.append(b.slopes.get(key, unmoved))
         r = np.hstack(residuals)
         J = np.stack([np.hstack(slopes_of_a), np.hstack(slopes_of_b)], axis=2)
-        usable = np.isfinite(J).all(axis=(1, 2)) & np.isfinite(r).all(axis=1)
-        usable &= (r != 0).any(axis=1)  # a pose at which the rows agree says nothing
+        has_values = np.isfinite(J).all(axis=(1, 2)) & np.isfinite(r).all(axis=1)
+        usable = has_values & (r != 0).any(axis=1)  # a pose at which the rows agree says nothing
         if not usable.any():
             return 1.0
         r = r[usable]
         J = J[usable]
         removed = (J @ (np.linalg.pinv(J) @ r[:, :, None]))[:, :, 0]
-        left = np.sum((r - removed) ** 2, axis=1) / np.sum(r**2, axis=1)
-        return float(np.mean(left))
+        remaining = np.sum((r - removed) ** 2, axis=1) / np.sum(r**2, axis=1)
+        return float(np.mean(remaining))
 
     # -- values -------------------------------------------------------------------------------------------------------
 
@@ -370,13 +389,17 @@ class RequiredPairs:
         for first in range(0, len(choices), _AT_ONCE):
             if deadline.passed:
                 return
-            tried = []
+            tried: list[Choice] = []
             for cuts in choices[first : first + _AT_ONCE]:
-                start = None if starts is None else starts[cuts][self.coarse.poses]
+                start = None
+                if starts is not None:
+                    start = starts[cuts][self.coarse.poses]
                 tried.append(Choice(cuts, self._binding(cuts, rows), start))
-            likely = []
+            likely: list[Choice] = []
             for i, _ in self.coarse.solved(equation, fixed, tried, deadline):
-                start = None if starts is None else starts[tried[i].cuts]
+                start = None
+                if starts is not None:
+                    start = starts[tried[i].cuts]
                 likely.append(Choice(tried[i].cuts, tried[i].rows, start))
             for i, values in self.full.solved(equation, fixed, likely, deadline):
                 shifts = self._at(fixed, likely[i], values)
@@ -412,7 +435,7 @@ class RequiredPairs:
             shift.shift = values[:, u : u + 1]
             shifts.append(shift)
         deviations = self._residuals(choice.cuts, shifts, fixed)
-        if deviations is None or any(row not in deviations for row in choice.rows):
+        if deviations is None or not deviations.keys() >= set(choice.rows):
             return None
         r = np.hstack([deviations[row] for row in choice.rows])
         known = np.isfinite(r).all(axis=1)
@@ -442,7 +465,7 @@ class RequiredPairs:
     def _guess(self, pairs: Sequence[tuple[Cut, Cut]], rows: Sequence[RowKey]) -> list[int | None]:
         """Return the index of the shifts of `_shifts` after which least of the residuals is left, if little."""
         places, grid = self._at_few
-        before = {p.key: r for p, r in grid.residuals.items()}
+        before = {place.key: residual for place, residual in grid.residuals.items()}
         few = len(places)
         each = _CHOICES**2 * few
         shifts: dict[Cut, Shift] = {}
@@ -456,20 +479,26 @@ class RequiredPairs:
                 mixed = np.broadcast_to(every, (_CHOICES, _CHOICES, few))
                 shift.shift[n * each : (n + 1) * each, 0] = mixed.ravel()
         after = self._residuals(list(shifts), list(shifts.values()), (), grid)
-        out: list[int | None] = []
+        guesses: list[int | None] = []
         for n, pair in enumerate(pairs):
+            block = slice(n * each, (n + 1) * each)
             size = 0.0
-            left = np.zeros(each)
+            squares = np.zeros(each)  # of the residuals, for each combination of shifts and each pose
             for row in self._binding(pair, rows):
                 size += float(np.sum(before[row][:few] ** 2))
-                moved = before if after is None or row not in after else after
-                left = left + np.sum(moved[row][n * each : (n + 1) * each] ** 2, axis=1)
-            left = left.reshape(-1, few).sum(axis=1)
-            left = np.where(np.isfinite(left), left, np.inf)
-            best = int(np.argmin(left))
-            near = best != 0 and bool(left[best] <= _NEAR * size)
-            out.append(best if near else None)
-        return out
+                residual = before[row]
+                if after is not None and row in after:
+                    residual = after[row]
+                squares = squares + np.sum(residual[block] ** 2, axis=1)
+            remaining = squares.reshape(-1, few).sum(axis=1)
+            remaining = np.where(np.isfinite(remaining), remaining, np.inf)
+            best = int(np.argmin(remaining))
+            # The first combination has no shift; Gauss-Newton starts there anyway.
+            if best != 0 and remaining[best] <= _NEAR * size:
+                guesses.append(best)
+            else:
+                guesses.append(None)
+        return guesses
 
     def _shifts(self, cut: Cut) -> Array:
         """Return the shifts (choices, k) of an expression that are tried first; the first one is zero."""
@@ -489,16 +518,20 @@ class RequiredPairs:
         if cut.function not in self._arguments:
             shift = Shift(self.judge.reference.k)
             self._residuals((cut,), [shift])
+            k = self.judge.reference.k
             varying: list[Array] = []
             constant: list[Array] = []
             for name in cut.site.source.arguments:
-                value = shift.scope.get(name)
-                x = value.x if isinstance(value, Scalar) else value
-                if not isinstance(x, int | float | np.ndarray) or np.shape(x) not in ((), (self.judge.reference.k,)):
+                x = shift.scope.get(name)
+                if isinstance(x, Scalar):
+                    x = x.x
+                if not isinstance(x, int | float | np.ndarray) or np.shape(x) not in ((), (k,)):
                     continue
-                values = np.broadcast_to(np.asarray(x, float), (self.judge.reference.k,))
-                where = varying if np.ptp(values) > 0 else constant
-                where.append(values)
+                values = np.broadcast_to(np.asarray(x, float), (k,))
+                if np.ptp(values) > 0:
+                    varying.append(values)
+                else:
+                    constant.append(values)
             self._arguments[cut.function] = varying + constant
         return self._arguments[cut.function]
 
@@ -509,7 +542,9 @@ class RequiredPairs:
         for key, residual in self.full.residuals.items():
             if key in self.failing:
                 entries = max(entries, residual.shape[1])
-        few = 1 if entries >= _POSE else _FEW
+        few = _FEW
+        if entries >= _POSE:
+            few = 1
         spaced = np.linspace(0, self.judge.reference.k - 1, few + 2).astype(int)
         places = spaced[1:-1]
         repeated = self.judge.reference.repeated(places.tolist(), _CHOICES**2 * _PAIRS)
@@ -520,12 +555,12 @@ class RequiredPairs:
     def _texts(self, cut: Cut, shift: Shift, deadline: Deadline) -> Iterator[Edit]:
         """Yield single edits of an expression that shift its values."""
         expression = Expression(cut.site, cut.node, shift, deadline)
-        return islice(expression.one((shift.value + shift.shift)[:, 0]), _MOST_TEXTS)
+        return islice(expression.one(_required_values(shift)), _MOST_TEXTS)
 
     def _composed(self, cut: Cut, shift: Shift, deadline: Deadline) -> Iterator[Edit]:
         """Yield edits of an expression that shift its values by a term or factor."""
         expression = Expression(cut.site, cut.node, shift, deadline)
-        return islice(expression.composed((shift.value + shift.shift)[:, 0]), _MOST_TEXTS)
+        return islice(expression.composed(_required_values(shift)), _MOST_TEXTS)
 
     def _residuals(
         self, cuts: Sequence[Cut], shifts: Sequence[Shift], fixed: Sequence[Edit] = (), judge: Judge | None = None
@@ -542,6 +577,21 @@ class RequiredPairs:
             return residuals_with(judge or self.judge, self.step.equation.name, change, extra)
 
 
+@dataclass(frozen=True)
+class _SolvedPair:
+    """Two expressions with shifts after which rows agree, and the edits found so far that shift each of them."""
+
+    cuts: tuple[Cut, Cut]
+    shifts: tuple[Shift, Shift]
+    edits_of_a: list[Edit]
+    edits_of_b: list[Edit]
+
+
+def _required_values(shift: Shift) -> Array:
+    """Return the values (k,) that a shifted scalar has."""
+    return (shift.value + shift.shift)[:, 0]
+
+
 class _Probe(Shift):
     """A function that returns its argument, and stores whether it is one scalar at each pose."""
 
@@ -553,12 +603,18 @@ class _Probe(Shift):
     def __call__(self, value: Any, scope: dict[str, Any] | None = None) -> Any:
         self.called = True
         x = value.x if isinstance(value, Scalar) else value
-        numbers = np.asarray(x) if isinstance(x, int | float | np.ndarray | np.floating) else np.zeros(0)
-        if numbers.dtype.kind not in "if" or numbers.shape not in ((), (len(self.shift),)):
+        if not self._is_scalar(x):
             self.scalar = False
             return value
         super().__call__(value)
         return value
+
+    def _is_scalar(self, x: Any) -> bool:
+        """Return whether a value is one number for all poses, or one for each; a bool is none."""
+        if not isinstance(x, int | float | np.ndarray | np.floating):
+            return False
+        numbers = np.asarray(x)
+        return numbers.dtype.kind in "if" and numbers.shape in ((), (len(self.shift),))
 
 
 def _together(pairs: Sequence[tuple[Cut, Cut]]) -> Iterator[list[tuple[Cut, Cut]]]:
