@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 from types import CodeType
 
@@ -77,7 +77,14 @@ _STARTS = 16
 _STEPS = 6
 """Number of steps of Gauss-Newton from the best start value."""
 
+_NO_SLOPE = 1e-300
+"""Minimum divisor where rows may not depend on the swivel angle."""
+
 _Scope = dict[str, Value]
+"""Values of variables and globals by name, at one pose."""
+
+_Residuals = tuple[list[tuple[Edit, ...]], dict[RowKey, Array]]
+"""Edits of a statement, and the residuals (edits, entries) of rows after each."""
 
 
 @dataclass
@@ -109,10 +116,12 @@ class StatementPairs:
         `RequiredPairs` finds these.
         """
 
-        def inside(edit: Edit) -> bool:
-            return any(path == edit.path and start <= edit.start and edit.end <= end for path, start, end in scalars)
+        def is_inside(edit: Edit) -> bool:
+            of_file = [(start, end) for path, start, end in scalars if path == edit.path]
+            return any(start <= edit.start and edit.end <= end for start, end in of_file)
 
-        places = list(combinations([site.statement for site in self.sites], 2))
+        statements = [site.statement for site in self.sites]
+        places = list(combinations(statements, 2))
         places.sort(key=lambda pair: pair[1].index - pair[0].index)  # two misprints are often near each other
         for edits in (self._tokens, self._all):
             for first, second in places:
@@ -129,9 +138,9 @@ class StatementPairs:
                 if edits is self._tokens:
                     yield from self._pairs(first, second, firsts, seconds, deadline)
                     continue
-                firsts_outside = [edit for edit in firsts if not inside(edit)]
-                firsts_inside = [edit for edit in firsts if inside(edit)]
-                seconds_outside = [edit for edit in seconds if not inside(edit)]
+                firsts_outside = [edit for edit in firsts if not is_inside(edit)]
+                firsts_inside = [edit for edit in firsts if is_inside(edit)]
+                seconds_outside = [edit for edit in seconds if not is_inside(edit)]
                 yield from self._pairs(first, second, firsts_outside, seconds, deadline)
                 yield from self._pairs(first, second, firsts_inside, seconds_outside, deadline)
 
@@ -140,25 +149,24 @@ class StatementPairs:
         for site in self.sites:
             if deadline.passed:
                 return
-            if not self._undefined.keys() <= {site.statement.index}:
+            if not self._undefined.keys() <= {site.statement.index}:  # names elsewhere would have no value
                 continue
-            runs = []
+            edits = self._all[site.statement.index]
+            runs: list[list[Evaluated]] = []
             with unguarded(), np.errstate(all="ignore"):
                 for angle in self._angles:
                     scope = self._before(site.statement, angle)
                     if scope is None:
                         break
-                    edits = self._all[site.statement.index]
                     runs.append(list(operand_pairs(site, edits, scope, self._rest, deadline)))
             if len(runs) < len(self._angles):
                 continue
             pairs: list[tuple[Edit, Edit]] = []
-            for others, ones in self._found(runs, _MOST_IN_ONE):
+            for others, ones in self._agreeing_pairs(runs, _MOST_IN_ONE):
                 (first,) = ones
                 (second,) = others
                 pairs.append((first, second))
-            # misprints of one token are likeliest
-            pairs.sort(key=lambda pair: sum(edit.kind not in TOKENS for edit in pair))
+            pairs.sort(key=_edits_of_other_kinds)  # misprints of one token are likeliest
             yield from pairs[:_MOST_FOUND]
 
     def alone(self, statement: Statement, edits: Sequence[Edit], deadline: Deadline) -> set[Edit] | None:
@@ -166,32 +174,43 @@ class StatementPairs:
 
         Return None if this is not known, because rows are not linear in sine and cosine of the swivel.
         """
+        # An edit that needs a new name with an expression is evaluated elsewhere.
         usable = [edit for edit in edits if not (edit.define and edit.define[1])]
         if not self._linear or deadline.passed:
             return None
-        runs = []
+        runs: list[list[_Residuals]] = []
         with unguarded(), np.errstate(all="ignore"):
             for angle in self._angles:
-                evaluated: list[tuple[list[tuple[Edit, ...]], dict[RowKey, Array]]] = []
                 scope = self._before(statement, angle)
                 if scope is None:
                     return None
-                for values in self._each(statement, [(edit,) for edit in usable], scope, 1, deadline):
-                    residuals = self._rest(statement, self._entered(statement, values, scope, 1), len(values.edits))
-                    evaluated.append((values.edits, residuals or {}))
-                runs.append(evaluated)
+                runs.append(list(self._residuals_of_each(statement, usable, scope, deadline)))
         if deadline.passed:
             return None
         possible = set(edits).difference(usable)
         for at_angles in zip(*runs, strict=False):
             trials, _ = at_angles[0]
-            for n in _agreeing([residuals for _, residuals in at_angles], self.rows):
+            residuals_at_angles = [residuals for _, residuals in at_angles]
+            for n in _agreeing(residuals_at_angles, self.rows):
                 possible.update(trials[n])
         return possible
 
+    def _residuals_of_each(
+        self, statement: Statement, edits: Sequence[Edit], scope: _Scope, deadline: Deadline
+    ) -> Iterator[_Residuals]:
+        """Yield edits of a statement after which its values have one form, with the residuals of rows after each."""
+        trials = [(edit,) for edit in edits]
+        for values in self._each(statement, trials, scope, 1, deadline):
+            entered = self._entered(statement, values, scope, 1)
+            residuals = self._rest(statement, entered, len(values.edits))
+            yield values.edits, residuals or {}
+
     @cached_property
     def _angles(self) -> tuple[float | None, ...]:
-        return _THIRDS if self.step.free else (None,)
+        """The swivel angles in rad at which rows are evaluated; one None without a swivel."""
+        if self.step.free:
+            return _THIRDS
+        return (None,)
 
     @cached_property
     def _linear(self) -> bool:
@@ -199,7 +218,7 @@ class StatementPairs:
         if not self.step.free:
             return True
         last = self.step.source.statements[-1]
-        at_angles = []
+        at_angles: list[dict[RowKey, Array]] = []
         with unguarded(), np.errstate(all="ignore"):
             for angle in (*_THIRDS, _OTHER):
                 scope = self._before(last, angle)
@@ -240,14 +259,16 @@ class StatementPairs:
                 continue
             if isinstance(parent, ast.Assign) and node in parent.targets:
                 continue
-            whole = _is_result(parent) or (isinstance(parent, ast.Tuple) and _is_result(site.parents.get(parent)))
+            is_whole = _is_result(parent)
+            if isinstance(parent, ast.Tuple):
+                is_whole = _is_result(site.parents.get(parent))
             start, end = site.source.span(node)
-            if whole:
+            if is_whole:
                 for text in vectors:
                     yield _inserted(site, end, f" + {text}")
                     yield _inserted(site, end, f" - {text}")
             # a factor before a sum would belong to its first term, which is a node of its own
-            if (whole or _is_sum(parent)) and not _is_sum(node):
+            if (is_whole or _is_sum(parent)) and not _is_sum(node):
                 for text in scalars:
                     yield _inserted(site, start, f"{text} * ")
 
@@ -264,10 +285,9 @@ class StatementPairs:
                 scalars.append(name)
             elif kind == (_VECTOR, 1):
                 vectors.append(name)
-        products = [f"{scalar} * {vector}" for vector in vectors for scalar in scalars]
-        if len(products) > _MOST_PRODUCTS:
+        if len(vectors) * len(scalars) > _MOST_PRODUCTS:
             return []
-        return products
+        return [f"{scalar} * {vector}" for vector, scalar in product(vectors, scalars)]
 
     def _known_texts(self, site: Site, scope: _Scope) -> tuple[list[str], list[str]]:
         """Return the (vectors, calls that are scalars) of the file, with names that a statement can use."""
@@ -291,7 +311,9 @@ class StatementPairs:
                 except Exception:  # values of other forms than in the function from which the text is
                     continue
                 if text_form == (_VECTOR, 1):
-                    vectors.append(text if is_call[text] else f"({text})")
+                    if not is_call[text]:
+                        text = f"({text})"
+                    vectors.append(text)
                 elif text_form == "scalar" and is_call[text]:
                     scalars.append(text)
         return vectors[:_MOST_TEXTS], scalars[:_MOST_TEXTS]
@@ -299,17 +321,16 @@ class StatementPairs:
     @cached_property
     def _undefined(self) -> dict[int, list[ByteRange]]:
         """The names without a value in each statement that has some, by its index: the edits must replace all."""
-        ranges = {}
+        ranges: dict[int, list[ByteRange]] = {}
         for site in self.sites:
-            parts = site.undefined
-            if parts:
-                ranges[site.statement.index] = parts
+            if site.undefined:
+                ranges[site.statement.index] = site.undefined
         return ranges
 
     def _defining(self, statement: Statement, edits: Sequence[Edit]) -> list[Edit]:
         """Return the edits of a statement after which all its names have a value."""
         parts = self._undefined.get(statement.index, ())
-        defining = []
+        defining: list[Edit] = []
         for edit in edits:
             if all(edit.replaces(part) for part in parts):
                 defining.append(edit)
@@ -335,15 +356,16 @@ class StatementPairs:
         if not firsts or not seconds:
             return
         trials = [(edit,) for edit in firsts]
-        runs = []
+        runs: list[list[Evaluated]] = []
         with unguarded(), np.errstate(all="ignore"):
             for angle in self._angles:
                 runs.append(list(self._run(first, second, trials, seconds, angle, deadline)))
-        for others, ones in self._found(runs, _MOST_FOUND):
-            one, other = (*ones, *others)
+        for others, ones in self._agreeing_pairs(runs, _MOST_FOUND):
+            (one,) = ones
+            (other,) = others
             yield one, other
 
-    def _found(
+    def _agreeing_pairs(
         self, runs: Sequence[Sequence[Evaluated]], most: int
     ) -> Iterator[tuple[tuple[Edit, ...], tuple[Edit, ...]]]:
         """Yield (edits of the second place, edits of the first one) after which a row agrees, for each swivel angle.
@@ -356,7 +378,7 @@ class StatementPairs:
             # at an angle where an edit has no value, the pairs are others
             if any(evaluated[:2] != (others, ones) for evaluated in at_angles):
                 continue
-            residuals = [evaluated[2] for evaluated in at_angles]
+            residuals = [residuals_at_angle for _, _, residuals_at_angle in at_angles]
             for pair in _agreeing(residuals, self.rows):
                 count += 1
                 if count > most:
@@ -390,8 +412,8 @@ class StatementPairs:
             for start in range(0, len(seconds), most):
                 part = [(edit,) for edit in seconds[start : start + most]]
                 for others in self._each(second, part, changed, size, deadline):
-                    count = size * len(others.edits)
-                    residuals = self._rest(second, self._entered(second, others, changed, size), count)
+                    entered = self._entered(second, others, changed, size)
+                    residuals = self._rest(second, entered, size * len(others.edits))
                     if residuals is not None:
                         yield others.edits, values.edits, residuals
 
@@ -476,19 +498,31 @@ class StatementPairs:
     def _entered(self, statement: Statement, values: _Values, scope: _Scope, size: int) -> _Scope:
         """Return a scope with the values of all edits, each of which has `size` values, as one array."""
         count = len(values.edits)
-        entered = {name: tiled(value, size, count) for name, value in scope.items()}
+        entered: _Scope = {}
+        for name, value in scope.items():
+            entered[name] = tiled(value, size, count)
         names = (OUT,) if statement.returns else statement.writes
         for n, name in enumerate(names):
-            entered[name] = stacked([written[n] for written in values.written], size)
+            values_of_name = [written[n] for written in values.written]
+            entered[name] = stacked(values_of_name, size)
         return entered
 
     def _rest(self, statement: Statement, scope: _Scope, size: int) -> dict[RowKey, Array] | None:
         """Return the residuals of the rows of a statement and of those after it; None without a value."""
         try:
             deviations = self.judge.of_size(size).finished(self.step, statement, scope)
-        except Exception:  # as above
+        except Exception:  # an edit may give values with which a later statement cannot be evaluated
             return None
-        return {place.key: residual for place, residual in deviations.items() if place.key in self.rows}
+        residuals: dict[RowKey, Array] = {}
+        for place, residual in deviations.items():
+            if place.key in self.rows:
+                residuals[place.key] = residual
+        return residuals
+
+
+def _edits_of_other_kinds(pair: tuple[Edit, Edit]) -> int:
+    """Return how many of two edits change more than one token."""
+    return sum(edit.kind not in TOKENS for edit in pair)
 
 
 def _is_sum(node: ast.AST | None) -> bool:
@@ -515,27 +549,28 @@ def inner_terms(site: Site) -> Iterator[Edit]:
 
 
 def _inserted(site: Site, at: int, new: str) -> Edit:
+    """Return the edit that inserts a missing text before a byte of the file."""
     source = site.source
     line = source.line_of(at)
     return Edit(source.path, line, at, at, "", new, "missing", site.statement.index, source.name)
 
 
-def _agreeing(found: Sequence[Mapping[RowKey, Array]], rows: Sequence[RowKey]) -> list[int]:
+def _agreeing(at_angles: Sequence[Mapping[RowKey, Array]], rows: Sequence[RowKey]) -> list[int]:
     """Return the indices of the pairs after which a row agrees, those first after which most rows do.
 
-    `found`: residuals, for each value of the swivel.
+    `at_angles`: residuals (pairs, entries) by row, for each value of the swivel.
     """
-    counts: Counter[int] = Counter()
+    counts: Counter[int] = Counter()  # number of rows that agree, by pair
     for row in rows:
-        residuals = [at_angle[row] for at_angle in found if row in at_angle]
-        if len(residuals) < len(found):
+        residuals = [at_angle[row] for at_angle in at_angles if row in at_angle]
+        if len(residuals) < len(at_angles):
             continue
         with np.errstate(all="ignore"):
             best = residuals[0]
             if len(residuals) > 1:
                 best = _at_best_angle(*residuals)
             largest = np.abs(best).max(axis=1)
-        counts.update(int(n) for n in np.flatnonzero(largest <= 1.0))
+        counts.update(np.flatnonzero(largest <= 1.0).tolist())
     return sorted(counts, key=lambda n: (-counts[n], n))
 
 
@@ -566,7 +601,8 @@ def _at_best_angle(zero: Array, ahead: Array, back: Array) -> Array:
         least = np.fmin(size, least)
     for _ in range(_STEPS):
         slope = sine * np.cos(best)[:, None] - cosine * np.sin(best)[:, None]
-        step = np.sum(slope * at(best), axis=1) / np.maximum(np.sum(slope**2, axis=1), 1e-300)
+        size = np.maximum(np.sum(slope**2, axis=1), _NO_SLOPE)
+        step = np.sum(slope * at(best), axis=1) / size
         best = best - np.nan_to_num(step)
     residuals[possible] = at(best)
     return residuals
@@ -577,6 +613,7 @@ def _may_vanish(mean: Array, cosine: Array, sine: Array) -> NDArray[np.bool_]:
 
     If x and y are determined, they must also be nearly a cosine and a sine.
     """
+    # The normal equations of least squares, for each pair:  cc x + cs y = -cm,  cs x + ss y = -sm.
     cc = np.sum(cosine * cosine, axis=1)
     cs = np.sum(cosine * sine, axis=1)
     ss = np.sum(sine * sine, axis=1)
