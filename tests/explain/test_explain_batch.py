@@ -92,7 +92,7 @@ def test_a_choice_keeps_its_residuals_if_a_step_has_no_value(fails_at):
     newton.expressions = 1
     newton.free = False
     newton.choices = [SimpleNamespace(cuts=(0,)), SimpleNamespace(cuts=(0,))]
-    newton.left = [0, 1]
+    newton.undecided = [0, 1]
     newton.batch = SimpleNamespace(fewest=1)
     newton._start = lambda: np.zeros((2, 3, 1))
     calls = []

@@ -44,7 +44,7 @@ def search():
     out.states = {}
     out.failing = [A, B]
     out.base = {A: 9.0, B: 9.0}
-    out._runs = lambda c: True
+    out._runs_at_one_sample = lambda c: True
     out.functions = EditedFunctions(judge, judge)
     out.functions.perturbed = lambda c, rows: None
     out.functions.text = lambda c: str(starts(c))
@@ -67,7 +67,7 @@ def pairs_found(search, *found):
 
 def single(search):
     c = candidate(0, scores={A: 0.0})
-    search._singles = [c]
+    search._candidates = [c]
     return GroupResult([A], [[c]], None, 0.0, 9.0, 1)
 
 

@@ -24,7 +24,7 @@ from twin.validation.explain.equation_steps import RowKey
 from twin.validation.explain.expression import Site
 from twin.validation.explain.function_source import Edit
 from twin.validation.explain.rebuilt_functions import unguarded
-from twin.validation.explain.row_deviations import Judge
+from twin.validation.explain.row_deviations import Judge, by_row
 from twin.validation.explain.shifts import DIFFERENCE, FEWEST, SINGULAR, STARTS, STEPS, TIGHT, Shift, cost, shifted
 
 _SIZES = (1, 4, 16, 64)
@@ -33,14 +33,24 @@ _SIZES = (1, 4, 16, 64)
 _HALVINGS = 4
 """Maximum number of times that a step is halved."""
 
+_LEAST_PROGRESS = 0.9
+"""Part of the mean residual that may be left after a step; with more, the expressions cannot make the rows agree."""
+
+
+def _function_name(number: int) -> str:
+    """Return the name, in the edited text, of the function that shifts an expression."""
+    return f"_required_{number}_"
+
 
 @dataclass(eq=False)
 class Cut:
     """A largest scalar expression of a statement.
 
-    `slopes`: derivatives (k, entries) of the residuals of each row that it moves. `value`: its values
-    (k,). `several`: whether its function is
-    called several times, so that an edit may change the value by another amount in each call.
+    Attributes:
+        site, node: the statement and the expression.
+        slopes: derivatives (k, entries) of the residuals of each row that the expression moves.
+        value: values (k,) of the expression.
+        several: whether it is computed several times, so that an edit may change it by another amount each time.
     """
 
     site: Site
@@ -96,8 +106,8 @@ class Batch:
                 break
             with unguarded():
                 newton = _Newton(self, equation, fixed, [choices[i] for i in part])
-                found_by_newton = newton.run(deadline)
-            for n, values in found_by_newton:
+                solutions_of_part = newton.run(deadline)
+            for n, values in solutions_of_part:
                 solutions.append((part[n], values))
         return sorted(solutions, key=lambda solution: solution[0])
 
@@ -109,15 +119,15 @@ class Batch:
             choices = [Choice((cuts[i],), rows) for i in part]
             with unguarded():
                 newton = _Newton(self, equation, (), choices)
-                found = newton.slopes()
+                slopes_of_part = newton.slopes()
             for n, i in enumerate(part):
-                slopes[i] = found[n]
+                slopes[i] = slopes_of_part[n]
         return slopes
 
     @cached_property
     def residuals(self) -> dict[RowKey, Array]:
         """Residuals (k, entries) of the rows at the poses, without edits."""
-        return {p.key: r for p, r in self.copies(1).residuals.items()}
+        return by_row(self.copies(1).residuals)
 
     def copies(self, count: int) -> Judge:
         """Return a judge at the poses, repeated for at least `count` choices."""
@@ -152,17 +162,18 @@ class _Newton:
         self.batch = batch
         self.equation = equation
         self.choices = list(choices)
-        self.left = list(range(len(choices)))
+        self.undecided = list(range(len(choices)))
         """Indices of the choices that are not decided yet."""
         self.free = bool(batch.copies(1).step(equation).free)
         cuts: dict[Cut, int] = {}
         for choice in choices:
             for cut in choice.cuts:
                 cuts.setdefault(cut, len(cuts))
-        self.names = cuts
+        self.numbers = cuts
+        """A number for each expression, with which its function in the edited text is named."""
         self.change = list(fixed)
         for cut, number in cuts.items():
-            edit = shifted(cut.site.source, cut.site.statement, cut.node, f"_required_{number}_", scope=False)
+            edit = shifted(cut.site.source, cut.site.statement, cut.node, _function_name(number), scope=False)
             self.change.append(edit)
         self.expressions = max(len(choice.cuts) for choice in choices)
         self.rows: list[RowKey] = []
@@ -183,17 +194,17 @@ class _Newton:
         moved = self._residuals(values)
         slopes: list[dict[RowKey, Array]] = []
         for n in range(len(self.choices)):
-            found = {}
+            slopes_of_rows: dict[RowKey, Array] = {}
             if base is not None and moved is not None:
-                at = 0
+                first = 0  # the entries of all rows are beside each other
                 for row in self.rows:
-                    width = self.batch.residuals[row].shape[1]
-                    before = base[n, :, at : at + width]
-                    after = moved[n, :, at : at + width]
-                    at += width
+                    last = first + self.batch.residuals[row].shape[1]
+                    before = base[n, :, first:last]
+                    after = moved[n, :, first:last]
+                    first = last
                     if not np.array_equal(before, after, equal_nan=True):
-                        found[row] = (after - before) / DIFFERENCE
-            slopes.append(found)
+                        slopes_of_rows[row] = (after - before) / DIFFERENCE
+            slopes.append(slopes_of_rows)
         return slopes
 
     def run(self, deadline: Deadline) -> list[tuple[int, Array]]:
@@ -208,25 +219,32 @@ class _Newton:
         values, r, known = self._only(enough, values, r, known)
         solutions: list[tuple[int, Array]] = []
         for _ in range(STEPS + 1):
-            if not self.left:
+            if not self.undecided:
                 break
             size = _largest(r, known)
             converged = size <= TIGHT
-            for i in np.flatnonzero(converged):
-                solutions.append((self.left[i], values[i][:, : len(self.choices[self.left[i]].cuts)]))
+            for n in np.flatnonzero(converged).tolist():
+                solutions.append(self._solution(n, values))
             values, r, known = self._only(~converged, values, r, known)
-            if not self.left or deadline.passed:
+            if not self.undecided or deadline.passed:
                 break
             values, r, known, moved = self._ahead(values, r, known)
             if not moved:
                 break
         size = _largest(r, known)
-        for n, i in enumerate(self.left):
+        for n in range(len(self.undecided)):
             if size[n] <= 1:
-                solutions.append((i, values[n][:, : len(self.choices[i].cuts)]))
-        return sorted(solutions, key=lambda found: found[0])
+                solutions.append(self._solution(n, values))
+        return sorted(solutions, key=lambda solution: solution[0])
+
+    def _solution(self, n: int, values: Array) -> tuple[int, Array]:
+        """Return (index of a choice, its shifts (poses, expressions)), for the choice `n` of those not decided."""
+        choice = self.undecided[n]
+        count = len(self.choices[choice].cuts)
+        return choice, values[n][:, :count]
 
     def _start(self) -> Array:
+        """Return the first values (choices, poses, unknowns): shifts, and then the swivel angle, if there is one."""
         poses = len(self.batch.poses)
         values = np.zeros((len(self.choices), poses, self.expressions + self.free))
         for i, choice in enumerate(self.choices):
@@ -242,14 +260,15 @@ class _Newton:
         """Return (values, residuals), where a row has no value with other first values."""
         if np.isfinite(r).all():
             return values, r
-        lacks: NDArray[np.bool_] = np.logical_not(np.isfinite(r).all(axis=(1, 2)))
+        lacks_value: NDArray[np.bool_] = np.logical_not(np.isfinite(r).all(axis=(1, 2)))
         for factor in STARTS:
             tried = values.copy()
             tried[:, :, : self.expressions] = factor * self.scale[:, :, : self.expressions]
             tried_residuals = self._residuals(tried)
             if tried_residuals is None:
                 break
-            better = (lacks[:, None] & (_costs(tried_residuals) < _costs(r)))[:, :, None]
+            lower = _costs(tried_residuals) < _costs(r)
+            better = (lacks_value[:, None] & lower)[:, :, None]
             values = np.where(better, tried, values)
             r = np.where(better, tried_residuals, r)
         return values, r
@@ -258,7 +277,7 @@ class _Newton:
         self, kept: NDArray[np.bool_], values: Array, r: Array, known: NDArray[np.bool_]
     ) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Return the arrays of the choices `kept`; the others are decided."""
-        self.left = [i for i, keep in zip(self.left, kept, strict=True) if keep]
+        self.undecided = np.array(self.undecided, int)[kept].tolist()
         return values[kept], r[kept], known[kept]
 
     def _ahead(self, values: Array, r: Array, known: NDArray[np.bool_]) -> tuple[Array, Array, NDArray[np.bool_], bool]:
@@ -266,11 +285,11 @@ class _Newton:
 
         No step is made if the rows cannot be evaluated after it.
         """
-        slopes = []
+        slopes: list[Array] = []
         for u in range(values.shape[2]):
-            there = values.copy()
-            there[:, :, u] += DIFFERENCE
-            moved = self._residuals(there)
+            moved_values = values.copy()
+            moved_values[:, :, u] += DIFFERENCE
+            moved = self._residuals(moved_values)
             if moved is None:
                 return values, r, known, False
             slopes.append((moved - r) / DIFFERENCE)
@@ -278,7 +297,7 @@ class _Newton:
         step[~known] = 0.0
         values, r, known = self._only(unique, values, r, known)
         step = step[unique]
-        if not self.left:
+        if not self.undecided:
             return values, r, known, False
         new = self._residuals(values + step)
         if new is None:
@@ -292,13 +311,14 @@ class _Newton:
             if new is None:
                 return values, r, known, False
         # Poses converge after different numbers of steps, so that the mean decides, not the largest residual.
-        nearer = (_mean(new, known) <= 0.9 * _mean(r, known)) | (_largest(new, known) <= 1.0)
-        return *self._only(nearer, values + step, new, known), True
+        is_nearer = _mean(new, known) <= _LEAST_PROGRESS * _mean(r, known)
+        agrees = _largest(new, known) <= 1.0
+        return *self._only(is_nearer | agrees, values + step, new, known), True
 
     def _counts(self) -> NDArray[np.bool_]:
         """Return which unknowns (choices, unknowns) a choice has."""
-        is_unknown = np.ones((len(self.left), self.expressions + self.free), bool)
-        for n, i in enumerate(self.left):
+        is_unknown = np.ones((len(self.undecided), self.expressions + self.free), bool)
+        for n, i in enumerate(self.undecided):
             is_unknown[n, len(self.choices[i].cuts) : self.expressions] = False
         return is_unknown
 
@@ -308,62 +328,72 @@ class _Newton:
         judge = self.batch.copies(count)
         k = judge.reference.k
         shifts = {}
-        for number in self.names.values():
+        for number in self.numbers.values():
             shifts[number] = Shift(k)
-        for n, i in enumerate(self.left):
+        for n, i in enumerate(self.undecided):
             for u, cut in enumerate(self.choices[i].cuts):
-                shifts[self.names[cut]].shift[n * poses : (n + 1) * poses, 0] = values[n, :, u]
+                shifts[self.numbers[cut]].shift[n * poses : (n + 1) * poses, 0] = values[n, :, u]
         angle = None
         if self.free:
             angle = np.zeros(k)
             angle[: count * poses] = values[:, :, -1].ravel()
-        extra: dict[str, Any] = {f"_required_{number}_": shift for number, shift in shifts.items()}
-        by_row = residuals_with(judge, self.equation, self.change, extra, angle)
-        if by_row is None:
+        extra: dict[str, Any] = {}
+        for number, shift in shifts.items():
+            extra[_function_name(number)] = shift
+        residuals = residuals_with(judge, self.equation, self.change, extra, angle)
+        if residuals is None:
             return None
-        return self._gathered(judge, by_row, shifts, values.shape)
+        return self._gathered(judge, residuals, shifts, values.shape)
 
     def _gathered(
         self, judge: Judge, found: dict[RowKey, Array], shifts: dict[int, Shift], shape: tuple[int, ...]
     ) -> Array:
+        """Return the residuals `found` as one array (choices, poses, entries), and set `scale`.
+
+        Rows that no expression moves keep their residuals; those that a choice does not have are zero. `shape` is that
+        of the values: (choices, poses, unknowns).
+        """
         count, poses, unknowns = shape
-        before = {p.key: r for p, r in judge.residuals.items()}
-        parts = []
+        before = by_row(judge.residuals)
+        parts: list[Array] = []
         for row in self.rows:
-            r = np.broadcast_to(found.get(row, before[row]), (judge.reference.k, before[row].shape[1]))
-            part = r[: count * poses].reshape(count, poses, -1).copy()
-            for n, i in enumerate(self.left):
+            residual = found.get(row, before[row])
+            of_copies = np.broadcast_to(residual, (judge.reference.k, before[row].shape[1]))
+            part = of_copies[: count * poses].reshape(count, poses, -1).copy()
+            for n, i in enumerate(self.undecided):
                 if row not in self.choices[i].rows:
                     part[n] = 0.0
             parts.append(part)
-        out = np.concatenate(parts, axis=2)
+        residuals = np.concatenate(parts, axis=2)
         self.scale = np.zeros((count, poses, unknowns))
-        for n, i in enumerate(self.left):
+        for n, i in enumerate(self.undecided):
             block = slice(n * poses, (n + 1) * poses)
             for u, cut in enumerate(self.choices[i].cuts):
-                shift = shifts[self.names[cut]]
+                shift = shifts[self.numbers[cut]]
                 self.scale[n, :, u] = shift.value[block, 0]
                 if shift.differs[block].any():  # no single value is required of it
-                    out[n] = np.nan
-        return out
+                    residuals[n] = np.nan
+        return residuals
 
 
 def _largest(r: Array, known: NDArray[np.bool_]) -> Array:
     """Return the largest residual of each choice at its poses with residuals; infinite without a value."""
     size = np.abs(r).max(axis=2, initial=0.0)
-    size = np.where(known, size, 0.0)
-    return np.nan_to_num(size.max(axis=1, initial=0.0), nan=np.inf)
+    known_size = np.where(known, size, 0.0)
+    return np.nan_to_num(known_size.max(axis=1, initial=0.0), nan=np.inf)
 
 
 def _mean(r: Array, known: NDArray[np.bool_]) -> Array:
     """Return the mean residual of each choice at its poses with residuals; infinite without a value."""
-    size = np.sqrt(np.where(known, np.sum(r**2, axis=2), 0.0))
+    squares = np.where(known, np.sum(r**2, axis=2), 0.0)
+    size = np.sqrt(squares)
     return np.nan_to_num(size.mean(axis=1), nan=np.inf)
 
 
 def _costs(r: Array) -> Array:
     """Return the sum of squares of residuals (choices, poses, entries) at each pose; infinite without a value."""
-    return cost(r.reshape(-1, r.shape[2])).reshape(r.shape[:2])
+    choices, poses, entries = r.shape
+    return cost(r.reshape(-1, entries)).reshape(choices, poses)
 
 
 def _steps(
@@ -375,15 +405,16 @@ def _steps(
     without effect has no step. It may be the swivel, which is then the last unknown, or the only unknown of a choice,
     at a pose where the rows agree; otherwise, the step is not unique.
     """
+    unknowns = J.shape[3]
     alone = counts.sum(axis=1) == 1
     agrees = np.abs(r).max(axis=2, initial=0.0) <= TIGHT
-    columns: list[Array] = []
-    triangle = np.zeros((*J.shape[:2], J.shape[3], J.shape[3]))
-    right = np.zeros((*J.shape[:2], J.shape[3]))
+    columns: list[Array] = []  # orthonormal, one for each unknown so far
+    triangle = np.zeros((*J.shape[:2], unknowns, unknowns))
+    right = np.zeros((*J.shape[:2], unknowns))
     unique = np.ones(len(J), bool)
     used = np.where(known[:, :, None, None], J, 0.0)
     rest = np.where(known[:, :, None], -r, 0.0)
-    for u in range(J.shape[3]):
+    for u in range(unknowns):
         column = used[..., u]
         size = np.sqrt(np.sum(column**2, axis=2))
         for v, other in enumerate(columns):
@@ -394,19 +425,21 @@ def _steps(
         triangle[..., u, u] = length
         singular = ~(length > SINGULAR * size) & known  # also if a derivative has no value
         needed = ~(alone[:, None] & agrees)
-        if swivel and u == J.shape[3] - 1:
+        if swivel and u == unknowns - 1:
             needed = np.zeros_like(needed)
         singular &= needed | (size != 0)
         unique &= ~singular.any(axis=1) | ~counts[:, u]
-        unit = column / np.where(length > 0, length, 1.0)[..., None]
+        divisor = np.where(length > 0, length, 1.0)
+        unit = column / divisor[..., None]
         right[..., u] = np.sum(unit * rest, axis=2)
         rest = rest - right[..., u, None] * unit
         columns.append(unit)
     step = np.zeros_like(right)
-    for u in reversed(range(J.shape[3])):
-        known_part = np.sum(triangle[..., u, u + 1 :] * step[..., u + 1 :], axis=2)
+    for u in reversed(range(unknowns)):
+        of_later = np.sum(triangle[..., u, u + 1 :] * step[..., u + 1 :], axis=2)
         length = triangle[..., u, u]
-        has = counts[:, None, u] & (length > 0)
-        step[..., u] = np.where(has, (right[..., u] - known_part) / np.where(has, length, 1.0), 0.0)
+        has_step = counts[:, None, u] & (length > 0)
+        quotient = (right[..., u] - of_later) / np.where(has_step, length, 1.0)
+        step[..., u] = np.where(has_step, quotient, 0.0)
     unique &= np.isfinite(step).all(axis=(1, 2))
     return step, unique

@@ -13,7 +13,7 @@ from twin.core.spatial import Array
 from twin.formula.scalar import Value
 from twin.validation.explain.equation_steps import RowKey, Step
 from twin.validation.explain.function_source import Edit
-from twin.validation.explain.row_deviations import Judge, trial_residuals
+from twin.validation.explain.row_deviations import Judge, by_row, trial_residuals
 
 TOKENS = ("trig", "index", "parameter", "name", "sign", "left side", "function", "number", "operator", "exponent")
 """Kinds of edits that change one token, like a misprint; these edits are ranked before edits of other kinds."""
@@ -53,12 +53,21 @@ class Candidate:
     dropped: tuple[str, ...] = ()
     by_chance: bool = False
 
+    def take_over(self, other: Candidate) -> None:
+        """Add what the same edits change in another equation; the worse of two residuals of a row counts."""
+        self.hollow |= other.hollow
+        self.broken |= other.broken
+        self.dropped = tuple(sorted({*self.dropped, *other.dropped}))
+        for row, residual in other.scores.items():
+            self.scores[row] = max(residual, self.scores.get(row, 0.0))
+        self.changed |= other.changed
+
     def over(self, rows: Iterable[RowKey], base: dict[RowKey, float]) -> float:
         """Return the worst residual over the given rows after the edits, in units of the tolerance.
 
         `base` is the worst residual of each row before the edits. It is used for rows that the edits do not change.
         """
-        return max(self.scores.get(k, base[k]) for k in rows)
+        return max(self.scores.get(row, base[row]) for row in rows)
 
     @property
     def serves(self) -> bool:
@@ -134,7 +143,7 @@ def edited_residuals(
     define; None: these values are computed.
     """
     if not change:
-        return {p.key: r for p, r in judge.residuals.items()}
+        return by_row(judge.residuals)
     try:
         step = judge.step(equation)
         if extra is None:
@@ -146,7 +155,7 @@ def edited_residuals(
         return None
     if not deviations:
         return None
-    return {p.key: r for p, r in deviations.items()}
+    return by_row(deviations)
 
 
 def residuals_with(
@@ -159,8 +168,8 @@ def residuals_with(
     step = judge.step(equation)
     called = []
     if any(edit.function != step.source.name for edit in change):
-        called = [h.function.__globals__ for h in judge.helpers(step)]
-    for scope in called:
+        called = [helper.function.__globals__ for helper in judge.helpers(step)]
+    for scope in called:  # the edited text of a called function looks the functions up there
         scope.update(extra)
     try:
         deviations = trial_residuals(judge, step, list(change), extra, angle)
@@ -170,4 +179,4 @@ def residuals_with(
                 scope.pop(name, None)
     if not deviations:
         return None
-    return {p.key: r for p, r in deviations.items()}
+    return by_row(deviations)

@@ -29,6 +29,12 @@ _STILL = 1e-9
 _STEP = 1e-5
 """Step (m, rad) of numeric derivatives with respect to the unknowns of an implicit equation."""
 
+_NO_DIRECTION = 1e-8
+"""Relative singular value below which gradients of several rows count as parallel."""
+
+_MOST_POSES = 0.5
+"""Part of the poses at which a row must determine its unknown; at single poses, gradients may be parallel."""
+
 _PARALLEL = 1e-6
 """Minimum size of the component of a row's unit gradient outside the span of the other rows' gradients."""
 
@@ -42,7 +48,7 @@ class Dependence:
         self.bases = (judge, shaken)
         self._stirred: dict[tuple[int, str, frozenset[str], str], Judge] = {}
         self._stepped: dict[tuple[str, str, int], Judge] = {}
-        self._symbol = {p.key: p.symbol for p in judge.residuals}
+        self._symbol = {place.key: place.symbol for place in judge.residuals}
         self._read: dict[tuple[str, RowKey], set[str]] = {}
 
     def judged(self, c: Candidate, rows: Collection[RowKey]) -> None:
@@ -53,7 +59,7 @@ class Dependence:
             if not (self._returns_own(c, row) or self.determined(c, row)):
                 c.hollow = True
                 return
-        after = self._answers(c.step, c.edits, rows)
+        after = self._symbols_of(c.step, c.edits, rows)
         dropped: set[str] = set()
         hollow = False
         for row in rows:
@@ -80,7 +86,10 @@ class Dependence:
         statement = c.step.source.statements[index]
         if equation != c.step.equation.name or not statement.returns:
             return False
-        edits = [e for e in c.edits if e.function == c.step.source.name and e.statement == index]
+        edits: list[Edit] = []
+        for edit in c.edits:
+            if edit.function == c.step.source.name and edit.statement == index:
+                edits.append(edit)
         if not edits:
             return False
         text = c.step.source.edited(statement, edits)
@@ -98,19 +107,20 @@ class Dependence:
         """Return the symbols on which an unedited row depends; `rows`: further rows to evaluate in the same run."""
         name = step.equation.name
         if (name, row) not in self._read:
-            for k, found in self._answers(step, (), {row, *rows}).items():
-                self._read[name, k] = found
+            for other, symbols in self._symbols_of(step, (), {row, *rows}).items():
+                self._read[name, other] = symbols
         return self._read[name, row]
 
     # -- symbols of rows ----------------------------------------------------------------------------------------
 
-    def _answers(self, step: Step, change: Sequence[Edit], rows: Collection[RowKey]) -> dict[RowKey, set[str]]:
+    def _symbols_of(self, step: Step, change: Sequence[Edit], rows: Collection[RowKey]) -> dict[RowKey, set[str]]:
         """Return {row: symbols on which the row depends} after the edits `change`; no edits: the original rows."""
         name = step.equation.name
         equations = frozenset({name})
-        if {row[0] for row in rows} - {name}:  # rows of later equations depend on symbols through this equation
-            later = self.judge.steps[self.judge.steps.index(self.judge.step(name)) :]
-            equations = frozenset(s.equation.name for s in later if s.stage == step.stage)
+        if any(row[0] != name for row in rows):  # rows of later equations depend on symbols through this equation
+            position = self.judge.steps.index(self.judge.step(name))
+            later = [other for other in self.judge.steps[position:] if other.stage == step.stage]
+            equations = frozenset(other.equation.name for other in later)
         # An output that a later row uses is also a symbol of that row, with the mechanism's value.
         symbols = list(step.inputs)
         for output in step.equation.outputs:
@@ -123,7 +133,9 @@ class Dependence:
                 continue
             for symbol in symbols:
                 moved = self._moved(i, step, equations, symbol)
-                after = None if moved is None else edited_residuals(moved, name, change)
+                if moved is None:
+                    continue
+                after = edited_residuals(moved, name, change)
                 if after is None:
                     continue
                 for row in rows:
@@ -158,11 +170,13 @@ class Dependence:
         not be in the span of the other gradients.
         """
         step = self.judge.step(row[0])
-        unknown = [n for n in step.equation.outputs if n in step.known and n in step.inputs]
-        added = {e.define[0] for e in c.edits if e.define and not e.define[1]}  # new arguments of the function
-        for name in step.equation.outputs:
-            if name in step.known and name in added and name not in unknown:
-                unknown.append(name)
+        outputs = [name for name in step.equation.outputs if name in step.known]
+        unknown = [name for name in outputs if name in step.inputs]
+        added: set[str] = set()  # new arguments of the function
+        for edit in c.edits:
+            if edit.define and not edit.define[1]:
+                added.add(edit.define[0])
+        unknown += [name for name in outputs if name in added and name not in unknown]
         if not unknown:
             return True
         kinds: dict[RowKey, str] = {}
@@ -183,12 +197,14 @@ class Dependence:
             return False
         outside = own_gradient
         if gradients:
-            unit = [_unit(g) for g in gradients.values()]
-            A = np.stack(unit, axis=1)  # (k, rows, unknowns)
-            span = np.linalg.pinv(A, rcond=1e-8) @ A  # projects on the span of the other gradients
-            outside = own_gradient - (own_gradient[:, None, :] @ span)[:, 0]
-        share = np.mean(np.linalg.norm(outside, axis=1)[known] > _PARALLEL)
-        return float(share) > 0.5
+            units = [_unit(gradient) for gradient in gradients.values()]
+            A = np.stack(units, axis=1)  # (k, rows, unknowns)
+            span = np.linalg.pinv(A, rcond=_NO_DIRECTION) @ A  # projects on the span of the other gradients
+            inside = (own_gradient[:, None, :] @ span)[:, 0]
+            outside = own_gradient - inside
+        is_outside = np.linalg.norm(outside, axis=1) > _PARALLEL
+        share = np.mean(is_outside[known])
+        return float(share) > _MOST_POSES
 
     def _gradients(
         self, c: Candidate, equation: str, unknown: Sequence[str], kinds: Mapping[RowKey, str]
@@ -237,10 +253,14 @@ def _unit(gradient: Array) -> Array:
 def _stirred(x: Value, k: int) -> Value:
     """Return a value with a perturbation of alternating sign, so that opposite effects do not cancel."""
     sign = np.where(np.arange(k) % 2, -1.0, 1.0)
+    added = _STIR / 10  # so that also a zero is changed
     if isinstance(x, Matrix):
+        # Each entry is changed by another amount, because changes by the same one may have no effect together.
         pattern = np.cos(1.0 + np.arange(x.a[0].size)).reshape(x.a[0].shape)
-        return Matrix(x.a * (1 + _STIR * sign[:, None, None] * pattern) + _STIR / 10 * pattern)
-    return np.broadcast_to(np.asarray(x, float), (k,)) * (1 + _STIR * sign) + _STIR / 10 * sign
+        factor = 1 + _STIR * sign[:, None, None] * pattern
+        return Matrix(x.a * factor + added * pattern)
+    values = np.broadcast_to(np.asarray(x, float), (k,))
+    return values * (1 + _STIR * sign) + added * sign
 
 
 def _differ(a: Array, b: Array) -> bool:
@@ -249,7 +269,9 @@ def _differ(a: Array, b: Array) -> bool:
     both = np.isfinite(a) & np.isfinite(b)
     if not both.any():
         return bool((np.isfinite(a) != np.isfinite(b)).any())
-    return bool((np.abs(a - b)[both] > _STILL * np.maximum(np.abs(a)[both], 1.0)).any())
+    difference = np.abs(a - b)[both]
+    limit = _STILL * np.maximum(np.abs(a)[both], 1.0)
+    return bool((difference > limit).any())
 
 
 def _touched(c: Candidate) -> set[str]:

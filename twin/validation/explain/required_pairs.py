@@ -31,7 +31,7 @@ from twin.validation.explain.expression import Expression, Site
 from twin.validation.explain.function_source import Edit
 from twin.validation.explain.rebuilt_functions import unguarded
 from twin.validation.explain.required_values import RequiredValues
-from twin.validation.explain.row_deviations import Judge, worst
+from twin.validation.explain.row_deviations import Judge, by_row, worst
 from twin.validation.explain.shifts import FEWEST, Shift, shifted
 from twin.validation.explain.term_pairs import with_term
 
@@ -465,7 +465,7 @@ class RequiredPairs:
     def _guess(self, pairs: Sequence[tuple[Cut, Cut]], rows: Sequence[RowKey]) -> list[int | None]:
         """Return the index of the shifts of `_shifts` after which least of the residuals is left, if little."""
         places, grid = self._at_few
-        before = {place.key: residual for place, residual in grid.residuals.items()}
+        before = by_row(grid.residuals)
         few = len(places)
         each = _CHOICES**2 * few
         shifts: dict[Cut, Shift] = {}

@@ -24,7 +24,7 @@ from twin.formula.plain_function import PlainRows
 from twin.formula.scalar import Value
 from twin.formula.variant_choice import choose
 from twin.validation.explain import plain_values, rebuilt_functions
-from twin.validation.explain.equation_steps import Helper, RowPlace, Step, Tolerance
+from twin.validation.explain.equation_steps import Helper, RowKey, RowPlace, Step, Tolerance
 from twin.validation.explain.function_source import OUT, Edit, Source, Statement
 from twin.validation.explain.rebuilt_functions import Matrix, Rebuilder, to_array
 from twin.validation.explain.reference_values import ReferenceValues
@@ -652,6 +652,11 @@ def returned_values(step: Step, value: Value) -> list[Value]:
     if isinstance(value, tuple | list):
         return list(value)
     return [value]
+
+
+def by_row(residuals: Residuals) -> dict[RowKey, Array]:
+    """Return residuals by the keys of their rows, which do not depend on the symbols that edits assign."""
+    return {place.key: residual for place, residual in residuals.items()}
 
 
 def worst(r: Array) -> float:

@@ -25,14 +25,21 @@ class Trials:
     def __init__(self, judge: Judge) -> None:
         """Set up trials for the wrong rows of `judge`."""
         self.judge = judge
-        self.base = {place.key: worst(residual) for place, residual in judge.residuals.items()}
-        self.raw = {place.key: residual for place, residual in judge.residuals.items()}
-        bad = judge.failing()
+        self.raw: dict[RowKey, Array] = {}
+        """Residuals (k, entries) of the rows before edits."""
+        self.base: dict[RowKey, float] = {}
+        """Worst residual of each row before edits, in units of the tolerance."""
+        for place, residual in judge.residuals.items():
+            self.raw[place.key] = residual
+            self.base[place.key] = worst(residual)
+        wrong = judge.failing()
+        wrong_printed = [place for place in wrong if judge.step(place.equation).stage != "helper"]
         # Wrong helpers often only repeat the error of a printed equation: repair helpers only if all other rows agree.
-        self.targets = [place for place in bad if judge.step(place.equation).stage != "helper"] or bad
+        self.targets = wrong_printed or wrong
         self.failing = [place.key for place in self.targets]
         self.tried = 0
-        self.senseless: list[tuple[Step, Edit]] = []  # edits without a value; a second edit may change that
+        self.senseless: list[tuple[Step, Edit]] = []
+        """Edits without a value; a second edit may change that."""
         self.rejected: set[frozenset[Edit]] = set()
         """Edits that make rows agree only by chance together with the repairs of other rows; they are no repairs."""
         self.parameters = {parameter.name for parameter in judge.formula.parameters}
@@ -48,7 +55,9 @@ class Trials:
             statements = suspects(self.judge, place)
             for equation, indices in statements.items():
                 last = max(indices)
-                indices.update(i for i in unread(self.judge.step(equation)) if i < last)
+                for i in unread(self.judge.step(equation)):
+                    if i < last:
+                        indices.add(i)
             statements_of_row[place.key] = statements
         return statements_of_row
 
@@ -68,15 +77,16 @@ class Trials:
         """Return, for each equation on which rows depend, its statements and those of the functions that it calls."""
         sites_of_equation: dict[str, tuple[Step, list[Site]]] = {}
         for step, statement in self.own_sites():
-            choice = pool(step.source, statement, available(self.judge, step), self.parameters, step.scope)
-            sites = sites_of_equation.setdefault(step.equation.name, (step, []))[1]
-            sites.append(Site(step.source, statement, choice))
+            names = pool(step.source, statement, available(self.judge, step), self.parameters, step.scope)
+            _, sites = sites_of_equation.setdefault(step.equation.name, (step, []))
+            sites.append(Site(step.source, statement, names))
         for step, sites in sites_of_equation.values():
-            for h in self.judge.helpers(step):
-                for statement in h.source.statements:
-                    arguments = set(h.source.arguments)
-                    choice = pool(h.source, statement, arguments, self.parameters, h.function.__globals__)
-                    sites.append(Site(h.source, statement, choice))
+            for helper in self.judge.helpers(step):
+                source = helper.source
+                for statement in source.statements:
+                    scope = helper.function.__globals__
+                    names = pool(source, statement, set(source.arguments), self.parameters, scope)
+                    sites.append(Site(source, statement, names))
         return list(sites_of_equation.values())
 
     def calls(self, step: Step, source: Source) -> bool:
@@ -88,7 +98,7 @@ class Trials:
 
     def callers(self, source: Source, besides: Step) -> list[Step]:
         """Return the equations, without `besides`, that call a function."""
-        callers = []
+        callers: list[Step] = []
         for step in self.judge.steps:
             if step is not besides and not step.missing and self.calls(step, source):
                 callers.append(step)
@@ -99,37 +109,37 @@ class Trials:
 
         Besides `steps`, the equation is judged that the function itself is, which others may call as well.
         """
-        edited = [s for s in self.judge.steps if s not in steps and not s.missing and _is_of(s, change[0])]
-        steps = [*steps, *edited]
+        every_step = list(steps)
+        for step in self.judge.steps:
+            if step not in steps and not step.missing and _is_of(step, change[0]):
+                every_step.append(step)
         first: Candidate | None = None
-        passed: set[str] = set()  # equations already judged; the equations after them use the edited outputs
-        for step in sorted(steps, key=self.judge.steps.index):
-            if step.equation.name in passed:
+        judged: set[str] = set()  # equations already judged: with an equation, those that use its outputs are
+        for step in sorted(every_step, key=self.judge.steps.index):
+            if step.equation.name in judged:
                 continue
-            c = self.attempt(step, change)
-            if c is None:
+            candidate = self.attempt(step, change)
+            if candidate is None:
                 if first is not None:
                     first.broken = True
                 return first
             if step.source.name != change[0].function:
-                passed |= {k[0] for k in c.scores}
+                judged.update(equation for equation, _, _ in candidate.scores)
             if first is None:
-                first = c
-                continue
-            first.hollow |= c.hollow
-            first.dropped = tuple(sorted({*first.dropped, *c.dropped}))
-            first.scores |= {k: max(v, first.scores.get(k, 0.0)) for k, v in c.scores.items()}
-            first.changed |= c.changed
-            first.broken |= c.broken
+                first = candidate
+            else:
+                first.take_over(candidate)
         if first is not None:
-            first.step = steps[0]
+            first.step = every_step[0]
         return first
 
     def attempt(self, step: Step, change: list[Edit]) -> Candidate | None:
         """Return the candidate for edits of one equation, or None if the edited formula is not valid."""
         self.tried += 1
         extra = aliases(self.judge, step, change)
-        residuals = None if extra is None else trial_residuals(self.judge, step, change, extra)
+        if extra is None:
+            return None
+        residuals = trial_residuals(self.judge, step, change, extra)
         if residuals is None:
             return None
         worsts: dict[RowKey, float] = {}
@@ -143,11 +153,12 @@ class Trials:
                 changed[row] = residual
             if row not in self.base and worsts[row] > 1:  # a return statement that was not reached before
                 broken = True
-        c = Candidate(step, change, extra or {}, worsts, broken, changed)
-        c.by_chance = self.is_rejected(c.edits)
+        candidate = Candidate(step, change, extra, worsts, broken, changed)
+        candidate.by_chance = self.is_rejected(candidate.edits)
         if not broken:
-            self.dependence.judged(c, [row for row in self.failing if worsts.get(row, np.inf) <= 1])
-        return c
+            repaired = [row for row in self.failing if worsts.get(row, np.inf) <= 1]
+            self.dependence.judged(candidate, repaired)
+        return candidate
 
     def is_rejected(self, change: Sequence[Edit]) -> bool:
         """Return whether edits contain some that were rejected: what is right only by chance stays so beside others."""
@@ -178,20 +189,20 @@ class Trials:
 
     def exact(self, rows: list[RowKey], candidates: list[Candidate]) -> list[Candidate]:
         """Return the candidates after which all given rows agree, the most usual edits first."""
-        exact = []
-        for c in candidates:
-            touches = any(row in c.scores for row in rows)
-            if c.serves and touches and c.over(rows, self.base) <= 1:
-                exact.append(c)
-        exact.sort(key=lambda c: c.rank)
-        return [c for c in exact if c.extra or self._runs(c)]
+        exact: list[Candidate] = []
+        for candidate in candidates:
+            changes_rows = any(row in candidate.scores for row in rows)
+            if candidate.serves and changes_rows and candidate.over(rows, self.base) <= 1:
+                exact.append(candidate)
+        exact.sort(key=lambda candidate: candidate.rank)
+        return [candidate for candidate in exact if candidate.extra or self._runs_at_one_sample(candidate)]
 
-    def _runs(self, c: Candidate) -> bool:
+    def _runs_at_one_sample(self, candidate: Candidate) -> bool:
         """Return whether a candidate also runs with a single sample; some errors occur only then.
 
         For example, a scalar with an index is an error, but with several samples the scalar is an array.
         """
-        return edited_residuals(self.first, c.step.equation.name, c.edits) is not None
+        return edited_residuals(self.first, candidate.step.equation.name, candidate.edits) is not None
 
 
 def _is_of(step: Step, edit: Edit) -> bool:
