@@ -28,6 +28,12 @@ CODES = ("cad.noise", "cad.meeting", "cad.tilt")
 _MOST = 12
 """Maximum number of combinations of parts that are tried."""
 
+_MOST_SORTED = 200
+"""Maximum number of combinations of which those with the most evidence are tried first."""
+
+_MORE_THAN_ALL = 10**6
+"""Number of wrong rows without a mechanism: more than any formula has."""
+
 _OPEN = (1e-8, 1e-7)
 """Gaps in m and rad above which a loop is open."""
 
@@ -65,7 +71,9 @@ class _Tried:
         if self.judge is None or self.judge.reference.run is None:
             return False
         gaps = self.judge.reference.run.gaps
-        return not gaps.size or bool((gaps.max(axis=(0, 1)) < _OPEN).all())
+        if not gaps.size:  # there are no loops
+            return True
+        return bool((gaps.max(axis=(0, 1)) < _OPEN).all())
 
     @property
     def agrees(self) -> bool:
@@ -75,7 +83,7 @@ class _Tried:
     @property
     def rank(self) -> tuple[int, bool, bool, int]:
         """Sort key; the best combination has the largest key. Evidence in the CAD comes before agreement of rows."""
-        wrong = 10**6  # without a mechanism, more than any number of rows
+        wrong = _MORE_THAN_ALL
         if self.judge is not None:
             wrong = len(self.judge.failing())
         return _score(self.chosen), self.closes, self.agrees, -wrong
@@ -95,8 +103,9 @@ def correct(
     findings = drawing(cad)
     if not findings:
         return None
-    found = faults(cad, {p.name: float(p.value) for p in formula.parameters})
-    located = [f for f in found if f.suspects]
+    lengths = {p.name: float(p.value) for p in formula.parameters}
+    all_faults = faults(cad, lengths)
+    located = [fault for fault in all_faults if fault.suspects]
     tried: list[_Tried] = []
     if located:
         tried = _tried(cad, located, judged, progress)
@@ -105,9 +114,9 @@ def correct(
     for fault, suspect in zip(located, best.chosen, strict=False):
         chosen[fault.joints] = suspect
     parts: list[FaultyPart] = []
-    for fault in found:
+    for fault in all_faults:
         parts.append(_part(fault, findings, chosen.get(fault.joints), best, tried))
-    agrees = best.agrees and len(located) == len(found)
+    agrees = best.agrees and len(located) == len(all_faults)
     return Corrected(findings, tuple(parts), best.model, best.judge, agrees)
 
 
@@ -118,13 +127,14 @@ def _tried(
     progress: Callable[[float], None],
 ) -> list[_Tried]:
     """Correct combinations of parts, one suspect for each fault, those with the most evidence in the CAD first."""
-    combinations = product(*(f.suspects for f in located))
-    choices = sorted(islice(combinations, 200), key=_score, reverse=True)
+    combinations = product(*(fault.suspects for fault in located))
+    choices = sorted(islice(combinations, _MOST_SORTED), key=_score, reverse=True)
     best = _score(choices[0])
     tried: list[_Tried] = []
     for i, chosen in enumerate(choices[:_MOST]):
+        some_agrees = any(combination.agrees for combination in tried)
         # Less evidence is enough only as long as no combination makes every row agree.
-        if _score(chosen) < best and any(t.agrees for t in tried):
+        if _score(chosen) < best and some_agrees:
             break
         progress(i / min(_MOST, len(choices)))
         tried.append(_put_right(cad, chosen, judged))
@@ -133,17 +143,18 @@ def _tried(
 
 def _best(tried: Sequence[_Tried]) -> _Tried:
     """Return the best combination: of those with which every row agrees, if there are any, otherwise of all."""
-    agreeing = [t for t in tried if t.agrees]
-    return max(agreeing or tried, default=_Tried(()), key=lambda t: t.rank)
+    agreeing = [combination for combination in tried if combination.agrees]
+    return max(agreeing or tried, default=_Tried(()), key=lambda combination: combination.rank)
 
 
 def _score(suspects: Sequence[Suspect]) -> int:
-    return sum(s.score for s in suspects)
+    """Return how much evidence in the CAD there is against suspected parts together."""
+    return sum(suspect.score for suspect in suspects)
 
 
 def drawing(cad: CadModel) -> tuple[Finding, ...]:
     """Return the findings on joints whose parts do not meet in the CAD."""
-    return tuple(f for f in cad.findings if f.code in CODES)
+    return tuple(finding for finding in cad.findings if finding.code in CODES)
 
 
 def _put_right(cad: CadModel, chosen: Sequence[Suspect], judged: Callable[[ReferenceModel], Judge]) -> _Tried:
@@ -184,9 +195,9 @@ def _part(
     if chosen is None:
         text = f"{head}: no single faulty part explains these gaps"
         return FaultyPart(fault.joints, "", (), "", (), (), text)
-    others = [s for s in fault.suspects if s is not chosen]
+    others = [suspect for suspect in fault.suspects if suspect is not chosen]
     told_by, why, undecided = _decide(chosen, others, top, tried)
-    alternatives = tuple(_name(s) for s in undecided)
+    alternatives = tuple(_name(suspect) for suspect in undecided)
     text = f"{head}: {_name(chosen)} is wrong"
     if alternatives:
         text += f", or {', or '.join(alternatives)}; CAD and rows do not determine which"
@@ -209,13 +220,14 @@ def _decide(
     undecided: list[Suspect] = []
     for suspect in others:
         # A part with which no combination was tried may also be the faulty one.
-        with_it = [t for t in tried if suspect in t.chosen]
-        closes.append(not with_it or any(t.closes for t in with_it))
-        agrees.append(not with_it or any(t.agrees for t in with_it))
+        with_it = [combination for combination in tried if suspect in combination.chosen]
+        closes.append(not with_it or any(combination.closes for combination in with_it))
+        agrees.append(not with_it or any(combination.agrees for combination in with_it))
         if agrees[-1]:
             undecided.append(suspect)
-    most_evidence = max(s.score for s in others) < chosen.score
-    if most_evidence and (top.agrees or not any(t.agrees for t in tried)):
+    has_most_evidence = max(suspect.score for suspect in others) < chosen.score
+    none_agrees = not any(combination.agrees for combination in tried)
+    if has_most_evidence and (top.agrees or none_agrees):
         return "drawing", why, []
     if top.closes and not any(closes):
         return "loops", [*why, "the loops close at every pose only if this part is corrected"], []

@@ -33,15 +33,20 @@ def limits(noise: Noise, cad: CadModel, judge: Judge, parameters: Mapping[str, f
     (near the end of reach), its difference is not limited.
     """
     rng = np.random.default_rng(1)
-    others = [_residuals(noise, cad, judge, parameters, rng) for _ in range(_DRAWS)]
+    draws = [_residuals(noise, cad, judge, parameters, rng) for _ in range(_DRAWS)]
     largest: dict[str, Array] = {}
     for place, residual in judge.residuals.items():
-        changes = np.array([other[place] - residual for other in others if place in other])
-        if not len(changes):
+        changes: list[Array] = []
+        for residuals in draws:
+            if place in residuals:
+                changes.append(residuals[place] - residual)
+        if not changes:
             continue
+        sigma_of_entries = np.sqrt(np.square(changes).mean(axis=0))
         # Entries of one value have similar errors; the largest of them is the most certain estimate.
-        sigma = np.sqrt((changes**2).mean(axis=0)).max(axis=1, keepdims=True)
-        limit = np.maximum(1.0, _SIGMA * np.where(np.isnan(sigma), np.inf, sigma))
+        sigma = sigma_of_entries.max(axis=1, keepdims=True)
+        known_sigma = np.where(np.isnan(sigma), np.inf, sigma)
+        limit = np.maximum(1.0, _SIGMA * known_sigma)
         largest[place.symbol] = np.maximum(limit, largest.get(place.symbol, 1.0))
     return largest
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -21,11 +22,15 @@ from twin.validation.explain.trials import Trials
 _DOUBLE_SHARES = (0.2, 0.2, 0.2, 0.2, 0.7, 0.3, 0.2, 0.4, 0.3, 0.5, 1.0)
 """Maximum parts of the remaining time for the kinds of such pairs, in the order of `found`."""
 
-_IN_ONE, _IN_TWO = 3, 4
+_IN_ONE = 3
+_IN_TWO = 4
 """Indices of the kinds of pairs in scalar expressions, which are tried first for equations that return a pose."""
 
-_POSE, _POSE_PART = 12, 0.4
-"""Number of entries of such a row, and maximum part of the time for these pairs."""
+_POSE = 12
+"""Minimum number of entries of the row of a pose."""
+
+_POSE_PART = 0.4
+"""Maximum part of the time for these pairs."""
 
 _APART = 0.6
 """Maximum part of this time for pairs in different statements, of the last equation; less for those before."""
@@ -54,22 +59,27 @@ class PairSearch:
         self._crossings: dict[str, StatementPairs | None] = {}
 
     def found(
-        self, k: RowKey, singles: list[Candidate], shared: list[Candidate], deadline: Deadline
+        self, row: RowKey, singles: list[Candidate], shared: list[Candidate], deadline: Deadline
     ) -> tuple[list[Candidate], bool]:
         """Return (pairs of edits found from required values of expressions, whether the search ended).
 
-        See `RequiredPairs`. The pairs must repair all failing rows that the expressions move, or row `k` alone.
+        See `RequiredPairs`. The pairs must repair all failing rows that the expressions move, or `row` alone.
         `shared` are repairs of other rows; one of them may be the first edit.
         """
         until = deadline.within(_DOUBLE_PART * deadline.left)
         pairs: list[Candidate] = []
-        firsts = [c.edits[0] for c in singles if k in c.scores and c.edits[0].define is None]
-        firsts.sort(key=lambda e: (e.kind not in FORMS, e.kind not in TOKENS))  # few replacements come first
-        searches = []
-        for rows in dict.fromkeys((tuple(self.trials.failing), (k,))):
+        firsts: list[Edit] = []
+        for candidate in singles:
+            edit = candidate.edits[0]
+            if row in candidate.scores and edit.define is None:
+                firsts.append(edit)
+        # Edits with few replacements at each position come first.
+        firsts.sort(key=lambda edit: (edit.kind not in FORMS, edit.kind not in TOKENS))
+        searches: list[tuple[RequiredPairs, tuple[RowKey, ...]]] = []
+        for rows in dict.fromkeys((tuple(self.trials.failing), (row,))):
             for double in self.doubles:
                 searches.append((double, rows))
-        known = [c.edits[0] for c in shared]
+        known = [candidate.edits[0] for candidate in shared]
         parts: dict[int, tuple[list[Edit], list[Edit]]] = {}
 
         def parted(double: RequiredPairs) -> tuple[list[Edit], list[Edit]]:
@@ -93,11 +103,12 @@ class PairSearch:
         for stage in (stages[_IN_ONE], stages[_IN_TWO]):
             # A pose rejects nearly all wrong pairs of expressions, so that this takes little time.
             end = until.within(_POSE_PART * until.left)
-            pairs += self._tried_pairs(stage, [search for search in searches if self._has_pose(*search)], end)
-            if self.choice.has_repair(k, pairs):
+            of_poses = [(double, rows) for double, rows in searches if self._has_pose(double, rows)]
+            pairs += self._tried_pairs(stage, of_poses, end)
+            if self.choice.has_repair(row, pairs):
                 return pairs, True
         pairs += self._of_two_statements(until)
-        if self.choice.has_repair(k, pairs):
+        if self.choice.has_repair(row, pairs):
             return pairs, True
         for share, stage in zip(_DOUBLE_SHARES, stages, strict=True):
             of_stage = until.within(share * until.left)
@@ -109,7 +120,7 @@ class PairSearch:
                     part = 1.0
                 end = of_stage.within(part * of_stage.left)
                 pairs += self._tried_pairs(stage, [(double, rows)], end)
-                if self.choice.has_repair(k, pairs):
+                if self.choice.has_repair(row, pairs):
                     return pairs, True
         return pairs, not until.passed
 
@@ -130,7 +141,8 @@ class PairSearch:
     def _has_pose(self, double: RequiredPairs, rows: Sequence[RowKey]) -> bool:
         """Return whether one of `rows` is a pose that an equation returns."""
         rows_of_equation = [row for row in rows if row[0] == double.step.equation.name]
-        return any(self.trials.raw[row].shape[1] >= _POSE for row in rows_of_equation)
+        entries = [self.trials.raw[row].shape[1] for row in rows_of_equation]
+        return max(entries, default=0) >= _POSE
 
     def crossed(self, step: Step) -> StatementPairs | None:
         """Return the search for edits in the statements of an equation itself; None for a plain function."""
@@ -152,15 +164,17 @@ class PairSearch:
             self._in_two_statements = []
             doubles = self.doubles
             # One entry of a row does not determine two scalars, so that their edits are tried as well.
-            single = max(self.trials.raw[key].shape[1] for key in self.trials.failing) == 1
+            most_entries = max(self.trials.raw[row].shape[1] for row in self.trials.failing)
             for n, double in enumerate(doubles):
                 search = self.crossed(double.step)
                 if search is None:
                     continue
                 part = _APART / (len(doubles) - n) ** 0.5
                 end = until.within(part * until.left)
-                scalars = [] if single else double.cuts(self.trials.failing, end)
-                for first, second in search.apart(end, [cut.place for cut in scalars]):
+                places: list[tuple[Path, int, int]] = []
+                if most_entries > 1:
+                    places = [cut.place for cut in double.cuts(self.trials.failing, end)]
+                for first, second in search.apart(end, places):
                     candidate = self._pair(double, first, second)
                     if candidate is not None:
                         self._in_two_statements.append(candidate)
@@ -184,9 +198,9 @@ class PairSearch:
         """The searches for two edits, one for each equation on which failing rows depend."""
         k = self.trials.judge.reference.k
         few = np.linspace(0, k - 1, min(_COARSE, k)).astype(int)
-        coarse = Batch(self.trials.judge, [int(i) for i in few], _COARSE // 2)
+        coarse = Batch(self.trials.judge, few.tolist(), _COARSE // 2)
         full = Batch(self.trials.judge, range(k))
-        searches = []
+        searches: list[RequiredPairs] = []
         for step, sites in self.trials.sites():
             searches.append(RequiredPairs(coarse, full, step, sites, self.trials.failing))
         # Rows with several entries reject nearly all wrong expressions, so that they are tried first.

@@ -14,6 +14,7 @@ import numpy as np
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.formula.contract import POSE_SYMBOL, Formula
+from twin.formula.scalar import Value
 from twin.validation.explain.rebuilt_functions import Matrix, Rebuilder
 from twin.validation.explain.reference_values import ReferenceValues
 from twin.validation.explain.row_deviations import Judge
@@ -24,8 +25,25 @@ _SAME = 1e-9
 _CLOSED = 1e-7
 """Largest difference of two equal poses, in m or as an entry of a rotation."""
 
-_STEP, _NEWTON = 1e-6, 5
-"""Relative difference for derivatives, and number of steps, with which derived parameters are fitted."""
+_STEP = 1e-6
+"""Relative difference for derivatives with respect to derived parameters."""
+
+_SMALLEST_SCALE = 1e-3
+"""Smallest size in m or rad of a derived parameter, for that difference."""
+
+_NEWTON = 5
+"""Number of steps with which derived parameters are fitted."""
+
+_CHANGE = 0.03
+_FURTHER_CHANGE = 0.017
+"""Relative change of the first parameter of a group, and how much more each further one is changed, so that they are no
+longer equal."""
+
+_ANGLE_CHANGE = 4
+"""Factor of these changes for angles, in rad."""
+
+_LEAST_POSES = 0.5
+"""Part of the poses at which equations must have values with other parameters."""
 
 _LENGTH = 0.3
 """Length in m by parts of which a length of zero is changed."""
@@ -39,18 +57,18 @@ _ANGLES = ("deg", "rad")
 def groups(formula: Formula) -> list[tuple[Parameter, ...]]:
     """Return the groups of equal parameters, and each assumed parameter; without values derived from others."""
     stated = [parameter for parameter in formula.parameters if parameter.provenance != "DERIVED"]
-    found_groups: list[tuple[Parameter, ...]] = []
+    all_groups: list[tuple[Parameter, ...]] = []
     for i, parameter in enumerate(stated):
         if not parameter.value:
             continue
         equal = [other for other in stated[i:] if _is_equal(parameter, other)]
-        is_part = any(set(equal) <= set(group) for group in found_groups)
+        is_part = any(set(equal) <= set(group) for group in all_groups)
         if len(equal) > 1 and not is_part:
-            found_groups.append(tuple(equal))
+            all_groups.append(tuple(equal))
     for parameter in stated:
         if parameter.provenance == "ASSUMED":
-            found_groups.append((parameter,))
-    return found_groups
+            all_groups.append((parameter,))
+    return all_groups
 
 
 def _is_equal(parameter: Parameter, other: Parameter) -> bool:
@@ -61,24 +79,26 @@ def _is_equal(parameter: Parameter, other: Parameter) -> bool:
 def condition(group: Sequence[Parameter]) -> str:
     """Return the condition on a group of `groups` under which equations belong together: "because a = b"."""
     if len(group) > 1:
-        return f"because {' = '.join(p.name for p in group)}"
-    (p,) = group
-    return f"for {p.name} = {p.shown:g} {p.unit}"
+        names = [parameter.name for parameter in group]
+        return f"because {' = '.join(names)}"
+    (parameter,) = group
+    return f"for {parameter.name} = {parameter.shown:g} {parameter.unit}"
 
 
 def changed(parameters: Sequence[Parameter], values: Mapping[str, float], part: float = 1.0) -> dict[str, float]:
     """Return other values in SI of the given parameters, each changed by `part` of another amount."""
-    out = {}
-    for i, p in enumerate(parameters):
-        amount = part * (0.03 + 0.017 * i)
-        value = values[p.name]
-        if p.unit in _ANGLES:
-            out[p.name] = value + 4 * amount
+    other_values: dict[str, float] = {}
+    for i, parameter in enumerate(parameters):
+        name = parameter.name
+        amount = part * (_CHANGE + _FURTHER_CHANGE * i)
+        value = values[name]
+        if parameter.unit in _ANGLES:
+            other_values[name] = value + _ANGLE_CHANGE * amount
         elif value == 0:
-            out[p.name] = amount * _LENGTH
+            other_values[name] = amount * _LENGTH
         else:
-            out[p.name] = value * (1 + amount)
-    return out
+            other_values[name] = value * (1 + amount)
+    return other_values
 
 
 def closes(judge: Judge, values: Mapping[str, float]) -> bool | None:
@@ -92,7 +112,7 @@ def closes(judge: Judge, values: Mapping[str, float]) -> bool | None:
     if differences is None:
         return None
     known = np.isfinite(differences).all(axis=1)
-    if np.mean(known) < 0.5:
+    if np.mean(known) < _LEAST_POSES:
         return None
     return bool(np.abs(differences[known]).max() <= _CLOSED)
 
@@ -102,16 +122,18 @@ def coincidences(judge: Judge) -> list[tuple[Parameter, ...]]:
     values = _values(judge)
     if closes(judge, {}) is not True:
         return []
-    derived = [p.name for p in judge.formula.parameters if p.provenance == "DERIVED"]
-    coinciding = []
+    derived = [parameter.name for parameter in judge.formula.parameters if parameter.provenance == "DERIVED"]
+    coinciding: list[tuple[Parameter, ...]] = []
     for group in groups(judge.formula):
         other = changed(group, values)
         closed = closes(judge, other)
         if closed is None:  # most poses may be out of reach with these values, but not with values that are near
             other = changed(group, values, _NEARER)
             closed = closes(judge, other)
+        if closed:
+            continue
         # An inverse that has no values near those of the mechanism does not belong to the forward equations there.
-        if not closed and not (derived and _closes_with(judge, other, derived)):
+        if not derived or not _closes_with(judge, other, derived):
             coinciding.append(group)
     return coinciding
 
@@ -123,33 +145,36 @@ def _closes_with(judge: Judge, values: Mapping[str, float], derived: Sequence[st
     """
     before = _values(judge)
     tried = np.array([before[name] for name in derived])
-    steps = np.maximum(np.abs(tried), 1e-3) * _STEP
+    steps = np.maximum(np.abs(tried), _SMALLEST_SCALE) * _STEP
     for _ in range(_NEWTON):
-        given = dict(values) | dict(zip(derived, tried, strict=True))
+        given = {**values, **dict(zip(derived, tried, strict=True))}
         differences = _differences(judge, given)
         if differences is None:
             return False
-        slopes = []
+        slopes: list[Array] = []
         for i, name in enumerate(derived):
-            moved = _differences(judge, given | {name: tried[i] + steps[i]})
+            moved = _differences(judge, {**given, name: tried[i] + steps[i]})
             if moved is None:
                 return False
-            slopes.append(((moved - differences) / steps[i]).ravel())
+            slope = (moved - differences) / steps[i]
+            slopes.append(slope.ravel())
         J = np.stack(slopes, axis=1)
-        known = np.isfinite(J).all(axis=1) & np.isfinite(differences.ravel())
+        r = differences.ravel()
+        known = np.isfinite(J).all(axis=1) & np.isfinite(r)
         if not known.any():
             return False
-        tried = tried - np.linalg.lstsq(J[known], differences.ravel()[known], rcond=None)[0]
-        if closes(judge, dict(values) | dict(zip(derived, tried, strict=True))):
+        step, *_ = np.linalg.lstsq(J[known], r[known], rcond=None)
+        tried = tried - step
+        if closes(judge, {**values, **dict(zip(derived, tried, strict=True))}):
             return True
     return False
 
 
 def _values(judge: Judge) -> dict[str, float]:
     """Return the parameters in SI with which the equations are judged."""
-    values = {}
-    for p in judge.formula.parameters:
-        values[p.name] = float(np.asarray(judge.reference.symbols[p.name]))
+    values: dict[str, float] = {}
+    for parameter in judge.formula.parameters:
+        values[parameter.name] = float(np.asarray(judge.reference.symbols[parameter.name]))
     return values
 
 
@@ -160,7 +185,10 @@ def _differences(judge: Judge, values: Mapping[str, float]) -> Array | None:
         return None
     reference = judge.reference
     parameters = _values(judge) | dict(values)
-    joints = {j.name: reference.symbols[j.name] for j in formula.joints if j.name in reference.symbols}
+    joints: dict[str, Value] = {}
+    for joint in formula.joints:
+        if joint.name in reference.symbols:
+            joints[joint.name] = reference.symbols[joint.name]
     with np.errstate(all="ignore"):
         pose = _pose(judge, {**parameters, **joints})
         if pose is None or not np.isfinite(pose).any():
@@ -168,10 +196,11 @@ def _differences(judge: Judge, values: Mapping[str, float]) -> Array | None:
         coordinates = Rebuilder().function(formula.coordinates.from_pose)(Matrix(pose))
         symbols = {**parameters, POSE_SYMBOL: Matrix(pose)}
         symbols |= dict(zip(formula.coordinates.names, coordinates, strict=True))
-        given = _outputs(judge, symbols, "inverse")
-        if any(name not in given for name in joints):
+        inverse = _outputs(judge, symbols, "inverse")
+        if not inverse.keys() >= joints.keys():
             return None
-        again = _pose(judge, {**parameters, **{name: given[name] for name in joints}})
+        joints_of_inverse = {name: inverse[name] for name in joints}
+        again = _pose(judge, {**parameters, **joints_of_inverse})
     if again is None or again.shape != pose.shape:
         return None
     return (again - pose).reshape(len(pose), -1)
