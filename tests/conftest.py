@@ -164,7 +164,7 @@ def no_plots(monkeypatch):
 @pytest.fixture(scope="module")
 def sampled_once():
     """Sample each mechanism once in a file whose tests explain many formulas by it."""
-    from twin.validation.explain import explain, possible_fixes, judged_states
+    from twin.validation.explain import explain, judged_states, possible_fixes
     from twin.validation.explain.judged_states import SAMPLES, sample_states
 
     found = {}
