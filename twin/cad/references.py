@@ -55,27 +55,32 @@ def _bodies(d: Description) -> Iterator[tuple[Keys, str]]:
 
 
 def _features(d: Description) -> Iterator[tuple[Keys, str]]:
-    def frame(keys: Keys, body: str, spec: FrameSpec) -> Iterator[tuple[Keys, str]]:
-        for key in ("origin", "at", "z", "x_towards", "y_towards", "x_along"):
-            yield from names((*keys, key), body, getattr(spec, key))
-
-    def names(keys: Keys, body: str, value: str | list[str] | None) -> Iterator[tuple[Keys, str]]:
-        known: Iterable[str] = d.feature.get(body, {})
-        values = [value] if isinstance(value, str) else value
-        for name in values or []:
-            if name not in known:
-                yield keys, f"body '{body}': {unknown('feature', name, known)}"
-
     for i, joint in enumerate(d.joint):
-        yield from frame(("joint", i, "on_parent"), joint.parent, joint.on_parent)
-        yield from frame(("joint", i, "on_child"), joint.child, joint.on_child)
+        yield from _of_frame(d, ("joint", i, "on_parent"), joint.parent, joint.on_parent)
+        yield from _of_frame(d, ("joint", i, "on_child"), joint.child, joint.on_child)
     for name, spec in d.frame.items():
-        yield from frame(("frame", name, "at"), spec.body, spec.at)
+        yield from _of_frame(d, ("frame", name, "at"), spec.body, spec.at)
     for name, point in d.point.items():
-        yield from names(("point", name, "origin"), point.body, point.origin)
-        yield from names(("point", name, "at"), point.body, point.at)
+        yield from _of_body(d, ("point", name, "origin"), point.body, point.origin)
+        yield from _of_body(d, ("point", name, "at"), point.body, point.at)
     for i, length in enumerate(d.length):
-        yield from names(("length", i, "between"), length.body, list(length.between))
+        yield from _of_body(d, ("length", i, "between"), length.body, list(length.between))
+
+
+def _of_frame(d: Description, keys: Keys, body: str, spec: FrameSpec) -> Iterator[tuple[Keys, str]]:
+    """Yield the faults of the features from which a frame of a body is computed."""
+    for key in ("origin", "at", "z", "x_towards", "y_towards", "x_along"):
+        yield from _of_body(d, (*keys, key), body, getattr(spec, key))
+
+
+def _of_body(d: Description, keys: Keys, body: str, names: str | list[str] | None) -> Iterator[tuple[Keys, str]]:
+    """Yield the names of features that a body does not have."""
+    known: Iterable[str] = d.feature.get(body, {})
+    if isinstance(names, str):
+        names = [names]
+    for name in names or []:
+        if name not in known:
+            yield keys, f"body '{body}': {unknown('feature', name, known)}"
 
 
 def _limits(d: Description) -> Iterator[tuple[Keys, str]]:
@@ -99,6 +104,11 @@ def _limits(d: Description) -> Iterator[tuple[Keys, str]]:
                 text = _wrong_unit(joint, types.get(joint, "fixed"), key)
                 if text:
                     yield ("limit", i, key), text
+    yield from _couplings(d, types)
+    yield from _gaps(d, types)
+
+
+def _couplings(d: Description, types: Mapping[str, str]) -> Iterator[tuple[Keys, str]]:
     for i, coupling in enumerate(d.coupling):
         wrong = "deg"
         right = "mm"
@@ -109,6 +119,9 @@ def _limits(d: Description) -> Iterator[tuple[Keys, str]]:
         for joint in coupling.joints[:1]:
             if UNITS.get(types.get(joint, "")) == right:
                 yield ("coupling", i, f"sum_{wrong}"), f"joint '{joint}' is {types[joint]}; write sum_{right}"
+
+
+def _gaps(d: Description, types: Mapping[str, str]) -> Iterator[tuple[Keys, str]]:
     for i, gap in enumerate(d.gap):
         for key in ("lower", "upper"):
             joint = getattr(gap, key)

@@ -79,14 +79,16 @@ def write_scene(
             UsdPhysics.CollisionAPI.Apply(collider)
             UsdPhysics.MeshCollisionAPI.Apply(collider).CreateApproximationAttr(UsdPhysics.Tokens.none)
     if scene.objects:
-        references[f"/{scene.name}/{OBJECTS}"] = f"./{_objects(stage, scene, folder).name}"
+        shapes = _objects(stage, scene, folder)
+        references[f"/{scene.name}/{OBJECTS}"] = f"./{shapes.name}"
     if bends:
         UsdGeom.Xform.Define(stage, f"/{scene.name}/{ORGANS}")
-        references[f"/{scene.name}/{ORGANS}"] = f"./{write_bends(ORGANS, bends, folder / f'{ORGANS}.usdc').name}"
+        shapes = write_bends(ORGANS, bends, folder / f"{ORGANS}.usdc")
+        references[f"/{scene.name}/{ORGANS}"] = f"./{shapes.name}"
     for place in scene.places:
-        out = UsdGeom.Xform.Define(stage, f"/{scene.name}/{place.name}")
+        base = UsdGeom.Xform.Define(stage, f"/{scene.name}/{place.name}")
         references[f"/{scene.name}/{place.name}"] = os.fspath(stages[place.name])
-        _pose(out, place.T_world_base)
+        _pose(base, place.T_world_base)
     for name, camera in scene.cameras.items():
         _camera(stage, scene, name, camera, mechanisms[camera.robot])
     _let_touch(stage, scene, props)
@@ -121,10 +123,10 @@ def _objects(stage: Usd.Stage, scene: Scene, folder: Path) -> Path:
 def _let_touch(stage: Usd.Stage, scene: Scene, props: Mechanism | None) -> None:
     """Switch off collisions between bodies that touch by design; a static body is listed by its colliders."""
     for pair in sorted(sorted(p) for p in scene.touching):
-        sides = [_colliding(scene, name, props) for name in pair]
-        for path in sides[0]:
+        first, second = (_colliding(scene, name, props) for name in pair)
+        for path in first:
             filtered = UsdPhysics.FilteredPairsAPI.Apply(stage.OverridePrim(path))
-            for other in sides[1]:
+            for other in second:
                 filtered.CreateFilteredPairsRel().AddTarget(other)
 
 
@@ -134,7 +136,7 @@ def _colliding(scene: Scene, name: str, props: Mechanism | None) -> list[str]:
     if props is None or owner != props.name:
         return [f"/{scene.name}/{name}"]
     meshes = mesh_paths(props)
-    return [f"/{scene.name}{meshes[m.name]}" for m in props.body(body).meshes]
+    return [f"/{scene.name}{meshes[mesh.name]}" for mesh in props.body(body).meshes]
 
 
 def _pose(prim: UsdGeom.Xform | UsdGeom.Camera, T: Array) -> None:

@@ -104,13 +104,13 @@ def _verdict(missing: list[str], rows: list[tuple[str, str, str]]) -> str:
     if missing:
         return f"  NOT READY: {len(missing)} required packages are missing"
     limits = []
-    absent = [name for name, found, purpose in rows if found == "-" and "(extra:" in purpose]
+    absent = [name for name, state, purpose in rows if state == "-" and "(extra:" in purpose]
     if absent:
         limits.append(f"{len(absent)} optional packages are absent (pip install 'twin-robotics[all]')")
-    for name, found, _ in rows:
-        if name.startswith("port ") and found == "taken":
+    for name, state, _ in rows:
+        if name.startswith("port ") and state == "taken":
             limits.append(f"{name} is taken (choose another with --port)")
-        if name == "WebGL 2" and found in ("-", "software"):
+        if name == "WebGL 2" and state in ("-", "software"):
             limits.append("pages are drawn slowly or not at all: see WebGL 2")
     if not limits:
         return "  READY: everything is there"
@@ -129,7 +129,7 @@ def _port(command: str, port: int) -> tuple[str, str]:
     return "free", f"default port of {command}"
 
 
-def _webgl(asked: bool) -> tuple[str, str]:
+def _webgl(asks_browser: bool) -> tuple[str, str]:
     """Return (what is known of WebGL 2; what it is for), by asking Chromium if that is wanted."""
     purpose = "draws the pages of view and serve"
     browser = ""
@@ -137,17 +137,17 @@ def _webgl(asked: bool) -> tuple[str, str]:
         if shutil.which(name):
             browser = name
             break
-    if not asked:
-        found = f"untested ({browser})" if browser else "untested"
-        return found, f"{purpose}; test it: twin doctor --webgl, or chrome://gpu"
+    if not asks_browser:
+        state = f"untested ({browser})" if browser else "untested"
+        return state, f"{purpose}; test it: twin doctor --webgl, or chrome://gpu"
     if not browser.startswith(("chromium", "google")):
         return "untested", f"{purpose}; only Chromium can be asked, and it was not found"
     line = [browser, "--headless", "--no-sandbox", "--disable-dev-shm-usage", "--dump-dom", _WEBGL_PAGE]
     try:
-        said = subprocess.run(line, capture_output=True, text=True, timeout=_WEBGL_SECONDS, check=False).stdout
+        page = subprocess.run(line, capture_output=True, text=True, timeout=_WEBGL_SECONDS, check=False).stdout
     except (OSError, subprocess.TimeoutExpired) as error:
         return "untested", f"{purpose}; {browser} did not answer: {type(error).__name__}"
-    renderer = re.search(r"WEBGL\[(.*?)\]", said, re.DOTALL)
+    renderer = re.search(r"WEBGL\[(.*?)\]", page, re.DOTALL)
     if renderer is None:
         return "untested", f"{purpose}; {browser} did not answer"
     if not renderer[1]:

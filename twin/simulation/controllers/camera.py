@@ -58,13 +58,14 @@ class Dragging:
         """Start at pan, tilt, depth and roll `at` (4,) in rad and m; `dt` is the duration of a tick in s."""
         self.at = np.array(at, float)
         self.drag = drag or Drag()
-        self._z, self._step = _compile(self.drag, dt).bind()
-        self._hands, self._hands_0, self._at_0, self._at = np.split(self._z, (6, 12, 16))
-        self._held = False
+        # The attributes below are views into the inputs of the compiled function.
+        z, self._step = _compile(self.drag, dt).bind()
+        self._hands, self._hands_0, self._at_0, self._at = np.split(z, (6, 12, 16))
+        self._is_coupled = False
 
     def release(self) -> None:
         """End the motion; the next step starts a new one."""
-        self._held = False
+        self._is_coupled = False
 
     def step(self, right: Array, left: Array) -> Array:
         """Return pan, tilt, depth, roll (4,) in rad and m after one tick.
@@ -76,10 +77,10 @@ class Dragging:
         self._hands[:3] = right
         self._hands[3:] = left
         self._at[:] = self.at
-        if not self._held:
+        if not self._is_coupled:
             self._hands_0[:] = self._hands
             self._at_0[:] = self.at
-            self._held = True
+            self._is_coupled = True
         self.at = self._step()
         return self.at
 
@@ -93,11 +94,13 @@ def _compile(drag: Drag, dt: float) -> Evaluator:
     z = ca.SX.sym("z", 20)
     right, left, right_0, left_0, at_0, at = ca.vertsplit(z, (0, 3, 6, 9, 12, 16, 20))
     laws = console().laws
-    d_R, d_L = laws["eq3"](*(from_sx(p) for p in (right_0, right, left_0, left)))
+    d_R, d_L = laws["eq3"](from_sx(right_0), from_sx(right), from_sx(left_0), from_sx(left))
     turn = to_sx(laws["eq4"](from_sx(right_0), from_sx(left_0), d_R, d_L, Z)[0])
+    # motion of the scene: of the midpoint of the hands, scaled
     d = drag.scale * ((right + left) - (right_0 + left_0)) / 2
+    # the axes of pan and tilt do not roll with the picture
     rho = at_0[3] - turn
-    along = d[0] * ca.cos(rho) - d[1] * ca.sin(rho)  # the axes of pan and tilt do not roll with the picture
+    along = d[0] * ca.cos(rho) - d[1] * ca.sin(rho)
     across = d[1] * ca.cos(rho) + d[0] * ca.sin(rho)
     reach = at_0[2] + drag.lever
     wanted = at_0 + ca.vertcat(along / reach, -across / reach, d[2], -turn)

@@ -152,12 +152,8 @@ def person() -> DrawnParts:
 def read_drawn(path: Path, bodies: Iterable[str], props: Iterable[str] = ()) -> DrawnParts:
     """Return the content of a file, checked; arguments and errors as of `drawn_parts`."""
     table = load_toml(path, SceneryFile)
-    known = list(bodies)
-    _check_links(path, table, known)
-    known_props = list(props)
-    for k, finish in enumerate(table.finish):
-        if finish.body not in known_props:
-            raise error_at(path, ("finish", k, "body"), unknown("body of the props", finish.body, known_props))
+    _check_links(path, table, list(bodies))
+    _check_finishes(path, table, list(props))
     meshes: dict[tuple[str, Pattern], list[Mesh]] = {}
     for k, part in enumerate(table.part):
         check_solid(path, ("part", k), part)
@@ -180,12 +176,22 @@ def _check_links(path: Path, table: SceneryFile, known: list[str]) -> None:
             if item.name in names:
                 raise error_at(path, (section, k, "name"), f"'{item.name}' is the name of two drawn parts")
             names.add(item.name)
-            links = [end.link for end in item.ends] if section == "cable" else [item.link]
+            if section == "cable":
+                links = [end.link for end in item.ends]
+            else:
+                links = [item.link]
             for link in links:
                 if known and link is None:
                     raise error_at(path, (section, k), f"'{item.name}' needs the key link: the body that carries it")
                 if link is not None and link not in known:
                     raise error_at(path, (section, k), unknown("body", link, known))
+
+
+def _check_finishes(path: Path, table: SceneryFile, known: list[str]) -> None:
+    """Raise an error if a finish is of a body that the props do not have."""
+    for k, finish in enumerate(table.finish):
+        if finish.body not in known:
+            raise error_at(path, ("finish", k, "body"), unknown("body of the props", finish.body, known))
 
 
 def _check_belt(path: Path, k: int, belt: BeltTable) -> None:
@@ -237,7 +243,8 @@ def hanging(a: Array, b: Array, length: float, count: int = 13) -> Array:
     chord = float(np.linalg.norm(b - a))
     sag = 0.0
     if length > chord:
-        sag = min(float(np.sqrt(3 / 8 * chord * (length - chord))) + 0.25 * (length - chord), 0.5 * length)
+        excess = length - chord
+        sag = min(float(np.sqrt(3 / 8 * chord * excess)) + 0.25 * excess, 0.5 * length)
     t = np.linspace(0, 1, count)[:, None]
     up = np.array([0.0, 0.0, 1.0])
     return (1 - t) * a + t * b - 4 * t * (1 - t) * sag * up

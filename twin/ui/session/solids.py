@@ -18,11 +18,26 @@ from twin.schema import Identifier, Keys, Table, Vector, error_at
 Points = tuple[Array, np.ndarray]
 """Points (n, 3), and triangles (m, 3) that are counter-clockwise seen from outside."""
 
-_ROUND, _HIGH = 40, 20
-"""Numbers of facets of an ellipsoid: around its axis, and from pole to pole."""
+_ROUND = 40
+"""Number of facets of an ellipsoid around its axis."""
 
-_ALONG, _AROUND, _CAP = 6, 16, 4
-"""Facets of a limb: from one of its points to the next, around it, and of each of its round ends."""
+_HIGH = 20
+"""Number of facets of an ellipsoid from pole to pole."""
+
+_ALONG = 6
+"""Number of facets of a limb from one of its points to the next."""
+
+_AROUND = 16
+"""Number of facets around a limb."""
+
+_CAP = 4
+"""Number of facets of each round end of a limb, from its edge to its pole."""
+
+_POLE = 0.02
+"""Radius of the last ring of a round end, as a part of the limb's radius: almost a point, with triangles of an area."""
+
+_THINNEST = 0.2
+"""Smallest radius of a limb between its points, as a part of the smallest radius at its points."""
 
 _SHEET = 48
 """Facets of a bed or a drape along each side."""
@@ -61,30 +76,32 @@ def check_solid(path: Path, keys: Keys, solid: SolidTable) -> None:
         DescriptionError: with file, line, key and the allowed values.
     """
     if solid.shape == "limb":
-        line = solid.line_mm or []
-        widths = solid.width_mm or []
-        if solid.size_mm is not None or solid.centre_mm is not None or any(solid.angles_deg):
-            raise error_at(
-                path, (*keys, "shape"), "a limb has line_mm and width_mm: remove the other lengths and angles"
-            )
-        if len(line) < 2 or len(widths) != len(line):
-            text = "a limb needs line_mm with two points or more, and as many numbers in width_mm: "
-            text += f"it has {len(line)} points and {len(widths)} numbers"
-            raise error_at(path, (*keys, "shape"), text)
-        if min(widths) <= 0:
-            raise error_at(path, (*keys, "width_mm"), f"{widths} is not above 0")
-        for a, b in itertools.pairwise(line):
-            if a == b:
-                raise error_at(path, (*keys, "line_mm"), f"two points in sequence are equal: {list(a)}")
+        _check_limb(path, keys, solid)
         return
     if solid.line_mm is not None or solid.width_mm is not None:
-        raise error_at(
-            path, (*keys, "shape"), f"a {solid.shape} has no line_mm and no width_mm: these belong to a limb"
-        )
+        text = f"a {solid.shape} has no line_mm and no width_mm: these belong to a limb"
+        raise error_at(path, (*keys, "shape"), text)
     if solid.size_mm is None or solid.centre_mm is None:
         raise error_at(path, (*keys, "shape"), f"a {solid.shape} needs size_mm and centre_mm")
     if min(solid.size_mm) <= 0:
         raise error_at(path, (*keys, "size_mm"), f"{list(solid.size_mm)} is not above 0")
+
+
+def _check_limb(path: Path, keys: Keys, solid: SolidTable) -> None:
+    line = solid.line_mm or []
+    widths = solid.width_mm or []
+    if solid.size_mm is not None or solid.centre_mm is not None or any(solid.angles_deg):
+        text = "a limb has line_mm and width_mm: remove the other lengths and angles"
+        raise error_at(path, (*keys, "shape"), text)
+    if len(line) < 2 or len(widths) != len(line):
+        text = "a limb needs line_mm with two points or more, and as many numbers in width_mm: "
+        text += f"it has {len(line)} points and {len(widths)} numbers"
+        raise error_at(path, (*keys, "shape"), text)
+    if min(widths) <= 0:
+        raise error_at(path, (*keys, "width_mm"), f"{widths} is not above 0")
+    for point, following in itertools.pairwise(line):
+        if point == following:
+            raise error_at(path, (*keys, "line_mm"), f"two points in sequence are equal: {list(point)}")
 
 
 def pose_of(solid: SolidTable) -> Array:
@@ -101,8 +118,10 @@ def pose_of(solid: SolidTable) -> Array:
 def points_of(solid: SolidTable) -> Points:
     """Return points in m and triangles of a solid that is not a limb, in its own frame at its centre."""
     half_edges = np.array(solid.size_mm) * 0.5 * MM
-    if solid.shape in ("bed", "drape"):
-        return _bed(2 * half_edges) if solid.shape == "bed" else _drape(2 * half_edges)
+    if solid.shape == "bed":
+        return _bed(2 * half_edges)
+    if solid.shape == "drape":
+        return _drape(2 * half_edges)
     if solid.shape == "box":
         return box(2 * half_edges)
     if solid.shape == "cylinder":
@@ -169,7 +188,7 @@ def _smooth(line: Array, radii: Array) -> tuple[Array, Array]:
             points.append(0.5 * (2 * b + (c - a) * t + square * t**2 + cubic * t**3))
     points.append(rows[-1])
     curve = np.array(points)
-    return curve[:, :3], np.maximum(curve[:, 3], 0.2 * radii.min())
+    return curve[:, :3], np.maximum(curve[:, 3], _THINNEST * radii.min())
 
 
 def _ring(centre: Array, radius: float, across: Array, other: Array) -> Array:
@@ -182,15 +201,18 @@ def _cap(centre: Array, radius: float, axis: Array, across: Array, other: Array)
     rings = []
     for k in range(1, _CAP + 1):
         angle = 0.5 * pi * k / _CAP
-        # the last ring is almost a point: its triangles keep an area
-        rings.append(_ring(centre + radius * sin(angle) * axis, radius * max(cos(angle), 0.02), across, other))
+        middle = centre + radius * sin(angle) * axis
+        rings.append(_ring(middle, radius * max(cos(angle), _POLE), across, other))
     return rings
 
 
 def _skin(rings: Sequence[Array]) -> Points:
     """Return the surface through rings of equal numbers of points, closed at both ends."""
     n = len(rings[0])
-    points = np.concatenate([*rings, rings[0].mean(axis=0)[None], rings[-1].mean(axis=0)[None]])
+    first_centre = rings[0].mean(axis=0)
+    last_centre = rings[-1].mean(axis=0)
+    points = np.concatenate([*rings, first_centre[None], last_centre[None]])
+    # indices in a ring: of each point, and of the next point around the ring
     k = np.arange(n)
     after = (k + 1) % n
     faces = []
@@ -199,21 +221,22 @@ def _skin(rings: Sequence[Array]) -> Points:
         upper = lower + n
         faces.append(np.column_stack([lower + k, lower + after, upper + after]))
         faces.append(np.column_stack([lower + k, upper + after, upper + k]))
-    first = len(rings) * n
+    centre = np.full(n, len(rings) * n)
     last = (len(rings) - 1) * n
-    faces.append(np.column_stack([0 * k + first, after, k]))
-    faces.append(np.column_stack([0 * k + first + 1, last + k, last + after]))
+    faces.append(np.column_stack([centre, after, k]))
+    faces.append(np.column_stack([centre + 1, last + k, last + after]))
     return points, np.concatenate(faces).astype(np.int32)
 
 
 def _sheet(points: Array) -> Points:
     """Return a surface through points (rows, columns, 3); seen from above, rows go to +y and columns to +x."""
     rows, columns, _ = points.shape
-    number = np.arange(rows * columns).reshape(rows, columns)
-    a = number[:-1, :-1].ravel()
-    b = number[:-1, 1:].ravel()
-    c = number[1:, 1:].ravel()
-    d = number[1:, :-1].ravel()
+    indices = np.arange(rows * columns).reshape(rows, columns)
+    # the corners of each quad, counter-clockwise
+    a = indices[:-1, :-1].ravel()
+    b = indices[:-1, 1:].ravel()
+    c = indices[1:, 1:].ravel()
+    d = indices[1:, :-1].ravel()
     triangles = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
     return points.reshape(-1, 3), triangles.astype(np.int32)
 
@@ -225,7 +248,11 @@ def _bed(size: Array) -> Points:
     # the square u, v becomes an ellipse, whose rim is the rim of the square
     x = 0.5 * size[0] * u * np.sqrt(1 - 0.5 * v**2)
     y = 0.5 * size[1] * v * np.sqrt(1 - 0.5 * u**2)
-    lobes = 0.35 * np.sin(x / 0.011 + 1.3 * np.sin(y / 0.017)) + 0.3 * np.sin(y / 0.009 + 1.1 * np.sin(x / 0.015))
+    # waves of some centimetres, along x and along y, whose crests are waves themselves
+    waves_x = np.sin(x / 0.011 + 1.3 * np.sin(y / 0.017))
+    waves_y = np.sin(y / 0.009 + 1.1 * np.sin(x / 0.015))
+    lobes = 0.35 * waves_x + 0.3 * waves_y
+    # 1 inside, 0 at the rim
     rim = np.clip(4 * (1 - np.maximum(np.abs(u), np.abs(v))), 0, 1)
     z = size[2] * rim * (0.65 + 0.5 * lobes)
     return _sheet(np.stack([x, y, z], axis=-1))
@@ -243,40 +270,49 @@ def _drape(size: Array) -> Points:
     x = np.concatenate([np.full(hanging, -0.5 * width), arch_x, np.full(hanging, 0.5 * width)])
     z = np.concatenate([down, arch_z, down[::-1]])
     along = np.linspace(-1, 1, _SHEET + 1)
+    y = 0.5 * length * along
     # it falls to the ground at both ends
     rise = (1 - np.abs(along) ** 10) ** 0.5
+    # folds of 8 mm at the lower edges, none at the arch
     depth = np.clip(1 - z / (0.45 * height), 0, 1)
-    folds = np.sin(0.5 * length * along / 0.019) + 0.5 * np.sin(0.5 * length * along / 0.008 + 1.0)
+    folds = np.sin(y / 0.019) + 0.5 * np.sin(y / 0.008 + 1.0)
     x_all = x[None, :] + 0.008 * np.sign(x)[None, :] * folds[:, None] * depth[None, :]
-    y_all = np.broadcast_to(0.5 * length * along[:, None], x_all.shape)
+    y_all = np.broadcast_to(y[:, None], x_all.shape)
     z_all = z[None, :] * rise[:, None]
     return _sheet(np.stack([x_all, y_all, z_all], axis=-1))
 
 
 def _ball(half: bool) -> Points:
     """Return a ball of radius 1, or its closed upper half."""
-    rows = _HIGH // 2 if half else _HIGH
-    span = pi / 2 if half else pi
+    rows = _HIGH
+    span = pi
+    rings = rows - 1
+    lower_pole = (0.0, 0.0, -1.0)
+    if half:
+        rows = _HIGH // 2
+        span = pi / 2
+        rings = rows  # one ring more: its edge
+        lower_pole = (0.0, 0.0, 0.0)
     points = [(0.0, 0.0, 1.0)]
-    # a half ball has one ring more than a ball of its rows: its edge
-    rings = rows - 1 + half
     for i in range(1, rings + 1):
         polar = span * i / rows
         for k in range(_ROUND):
             azimuth = 2 * pi * k / _ROUND
             points.append((sin(polar) * cos(azimuth), sin(polar) * sin(azimuth), cos(polar)))
-    points.append((0.0, 0.0, 0.0 if half else -1.0))
-    pole = len(points) - 1
+    points.append(lower_pole)
+    # indices in a ring: of each point, and of the next point around the ring
     k = np.arange(_ROUND)
     after = (k + 1) % _ROUND
-    faces = [np.column_stack([0 * k, 1 + k, 1 + after])]
+    upper_index = np.zeros_like(k)
+    lower_index = np.full_like(k, len(points) - 1)
+    faces = [np.column_stack([upper_index, 1 + k, 1 + after])]
     for i in range(rings - 1):
         upper = 1 + i * _ROUND
         lower = upper + _ROUND
         faces.append(np.column_stack([upper + k, lower + k, lower + after]))
         faces.append(np.column_stack([upper + k, lower + after, upper + after]))
     edge = 1 + (rings - 1) * _ROUND
-    faces.append(np.column_stack([edge + k, 0 * k + pole, edge + after]))
+    faces.append(np.column_stack([edge + k, lower_index, edge + after]))
     return np.array(points), np.concatenate(faces).astype(np.int32)
 
 
