@@ -45,7 +45,7 @@ def post(x, y, size=0.06, touches=frozenset()):
 
 def coarse_grids(monkeypatch):
     """Let grids have a tenth of their nodes, and keep none: a full one takes seconds where none is kept on disk."""
-    monkeypatch.setattr(bounds, "_NODES", 40_000)
+    monkeypatch.setattr(bounds, "_GRID_NODES", 40_000)
     monkeypatch.setattr(bounds, "_kept", lambda kind, triangles, make: make())
 
 

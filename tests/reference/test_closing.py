@@ -113,7 +113,7 @@ def test_states_of_connections_follow_the_paths():
 
 def test_a_certain_state_is_kept_for_ever_and_found_again_at_rounded_values(monkeypatch):
     """Otherwise the end of a path is compared with nothing, so that any assembly mode is accepted there."""
-    monkeypatch.setattr("twin.reference.closing._KNOWN", 50)
+    monkeypatch.setattr("twin.reference.closing._MOST_STORED_STATES", 50)
     closing, rng = closing_of("four_bar"), np.random.default_rng(0)
     home = model("four_bar").home().q
     sure, _ = closing.states(home[None] + 0.1)

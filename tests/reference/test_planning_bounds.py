@@ -117,7 +117,7 @@ def test_nearer_agrees_with_the_exact_distance_at_every_margin():
 @pytest.mark.slow
 def test_a_damaged_cache_is_made_again(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr("twin.reference.bounds._NODES", 1000)
+    monkeypatch.setattr("twin.reference.bounds._GRID_NODES", 1000)
     triangles = Shape("rod", "rod", [SHAPES["rod"]()]).triangles
     first, grid = balls_of(triangles), grid_of(triangles)
     files = sorted((tmp_path / "twin" / "distances").glob("*.npz"))

@@ -20,7 +20,7 @@ CLOSED = (1e-9, 1e-8)
 _SPREADS = (0.1, 0.3, 1.0, 2.0)
 """Standard deviations of the random starts around a state: in rad for rotations; for slides, a tenth of these in m."""
 
-_TRIES = 3
+_STARTS_PER_SPREAD = 3
 """Number of random starts per standard deviation."""
 
 
@@ -35,7 +35,7 @@ def assemble(model: ReferenceModel) -> Assembly:
     drawn = tree.start(model.mechanism.rest)
     every = np.arange(tree.model.nv)
     for columns in (tree.passive, every):
-        near_drawn = scattered(tree, drawn, columns, _SPREADS, _TRIES)
+        near_drawn = scattered(tree, drawn, columns, _SPREADS, _STARTS_PER_SPREAD)
         # The drawn poses alone come first: in most CAD, they suffice.
         for starts in (drawn[None], near_drawn):
             if is_closed(best):
@@ -57,7 +57,7 @@ def closes_alone(mechanism: Mechanism, loop: str) -> tuple[float, float]:
     model = ReferenceModel(alone)
     every = np.arange(model.tree.model.nv)
     drawn = model.tree.start(mechanism.rest)
-    near_drawn = scattered(model.tree, drawn, every, _SPREADS, _TRIES)
+    near_drawn = scattered(model.tree, drawn, every, _SPREADS, _STARTS_PER_SPREAD)
     starts = np.concatenate([drawn[None], near_drawn])
     nearest = _nearest(model, starts, every, drawn)
     if nearest is None:

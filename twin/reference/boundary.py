@@ -25,22 +25,22 @@ from twin.reference.model import ReferenceModel
 from twin.reference.seeking import NEARLY, Mask, Valid, Walks, seek, wander
 from twin.reference.states import SolvedSamples
 
-_DEGENERATE = 1e-2
+_DEGENERATE_SHARE = 1e-2
 """Relative singular value below which the mechanism counts as degenerate; the error of a search for zeros is 1e-5."""
 
-_STARTS = 12
+_MOST_STARTS = 12
 """Number of states at which walks start."""
 
-_LARGER = 1.25
+_LENGTH_FACTOR = 1.25
 """Factor by which all lengths are multiplied, to test the dimension of a row."""
 
-_FLAT = 1e-2
+_FLAT_SLOPE = 1e-2
 """Relative slope per radian of a margin below which the margin counts as being at its minimum."""
 
-_ENDS = 0.05
+_NEAR_ZERO = 0.05
 """Relative size below which another margin at the end of a search counts as zero, and as the reason for the end."""
 
-_EQUAL = 1e-6
+_EQUAL_VALUES = 1e-6
 """Relative difference up to which two values of a row are equal."""
 
 _BLOCKED_STEPS = (1e-3, -1e-2, 0.1)
@@ -49,7 +49,7 @@ _BLOCKED_STEPS = (1e-3, -1e-2, 0.1)
 _SINGULAR_RATE = 30
 """Factor by which the joint rates of an inverse exceed their usual ones where it is singular."""
 
-_MOSTLY = 0.3
+_SMALLEST_SIGN_RATIO = 0.3
 """Minimum of (sum of an aspect's values with the preferred sign) / (sum of its values with the other sign).
 
 At this ratio or above, the preferred sign is confirmed. Values with the other sign are accepted because some of the
@@ -124,7 +124,7 @@ class Boundary:
         self.model = model
         self.stated = stated
         self._error = error
-        some = states[spread(len(states), _STARTS)]
+        some = states[spread(len(states), _MOST_STARTS)]
         run = model.collect(some)
         self._given = run
         self.motions = Degeneracy(model, some)
@@ -177,7 +177,7 @@ class Boundary:
             k = int(np.argmin(values))
             text = f"the value is {values[k] / MM:.4g} mm (out of reach) at a state that the mechanism can reach"
             return self._row(i, "disagrees", text, self._pool[k], float(-values[k] / MM), "mm")
-        if np.ptp(values) <= _EQUAL * np.abs(values).max():
+        if np.ptp(values) <= _EQUAL_VALUES * np.abs(values).max():
             return self._constant(i, float(values[0]))
         return self._wrong_dimension(i)
 
@@ -188,7 +188,7 @@ class Boundary:
         signed = drawn * preferred
         with_sign = np.sum(np.maximum(signed, 0))
         with_other_sign = np.sum(np.maximum(-signed, 0))
-        if with_sign >= _MOSTLY * with_other_sign:
+        if with_sign >= _SMALLEST_SIGN_RATIO * with_other_sign:
             text = f"the values in the working range confirm the preferred sign {preferred:+d}"
             return self._row(i, "agrees", text)
         k = int(np.argmin(signed))
@@ -207,17 +207,19 @@ class Boundary:
         unit_size = 1.0
         if self._are_reach[i]:
             what = "length"
-            factor = _LARGER
+            factor = _LENGTH_FACTOR
             unit = "mm"
             unit_size = MM
-        larger = self.stated.values(self.model.collect(self._pool), _LARGER)[:, i]
+        larger = self.stated.values(self.model.collect(self._pool), _LENGTH_FACTOR)[:, i]
         deviation = np.abs(larger - values * factor)
         k = int(np.argmax(deviation))
-        if deviation[k] <= _EQUAL * np.abs(values).max() or not self.stated.homogeneous(self._given, _LARGER):
+        has_right_dimension = deviation[k] <= _EQUAL_VALUES * np.abs(values).max()
+        if has_right_dimension or not self.stated.homogeneous(self._given, _LENGTH_FACTOR):
             return None
         before = f"{values[k] / unit_size:.4g} {unit}".rstrip()  # a measure has no unit
         after = f"{larger[k] / unit_size:.4g} {unit}".rstrip()
-        text = f"the row is not a {what}: multiplying all lengths by {_LARGER:g} changes it from {before} to {after}"
+        change = f"multiplying all lengths by {_LENGTH_FACTOR:g} changes it from {before} to {after}"
+        text = f"the row is not a {what}: {change}"
         return self._row(i, "disagrees", text, self._pool[k], float(deviation[k] / unit_size), unit)
 
     def _constant(self, i: int, value: float) -> Judged:
@@ -309,7 +311,7 @@ class Boundary:
         An error of a length moves a zero away from a degenerate state by the square root of the error. Near another
         zero, a degenerate state is therefore searched; the row must be zero there within its own error.
         """
-        is_degenerate = self.motions.of(zeros).min(axis=1) <= _DEGENERATE
+        is_degenerate = self.motions.of(zeros).min(axis=1) <= _DEGENERATE_SHARE
         rest = np.flatnonzero(~is_degenerate)
         if len(rest):
             walks = seek(
@@ -322,7 +324,7 @@ class Boundary:
                 size=np.ones(1),
             )
             ends = walks.states
-            ends_degenerate = self.motions.of(ends).min(axis=1) <= _DEGENERATE
+            ends_degenerate = self.motions.of(ends).min(axis=1) <= _DEGENERATE_SHARE
             values = self._at(ends)
             is_zero = np.abs(values[:, i]) <= self._row_error[i]
             # A measure has no value beyond the reach that the equations state.
@@ -381,14 +383,14 @@ class Boundary:
             text = f"the row was zero at no tested state; its smallest absolute value was {value:.4g}"
             return self._row(i, "not judged", text, x)
         size_mm = f"{value / MM:.4g} mm"
-        is_flat = slope < _FLAT * max(value, self._size[i])
+        is_flat = slope < _FLAT_SLOPE * max(value, self._size[i])
         distance_of_tool = self.motions.of(x[None])[0, KINDS.index("tool")]
-        if is_flat and distance_of_tool < _DEGENERATE:
+        if is_flat and distance_of_tool < _DEGENERATE_SHARE:
             if value <= self._error:
                 return self._row(i, "agrees", f"the mechanism reaches its limit where the margin is {size_mm}")
             other_margins = self._are_reach.copy()
             other_margins[i] = False
-            is_near_zero = np.abs(self._at(x[None])[0]) < _ENDS * self._size
+            is_near_zero = np.abs(self._at(x[None])[0]) < _NEAR_ZERO * self._size
             if not is_near_zero[other_margins].any():
                 text = (
                     f"the mechanism reaches its limit at a state where the margin is {size_mm}, not 0, and no other "

@@ -25,28 +25,28 @@ from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.reference.lookup import BALL, GRID, PAIR, look_up
 
-_NODES = 400_000
+_GRID_NODES = 400_000
 """Approximate number of grid nodes in the bounding box of a surface; this number determines the edge of a cell."""
 
-_CELL = (0.15 * MM, 6 * MM)
+_CELL_EDGES = (0.15 * MM, 6 * MM)
 """Smallest and largest edge of a grid cell in m."""
 
-_BAND = 3
+_ACCURATE_CELLS = 3
 """Width in cells of the band around the surface in which stored distances are accurate."""
 
-_DEPTH = 12
+_MOST_HALVINGS = 12
 """Maximum number of times that a surface is halved to get smaller balls."""
 
-_SMALL = 1 / 250
+_SMALLEST_BALL = 1 / 250
 """Radius of the smallest balls, relative to the extent of the surface."""
 
-_PIECES = 1_500_000
+_MOST_TRIANGLES = 1_500_000
 """Maximum number of triangles after division. If this is too few, triangles stay larger and bounds are less tight."""
 
-_KEPT = 512
+_MOST_CACHED_FILES = 512
 """Maximum number of files in the cache; the oldest files are removed first."""
 
-_VERSION = 3
+_CACHE_VERSION = 3
 """Version of the method that makes grids and balls; cached files of another version are not used."""
 
 
@@ -61,7 +61,7 @@ def divided(triangles: Array, edge: float) -> Array:
         total += len(small[-1])
         triangles = triangles[long]
         sides = sides[long]
-        if total + 2 * len(triangles) > _PIECES:
+        if total + 2 * len(triangles) > _MOST_TRIANGLES:
             small.append(triangles)
             break
         # the longest edge is that from a to b
@@ -83,14 +83,14 @@ def _radius(triangles: Array) -> float:
     normals = np.cross(sides[:, 0], sides[:, 1])
     area = float(np.linalg.norm(normals, axis=1).sum()) / 2
     # each of the smallest balls has a share of the area
-    return float(np.sqrt(area / 2**_DEPTH))
+    return float(np.sqrt(area / 2**_MOST_HALVINGS))
 
 
 def _cell(triangles: Array) -> float:
     """Return the edge length in m of the grid cells for the surface of triangles (k, 3, 3)."""
-    smallest, largest = _CELL
+    smallest, largest = _CELL_EDGES
     size = np.ptp(triangles.reshape(-1, 3), axis=0) + smallest
-    cell = (np.prod(size) / _NODES) ** (1 / 3)
+    cell = (np.prod(size) / _GRID_NODES) ** (1 / 3)
     return float(np.clip(cell, smallest, largest))
 
 
@@ -102,12 +102,12 @@ def balls(triangles: Array) -> Array:
     after the subtree of the ball.
     """
     extent = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
-    small = max(extent * _SMALL, 0.1 * MM)
+    small = max(extent * _SMALLEST_BALL, 0.1 * MM)
     pieces = divided(triangles, max(2 * small, _radius(triangles)))  # smaller pieces would have no effect
     # The ball `number` has the halves `2 number` and `2 number + 1`; `number` (pieces,) is that of each piece's ball.
     number = np.ones(len(pieces), np.int64)
     ball_of_piece: dict[int, tuple[float, ...]] = {}
-    for depth in range(_DEPTH + 1):
+    for depth in range(_MOST_HALVINGS + 1):
         order = np.argsort(number, kind="stable")
         pieces = pieces[order]
         number = number[order]
@@ -120,7 +120,7 @@ def balls(triangles: Array) -> Array:
         radii = np.maximum.reduceat(off, first)
         for part, centre, radius in zip(parts.tolist(), middle, radii, strict=True):
             ball_of_piece[part] = (*centre, radius * (1 + 1e-9))
-        if depth == _DEPTH:
+        if depth == _MOST_HALVINGS:
             break
         halved = ((radii > small) & (sizes > 1))[of]
         if not halved.any():
@@ -205,8 +205,8 @@ class DistanceGrid:
         pieces = divided(triangles, cell)
         middles = pieces.mean(axis=1)
         spread = float(np.linalg.norm(pieces - middles[:, None], axis=2).max())
-        start = low - (_BAND + 1) * cell
-        shape = np.ceil((high - low) / cell).astype(int) + 2 * _BAND + 3
+        start = low - (_ACCURATE_CELLS + 1) * cell
+        shape = np.ceil((high - low) / cell).astype(int) + 2 * _ACCURATE_CELLS + 3
         node = np.rint((middles - start) / cell).astype(np.intp)
         free = np.ones(shape, bool)
         free[tuple(node.T)] = False
@@ -214,12 +214,12 @@ class DistanceGrid:
         # a piece's centre is within half a cell's diagonal of its node; its points are within `spread` of its centre
         values = np.maximum(steps * cell - np.sqrt(3) / 2 * cell - spread, 0.0)
         # near the surface: distance from the nearest centre minus `spread`; the centre is a point of the surface
-        near = np.argwhere(steps <= _BAND)
+        near = np.argwhere(steps <= _ACCURATE_CELLS)
         tree = KDTree(middles, balanced_tree=False, compact_nodes=False)
         distance, _ = tree.query(start + near * cell, workers=1)
         values[tuple(near.T)] = np.maximum(distance - spread, 0.0)
         # values of nodes beyond the band are at least `known`
-        known = max(_BAND * cell - np.sqrt(3) / 2 * cell - spread, 0.0)
+        known = max(_ACCURATE_CELLS * cell - np.sqrt(3) / 2 * cell - spread, 0.0)
         far = np.sqrt(3) * cell + spread + 1e-6
         # a lower bound must remain one after rounding to float32
         rounded = values.astype(np.float32) * np.float32(1 - 1e-6)
@@ -261,7 +261,7 @@ def _kept(kind: str, triangles: Array, make: Callable[[], dict[str, np.ndarray]]
     The key is a hash of the triangles. Arrays of a file that cannot be read are made again; a cache that cannot be
     written is not an error.
     """
-    digest = hashlib.sha256(f"{kind} {_VERSION} {triangles.shape}\n".encode())
+    digest = hashlib.sha256(f"{kind} {_CACHE_VERSION} {triangles.shape}\n".encode())
     digest.update(np.ascontiguousarray(triangles, np.float64).data)
     folder = cache_folder("distances")
     name = f"{digest.hexdigest()}.npz"
@@ -279,7 +279,7 @@ def _kept(kind: str, triangles: Array, make: Callable[[], dict[str, np.ndarray]]
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         # one file is added: the oldest ones go
         oldest_first = sorted(folder.glob("*.npz"), key=lambda p: p.stat().st_mtime)
-        for old in oldest_first[:-_KEPT]:
+        for old in oldest_first[:-_MOST_CACHED_FILES]:
             old.unlink()
         with atomic_folder(folder) as work:
             np.savez(work / name, allow_pickle=False, **arrays, sum=checksum)

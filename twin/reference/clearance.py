@@ -198,7 +198,7 @@ def _contacts(
     for pair in sorted(jointed, key=sorted):
         a, b = sorted(pair)
         # All poses are relative to a, so only b moves.
-        T_a_b = (spatial.inverse(link_poses[a]) @ link_poses[b])[::_EVERY]
+        T_a_b = (spatial.inverse(link_poses[a]) @ link_poses[b])[::_JOINTED_INTERVAL]
         rest_a = mechanism.rest.get(a, link_poses[a][0])
         rest_b = mechanism.rest.get(b, link_poses[b][0])
         T_drawn = spatial.inverse(rest_a) @ rest_b
@@ -225,7 +225,7 @@ def _contacts(
                     gap = distance_between(p, q, np.eye(4), T_a_b[k])
                     travel = _largest_shift(corners, corners[k])
                 if gap <= 0:
-                    contacts.append((k * _EVERY, p.name, q.name))
+                    contacts.append((k * _JOINTED_INTERVAL, p.name, q.name))
     return tuple(contacts)
 
 
@@ -234,7 +234,7 @@ def _largest_shift(corners: Array, before: Array) -> Array:
     return np.linalg.norm(corners - before, axis=-1).max(axis=-1)
 
 
-_EVERY = 5
+_JOINTED_INTERVAL = 5
 """Interval in samples between tests of the parts of jointed bodies, whose relative motion is slow."""
 
 

@@ -27,28 +27,28 @@ from twin.reference.model import ReferenceModel
 from twin.reference.newton import minimise
 from twin.reference.target_continuation import GAP_TOLERANCE
 
-_ITERATIONS = 8
+_MOST_NEWTON_STEPS = 8
 """Maximum number of Newton steps from a guess; loops that need more steps count as open. 3 steps are usual."""
 
-_JUMP = 0.5
+_MODE_JUMP = 0.5
 """Largest change (m, rad) of a coordinate between stations; a larger change means another assembly mode."""
 
-_STRIDE = {True: 0.1, False: 0.02}
+_CERTAIN_STEP = {True: 0.1, False: 0.02}
 """Step of a driven joint (rad if an angle, else m) from a known state, if the assembly mode must be certain."""
 
-_FINER = (1, 8)
-"""Divisors of `_STRIDE`, in the order of trial: near a singularity, passive joints move fast and need small steps."""
+_STEP_DIVISORS = (1, 8)
+"""Divisors of `_CERTAIN_STEP`, in the order of trial: near a singularity, passive joints need small steps."""
 
-_COARSE = 8
+_STATIONS_IN_ORDER = 8
 """Number of stations of a path at which loops are closed one by one; the other stations are closed in batches."""
 
-_ENOUGH = 1e-14
+_SEARCH_COST = 1e-14
 """Sum of squares of loop gaps in m2 that is small enough for a search."""
 
-_FLOOR = 1e-12
+_RATE_DAMPING = 1e-12
 """Damping of the linear equations of the rates, relative to the mean diagonal of the matrix; see `newton`."""
 
-_KNOWN = 20_000
+_MOST_STORED_STATES = 20_000
 """Maximum number of stored states that were not reached in small steps; if exceeded, the older half is dropped."""
 
 
@@ -68,7 +68,7 @@ class Closing:
         self._weights = weights
         self._driven = np.array([tree.configuration[j.name] for j in model.mechanism.active], int)
         self.linear = self._coupled()
-        self._stride = np.array([_STRIDE[j.is_angle] for j in model.mechanism.active])
+        self._stride = np.array([_CERTAIN_STEP[j.is_angle] for j in model.mechanism.active])
         # the known states: joint values, configurations, and whether each was reached in small steps
         self._q = np.zeros((0, len(weights)))
         self._x = np.zeros((0, tree.model.nq))
@@ -131,7 +131,7 @@ class Closing:
         divisors = (0,)  # one step only
         if thorough:
             usable = np.flatnonzero(self._sure)
-            divisors = _FINER
+            divisors = _STEP_DIVISORS
         known = KDTree(self._q[usable] * self._weights)
         _, nearest = known.query(q[new] * self._weights, p=np.inf)
         near = usable[nearest]
@@ -160,7 +160,7 @@ class Closing:
     def _drop_old(self) -> None:
         """Drop the older half of the states that were not reached in small steps, if there are too many."""
         unsure = np.flatnonzero(~self._sure)
-        if len(unsure) <= _KNOWN:
+        if len(unsure) <= _MOST_STORED_STATES:
             return
         older = unsure[: len(unsure) // 2]
         kept = np.setdiff1d(np.arange(len(self._q)), older)
@@ -181,7 +181,7 @@ class Closing:
         """Return (configurations (k, nq) at q1, (k,) bool: whether the loops close without a change of the mode).
 
         `known` (k,) are the rows of the known states from which the walk starts. With `small`, no coordinate may change
-        by more than `_JUMP` in any step.
+        by more than `_MODE_JUMP` in any step.
         """
         # several walks may start from one known state: its rates are computed once
         rows, of = np.unique(known, return_inverse=True)
@@ -199,7 +199,7 @@ class Closing:
             guess = self._tree.step(X[walking], tangent)
             new, closed = self.near(guess, q0[walking] + i * ahead)
             if small:
-                closed &= self.change(X[walking], new) <= _JUMP
+                closed &= self.change(X[walking], new) <= _MODE_JUMP
             closed &= (self.signs(new) == sign[walking]).all(axis=1)
             arrived = walking[closed]
             X[arrived] = new[closed]
@@ -217,10 +217,10 @@ class Closing:
         X[:, self._driven] = q
         tree = self._tree
         if enough is None:
-            new, is_closed = minimise(tree, X, self._loops, tree.passive, _ITERATIONS, integrate=tree.step)
+            new, is_closed = minimise(tree, X, self._loops, tree.passive, _MOST_NEWTON_STEPS, integrate=tree.step)
         else:
             new, is_closed = minimise(
-                tree, X, self._loops, tree.passive, _ITERATIONS, integrate=tree.step, enough=enough
+                tree, X, self._loops, tree.passive, _MOST_NEWTON_STEPS, integrate=tree.step, enough=enough
             )
         gaps = tree.loops.gaps(new, tree.place(new))
         is_closed &= gaps[..., 0].max(axis=1, initial=0.0) <= GAP_TOLERANCE
@@ -249,7 +249,7 @@ class Closing:
         D = A[:, :, tree.active]
         Pt = np.swapaxes(P, 1, 2)
         normal = Pt @ P
-        floor = _FLOOR * np.trace(normal, axis1=1, axis2=2) / len(tree.passive)
+        floor = _RATE_DAMPING * np.trace(normal, axis1=1, axis2=2) / len(tree.passive)
         damping = np.maximum(floor, np.finfo(float).tiny)[:, None, None]
         normal += damping * np.eye(len(tree.passive))
         rates[:, tree.passive] = -np.linalg.solve(normal, Pt @ D)
@@ -337,11 +337,11 @@ class Closing:
         """Return configurations (k, nq) of a path at stations s (k,), starting from the configuration x (nq,) at s[0].
 
         Return None if the loops open, or if the assembly mode changes (a determinant changes its sign, or a coordinate
-        changes by more than `_JUMP` between two stations). `check` is called between the steps.
+        changes by more than `_MODE_JUMP` between two stations). `check` is called between the steps.
         """
         # first few stations one by one, which is fast; if this fails, all of them
-        counts = [_COARSE]
-        if len(s) - 1 > _COARSE:
+        counts = [_STATIONS_IN_ORDER]
+        if len(s) - 1 > _STATIONS_IN_ORDER:
             counts.append(len(s) - 1)
         for count in counts:
             X = self._along(path(s), x, count, check)
@@ -374,7 +374,7 @@ class Closing:
                 return None
             solved = np.sort(np.concatenate([solved, middle]))
         same_mode = (self.signs(X) == self.signs(x[None])).all()
-        if same_mode and (self.change(X[:-1], X[1:]) <= _JUMP).all():
+        if same_mode and (self.change(X[:-1], X[1:]) <= _MODE_JUMP).all():
             return X
         return None
 
@@ -395,8 +395,8 @@ class Closing:
         start = np.repeat(a[is_closed], stations, axis=0)
         change = np.repeat((b - a)[is_closed], stations, axis=0)
         q = start + parts[:, None] * change
-        configurations, closed = self.near(self.between(first, last, parts), q, _ENOUGH)
-        jumps = self.change(configurations[:-1], configurations[1:]) > _JUMP
+        configurations, closed = self.near(self.between(first, last, parts), q, _SEARCH_COST)
+        jumps = self.change(configurations[:-1], configurations[1:]) > _MODE_JUMP
         jumps[stations - 1 :: stations] = False  # not on a path: from the end of one path to the start of the next
         jumps = np.append(jumps, False)
         is_continuous = closed.reshape(-1, stations).all(axis=1)

@@ -16,14 +16,14 @@ from twin.core.spatial import Array
 from twin.reference import loop_rates
 from twin.reference.model import ReferenceModel
 
-_STRIDE = 0.05
+_LONGEST_PREDICTED_STEP = 0.05
 """Largest step of a coordinate (m, rad) that is predicted; longer steps are solved by Newton's method."""
 
-_NEAR = 1e-8
+_SMALL_RESIDUAL = 1e-8
 """Largest residual of a state whose Jacobian is used: one correction reduces the residual to a rounding error."""
 
 
-_CONDITION = 1e8
+_LARGEST_CONDITION = 1e8
 """Largest condition number of P^T P with which P is inverted by it; others by singular values."""
 
 
@@ -104,7 +104,7 @@ class LoopContinuation:
         """Return states (k, nq) at q (k, n), and (k,) bool: whether Newton's method solved a row; else predicted."""
         steps = _times(self._gain + self._half, q - self._q)
         X = self._model.tree.step(self.X, steps)
-        solved = np.maximum.reduce(np.abs(steps), axis=1, initial=0.0) > _STRIDE
+        solved = np.maximum.reduce(np.abs(steps), axis=1, initial=0.0) > _LONGEST_PREDICTED_STEP
         if solved.any():
             X[solved] = self._model.follow(self.X[solved], q[solved])
         return X, solved
@@ -125,7 +125,7 @@ class LoopContinuation:
         give = inverses @ Pt
         give += (np.eye(P.shape[2]) - give @ P) @ give
         condition = _size(squares) * _size(inverses)
-        poor = ~(condition <= _CONDITION)  # NaN counts as poor
+        poor = ~(condition <= _LARGEST_CONDITION)  # NaN counts as poor
         if poor.any():
             give[poor] = loop_rates.pseudoinverse_of(self._model.tree, A[poor])
         return give
@@ -139,8 +139,8 @@ class LoopContinuation:
 
 
 def _open(r: Array) -> np.ndarray:
-    """Return (k,) bool: whether the largest of the residuals r (k, m) is above `_NEAR`, or not a number."""
-    return ~(np.maximum.reduce(np.abs(r), axis=1, initial=0.0) <= _NEAR)
+    """Return (k,) bool: whether the largest of the residuals r (k, m) is above `_SMALL_RESIDUAL`, or not a number."""
+    return ~(np.maximum.reduce(np.abs(r), axis=1, initial=0.0) <= _SMALL_RESIDUAL)
 
 
 def _size(matrices: Array) -> Array:

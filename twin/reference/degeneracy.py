@@ -16,10 +16,10 @@ from twin.reference.loops import LENGTH_SCALE
 from twin.reference.model import ReferenceModel
 from twin.reference.newton import minimise
 
-_RANK = 1e-6
+_RANK_TOLERANCE = 1e-6
 """Relative size above which a singular value counts for the rank at regular states."""
 
-_PATIENCE = 8
+_MOST_CLOSING_STEPS = 8
 """Maximum number of iterations to close the loops after a step; a step that needs more iterations is too long."""
 
 KINDS = ("loops", "drives", "tool")
@@ -59,13 +59,13 @@ class Degeneracy:
         self.freedom = tree.model.nv - _regular_rank(_values(A), 1e-9)
         tool = self.tool(states)
         positions = tool[:, :3]
-        self.positional = _regular_rank(_values(positions), _RANK) == self.freedom
+        self.positional = _regular_rank(_values(positions), _RANK_TOLERANCE) == self.freedom
         _, values = self._raw(states)
         # the singular value that vanishes first at a degenerate state: the smallest one that is regularly not 0
         self._at: list[int] = []
         self._usual: list[float] = []
         for s in values:
-            last = max(_regular_rank(s, _RANK) - 1, 0)
+            last = max(_regular_rank(s, _RANK_TOLERANCE) - 1, 0)
             usual = 1.0
             if s.size:
                 usual = float(np.median(s[:, last]))
@@ -105,7 +105,7 @@ class Degeneracy:
         tree = self.model.tree
         every = np.arange(tree.model.nv)
         starts = tree.integrate(states, steps)
-        ends, closed = minimise(tree, starts, self.model.loops_only, every, _PATIENCE)
+        ends, closed = minimise(tree, starts, self.model.loops_only, every, _MOST_CLOSING_STEPS)
         return ends, np.asarray(closed, bool)
 
     def _jacobians(self, states: Array) -> tuple[Array, Array, Array]:

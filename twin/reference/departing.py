@@ -12,10 +12,10 @@ import numpy as np
 from twin.core.spatial import Array, Index
 from twin.reference.tree import Tree
 
-_KICKS = (0.003, 0.01, 0.03, 0.1, 0.3)
+_SPREADS = (0.003, 0.01, 0.03, 0.1, 0.3)
 """Standard deviations of the random steps: in rad for rotations; for slides, a tenth of these numbers in m."""
 
-_TRIES = 4
+_STEPS_PER_SPREAD = 4
 """Number of random steps per standard deviation."""
 
 
@@ -29,7 +29,7 @@ def depart(tree: Tree, x: Array, move: Callable[[Array], Array], way: Callable[[
     """
     if not len(tree.passive) or not tree.loops.names:
         return None
-    X = move(scattered(tree, x, tree.passive, _KICKS, _TRIES))
+    X = move(scattered(tree, x, tree.passive, _SPREADS, _STEPS_PER_SPREAD))
     reached = []
     for i, new in enumerate(X):
         if not np.isfinite(new).all():

@@ -31,10 +31,10 @@ from twin.reference.continuation import LoopContinuation
 from twin.reference.model import ReferenceModel, checked_joint_motion, checked_joint_values
 from twin.reference.states import Assembly
 
-_IDLE = 1e-12
+_NO_INERTIA = 1e-12
 """Inertia in kg m2 or kg below which a joint counts as moving no mass: far below real parts, above rounding errors."""
 
-_FLAT = 1e-9
+_RELATIVE_ZERO = 1e-9
 """Singular values below this fraction of the largest one count as zero."""
 
 State = ArrayLike | Assembly
@@ -287,9 +287,9 @@ class Dynamics:
         # motions of the passive joints alone, in the columns of N
         N = np.eye(len(passive))
         if len(A):
-            N = null_space(A, rcond=_FLAT)
+            N = null_space(A, rcond=_RELATIVE_ZERO)
         M = self._tree_mass(self._home)[np.ix_(passive, passive)]
-        if np.trace(N.T @ M @ N) <= _IDLE:
+        if np.trace(N.T @ M @ N) <= _NO_INERTIA:
             return ""
         contribution = np.abs(N).sum(axis=1) * np.diag(M)
         column = passive[int(np.argmax(contribution))]

@@ -18,15 +18,12 @@ from twin.core.units import DEG, MM
 from twin.reference.model import ReferenceModel
 from twin.reference.newton import minimise
 from twin.reference.posing import posed
-from twin.reference.target_continuation import GAP_TOLERANCE, between
+from twin.reference.target_continuation import GAP_TOLERANCE, MODE_JUMP, between
 
-_JUMP = 0.5
-"""Largest change (m, rad) of a coordinate between samples; a larger change means another assembly mode."""
-
-_HALVINGS = 8
+_MOST_HALVINGS = 8
 """Maximum number of halvings of a step between two samples; after these, the path counts as blocked."""
 
-_NEARBY = {True: 0.05, False: 0.005}
+_NEARBY_STEP = {True: 0.05, False: 0.005}
 """Displacement of a driven joint (rad if an angle, else m) for Jacobians near a state that may be singular."""
 
 
@@ -83,7 +80,7 @@ class Follower:
                     step = 2 * step
                     continue
                 step /= 2
-                if step < 0.5**_HALVINGS:
+                if step < 0.5**_MOST_HALVINGS:
                     best = self.model.state(x)
                     text = _stopped(best.T_base_tool, Ts, k, directions, p_tool)
                     raise AssemblyError(text, best, best.worst_gap)
@@ -104,7 +101,7 @@ class Follower:
         states = [state]
         for i, joint in enumerate(model.mechanism.active):
             unit = np.arange(len(q)) == i
-            size = _NEARBY[joint.is_angle]
+            size = _NEARBY_STEP[joint.is_angle]
             for step in (size, -size):
                 try:
                     nearby = model.solve(q + step * unit, seed)
@@ -125,7 +122,7 @@ class Follower:
         every = np.arange(model.tree.model.nv)
         X, converged = minimise(model.tree, x[None], residual, every)
         run = model.collect(X)
-        if not converged[0] or model.jumps(x[None], X)[0] > _JUMP:
+        if not converged[0] or model.jumps(x[None], X)[0] > MODE_JUMP:
             return None
         deviation = missed(run.Ts_base_tool[0], T, p_tool)[directions]
         gap = run.gaps[0, :, 0].max(initial=0.0)

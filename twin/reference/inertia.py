@@ -35,13 +35,14 @@ from twin.schema import Identifier, NotNegative, Positive, Sourced, Table, Vecto
 NAME = "inertia.toml"
 """Name of the inertia file in a robot's CAD folder."""
 
-_ALONG = 1e-6
+_AXIS_TOLERANCE = 1e-6
 """Tolerance in rad for perpendicular and parallel axes: far above rounding errors."""
 
 _UNITS = {"rotor": ("kg m2", "kg"), "friction": ("N m s/rad", "N s/m"), "torque": ("N m", "N")}
 """Units of each quantity, for revolute and prismatic joints."""
 
 _PRODUCTS = (".xx", ".yy", ".zz", ".xy", ".xz", ".yz")
+"""Ends of the names of the six entries of an inertia matrix."""
 
 
 class Mass(Sourced):
@@ -200,7 +201,7 @@ def _frames(table: Inertias, mechanism: Mechanism, poses: dict[str, Array]) -> l
                     f"inertia.toml: {key} of {joint.name} is in {entry.unit}, but the joint is {joint.type}"
                 )
         T = poses[joint.parent] @ joint.T_parent_joint
-        if link.frame is None and abs(T[0, 2]) > _ALONG:
+        if link.frame is None and abs(T[0, 2]) > _AXIS_TOLERANCE:
             raise MechanismError(
                 f"joint {joint.name}: its axis must be perpendicular to the x axis of the base, with all joints at "
                 f"zero; the error is {np.arcsin(abs(T[0, 2])) / DEG:.3g} deg, "
@@ -213,7 +214,8 @@ def _frames(table: Inertias, mechanism: Mechanism, poses: dict[str, Array]) -> l
         toward, along = lines[i + 1] if i + 1 < len(lines) else (before, z)
         across = along - (along @ z) * z
         step = (toward - p) @ z
-        if np.linalg.norm(across) > _ALONG:  # the axes are not parallel: the origin is the foot of the common normal
+        if np.linalg.norm(across) > _AXIS_TOLERANCE:
+            # the axes are not parallel: the origin is the foot of the common normal
             step -= (along @ z) * ((toward - p) @ across) / (across @ across)
         else:
             step = (before - p) @ z

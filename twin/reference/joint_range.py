@@ -22,22 +22,22 @@ from twin.reference.states import SolvedSamples
 STATES = 512
 """Number of states in a check of the whole range."""
 
-_CORNERS = 6
+_MOST_JOINTS_WITH_CORNERS = 6
 """Largest number of joints for which all corners of the range are taken."""
 
-_INSET = 1e-3
+_CORNER_INSET = 1e-3
 """Distance of the corners from the ends of the range, as a fraction of the range."""
 
-_UNLIMITED = {True: np.pi, False: 0.1}
+_UNLIMITED_HALF_RANGE = {True: np.pi, False: 0.1}
 """Half width of the range of a joint without limits, in rad (angles) and m (lengths), about its rest value."""
 
-_STRIDE = {True: 0.2, False: 0.04}
+_LONGEST_STEP = {True: 0.2, False: 0.04}
 """Largest step of a driven joint on a line, in rad (angles) and m (lengths)."""
 
-_JUMP = 1.0
+_MODE_JUMP = 1.0
 """Largest change (m, rad) of any coordinate in one step; a larger change means another assembly mode."""
 
-_ENOUGH = 0.5
+_POSSIBLE_SHARE = 0.5
 """Fraction of draws that must be possible; otherwise, the mechanism moves along lines instead."""
 
 
@@ -71,14 +71,14 @@ def joint_range(model: ReferenceModel, count: int = STATES) -> JointRange:
     if closing.linear is not None:
         states = closing.placed(targets)
         states = states[within_limits(model, states)]
-    if len(states) < _ENOUGH * len(targets):
+    if len(states) < _POSSIBLE_SHARE * len(targets):
         states = _along_lines(model, closing, home.x, targets[: count // 2])
     return JointRange(model.collect(states), low, high)
 
 
 def ends(mechanism: Mechanism, rest: Array) -> tuple[Array, Array]:
     """Return the lower and the upper end (n,) of the range of each driven joint."""
-    half = np.array([_UNLIMITED[j.is_angle] for j in mechanism.active])
+    half = np.array([_UNLIMITED_HALF_RANGE[j.is_angle] for j in mechanism.active])
     low, high = mechanism.limits.T
     low = np.where(np.isfinite(low), low, rest - half)
     high = np.where(np.isfinite(high), high, rest + half)
@@ -89,8 +89,8 @@ def _targets(low: Array, high: Array, count: int) -> Array:
     """Return joint values (count, n): corners of the range, then low-discrepancy draws."""
     n = len(low)
     corners = np.zeros((0, n))
-    if n <= _CORNERS:
-        corners = np.array(list(product((_INSET, 1 - _INSET), repeat=n)))
+    if n <= _MOST_JOINTS_WITH_CORNERS:
+        corners = np.array(list(product((_CORNER_INSET, 1 - _CORNER_INSET), repeat=n)))
     parts = np.concatenate([corners, draws(1, 1 + count - len(corners), n)])
     # Lines that are cut off after the first part still have draws and corners.
     parts = parts[np.random.default_rng(0).permutation(count)]
@@ -120,7 +120,7 @@ def _along_lines(model: ReferenceModel, closing: Closing, home: Array, targets: 
     """
     active = model.mechanism.active
     q0 = model.collect(home[None]).q[0]
-    stride = np.array([_STRIDE[j.is_angle] for j in active])
+    stride = np.array([_LONGEST_STEP[j.is_angle] for j in active])
     change = targets - q0
     steps = max(1, int(np.ceil(np.max(np.abs(change) / stride))))
     ahead = change / steps
@@ -130,7 +130,7 @@ def _along_lines(model: ReferenceModel, closing: Closing, home: Array, targets: 
     passed: list[list[Array]] = [[home] for _ in targets]
     for step in range(1, steps + 1):
         new, possible = closing.near(X[moving], q0 + step * ahead[moving])
-        possible &= closing.change(X[moving], new) <= _JUMP
+        possible &= closing.change(X[moving], new) <= _MODE_JUMP
         possible &= (closing.signs(new) == sign).all(axis=1)
         possible &= within_limits(model, new)
         moving = moving[possible]

@@ -29,7 +29,7 @@ PAIR = 6
 """Count of numbers that describe a pair: count of all shapes, then five indices: shape with the grid, shape with the
 balls, grid, first ball, last ball + 1."""
 
-_ROUGH = 0.75
+_SUFFICIENT_SHARE = 0.75
 """In a search, a lower bound is sufficient if it is at least this fraction of the upper bound."""
 
 _DOUBLE = ir.DoubleType()
@@ -192,7 +192,7 @@ class _LookupKernel:
         self.small = w.at(data["fine"], self.i)
         # with `fine`, bounds are coarse anyway: a lower bound close to the upper bound is sufficient
         is_coarse = b.fcmp_ordered(">", self.small, _number(0.0))
-        self.kept_part = b.select(is_coarse, _number(_ROUGH), _number(1.0))
+        self.kept_part = b.select(is_coarse, _number(_SUFFICIENT_SHARE), _number(1.0))
         b.branch(self.blocks["ball"])
 
     def _begin_ball(self) -> None:

@@ -9,10 +9,10 @@ import numpy as np
 from twin.core.spatial import Array, Index
 from twin.reference.loops import AXES, Loops
 
-_FLAT = 1e-9
+_RELATIVE_ZERO = 1e-9
 """Singular values below this fraction of the largest one of all constraints count as zero."""
 
-_SHARE = 1e-6
+_REPEATED_NORM = 1e-6
 """A row is repeated if the norm of its coefficients in the left null space of the Jacobian exceeds this value."""
 
 
@@ -73,7 +73,7 @@ def count(A: Array, loops: Loops, passive: Index) -> Mobility:
     if len(A):
         U, _, _ = np.linalg.svd(A)
         null_space = U[:, rank:]
-        repeats = np.linalg.norm(null_space, axis=1) > _SHARE
+        repeats = np.linalg.norm(null_space, axis=1) > _REPEATED_NORM
     repeated = {}
     for i, name in enumerate(loops.names):
         axes = loops.row_axis[repeats & (loops.row_loop == i)]
@@ -89,4 +89,4 @@ def _rank(A: Array, size: float) -> int:
     if not A.size:
         return 0
     s = np.linalg.svd(A, compute_uv=False)
-    return int(np.sum(s > size * _FLAT))
+    return int(np.sum(s > size * _RELATIVE_ZERO))

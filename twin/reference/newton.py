@@ -10,22 +10,23 @@ from numpy.typing import NDArray
 from twin.core.spatial import Array, Index
 from twin.reference.tree import Tree
 
-_STEP_LAST = 1e-9
+_LAST_STEP = 1e-9
 """Step (m, rad) below which the iteration ends: convergence is quadratic, so the remaining error is rounding."""
 
-_COST_DONE = 1e-29
+_ZERO_COST = 1e-29
 """Sum of squares below which a residual is a rounding error."""
 
 _MAX_ITERATIONS = 40
+"""Maximum number of steps; a sample that needs more counts as not converged."""
 
-_FLOOR = 1e-13
+_SMALLEST_DAMPING = 1e-13
 """Minimum damping, relative to the mean diagonal.
 
 This damping selects the shortest step if the mechanism has an internal freedom (a rod that spins between two ball
 joints); otherwise it has no effect.
 """
 
-_FLOOR_REACHED = 1e-9
+_NEGLIGIBLE_DAMPING = 1e-9
 """Damping, relative to the mean diagonal, below which damping shortens a step only negligibly."""
 
 Residual = Callable[[Array, Index], tuple[Array, Array]]
@@ -40,7 +41,7 @@ def minimise(
     iterations: int = _MAX_ITERATIONS,
     *,
     integrate: Callable[[Array, Array], Array] | None = None,
-    enough: float = _COST_DONE,
+    enough: float = _ZERO_COST,
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return (configurations (k, nq) near X that minimise the residual, (k,) bool: whether each converged).
 
@@ -66,14 +67,14 @@ def minimise(
         size = np.trace(normal, axis1=1, axis2=2) / len(columns)
         steps = np.zeros((len(todo), tree.model.nv))
         # If no column affects the residual, `size` is 0, and the step must be 0.
-        floor = damping[todo] + _FLOOR * size
+        floor = damping[todo] + _SMALLEST_DAMPING * size
         weight = np.maximum(floor, np.finfo(float).tiny)[:, None, None]
         gradient = At @ r[..., None]
         steps[:, columns] = -np.linalg.solve(normal + weight * eye, gradient)[..., 0]
         new = integrate(X[todo], steps)
         # A small step proves convergence only if damping does not shorten it.
-        free = damping[todo] <= _FLOOR_REACHED * size
-        small = np.abs(steps).max(axis=1) < _STEP_LAST
+        free = damping[todo] <= _NEGLIGIBLE_DAMPING * size
+        small = np.abs(steps).max(axis=1) < _LAST_STEP
         last = small & free
         X[todo[last]] = new[last]
         is_done[todo[last]] = True
@@ -86,7 +87,7 @@ def minimise(
         new_cost = np.sum(new_r**2, axis=1)
         # A higher cost is no reason to damp if it is a rounding error.
         higher = new_cost > cost[todo] * (1 + 1e-9)
-        worse = higher & (new_cost > _COST_DONE)
+        worse = higher & (new_cost > _ZERO_COST)
         damping[todo[worse]] = np.maximum(10 * damping[todo[worse]], 1e-6 * size[worse])
         better = todo[~worse]
         damping[better] /= 10

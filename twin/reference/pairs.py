@@ -22,13 +22,13 @@ from twin.reference.clearance import TOUCHING, Shape, apart, distance_between, p
 from twin.reference.model import ReferenceModel
 from twin.reference.travel import Levers, Reach
 
-_GJK = 1e-5
+_HULL_DISTANCE_ERROR = 1e-5
 """Maximum excess in m of a computed hull distance over the true distance."""
 
 SEARCHED = 2 * MM
 """Radius in m of balls that are small enough for a search; a found path is tested with smaller balls."""
 
-_FEW = 3
+_MOST_STORED_TURNS = 3
 """Maximum number of revolute joints between two bodies with stored results, see `CollisionPairs.closer`."""
 
 
@@ -185,7 +185,7 @@ class CollisionPairs:
             lever = bounds[pair, moving]
             # the bound of a pair that a slide moves grows with the extension of the slide
             rotates = np.array_equal(bounds[pair], extended[pair]) and bool((lever > 0).all())
-            if rotates and len(moving) <= _FEW:
+            if rotates and len(moving) <= _MOST_STORED_TURNS:
                 turns[pair] = (moving, self.required[pair] / (len(moving) * lever))
         return turns
 
@@ -254,7 +254,7 @@ class CollisionPairs:
         request = coal.DistanceRequest()
         result = coal.DistanceResult()
         distance = coal.distance(hull_a, placed(poses[a]), hull_b, placed(poses[b]), request, result)
-        return float(distance) - _GJK
+        return float(distance) - _HULL_DISTANCE_ERROR
 
     def nearer(self, pair: int, poses: Array, margin: float) -> bool:
         """Return whether the distance of a pair is below `margin` in m at shape poses (shapes, 4, 4)."""

@@ -21,13 +21,13 @@ from twin.reference.newton import minimise
 SINGULAR = 1e-4
 """Value of `Regularity.margin` below which a state is singular."""
 
-_RANK = 1e-6
+_RELATIVE_ZERO = 1e-6
 """Singular values below this fraction of the largest one count as zero: the constraint is redundant in all states."""
 
-_BESIDE = (0.03, 0.1, 0.3)
+_SPREADS = (0.03, 0.1, 0.3)
 """Standard deviations of the nearby states: in rad for rotations; for slides, a tenth of these numbers in m."""
 
-_TRIES = 6
+_STATES_PER_SPREAD = 6
 """Number of nearby states per standard deviation."""
 
 
@@ -60,7 +60,7 @@ def regularity(model: ReferenceModel, states: Sequence[Array]) -> list[Regularit
         rank = 0
         if len(s):
             # 1e-12: if all values are rounding errors, the rank is 0
-            flat = _RANK * max(s[0], 1e-12)
+            flat = _RELATIVE_ZERO * max(s[0], 1e-12)
             rank = int((s > flat).sum())
         ranks.append(rank)
     usual = max(ranks)
@@ -91,7 +91,7 @@ def closed_beside(model: ReferenceModel, x: Array) -> list[Array]:
     if not model.mechanism.loops and not model.mechanism.couplings:
         return []
     columns = np.arange(model.tree.model.nv)
-    starts = scattered(model.tree, x, columns, _BESIDE, _TRIES)
+    starts = scattered(model.tree, x, columns, _SPREADS, _STATES_PER_SPREAD)
     X, _ = minimise(model.tree, starts, model.loops_only, columns)
     X = X[np.isfinite(X).all(axis=1)]
     # a mechanism whose loops are inconsistent keeps a gap: a nearby state may have twice the gap of x

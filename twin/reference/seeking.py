@@ -19,20 +19,25 @@ Mask = NDArray[np.bool_]
 Valid = Callable[[Array], Mask]
 """Test of states (k, nq) -> (k,) bool: whether the functions `Values` are valid in each state."""
 
-_ITERATIONS = 40
-_STRIDE, _STRIDE_LONGEST = 0.1, 0.5
-"""Initial and largest tangent step (rad, or units of `LENGTH_SCALE`)."""
+_MOST_STEPS = 40
+"""Maximum number of steps of a walk."""
 
-_NEAR = 0.2
+_FIRST_STEP = 0.1
+"""Initial tangent step (rad, or units of `LENGTH_SCALE`)."""
+
+_LONGEST_STEP = 0.5
+"""Largest tangent step (rad, or units of `LENGTH_SCALE`)."""
+
+_SINGULARITY_DISTANCE = 0.2
 """Distance from degeneracy (1 at usual states) below which the steps of a walk are turned away from a singularity."""
 
-_SHORTEST = 1e-5
+_SHORTEST_STEP = 1e-5
 """Tangent step (rad, or units of `LENGTH_SCALE`) below which a walk ends."""
 
-_DIFFERENCE = 1e-5
+_DIFFERENCE_STEP = 1e-5
 """Tangent step (rad, or units of `LENGTH_SCALE`) of the difference quotients."""
 
-_ZERO = 1e-10
+_ZERO_SHARE = 1e-10
 """Fraction of the usual size below which a value counts as zero."""
 
 NEARLY = 1e-4
@@ -94,14 +99,14 @@ def seek(
     first[1:] = row[1:] != row[:-1]
     random_weight = 10 ** rng.uniform(-1.5, 1.5, (count, nv))
     weight = np.where(first[:, None], 1.0, random_weight)
-    stride = np.full(count, _STRIDE)
+    stride = np.full(count, _FIRST_STEP)
     slope = np.full(count, np.nan)
     ended = np.full(count, "far", dtype="<U5")
-    ended[np.abs(m) <= _ZERO * unit] = "zero"
+    ended[np.abs(m) <= _ZERO_SHARE * unit] = "zero"
     todo = np.flatnonzero((ended == "far") & np.isfinite(m))
     newton = np.zeros((count, nv))  # tangent step to the predicted zero of the function
     fresh = np.ones(count, bool)  # whether `newton` is missing at the state
-    for _ in range(_ITERATIONS):
+    for _ in range(_MOST_STEPS):
         if not len(todo):
             break
         new = todo[fresh[todo]]
@@ -123,10 +128,10 @@ def seek(
         X[improved] = ends[better]
         m[improved] = end_values[better]
         fresh[improved] = True
-        stride[improved] = np.minimum(2 * stride[improved], _STRIDE_LONGEST)
+        stride[improved] = np.minimum(2 * stride[improved], _LONGEST_STEP)
         stride[bad] = np.minimum(stride[bad], length[~better]) / 3
-        zero = np.abs(m[todo]) <= _ZERO * unit[todo]
-        short = stride[todo] < _SHORTEST
+        zero = np.abs(m[todo]) <= _ZERO_SHARE * unit[todo]
+        short = stride[todo] < _SHORTEST_STEP
         ended[todo[short]] = "least"
         ended[todo[zero]] = "zero"
         todo = todo[~zero & ~short]
@@ -149,7 +154,7 @@ def _newton(
     slope = np.maximum(np.sum(g * d, axis=1), 1e-300)
     d *= (-m / slope)[:, None]
     length = np.maximum(np.linalg.norm(d, axis=1), 1e-300)
-    d *= np.minimum(1, _STRIDE_LONGEST / length)[:, None]
+    d *= np.minimum(1, _LONGEST_STEP / length)[:, None]
     logarithmic = g[aside] / m[aside][:, None]
     d[aside] = _around(motions, X[aside], N[aside], logarithmic, d[aside])
     return np.einsum("kij,kj->ki", N, d), np.linalg.norm(g, axis=1)
@@ -161,7 +166,7 @@ def _around(motions: Degeneracy, X: Array, N: Array, slopes: Array, steps: Array
     X (w, nq) are states and N (w, nv, freedom) the motions there; `slopes` (w, freedom) is the gradient of the
     logarithm of the function; `steps` (w, freedom) are the original steps.
     """
-    near = np.flatnonzero(motions.of(X).min(axis=1) < _NEAR)
+    near = np.flatnonzero(motions.of(X).min(axis=1) < _SINGULARITY_DISTANCE)
     if not len(near):
         return steps
 
@@ -188,14 +193,14 @@ def gradient(motions: Degeneracy, values: Values, X: Array, N: Array, row: Index
     tree = motions.model.tree
     w, nv, f = N.shape
     count = w * f
-    steps = np.swapaxes(N, 1, 2).reshape(count, nv) * _DIFFERENCE
+    steps = np.swapaxes(N, 1, 2).reshape(count, nv) * _DIFFERENCE_STEP
     centres = np.repeat(X, f, axis=0)
     ahead = tree.integrate(centres, steps)
     behind = tree.integrate(centres, -steps)
     both = np.concatenate([ahead, behind])
     rows = np.tile(np.repeat(row, f), 2)
     both_values = values(both)[np.arange(2 * count), rows]
-    slopes = (both_values[:count] - both_values[count:]) / (2 * _DIFFERENCE)
+    slopes = (both_values[:count] - both_values[count:]) / (2 * _DIFFERENCE_STEP)
     return slopes.reshape(w, f)
 
 
@@ -215,7 +220,7 @@ def wander(motions: Degeneracy, valid: Valid, starts: Array) -> Array:
         # the part of the direction that the mechanism can follow
         along = np.einsum("kij,klj,kl->ki", N, N / scale[:, None] ** 2, ahead)
         length = np.maximum(np.linalg.norm(along / scale, axis=1), 1e-300)
-        along *= (_STRIDE_LONGEST / 2 / length)[:, None]
+        along *= (_LONGEST_STEP / 2 / length)[:, None]
         ends, closed = motions.moved(X, along)
         is_valid = closed & valid(ends)
         X[is_valid] = ends[is_valid]

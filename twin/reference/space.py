@@ -28,32 +28,32 @@ from twin.reference.joint_range import within_limits
 from twin.reference.model import ReferenceModel
 from twin.reference.pairs import SEARCHED, CollisionPairs, Still
 
-_ANGLE = 0.1
+_ANGLE_LENGTH = 0.1
 """Length in m that is equivalent to 1 rad in comparisons of paths."""
 
-_STATION = {True: 0.1, False: 0.02}
+_STATION_STEP = {True: 0.1, False: 0.02}
 """Motion of a driven joint (rad if an angle, else m) between two stations (states with closed, tested loops)."""
 
-_FINE = 512
-"""Number of intervals of a path; the speed assumed in an interval is `_BETWEEN` times the larger speed at its ends."""
+_INTERVALS = 512
+"""Number of intervals of a path; the speed assumed in one is `_SPEED_FACTOR` times the larger speed at its ends."""
 
-_BETWEEN = 1.05
+_SPEED_FACTOR = 1.05
 """Safety factor: in a corner rounded over 1/80 of a path (six intervals), the speed within an interval exceeds the
 speeds at its two ends by up to 0.3 %."""
 
-_BETWEEN_LOOPS = 1.5
+_PASSIVE_SPEED_FACTOR = 1.5
 """Safety factor for passive joints, whose speeds are known only at stations; the value is chosen, not derived."""
 
-_SAME = 1 * MM
+_SAME_POSITION = 1 * MM
 """Two assemblies are in the same mode if each body has the same position in both, within this distance in m."""
 
-_LEVELS = 2
+_HALVINGS_AT_ONCE = 2
 """Number of halvings of an interval at once: few large batches are faster than many small ones."""
 
-_NARROW = 3.0
+_MESH_MARGIN = 3.0
 """Largest margin, in units of the required distance, for which meshes are tested; for larger margins coal is slow."""
 
-_SEARCH = 6 * MM
+_SEARCH_MOTION = 6 * MM
 """In a search: largest relative motion in m of two bodies from a tested state. A found path is tested completely."""
 
 _BLOCK = 2048
@@ -190,7 +190,7 @@ class JointSpace:
         weights = np.ones(len(active))
         for i, joint in enumerate(active):
             if joint.is_angle:
-                weights[i] = _ANGLE
+                weights[i] = _ANGLE_LENGTH
         return limits, weights
 
     def free(self, q: Array, *, exact: bool = True) -> np.ndarray:
@@ -370,7 +370,7 @@ class JointSpace:
         return self._closing.placed(q)
 
     def _count(self, path: Callable[..., Array]) -> int:
-        """Return the number of stations of a path; from one to the next, no driven joint moves more than `_STATION`."""
+        """Return the number of stations of a path; between them, no driven joint moves more than `_STATION_STEP`."""
         coarse = path(np.linspace(0.0, 1.0, 65))
         strides = np.abs(np.diff(coarse, axis=0)) / self._steps
         # 64 times the longest stride is at least the length of the path
@@ -379,24 +379,24 @@ class JointSpace:
 
     @property
     def _steps(self) -> Array:
-        """`_STATION` (n,) of each driven joint."""
-        return np.array([_STATION[j.is_angle] for j in self._model.mechanism.active])
+        """`_STATION_STEP` (n,) of each driven joint."""
+        return np.array([_STATION_STEP[j.is_angle] for j in self._model.mechanism.active])
 
     def _stations(self, path: Callable[..., Array]) -> Stations | None:
         """Return the stations of a path; None if limits are exceeded, a state is not allowed, or the loops open."""
-        fine = np.linspace(0.0, 1.0, _FINE + 1)
+        fine = np.linspace(0.0, 1.0, _INTERVALS + 1)
         q = path(fine)
         if not self._within(q).all():
             return None
         rates = np.abs(path(fine, 1))
         if not self._loops:
             fastest = (rates / self._steps).max()
-            every = max(1, int(1 / max(fastest, 1.0) * _FINE))
+            every = max(1, int(1 / max(fastest, 1.0) * _INTERVALS))
             s = fine[::every]
             X = self._placed(q[::every])
             speeds = rates @ np.abs(self._gain).T
             speeds_at = fine
-            factor = _BETWEEN
+            factor = _SPEED_FACTOR
         else:
             x = self._state(q[0])
             if x is None:
@@ -407,7 +407,7 @@ class JointSpace:
                 return None
             speeds = np.abs(np.einsum("kij,kj->ki", self._closing.rates(X), path(s, 1)))
             speeds_at = s
-            factor = _BETWEEN_LOOPS
+            factor = _PASSIVE_SPEED_FACTOR
         if not self._allowed(X, path(s)).all():
             return None
         fastest = np.maximum(speeds[1:], speeds[:-1])
@@ -424,7 +424,7 @@ class JointSpace:
             return True
         a, b = self._pairs.poses(np.array([x, known]))
         shifts = np.linalg.norm(a[:, :3, 3] - b[:, :3, 3], axis=1)
-        return float(shifts.max(initial=0.0)) < _SAME
+        return float(shifts.max(initial=0.0)) < _SAME_POSITION
 
     # -- distances ------------------------------------------------------------------------------------
 
@@ -466,7 +466,7 @@ class JointSpace:
         fine = 0.0
         if not exact:
             fine = SEARCHED
-        halves = 2**_LEVELS
+        halves = 2**_HALVINGS_AT_ONCE
         # items: one pair in one interval of one path; `place` is the number of the interval, of 2**level
         path, pair = np.divmod(np.arange(count * len(pairs)), max(len(pairs), 1))
         place = np.zeros(len(path), int)
@@ -494,7 +494,7 @@ class JointSpace:
             is_clear[path[unsure[near]]] = False
             unsure = unsure[(low < margin[unsure]) & is_clear[path[unsure]]]
             if not exact:
-                split = unsure[approach[unsure] > _SEARCH].tolist()
+                split = unsure[approach[unsure] > _SEARCH_MOTION].tolist()
             else:
                 split = []
                 # where the bounds do not decide and the interval is short, exact distances do
@@ -508,14 +508,14 @@ class JointSpace:
                         x = X[row[i]]
                         is_clear[path[i]] = not pairs.closer(p, x[None], T[None])[0]
                         continue
-                    undecided = margin[i] > _NARROW * required[i] or pairs.celled(p)
+                    undecided = margin[i] > _MESH_MARGIN * required[i] or pairs.celled(p)
                     if undecided or pairs.nearer(p, T, float(margin[i])):
                         split.append(i)
             unsure = np.array([i for i in split if is_clear[path[i]]], int)
             path = np.repeat(path[unsure], halves)
             pair = np.repeat(pair[unsure], halves)
             place = (place[unsure, None] * halves + np.arange(halves)).ravel()
-            level += _LEVELS
+            level += _HALVINGS_AT_ONCE
         return is_clear
 
     def free_each(self, a: Array, b: Array) -> np.ndarray:
@@ -583,7 +583,7 @@ class JointSpace:
         speeds = np.abs(np.einsum("kij,kj->ki", self._closing.rates(X), rates))
         speeds = speeds.reshape(-1, count, nv)
         fastest = np.maximum(speeds[:, 1:], speeds[:, :-1])
-        cells = _BETWEEN_LOOPS / intervals * fastest
+        cells = _PASSIVE_SPEED_FACTOR / intervals * fastest
         moved = np.concatenate([np.zeros_like(cells[:, :1]), np.cumsum(cells, axis=1)], axis=1)
 
         def until(path: np.ndarray, s: Array) -> Array:
