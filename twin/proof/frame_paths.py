@@ -97,7 +97,7 @@ class FramePaths:
 
     def _place(self) -> list[Joint]:
         """Place bodies from base and tool; return the joints that close loops."""
-        # active joints first: what they move is placed by their values
+        # active joints first: one that is left over closes a loop, and has no coordinate
         pending = sorted(self.mechanism.joints, key=lambda joint: not joint.active)
         joint = self._next_joint(pending)
         while joint is not None:

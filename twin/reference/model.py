@@ -202,7 +202,7 @@ class ReferenceModel:
         if near is None or unique:
             states = solved_along(self._continuation, Ts, self._start(seed), progress)
             return self._closed(self.collect(states), Ts)
-        # the poses of `near` select the solutions; the tool then moves from them to its targets
+        # `near` selects the solutions: its states are solved first, and the tool moves from them to its targets
         states = solved_along(self._continuation, np.asarray(near, float), self._start(seed), progress)
         samples = np.arange(len(Ts))
         for block in np.array_split(samples, max(1, len(Ts) // BLOCK)):
