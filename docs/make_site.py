@@ -3,8 +3,8 @@
     python docs/make_site.py [--out FOLDER] [--no-robots] [--builder PROGRAM]
 
 The pages of docs/ are copied together with the files to which they link; notebooks of docs/cookbook run, and become
-pages with their outputs; the pages that follow from the code are written here. A warning of the builder, a page that is
-not in the navigation, or a link that leads nowhere fails the build.
+pages with their outputs; the pages that follow from the code are written here; formulas become MathML. A warning of the
+builder, a page that is not in the navigation, or a link that leads nowhere fails the build.
 """
 
 from __future__ import annotations
@@ -190,6 +190,8 @@ def build(out: Path, builder: Path, with_recordings: bool) -> int:
         write_python(pages)
         write_schemas(pages)
         write_robots(pages, with_recordings)
+        formulas = [builder.parent / "python", DOCS / "site/formulas.py", pages]
+        subprocess.run([str(part) for part in formulas], check=True)
         settings = SETTINGS.read_text(encoding="utf-8")
         (work / "zensical.toml").write_text(settings, encoding="utf-8")
         (work / "code").symlink_to(ROOT)  # in which the builder finds the docstrings
