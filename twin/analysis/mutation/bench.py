@@ -247,6 +247,7 @@ class Bench:
             yield self._new(judge(case))
 
     def _of_mechanism(self, mechanism: Mechanism, folder: Path) -> Iterator[Finding | None]:
+        """Yield the new findings on a mechanism with a fault, without its stage and then with it."""
         robot = self.robot.with_mechanism(mechanism)
         case = self.case(cad=robot.cad, paths=robot.path_kinematics())
         yield self._new(judge(case, parts=_FIRST | _EQUATIONS))
@@ -262,6 +263,7 @@ class Bench:
         yield self._new(judge(replace(case, stage=root)))
 
     def _of_stage(self, spoil: Callable[[Path], None], folder: Path) -> Iterator[Finding | None]:
+        """Yield the new findings on a copy of the stage that `spoil` has changed, then on its motion."""
         stage_folder = folder / "stage"
         shutil.copytree(self.stage.parent, stage_folder)
         spoil(stage_folder)
@@ -273,7 +275,7 @@ class Bench:
 
     def _of_protocol(self, protocol: Protocol, slow: bool) -> Iterator[Finding | None]:
         """Yield the new findings on a protocol; `slow` is whether the fault may have made a speed too small."""
-        yield self._gravest(protocol.findings)
+        yield self._most_severe(protocol.findings)
         if slow and protocol.findings:
             return  # a motion at such a low speed would take hours to check
         robot = self.robot.bound(protocol)
@@ -289,20 +291,21 @@ class Bench:
         yield self._new(judge(case))
 
     def _new(self, report: Report) -> Finding | None:
-        return self._gravest(report.findings)
+        """Return the most severe new finding of a report; None without one."""
+        return self._most_severe(report.findings)
 
-    def _gravest(self, findings: Iterable[Finding]) -> Finding | None:
+    def _most_severe(self, findings: Iterable[Finding]) -> Finding | None:
         """Return the first of the most severe findings that the correct robot does not have."""
-        gravest = None
-        most = -1
+        most_severe = None
+        highest = -1
         for finding in findings:
             if finding.severity == "info" or (finding.code, finding.where) in self.usual:
                 continue
             severity = SEVERITIES.index(finding.severity)
-            if severity > most:
-                most = severity
-                gravest = finding
-        return gravest
+            if severity > highest:
+                highest = severity
+                most_severe = finding
+        return most_severe
 
     def _equivalence(self, fault: SeededFault, folder: Path) -> str:
         """Return the reason why a missed fault has no effect; "" if the fault has an effect."""

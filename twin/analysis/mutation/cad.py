@@ -45,7 +45,8 @@ def drawn_anew(mechanism: Mechanism) -> Mechanism:
     return mechanism.with_rest(ReferenceModel(mechanism).home().link_poses)
 
 
-def _on(m: Mechanism, rng: np.random.Generator, step: Array, text: str) -> Made:
+def _frame_fault(m: Mechanism, rng: np.random.Generator, step: Array, text: str) -> Made:
+    """Multiply the frame of a joint on one of its bodies by a pose (4, 4); `text` says what this does."""
     joint = some(m.joints, rng)
     side, body = some((("T_parent_joint", joint.parent), ("T_child_joint", joint.child)), rng)
     what = f"joint {joint.name} on {body} {text}"
@@ -57,21 +58,24 @@ def _on(m: Mechanism, rng: np.random.Generator, step: Array, text: str) -> Made:
     return what, make
 
 
-def _moved(m: Mechanism, rng: np.random.Generator) -> Made:
+def _moved_frame(m: Mechanism, rng: np.random.Generator) -> Made:
+    """Move a joint frame by 0.1 to 1 mm."""
     size = rng.uniform(0.1, 1.0) * MM
     direction = rng.normal(size=3)
     p = size * direction / np.linalg.norm(direction)
-    return _on(m, rng, spatial.pose(p=p), f"moved by {size / MM:.2f} mm")
+    return _frame_fault(m, rng, spatial.pose(p=p), f"moved by {size / MM:.2f} mm")
 
 
-def _turned(m: Mechanism, rng: np.random.Generator) -> Made:
+def _turned_frame(m: Mechanism, rng: np.random.Generator) -> Made:
+    """Rotate a joint frame by 0.1 to 1 degree."""
     size = rng.uniform(0.1, 1.0) * DEG
     axis = rng.normal(size=3)
     R = spatial.exp_so3(size * axis / np.linalg.norm(axis))
-    return _on(m, rng, spatial.pose(R), f"turned by {size / DEG:.2f} deg")
+    return _frame_fault(m, rng, spatial.pose(R), f"turned by {size / DEG:.2f} deg")
 
 
-def _axis(m: Mechanism, rng: np.random.Generator) -> Made:
+def _wrong_axis(m: Mechanism, rng: np.random.Generator) -> Made:
+    """Let a joint move about, or along, another axis of its frame."""
     single = [joint for joint in m.joints if len(joint.free_axes) == 1]
     joint = some(single, rng)
     T_exchange = spatial.pose(np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]))  # the old x axis becomes the z axis
@@ -86,7 +90,8 @@ def _axis(m: Mechanism, rng: np.random.Generator) -> Made:
     return f"joint {joint.name} {motion} another axis of its frame", make
 
 
-def _swapped(m: Mechanism, rng: np.random.Generator) -> Made:
+def _swapped_bodies(m: Mechanism, rng: np.random.Generator) -> Made:
+    """Exchange the children of two joints of one type."""
     groups: dict[str, list[Joint]] = {}
     for j in m.joints:
         groups.setdefault(j.type, []).append(j)
@@ -102,10 +107,11 @@ def _swapped(m: Mechanism, rng: np.random.Generator) -> Made:
     return f"bodies {a.child} and {b.child} exchanged in {a.name} and {b.name}", make
 
 
-def _limit(m: Mechanism, rng: np.random.Generator) -> Made:
+def _wrong_limit(m: Mechanism, rng: np.random.Generator) -> Made:
+    """Give limits in another unit, mirror or shift them; without limits, move a joint frame."""
     limited = [joint for joint in m.active if joint.limits is not None]
     if not limited:
-        return _moved(m, rng)
+        return _moved_frame(m, rng)
     joint = some(limited, rng)
     assert joint.limits is not None
     low, high = joint.limits
@@ -120,12 +126,14 @@ def _limit(m: Mechanism, rng: np.random.Generator) -> Made:
     name, limits = some(changes, rng)
     if np.allclose(limits, joint.limits):  # symmetric limits do not change when mirrored
         name, limits = shifted
-    soft = None if joint.soft_limits is None else limits
+    soft = None
+    if joint.soft_limits is not None:
+        soft = limits
     changed = replace(joint, limits=limits, soft_limits=soft)
     return f"limits of {joint.name} {name}", lambda: _with_joints(m, changed)
 
 
-def _shaped(m: Mechanism, rng: np.random.Generator, text: str, of: Callable[[Mesh], Mesh]) -> Made:
+def _mesh_fault(m: Mechanism, rng: np.random.Generator, text: str, of: Callable[[Mesh], Mesh]) -> Made:
     """Change the meshes of one body: of a body with a mated joint if there is one, because mating is checked."""
     mated_names = set()
     for joint in m.joints:
@@ -139,34 +147,39 @@ def _shaped(m: Mechanism, rng: np.random.Generator, text: str, of: Callable[[Mes
         meshes = [of(mesh) for mesh in chosen.meshes]
         bodies = []
         for body in m.bodies:
-            bodies.append(replace(body, meshes=tuple(meshes)) if body is chosen else body)
+            if body is chosen:
+                body = replace(body, meshes=tuple(meshes))
+            bodies.append(body)
         return replace(m, bodies=tuple(bodies))
 
     return f"the shapes of {chosen.name} {text}", make
 
 
-def _scale(m: Mechanism, rng: np.random.Generator) -> Made:
+def _wrong_scale(m: Mechanism, rng: np.random.Generator) -> Made:
+    """Scale the shapes of a body, as mistakes of units do."""
     factor = float(some((1000.0, 0.001, 25.4, 1 / 25.4, 1.05), rng))
 
     def scaled(mesh: Mesh) -> Mesh:
         return replace(mesh, vertices=factor * mesh.vertices)
 
-    return _shaped(m, rng, f"scaled by {factor:.4g}", scaled)
+    return _mesh_fault(m, rng, f"scaled by {factor:.4g}", scaled)
 
 
-def _inside_out(m: Mechanism, rng: np.random.Generator) -> Made:
+def _inverted_mesh(m: Mechanism, rng: np.random.Generator) -> Made:
+    """Turn the shapes of a body inside out."""
+
     def inverted(mesh: Mesh) -> Mesh:
         return replace(mesh, triangles=np.ascontiguousarray(mesh.triangles[:, ::-1]))
 
-    return _shaped(m, rng, "turned inside out", inverted)
+    return _mesh_fault(m, rng, "turned inside out", inverted)
 
 
 _MAKERS: dict[str, Callable[[Mechanism, np.random.Generator], Made]] = {
-    "moved": _moved,
-    "turned": _turned,
-    "axis": _axis,
-    "swapped": _swapped,
-    "limit": _limit,
-    "scale": _scale,
-    "inside out": _inside_out,
+    "moved": _moved_frame,
+    "turned": _turned_frame,
+    "axis": _wrong_axis,
+    "swapped": _swapped_bodies,
+    "limit": _wrong_limit,
+    "scale": _wrong_scale,
+    "inside out": _inverted_mesh,
 }

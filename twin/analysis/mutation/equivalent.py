@@ -28,6 +28,9 @@ _SHIFT = 30 * MM
 _TURN = 15 * DEG
 """Largest shift and rotation, along and about each axis, of random poses from poses of the motion."""
 
+_LEVER = 0.1
+"""Length in m by which a rotation counts as a distance, so that the gaps of all loops have one unit."""
+
 _SAME = 1e-12
 """Relative difference below which values of two formulas count as equal."""
 
@@ -55,7 +58,9 @@ def same_equations(a: Kinematics, b: Kinematics, trajectory: Trajectory, rng: np
                 if difference > _SAME * (1 + size):
                     return ""
             count += int(finite.sum())
-    return f"{count} numbers at {_POSES} poses are equal" if count else ""
+    if not count:
+        return ""
+    return f"{count} numbers at {_POSES} poses are equal"
 
 
 def _values(kin: Kinematics, Ts: Array, q: Array) -> Iterator[Array]:
@@ -122,7 +127,7 @@ class Chain:
         return poses
 
     def gaps(self, q: Array, x: Array) -> Array:
-        """Return the components of all loop gaps in m; a rotation of 1 rad counts as 0.1 m."""
+        """Return the components of all loop gaps in m; a rotation counts as a distance at `_LEVER`."""
         poses = self.bodies(q, x)
         gaps = []
         for joint in self.mechanism.loops:
@@ -131,7 +136,7 @@ class Chain:
                 turn = np.cross(M[:3, 2], [0, 0, 1])
             else:
                 turn = spatial.log_so3(M[:3, :3])
-            gap = np.concatenate([M[:3, 3], 0.1 * turn])
+            gap = np.concatenate([M[:3, 3], _LEVER * turn])
             for axis in range(6):
                 if axis not in FREE_AXES[joint.type]:
                     gaps.append(gap[axis])
@@ -139,7 +144,7 @@ class Chain:
             total = 0.0
             for name, ratio in zip(coupling.joints, coupling.ratios, strict=True):
                 total += ratio * self._coordinate(name, q, x)
-            gaps.append(0.1 * (total - coupling.total))
+            gaps.append(_LEVER * (total - coupling.total))
         return np.array(gaps)
 
     def _coordinate(self, name: str, q: Array, x: Array) -> float:
@@ -185,6 +190,7 @@ def same_motion(a: Mechanism, b: Mechanism, trajectory: Trajectory, places: int 
 
 
 def _same_limits_and_meshes(a: Mechanism, b: Mechanism) -> bool:
+    """Return whether limits of joints and meshes of bodies, which have no effect on poses, are the same."""
     for joint_a, joint_b in zip(a.joints, b.joints, strict=True):
         if _LIMITS(joint_a) != _LIMITS(joint_b):
             return False
@@ -209,15 +215,20 @@ def same_samples(a: Trajectory, b: Trajectory) -> str:
         if values_a.shape != values_b.shape:
             return ""
         worst = max(worst, float(np.nanmax(np.abs(values_a - values_b), initial=0.0)))
-    return f"all numbers of all samples agree within {worst:.1g}" if worst <= _SAME else ""
+    if worst > _SAME:
+        return ""
+    return f"all numbers of all samples agree within {worst:.1g}"
 
 
 def same_stage(a: Path, b: Path) -> str:
     """Return the reason why two stages are equivalent; "" if they are not."""
-    return "the flattened stages have the same text" if _flattened(a) == _flattened(b) else ""
+    if _flattened(a) != _flattened(b):
+        return ""
+    return "the flattened stages have the same text"
 
 
 def _flattened(root: Path) -> str:
+    """Return the text of a stage with all its layers in one."""
     from pxr import Usd
 
     stage = Usd.Stage.Open(str(root))
@@ -229,4 +240,6 @@ def same_protocol(a: Protocol, b: Protocol) -> str:
     """Return the reason why two protocols are equivalent; "" if they are not."""
     numbers_a = {parameter.name: parameter.value for parameter in a.parameters()}
     numbers_b = {parameter.name: parameter.value for parameter in b.parameters()}
-    return "all numbers of the protocol are the same" if numbers_a == numbers_b and a.phases == b.phases else ""
+    if numbers_a != numbers_b or a.phases != b.phases:
+        return ""
+    return "all numbers of the protocol are the same"

@@ -15,6 +15,7 @@ from twin.planning.protocol import Protocol
 from twin.planning.trajectory import PhaseSpan, Trajectory
 
 KINDS = ("faster", "slower", "late joint", "bump", "stated speed", "RCM", "in motion", "planned", "shaft", "clock")
+"""Kinds of faults in the order of seeding."""
 
 _SCALED = ("tip_speed", "tip_acceleration", "rotation_speed", "rotation_acceleration")
 """Limits of a protocol that are multiplied by a factor."""
@@ -30,7 +31,7 @@ def faults(
     if not _rcm_phases(trajectory):
         kinds.remove("RCM")
         kinds.remove("shaft")
-    makers = {**_MAKERS, "planned": lambda _, rng: _planned(protocol, planner, rng)}
+    makers = {**_MAKERS, "planned": lambda _, rng: _planned_too_fast(protocol, planner, rng)}
     for kind, (what, make) in drawn(kinds, makers, subject=trajectory, rng=rng, count=count):
         yield SeededFault("timing", kind, what, trajectory=make)
 
@@ -40,24 +41,30 @@ def _rcm_phases(t: Trajectory) -> list[PhaseSpan]:
     return [phase for phase in t.phases if phase.rcm is not None]
 
 
-def _scaled(t: Trajectory, factor: float) -> Trajectory:
+def _with_scaled_time(t: Trajectory, factor: float) -> Trajectory:
+    """Return the trajectory with all times multiplied, and its stated speeds unchanged."""
     phases = []
     for phase in t.phases:
         phases.append(replace(phase, t0=factor * phase.t0, t1=factor * phase.t1))
     return replace(t, t=factor * t.t, phases=tuple(phases))
 
 
-def _faster(t: Trajectory, rng: np.random.Generator) -> Made:
+def _faster_motion(t: Trajectory, rng: np.random.Generator) -> Made:
+    """Shorten the motion, which then exceeds limits or contradicts its stated speeds."""
     factor = float(rng.uniform(0.6, 0.95))
-    return f"motion shortened to {100 * factor:.0f} % of its time", lambda: _scaled(t, factor)
+    return f"motion shortened to {100 * factor:.0f} % of its time", lambda: _with_scaled_time(t, factor)
 
 
-def _slower(t: Trajectory, rng: np.random.Generator) -> Made:
+def _slower_motion(t: Trajectory, rng: np.random.Generator) -> Made:
+    """Stretch the motion, which then contradicts its stated speeds."""
     factor = float(rng.uniform(1.1, 2.0))
-    return f"motion stretched to {100 * factor:.0f} % of its time, stated speeds unchanged", lambda: _scaled(t, factor)
+    return f"motion stretched to {100 * factor:.0f} % of its time, stated speeds unchanged", lambda: _with_scaled_time(
+        t, factor
+    )
 
 
-def _late(t: Trajectory, rng: np.random.Generator) -> Made:
+def _late_joint(t: Trajectory, rng: np.random.Generator) -> Made:
+    """Delay one joint by a few samples."""
     j = int(rng.integers(t.q.shape[1]))
     lag = int(rng.integers(1, 5))
     step = float(t.t[1] - t.t[0])
@@ -74,15 +81,16 @@ def _late(t: Trajectory, rng: np.random.Generator) -> Made:
     return f"joint {t.joint_names[j]} {1e3 * lag * step:.0f} ms late", make
 
 
-def _inner(t: Trajectory, rng: np.random.Generator) -> int:
+def _inner_sample(t: Trajectory, rng: np.random.Generator) -> int:
     """Return the index of a random sample inside a random phase, two samples from its ends where it is long enough."""
     phase: PhaseSpan = t.phases[rng.integers(len(t.phases))]
     first = phase.start + 2
     return int(rng.integers(first, max(phase.stop - 2, first + 1)))
 
 
-def _bump(t: Trajectory, rng: np.random.Generator) -> Made:
-    k = _inner(t, rng)
+def _displaced_sample(t: Trajectory, rng: np.random.Generator) -> Made:
+    """Displace one sample: of a joint, or of tool and moved frame."""
+    k = _inner_sample(t, rng)
     size = rng.uniform(0.2, 1.0)
     time = f"t = {t.t[k]:.2f} s"
     if rng.integers(2):
@@ -99,7 +107,8 @@ def _bump(t: Trajectory, rng: np.random.Generator) -> Made:
     return f"tool moved {size:.2f} mm at {time}", lambda: replace(t, Ts_base_tool=tools, Ts_base_frame=frames)
 
 
-def _stated(t: Trajectory, rng: np.random.Generator) -> Made:
+def _wrong_stated_speed(t: Trajectory, rng: np.random.Generator) -> Made:
+    """Multiply the stated speeds of the joints or of the tip."""
     factor = float(rng.uniform(1.2, 2.0))
     if rng.integers(2):
         return f"stated joint speeds multiplied by {factor:.2f}", lambda: replace(t, qd=factor * t.qd)
@@ -107,6 +116,7 @@ def _stated(t: Trajectory, rng: np.random.Generator) -> Made:
 
 
 def _moved_rcm(t: Trajectory, rng: np.random.Generator) -> Made:
+    """Move the RCM across the shaft, by 0.3 to 2 mm."""
     size = rng.uniform(0.3, 2.0) * MM
     direction = rng.normal(size=3)
     first = _rcm_phases(t)[0]
@@ -115,11 +125,14 @@ def _moved_rcm(t: Trajectory, rng: np.random.Generator) -> Made:
     step = size * direction / np.linalg.norm(direction)
     phases = []
     for phase in t.phases:
-        phases.append(phase if phase.rcm is None else replace(phase, rcm=phase.rcm + step))
+        if phase.rcm is not None:
+            phase = replace(phase, rcm=phase.rcm + step)
+        phases.append(phase)
     return f"RCM moved by {size / MM:.2f} mm", lambda: replace(t, phases=tuple(phases))
 
 
-def _in_motion(t: Trajectory, rng: np.random.Generator) -> Made:
+def _start_in_motion(t: Trajectory, rng: np.random.Generator) -> Made:
+    """Remove the beginning of the first phase, so that the motion does not begin at rest."""
     first = t.phases[0]
     cut = int(rng.integers(first.stop // 4 + 1, first.stop // 2 + 2))
     start = t.t[cut]
@@ -147,7 +160,8 @@ def _in_motion(t: Trajectory, rng: np.random.Generator) -> Made:
     return f"first {start:.2f} s removed, so the motion does not begin at rest", lambda: made
 
 
-def _planned(protocol: Protocol, planner: Planner, rng: np.random.Generator) -> Made:
+def _planned_too_fast(protocol: Protocol, planner: Planner, rng: np.random.Generator) -> Made:
+    """Plan the protocol with limits that are too high."""
     factor = float(rng.uniform(1.15, 2.0))
     limits = {}
     for kind, limit in protocol.limits.items():
@@ -156,7 +170,7 @@ def _planned(protocol: Protocol, planner: Planner, rng: np.random.Generator) -> 
     return f"planned with limits multiplied by {factor:.2f}", lambda: planner(replace(protocol, limits=limits))
 
 
-def _shaft(t: Trajectory, rng: np.random.Generator) -> Made:
+def _turned_shaft(t: Trajectory, rng: np.random.Generator) -> Made:
     """Rotate the moved frame about its origin, smoothly, in the time between first and last phase with an RCM."""
     size = rng.uniform(0.3, 1.0) * DEG
     inside = _rcm_phases(t)
@@ -176,8 +190,9 @@ def _shaft(t: Trajectory, rng: np.random.Generator) -> Made:
     return f"shaft turned about its tip by up to {size / DEG:.2f} deg", make
 
 
-def _clock(t: Trajectory, rng: np.random.Generator) -> Made:
-    k = _inner(t, rng)
+def _late_sample(t: Trajectory, rng: np.random.Generator) -> Made:
+    """Shift the time of one sample."""
+    k = _inner_sample(t, rng)
     share = float(rng.uniform(0.05, 0.5))
     times = t.t.copy()
     times[k] += share * (times[1] - times[0])
@@ -186,13 +201,13 @@ def _clock(t: Trajectory, rng: np.random.Generator) -> Made:
 
 
 _MAKERS: dict[str, Callable[[Trajectory, np.random.Generator], Made]] = {
-    "faster": _faster,
-    "slower": _slower,
-    "late joint": _late,
-    "bump": _bump,
-    "stated speed": _stated,
+    "faster": _faster_motion,
+    "slower": _slower_motion,
+    "late joint": _late_joint,
+    "bump": _displaced_sample,
+    "stated speed": _wrong_stated_speed,
     "RCM": _moved_rcm,
-    "in motion": _in_motion,
-    "shaft": _shaft,
-    "clock": _clock,
+    "in motion": _start_in_motion,
+    "shaft": _turned_shaft,
+    "clock": _late_sample,
 }

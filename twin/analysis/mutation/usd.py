@@ -18,8 +18,17 @@ KINDS = (
 )
 """Kinds of faults in the order of seeding."""
 
+_FEWEST_SAMPLES = 8
+"""Attributes with at most so many time samples are not delayed: a delay of several samples would leave nothing."""
+
+_ZERO = 1e-9
+"""Limit in deg or m that counts as zero, which no factor changes."""
+
 Edit = Callable[[Usd.Stage], None]
-Made = tuple[str, Edit]
+"""Function that changes a stage."""
+
+NamedEdit = tuple[str, Edit]
+"""(what the edit changes, as text; the edit)."""
 
 
 def faults(root: Path, rng: np.random.Generator, count: int) -> Iterator[SeededFault]:
@@ -30,6 +39,8 @@ def faults(root: Path, rng: np.random.Generator, count: int) -> Iterator[SeededF
 
 
 def _spoiler(name: str, edit: Edit) -> Callable[[Path], None]:
+    """Return the function that applies an edit to the stage `name` in a folder, and saves its layers."""
+
     def spoil(folder: Path) -> None:
         stage = Usd.Stage.Open(str(folder / name))
         edit(stage)
@@ -40,7 +51,7 @@ def _spoiler(name: str, edit: Edit) -> Callable[[Path], None]:
     return spoil
 
 
-def _set(stage: Usd.Stage, path: str, value: object) -> None:
+def _set_value(stage: Usd.Stage, path: str, value: object) -> None:
     """Set an attribute on the layer that currently defines its value."""
     attribute = stage.GetAttributeAtPath(path)
     stack = attribute.GetPropertyStack(Usd.TimeCode.Default())
@@ -48,16 +59,17 @@ def _set(stage: Usd.Stage, path: str, value: object) -> None:
     attribute.Set(value, Usd.TimeCode.Default())
 
 
-def _changed(path: str, change: Callable[[Any], object]) -> Edit:
+def _value_edit(path: str, change: Callable[[Any], object]) -> Edit:
     """Return the edit that replaces the value of an attribute by `change` of this value."""
-    return lambda stage: _set(stage, path, change(stage.GetAttributeAtPath(path).Get()))
+    return lambda stage: _set_value(stage, path, change(stage.GetAttributeAtPath(path).Get()))
 
 
-def _times(path: str, factor: float) -> Made:
-    return f"{path} times {factor:.4g}", _changed(path, lambda x: factor * x)
+def _multiplied(path: str, factor: float) -> NamedEdit:
+    """Return the edit that multiplies the value of an attribute."""
+    return f"{path} times {factor:.4g}", _value_edit(path, lambda x: factor * x)
 
 
-def _joints(stage: Usd.Stage, kind: type = UsdPhysics.Joint) -> list[Usd.Prim]:
+def _connecting_joints(stage: Usd.Stage, kind: type = UsdPhysics.Joint) -> list[Usd.Prim]:
     """Return all joints of type `kind` that connect two bodies, except fixed joints."""
     joints = []
     for prim in stage.Traverse():
@@ -71,11 +83,13 @@ def _joints(stage: Usd.Stage, kind: type = UsdPhysics.Joint) -> list[Usd.Prim]:
 
 
 def _bodies(stage: Usd.Stage) -> list[Usd.Prim]:
+    """Return all rigid bodies."""
     return [prim for prim in stage.Traverse() if prim.HasAPI(UsdPhysics.RigidBodyAPI)]
 
 
-def _frame(stage: Usd.Stage, rng: np.random.Generator) -> Made:
-    joint = str(some(_joints(stage), rng).GetPath())
+def _joint_frame_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
+    """Move or rotate the frame of a joint on one of its bodies, by 0.1 to 1 mm or degrees."""
+    joint = str(some(_connecting_joints(stage), rng).GetPath())
     side = int(rng.integers(2))
     if rng.integers(2):
         size = rng.uniform(0.1, 1.0) * MM
@@ -83,30 +97,33 @@ def _frame(stage: Usd.Stage, rng: np.random.Generator) -> Made:
         shift = size * direction / np.linalg.norm(direction)
         step = Gf.Vec3f(*shift.tolist())
         path = f"{joint}.physics:localPos{side}"
-        return f"{path} moved by {size / MM:.2f} mm", _changed(path, lambda x: x + step)
+        return f"{path} moved by {size / MM:.2f} mm", _value_edit(path, lambda x: x + step)
     angle = rng.uniform(0.1, 1.0)
     axis = Gf.Vec3d(*rng.normal(size=3).tolist())
     turn = Gf.Quatf(Gf.Rotation(axis, angle).GetQuat())
     path = f"{joint}.physics:localRot{side}"
-    return f"{path} turned by {angle:.2f} deg", _changed(path, lambda x: (x * turn).GetNormalized())
+    return f"{path} turned by {angle:.2f} deg", _value_edit(path, lambda x: (x * turn).GetNormalized())
 
 
 _DRIVE_GAINS = ("physics:stiffness", "physics:damping", "physics:maxForce")
 
 
-def _drive(stage: Usd.Stage, rng: np.random.Generator) -> Made:
+def _drive_unit_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
+    """Give one gain of a drive in another unit: per radian for per degree, or in millimetres."""
     gains = []
-    for joint in _joints(stage):
+    for joint in _connecting_joints(stage):
         for attribute in joint.GetAuthoredAttributes():
             name = attribute.GetName()
             if name.startswith("drive:") and name.endswith(_DRIVE_GAINS) and attribute.Get():
                 gains.append(str(attribute.GetPath()))
     path = some(gains, rng)
-    factors = (180 / np.pi, np.pi / 180) if ":angular:" in path else (1000.0, 1e-3)
-    return _times(path, float(some(factors, rng)))
+    factors = (1000.0, 1e-3)
+    if ":angular:" in path:
+        factors = (180 / np.pi, np.pi / 180)
+    return _multiplied(path, float(some(factors, rng)))
 
 
-def _sampled(stage: Usd.Stage) -> list[Usd.Attribute]:
+def _moving_attributes(stage: Usd.Stage) -> list[Usd.Attribute]:
     """Return the attributes of moving bodies that have time samples."""
     sampled = []
     for body in _bodies(stage):
@@ -114,26 +131,28 @@ def _sampled(stage: Usd.Stage) -> list[Usd.Attribute]:
             if not attribute.GetName().startswith("xformOp"):
                 continue
             codes = attribute.GetTimeSamples()
-            if len(codes) <= 8:
+            if len(codes) <= _FEWEST_SAMPLES:
                 continue
             # a third of the way: a motion that ends where it began differs there
-            start = _numbers(attribute.Get(codes[0]))
-            later = _numbers(attribute.Get(codes[len(codes) // 3]))
+            start = _components(attribute.Get(codes[0]))
+            later = _components(attribute.Get(codes[len(codes) // 3]))
             if not np.allclose(start, later):
                 sampled.append(attribute)
     return sampled
 
 
-def _numbers(value: Gf.Vec3d | Gf.Vec3f | Gf.Quatd | Gf.Quatf) -> list[float]:
+def _components(value: Gf.Vec3d | Gf.Vec3f | Gf.Quatd | Gf.Quatf) -> list[float]:
+    """Return the components of a vector, or of a quaternion, real part first."""
     if isinstance(value, Gf.Vec3d | Gf.Vec3f):
         return [*value]
     return [value.GetReal(), *value.GetImaginary()]
 
 
-def _samples(stage: Usd.Stage, rng: np.random.Generator) -> Made:
-    sampled = _sampled(stage)
+def _time_samples_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
+    """Delay the motion of one body; without a motion, seed a fault of an inertia."""
+    sampled = _moving_attributes(stage)
     if not sampled:
-        return _inertia(stage, rng)
+        return _inertia_fault(stage, rng)
     path = str(some(sampled, rng).GetPath())
     lag = int(rng.integers(1, 12))
 
@@ -154,18 +173,19 @@ def _strongest(stack: list[Sdf.PropertySpec], key: str) -> Sdf.PropertySpec:
     return next(spec for spec in stack if spec.HasInfo(key))
 
 
-def _inertia(stage: Usd.Stage, rng: np.random.Generator) -> Made:
+def _inertia_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
+    """Change the mass, the mass centre or the moments of a body, as mistakes of units and axes do."""
     massive = [body for body in _bodies(stage) if UsdPhysics.MassAPI(body).GetMassAttr().Get()]
     body = str(some(massive, rng).GetPath())
     what = some(("mass", "turned", "unit", "centre"), rng)
     if what == "mass":
-        return _times(f"{body}.physics:mass", float(some((10.0, 0.1, 1000.0, 1.5), rng)))
+        return _multiplied(f"{body}.physics:mass", float(some((10.0, 0.1, 1000.0, 1.5), rng)))
     if what == "centre":
         path = f"{body}.physics:centerOfMass"
-        return f"{path} moved by 54 mm", _changed(path, lambda x: x + Gf.Vec3f(0.02, 0.03, -0.04))
+        return f"{path} moved by 54 mm", _value_edit(path, lambda x: x + Gf.Vec3f(0.02, 0.03, -0.04))
     path = f"{body}.physics:diagonalInertia"
     if what == "unit":
-        return f"{path} in kg mm2", _changed(path, lambda x: 1e6 * x)
+        return f"{path} in kg mm2", _value_edit(path, lambda x: 1e6 * x)
 
     def exchanged(moments: Gf.Vec3f) -> Gf.Vec3f:
         smallest, _, largest = sorted(range(3), key=lambda i: moments[i])
@@ -174,16 +194,17 @@ def _inertia(stage: Usd.Stage, rng: np.random.Generator) -> Made:
         changed[largest] = moments[smallest]
         return changed
 
-    return f"{path} with its largest and smallest value exchanged", _changed(path, exchanged)
+    return f"{path} with its largest and smallest value exchanged", _value_edit(path, exchanged)
 
 
-def _units(stage: Usd.Stage, rng: np.random.Generator) -> Made:
+def _stage_units_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
+    """State another unit of length or mass, or another axis that points up."""
     choices = (("metersPerUnit", 0.01), ("metersPerUnit", 0.001), ("upAxis", "Y"), ("kilogramsPerUnit", 0.001))
     name, value = some(choices, rng)
-    return f"{name} = {value}", _stated(name, value)
+    return f"{name} = {value}", _metadata_edit(name, value)
 
 
-def _stated(name: str, value: object) -> Edit:
+def _metadata_edit(name: str, value: object) -> Edit:
     """Return the edit that sets a metadata value in all layers, as a faulty converter would."""
 
     def spoil(s: Usd.Stage) -> None:
@@ -196,13 +217,14 @@ def _stated(name: str, value: object) -> Edit:
     return spoil
 
 
-def _loop(stage: Usd.Stage, rng: np.random.Generator) -> Made:
-    joints = _joints(stage)
+def _loop_joint_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
+    """Drop a joint that closes a loop, or make it a part of the articulation."""
+    joints = _connecting_joints(stage)
     closing = [joint for joint in joints if UsdPhysics.Joint(joint).GetExcludeFromArticulationAttr().Get()]
     path = str(some(closing or joints, rng).GetPath())
     if closing and rng.integers(3) == 0:
         name = f"{path}.physics:excludeFromArticulation"
-        return f"{name} false", lambda s: _set(s, name, False)
+        return f"{name} false", lambda s: _set_value(s, name, False)
 
     def drop(s: Usd.Stage) -> None:
         for layer in s.GetUsedLayers():
@@ -213,25 +235,29 @@ def _loop(stage: Usd.Stage, rng: np.random.Generator) -> Made:
     return f"joint {path} missing", drop
 
 
-def _limits(stage: Usd.Stage, rng: np.random.Generator) -> Made:
+def _limit_unit_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
+    """Give a limit in another unit; without a limit that a factor changes, move a joint frame."""
     candidates = []
-    for joint in _joints(stage):
+    for joint in _connecting_joints(stage):
         for name in ("physics:lowerLimit", "physics:upperLimit"):
             limit = joint.GetAttribute(name)
             if not limit or not limit.HasAuthoredValue():
                 continue
             value = limit.Get()
-            if abs(value) > 1e-9 and np.isfinite(value):  # a factor changes neither 0 nor infinity
+            if abs(value) > _ZERO and np.isfinite(value):  # a factor changes neither 0 nor infinity
                 candidates.append((joint, name))
     if not candidates:
-        return _frame(stage, rng)
+        return _joint_frame_fault(stage, rng)
     joint, name = some(candidates, rng)
-    factors = (DEG, 1 / DEG) if joint.IsA(UsdPhysics.RevoluteJoint) else (1000.0, 0.001)
-    return _times(f"{joint.GetPath()}.{name}", float(some(factors, rng)))
+    factors = (1000.0, 0.001)
+    if joint.IsA(UsdPhysics.RevoluteJoint):
+        factors = (DEG, 1 / DEG)
+    return _multiplied(f"{joint.GetPath()}.{name}", float(some(factors, rng)))
 
 
-def _body(stage: Usd.Stage, rng: np.random.Generator) -> Made:
-    prim = some(_joints(stage), rng)
+def _wrong_body_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
+    """Connect a joint to a body to which it does not belong."""
+    prim = some(_connecting_joints(stage), rng)
     path = str(prim.GetPath())
     joint = UsdPhysics.Joint(prim)
     now = joint.GetBody1Rel().GetTargets()[0]
@@ -247,46 +273,51 @@ def _body(stage: Usd.Stage, rng: np.random.Generator) -> Made:
     return f"{path} points to {other} instead of {now.name}", change
 
 
-def _quaternion(stage: Usd.Stage, rng: np.random.Generator) -> Made:
+def _quaternion_order_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
+    """Read the rotation of a joint frame with the real part last."""
     paths = []
-    for joint in _joints(stage):
+    for joint in _connecting_joints(stage):
         for side in (0, 1):
             rotation = joint.GetAttribute(f"physics:localRot{side}")
-            magnitudes = {round(abs(x), 4) for x in _numbers(rotation.Get())}
+            magnitudes = {round(abs(x), 4) for x in _components(rotation.Get())}
             # With fewer different magnitudes, another order can give the same rotation.
             if len(magnitudes) > 2:
                 paths.append(str(rotation.GetPath()))
     if not paths:
-        return _frame(stage, rng)
+        return _joint_frame_fault(stage, rng)
     path = some(paths, rng)
 
     def reordered(quat: Gf.Quatf) -> Gf.Quatf:
-        w, x, y, z = _numbers(quat)
+        w, x, y, z = _components(quat)
         return Gf.Quatf(x, Gf.Vec3f(y, z, w))
 
-    return f"{path} read as x y z w", _changed(path, reordered)
+    return f"{path} read as x y z w", _value_edit(path, reordered)
 
 
-def _mesh(stage: Usd.Stage, rng: np.random.Generator) -> Made:
+def _mesh_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
+    """Give a mesh in millimetres, or turn it inside out."""
     meshes = [prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)]
     path = str(some(meshes, rng).GetPath())
     if rng.integers(2):
         name = f"{path}.points"
-        return f"{name} in mm", _changed(name, _in_millimetres)
-    return f"{path} turned inside out", _changed(f"{path}.faceVertexIndices", _reversed)
+        return f"{name} in mm", _value_edit(name, _in_millimetres)
+    return f"{path} turned inside out", _value_edit(f"{path}.faceVertexIndices", _reversed)
 
 
 def _in_millimetres(points: Vt.Vec3fArray) -> Vt.Vec3fArray:
+    """Return points in m as if they were in mm."""
     return type(points)([1000 * point for point in points])
 
 
 def _reversed(indices: Vt.IntArray) -> Vt.IntArray:
+    """Return the vertices of all faces in reverse order, so that the faces point inwards."""
     return type(indices)([*indices][::-1])
 
 
-def _rest(stage: Usd.Stage, rng: np.random.Generator) -> Made:
+def _rest_pose_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
+    """Move a body in the rest pose of the stage, by 0.2 to 2 mm."""
     moved = set()
-    for joint in _joints(stage):
+    for joint in _connecting_joints(stage):
         moved |= set(UsdPhysics.Joint(joint).GetBody1Rel().GetTargets())
     shifts = []
     for body in _bodies(stage):
@@ -307,35 +338,37 @@ def _rest(stage: Usd.Stage, rng: np.random.Generator) -> Made:
     return f"{path} at rest moved by {size / MM:.2f} mm", move
 
 
-def _codes(stage: Usd.Stage, rng: np.random.Generator) -> Made:
+def _time_codes_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
+    """State another rate, or another end, of the time codes."""
     end = stage.GetEndTimeCode()
     choices = (("timeCodesPerSecond", 24.0), ("endTimeCode", round(0.7 * end)), ("timeCodesPerSecond", 30.0))
     name, value = some(choices, rng)
-    return f"{name} = {value:g}", _stated(name, value)
+    return f"{name} = {value:g}", _metadata_edit(name, value)
 
 
-def _axis(stage: Usd.Stage, rng: np.random.Generator) -> Made:
+def _axis_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
+    """Let a joint turn about, or slide along, another axis of its frame."""
     single = []
-    for joint in _joints(stage):
+    for joint in _connecting_joints(stage):
         if joint.IsA(UsdPhysics.RevoluteJoint) or joint.IsA(UsdPhysics.PrismaticJoint):
             single.append(joint)
     path = f"{some(single, rng).GetPath()}.physics:axis"
     value = some(("X", "Y"), rng)
-    return f"{path} = {value}", lambda s: _set(s, path, value)
+    return f"{path} = {value}", lambda s: _set_value(s, path, value)
 
 
-_MAKERS: dict[str, Callable[[Usd.Stage, np.random.Generator], Made]] = {
-    "joint frame": _frame,
-    "drive unit": _drive,
-    "time samples": _samples,
-    "inertia": _inertia,
-    "units": _units,
-    "loop joint": _loop,
-    "limits": _limits,
-    "body": _body,
-    "quaternion": _quaternion,
-    "mesh": _mesh,
-    "rest pose": _rest,
-    "time codes": _codes,
-    "axis": _axis,
+_MAKERS: dict[str, Callable[[Usd.Stage, np.random.Generator], NamedEdit]] = {
+    "joint frame": _joint_frame_fault,
+    "drive unit": _drive_unit_fault,
+    "time samples": _time_samples_fault,
+    "inertia": _inertia_fault,
+    "units": _stage_units_fault,
+    "loop joint": _loop_joint_fault,
+    "limits": _limit_unit_fault,
+    "body": _wrong_body_fault,
+    "quaternion": _quaternion_order_fault,
+    "mesh": _mesh_fault,
+    "rest pose": _rest_pose_fault,
+    "time codes": _time_codes_fault,
+    "axis": _axis_fault,
 }
