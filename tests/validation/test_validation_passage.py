@@ -248,7 +248,7 @@ def test_a_wrong_sign_of_an_angle_is_recognised(sils, printed):
     right = span.rcm + 40 * MM * (R @ trajectory.shaft_axis)
     wrong = replace(w, position=right, angles=w.angles * [1, -1, 1])
     other = replace(protocol, waypoints={**protocol.waypoints, "t": wrong})
-    assert "signs +, -, +: the shaft passes through the RCM" in rcm_fixes._readings(other, trajectory, span)
+    assert "signs +, -, +: the shaft passes through the RCM" in rcm_fixes._other_readings(other, trajectory, span)
 
 
 @pytest.mark.parametrize("seed", range(4))

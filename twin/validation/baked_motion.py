@@ -34,11 +34,14 @@ KEY_RATE = 60.0
 CLEARANCE_RATE = 5.0
 """Rate in Hz at which clearances are measured."""
 
-MIDDLE = 4
+MIDDLE_EVERY = 4
 """Of the intervals between keys, every n-th is checked in its middle; this constant is n."""
 
-TIME = 1e-6
+TIME_TOLERANCE = 1e-6
 """Tolerance in s of time codes."""
+
+_OWN_TIME_TOLERANCE = 1e-9
+"""Tolerance in s of the time codes that were written just before, without another program between."""
 
 _DIFFERS = Kind("baked.differs", "disagreement", word="tolerance")
 _CONTACT = Kind("clearance.contact", "disagreement", "change the parts, or the protocol", word="")
@@ -126,7 +129,7 @@ def samples(trajectory: Trajectory, motion: LinkMotion | None = None) -> MotionS
     motion of the reference model is baked.
     """
     keys = key_times(trajectory.duration, KEY_RATE)
-    middle = (0.5 * (keys[1:] + keys[:-1]))[::MIDDLE]
+    middle = (0.5 * (keys[1:] + keys[:-1]))[::MIDDLE_EVERY]
     sparse = np.linspace(0.0, trajectory.duration, max(2, int(trajectory.duration * CLEARANCE_RATE) + 1))
     planned = MotionSamples(
         name=trajectory.protocol,
@@ -174,11 +177,11 @@ def measure(mechanism: Mechanism, samples: MotionSamples, written: Path | None =
     rotation = np.zeros(len(samples.keys))
     between = np.zeros(len(samples.middle))
     if len(times) == len(samples.keys):
-        position, rotation = _errors(links, back, len(times))
+        position, rotation = _largest_errors(links, back, len(times))
         in_middle = samples.reference_links(model, samples.Ts_middle, samples.q_middle)
         for name, Ts in in_middle.items():
             p = back[name][:, :3, 3]
-            interpolated = 0.5 * (p[1:] + p[:-1])[::MIDDLE]
+            interpolated = 0.5 * (p[1:] + p[:-1])[::MIDDLE_EVERY]
             between = np.maximum(between, np.linalg.norm(interpolated - Ts[:, :3, 3], axis=1))
     distances = None
     if any(body.meshes for body in mechanism.bodies):
@@ -202,16 +205,13 @@ def written_motion(root: Path | None, keys: Array, links: Mapping[str, Array]) -
         times, back = read_motion(root)
     except StageError as error:
         return Written(f"{root.name}: {error}", np.zeros(0), np.zeros(0), np.zeros(0))
-    missing = []
-    for name in links:
-        if name not in back:
-            missing.append(name)
-    if len(times) != len(keys) or np.abs(times - keys).max() > TIME:
+    missing = [name for name in links if name not in back]
+    if len(times) != len(keys) or np.abs(times - keys).max() > TIME_TOLERANCE:
         return Written(root.name, times, position=np.zeros(0), rotation=np.zeros(0), missing=tuple(missing))
-    return Written(root.name, times, *_errors(links, back, len(keys)), tuple(missing))
+    return Written(root.name, times, *_largest_errors(links, back, len(keys)), tuple(missing))
 
 
-def _errors(links: Mapping[str, Array], back: Mapping[str, Array], count: int) -> tuple[Array, Array]:
+def _largest_errors(links: Mapping[str, Array], back: Mapping[str, Array], count: int) -> tuple[Array, Array]:
     """Return the largest errors (count,) in m and rad of the poses `back` of any link; missing links are skipped."""
     position = np.zeros(count)
     rotation = np.zeros(count)
@@ -276,7 +276,7 @@ def baked_rows(
     """Return rows and findings on the baked motion (D), compared with the mechanism (B)."""
     keys = SampleClock(samples.keys, phases)
     middle = SampleClock(samples.middle, phases)
-    if len(measured.times) != len(samples.keys) or np.abs(measured.times - samples.keys).max() > 1e-9:
+    if len(measured.times) != len(samples.keys) or np.abs(measured.times - samples.keys).max() > _OWN_TIME_TOLERANCE:
         return [], [disagreement("baked.times", "", "the baked time codes differ from the requested time codes")]
     name = "links at their time codes"
     rows = [
@@ -327,16 +327,16 @@ def clearance_facts(
 ) -> tuple[dict[str, str], list[Finding]]:
     """Return the minimum clearance as text, and a finding for each contact."""
     clock = SampleClock(times, phases)
-    k = int(np.argmin(found.distance))
-    a, b = found.pair[k]
+    nearest = int(np.argmin(found.distance))
+    a, b = found.pair[nearest]
     facts = {
-        "minimum clearance": f"{found.distance[k] / MM:.2f} mm between {a} and {b}, {clock.when(k)}",
+        "minimum clearance": f"{found.distance[nearest] / MM:.2f} mm between {a} and {b}, {clock.when(nearest)}",
         "method": f"triangle meshes of the CAD (chord tolerance 0.1 mm), {CLEARANCE_RATE:g} Hz; pairs of "
         "bodies without a common joint, and parts of jointed bodies that do not form the joint",
     }
     contacts = list(found.contacts)
-    if found.distance[k] <= 0:
-        contacts.insert(0, (k, a, b))
+    if found.distance[nearest] <= 0:
+        contacts.insert(0, (nearest, a, b))
     findings = []
     for sample, first, second in contacts:
         text = f"{first} and {second} collide"

@@ -36,10 +36,10 @@ _SAME = 0.999
 """Findings count as equally large if their size is at least this fraction of the largest size; the first is `head`."""
 
 
-_LEVER = 30.0
+_NOISE_MAGNIFICATION = 30.0
 """Largest ratio of an error of the equations and a gap of the CAD at which the error can follow from noise."""
 
-_LINK = 0.1
+_LINK_LENGTH = 0.1
 """Length in m by which gaps are divided to compare them with angles."""
 
 
@@ -184,22 +184,22 @@ def _after_cad(found: list[Cause]) -> tuple[Cause, ...]:
     perhaps: list[Finding] = []
     others: list[Cause] = []
     for cause in found[1:]:
-        if cause.side == "equations" and not _beyond(cause.head, first.head):
+        if cause.side == "equations" and not _is_beyond_noise(cause.head, first.head):
             perhaps += cause.findings
         else:
             others.append(cause)
     return (replace(first, perhaps=tuple(perhaps)), *others)
 
 
-def _beyond(f: Finding, cad: Finding) -> bool:
+def _is_beyond_noise(f: Finding, cad: Finding) -> bool:
     """Return whether the finding `f` is too large to follow from noise of the CAD, the finding `cad`."""
     if cad.code != "cad.noise" or f.size is None or cad.size is None:
         return False
-    gap = _LEVER * cad.size * MM
+    gap = _NOISE_MAGNIFICATION * cad.size * MM
     if f.unit == "mm":
         return f.size * MM > gap
     if f.unit == "deg":
-        return f.size * DEG > gap / _LINK
+        return f.size * DEG > gap / _LINK_LENGTH
     return False  # rates and shares are compared with no gap
 
 

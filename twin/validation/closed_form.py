@@ -86,7 +86,7 @@ def judge(form: ClosedForm, dynamics: Dynamics, count: int = 200, seed: int = 0)
         if name not in names:
             raise KinematicsError(f"equations of motion: {unknown('driven joint', name, names)}")
     published = [names.index(name) for name in form.joints]
-    angle = [active[i].is_angle for i in published]
+    is_angle = [active[i].is_angle for i in published]
     limits = np.array([active[i].limits for i in published])
     evaluate = form.compiled()
     rng = np.random.default_rng(seed)
@@ -95,7 +95,7 @@ def judge(form: ClosedForm, dynamics: Dynamics, count: int = 200, seed: int = 0)
         q = np.zeros(len(names))
         qd = np.zeros(len(names))
         q[published] = rng.uniform(limits[:, 0], limits[:, 1])
-        qd[published] = rng.uniform(-1, 1, len(published)) * np.where(angle, *_RATES)
+        qd[published] = rng.uniform(-1, 1, len(published)) * np.where(is_angle, *_RATES)
         terms = evaluate(q[published], qd[published])
         # the published equations have no rotors
         M = (dynamics.mass_matrix(q) - dynamics.rotor)[np.ix_(published, published)]
@@ -103,11 +103,11 @@ def judge(form: ClosedForm, dynamics: Dynamics, count: int = 200, seed: int = 0)
         g = dynamics.gravity(q)[published]
         states.append(_State(qd[published], A=terms, M=M, c=c, g=g))
     out = JudgedForm()
-    _consistent(states, out)
-    _compare(form, angle, states, out)
+    _check_consistency(states, out)
+    _compare_terms(form, is_angle, states, out)
     wrong = [row for row in out.rows if not row.agrees]
     if wrong:
-        out.cause = _cause(form, states)
+        out.cause = _explaining_edit(form, states)
         if not out.cause and len(wrong) == 1:
             out.cause = f"the term {wrong[0].term}"
     for row in wrong:
@@ -120,6 +120,14 @@ def judge(form: ClosedForm, dynamics: Dynamics, count: int = 200, seed: int = 0)
 
 @dataclass(frozen=True)
 class _State:
+    """One random state: rates (n,) of the published joints, the published terms `A`, and those of the mechanism.
+
+    Attributes:
+        qd: rates in rad/s and m/s.
+        A: published terms.
+        M, c, g: mass matrix (n, n), Coriolis efforts (n,) and gravity efforts (n,) of the mechanism.
+    """
+
     qd: Array
     A: Terms
     M: Array
@@ -127,7 +135,7 @@ class _State:
     g: Array
 
 
-def _consistent(states: list[_State], out: JudgedForm) -> None:
+def _check_consistency(states: list[_State], out: JudgedForm) -> None:
     """Check the published equations alone: smallest eigenvalue of the mass matrix, and power balance."""
     for s in states:
         out.least = min(out.least, float(np.linalg.eigvalsh(s.A.M)[0]))
@@ -149,7 +157,8 @@ def _consistent(states: list[_State], out: JudgedForm) -> None:
         )
 
 
-def _compare(form: ClosedForm, angle: list[bool], states: list[_State], out: JudgedForm) -> None:
+def _compare_terms(form: ClosedForm, is_angle: list[bool], states: list[_State], out: JudgedForm) -> None:
+    """Add a row for each element of the mass matrix, and for the Coriolis and the gravity effort of each joint."""
     differences = _Differences.of(states)
     M = np.abs(differences.M)
     inertia_units = {2: "kg m2", 1: "kg m", 0: "kg"}  # by the number of angles among two joints
@@ -159,11 +168,11 @@ def _compare(form: ClosedForm, angle: list[bool], states: list[_State], out: Jud
             if i != j:
                 name = f"inertia {other}-{joint}"
             worst = max(M[:, i, j].max(), M[:, j, i].max())
-            unit = inertia_units[angle[i] + angle[j]]
+            unit = inertia_units[is_angle[i] + is_angle[j]]
             out.rows.append(TermRow(name, worst, unit, form.tolerance))
     for term, efforts in (("Coriolis", differences.c), ("gravity", differences.g)):
         for i, joint in enumerate(form.joints):
-            unit = "N m" if angle[i] else "N"
+            unit = "N m" if is_angle[i] else "N"
             worst = np.abs(efforts[:, i]).max()
             out.rows.append(TermRow(f"{term} {joint}", worst, unit, form.tolerance))
 
@@ -200,25 +209,27 @@ class _Differences:
         return cls(np.array(M), np.array(c), np.array(g), np.array(coriolis), np.array(gravity))
 
 
-def _cause(form: ClosedForm, states: list[_State]) -> str:
+def _explaining_edit(form: ClosedForm, states: list[_State]) -> str:
     """Return the single edit that explains all differences, as text; "" if none does."""
     differences = _Differences.of(states)
     wrong_M = np.abs(differences.M).max() > form.tolerance
     wrong_c = np.abs(differences.c).max() > form.tolerance
     wrong_g = np.abs(differences.g).max() > form.tolerance
     if wrong_c and not wrong_M and not wrong_g:
-        return _sign(form, "the Coriolis effort", differences.c, differences.coriolis) or "C is inconsistent with M"
+        return (
+            _wrong_sign(form, "the Coriolis effort", differences.c, differences.coriolis) or "C is inconsistent with M"
+        )
     if wrong_g and not wrong_M and not wrong_c:
-        sign = _sign(form, "gravity", differences.g, differences.gravity)
+        sign = _wrong_sign(form, "gravity", differences.g, differences.gravity)
         if sign:
             return sign
     edits: list[str] = []
-    for name, required, published, unit in _parameters(form, states, differences.M, differences.g):
+    for name, required, published, unit in _wrong_parameters(form, states, differences.M, differences.g):
         edits.append(f"{name} = {required:.6g} {unit} instead of {published:.6g}")
     return " or ".join(edits)
 
 
-def _sign(form: ClosedForm, term: str, difference: Array, value: Array) -> str:
+def _wrong_sign(form: ClosedForm, term: str, difference: Array, value: Array) -> str:
     """Return the wrong sign of a term, of one joint or of all joints, that explains the differences; "" if none does.
 
     `difference` and `value` (k, n) are the difference from the mechanism and the published value at k states.
@@ -226,14 +237,14 @@ def _sign(form: ClosedForm, term: str, difference: Array, value: Array) -> str:
     joints = np.flatnonzero(np.abs(difference).max(axis=0) > form.tolerance)
     if len(joints) == 1:
         i = joints[0]
-        if _left(difference[:, i], -2 * value[:, i]) < _EXPLAINED:
+        if _remaining_difference(difference[:, i], -2 * value[:, i]) < _EXPLAINED:
             return f"the sign of {term} of {form.joints[i]}"
-    if _left(difference, -2 * value) < _EXPLAINED:
+    if _remaining_difference(difference, -2 * value) < _EXPLAINED:
         return f"the sign of {term}"
     return ""
 
 
-def _left(difference: Array, edit: Array) -> float:
+def _remaining_difference(difference: Array, edit: Array) -> float:
     """Return the norm of the difference after an edit, divided by the norm before the edit."""
     size = float(np.linalg.norm(difference))
     if not size:
@@ -241,7 +252,9 @@ def _left(difference: Array, edit: Array) -> float:
     return float(np.linalg.norm(difference - edit)) / size
 
 
-def _parameters(form: ClosedForm, states: list[_State], M: Array, g: Array) -> Iterator[tuple[str, float, float, str]]:
+def _wrong_parameters(
+    form: ClosedForm, states: list[_State], M: Array, g: Array
+) -> Iterator[tuple[str, float, float, str]]:
     """Yield (name, required value, published value, unit) of each parameter that alone explains all differences.
 
     With the required value instead of the published one, closed form and mechanism agree.
@@ -262,5 +275,5 @@ def _parameters(form: ClosedForm, states: list[_State], M: Array, g: Array) -> I
         if not np.any(column):
             continue
         step = float(column @ difference / (column @ column))  # least squares
-        if _left(difference, step * column) < _EXPLAINED:
+        if _remaining_difference(difference, step * column) < _EXPLAINED:
             yield parameter.name, parameter.value + step, parameter.value, parameter.unit

@@ -70,21 +70,24 @@ class Key(Table):
     @property
     def columns(self) -> list[str]:
         """Names of the table columns with the answers, in the order of the items."""
-        return [f"{self.name}_{k}" for k in range(1, len(self.item) + 1)]
+        numbers = range(1, len(self.item) + 1)
+        return [f"{self.name}_{number}" for number in numbers]
 
     @property
     def weight_columns(self) -> list[str]:
         """Names of the table columns with the weights, in the order of the items; none if the key has no weights."""
         if self.weighted is None:
             return []
-        return [f"{self.name}_w{k}" for k in range(1, len(self.item) + 1)]
+        numbers = range(1, len(self.item) + 1)
+        return [f"{self.name}_w{number}" for number in numbers]
 
     @model_validator(mode="after")
-    def _known_scales(self) -> Key:
-        for k, item in enumerate(self.item):
+    def _are_scales_known(self) -> Key:
+        """Check that each item belongs to scales of the questionnaire."""
+        for i, item in enumerate(self.item):
             unknown = set(item.scales) - set(self.scale)
             if unknown:
-                raise at(("item", k, "scales"), f"there is no scale '{min(unknown)}'; use {', '.join(self.scale)}")
+                raise at(("item", i, "scales"), f"there is no scale '{min(unknown)}'; use {', '.join(self.scale)}")
         return self
 
     def check(self, answers: Sequence[float | None], weights: Sequence[float] | None) -> None:
@@ -113,11 +116,15 @@ class Key(Table):
         """Return whether a number is an allowed answer."""
         if not math.isfinite(value):
             return False
-        return value == int(value) and self.low <= value <= self.high and (value - self.low) % self.step == 0
+        is_integer = value == int(value)
+        is_in_range = self.low <= value <= self.high
+        return is_integer and is_in_range and (value - self.low) % self.step == 0
 
     def numbers(self) -> str:
         """Return the allowed kind of numbers in words."""
-        return "an integer" if self.step == 1 else f"a multiple of {self.step}"
+        if self.step == 1:
+            return "an integer"
+        return f"a multiple of {self.step}"
 
     def scores(self, answers: Sequence[float]) -> dict[str, float]:
         """Return the scales and, if defined, the total of one user; a score is NaN if an answer is missing (NaN).
@@ -185,9 +192,9 @@ def scored(
     Raises:
         DescriptionError: a column of a questionnaire is missing, or an answer is not one of the allowed numbers.
     """
-    out: dict[str, list[float]] = {}
+    table: dict[str, list[float]] = {}
     for name, values in columns.items():
-        out[name] = list(values)
+        table[name] = list(values)
     findings: list[Finding] = []
     for key in _asked():
         answered = []
@@ -198,21 +205,33 @@ def scored(
             continue
         _check_columns(path, key, columns, answered)
         _check_answers(path, key, columns, lines)
-        has_weights = any(name in columns for name in key.weight_columns)
-        for name in key.columns + (key.weight_columns if has_weights else []):
-            del out[name]
-        scores: dict[str, list[float]] = {}
-        for k in range(len(lines)):
-            answers = [columns[name][k] for name in key.columns]
-            for score, value in key.scores(answers).items():
-                scores.setdefault(score, []).append(value)
-            if has_weights and key.weighted is not None:
-                weights = [columns[name][k] for name in key.weight_columns]
-                weighted = key.weighted_score(answers, weights)
-                scores.setdefault(f"{key.name}_{key.weighted.name}", []).append(weighted)
-        out |= scores
+        replaced = list(key.columns)
+        if _has_weights(key, columns):
+            replaced += key.weight_columns
+        for name in replaced:
+            del table[name]
+        table |= _scores_of_users(key, columns, len(lines))
         findings.append(info("study.scored", key.name, f"{key.title}, scored by the key of: {key.source}"))
-    return out, findings
+    return table, findings
+
+
+def _has_weights(key: Key, columns: Mapping[str, Sequence[float]]) -> bool:
+    """Return whether a table has weights for a questionnaire."""
+    return any(name in columns for name in key.weight_columns)
+
+
+def _scores_of_users(key: Key, columns: Mapping[str, Sequence[float]], users: int) -> dict[str, list[float]]:
+    """Return {score: its value for each user} of one questionnaire, from a table with `users` rows."""
+    scores: dict[str, list[float]] = {}
+    for user in range(users):
+        answers = [columns[name][user] for name in key.columns]
+        for score, value in key.scores(answers).items():
+            scores.setdefault(score, []).append(value)
+        if key.weighted is not None and _has_weights(key, columns):
+            weights = [columns[name][user] for name in key.weight_columns]
+            weighted = key.weighted_score(answers, weights)
+            scores.setdefault(f"{key.name}_{key.weighted.name}", []).append(weighted)
+    return scores
 
 
 def _check_columns(path: Path, key: Key, columns: Mapping[str, Sequence[float]], answered: Sequence[str]) -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from pathlib import Path
 
@@ -25,6 +25,9 @@ from twin.core.quantity import Quantity
 from twin.core.result import Part, Result, TextTable
 from twin.core.spatial import Array
 from twin.validation.questionnaires import scored
+
+_SIGNIFICANCE = 0.05
+"""Usual level of significance."""
 
 # columns that are not measures
 _GROUP = "group"
@@ -320,7 +323,10 @@ def _test(measure: str, groups: tuple[str, str], x: Array, y: Array) -> RankTest
 
     distinct = len(np.unique(np.concatenate([x, y])))
     exact = distinct == len(x) + len(y)
-    test = stats.mannwhitneyu(x, y, method="exact" if exact else "asymptotic")
+    method = "asymptotic"
+    if exact:
+        method = "exact"
+    test = stats.mannwhitneyu(x, y, method=method)
     p = float(test.pvalue)
     if math.isnan(p):  # all values are equal
         p = 1.0
@@ -344,6 +350,7 @@ def _test(measure: str, groups: tuple[str, str], x: Array, y: Array) -> RankTest
 
 
 def _repeated(users: Users) -> Iterator[Finding]:
+    """Yield a note if sessions of the same users are compared, which the test treats as independent."""
     if users.repeated:
         yield info(
             "study.repeated",
@@ -366,39 +373,89 @@ def _holm(tests: Sequence[RankTest]) -> list[RankTest]:
 
 
 def _small(tests: Sequence[RankTest], counted: str) -> Iterator[Finding]:
+    """Yield a warning for each pair of groups that are too small for a significant result."""
     counts: dict[tuple[str, str], tuple[int, int]] = {}
     for test in tests:
         counts.setdefault(test.groups, test.counts)
     for (first, second), (n, m) in counts.items():
         smallest = 2 / math.comb(n + m, n)  # two-sided p if every value of one group is above the other group
-        if smallest > 0.05:
+        if smallest > _SIGNIFICANCE:
             yield warning(
                 "study.small",
                 f"{first} - {second}",
                 f"{first} and {second} have {n} and {m} {counted}: with so few {counted}, p cannot be below "
                 f"{smallest:.3f}",
                 size=Quantity(smallest, "1"),
-                limit=0.05,
+                limit=_SIGNIFICANCE,
                 suggestion=f"add {counted}: with 4 {counted} in each group, p can be as low as 0.029",
                 word="",
             )
 
 
+@dataclass
+class _ReadTable:
+    """The rows of a table of users, and the line of each row in the file.
+
+    Attributes:
+        groups, names, lines: group, user ("" without a column) and line of each row (k).
+        columns: numbers (k) by column, without group and user; NaN: an empty cell.
+    """
+
+    columns: dict[str, list[float]]
+    groups: list[str] = field(default_factory=list)
+    names: list[str] = field(default_factory=list)
+    lines: list[int] = field(default_factory=list)
+
+
 def _read(path: Path) -> Users:
+    """Return the table of a file; trials become means of users, and answers to questionnaires become scores.
+
+    Raises:
+        DescriptionError: as `compare`.
+    """
     rows = _rows(path)
-    head = [cell.strip() for cell in rows[0]] if rows else []
+    head = _head(path, rows)
+    table = _read_table(path, head, rows)
+    sessions = table.columns.pop(_SESSION, None)
+    trials = table.columns.pop(_TRIAL, None)
+    if trials is None:
+        measures, findings = scored(path, table.columns, table.lines)
+        is_repeated = sessions is not None
+        return Users(
+            path.name, table.groups, sessions=sessions, repeated=is_repeated, measures=measures, findings=findings
+        )
+    if sessions is not None:
+        raise DescriptionError(f"{path}:1: the header has '{_SESSION}' and '{_TRIAL}'; keep one of these columns")
+    if _USER not in head:
+        raise DescriptionError(f"{path}:1: trials need a column '{_USER}': a user's value is the mean of their trials")
+    return _users_of_trials(path, table, trials)
+
+
+def _head(path: Path, rows: list[list[str]]) -> list[str]:
+    """Return the names of the columns.
+
+    Raises:
+        DescriptionError: the column `group` is missing, or a name is there twice.
+    """
+    head: list[str] = []
+    if rows:
+        head = [cell.strip() for cell in rows[0]]
     if _GROUP not in head:
         raise DescriptionError(f"{path}:1: the header needs a column '{_GROUP}', as in: {_GROUP},time_s,errors")
     for name in head:
         if name and head.count(name) > 1:
             raise DescriptionError(f"{path}:1: the header has '{name}' twice")
-    columns: dict[str, list[float]] = {}
-    for name in head:
-        if name not in (_GROUP, _USER, ""):
-            columns[name] = []
-    groups: list[str] = []
-    names: list[str] = []
-    lines: list[int] = []
+    return head
+
+
+def _read_table(path: Path, head: list[str], rows: list[list[str]]) -> _ReadTable:
+    """Return the rows below the header; empty rows are skipped.
+
+    Raises:
+        DescriptionError: a row has too many or too few cells, no group, or a cell that is not a number.
+    """
+    measured = [name for name in head if name not in (_GROUP, _USER, "")]
+    table = _ReadTable({name: [] for name in measured})
     for line, row in enumerate(rows[1:], 2):
         cells = [cell.strip() for cell in row]
         if not any(cells):
@@ -409,40 +466,30 @@ def _read(path: Path) -> Users:
         group = cell_of[_GROUP]
         if not group:
             raise DescriptionError(f"{path}:{line}: {_GROUP} is empty; give the name of the user's group")
-        groups.append(group)
-        names.append(cell_of.get(_USER, ""))
-        lines.append(line)
-        for name, values in columns.items():
+        table.groups.append(group)
+        table.names.append(cell_of.get(_USER, ""))
+        table.lines.append(line)
+        for name, values in table.columns.items():
             values.append(_number(cell_of[name], f"{path}:{line}: {name}", name != _SESSION))
-    sessions = columns.pop(_SESSION, None)
-    numbers = columns.pop(_TRIAL, None)
-    if numbers is None:
-        measures, findings = scored(path, columns, lines)
-        return Users(
-            path.name, groups, sessions=sessions, repeated=sessions is not None, measures=measures, findings=findings
-        )
-    if sessions is not None:
-        raise DescriptionError(f"{path}:1: the header has '{_SESSION}' and '{_TRIAL}'; keep one of these columns")
-    if _USER not in head:
-        raise DescriptionError(f"{path}:1: trials need a column '{_USER}': a user's value is the mean of their trials")
+    return table
+
+
+def _users_of_trials(path: Path, table: _ReadTable, trials: Sequence[float]) -> Users:
+    """Return a table whose rows are trials, with their numbers `trials` (k), as a table of users."""
     # a row without a number has answers before a trial that was not made
-    numbered = np.flatnonzero(np.isfinite(numbers))
-    owners = [(groups[k], names[k]) for k in numbered]
-    columns = {name: [values[k] for k in numbered] for name, values in columns.items()}
-    measures, findings = scored(path, columns, [lines[k] for k in numbered])
+    numbered = np.flatnonzero(np.isfinite(trials))
+    owners = [(table.groups[k], table.names[k]) for k in numbered]
+    columns: dict[str, list[float]] = {}
+    for name, values in table.columns.items():
+        columns[name] = [values[k] for k in numbered]
+    measures, findings = scored(path, columns, [table.lines[k] for k in numbered])
     groups, measures = _means(owners, measures)
     text = f"a value of a user is the mean of the user's trials: {len(numbered)} trials of {len(groups)} users"
-    left_out = len(numbers) - len(numbered)
+    left_out = len(trials) - len(numbered)
     if left_out:
         text += f"; rows without a number in the column '{_TRIAL}', which do not count: {left_out}"
-    return Users(
-        path.name,
-        groups,
-        sessions=None,
-        repeated=False,
-        measures=measures,
-        findings=[*findings, info("study.trials", _TRIAL, text)],
-    )
+    note = info("study.trials", _TRIAL, text)
+    return Users(path.name, groups, sessions=None, repeated=False, measures=measures, findings=[*findings, note])
 
 
 def _means(
@@ -457,15 +504,23 @@ def _means(
     for name, values in measures.items():
         means[name] = []
         for user in users:
-            group_of_user = []
+            values_of_user = []
             for value, owner in zip(values, owners, strict=True):
                 if owner == user and math.isfinite(value):
-                    group_of_user.append(value)
-            means[name].append(float(np.mean(group_of_user)) if group_of_user else math.nan)
+                    values_of_user.append(value)
+            mean = math.nan
+            if values_of_user:
+                mean = float(np.mean(values_of_user))
+            means[name].append(mean)
     return [group for group, _ in users], means
 
 
 def _rows(path: Path) -> list[list[str]]:
+    """Return the cells of all lines of a CSV file, the header first.
+
+    Raises:
+        DescriptionError: the file cannot be read, or is not UTF-8.
+    """
     try:
         text = read_text(path, "CSV", "utf-8-sig")
         return list(csv.reader(text.splitlines()))

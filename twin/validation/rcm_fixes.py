@@ -31,6 +31,21 @@ STEP = 0.02
 _DRIFT = 1e-5
 """RCM error in m of a straight path above which it is reported."""
 
+_SAME_POINT = 1e-4
+"""Largest distance in m from both shafts of an RCM that fits both."""
+
+_AT_RCM = 1e-6
+"""Distance in m of the tip from the RCM up to which it is at the RCM."""
+
+_PARALLEL = 1e-12
+"""Angle in rad between shaft and direction to the RCM up to which nothing needs to turn."""
+
+_OPPOSITE = 1e-6
+"""Difference in rad from half a turn below which the axis of the turn is undefined."""
+
+_PARALLEL_AXES = 1e-9
+"""Smallest eigenvalue of the sum of two projections below which the axes are parallel."""
+
 _NO_CHANGE = 1e-9
 """Translation in m or rotation in rad up to which a fix does not move or turn the waypoint."""
 
@@ -103,7 +118,7 @@ def fixes(
         missed = rcm_error(trajectory.Ts_base_frame[rows], trajectory.shaft_axis, span.rcm)
         if missed.max() <= protocol.tolerances.rcm:
             continue
-        for fix in [*_poses(protocol, trajectory, span, planner), *_rcm(trajectory, span)]:
+        for fix in [*_waypoint_fixes(protocol, trajectory, span, planner), *_rcm_fixes(trajectory, span)]:
             facts[f"{span.name}: {fix.name}"] = fix.text
             if not fix.reachable:
                 continue
@@ -120,7 +135,7 @@ def fixes(
                     word="",
                 )
             )
-        facts[f"{span.name}: other interpretations of the angles"] = _readings(protocol, trajectory, span)
+        facts[f"{span.name}: other interpretations of the angles"] = _other_readings(protocol, trajectory, span)
     return facts, findings
 
 
@@ -154,7 +169,7 @@ def nearest(T: Array, axis: Array, rcm: Array, lever: float) -> Array:
     return spatial.pose(R, T[:3, 3] + translation)
 
 
-def _poses(protocol: Protocol, trajectory: Trajectory, span: PhaseSpan, planner: Planner) -> list[Fix]:
+def _waypoint_fixes(protocol: Protocol, trajectory: Trajectory, span: PhaseSpan, planner: Planner) -> list[Fix]:
     """Return the fixes that change the pose of the waypoint: its position, its angles, or both."""
     assert span.rcm is not None
     assert span.waypoint is not None
@@ -166,13 +181,13 @@ def _poses(protocol: Protocol, trajectory: Trajectory, span: PhaseSpan, planner:
     to_rcm = span.rcm - tip
     poses = {"move the tip, keep the angles": spatial.pose(R, tip + to_rcm - (to_rcm @ shaft) * shaft)}
     length = float(np.linalg.norm(to_rcm))
-    if length > 1e-6:  # m; at the RCM, the shaft has no direction towards it
+    if length > _AT_RCM:  # at the RCM, the shaft has no direction towards it
         direction = to_rcm / length
         if to_rcm @ shaft <= 0:  # the tip is beyond the RCM
             direction = -to_rcm / length
         turn = np.cross(shaft, direction)
         angle = np.arctan2(np.linalg.norm(turn), shaft @ direction)
-        if 1e-12 < angle < np.pi - 1e-6:
+        if _PARALLEL < angle < np.pi - _OPPOSITE:
             turned = spatial.exp_so3(turn / np.linalg.norm(turn) * angle) @ R
             poses["turn the shaft, keep the tip"] = spatial.pose(turned, tip)
         smallest = nearest(T, axis, span.rcm, max(length, 10 * MM))
@@ -217,8 +232,8 @@ def _planned_fix(
     straight = replace(waypoint, angles=angles, position=tip, depth=None)
     enforced = replace(waypoint, angles=angles, position=None, depth=depth)
     try:
-        fix = replace(fix, straight=_largest_error(planner(_with(protocol, span, straight)), span.name))
-        planned = planner(_with(protocol, span, enforced, enforce=True))
+        fix = replace(fix, straight=_largest_error(planner(_changed_protocol(protocol, span, straight)), span.name))
+        planned = planner(_changed_protocol(protocol, span, enforced, enforce=True))
     except (ProtocolError, TimingError) as error:
         return replace(fix, why=str(error))
     margin = "no joint has limits"
@@ -232,7 +247,7 @@ def _planned_fix(
     return replace(fix, reachable=True, why=margin)
 
 
-def _with(protocol: Protocol, span: PhaseSpan, waypoint: Waypoint, enforce: bool = False) -> Protocol:
+def _changed_protocol(protocol: Protocol, span: PhaseSpan, waypoint: Waypoint, enforce: bool = False) -> Protocol:
     """Return the protocol with a changed waypoint and, if `enforce` is true, an enforced pivot to this waypoint."""
     phases = []
     for phase in protocol.phases:
@@ -249,7 +264,7 @@ def _largest_error(trajectory: Trajectory, phase: str) -> float:
     return float(np.nanmax(trajectory.rcm_error[span.start : span.stop + 1]))
 
 
-def _rcm(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
+def _rcm_fixes(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
     """Return the fix that moves the RCM to the point nearest to two shaft axes; an empty list if the axes are parallel.
 
     One axis is the shaft axis at the first use of the RCM, the other is the shaft axis at the end of the phase.
@@ -265,13 +280,13 @@ def _rcm(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
     # the sum of squared distances from both axes is smallest where (P1 + P2) x = P1 p1 + P2 p2
     P = np.eye(3) - shafts[:, :, None] * shafts[:, None, :]  # projections across the axes
     A = P.sum(axis=0)
-    if np.linalg.eigvalsh(A)[0] < 1e-9:  # parallel axes
+    if np.linalg.eigvalsh(A)[0] < _PARALLEL_AXES:
         return []
     nearest_point = np.linalg.solve(A, np.einsum("kij,kj->i", P, Ts[:, :3, 3]))
     distance = float(spatial.point_to_line(nearest_point, Ts[:, :3, 3], shafts).max())
     position = ", ".join(f"{x / MM:.2f}" for x in nearest_point)
     moved = float(np.linalg.norm(nearest_point - span.rcm))
-    meets = distance <= 1e-4  # m
+    meets = distance <= _SAME_POINT
     why = "both shafts pass through the new RCM"
     if not meets:
         why = f"no RCM fits both shafts (skew axes); the largest distance from the new RCM is {distance / MM:.2f} mm"
@@ -280,7 +295,7 @@ def _rcm(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
     ]
 
 
-def _readings(protocol: Protocol, trajectory: Trajectory, span: PhaseSpan) -> str:
+def _other_readings(protocol: Protocol, trajectory: Trajectory, span: PhaseSpan) -> str:
     """Return a text on whether the shaft passes through the RCM with another order or sign of the waypoint's angles."""
     assert span.rcm is not None
     assert span.waypoint is not None
