@@ -15,7 +15,7 @@ from pxr import Gf, Sdf
 from made.bundle import grave, write_good
 from twin.exchange.audit import audit
 from twin.exchange.audit.report import Ledger
-from twin.exchange.formats.mjcf.audit import Mjcf
+from twin.exchange.formats.mjcf.audit.mujoco_file import read_mujoco
 from twin.exchange.formats.unity.audit import check_package
 from twin.exchange.formats.unity.audit.shipped import PACKAGE
 
@@ -261,10 +261,11 @@ def test_points_of_a_mesh_are_moved_turned_and_scaled_as_mujoco_does(tmp_path):
     body = '<body name="b"><freejoint/><geom type="mesh" mesh="a" quat="1 2 0 0" pos="0.1 0 0"/></body>'
     path = tmp_path / "a.xml"
     path.write_text(f"<mujoco><asset>{mesh}</asset><worldbody>{body}</worldbody></mujoco>")
-    read = Mjcf(path, Ledger("a.xml"))
-    mujoco.mj_kinematics(read.model, read.data)
-    shown = read.model.mesh_vert @ read.data.geom_xmat[0].reshape(3, 3).T + read.data.geom_xpos[0]
-    shape = read.content.shapes["b"].points
+    file = read_mujoco(path, Ledger("a.xml"))
+    data = mujoco.MjData(file.model)
+    mujoco.mj_kinematics(file.model, data)
+    shown = file.model.mesh_vert @ data.geom_xmat[0].reshape(3, 3).T + data.geom_xpos[0]
+    shape = file.shapes["b"].points
     for own, other in ((shape, shown), (shown, shape)):
         assert np.linalg.norm(own[:, None] - other, axis=2).min(axis=1).max() < 1e-6
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from twin.exchange.audit.report import Ledger
-from twin.exchange.formats.mjcf.audit import Mjcf
+from twin.exchange.formats.mjcf.audit.model_checks import check_model
+from twin.exchange.formats.mjcf.audit.mujoco_file import read_mujoco
 
 GEOM = '<geom type="mesh" mesh="tip" contype="1" conaffinity="1"/>'
 
@@ -35,6 +36,6 @@ def test_an_element_unlike_the_others_is_told(text, code, tmp_path):
     path = tmp_path / "four.xml"
     path.write_text(text)
     ledger = Ledger("four.xml")
-    Mjcf(path, ledger)
+    check_model(read_mujoco(path, ledger).model, ledger)
     told = [(f.code, f.where) for f in ledger.found if f.code in ("mjcf.unnamed", "mjcf.repeated", "mjcf.collider")]
     assert told == ([] if code is None else [(code, "four.xml: b2")])

@@ -60,6 +60,9 @@ WORDS = {
     "metersPerUnit": ("unit", "larger", "smaller"),
     "points": ("mesh", "bounding box", "surface"),
     "subLayers": ("layer",),
+    "site": ("frame", "point"),
+    "equality": ("joint", "coupling"),
+    "key": ("keyframe",),
 }
 """Words of findings for names of fields."""
 

@@ -258,6 +258,15 @@ def same_display(a: Model, b: Model, key: str) -> bool:
     return bool(min(linear, np.abs(powers[0] - powers[1]).max(initial=0.0)) <= ROUNDED_COLOUR)
 
 
+def same_painted(a: Model, b: Model, key: str) -> bool:
+    """A shape of a URDF, of which the last entry is its colour as displayed."""
+    *one, color = a.get(key) or [None]
+    *other, other_color = b.get(key) or [None]
+    if color is None or other_color is None or not same(one, other):
+        return False
+    return float(np.abs(color - other_color).max()) <= ROUNDED_COLOUR
+
+
 def same_look(a: Model, b: Model, key: str) -> bool:
     """Viewers show the material of a shape; displayColor is for those that read none."""
     return bool(a.get(f"{key.rpartition('.')[0]} material")) and (b.get(key) is None or same_display(a, b, key))
@@ -309,7 +318,8 @@ BY_VALUE: tuple[tuple[str, Harmless], ...] = (
     (r"eq_solimp", same_impedance),
     (r"eq_data", unread_coefficients),
     (r"key_.*|nkey", same_start),
-    (r"(mat|geom)_rgba|.*\.inputs:diffuseColor", same_display),
+    (r"(mat|geom)_rgba|mat_(metallic|roughness)|.*\.inputs:diffuseColor", same_display),
+    (r"visual .*", same_painted),
     (r".*\.primvars:displayColor", same_look),
     (r".*\.(primvars:)?normals", same_normals),
     (r".*\.physics:principalAxes", same_tensor),
@@ -322,9 +332,9 @@ def harmless(a: Model, b: Model, key: str) -> bool:
     """Return whether a difference of two models in a field is shown to be none of the robot by its values."""
     for pattern, shown in BY_VALUE:
         if re.fullmatch(pattern, key):
-            # A keyframe and a displayed colour may be absent; all others have as many numbers before and after.
+            # A keyframe, a displayed colour and a shape may be absent; all others have as many numbers as before.
             comparable = numbers_before_and_after(a, b, key) is not None
-            return (comparable or shown in (same_start, same_look)) and shown(a, b, key)
+            return (comparable or shown in (same_start, same_look, same_painted)) and shown(a, b, key)
     return False
 
 

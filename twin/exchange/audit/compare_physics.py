@@ -644,11 +644,32 @@ def _state_joint(view: View, name: str, joint: FileJoint, canonical: FileJoint, 
 
 def _stated_name(name: str, joint: FileJoint) -> str:
     """Return the reference's name of a joint if the joint has it too, also in the names of its parts; else its own."""
+    odd = _odd_tie(name, joint)
+    if odd:
+        return odd
     stem = _stem(joint)
     divided = len(joint.names) > 1 and _parts(joint, name)
     if name in joint.names or name == stem or divided:
         return name
     return stem
+
+
+def _odd_tie(name: str, joint: FileJoint) -> str:
+    """Return the name of a tie that is none of the parts <name>_0, <name>_1, … of a joint; "" without one.
+
+    If no tie is numbered, the file names its ties in another way, which says nothing.
+    """
+    if not joint.tied:
+        return ""
+    numbered = [part for part in joint.names if re.fullmatch(rf"{re.escape(name)}_\d+", part)]
+    if not numbered:
+        return ""
+    for part in joint.names:
+        if part not in numbered:
+            return part
+    if len(joint.names) < len(joint.tied):
+        return f"{', '.join(joint.names)} and a tie without a name"
+    return ""
 
 
 def _state_line(view: View, subject: str, joint: FileJoint, end: tuple[Array, Array | None], movable: bool) -> None:

@@ -140,6 +140,11 @@ ALIKE = 3e-6
 """Distance in m below which two points count as equal, despite rounding to 0.001 mm and to single precision."""
 
 
+SHARE = 5e-4
+"""Part of a link's surface that may have another colour: rounding of points changes areas by less than 1e-5 of it.
+
+The heads of its screws are some thousandths of a link's surface, and a colour that is wrong there is seen."""
+
 NOTHING = "nothing"
 """Text of further declarations where a file has none."""
 
@@ -203,8 +208,8 @@ QUANTITIES: Mapping[str, Compared] = {
     "shown": Compared(_word, 0.0),
     "surface": Compared(_surface, ALIKE, "m"),
     "closed": Compared(_word, 0.0),
-    "colours": Compared(apart, 0.02),
-    "finish": Compared(apart, 0.02, severity="warning"),
+    "colours": Compared(apart, SHARE),
+    "finish": Compared(apart, SHARE, severity="warning"),
     "gravity": Compared(_distance, 1e-3, "m/s2"),
     "medium": Compared(_passive, 1e-9, "(kg/m3, Pa s, wind in m/s)"),
     "collisions of its own links": Compared(_word, 0.0),

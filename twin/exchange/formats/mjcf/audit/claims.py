@@ -26,6 +26,9 @@ _TESTED = {"timestep": 0.001, "iterations": 100, "tolerance": 1e-12}
 
 _INTEGRATOR = "discrete"
 
+_HOME = "home"
+"""Name of the keyframe in which a control of 0 holds the robot."""
+
 _BALANCED = 1e-5
 """Part of the weight's largest effort that may remain unbalanced at a keyframe: numbers have 12 digits."""
 
@@ -73,8 +76,20 @@ def check_claims(text: str, m: mujoco.MjModel, balance: Balance | None, weighed:
             advice = "write the keyframe again, or remove the comment"
             message = "a comment states that a control of 0 holds the robot at home, but the file has no keyframe."
             ledger.add("mjcf.claim", "warning", message, "keyframe", suggestion=advice)
-        elif weighed:
+            return
+        _check_home(m, ledger)
+        if weighed:
             _check_holding(m, balance, ledger)
+
+
+def _check_home(m: mujoco.MjModel, ledger: Ledger) -> None:
+    """Report a file without the keyframe by whose name programs find the pose that the comment speaks of."""
+    names = [m.key(k).name for k in range(m.nkey)]
+    if _HOME in names:
+        return
+    listed = ", ".join(f"'{name}'" for name in names)
+    text = f"a comment states how the robot is held at home, but no keyframe is named '{_HOME}': the file has {listed}."
+    ledger.wrong("mjcf.claim", text, "keyframe", suggestion=f"name the keyframe '{_HOME}', or remove the comment")
 
 
 def _check_kinds(m: mujoco.MjModel, ledger: Ledger) -> None:

@@ -156,7 +156,7 @@ def _fallback(name: str) -> Any:
 
 
 def _further_numbers(name: str, item: Any) -> dict[str, str]:
-    """Return fields of which only the first numbers are compared elsewhere."""
+    """Return fields of which other comparisons read only the first numbers, or only the usual values."""
     fields: dict[str, str] = {}
     if name == "actuators":
         for key, first in (("gear", 1), ("gainprm", 1), ("biasprm", 3), ("dynprm", 1)):
@@ -168,6 +168,10 @@ def _further_numbers(name: str, item: Any) -> dict[str, str]:
         powers = np.asarray(item.data, float)[2:5]
         if np.any(powers):
             fields["polycoef[2:]"] = _text(powers)
+    elif name == "geoms" and item.meshname and item.type != mujoco.mjtGeom.mjGEOM_MESH:
+        # Its mesh is not read as a shape, so no comparison of meshes would show the difference.
+        kind = mujoco.mjtGeom(item.type).name.removeprefix("mjGEOM_").lower()
+        fields["type"] = f"{kind} that MuJoCo fits to mesh '{item.meshname}'"
     return fields
 
 

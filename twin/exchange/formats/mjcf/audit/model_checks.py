@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Hashable
+from collections.abc import Collection, Hashable, Mapping
 from typing import TypeVar
 
 import mujoco
@@ -24,6 +24,9 @@ Form = TypeVar("Form", bound=Hashable)
 
 _COMMON = 0.7
 """Fraction of elements that must be alike, so that the others count as different by mistake."""
+
+_UNLIMITED = 1e29
+"""Limits of tracks in m or rad above this size mean "no limit"."""
 
 _RANGE_SLACK = 1e-6
 """Largest excess over a range, in m or rad, that counts as a rounding error of a keyframe."""
@@ -70,6 +73,33 @@ def check_model(m: mujoco.MjModel, ledger: Ledger) -> None:
     _check_soft_limits(m, ledger)
     for k in range(m.nkey):
         _check_key(m, d, k, ledger)
+
+
+def check_limits(
+    m: mujoco.MjModel, track: str, low: Mapping[str, float], high: Mapping[str, float], ledger: Ledger
+) -> None:
+    """Compare the joint ranges of a model with the joint limits in a track.
+
+    `track` is the file name of the track. `low` and `high` map joints to their limits in the track, in m or rad.
+    """
+    for j in range(m.njnt):
+        joint = m.joint(j).name
+        if joint not in low or abs(low[joint]) > _UNLIMITED:
+            continue
+        lower = -np.inf
+        upper = np.inf
+        if m.jnt_limited[j]:
+            lower, upper = m.jnt_range[j].tolist()
+        difference = float(np.max(np.abs([lower - low[joint], upper - high[joint]])))
+        scale = 1.0
+        for limit in (low[joint], high[joint]):
+            if abs(limit) < _UNLIMITED:
+                scale = max(scale, abs(limit))
+        if not difference <= ROUNDING_TOL * scale:
+            text = (
+                f"joint '{joint}' has range {lower:g} .. {upper:g}; in {track} it is {low[joint]:g} .. {high[joint]:g}."
+            )
+            ledger.wrong("mjcf.limits", text, joint, size=difference)
 
 
 def _check_servo(m: mujoco.MjModel, a: int, ledger: Ledger) -> None:

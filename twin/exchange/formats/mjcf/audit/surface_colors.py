@@ -1,0 +1,50 @@
+"""Measure the colours and finishes of the meshes of an MJCF, by body and area."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from twin.exchange.audit.colors import Palette, Rgba, linear, surface_area
+
+Shares = dict[str, dict[Rgba, float]]
+"""{body: {colour: fraction of the body's area}}."""
+
+
+def surface_colors(m: mujoco.MjModel) -> tuple[Shares, Shares]:
+    """Return the linear colours of the bodies, and their finishes as (metallic, roughness, 0, 1).
+
+    A mesh that is used for both display and collision counts once. Materials without a finish have none.
+    """
+    colors = Palette()
+    finishes = Palette()
+    # MuJoCo has -1 for what a material does not state; a file in which none states it has no finishes.
+    has_finishes = bool(np.any(m.mat_metallic >= 0) or np.any(m.mat_roughness >= 0))
+    measured: set[tuple[int, int, bytes]] = set()
+    for geom in range(m.ngeom):
+        mesh = int(m.geom_dataid[geom])
+        if m.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH or mesh < 0:
+            continue
+        place = (int(m.geom_bodyid[geom]), mesh, m.geom_pos[geom].tobytes())
+        if place in measured:
+            continue
+        measured.add(place)
+        body = m.body(int(m.geom_bodyid[geom])).name
+        area = _mesh_area(m, mesh)
+        rgba = m.geom_rgba[geom]
+        material = int(m.geom_matid[geom])
+        if material >= 0:  # the colour of a material hides that of the shape
+            rgba = m.mat_rgba[material]
+            if has_finishes:
+                finishes.add_finish(body, float(m.mat_metallic[material]), float(m.mat_roughness[material]), area)
+        red, green, blue = linear(rgba[:3]).tolist()
+        colors.add(body, (red, green, blue, float(rgba[3])), area)
+    return colors.shares(), finishes.shares()
+
+
+def _mesh_area(m: mujoco.MjModel, mesh: int) -> float:
+    """Return the area of a mesh in m2."""
+    vertex = int(m.mesh_vertadr[mesh])
+    face = int(m.mesh_faceadr[mesh])
+    vertices = m.mesh_vert[vertex : vertex + m.mesh_vertnum[mesh]].astype(float)
+    return surface_area(vertices, m.mesh_face[face : face + m.mesh_facenum[mesh]])

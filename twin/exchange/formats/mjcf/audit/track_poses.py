@@ -1,0 +1,181 @@
+"""Compute the poses of an MJCF's bodies along a track: MuJoCo places them at the joint values of each key."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import mujoco
+import numpy as np
+
+from twin.exchange.audit import poses
+from twin.exchange.audit.chain import ChainStep, fit
+from twin.exchange.audit.mechanism_data import WORLD
+from twin.exchange.audit.motion import FileClip
+from twin.exchange.audit.poses import Array
+from twin.exchange.audit.report import Ledger, um
+from twin.exchange.formats.mjcf.audit.model_checks import gap_of, opening
+from twin.exchange.formats.mjcf.audit.physics import BALL, FREE, HINGE, SLIDE
+
+LOOP_TOL = 1e-6
+"""Maximum residual of an equality constraint at the joint values of a track, in m or (rotation of a weld) in rad."""
+
+_XYZ_W = [1, 2, 3, 0]
+"""Indices that turn MuJoCo's quaternions (w, x, y, z) into those of `poses` (x, y, z, w)."""
+
+_W_XYZ = [3, 0, 1, 2]
+"""Indices of the other direction."""
+
+
+def play_track(m: mujoco.MjModel, bodies: Mapping[str, int], clip: FileClip, ledger: Ledger) -> FileClip:
+    """Return the clip of poses T_world_link (k, 4, 4) that MuJoCo computes from a track; report open loops.
+
+    `bodies` maps links to MuJoCo's body numbers. Joint values that the track does not state are computed from the poses
+    of the links in the track.
+    """
+    coordinates = TrackCoordinates(m, clip).all_keys()
+    d = mujoco.MjData(m)
+    count = len(clip.times)
+    positions = np.zeros((count, m.nbody, 3))
+    quaternions = np.zeros((count, m.nbody, 4))
+    largest_gap = 0.0
+    loop = ""
+    when = ""
+    for k in range(count):
+        d.qpos[:] = coordinates[k]
+        mujoco.mj_fwdPosition(m, d)
+        positions[k] = d.xpos
+        quaternions[k] = d.xquat
+        gap, equality = gap_of(m, d)
+        if gap > largest_gap:
+            largest_gap = gap
+            loop = equality
+            when = f"t = {clip.times[k]:.4g} s"
+    if m.neq:
+        ledger.row(f"clip '{clip.name}': loops in MuJoCo", largest_gap, "m", LOOP_TOL, where=loop, when=when)
+    if largest_gap > LOOP_TOL:
+        text = f"clip '{clip.name}': equality '{loop}' is open by {opening(m, loop, largest_gap)}."
+        ledger.wrong("mjcf.loop", text, loop, size=um(largest_gap, LOOP_TOL), when=when)
+    T_world_body = poses.pose(poses.rotation(quaternions[..., _XYZ_W]), positions)
+    numbers = {WORLD: 0, **bodies}  # a base named world is MuJoCo's own fixed body
+    links: dict[str, Array] = {}
+    for name, body in numbers.items():
+        if name in clip.links:
+            links[name] = T_world_body[:, body]
+    return FileClip(clip.name, clip.times, links)
+
+
+class TrackCoordinates:
+    """The coordinates `qpos` of a model at the keys of a track."""
+
+    def __init__(self, m: mujoco.MjModel, clip: FileClip) -> None:
+        self._m = m
+        self._clip = clip
+
+    def all_keys(self) -> Array:
+        """Return qpos (k, nq) at the k keys; coordinates of which the track says nothing are those at home."""
+        qpos = np.tile(self._m.qpos0, (len(self._clip.times), 1))
+        for body in range(1, self._m.nbody):
+            self._set(body, qpos)
+        return qpos
+
+    def _set(self, body: int, qpos: Array) -> None:
+        """Set the coordinates of one body's joints at all keys, from the track's joint values or link poses."""
+        m = self._m
+        first = m.body_jntadr[body]
+        joints = range(first, first + m.body_jntnum[body])
+        if not joints:
+            return
+        if m.jnt_type[first] == FREE:  # every pose of the body is a pose of the joint
+            T_parent_body = self._relative_pose(body)
+            if T_parent_body is not None:
+                at = m.jnt_qposadr[first]
+                qpos[:, at : at + 3] = T_parent_body[:, :3, 3]
+                qpos[:, at + 3 : at + 7] = poses.quaternion(T_parent_body[:, :3, :3])[:, _W_XYZ]
+            return
+        steps: list[ChainStep] = []
+        stated: list[Array | None] = []
+        owners: list[int] = []
+        is_incomplete = False
+        for step, values, owner in self._chain(body, joints):
+            steps.append(step)
+            stated.append(values)
+            owners.append(owner)
+            if values is None and step.kind != "fixed":
+                is_incomplete = True
+        if is_incomplete:
+            T_parent_body = self._relative_pose(body)
+            if T_parent_body is None:
+                return
+            stated = fit(steps, stated, T_parent_body)
+        for j in joints:
+            own = [q for q, owner in zip(stated, owners, strict=True) if owner == j and q is not None]
+            self._set_joint(j, own, qpos)
+
+    def _set_joint(self, j: int, values: list[Array], qpos: Array) -> None:
+        """Set the coordinates of a joint: those of a ball from its three turns, those of others from one value (k,)."""
+        at = self._m.jnt_qposadr[j]
+        if self._m.jnt_type[j] != BALL:
+            qpos[:, at] = values[0] + self._m.qpos0[at]
+            return
+        about_x, about_y, about_z = values
+        R = poses.about([1, 0, 0], about_x) @ poses.about([0, 1, 0], about_y) @ poses.about([0, 0, 1], about_z)
+        qpos[:, at : at + 4] = poses.quaternion(R)[:, _W_XYZ]
+
+    def _chain(self, body: int, joints: range) -> Iterator[tuple[ChainStep, Array | None, int]]:
+        """Yield (step, values, joint) for each step of the chain from a body's parent to the body.
+
+        `values` (k,) are the joint values in m or rad, None if unknown. `joint` is MuJoCo's joint number, or -1 for a
+        step without a joint.
+        """
+        m = self._m
+        R_parent_body = poses.rotation(m.body_quat[body][_XYZ_W])
+        yield ChainStep(poses.pose(R_parent_body, m.body_pos[body])), None, -1
+        for j in joints:
+            anchor = poses.pose(None, m.jnt_pos[j])
+            if m.jnt_type[j] == BALL:
+                x, y, z = np.eye(3)
+                yield ChainStep(anchor, "turn", x), None, j
+                yield ChainStep(np.eye(4), "turn", y), None, j
+                yield ChainStep(np.eye(4), "turn", z), None, j
+            elif m.jnt_type[j] in (HINGE, SLIDE):
+                kind = "turn" if m.jnt_type[j] == HINGE else "slide"
+                values = self._clip.joints.get(m.joint(j).name)
+                if values is not None:
+                    values = values - m.qpos0[m.jnt_qposadr[j]]  # MuJoCo's poses are those at `ref`
+                yield ChainStep(anchor, kind, m.jnt_axis[j].copy()), values, j
+            yield ChainStep(poses.inverse(anchor)), None, -1
+
+    def _relative_pose(self, body: int) -> Array | None:
+        """Return T_parent_body (k, 4, 4) from the track: poses of `body` or of a body welded to it; None if unknown."""
+        T_world_parent = self._pose(self._m.body_parentid[body])
+        T_world_body = self._pose(body)
+        if T_world_body is None:
+            T_world_body = self._pose_by_weld(body)
+        if T_world_parent is None or T_world_body is None:
+            return None
+        return poses.inverse(T_world_parent) @ T_world_body
+
+    def _pose(self, body: int) -> Array | None:
+        """Return T_world_body (k, 4, 4) in the track; None if the track does not state it."""
+        if body == 0:
+            return np.broadcast_to(np.eye(4), (len(self._clip.times), 4, 4))
+        return self._clip.links.get(self._m.body(body).name)
+
+    def _pose_by_weld(self, body: int) -> Array | None:
+        """Return T_world_body (k, 4, 4) from the pose of a body that a weld of two sites holds to it."""
+        m = self._m
+        for e in range(m.neq):
+            if m.eq_type[e] != mujoco.mjtEq.mjEQ_WELD or m.eq_objtype[e] != mujoco.mjtObj.mjOBJ_SITE:
+                continue
+            first = int(m.eq_obj1id[e])
+            second = int(m.eq_obj2id[e])
+            for own, other in ((first, second), (second, first)):
+                T_world_other = self._pose(int(m.site_bodyid[other]))
+                if m.site_bodyid[own] == body and T_world_other is not None:
+                    return T_world_other @ self._site(other) @ poses.inverse(self._site(own))
+        return None
+
+    def _site(self, site: int) -> Array:
+        """Return T_body_site (4, 4)."""
+        R_body_site = poses.rotation(self._m.site_quat[site][_XYZ_W])
+        return poses.pose(R_body_site, self._m.site_pos[site])
