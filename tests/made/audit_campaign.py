@@ -63,6 +63,9 @@ WORDS = {
     "site": ("frame", "point"),
     "equality": ("joint", "coupling"),
     "key": ("keyframe",),
+    "twin:kind": ("frame", "point"),
+    "materials": ("material",),
+    "PhysicsScene": ("scene",),
 }
 """Words of findings for names of fields."""
 

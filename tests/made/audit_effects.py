@@ -172,6 +172,7 @@ NO_EFFECT = (
     (r".*PhysicsScene: renamed", r"", "a scene may have any name"),
     (r".*Xform\.purpose.*", r"", "frames and points have no shape that could be shown"),
     (r".*Xform: renamed", r"tool_point", "twin:name states its name"),
+    (r".*Shader: duplicated", r"", "no material connects to a second shader"),
     (r".*Joint: below a sibling", r"", "a joint may be anywhere: it names its bodies"),
 )
 """Changes without effect that a reader cannot tell: pattern of the kind, pattern of the place, reason."""
@@ -318,7 +319,7 @@ BY_VALUE: tuple[tuple[str, Harmless], ...] = (
     (r"eq_solimp", same_impedance),
     (r"eq_data", unread_coefficients),
     (r"key_.*|nkey", same_start),
-    (r"(mat|geom)_rgba|mat_(metallic|roughness)|.*\.inputs:diffuseColor", same_display),
+    (r"(mat|geom)_rgba|mat_(metallic|roughness)|.*\.inputs:(diffuseColor|metallic|roughness)", same_display),
     (r"visual .*", same_painted),
     (r".*\.primvars:displayColor", same_look),
     (r".*\.(primvars:)?normals", same_normals),
@@ -395,7 +396,10 @@ def stage_model(file: Path) -> dict[str, Any]:
                     continue  # the poses are compared
                 key = f"{path}.{attribute.GetName()}"
                 read[key] = resolved(attribute.Get())
-                read[f"{key} interpolation"] = str(attribute.GetMetadata("interpolation"))
+                interpolation = attribute.GetMetadata("interpolation")
+                if UsdGeom.Primvar.IsPrimvar(attribute):
+                    interpolation = UsdGeom.Primvar(attribute).GetInterpolation()  # with that of the schema
+                read[f"{key} interpolation"] = str(interpolation)
                 for time in attribute.GetTimeSamples():
                     read[f"{key} {time}"] = resolved(attribute.Get(time))
             for relationship in prim.GetRelationships():

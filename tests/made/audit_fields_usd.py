@@ -7,7 +7,7 @@ the layer does not state.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,7 @@ def usd_change(file: str, kind: str, path: Sdf.Path, words: set[str], change: Ed
     names = {prefix.name for prefix in path.GetPrimPath().GetPrefixes()[1:]}
     names -= {"joints", "materials", ""}
     if path.pathElementCount == 1:
-        names.add("default prim")
+        names |= {"default prim", "layer", "articulation root"}
     elif not names or path.name == "joints":
         names.add("joint")
     return FieldChange(file, kind, str(path), frozenset({*names, *words}), edit)
@@ -196,8 +196,10 @@ def typed(layer: Sdf.Layer, path: Sdf.Path) -> str:
     return prim.typeName or f"over{path.GetPrimPath().pathElementCount}"
 
 
-def metadata_changes(file: str, kind: str, path: Sdf.Path, key: str, value: Any) -> Iterator[FieldChange]:
-    words = {key, "up" if key == "upAxis" else key}
+def metadata_changes(
+    file: str, kind: str, path: Sdf.Path, key: str, value: Any, named: Iterable[str] = ()
+) -> Iterator[FieldChange]:
+    words = {key, "up" if key == "upAxis" else key, *named}
 
     def setter(new: Any) -> Edit:
         def change(own: Sdf.Layer) -> None:
@@ -242,8 +244,9 @@ def metadata_changes(file: str, kind: str, path: Sdf.Path, key: str, value: Any)
 def prim_changes(file: str, label: str, layer: Sdf.Layer, path: Sdf.Path) -> Iterator[FieldChange]:
     prim = layer.GetPrimAtPath(path)
     kind = f"{label} {typed(layer, path)}"
+    own = {str(prim.typeName), path.name} - {""}
     for key in sorted(set(prim.ListInfoKeys()) - UNREADABLE):
-        yield from metadata_changes(file, f"{kind} ({key})", path, key, prim.GetInfo(key))
+        yield from metadata_changes(file, f"{kind} ({key})", path, key, prim.GetInfo(key), own)
 
     def removed(own: Sdf.Layer) -> None:
         p = own.GetPrimAtPath(path)
@@ -258,17 +261,17 @@ def prim_changes(file: str, label: str, layer: Sdf.Layer, path: Sdf.Path) -> Ite
     def flag(key: str, value: Any) -> Edit:
         return lambda own: own.GetPrimAtPath(path).SetInfo(key, value)
 
-    yield usd_change(file, f"{kind}: removed", path, set(), removed)
-    yield usd_change(file, f"{kind}: renamed", path, {f"{path.name}_x"}, renamed)
+    yield usd_change(file, f"{kind}: removed", path, own, removed)
+    yield usd_change(file, f"{kind}: renamed", path, {f"{path.name}_x", *own}, renamed)
     yield usd_change(file, f"{kind}: duplicated", path, {f"{path.name}_x"}, duplicated)
-    yield usd_change(file, f"{kind}: inactive", path, set(), flag("active", False))
-    yield usd_change(file, f"{kind}: instanceable", path, set(), flag("instanceable", True))
+    yield usd_change(file, f"{kind}: inactive", path, own, flag("active", False))
+    yield usd_change(file, f"{kind}: instanceable", path, own, flag("instanceable", True))
     if prim.typeName:
-        yield usd_change(file, f"{kind}: without a type", path, set(), flag("typeName", ""))
+        yield usd_change(file, f"{kind}: without a type", path, own, flag("typeName", ""))
         for mine, other in (("Revolute", "Prismatic"), ("Prismatic", "Revolute"), ("Spherical", "Fixed")):
             if mine in prim.typeName:
                 word = prim.typeName.replace(mine, other)
-                yield usd_change(file, f"{kind}: {word}", path, set(), flag("typeName", word))
+                yield usd_change(file, f"{kind}: {word}", path, own, flag("typeName", word))
     siblings = list(layer.GetPrimAtPath(path.GetParentPath()).nameChildren) if path.pathElementCount > 1 else []
     other = next((p.path for p in siblings if p.path != path and p.name not in ("joints", "materials")), None)
     if other is not None:

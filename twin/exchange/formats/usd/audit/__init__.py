@@ -28,15 +28,11 @@ from twin.exchange.audit.motion import Content, FileClip, LinkShape, check_poses
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity, um
 from twin.exchange.formats.usd.audit.checks import check_usd, version
-from twin.exchange.formats.usd.audit.declared import (
-    check_declared,
-    check_primvars,
-    default_prim_fault,
-    missing_physics,
-)
+from twin.exchange.formats.usd.audit.declared import check_declared, check_primvars
 from twin.exchange.formats.usd.audit.drive_targets import check_drive_targets
 from twin.exchange.formats.usd.audit.header import trouble
 from twin.exchange.formats.usd.audit.joint_gaps import joint_gaps, joint_values
+from twin.exchange.formats.usd.audit.layers import check_default_prim, missing_physics
 from twin.exchange.formats.usd.audit.physics import stage_physics
 
 GAP_TOL = 1e-5
@@ -50,9 +46,7 @@ def read_usd(path: Path, ledger: Ledger) -> Content:
         ReadError: the file is not a stage, or a layer is missing.
     """
     stage = _open(path)
-    fault = default_prim_fault(stage)
-    if fault:
-        ledger.wrong("usd.default_prim", fault, "defaultPrim", suggestion="name a prim that is shown")
+    check_default_prim(stage, ledger)
     with _evaluating():
         return _read(stage, path, ledger)
 
@@ -289,6 +283,8 @@ def _check_couplings(stage: Usd.Stage, physics: FilePhysics, ledger: Ledger) -> 
 
 
 def _check_materials(prims: list[Usd.Prim], ledger: Ledger) -> None:
+    """Report shapes that bind no material or cannot bind it, and materials without their shader."""
+    bound: dict[Sdf.Path, UsdShade.Material] = {}
     for prim in prims:
         binding = prim.GetRelationship("material:binding")
         if not binding or not binding.HasAuthoredTargets():
@@ -302,6 +298,24 @@ def _check_materials(prims: list[Usd.Prim], ledger: Ledger) -> None:
             if not material or not material.IsA(UsdShade.Material):
                 text = f"{path} binds {target}, which is not a material."
                 ledger.wrong("usd.material", text, path, suggestion="bind an existing material")
+            else:
+                bound.setdefault(target, UsdShade.Material(material))
+    for target, material in bound.items():
+        if _has_lost_shader(material):
+            text = f"the material {target} has no shader: its surface is connected to nothing that the stage shows."
+            ledger.wrong("usd.material", text, str(target), suggestion="define and activate the shader again")
+
+
+def _has_lost_shader(material: UsdShade.Material) -> bool:
+    """Return whether a material connects its surface to a shader that is not there, is inactive, or is a class."""
+    output = material.GetSurfaceOutput()
+    if not output or not output.GetAttr().HasAuthoredConnections():
+        return False
+    shader, *_ = material.ComputeSurfaceSource()
+    if not shader:
+        return True
+    prim = shader.GetPrim()
+    return not prim.IsActive() or prim.IsAbstract()
 
 
 def _check_stray(prims: list[Usd.Prim], bodies: Set[Sdf.Path], ledger: Ledger) -> None:
@@ -553,8 +567,18 @@ def _check_gaps(stage: Usd.Stage, world: StageWorld, bodies: list[Usd.Prim], cod
             when = moments[k]
     ledger.row("joint gap along the motion", worst, "m", GAP_TOL, where=where, when=when)
     if worst > GAP_TOL:
-        text = f"joint {where}: the joint frames on the two bodies are {quantity(worst, 'm')} apart."
+        ends = _ends_of_joint(stage.GetPrimAtPath(where))
+        text = f"joint {where}: the joint frames on {ends} are {quantity(worst, 'm')} apart."
         ledger.wrong("usd.joint_gap", text, where, size=um(worst, GAP_TOL), when=when)
+
+
+def _ends_of_joint(joint: Usd.Prim) -> str:
+    """Return the names of the two bodies of a joint as text."""
+    names = []
+    for relationship in (UsdPhysics.Joint(joint).GetBody0Rel(), UsdPhysics.Joint(joint).GetBody1Rel()):
+        targets = relationship.GetTargets()
+        names.append(f"'{targets[0].name}'" if targets else "the world")
+    return " and ".join(names)
 
 
 def read(path: Path, ledger: Ledger, context: Context) -> Content:

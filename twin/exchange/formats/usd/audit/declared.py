@@ -8,11 +8,10 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pxr import Gf, Sdf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdShade
+from pxr import Gf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdShade
 
 from twin.core.provenance import EARLIER
 from twin.core.units import SI
@@ -464,7 +463,15 @@ def _plain(color: Iterable[float]) -> str:
 
 def _check_range(stage: Usd.Stage, codes: Array, ledger: Ledger) -> None:
     """Report a time range that is not that of the samples."""
-    first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+    first = stage.GetStartTimeCode()
+    last = stage.GetEndTimeCode()
+    if last > first and not len(codes):
+        text = (
+            f"startTimeCode .. endTimeCode is {first:g} .. {last:g}, but no link has time samples: the layer of the "
+            "motion is missing among the sublayers, or has none."
+        )
+        ledger.wrong("usd.range", text, "endTimeCode", suggestion="add the layer of the motion to the sublayers")
+        return
     expected: Sequence[float] = (0.0, 0.0)
     if len(codes):
         expected = (float(codes[0]), float(codes[-1]))
@@ -485,59 +492,3 @@ def _check_undefined(stage: Usd.Stage, ledger: Ledger) -> None:
         names = ", ".join(sorted(prim.GetAuthoredPropertyNames())[:3])
         text = f"no layer defines the prim {path}: what is stated there ({names}) acts on nothing."
         ledger.wrong("usd.undefined", text, path, suggestion="move the values to the prim that they are meant for")
-
-
-def default_prim_fault(stage: Usd.Stage) -> str:
-    """Return the fault of the default prim of a stage as a sentence; "" if it is shown."""
-    name = stage.GetRootLayer().defaultPrim
-    if not name:
-        return ""
-    prim = None
-    if Sdf.Path.IsValidPathString(name):  # a name, or since OpenUSD 23.11 a path
-        prim = stage.GetPrimAtPath(Sdf.Path(name).MakeAbsolutePath(Sdf.Path.absoluteRootPath))
-    if not prim:
-        return f"the default prim '{name}' does not exist."
-    if not prim.IsActive():
-        return f"the default prim '{name}' is inactive: nothing of it is shown."
-    if prim.IsAbstract():
-        return f"the default prim '{name}' is a class: nothing of it is shown."
-    if not prim.IsDefined():
-        return f"the default prim '{name}' is not defined by any layer: nothing of it is shown."
-    return ""
-
-
-def missing_physics(stage: Usd.Stage) -> str:
-    """Return why a stage of this project has no bodies, as a sentence; "" if it is none of this project.
-
-    A layer with the physics of its robot lies beside it and is none of its layers, or one of its layers is empty.
-    """
-    root = stage.GetRootLayer()
-    if not root.subLayerPaths:
-        return ""
-    unused = _unused_physics(stage, root)
-    if unused:
-        return f"the stage has no physics; {unused} beside it holds that of its robot, but is none of its layers."
-    marked = any(prim.GetAttribute("twin:kind") for prim in stage.TraverseAll())
-    if marked:
-        empty = [layer.GetDisplayName() for layer in stage.GetUsedLayers() if not layer.rootPrims and layer != root]
-        named = [name for name in empty if not name.startswith("session")]
-        cause = f": layer {named[0]} is empty" if named else ""
-        return f"the stage has frames and points of a robot, but no link with physics{cause}."
-    return ""
-
-
-def _unused_physics(stage: Usd.Stage, root: Sdf.Layer) -> str:
-    used = {layer.realPath for layer in stage.GetUsedLayers()}
-    for file in sorted(Path(root.realPath).parent.glob("*.usda")):
-        if str(file) in used:
-            continue
-        layer = Sdf.Layer.FindOrOpen(str(file))
-        prim = layer.GetPrimAtPath(f"/{root.defaultPrim}") if layer and root.defaultPrim else None
-        if (
-            prim
-            and layer.defaultPrim == root.defaultPrim
-            and "twin:base" in prim.attributes
-            and not layer.subLayerPaths
-        ):
-            return file.name
-    return ""
