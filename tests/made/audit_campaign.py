@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 import twin
-from made import audit_effects, audit_fields, bundle, mechanisms
+from made import audit_added, audit_effects, audit_fields, bundle, mechanisms
 from made import audit_fields_usd as fields_usd
 from made.audit_fields import FieldChange
 from twin.core.findings import Finding
@@ -49,10 +49,10 @@ WORDS = {
     "file": ("mesh",),
     "filename": ("mesh",),
     "angle": ("limit", "range", "ctrlrange"),
-    "compiler": ("limit", "range", "ctrlrange"),
+    "compiler": ("limit", "range", "ctrlrange", "keyframe"),
     "ctrlrange": ("control",),
     "displayColor": ("colour",),
-    "diffuseColor": ("colour",),
+    "diffuseColor": ("colour", "displayColor"),
     "defaultPrim": ("default prim",),
     "startTimeCode": ("time code",),
     "endTimeCode": ("time code",),
@@ -65,6 +65,12 @@ WORDS = {
     "key": ("keyframe",),
     "twin:kind": ("frame", "point"),
     "materials": ("material",),
+    "geom": ("collision", "shape"),
+    "gravity": ("weight", "hold"),
+    "actuation": ("driven",),
+    "boundinertia": ("inertia",),
+    "root_joint": ("fixed to the world",),
+    "physics:excludeFromArticulation": ("articulation",),
     "PhysicsScene": ("scene",),
 }
 """Words of findings for names of fields."""
@@ -287,6 +293,13 @@ LAYERS = ("physics.usda", "geometry.usdc")
 """Layers that are no stages by themselves."""
 
 
+def listed_added(folder: Path, format: str) -> dict[str, list[FieldChange]]:
+    """Return {file: changes} of what is added to an export: to its stage, the strongest layer has it."""
+    name = next(folder.glob("*.urdf")).stem
+    file = {"urdf": f"{name}.urdf", "mjcf": f"{name}.xml", "usd": f"usd/{name}.usda"}[format]
+    return {file: list(audit_added.added_changes(folder, file))}
+
+
 def listed(folder: Path, format: str, undeclared: bool) -> dict[str, list[FieldChange]]:
     """Return {file: changes} of an export."""
     if format in ("urdf", "mjcf"):
@@ -320,7 +333,8 @@ def main() -> None:
     parser.add_argument("--kinds", default="")
     parser.add_argument("--part", default="0/1", help="which of how many parts of the changes")
     parser.add_argument("--again", type=Path, help="only the kinds that an earlier output names as missed or elsewhere")
-    parser.add_argument("--undeclared", action="store_true")
+    parser.add_argument("--undeclared", action="store_true", help="attributes that the files do not state")
+    parser.add_argument("--added", action="store_true", help="elements and prims that the files have not")
     parser.add_argument("--out", type=Path, required=True)
     given = parser.parse_args()
     counts: Counter = Counter()
@@ -328,7 +342,10 @@ def main() -> None:
     arguments = of_bars if given.robot == "bars" else of_robot(given.robot)
     again = None if given.again is None else missed_kinds(given.again)
     with given.out.open("a") as out:
-        for file, changes in listed(given.folder, given.format, given.undeclared).items():
+        every = listed(given.folder, given.format, given.undeclared)
+        if given.added:
+            every = listed_added(given.folder, given.format)
+        for file, changes in every.items():
             drawn = audit_fields.drawn(changes, given.each, given.seed)
             chosen = [c for c in drawn if re.search(given.kinds, c.kind) and (again is None or c.kind in again)]
             chosen = chosen[part::parts]

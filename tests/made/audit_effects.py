@@ -29,6 +29,15 @@ UNUSED = {
     "body_sameframe": "a shortcut of the computation, which follows from the poses",
     "geom_sameframe": "a shortcut",
     "site_sameframe": "a shortcut",
+    "cam_": "cameras, which are no parts of the robot",
+    "ncam": "the same",
+    "light_": "lights, which are no parts of the robot",
+    "nlight": "the same",
+    "sensor": "sensors read the robot",
+    "nsensor": "the same",
+    "numeric": "numbers for other programs",
+    "nnumeric": "the same",
+    "nuser": "room for numbers of other programs",
     "site_size": "size of a mark in the picture",
     "bvh": "bounding volumes, which follow from the meshes",
     "oct": "bounding volumes, which follow from the meshes",
@@ -59,17 +68,47 @@ def mjcf_model(file: Path) -> dict[str, Any]:
             continue
         if isinstance(value, np.ndarray | int | float):
             read[name] = np.array(value)
-            if name.endswith("quat") and read[name].size:  # the sign of a quaternion is none of a rotation
-                rows = read[name]
-                largest = np.take_along_axis(rows, np.abs(rows).argmax(axis=1)[:, None], axis=1)
-                read[name] = rows * np.where(largest < 0, -1.0, 1.0)
+            if name.endswith("quat") and read[name].size:
+                read[name] = unsigned(read[name])
+    for joint in range(m.njnt):
+        if m.jnt_type[joint] == mujoco.mjtJoint.mjJNT_BALL and m.nkey:
+            at = slice(m.jnt_qposadr[joint], m.jnt_qposadr[joint] + 4)
+            read["key_qpos"][:, at] = unsigned(read["key_qpos"][:, at])
     for name in dir(m.opt):
         value = getattr(m.opt, name)
         if not name.startswith("_") and isinstance(value, np.ndarray | int | float):
             read[f"opt.{name}"] = np.array(value)
-    # Without the name of the model itself, which is the first one.
-    read["names"] = bytes(m.names).split(b"\0")[1:]
+    for kind, count in NAMED.items():
+        object_type = getattr(mujoco.mjtObj, f"mjOBJ_{kind}")
+        names = [mujoco.mj_id2name(m, object_type, k) for k in range(getattr(m, count))]
+        # A second keyframe is only used on demand.
+        read[f"names of {kind}"] = names[:1] if kind == "KEY" else names
     return read
+
+
+def unsigned(quaternions: np.ndarray) -> np.ndarray:
+    """Return quaternions (n, 4) whose largest component is positive: their sign is none of a rotation."""
+    largest = np.take_along_axis(quaternions, np.abs(quaternions).argmax(axis=1)[:, None], axis=1)
+    return quaternions * np.where(largest < 0, -1.0, 1.0)
+
+
+NAMED = {
+    "BODY": "nbody",
+    "JOINT": "njnt",
+    "GEOM": "ngeom",
+    "SITE": "nsite",
+    "MESH": "nmesh",
+    "MATERIAL": "nmat",
+    "ACTUATOR": "nu",
+    "EQUALITY": "neq",
+    "TENDON": "ntendon",
+    "EXCLUDE": "nexclude",
+    "PAIR": "npair",
+    "TEXT": "ntext",
+    "TUPLE": "ntuple",
+    "KEY": "nkey",
+}
+"""Kinds of objects whose names others refer to, with the field that counts them."""
 
 
 def urdf_model(file: Path) -> dict[str, Any]:
@@ -150,7 +189,7 @@ def differing(a: dict[str, Any], b: dict[str, Any]) -> list[str]:
 NO_ORDER = "after the next"
 """Change of the order of children: objects have names. Of an MJCF, the order of joints and bodies is that of `qpos`."""
 
-URDF_UNREAD = ("transmission", "safety_controller", "calibration", "robot@name", "mimic", "ros2_control")
+URDF_UNREAD = ("transmission", "gazebo", "safety_controller", "calibration", "robot@name", "mimic", "ros2_control")
 """Fields of a URDF that Pinocchio does not read, and that have an effect on the robot."""
 
 NO_EFFECT = (
@@ -172,6 +211,15 @@ NO_EFFECT = (
     (r".*PhysicsScene: renamed", r"", "a scene may have any name"),
     (r".*Xform\.purpose.*", r"", "frames and points have no shape that could be shown"),
     (r".*Xform: renamed", r"tool_point", "twin:name states its name"),
+    (r".*(Joint|Scope)\.(purpose|visibility).*", r"/joints", "joints have no shape that could be shown"),
+    (r".*Scope: duplicated", r"/materials$", "nothing binds a second set of materials"),
+    (r".*doubleSided.*", r"", "the inner sides of closed meshes are not seen"),
+    (
+        r'<link name="more"/><joint name="more_joint" type="fixed">.*',
+        r"",
+        "a link without mass and shape marks a place",
+    ),
+    (r"asset/mesh@inertia: removed", r"", "shapes have no mass, links state theirs; MuJoCo only rounds otherwise"),
     (r".*Shader: duplicated", r"", "no material connects to a second shader"),
     (r".*Joint: below a sibling", r"", "a joint may be anywhere: it names its bodies"),
 )
@@ -236,7 +284,9 @@ def unread_coefficients(a: Model, b: Model, key: str) -> bool:
 
 
 def same_start(a: Model, b: Model, key: str) -> bool:
-    """Without its keyframe, a simulation starts at `ref`, with controls of 0: the same state."""
+    """Without its keyframe, a simulation starts at `ref`, with controls of 0: the same state; a second is on demand."""
+    if int(b["nkey"]) > int(a["nkey"]) > 0:
+        return bool(np.array_equal(a["key_qpos"][0], b["key_qpos"][0]))
     if int(b["nkey"]) or not np.all(a["key_ctrl"] == 0) or not np.all(a["key_qvel"] == 0):
         return False
     return bool(np.allclose(a["key_qpos"], a["qpos0"], rtol=0, atol=1e-9))
@@ -257,6 +307,11 @@ def same_display(a: Model, b: Model, key: str) -> bool:
     linear = np.abs(both[0] - both[1]).max(initial=0.0)
     powers = [np.clip(colour, 0.0, None) ** (1 / 2.4) for colour in both]
     return bool(min(linear, np.abs(powers[0] - powers[1]).max(initial=0.0)) <= ROUNDED_COLOUR)
+
+
+def same_effort(a: Model, b: Model, key: str) -> bool:
+    """A constant effort of a servo below 1e-6 N or N m moves nothing."""
+    return all(np.abs(one - other).max() < 1e-6 for _, one, other in changed_rows(a, b, key))
 
 
 def same_painted(a: Model, b: Model, key: str) -> bool:
@@ -314,6 +369,7 @@ TENSOR = 1e-5
 
 BY_VALUE: tuple[tuple[str, Harmless], ...] = (
     (r"jnt_pos", along_axis),
+    (r"actuator_biasprm", same_effort),
     (r"effort|speed", unbounded),
     (r"inertias", weightless),
     (r"eq_solimp", same_impedance),
@@ -348,7 +404,7 @@ def effect(before: dict[str, Any], file: Path, kind: str, place: str) -> str:
     except Exception as error:  # a reader that raises anything else refuses too, in its way
         return f"refused ({type(error).__name__})"
     fields = [key for key in differing(before, after) if not harmless(before, after, key)]
-    if NO_ORDER in kind and not re.search(r"joint:|body|worldbody:", kind):
+    if NO_ORDER in kind and not re.search(r"(^|/)(joint|body|worldbody): ", kind):
         return "none"
     for pattern, there, _ in NO_EFFECT:
         if re.fullmatch(pattern, kind) and re.search(there, place):

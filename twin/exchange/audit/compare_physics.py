@@ -158,7 +158,11 @@ def _state_all(views: Sequence[View], contents: Sequence[Content]) -> None:
             view.said.setdefault((subject, name), False)
 
 
-_FURTHER = {"further declarations": "further", "declarations of contact or look": "contact"}
+_FURTHER = {
+    "further declarations": "further",
+    "declarations of contact or look": "contact",
+    "settings of single programs": "programs",
+}
 """Quantities of what formats declare beside all others, with the attributes of `FilePhysics`."""
 
 

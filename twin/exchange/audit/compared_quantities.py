@@ -229,6 +229,7 @@ QUANTITIES: Mapping[str, Compared] = {
     "range of control": Compared(_ends, 1e-5, "m or rad", severity="warning"),
     "further declarations": Compared(_word, 0.0, usual=NOTHING),
     "declarations of contact or look": Compared(_word, 0.0, severity="warning", usual=NOTHING),
+    "settings of single programs": Compared(_word, 0.0, severity="warning", usual=NOTHING),
     "rotor inertia": Compared(_number, 1e-5, "kg m2 or kg", True),
 }
 """Rule of comparison for each quantity of links, joints, frames, couplings, motors and the world."""

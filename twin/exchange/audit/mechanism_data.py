@@ -291,6 +291,7 @@ class FilePhysics:
         further: {object: {field: value as text}} of what a file declares of the motion beside all of the above, with
             another value than where nothing is written; {} without such declarations, None if not known.
         contact: the same for contacts and look.
+        programs: the same for what a single program reads, such as the calibration of a joint, or gravity in Gazebo.
         complete: whether `joints` contains all joints, each with its links; without this, a missing joint is not found.
     """
 
@@ -320,6 +321,7 @@ class FilePhysics:
     postures: Mapping[str, Mapping[str, float]] | None = None
     further: Mapping[str, Mapping[str, str]] | None = None
     contact: Mapping[str, Mapping[str, str]] | None = None
+    programs: Mapping[str, Mapping[str, str]] | None = None
     complete: bool = False
 
     def still(self, known: Collection[str]) -> frozenset[str] | None:

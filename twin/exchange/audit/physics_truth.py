@@ -66,6 +66,7 @@ def mechanism_physics(mechanism: Mechanism) -> FilePhysics:
         robot=mechanism.name,
         postures=mechanism.postures,
         further={},
+        programs={},
         floats=dict.fromkeys(links, 0.0),
         complete=True,
     )

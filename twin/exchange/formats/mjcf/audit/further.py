@@ -13,6 +13,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from twin.exchange.audit.mechanism_data import WORLD
+
 _SAME = 1e-12
 """Relative difference of equal numbers."""
 
@@ -67,6 +69,9 @@ _ACCURACY = frozenset(
     | {"noslip_iterations", "noslip_tolerance", "sleep_tolerance", "solver", "magnetic", "wind"}
 )
 """Options of how exactly the solver works, and of what needs sensors or a medium: the motion is nearly the same."""
+
+_COMPARED_TRANSMISSIONS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_TENDON)
+"""Transmissions of actuators that are read; others pull at bodies and sites."""
 
 _COMPARED_FLAGS = (
     int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
@@ -163,15 +168,19 @@ def _further_numbers(name: str, item: Any) -> dict[str, str]:
             numbers = np.asarray(getattr(item, key), float)[first:]
             if np.any(np.nan_to_num(numbers)):
                 fields[f"{key}[{first}:]"] = _text(numbers)
+        if item.trntype not in _COMPARED_TRANSMISSIONS:
+            fields["trntype"] = mujoco.mjtTrn(item.trntype).name.removeprefix("mjTRN_").lower()
     elif name == "equalities" and item.type == mujoco.mjtEq.mjEQ_JOINT and item.name2:
         # Couplings are compared as linear ones.
         powers = np.asarray(item.data, float)[2:5]
         if np.any(powers):
             fields["polycoef[2:]"] = _text(powers)
-    elif name == "geoms" and item.meshname and item.type != mujoco.mjtGeom.mjGEOM_MESH:
-        # Its mesh is not read as a shape, so no comparison of meshes would show the difference.
+    elif name == "geoms" and item.type != mujoco.mjtGeom.mjGEOM_MESH and item.parent.name != WORLD:
+        # Only meshes are read as shapes, so no comparison of meshes would show others. The world may have a floor.
         kind = mujoco.mjtGeom(item.type).name.removeprefix("mjGEOM_").lower()
-        fields["type"] = f"{kind} that MuJoCo fits to mesh '{item.meshname}'"
+        fields["type"] = f"{kind} on body '{item.parent.name}'"
+        if item.meshname:
+            fields["type"] += f", which MuJoCo fits to mesh '{item.meshname}'"
     return fields
 
 

@@ -300,7 +300,8 @@ def _drives(m: mujoco.MjModel, motors: dict[str, FileMotor]) -> list[FileDrive]:
         effort = None
         if m.actuator_forcelimited[a]:
             effort = float(np.abs(m.actuator_forcerange[a]).max() * abs(gear))
-        elif m.actuator_forcerange[a].any():  # forcelimited="false" switches a declared limit off
+        elif m.actuator_forcerange[a].any() or m.actuator_forcelimited.any():
+            # The limit is switched off by forcelimited="false", or missing although others of the file are limited.
             effort = np.inf
         drive = FileDrive(limits, True, stiffness, damping, effort, control=_control(m, a, j, limits))
         out.append(replace(drive, passive=passive, law=_law(m, a), breaks=np.inf))

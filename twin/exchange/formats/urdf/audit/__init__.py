@@ -31,6 +31,7 @@ from twin.exchange.audit.report import Ledger, Measured, ReadError
 from twin.exchange.formats.urdf.audit.closures import CLOSED, PLAYED, FileClosures, check_gap, read_closures
 from twin.exchange.formats.urdf.audit.collisions import check_collisions
 from twin.exchange.formats.urdf.audit.elements import check_elements
+from twin.exchange.formats.urdf.audit.program_settings import program_settings
 from twin.exchange.xacro import SUFFIX, Expanded, expand, is_xacro
 
 KINDS = {"revolute": "turn", "continuous": "turn", "prismatic": "slide", "fixed": "fixed", "floating": "free"}
@@ -126,6 +127,7 @@ class Urdf:
         self.content.physics.partly = partly_shown(path) | _partly_read(root)
         self.content.physics.motors = _motors(root)
         self.content.physics.reductions = _reductions(root, moving)
+        self.content.physics.programs = program_settings(root)
         _check_transmissions(root, joints, ledger)
         self._check_home(beside.name)
 

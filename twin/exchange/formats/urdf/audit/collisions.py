@@ -96,16 +96,29 @@ def check_collisions(
                 continue
             text = f"link '{owner}': '{name}{_COLLISION}' differs from '{name}{_VISUAL}': {', '.join(differences)}."
             faults.append((owner, text))
-        for name in collisions:
-            if name not in visuals and collisions[name].file == _EXPORTED.format(name):
+        for name, collision in collisions.items():
+            if name.startswith(_UNNAMED):
+                text = f"link '{owner}' collides by {collision.file}, which is none of its '…{_COLLISION}'."
+                faults.append((owner, text))
+            elif name not in visuals and collision.file == _EXPORTED.format(name):
                 text = f"link '{owner}' has the collision mesh '{name}{_COLLISION}', but no '{name}{_VISUAL}'."
                 faults.append((owner, text))
+        for shape in _plain_collisions(link):
+            faults.append((owner, f"link '{owner}' collides by a {shape}; exports collide by meshes only."))
     if equal <= len(faults):
         if faults:
             _not_judged(equal, faults, ledger)
         return
     for owner, text in faults:
         ledger.wrong("urdf.collision", text, owner, suggestion="export the file again")
+
+
+def _plain_collisions(link: ET.Element) -> list[str]:
+    """Return the kinds of the collision shapes of a link that are no meshes, such as "sphere"."""
+    shapes = []
+    for geometry in link.findall("collision/geometry"):
+        shapes += [str(shape.tag) for shape in geometry if shape.tag != "mesh"]
+    return shapes
 
 
 def _not_judged(equal: int, faults: Sequence[tuple[str, str]], ledger: Ledger) -> None:

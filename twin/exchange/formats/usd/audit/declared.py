@@ -38,7 +38,8 @@ _TESTED: Mapping[str, Any] = {
 
 _READ = re.compile(
     r"drive:(angular|linear):physics:(damping|maxForce|stiffness|targetPosition|targetVelocity|type)"
-    r"|extent|face.*|points|normals|orientation|doubleSided|subdivisionScheme|holeIndices|primvars:.*|purpose|visibility"
+    r"|extent|faceVertex(Counts|Indices)|points|normals|orientation|subdivisionScheme|holeIndices|primvars:.*"
+    r"|purpose|visibility"
     r"|info:id|inputs:(diffuseColor|metallic|opacity|roughness)|outputs:.*|xformOp.*|twin:.*|newton:.*:position"
     r"|newton:selfCollisionEnabled|physics:(approximation|axis|breakForce|centerOfMass|collisionEnabled|coneAngle.Limit)"
     r"|physics:(diagonalInertia|excludeFromArticulation|gravity.*|jointEnabled|kinematicEnabled|localPos.|localRot.)"
@@ -49,6 +50,9 @@ _READ = re.compile(
     r"|familyName|elementType|indices"
 )
 """Attributes that other checks and comparisons read."""
+
+_LONGEST_VALUE = 60
+"""Number of letters of a value that a finding shows."""
 
 _LOOK = (UsdGeom.Gprim, UsdGeom.Subset, UsdShade.Material, UsdShade.Shader)
 """Prims whose further declarations act on contacts or on the look."""
@@ -78,9 +82,13 @@ def further_declarations(stage: Usd.Stage) -> tuple[dict[str, dict[str, str]], d
         fields: dict[str, str] = {}
         for attribute in prim.GetAuthoredAttributes():
             name = str(attribute.GetName())
-            if _READ.fullmatch(name) or attribute.Get() == _fallback(prim, name):
+            if _is_read_elsewhere(prim, name) or attribute.Get() == _fallback(prim, name):
                 continue
-            fields[name] = str(attribute.Get())[:60]
+            fields[name] = str(attribute.Get())[:_LONGEST_VALUE]
+        if prim.IsA(UsdGeom.Gprim):
+            purpose = str(UsdGeom.Imageable(prim).ComputePurpose())
+            if purpose != UsdGeom.Tokens.default_:  # viewers show some purposes only on demand
+                fields["purpose"] = purpose
         if not fields:
             continue
         path = str(prim.GetPath())
@@ -89,6 +97,26 @@ def further_declarations(stage: Usd.Stage) -> tuple[dict[str, dict[str, str]], d
         else:
             motion[path] = fields
     return motion, contact
+
+
+def _is_read_elsewhere(prim: Usd.Prim, name: str) -> bool:
+    """Return whether other checks read an attribute of a prim; two attributes are read of some joints only."""
+    if name == "physics:breakForce":
+        return prim.IsA(UsdPhysics.RevoluteJoint) or prim.IsA(UsdPhysics.PrismaticJoint)
+    if name == "physics:excludeFromArticulation":
+        return not _holds_base(prim)
+    return _READ.fullmatch(name) is not None
+
+
+def _holds_base(joint: Usd.Prim) -> bool:
+    """Return whether a joint connects a link to what is no link: the world, or the prim of the robot."""
+    for name in ("physics:body0", "physics:body1"):
+        relationship = joint.GetRelationship(name)
+        targets = relationship.GetForwardedTargets() if relationship else []
+        bodies = [joint.GetStage().GetPrimAtPath(target) for target in targets]
+        if not any(body and body.HasAPI(UsdPhysics.RigidBodyAPI) for body in bodies):
+            return True
+    return False
 
 
 def _fallback(prim: Usd.Prim, name: str) -> Any:
@@ -115,6 +143,7 @@ def check_declared(stage: Usd.Stage, physics: FilePhysics, codes: Array, ledger:
     _check_joints(stage, ledger)
     _check_ends(stage, ledger)
     _check_sampled(stage, ledger)
+    _check_sample_times(stage, physics.links, ledger)
     _check_scene(stage, ledger)
     _check_colliders(stage, ledger)
     _check_meshes(stage, ledger)
@@ -295,6 +324,31 @@ def _check_sampled(stage: Usd.Stage, ledger: Ledger) -> None:
             ledger.add("usd.state", "warning", text, name, suggestion="bake the motion again")
 
 
+def _check_sample_times(stage: Usd.Stage, links: Sequence[str], ledger: Ledger) -> None:
+    """Report links whose poses have samples at other time codes than those of most links."""
+    times: dict[str, tuple[float, ...]] = {}
+    for prim in stage.Traverse():
+        if prim.GetName() in links and prim.HasAPI(UsdPhysics.RigidBodyAPI):
+            samples: set[float] = set()
+            for op in UsdGeom.Xformable(prim).GetOrderedXformOps():
+                samples |= set(op.GetTimeSamples())
+            times[prim.GetName()] = tuple(sorted(samples))
+    for link, own, common, count in _odd(times):
+        if not own:  # at rest during the motion
+            continue
+        differing = sorted(set(own) ^ set(common))
+        text = (
+            f"the poses of link '{link}' have a time sample at the time code {differing[0]:g} that those of {count} "
+            "other links lack."
+        )
+        if differing[0] in common:
+            text = (
+                f"the poses of link '{link}' lack the time sample at the time code {differing[0]:g}, which {count} "
+                "other links have."
+            )
+        ledger.add("usd.sample_times", "warning", text, link, suggestion="bake the motion again")
+
+
 def _check_scene(stage: Usd.Stage, ledger: Ledger) -> None:
     """Report a stage that says of itself that it is in a physics scene, without one; and one with several."""
     scenes = [str(prim.GetPath()) for prim in stage.Traverse() if prim.IsA(UsdPhysics.Scene)]
@@ -356,8 +410,8 @@ def _turned_normals(mesh: UsdGeom.Mesh) -> int:
     counts = mesh.GetFaceVertexCountsAttr().Get()
     if not primvar or primvar.GetInterpolation() != "faceVarying" or not counts or set(counts) != {3}:
         return 0
-    points = np.array(mesh.GetPointsAttr().Get(), float)
-    indices = np.array(mesh.GetFaceVertexIndicesAttr().Get(), int)
+    points = np.array(mesh.GetPointsAttr().Get() or [], float)
+    indices = np.array(mesh.GetFaceVertexIndicesAttr().Get() or [], int)
     normals = np.array(primvar.ComputeFlattened() or [], float)
     if len(normals) != len(indices) or not len(indices) or indices.min() < 0 or indices.max() >= len(points):
         return 0  # reported by other checks

@@ -11,6 +11,7 @@ from pxr import Usd, UsdGeom, UsdPhysics
 from twin.exchange.audit import poses
 from twin.exchange.audit.mechanism_data import (
     EMPTY,
+    FREE_JOINT,
     FileDrive,
     FileFrame,
     FileJoint,
@@ -44,6 +45,7 @@ def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: s
         if out.all_motors:
             out.robot = robot.GetName()
             out.further, out.contact = further_declarations(stage)
+            out.programs = {}
             out.postures = _postures(robot)
             out.marks = frozenset({"frame", "point"})
         _add_tool(out, robot)
@@ -73,8 +75,8 @@ def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: s
             joint = _joint(prim, names, meters, kilograms)
             if joint is None:
                 continue
-            if out.all_motors:
-                joint = replace(joint, drive=_unlimited(joint.drive, prim.GetName() not in behind))
+            if out.all_motors and joint.kind in ("revolute", "prismatic"):
+                joint = replace(joint, drive=_completed(joint.drive, prim.GetName() not in behind))
             parent_moves = joint.parent in links
             child_moves = joint.child in links
             if joint.kind == "fixed" and parent_moves != child_moves:
@@ -310,11 +312,15 @@ def _drive(prim: Usd.Prim, kind: str, meters: float, kilograms: float) -> FileDr
     )
 
 
-def _unlimited(drive: FileDrive, own: bool) -> FileDrive:
-    """Return a drive of a stage of this project: what it does not state has no limit.
+def _completed(drive: FileDrive, own: bool) -> FileDrive:
+    """Return the drive of a joint with one coordinate in a stage of this project: what is not stated has no limit.
+
+    Such a stage holds no spring, damper or friction of a joint itself, so it states that there is none.
 
     `own`: whether the drive is at the joint itself; motors behind a transmission have speeds and efforts of their own.
     """
+    soft = drive.limits if drive.soft is None else drive.soft
+    drive = replace(drive, passive=FREE_JOINT, soft=soft)
     if not drive.driven:
         return drive
     speed = np.inf if own and drive.speed is None else drive.speed
