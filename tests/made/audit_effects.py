@@ -38,6 +38,13 @@ UNUSED = {
     "numeric": "numbers for other programs",
     "nnumeric": "the same",
     "nuser": "room for numbers of other programs",
+    "site_rgba": "colour of a mark in the picture",
+    "jnt_group": "groups of the viewer",
+    "site_group": "groups of the viewer",
+    "actuator_group": "groups of the viewer",
+    "tendon_group": "groups of the viewer",
+    "actuator_lengthrange": "of muscles; exports have none",
+    "key_time": "the time at which a simulation starts",
     "site_size": "size of a mark in the picture",
     "bvh": "bounding volumes, which follow from the meshes",
     "oct": "bounding volumes, which follow from the meshes",
@@ -220,6 +227,7 @@ NO_EFFECT = (
         "a link without mass and shape marks a place",
     ),
     (r"asset/mesh@inertia: removed", r"", "shapes have no mass, links state theirs; MuJoCo only rounds otherwise"),
+    (r"actuator/general@dynprm added.*", r"", "without dyntype, an actuator has no dynamics"),
     (r".*Shader: duplicated", r"", "no material connects to a second shader"),
     (r".*Joint: below a sibling", r"", "a joint may be anywhere: it names its bodies"),
 )
@@ -309,6 +317,11 @@ def same_display(a: Model, b: Model, key: str) -> bool:
     return bool(min(linear, np.abs(powers[0] - powers[1]).max(initial=0.0)) <= ROUNDED_COLOUR)
 
 
+def shown_groups(a: Model, b: Model, key: str) -> bool:
+    """Viewers show the groups 0 to 2."""
+    return bool(a[key].max(initial=0) <= 2 and b[key].max(initial=0) <= 2)
+
+
 def same_effort(a: Model, b: Model, key: str) -> bool:
     """A constant effort of a servo below 1e-6 N or N m moves nothing."""
     return all(np.abs(one - other).max() < 1e-6 for _, one, other in changed_rows(a, b, key))
@@ -370,6 +383,7 @@ TENSOR = 1e-5
 BY_VALUE: tuple[tuple[str, Harmless], ...] = (
     (r"jnt_pos", along_axis),
     (r"actuator_biasprm", same_effort),
+    (r"geom_group", shown_groups),
     (r"effort|speed", unbounded),
     (r"inertias", weightless),
     (r"eq_solimp", same_impedance),

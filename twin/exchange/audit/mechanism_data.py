@@ -398,11 +398,15 @@ class FilePhysics:
         return added
 
     def loads(self, known: Collection[str]) -> list[str]:
-        """Return the links outside `known` that have a mass and are fixed to one other link, such as a payload.
+        """Return the links outside `known` that are a load: fixed to one other link, with a mass, or without any joint.
 
         Where a format divides a link, the masses of its parts are those of no link of the others either.
         """
         loads: list[str] = []
+        if self.complete and self.joints:
+            for link in self.links:
+                if link not in known and not _at(link, self.joints):
+                    loads.append(link)
         for link, joint in self._of_heavy_ends(known).items():
             if joint.kind == "fixed":
                 loads.append(link)

@@ -73,6 +73,9 @@ _ACCURACY = frozenset(
 _COMPARED_TRANSMISSIONS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_TENDON)
 """Transmissions of actuators that are read; others pull at bodies and sites."""
 
+_LAST_SHOWN_GROUP = 2
+"""Highest group of shapes that MuJoCo's viewer shows; colliders of others are in higher ones."""
+
 _COMPARED_FLAGS = (
     int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
     | int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
@@ -181,6 +184,8 @@ def _further_numbers(name: str, item: Any) -> dict[str, str]:
         fields["type"] = f"{kind} on body '{item.parent.name}'"
         if item.meshname:
             fields["type"] += f", which MuJoCo fits to mesh '{item.meshname}'"
+    if name == "geoms" and item.group > _LAST_SHOWN_GROUP:
+        fields["group"] = f"{item.group}, which viewers do not show"
     return fields
 
 

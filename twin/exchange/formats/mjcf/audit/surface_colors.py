@@ -10,6 +10,9 @@ from twin.exchange.audit.colors import Palette, Rgba, linear, surface_area
 Shares = dict[str, dict[Rgba, float]]
 """{body: {colour: fraction of the body's area}}."""
 
+_DEFAULT_COLOR = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
+"""`rgba` of a geom for which a file states none."""
+
 
 def surface_colors(m: mujoco.MjModel) -> tuple[Shares, Shares]:
     """Return the linear colours of the bodies, and their finishes as (metallic, roughness, 0, 1).
@@ -33,8 +36,10 @@ def surface_colors(m: mujoco.MjModel) -> tuple[Shares, Shares]:
         area = _mesh_area(m, mesh)
         rgba = m.geom_rgba[geom]
         material = int(m.geom_matid[geom])
-        if material >= 0:  # the colour of a material hides that of the shape
-            rgba = m.mat_rgba[material]
+        if material >= 0:
+            # MuJoCo shows the colour of a material only on shapes whose own colour is the one that it gives by default.
+            if np.array_equal(rgba, _DEFAULT_COLOR):
+                rgba = m.mat_rgba[material]
             if has_finishes:
                 finishes.add_finish(body, float(m.mat_metallic[material]), float(m.mat_roughness[material]), area)
         red, green, blue = linear(rgba[:3]).tolist()

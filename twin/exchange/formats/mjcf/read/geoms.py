@@ -15,6 +15,9 @@ from twin.usd.read.names import unique
 
 _SHAPES = {"BOX": "box", "CYLINDER": "cylinder", "SPHERE": "sphere", "CAPSULE": "capsule", "ELLIPSOID": "ellipsoid"}
 
+_UNSTATED_RGBA = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
+"""Colour of a shape for which the file states none."""
+
 
 def shown(
     m, bodies: Sequence[str], name: Callable[[str, int], str], findings: Findings
@@ -58,7 +61,9 @@ def shown(
         rgba = m.geom_rgba[i]
         material = int(m.geom_matid[i])
         if material >= 0:
-            rgba = m.mat_rgba[material]
+            # MuJoCo shows the colour of the shape itself if one is stated, else that of its material.
+            if np.array_equal(rgba, _UNSTATED_RGBA):
+                rgba = m.mat_rgba[material]
             if np.any(m.mat_texid[material] >= 0):
                 label = name("MATERIAL", material)
                 text = f"body '{bodies[body]}': the texture of material '{label}' is not imported."

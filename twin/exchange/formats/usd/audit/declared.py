@@ -51,6 +51,9 @@ _READ = re.compile(
 )
 """Attributes that other checks and comparisons read."""
 
+_READ_RELATIONSHIPS = re.compile(r"physics:body[01]|material:binding|physxMimicJoint:.*:referenceJoint|proxyPrim")
+"""Relationships that other checks and comparisons read."""
+
 _LONGEST_VALUE = 60
 """Number of letters of a value that a finding shows."""
 
@@ -85,6 +88,11 @@ def further_declarations(stage: Usd.Stage) -> tuple[dict[str, dict[str, str]], d
             if _is_read_elsewhere(prim, name) or attribute.Get() == _fallback(prim, name):
                 continue
             fields[name] = str(attribute.Get())[:_LONGEST_VALUE]
+        for relationship in prim.GetAuthoredRelationships():
+            name = str(relationship.GetName())
+            targets = relationship.GetForwardedTargets()
+            if targets and not _READ_RELATIONSHIPS.fullmatch(name):
+                fields[name] = ", ".join(map(str, targets))[:_LONGEST_VALUE]
         if prim.IsA(UsdGeom.Gprim):
             purpose = str(UsdGeom.Imageable(prim).ComputePurpose())
             if purpose != UsdGeom.Tokens.default_:  # viewers show some purposes only on demand
