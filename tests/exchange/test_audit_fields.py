@@ -36,6 +36,12 @@ def bars(tmp_path_factory) -> Path:
     return bundle.write_good(tmp_path_factory.mktemp("good") / "bars")
 
 
+@pytest.fixture(scope="module")
+def real(tmp_path_factory) -> dict[str, Path]:
+    robots = ("pa10", "sils", "sher", "davinci_psm", "raven_left")
+    return audit_seeds.exported(robots, tmp_path_factory.mktemp("real"))
+
+
 def spoil_urdf(root: ET.Element) -> None:
     root.set("name", "other")
     root.append(ET.fromstring(ET.tostring(root.find("material"))))
@@ -43,6 +49,12 @@ def spoil_urdf(root: ET.Element) -> None:
     link = root.find("link")
     link.append(ET.fromstring(ET.tostring(link.find("collision"))))
     root.find("transmission/type").text = "transmission_interface/NoTransmission"
+    root.append(ET.fromstring('<gazebo reference="crank"><gravity>false</gravity></gazebo>'))
+    root.find("joint").append(ET.fromstring('<calibration rising="0.1"/>'))
+    root.findall("link")[1].append(ET.fromstring(BALL))
+
+
+BALL = '<collision name="ball"><geometry><sphere radius="0.2"/></geometry></collision>'
 
 
 def spoil_mjcf(root: ET.Element) -> None:
@@ -55,6 +67,11 @@ def spoil_mjcf(root: ET.Element) -> None:
     actuator.set("name", "crank_x")
     actuator.set("forcelimited", "false")
     next(joint for joint in root.iter("joint") if joint.get("range")).set("solreflimit", "0.5 1")
+    first, second = root.findall("equality/connect")
+    first.set("solref", "0.001 1.01")
+    second.set("name", "closing_1_x")
+    root.find("keyframe/key").set("name", "home_x")
+    del next(root.iter("geom")).attrib["type"]
 
 
 def spoil_motion(layer: Sdf.Layer) -> None:
@@ -72,6 +89,13 @@ def spoil_stage(layer: Sdf.Layer) -> None:
         added = Sdf.CreatePrimInLayer(layer, f"/bars/{kind}")
         added.specifier, added.typeName = Sdf.SpecifierDef, kind
         Sdf.AttributeSpec(added, field, Sdf.ValueTypeNames.Float).default = 20.0
+    crank = layer.GetPrimAtPath("/bars/crank")
+    Sdf.RelationshipSpec(crank, "physics:filteredPairs").targetPathList.explicitItems = ["/bars/rocker"]
+    added = Sdf.CreatePrimInLayer(layer, "/bars/more")
+    added.specifier, added.typeName = Sdf.SpecifierDef, "Xform"
+    added.SetInfo("apiSchemas", Sdf.TokenListOp.CreateExplicit(["PhysicsRigidBodyAPI"]))
+    held = layer.GetPrimAtPath("/bars/joints/root_joint")
+    Sdf.AttributeSpec(held, "physics:breakForce", Sdf.ValueTypeNames.Float).default = 1.0
     mesh = layer.GetPrimAtPath("/bars/crank/crank_visual")
     Sdf.AttributeSpec(mesh, "physxCollision:contactOffset", Sdf.ValueTypeNames.Float).default = 0.5
 
@@ -92,6 +116,15 @@ PLACED = {
     ("bars.xml: joint 'crank_joint'", "physics.largest_effort"),
     ("bars.xml: joint 'crank_joint'", "physics.declarations_of_contact_or_look"),
     ("usd/bars_swing.usda: /bars/crank/base", "usd.undefined"),
+    ("bars.urdf: joint 'crank_joint'", "physics.settings_of_single_programs"),
+    ("bars.urdf: 'crank' in Gazebo", "physics.settings_of_single_programs"),
+    ("bars.urdf: crank", "urdf.collision"),
+    ("bars.xml: closing_0", "mjcf.claim"),
+    ("bars.xml: joint 'closing'", "physics.name"),
+    ("bars.xml: keyframe", "mjcf.claim"),
+    ("usd/bars.usda: /bars/crank", "physics.further_declarations"),
+    ("usd/bars.usda: /bars/joints/root_joint", "physics.further_declarations"),
+    ("bars.xml: body 'more'", "physics.existence"),
 }
 """Places and codes of those that must be found although the robot has one actuator, two limits, and a base at rest."""
 
@@ -175,13 +208,13 @@ def campaign(folder: Path, robot: str, out: Path, *options: str) -> list[dict]:
     return [json.loads(line) for line in out.read_text().splitlines()]
 
 
-def judge(outcomes: list[dict]) -> None:
+def judge(outcomes: list[dict], least: int = 10) -> None:
     missed = [o for o in outcomes if o["verdict"] not in FOUND]
     effective = [o for o in outcomes if o["verdict"] != "none"]
     print(f"{len(effective) - len(missed)} of {len(effective)} changes with an effect found by their cause")
     for o in missed:
         print(f"  {o['file']}: {o['kind']} | {o['place']} | {o['verdict']} | {o['effect']} | {o['told'][:1]}")
-    assert len(outcomes) > 10
+    assert len(outcomes) > least
     assert 1 - len(missed) / len(effective) >= LEAST
 
 
@@ -194,18 +227,67 @@ def test_a_drawn_part_of_the_fields_of_a_small_robot_is_found(format, part, bars
     judge(campaign(bars, "bars", tmp_path / "out.jsonl", "--format", format, "--part", part))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("format", "part"), [("urdf", "1/3"), ("mjcf", "2/9"), ("usd", "3/9")])
+def test_elements_and_prims_added_to_a_small_robot_are_found(format, part, bars, tmp_path):
+    judge(campaign(bars, "bars", tmp_path / "out.jsonl", "--format", format, "--added", "--part", part), least=5)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("format", ["urdf", "mjcf", "usd"])
+@pytest.mark.parametrize("robot", ["bars", "sils", "raven_left"])
+def test_every_added_element_is_found(robot, format, bars, real, tmp_path):
+    folder = bars if robot == "bars" else real[robot]
+    judge(campaign(folder, robot, tmp_path / "out.jsonl", "--format", format, "--added"))
+
+
+def lose_motion(folder: Path) -> None:
+    stage = folder / "usd/bars_swing.usda"
+    stage.write_text(stage.read_text().replace("@./motion/swing.usdc@,", ""))
+
+
+def lose_shader(folder: Path) -> None:
+    file = str(folder / "usd/geometry.usdc")
+    layer = Sdf.Layer.OpenAsAnonymous(file)
+    materials = layer.GetPrimAtPath("/bars/materials").nameChildren
+    materials[0].nameChildren[0].SetInfo("active", False)
+    Path(file).unlink()
+    layer.Export(file)
+
+
+def move_sample(folder: Path) -> None:
+    file = str(folder / "usd/motion/swing.usdc")
+    layer = Sdf.Layer.OpenAsAnonymous(file)
+    times = layer.ListTimeSamplesForPath("/bars/crank.xformOp:orient")
+    value = layer.QueryTimeSample("/bars/crank.xformOp:orient", times[4])
+    layer.SetTimeSample("/bars/crank.xformOp:orient", times[4] + 0.3, value)
+    Path(file).unlink()
+    layer.Export(file)
+
+
+LAYER_FAULTS = (
+    (lose_motion, "usd.unused_layer", "it only states values for /bars, which another layer must define"),
+    (lose_motion, "usd.range", "no link has time samples"),
+    (lose_shader, "usd.material", "has no shader"),
+    (move_sample, "usd.sample_times", "link 'crank' have a time sample at the time code"),
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("edit", "code", "says"), LAYER_FAULTS)
+def test_a_layer_without_its_stage_or_its_content_is_named(edit, code, says, bars, tmp_path):
+    folder = tmp_path / "bars"
+    shutil.copytree(bars, folder, ignore=shutil.ignore_patterns("*.glb", "*.usdz", "unity", "proof.json"))
+    edit(folder)
+    assert [f for f in audit(folder).findings if f.code == code and says in f.message]
+
+
 @pytest.mark.nightly
 @pytest.mark.parametrize("format", ["urdf", "mjcf", "usd"])
 @pytest.mark.parametrize("undeclared", [False, True])
 def test_every_field_of_a_small_robot_is_found(format, undeclared, bars, tmp_path):
     options = ["--undeclared"] * undeclared
     judge(campaign(bars, "bars", tmp_path / "out.jsonl", "--format", format, *options))
-
-
-@pytest.fixture(scope="module")
-def real(tmp_path_factory) -> dict[str, Path]:
-    robots = ("pa10", "sils", "sher", "davinci_psm", "raven_left")
-    return audit_seeds.exported(robots, tmp_path_factory.mktemp("real"))
 
 
 @pytest.mark.nightly

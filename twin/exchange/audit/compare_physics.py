@@ -623,6 +623,7 @@ def _state_joint(view: View, name: str, joint: FileJoint, canonical: FileJoint, 
         view.say(subject, {quantity: ordered.T})
     if joint.kind == "spherical":
         view.say(subject, {"cone": joint.drive.cone})
+        view.say(f"{subject} on '{joint.parent}'", {"axis of its cone": joint.drive.cone_axis})
     if joint.kind in _SINGLE:
         drive = joint.drive
         if joint.tied:  # a tie is between points, and has no coordinate of its own

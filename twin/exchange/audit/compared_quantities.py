@@ -218,6 +218,7 @@ QUANTITIES: Mapping[str, Compared] = {
     "limits": Compared(_ends, 1e-5, "m or rad"),
     "soft limits": Compared(_ends, 1e-5, "m or rad"),
     "cone": Compared(_ends, 1e-5, "rad"),
+    "axis of its cone": Compared(_direction, 1e-5),
     "driven": Compared(_word, 0.0),
     "stiffness": Compared(_number, 1e-5, "N/m or N m/rad", True),
     "damping": Compared(_number, 1e-5, "N s/m or N m s/rad", True),

@@ -90,6 +90,7 @@ class FileDrive:
         breaks: force in N at which the joint breaks; infinite if it never breaks.
         cone: half angles in rad of the cone of a ball joint, about the two directions across its axis; infinite without
             a cone.
+        cone_axis: unit vector (3,) of the axis of this cone, in the frame of the parent; None without a cone.
         soft: range (lower, upper) in m or rad in which a safety controller keeps the joint; the limits without one.
         acceleration: maximum acceleration in m/s2 or rad/s2.
         jerk: maximum jerk in m/s3 or rad/s3.
@@ -107,6 +108,7 @@ class FileDrive:
     law: str | None = None
     breaks: float | None = None
     cone: tuple[float, float] | None = None
+    cone_axis: Array | None = None
     soft: tuple[float, float] | None = None
     control: tuple[float, float] | None = None
     acceleration: float | None = None
@@ -237,7 +239,8 @@ class FileJoint:
     def turned(self) -> FileJoint:
         """Return the joint with parent and child exchanged; the signs of its coordinates do not change."""
         tied = [(on_child, on_parent) for on_parent, on_child in self.tied]
-        exchanged = replace(self, parent=self.child, child=self.parent, tied=tuple(tied))
+        drive = replace(self.drive, cone_axis=None)  # it is known in the frame of the other link
+        exchanged = replace(self, parent=self.child, child=self.parent, tied=tuple(tied), drive=drive)
         if self.T is None:
             return exchanged
         T_child_parent = poses.inverse(self.T)
@@ -494,7 +497,7 @@ def _chained(first: FileJoint, second: FileJoint) -> FileJoint:
     if first.motions and not second.motions:
         drive = first.drive
     elif second.motions and not first.motions:
-        drive = second.drive
+        drive = replace(second.drive, cone_axis=None)  # the parent is another one
     motions = list(first.motions)
     for line in second.motions:
         motions.append(line.seen(first.T))

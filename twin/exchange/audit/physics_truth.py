@@ -113,8 +113,9 @@ def _drive(mechanism: Mechanism, name: str, motors: Mapping[str, FileMotor]) -> 
     """Return the drive at a joint: its own, or that of the motors behind a transmission, felt at the joint."""
     joint = mechanism.joint(name)
     if joint.type == "spherical":
-        half_angle = np.inf if joint.cone is None else joint.cone
-        return FileDrive(cone=(half_angle, half_angle))
+        if joint.cone is None:
+            return FileDrive(cone=(np.inf, np.inf))
+        return FileDrive(cone=(joint.cone, joint.cone), cone_axis=joint.T_parent_joint[:3, 2])
     if joint.type not in ("revolute", "prismatic"):
         return FileDrive()
     stiffness = None

@@ -24,6 +24,9 @@ _KINDS = re.compile(r"<!--[^>]*as stated by the text of that name")
 _TESTED = {"timestep": 0.001, "iterations": 100, "tolerance": 1e-12}
 """Options at which the loops were tested to stay closed (tests/exchange/test_exporting_engines.py)."""
 
+_SPRING = (0.001, 1.0, 0.9999, 0.9999, 0.001, 0.5, 2.0)
+"""solref and solimp of the equality constraints in these tests."""
+
 _INTEGRATOR = "discrete"
 
 _HOME = "home"
@@ -67,6 +70,7 @@ def check_claims(text: str, m: mujoco.MjModel, balance: Balance | None, weighed:
     """
     if _STEPPING.search(text):
         _check_stepping(m, ledger)
+        _check_springs(m, ledger)
     if _KINDS.search(text):
         _check_kinds(m, ledger)
     if _OF_JOINTS.search(text):
@@ -139,6 +143,23 @@ def _check_stepping(m: mujoco.MjModel, ledger: Ledger) -> None:
     known = mujoco.mjtIntegrator(m.opt.integrator).name.removeprefix("mjINT_").lower()
     if known != _INTEGRATOR:
         _stepping("integrator", known, _INTEGRATOR, ledger)
+
+
+def _check_springs(m: mujoco.MjModel, ledger: Ledger) -> None:
+    """Report constraints that yield by other parameters than those with which the loops were tested."""
+    for e in range(m.neq):
+        own = np.concatenate([m.eq_solref[e], m.eq_solimp[e]])
+        if np.allclose(own, _SPRING, rtol=1e-6, atol=0.0):
+            continue
+        name = m.equality(e).name
+        solref = " ".join(f"{number:g}" for number in own[:2])
+        solimp = " ".join(f"{number:g}" for number in own[2:])
+        text = (
+            f"equality '{name}' has solref {solref} and solimp {solimp}; a comment of the file states that its loops "
+            "stay closed, which was tested with solref 0.001 1 and solimp 0.9999 0.9999 0.001 0.5 2."
+        )
+        advice = "write the tested solref and solimp, or remove the comment"
+        ledger.wrong("mjcf.claim", text, name, suggestion=advice)
 
 
 def _stepping(name: str, own: str, tested: str, ledger: Ledger) -> None:

@@ -208,6 +208,8 @@ def _joint(prim: Usd.Prim, names: dict[str, str], meters: float, kilograms: floa
     T_parent_child = T_parent_joint @ poses.inverse(T_child_joint)
     motions = along(kind, T_parent_joint, axis)
     drive = _drive(prim, kind, meters, kilograms)
+    if drive.cone is not None and np.isfinite(max(drive.cone)):
+        drive = replace(drive, cone_axis=T_parent_joint[:3, axis].copy())
     return FileJoint((prim.GetName(),), parent, child, T_parent_child, motions, drive)
 
 
@@ -251,7 +253,8 @@ def _cone(prim: Usd.Prim) -> tuple[float, float] | None:
         return float(drawn), float(drawn)
     half_angles: list[float] = []
     for attribute in (ball.GetConeAngle0LimitAttr(), ball.GetConeAngle1LimitAttr()):
-        degrees = float(attribute.Get())
+        stated = attribute.Get()  # a blocked attribute has no value
+        degrees = -1.0 if stated is None else float(stated)
         if degrees < 0:  # the schema's value for a joint without a cone
             degrees = np.inf
         half_angles.append(degrees * np.pi / 180)
