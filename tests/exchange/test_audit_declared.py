@@ -74,6 +74,10 @@ def test_loops_that_are_all_soft_are_found_and_their_opening_is_computed(pattern
     found = [f for f in grave(audit(tmp_path).findings) if f.code == "physics.opening"]
     assert [f.where for f in found] == ["bars.xml: the loops"]
     assert found[0].size == pytest.approx(opening, rel=0.05)
+    # A comment of an export states with which parameters its loops stay closed; a file of others has no such comment.
+    claims = {f.code for f in audit(tmp_path / "bars.xml").findings if f.severity == "disagreement"}
+    assert claims == {"mjcf.claim"}
+    (tmp_path / "bars.xml").write_text(re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL))
     alone = [f for f in audit(tmp_path / "bars.xml").findings if f.severity == "disagreement"]
     assert not alone  # a file of others may have the defaults of MuJoCo
 
