@@ -64,6 +64,7 @@ class Comparison(Result):
         return findings
 
     def _findings(self, pair: SidePair) -> Iterator[Finding]:
+        """Yield the findings of one pair."""
         where = f"{pair.first.label} and {pair.second.label}"
         if pair.kinematics == "unexplained":
             text = "no conventions, and no small number of different links, explain how the two differ"
@@ -123,7 +124,7 @@ class Comparison(Result):
         """Return the pairs as plain data."""
         sides = []
         for side in self.sides:
-            sides.append({"label": side.label, "joints": [axis.name for axis in side.axes]})
+            sides.append({"label": side.label, "joints": side.joint_names})
         return {
             "sides": sides,
             "tolerance_mm": self.tolerance / MM,
@@ -143,6 +144,7 @@ class Comparison(Result):
 
 
 def _mimic_findings(mimic: MimicError, where: str, *, agrees: bool) -> Iterator[Finding]:
+    """Yield what a comparison of mimic joints with loops says, and what it leaves out."""
     if not agrees:
         size = mm(mimic.worst.distance)
         suggestion = "Close the loops in the format, or fit ratio and offset of the mimic joints to the stroke in use."
@@ -163,6 +165,7 @@ def _uncompared(mimic: MimicError) -> str:
 
 
 def _pair_text(pair: SidePair) -> Iterator[Part]:
+    """Yield the verdict of a pair, its conventions, differences, edits and properties."""
     yield f"{pair.first.label}  ↔  {pair.second.label}: {_verdict(pair)}"
     for item in pair.conventions:
         yield f"  ▲ convention, {item.kind}: {item.text}"
@@ -240,6 +243,7 @@ def _poses_text(fit: PoseFit) -> Iterator[str]:
 
 
 def _noise(fit: PoseFit) -> str:
+    """Return the noise of the rows as text, with its source."""
     if fit.computed:
         return "the rows have no noise"
     if fit.noise is None:
@@ -259,6 +263,7 @@ def _remainder(fit: PoseFit) -> str:
 
 
 def _motion(T: Array) -> str:
+    """Return the size of a motion (4, 4) as text."""
     shift = float(np.linalg.norm(T[:3, 3]))
     turn = float(spatial.rotation_angle(T[:3, :3]))
     if shift < _MOVED and turn < _MOVED:
@@ -267,6 +272,7 @@ def _motion(T: Array) -> str:
 
 
 def _verdict(pair: SidePair) -> str:
+    """Return the verdict on joints and links as text."""
     if pair.poses is not None and not pair.items:
         return "poses agree" if pair.agrees else "poses disagree"
     if pair.mimic is not None:
@@ -281,6 +287,7 @@ def _verdict(pair: SidePair) -> str:
 
 
 def _item_text(item: ComparedItem, pair: SidePair) -> Iterator[str]:
+    """Yield the edits of an item, or that there are none."""
     for label, edits in _by_side(item.edits).items():
         word = "edit"
         for edit in edits[:_SHOWN_EDITS]:

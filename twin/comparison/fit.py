@@ -128,7 +128,8 @@ class Problem:
         self.tolerance = tolerance
         self.axes = [first.axes[i] for i in matching.pairs]
         self.count = len(self.axes)
-        self.order, self.below = _tree(tuple(_JointEnds(axis.parent, axis.child, axis.closing) for axis in self.axes))
+        ends = tuple(_JointEnds(axis.parent, axis.child, axis.closing) for axis in self.axes)
+        self.order, self.below = _tree(ends)
         self.points = np.array([axis.point for axis in self.axes])
         self.directions = np.array([axis.direction for axis in self.axes])
         self.target_points = np.array([axis.point for axis in second.axes])
@@ -221,6 +222,7 @@ class Problem:
                 parent = parent @ deviations[:, places[i]]
             turned = self.turned_axis(i)
             if turned in places:
+                # the axis is turned about its point, and the links behind the joint stay: turned back after its motion
                 turn = deviations[:, places[turned]]
                 parent = parent @ turn
                 step = step @ spatial.inverse(turn)
@@ -240,6 +242,7 @@ class Problem:
         computed by one call: a call takes longer than a rotation.
         """
         displacements = self.displacements(signs, values[:, 6 : 6 + self.count])
+        # the number of a joint whose axis alone is turned is that of the joint plus `count`
         joints = [joint % self.count for joint in deviating]
         in_frame = values[:, 6 + self.count :].reshape(len(values), len(joints), 2, 3)
         placed = in_frame
@@ -357,6 +360,7 @@ class Problem:
                 if axis.kind in TURNING:
                     distance = np.linalg.norm(cross(to_line, target))
                     distances[i] = max(distances[i], float(distance))
+            # both lines are on the target, but their points may be apart along it
             if axis.closing and axis.kind == "revolute":
                 opened = self._closing_rows(i, parents[:, i], children[:, i], u.signs)[1]
                 distances[i] = max(distances[i], float(np.linalg.norm(opened)))

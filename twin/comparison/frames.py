@@ -99,6 +99,7 @@ def _tools(problem: Problem, motions: Array, carrier: dict[int, int]) -> FrameGa
 def _gap(
     problem: Problem, motions: Array, name: str, joint: int, first: tuple[int, Array], second: tuple[int, Array]
 ) -> FrameGap:
+    """Return the gap of a frame; `first` and `second` are its group and T_base_frame (4, 4) in each side."""
     group, T_first = first
     T_moved = motions[0, group] @ T_first
     T = spatial.inverse(second[1]) @ T_moved

@@ -26,6 +26,12 @@ SLACK = 3.0
 _PARALLEL = 1e-4
 """Sine of the angle of two lines below which they are parallel."""
 
+_CROSSING = 1e-2
+"""Sine of the angle of two lines from which their cross product gives the direction of the common normal."""
+
+_SAME_LINE = 1e-3
+"""Distance in m of two parallel lines below which the direction from one to the other is inaccurate."""
+
 STEEP = 0.1
 """Sine of the angle of two lines from which the feet of their common normal are accurate."""
 
@@ -293,7 +299,7 @@ def common_normal(
     normal = np.cross(directions[i], directions[k])
     sine = float(np.linalg.norm(normal))
     between = points[k] - points[i]
-    if sine > 1e-2:
+    if sine > _CROSSING:
         # foot of the normal on line i: p_i + a d_i, on line k: p_k + b d_k
         d = directions[joint]
         other = directions[k if joint == i else i]
@@ -303,7 +309,8 @@ def common_normal(
         return CommonNormal(normal / sine, True, foot), sine
     across = between - directions[joint] * (between @ directions[joint])
     distance = float(np.linalg.norm(across))
-    if sine > _PARALLEL or not turning or distance < 1e-3:
+    # lines that are nearly parallel, or the same, have no normal of which the direction is accurate
+    if sine > _PARALLEL or not turning or distance < _SAME_LINE:
         return None, sine
     return CommonNormal(across / distance, False, None), sine
 
@@ -373,6 +380,7 @@ def _product(
         distance = first[2] if parallel else product * first[2]
         limit = SLACK * problem.tolerance
         if not parallel:
+            # the distance along the normal is inaccurate where the lines are nearly parallel
             limit /= min(first[1], second[1])
         if turning and abs(distance - second[2]) > limit:
             continue

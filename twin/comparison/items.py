@@ -154,9 +154,8 @@ def _drives(problem: Problem) -> list[ComparedItem]:
         other = problem.second.axes[i]
         if axis.active == other.active or axis.closing or not (axis.joined or other.joined):
             continue
-        driven, passive = problem.first, problem.second
-        if other.active:
-            driven, passive = passive, driven
+        driven = problem.second if other.active else problem.first
+        passive = problem.first if other.active else problem.second
         parts = [part.name for part in (*axis.joined, *other.joined)]
         text = f"motors of {driven.label} drive joint '{other.name}' ({', '.join(parts)}), none of {passive.label} does"
         items_of_drives.append(ComparedItem("order", other.name, text))
@@ -285,6 +284,7 @@ def placed(shift: Array, turn: Array) -> str:
 
 
 def _direction(unit: Array) -> str:
+    """Return a unit vector (3,) as text: the name of an axis, or its components."""
     for i, name in enumerate("xyz"):
         if abs(unit[i]) > 1 - _NOTHING:
             sign = "-" if unit[i] < 0 else ""

@@ -71,7 +71,7 @@ def _with_wholes(
     side: RobotSide, other: RobotSide, kind: str, candidates: Sequence[_JointParts], tolerance: float
 ) -> RobotSide:
     """Return the side with some of the candidates joined: as many as the other side has more joints of this type."""
-    names = {plain(axis.name) for axis in other.axes if axis.kind == kind}
+    names = {plain(other.axes[i].name) for i in _of_kind(other, kind)}
     # those whose name the other side knows first
     ordered = sorted(candidates, key=lambda parts: plain(parts.whole.name) not in names)
     missing = _missing(side, other, kind)
@@ -202,7 +202,7 @@ def _balls(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
     """Yield three hinges through one point, each at right angles to the next: they turn a link about all axes."""
     for chain in _chains(side, 3):
         axes = [side.axes[i] for i in chain]
-        if any(axis.kind != "revolute" for axis in axes):
+        if {axis.kind for axis in axes} != {"revolute"}:
             continue
         # Only with right angles on both middle links, which no posture changes, do three hinges reach every rotation.
         # The first and the third hinge may be parallel: that is a singular posture of a ball.
@@ -312,8 +312,8 @@ def _distance(point: Array, axis: Axis) -> float:
 
 def _without_numbers(side: RobotSide, other: RobotSide) -> RobotSide:
     """Return the side with the names of the other side for closing joints that differ only by a number behind it."""
-    own_names = {plain(axis.name) for axis in side.axes}
-    known = {plain(axis.name): axis.name for axis in other.axes}
+    own_names = set(map(plain, side.joint_names))
+    known = {plain(name): name for name in other.joint_names}
     axes = []
     for axis in side.axes:
         stem = _NUMBER.sub("", axis.name)

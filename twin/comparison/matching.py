@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -46,12 +47,10 @@ def pairs_by_name(first: RobotSide, second: RobotSide) -> Iterator[list[int]]:
     """
     if not first.axes or not second.axes:
         return
-    of_first = [axis.name for axis in first.axes]
-    of_second = [axis.name for axis in second.axes]
-    whole = _same_names(of_first, of_second)
+    whole = _same_names(first.joint_names, second.joint_names)
     if whole is not None:
         yield whole
-    bare = _same_names(_without_prefix(of_first), _without_prefix(of_second))
+    bare = _same_names(_without_prefix(first.joint_names), _without_prefix(second.joint_names))
     if bare is not None:
         yield bare
 
@@ -84,12 +83,12 @@ def pairs_by_links(first: RobotSide, second: RobotSide) -> list[int] | None:
     if len(first.axes) != len(second.axes):
         return None
     links = _links_by_bodies(first, second)
-    names_of_first = _unique([plain(axis.name) for axis in first.axes])
-    names_of_second = _unique([plain(axis.name) for axis in second.axes])
+    index_of_first = _unique(first.joint_names)
+    index_of_second = _unique(second.joint_names)
     pairs: dict[int, int] = {}
-    for name, j in names_of_second.items():
-        if name in names_of_first:
-            pairs[j] = names_of_first[name]
+    for name, j in index_of_second.items():
+        if name in index_of_first:
+            pairs[j] = index_of_first[name]
     unpaired = [i for i in range(len(first.axes)) if i not in pairs.values()]
     if not pairs or not unpaired:
         return None
@@ -133,8 +132,13 @@ def _links_by_bodies(first: RobotSide, second: RobotSide) -> dict[int, int]:
 
 
 def _unique(names: Sequence[str]) -> dict[str, int]:
-    """Return {name: its index} of the names that occur once."""
-    return {name: i for i, name in enumerate(names) if names.count(name) == 1}
+    """Return {plain name: its index} of the names that occur once."""
+    count = Counter(plain(name) for name in names)
+    indices = {}
+    for i, name in enumerate(names):
+        if count[plain(name)] == 1:
+            indices[plain(name)] = i
+    return indices
 
 
 def _by_links(first: RobotSide, second: RobotSide) -> list[int] | None:
@@ -181,8 +185,10 @@ def _require_same_tree(first: RobotSide, second: RobotSide, pairs: Sequence[int]
 
 
 def _same_kinds(first: RobotSide, second: RobotSide, pairs: Sequence[int]) -> bool:
+    """Return whether the joints of all pairs are of the same type."""
+    kinds_of_first = [first.axes[i].kind for i in pairs]
     kinds_of_second = [axis.kind for axis in second.axes]
-    return [first.axes[i].kind for i in pairs] == kinds_of_second
+    return kinds_of_first == kinds_of_second
 
 
 def _by_structure(first: RobotSide, second: RobotSide) -> list[int]:
@@ -219,16 +225,27 @@ def _structure(side: RobotSide) -> list[tuple[str, int, int]]:
     return [(axis.kind, axis.parent, axis.child) for axis in side.axes]
 
 
+def _shared_names(side: RobotSide, other: RobotSide) -> tuple[list[str], list[str]]:
+    """Return (names of the joints of a side that the other side also has, names that it does not have)."""
+    names_of_other = set(map(plain, other.joint_names))
+    shared = []
+    alone = []
+    for name in side.joint_names:
+        if plain(name) in names_of_other:
+            shared.append(name)
+        else:
+            alone.append(name)
+    return shared, alone
+
+
 def _mismatch(first: RobotSide, second: RobotSide) -> str:
     """Return the text of the error for sides whose joints do not match."""
-    names_of_first = {plain(axis.name) for axis in first.axes}
-    names_of_second = {plain(axis.name) for axis in second.axes}
     parts = []
-    for side, others in ((first, names_of_second), (second, names_of_first)):
-        alone = [axis.name for axis in side.axes if plain(axis.name) not in others]
+    for side, other in ((first, second), (second, first)):
+        _, alone = _shared_names(side, other)
         listed = ", ".join(alone) or "none"
         parts.append(f"{side.label} has {len(side.axes)} moving joints, without a joint of the same name: {listed}")
-    common = [axis.name for axis in first.axes if plain(axis.name) in names_of_second]
+    common, _ = _shared_names(first, second)
     way_out = "Name the joints to compare with --only; all others are then held at zero"
     if common:
         way_out += f", for example --only {','.join(common)}"

@@ -75,7 +75,8 @@ def from_mechanism(
             axis = replace(axis, limits=UNLIMITED)
         axes.append(axis)
     if only:
-        _refuse_locked(mechanism, moving - {axis.name for axis in axes}, group_of, label)
+        moved = {axis.name for axis in axes}
+        _refuse_locked(mechanism, moving - moved, group_of, label)
     frames: dict[str, tuple[int, Array]] = {}
     for body in mechanism.bodies:
         frames[body.name] = (group_of[body.name], poses[body.name])

@@ -50,6 +50,10 @@ class LinkError:
     at_distance: float
     at_angle: float
 
+    def is_within(self, distance: float, angle: float) -> bool:
+        """Return whether the link is no further away than a distance in m, and turned no more than an angle in rad."""
+        return self.distance <= distance and self.angle <= angle
+
 
 @dataclass(frozen=True)
 class MimicError:
@@ -86,9 +90,10 @@ class MimicError:
 
     def within(self, distance: float, angle: float) -> bool:
         """Return whether no hinge or link is further away than a distance in m, or turned more than an angle in rad."""
-        if any(apart > distance for _, apart in self.moved_hinges):
-            return False
-        return all(link.distance <= distance and link.angle <= angle for link in self.links)
+        for _, apart in self.moved_hinges:
+            if apart > distance:
+                return False
+        return all(link.is_within(distance, angle) for link in self.links)
 
     def text(self) -> str:
         """Return the errors as one sentence."""
@@ -258,7 +263,7 @@ class _MatchedSides:
         displacements = self.motion.along(sign * stroke, self.x_zero)
         if displacements is None:
             return None
-        names = [axis.name for axis in linkage.axes]
+        names = linkage.joint_names
         known = {*self.partners.values(), *self.motion.held}
         return MimicError(
             linkage=linkage.label,

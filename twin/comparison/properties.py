@@ -246,6 +246,7 @@ def _difference_of_numbers(first: float | None, second: float | None) -> Array:
 
 
 def _difference_of_limits(problem: Problem, solution: FitSolution, i: int) -> Array:
+    """Return the differences (2,) of both ends of a range in m or rad."""
     mapped = mapped_limits(problem, solution, i)
     limits = problem.second.axes[i].limits
     if mapped is None or limits is None:
@@ -258,6 +259,7 @@ def _difference_of_limits(problem: Problem, solution: FitSolution, i: int) -> Ar
 
 
 def _difference_of_bodies(problem: Problem, solution: FitSolution, kind: str, group: int) -> Array:
+    """Return the difference of mass (1,) in kg, centre (3,) in m or tensor (9,) in kg m2 of a group of bodies."""
     # an edit may have left no joint that carries the group
     partner = _partners(problem).get(group, 0)
     first = problem.first.groups[group].inertia
@@ -273,6 +275,7 @@ def _difference_of_bodies(problem: Problem, solution: FitSolution, kind: str, gr
 
 
 def _difference_of_couplings(problem: Problem, solution: FitSolution, i: int) -> Array:
+    """Return the differences (joints + 1,) of the ratios with which joint i follows, then of its offset."""
     coupled = _coupled(problem, solution)
     first = coupled.first.get(i)
     second = coupled.second.get(i)
@@ -408,6 +411,7 @@ def _moments(tensor: Array) -> str:
 
 
 def _coupling(problem: Problem, follower: Follower | None) -> str:
+    """Return how a joint follows others as a sum, with the names of the second side."""
     if follower is None:
         return "moves freely"
     parts = []

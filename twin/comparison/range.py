@@ -176,8 +176,7 @@ def _worst_of(problem: Problem, u: Unknowns, tool: FrameGap, states: Array) -> W
     distances = np.linalg.norm(first[:, :3, 3] - second[:, :3, 3], axis=1)
     angles = spatial.rotation_angle(np.swapaxes(first[:, :3, :3], 1, 2) @ second[:, :3, :3])
     k = int(np.argmax(distances + _TIE * angles))
-    names = [axis.name for axis in problem.second.axes]
-    q = dict(zip(names, states[k].tolist(), strict=True))
+    q = dict(zip(problem.second.joint_names, states[k].tolist(), strict=True))
     names_of_first = [axis.name for axis in problem.axes]
     q_first = dict(zip(names_of_first, (u.signs * states[k] + u.zeros).tolist(), strict=True))
     return Worst(tool.name, float(distances[k]), float(angles[k]), q, q_first, len(states))

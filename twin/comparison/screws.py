@@ -114,6 +114,11 @@ def _line(forward: Forward, M: Array, drawn: Array, i: int, kind: str, name: str
 
 
 def _require_same_poses(forward: Forward, side: RobotSide, moving: Sequence[int], count: int) -> None:
+    """Require that the joint lines give the poses of the equations at random states of the `moving` of `count` joints.
+
+    Raises:
+        NotAChainError: they do not, or the equations have no poses there.
+    """
     rng = np.random.default_rng(_SEED)
     displacements = np.zeros((_STATES, len(moving)))
     for k, axis in enumerate(side.axes):

@@ -208,6 +208,11 @@ class RobotSide:
         return tuple(axis for axis in self.axes if not axis.closing)
 
     @property
+    def joint_names(self) -> list[str]:
+        """Names of the joints, in the order of `axes`."""
+        return [axis.name for axis in self.axes]
+
+    @property
     def looped(self) -> bool:
         """Whether the side has closed loops."""
         return any(axis.closing for axis in self.axes)
@@ -217,7 +222,7 @@ class RobotSide:
         for i, axis in enumerate(self.axes):
             if axis.name == name:
                 return i
-        raise TwinError(f"{self.label}: {unknown('moving joint', name, [axis.name for axis in self.axes])}")
+        raise TwinError(f"{self.label}: {unknown('moving joint', name, self.joint_names)}")
 
     def poses(self, displacements: Array) -> Array:
         """Return the motions (k, groups, 4, 4) of the groups since the drawn state, for displacements (k, tree joints).
