@@ -294,28 +294,28 @@ class ConsoleSession(Result):
 
     def _columns(self) -> dict[str, Array]:
         """Return the columns of the CSV file: {name with unit: values (k,)}."""
-        kept = self.ran.kept
-        columns = {"t_s": self.t, "mode": kept[CONSOLE_MODE.name][:, 0]}
+        recording = self.ran.kept
+        columns = {"t_s": self.t, "mode": recording[CONSOLE_MODE.name][:, 0]}
         for pedal in _PEDAL_SIGNALS:
-            columns[pedal] = kept[f"{PEDALS}.{pedal}"][:, 0]
+            columns[pedal] = recording[f"{PEDALS}.{pedal}"][:, 0]
         for hand in self._hands:
-            _add_axes(columns, f"{hand}_", _positions(kept[HAND_POSE.of(hand)]), "_m")
-            columns[f"{hand}_grip_rad"] = kept[HAND_GRIP.of(hand)][:, 0]
+            _add_axes(columns, f"{hand}_", _positions(recording[HAND_POSE.of(hand)]), "_m")
+            columns[f"{hand}_grip_rad"] = recording[HAND_GRIP.of(hand)][:, 0]
             if self.forces is not None:
-                _add_axes(columns, f"{hand}_force_", kept[HAND_FORCE.of(hand)], "_n")
+                _add_axes(columns, f"{hand}_force_", recording[HAND_FORCE.of(hand)], "_n")
         for name, arm in self.arms.items():
-            if ROBOT_DEVIATION.of(name) in kept.sizes:
-                columns[f"{name}_deviation_m"] = kept[ROBOT_DEVIATION.of(name)][:, 0]
+            if ROBOT_DEVIATION.of(name) in recording.sizes:
+                columns[f"{name}_deviation_m"] = recording[ROBOT_DEVIATION.of(name)][:, 0]
             if name in console_scene.hands_of(self.scene):
-                columns[f"{name}_follows"] = kept[ROBOT_FOLLOWS.of(name)][:, 0]
+                columns[f"{name}_follows"] = recording[ROBOT_FOLLOWS.of(name)][:, 0]
                 _add_axes(columns, f"{name}_tip_", arm.tip, "_m")
-                columns[f"{name}_speed_m_per_s"] = movement.speed(arm.tip, kept.dt)
+                columns[f"{name}_speed_m_per_s"] = movement.speed(arm.tip, recording.dt)
             for j, joint in enumerate(arm.mechanism.active):
                 unit = "rad" if joint.is_angle else "m"
                 columns[f"{name}_{joint.name}_{unit}"] = arm.q[:, j]
         for name in self._moved:
-            _add_axes(columns, f"{name}_", _positions(kept[OBJECT_POSE.of(name)]), "_m")
-            columns[f"{name}_holder"] = kept[OBJECT_HOLDER.of(name)][:, 0]
+            _add_axes(columns, f"{name}_", _positions(recording[OBJECT_POSE.of(name)]), "_m")
+            columns[f"{name}_holder"] = recording[OBJECT_HOLDER.of(name)][:, 0]
         return columns
 
     @property
@@ -368,21 +368,21 @@ class ConsoleSession(Result):
         from twin.exchange.formats.mcap.write import write_mcap
         from twin.exchange.formats.mcap.write_ros2 import HandTrack, write_ros2_mcap
 
-        kept = self.ran.kept
+        recording = self.ran.kept
         links: dict[str, Array] = {}
         joints: dict[str, Array] = {}
         for name in self._moved:
-            links[name] = kept[OBJECT_POSE.of(name)].reshape(-1, 4, 4)[::_STRIDE]
+            links[name] = recording[OBJECT_POSE.of(name)].reshape(-1, 4, 4)[::_STRIDE]
         for name, arm in self.arms.items():
             for link, Ts in arm.links.items():
                 links[f"{name}/{link}"] = arm.place.T_world_base @ Ts[::_STRIDE]
             for j, joint in enumerate(arm.mechanism.active):
                 joints[f"{name}/{joint.name}"] = arm.q[::_STRIDE, j]
-        console = {"mode": kept[CONSOLE_MODE.name][::_STRIDE, 0]}
+        console = {"mode": recording[CONSOLE_MODE.name][::_STRIDE, 0]}
         for pedal in _PEDAL_SIGNALS:
-            console[pedal] = kept[f"{PEDALS}.{pedal}"][::_STRIDE, 0]
+            console[pedal] = recording[f"{PEDALS}.{pedal}"][::_STRIDE, 0]
         for hand in self._hands:
-            console[f"{hand}_grip"] = kept[HAND_GRIP.of(hand)][::_STRIDE, 0]
+            console[f"{hand}_grip"] = recording[HAND_GRIP.of(hand)][::_STRIDE, 0]
         t = self.t[::_STRIDE]
         write_mcap(path, t, links, joints, console)
         if find_spec("mcap_ros2") is None:
@@ -393,7 +393,7 @@ class ConsoleSession(Result):
             of_robots.setdefault(robot, {})[joint] = values
         hands = {}
         for hand in self._hands:
-            poses = kept[HAND_POSE.of(hand)].reshape(-1, 4, 4)[::_STRIDE]
+            poses = recording[HAND_POSE.of(hand)].reshape(-1, 4, 4)[::_STRIDE]
             hands[f"MTM{hand[0].upper()}"] = HandTrack(poses, console[f"{hand}_grip"])
         pedals = {pedal: console[pedal] for pedal in ("clutch", "camera")}
         of_ros = path.with_name(f"{path.stem}-ros2{path.suffix}")

@@ -100,37 +100,37 @@ def hazards(
     path = campaign_file(robot, campaign)
     plan = load_campaign(path, parts.places)
     log = _log(folder, robot, path, plan, parts)
-    left = _left(plan, log, sessions)
-    to_run = len(left)
+    remaining = _left(plan, log, sessions)
+    to_run = len(remaining)
     count = 0
-    if left:
+    if remaining:
         count = max(1, min(processes or usable(), to_run))
     streams: list[Stream[JsonObject]] = [Stream(outcomes) for _ in range(count)]
 
     def give(stream: Stream[JsonObject]) -> None:
         """Send the next sessions to a process: fewer in each call, so that all processes end at about the same time."""
-        size = math.ceil(len(left) / (2 * count))
-        indices = tuple(left[:size])
-        del left[:size]
+        size = math.ceil(len(remaining) / (2 * count))
+        indices = tuple(remaining[:size])
+        del remaining[:size]
         stream.start(Share(source or robot.name, str(path.resolve()), indices, software))
 
     try:
         for stream in streams:
             give(stream)
         running = list(streams)
-        done = 0
+        finished = 0
         while running:
             for stream in list(running):
                 rows, state = stream.poll()
                 for row in rows:
                     log.add(row)
-                    done += 1
-                    progress(f"session {row['index']}", done / to_run)
+                    finished += 1
+                    progress(f"session {row['index']}", finished / to_run)
                 if state is None:  # this process still runs
                     continue
                 if state:
                     raise TwinError(f"a process of the campaign failed: {state}; {_kept(log)}")
-                if left:
+                if remaining:
                     give(stream)
                 else:
                     running.remove(stream)

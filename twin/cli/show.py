@@ -184,14 +184,14 @@ def folder(args: argparse.Namespace, *default: str) -> Path:
     return path
 
 
-def store(result: Result, args: argparse.Namespace, out: Path, more: Iterable[str] = ()) -> int:
+def store(result: Result, args: argparse.Namespace, folder: Path, more: Iterable[str] = ()) -> int:
     """Write the page, pictures and data of a result into a folder; then print the result and return its exit code.
 
     `more` are the names of further files in the folder, to be listed after the pictures.
     """
-    with assets.atomic_folder(out) as work:
+    with assets.atomic_folder(folder) as work:
         pictures = pages.write_result(result, work)
-    return finish(result, args, out, [*pictures, *more])
+    return finish(result, args, folder, [*pictures, *more])
 
 
 def plain(part: Part) -> str:

@@ -34,8 +34,11 @@ from twin.simulation.world.signal_kinds import (
     ROBOT_FOLLOWS,
 )
 
-PULSE, PULSE_TIME = 1.0, 3e-3
-"""Force in N along +x of {H} and duration in s of the pulse when the jaws grasp an object, as printed in the paper."""
+PULSE = 1.0
+"""Force in N along +x of {H} of the pulse when the jaws grasp an object, as printed in the paper."""
+
+PULSE_TIME = 3e-3
+"""Duration of this pulse in s, as printed in the paper."""
 
 _AGAIN = 0.25
 """Shortest time in s between the end of a grasp and the pulse of the next one; ASSUMED, so that a slipping grip
@@ -128,7 +131,7 @@ class HapticHand(Block):
         self._pulse = np.zeros(3)
         self._tools = [np.zeros(16) for _ in arms]  # T_world_tool of each arm
         self._seen = [b""] * len(arms)  # joint values of `_tools`
-        self._held = False
+        self._was_holding = False  # in the last tick
         self._ended = -np.inf  # end of the last grasp in s
         self._until = -np.inf  # end of the last pulse in s
         self._force = HAND_FORCE.of(hand)
@@ -143,7 +146,7 @@ class HapticHand(Block):
         self._holders = [now[OBJECT_HOLDER.of(name)] for name in self._objects]
         self._pose = now[HAND_POSE.of(self._hand)].reshape(4, 4)
         self._fresh = True
-        self._out = memory[self._force], memory[self._energy]
+        self._written = (memory[self._force], memory[self._energy])
         self._calls = []
         for arm, law, tool in zip(self._arms, self._laws, self._tools, strict=True):
             names = (
@@ -153,9 +156,9 @@ class HapticHand(Block):
                 HAND_POSE.of(self._hand),
             )
             base = np.ascontiguousarray(arm.T_world_base, float).ravel()
-            given = [now[n] for n in (*names, CAMERA_VIEW.of(self._camera))]
-            more = [now[f"{arm.robot}.{n}"] for n in ("goal", "encoder", *self._sources)]
-            self._calls.append(attach(law, self._state, self._pulse, *given, base, tool, *more))
+            of_hand = [now[name] for name in (*names, CAMERA_VIEW.of(self._camera))]
+            of_arm = [now[f"{arm.robot}.{source}"] for source in ("goal", "encoder", *self._sources)]
+            self._calls.append(attach(law, self._state, self._pulse, *of_hand, base, tool, *of_arm))
 
     def step(self, signals: Signals, t: float, dt: float) -> None:
         """Compute the force of this tick; the device applies this force until the next tick."""
@@ -173,20 +176,21 @@ class HapticHand(Block):
             T_base_tool = arm.kin.forward(q, seed)
             tool[...] = (arm.T_world_base @ T_base_tool).ravel()
         self._pulse[0] = PULSE * self._pulses(arm, t)
-        out, compute = self._calls[i]
+        new_state, compute = self._calls[i]
         compute()
-        self._state[...] = out
-        force, energy = self._out
-        force[...] = out[FORCE]
-        energy[0] = out[ENERGY]
+        self._state[...] = new_state
+        force, energy = self._written
+        force[...] = new_state[FORCE]
+        energy[0] = new_state[ENERGY]
 
     def _pulses(self, arm: FeltArm, t: float) -> bool:
         """Return whether the pulse of a grasp acts in this tick."""
         if arm.index >= 0 and self._holders:
-            held = any(h.item() == arm.index for h in self._holders)
-            if held and not self._held and t - self._ended > _AGAIN:
+            holds = any(holder.item() == arm.index for holder in self._holders)
+            begins = holds and not self._was_holding
+            if begins and t - self._ended > _AGAIN:
                 self._until = t + PULSE_TIME - 1e-9
-            if self._held and not held:
+            if self._was_holding and not holds:
                 self._ended = t
-            self._held = held
+            self._was_holding = holds
         return t < self._until

@@ -57,8 +57,12 @@ class Cables:
                     f"cables: {what} has shape {np.shape(values)}; it must have shape ({len(joints)},)"
                 )
             for joint, value in zip(joints, values, strict=True):
-                if not (np.isfinite(value) and value >= 0) or (what == "stiffness" and value == 0):
-                    least = "above 0" if what == "stiffness" else "at least 0"
+                is_in_range = value >= 0
+                least = "at least 0"
+                if what == "stiffness":
+                    is_in_range = value > 0
+                    least = "above 0"
+                if not (np.isfinite(value) and is_in_range):
                     raise MechanismError(f"cables: the {what} of {joint.name} is {value:g}; it must be {least}")
         return np.concatenate([self.stiffness, self.play, self.damping, self.coulomb])
 
@@ -118,27 +122,23 @@ def _kernel(arm: Arm) -> Kernel:
     pd = ca.SX.sym("pd", n)
     torques = ca.SX.sym("torques", n)
     T_inverse = ca.DM(np.linalg.inv(arm.mechanism.motor_matrix))
-    apart = p - e.q
-    stretch = ca.sign(apart) * ca.fmax(ca.fabs(apart) - play, 0)
-    pulls = ca.fabs(apart) > play
+    lag = p - e.q
+    stretch = ca.sign(lag) * ca.fmax(ca.fabs(lag) - play, 0)
+    pulls = ca.fabs(lag) > play
+    force = K * stretch
     # A step of the velocities changes the force of a cable by h K + D, as long as the cable pulls.
     stiff = ca.if_else(pulls, h * K + D, 0)
-    force = K * stretch
-    inertia = ca.blockcat(
-        [
-            [e.M + ca.diag(h * stiff), -ca.diag(h * stiff)],
-            [-ca.diag(h * stiff), T_inverse.T @ ca.diag(rotors) @ T_inverse + ca.diag(h * (stiff + V))],
-        ]
-    )
+    coupling = ca.diag(h * stiff)
+    M_rotors = T_inverse.T @ ca.diag(rotors) @ T_inverse
+    # of links and motors, with the implicit terms
+    inertia = ca.blockcat([[e.M + coupling, -coupling], [-coupling, M_rotors + ca.diag(h * (stiff + V))]])
     # momentum after the step without Coulomb friction
-    momentum = ca.vertcat(
-        e.M @ e.qd + h * (force - e.b),
-        (T_inverse.T @ ca.diag(rotors) @ T_inverse) @ pd + h * (T_inverse.T @ torques - force),
-    )
+    of_links = e.M @ e.qd + h * (force - e.b)
+    of_motors = M_rotors @ pd + h * (T_inverse.T @ torques - force)
     inverse = symmetric_inverse(inertia)
-    v = inverse @ momentum
-    at_motors = ca.fmax(C - C_links, 0)
-    limits = ca.vertcat(C_links, at_motors)
+    v = inverse @ ca.vertcat(of_links, of_motors)
+    # the friction of a joint that does not act at its link acts at its motor
+    limits = ca.vertcat(C_links, ca.fmax(C - C_links, 0))
     friction = [ca.SX(0)] * (2 * n)
     for _ in range(SWEEPS):
         for i in range(2 * n):

@@ -81,23 +81,23 @@ class ConsoleMeasures:
     scale: tuple[float, float]
 
 
-def of_arms(kept: Recording, table: ConsoleTable, tips: Mapping[str, Array]) -> list[ArmMeasures]:
+def of_arms(recording: Recording, table: ConsoleTable, tips: Mapping[str, Array]) -> list[ArmMeasures]:
     """Return the measures of every arm of both hands.
 
     Args:
-        kept: signals of the session.
+        recording: signals of the session.
         table: the console.
-        tips: {arm: positions (k, 3) of its tip in m in the World, at the times of `kept`}.
+        tips: {arm: positions (k, 3) of its tip in m in the World, at the times of `recording`}.
     """
     measured = []
     for hand in table.hands:
         for name in getattr(table, hand):
-            measured.append(_arm(kept, hand, name, tips[name]))
+            measured.append(_arm(recording, hand, name, tips[name]))
     return measured
 
 
-def _arm(kept: Recording, hand: str, robot: str, p: Array) -> ArmMeasures:
-    dt = kept.dt
+def _arm(recording: Recording, hand: str, robot: str, p: Array) -> ArmMeasures:
+    dt = recording.dt
     v = movement.speed(p, dt)
     parts = movement.movements(v, dt)
     rests = np.ones(len(v), bool)
@@ -105,7 +105,7 @@ def _arm(kept: Recording, hand: str, robot: str, p: Array) -> ArmMeasures:
     for first, last in parts:
         rests[first : last + 1] = False
         smoothness.append(movement.spectral_arc_length(v[first : last + 1], dt))
-    idle = rests & (kept[CONSOLE_MODE.name][:, 0] == TOOLS)
+    idle = rests & (recording[CONSOLE_MODE.name][:, 0] == TOOLS)
     return ArmMeasures(
         hand,
         robot,
@@ -115,7 +115,7 @@ def _arm(kept: Recording, hand: str, robot: str, p: Array) -> ArmMeasures:
         _duration(idle, dt),
         movement.economy(p, parts),
         float(np.mean(smoothness)) if smoothness else np.nan,
-        _grasps(kept[HAND_GRIP.of(hand)][:, 0]),
+        _grasps(recording[HAND_GRIP.of(hand)][:, 0]),
     )
 
 
@@ -133,33 +133,33 @@ def _duration(flags: np.ndarray, dt: float) -> float:
     return float(np.count_nonzero(flags)) * dt
 
 
-def of_console(kept: Recording, table: ConsoleTable, camera: str, duration: float) -> ConsoleMeasures:
+def of_console(recording: Recording, table: ConsoleTable, camera: str, duration: float) -> ConsoleMeasures:
     """Return the measures of pedals and camera.
 
     Args:
-        kept: signals of the session.
+        recording: signals of the session.
         table: the console.
         camera: name of the arm of the camera.
         duration: duration of the session in s.
     """
-    dt = kept.dt
-    mode = kept[CONSOLE_MODE.name][:, 0]
+    dt = recording.dt
+    mode = recording[CONSOLE_MODE.name][:, 0]
     silent = np.zeros(len(mode), bool)
-    if DEVICE_SILENT.of(PEDALS) in kept.sizes:  # a simulated surgeon is never silent, and has no such signal
-        silent = kept[DEVICE_SILENT.of(PEDALS)][:, 0] > 0.5
-    clutch = (kept[DEVICE_CLUTCH.of(PEDALS)][:, 0] > 0.5) & ~silent
+    if DEVICE_SILENT.of(PEDALS) in recording.sizes:  # a simulated surgeon is never silent, and has no such signal
+        silent = recording[DEVICE_SILENT.of(PEDALS)][:, 0] > 0.5
+    clutch = (recording[DEVICE_CLUTCH.of(PEDALS)][:, 0] > 0.5) & ~silent
     # At a console with teleoperation by rates, the pedal lets the robot follow; at the others, it lets the hands go.
     clutched_mode = FREE if table.teleoperation is None else TOOLS
-    scale = kept[DEVICE_SCALE.of(PEDALS)]
+    scale = recording[DEVICE_SCALE.of(PEDALS)]
     follows = np.zeros(len(mode), bool)
     for robot in (*table.right, *table.left):
-        follows |= kept[ROBOT_FOLLOWS.of(robot)][:, 0] > 0.5
+        follows |= recording[ROBOT_FOLLOWS.of(robot)][:, 0] > 0.5
     begun = np.flatnonzero(follows)
-    time = duration - float(kept.t[begun[0]]) if len(begun) else 0.0
-    camera_pedal = (kept[DEVICE_CAMERA.of(PEDALS)][:, 0] > 0.5) & ~silent
+    time = duration - float(recording.t[begun[0]]) if len(begun) else 0.0
+    camera_pedal = (recording[DEVICE_CAMERA.of(PEDALS)][:, 0] > 0.5) & ~silent
     camera_moves = 0
     for first, last in movement.runs(camera_pedal):
-        positions = kept[CAMERA_AT.of(camera)][first : last + 1]
+        positions = recording[CAMERA_AT.of(camera)][first : last + 1]
         if np.ptp(positions, axis=0).any():
             camera_moves += 1
     return ConsoleMeasures(
@@ -170,6 +170,6 @@ def of_console(kept: Recording, table: ConsoleTable, camera: str, duration: floa
         camera_moves,
         _duration(mode == CAMERA, dt),
         _duration(silent, dt),
-        int(kept[CONSOLE_TAPS.name][-1, 0]),
+        int(recording[CONSOLE_TAPS.name][-1, 0]),
         (float(scale.min()), float(scale.max())),
     )

@@ -108,7 +108,7 @@ class Play:
         return ()
 
     def outcome(
-        self, setup: Setup, task: ConsoleTask, kept: Recording, arms: Mapping[str, ArmPath]
+        self, setup: Setup, task: ConsoleTask, recording: Recording, arms: Mapping[str, ArmPath]
     ) -> TaskOutcome | None:
         """Return the measures of a session with these signals and motions of the arms; None: there are none."""
         return None

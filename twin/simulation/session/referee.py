@@ -102,9 +102,9 @@ class InstrumentReferee(Block):
             names += [ROBOT_TOUCHES.of(robot), ROBOT_MEETS.of(robot), ROBOT_FOLLOWS.of(robot)]
         return names
 
-    def see_all(self, kept: Recording) -> None:
-        """Judge all samples of a recording; the referee must have no samples yet, and the same period as `kept`."""
-        for now in kept.samples(self.signals):
+    def see_all(self, recording: Recording) -> None:
+        """Judge all samples of a recording; the referee must have no samples yet, and the period of the recording."""
+        for now in recording.samples(self.signals):
             self.see(now)
 
     def see(self, now: Mapping[str, Array]) -> None:

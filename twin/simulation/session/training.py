@@ -147,32 +147,32 @@ def _shown(distance: float) -> str:
     return "-" if np.isnan(distance) else f"{distance / MM:.2f} mm"
 
 
-def measure(log: Recording, table: TrainerTable, robot: str, kin: Kinematics) -> Training:
+def measure(recording: Recording, table: TrainerTable, robot: str, kin: Kinematics) -> Training:
     """Return the measures of a machine from the kept signals of a session; `kin`: the machine's equations."""
-    force = np.linalg.norm(log[ROBOT_CUE.of(robot)], axis=1)
-    cue = (float(force.max(initial=0.0)), float(np.sum(force > 0) * log.dt))
-    alone = np.isin(log[ROBOT_PHASE.of(robot)][:, 0], (TrainerPhase.REHEARSE, TrainerPhase.JUDGED))
-    deviation = np.where(alone, np.nan, log[ROBOT_DEVIATION.of(robot)][:, 0])
-    steps = _steps(log, table, robot, kin, deviation)
-    run = log[ROBOT_RUN.of(robot)]
+    force = np.linalg.norm(recording[ROBOT_CUE.of(robot)], axis=1)
+    cue = (float(force.max(initial=0.0)), float(np.sum(force > 0) * recording.dt))
+    alone = np.isin(recording[ROBOT_PHASE.of(robot)][:, 0], (TrainerPhase.REHEARSE, TrainerPhase.JUDGED))
+    deviation = np.where(alone, np.nan, recording[ROBOT_DEVIATION.of(robot)][:, 0])
+    steps = _steps(recording, table, robot, kin, deviation)
+    run = recording[ROBOT_RUN.of(robot)]
     answers = run[:, ANSWERS] > 0.5
-    first = int(np.argmax(answers)) if answers.any() else len(log.t)
+    first = int(np.argmax(answers)) if answers.any() else len(recording.t)
     stopped = (run[first:, LEVEL] == Level.E_STOP) & answers[first:]
     stops = len(movement.runs(stopped))
-    silent = float(np.sum(~answers[first:]) * log.dt)
-    return Training(robot, log.t, deviation, table.cue.tol_mm * MM, steps, cue, stops, silent)
+    silent = float(np.sum(~answers[first:]) * recording.dt)
+    return Training(robot, recording.t, deviation, table.cue.tol_mm * MM, steps, cue, stops, silent)
 
 
 def _steps(
-    log: Recording, table: TrainerTable, robot: str, kin: Kinematics, deviation: Array
+    recording: Recording, table: TrainerTable, robot: str, kin: Kinematics, deviation: Array
 ) -> tuple[TrainingSpan, ...]:
     """Return the phases in order; deviation (k,) in m, nan while the model moves alone."""
-    t = log.t
-    phase = log[ROBOT_PHASE.of(robot)]
-    tip = kin.forward_many(log[ROBOT_Q.of(robot)])[:, :3, 3]
-    model = kin.forward_many(log[f"{robot}{MODEL}.q"])[:, :3, 3]
+    t = recording.t
+    phase = recording[ROBOT_PHASE.of(robot)]
+    tip = kin.forward_many(recording[ROBOT_Q.of(robot)])[:, :3, 3]
+    model = kin.forward_many(recording[f"{robot}{MODEL}.q"])[:, :3, 3]
     bounds = machine_scene.bounds(table)
-    longest_lag = round(_LAG / log.dt)
+    longest_lag = round(_LAG / recording.dt)
     changes = np.any(np.diff(phase[:, :2], axis=0) != 0, axis=1)
     edges = [0, *(np.flatnonzero(changes) + 1).tolist(), len(t)]
     steps = []
@@ -188,7 +188,7 @@ def _steps(
         largest = float("nan") if np.isnan(part).all() else float(np.nanmax(part))
         text = told(Why(int(why)), float(value), bounds, robot)
         begin = float(t[a])
-        end = float(t[a] + (b - a) * log.dt)
+        end = float(t[a] + (b - a) * recording.dt)
         steps.append(TrainingSpan(TrainerPhase(int(number)), begin, end, largest, record, text))
     return tuple(steps)
 

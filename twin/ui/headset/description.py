@@ -162,13 +162,13 @@ def patients_of(robot: Robot, desk: Desk, protocols: Mapping[str, str]) -> dict[
     `protocols` contains the argument of `Robot.protocol` for each protocol, by protocol name.
     """
     floor = floor_of(desk.mechanism, desk.assembly.link_poses)
-    out = {}
+    patients = {}
     for name, source in protocols.items():
         with contextlib.suppress(TwinError):  # reported when a client requests the protocol
             patient = patient_of(robot, robot.protocol(source), floor)
             if patient is not None:
-                out[name] = patient
-    return out
+                patients[name] = patient
+    return patients
 
 
 def _scenery(robot: Robot, desk: Desk, protocols: Mapping[str, str], patients: Mapping[str, Patient]) -> JsonObject:

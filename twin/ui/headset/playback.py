@@ -94,7 +94,7 @@ def measured(reading: RobotReading | None, ghost: float | None) -> JsonObject:
     With a ghost, the residual in the document is `ghost`. Without a ghost, the residual is the largest difference, a
     length or an angle, between equations and mechanism.
     """
-    out: JsonObject = {
+    content: JsonObject = {
         "gap_m": None,
         "residual_m": number(ghost),
         "residual_rad": None,
@@ -103,14 +103,14 @@ def measured(reading: RobotReading | None, ghost: float | None) -> JsonObject:
         "depth_m": None,
     }
     if reading is None:
-        return out
-    out["gap_m"] = number(reading.gap)
-    out["rcm_error_m"] = number(reading.rcm_error)
-    out["depth_m"] = number(reading.depth)
+        return content
+    content["gap_m"] = number(reading.gap)
+    content["rcm_error_m"] = number(reading.rcm_error)
+    content["depth_m"] = number(reading.depth)
     if ghost is not None:
-        return out
-    out["scope"] = reading.incomparable or None
+        return content
+    content["scope"] = reading.incomparable or None
     residual = reading.residual
     if residual is not None:
-        out["residual_rad" if residual.is_angle else "residual_m"] = number(residual.size)
-    return out
+        content["residual_rad" if residual.is_angle else "residual_m"] = number(residual.size)
+    return content

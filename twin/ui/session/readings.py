@@ -121,7 +121,7 @@ def read(desk: Desk, rcm: Array | None = None) -> RobotReading:
     with desk.lock:
         kin = desk.kin
         now = desk.assembly
-        asked = desk.asked
+        requested = desk.asked
         joints = desk.joints
         # a move that continues has not failed
         reason = "" if desk.moved.more else desk.moved.reason
@@ -147,7 +147,7 @@ def read(desk: Desk, rcm: Array | None = None) -> RobotReading:
             points[name] = positions[0]
             if name in now.points:
                 actual[name] = now.points[name]
-    residual, incomparable = _residual(desk, now, points, actual, asked)
+    residual, incomparable = _residual(desk, now, points, actual, requested)
     if incomparable:
         points = {}
         actual = {}
@@ -218,7 +218,7 @@ def _singularities(kin: Kinematics, states: dict[str, Array]) -> tuple[tuple[str
 
 
 def _residual(
-    desk: Desk, now: Assembly, points: dict[str, Array], actual: dict[str, Array], asked: Array | None
+    desk: Desk, now: Assembly, points: dict[str, Array], actual: dict[str, Array], requested: Array | None
 ) -> tuple[EquationDeviation, str]:
     """Return (residual, incomparable), the values of these attributes of `RobotReading`.
 
@@ -232,7 +232,7 @@ def _residual(
     assert kin is not None
     q = now.q
     T = now.T_base_tool
-    to_request = _request_errors(asked, T)
+    to_request = _request_errors(requested, T)
     errors = _point_errors(points, actual)
     if desk.model.redundant:
         if kin.closed_forward:
@@ -266,12 +266,12 @@ def _nearest_mode(desk: Desk, now: Assembly, q: Array) -> EquationDeviation | No
     return nearest
 
 
-def _request_errors(asked: Array | None, T: Array) -> list[EquationDeviation]:
+def _request_errors(requested: Array | None, T: Array) -> list[EquationDeviation]:
     """Return the distance and the angle from the tool pose T (4, 4) to the requested one; nothing without a request."""
-    if asked is None:
+    if requested is None:
         return []
-    distance = float(np.linalg.norm(asked[:3, 3] - T[:3, 3]))
-    angle = float(spatial.rotation_angle(asked[:3, :3].T @ T[:3, :3]))
+    distance = float(np.linalg.norm(requested[:3, 3] - T[:3, 3]))
+    angle = float(spatial.rotation_angle(requested[:3, :3].T @ T[:3, :3]))
     return [EquationDeviation(distance, "tool"), EquationDeviation(angle, "tool rotation", True)]
 
 

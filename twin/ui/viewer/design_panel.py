@@ -22,6 +22,9 @@ from twin.ui.viewer.nodes import ORANGE, RobotNodes
 _SHOWN = 60_000
 """Maximum number of workspace points sent to a browser."""
 
+_DISPLAYED = {"mm": (MM, "mm"), "m": (MM, "mm"), "deg": (DEG, "°"), "rad": (DEG, "°")}
+"""{unit of a parameter: (its displayed unit in m or rad, sign of this unit)}; other units are displayed as they are."""
+
 _REDRAW = 0.5
 """Time in s between two updates of a workspace that is being computed."""
 
@@ -77,49 +80,63 @@ class DesignPanel:
                     continue
                 buttons = gui.add_dropdown(name, choices, initial_value=desk.kin.variants[name])
                 buttons.on_update(self._chooser(a, name, buttons))
-            values = {n: v for n, v in desk.kin.parameters.items() if isinstance(v, float) and np.isfinite(v)}
-            if not values:
+            names = []
+            for name, value in desk.kin.parameters.items():
+                if isinstance(value, float) and np.isfinite(value):
+                    names.append(name)
+            if names:
+                self._parameters(a, sorted(names))
+
+    def _parameters(self, a: ShownRobot, names: list[str]) -> None:
+        """Add the controls that change a parameter of the equations."""
+        gui, desk = self.gui, a.desk
+        assert desk.kin is not None
+        units = {parameter.name: parameter.unit for parameter in desk.kin.formula.parameters}
+        which = gui.add_dropdown("parameter", names)
+        number = gui.add_number("value", 0.0, step=0.01)
+        reset = gui.add_button("as published")
+
+        def choose(_: object = None) -> None:
+            scale, sign = _DISPLAYED.get(units.get(which.value, ""), (1.0, ""))
+            number.label = f"value [{sign}]" if sign else "value"
+            number.value = round(desk.kin.parameters[which.value] / scale, 6)  # type: ignore[union-attr]
+
+        def change(event: viser.GuiEvent) -> None:
+            if event.client is None:
                 return
-            units = {p.name: p.unit for p in desk.kin.formula.parameters}
-            names = sorted(values)
-            which = gui.add_dropdown("parameter", names)
-            number = gui.add_number("value", 0.0, step=0.01)
-            reset = gui.add_button("as published")
+            name = which.value
+            scale, _ = _DISPLAYED.get(units.get(name, ""), (1.0, ""))
+            value = number.value * scale
 
-            def unit(name: str) -> tuple[float, str]:
-                return {"mm": (MM, "mm"), "m": (MM, "mm"), "deg": (DEG, "°"), "rad": (DEG, "°")}.get(
-                    units.get(name, ""), (1.0, "")
-                )
+            def go() -> None:
+                desk.change(parameters={name: value})
+                self._again(a)
 
-            def choose(_: object = None) -> None:
-                scale, sign = unit(which.value)
-                number.label = f"value [{sign}]" if sign else "value"
-                number.value = round(desk.kin.parameters[which.value] / scale, 6)  # type: ignore[union-attr]
+            self._wish(go)
 
-            def change(event: viser.GuiEvent) -> None:
-                if event.client is None:
-                    return
-                name, value = which.value, number.value * unit(which.value)[0]
-                self._wish(lambda: (desk.change(parameters={name: value}), self._again(a)))
+        def undo(_: object) -> None:
+            def go() -> None:
+                desk.parameters.pop(which.value, None)
+                desk.change()
+                choose()
+                self._again(a)
 
-            def undo(_: object) -> None:
-                def go() -> None:
-                    desk.parameters.pop(which.value, None)
-                    desk.change()
-                    choose()
-                    self._again(a)
+            self._wish(go)
 
-                self._wish(go)
-
-            choose()
-            which.on_update(choose)
-            number.on_update(change)
-            reset.on_click(undo)
+        choose()
+        which.on_update(choose)
+        number.on_update(change)
+        reset.on_click(undo)
 
     def _chooser(self, a: ShownRobot, name: str, buttons: viser.GuiDropdownHandle):
         def chosen(event: viser.GuiEvent) -> None:
             value = buttons.value
-            self._wish(lambda: (a.desk.change(variants={name: value}), self._again(a)))
+
+            def go() -> None:
+                a.desk.change(variants={name: value})
+                self._again(a)
+
+            self._wish(go)
 
         return chosen
 
@@ -127,23 +144,23 @@ class DesignPanel:
 
     def _mechanism(self, a: ShownRobot) -> None:
         gui, desk = self.gui, a.desk
-        found = {f"{d.body}: {d.joint} to {d.other}": d for d in distances(desk.robot.mechanism)}
-        if not found:
+        by_title = {f"{d.body}: {d.joint} to {d.other}": d for d in distances(desk.robot.mechanism)}
+        if not by_title:
             return
         folder = gui.add_folder("Mechanism")
         self._handles.append(folder)
         with folder:
-            which = gui.add_dropdown("distance", tuple(found))
+            which = gui.add_dropdown("distance", tuple(by_title))
             number = gui.add_number("length [mm]", 0.0, step=0.01)
             reset = gui.add_button("as drawn")
 
         def choose(_: object = None) -> None:
-            number.value = round(found[which.value].distance / MM, 6)
+            number.value = round(by_title[which.value].distance / MM, 6)
 
         def change(event: viser.GuiEvent) -> None:
             if event.client is None:
                 return
-            d, value = found[which.value], number.value * MM
+            d, value = by_title[which.value], number.value * MM
 
             def go() -> None:
                 try:
@@ -183,11 +200,13 @@ class DesignPanel:
         def kept(_: object) -> None:
             def go() -> None:
                 other = Desk(a.desk.robot)
-                other.change(a.desk.variants, a.desk.parameters) if other.kin is not None else None
+                if other.kin is not None:
+                    other.change(a.desk.variants, a.desk.parameters)
                 if a.desk.mechanism is not a.desk.robot.mechanism:
                     other.redesign(a.desk.mechanism)
                 other.move_joints(a.desk.assembly.q)
-                self._other, self._beside.disabled = other, False
+                self._other = other
+                self._beside.disabled = False
                 self._beside.value = True
                 self._show_other(True)
 
@@ -226,7 +245,10 @@ class DesignPanel:
         if self._other is None or self._other_nodes is None:
             return
         desk = self.front.hand.desk
-        moved = self._other.move_tool(desk.asked if desk.asked is not None else desk.assembly.T_base_tool)
+        goal = desk.asked
+        if goal is None:
+            goal = desk.assembly.T_base_tool
+        moved = self._other.move_tool(goal)
         self._other_nodes.write(self._other.assembly.link_poses)
         b = read(self._other)
         rows = [
@@ -263,10 +285,15 @@ class DesignPanel:
             self._found = gui.add_markdown("")
 
         def go() -> None:
-            self._points, self._condition, self._of = [], [], a.name
+            self._points = []
+            self._condition = []
+            self._of = a.name
             desk = a.desk
             assert desk.kin is not None
-            parameters = {n: v for n, v in desk.kin.parameters.items() if n in desk.parameters}
+            parameters = {}
+            for name, value in desk.kin.parameters.items():
+                if name in desk.parameters:
+                    parameters[name] = value
             job = WorkspaceJob(
                 a.source,
                 dict(desk.kin.variants),
@@ -297,8 +324,8 @@ class DesignPanel:
             return
         self._points.append(chunk.points)
         self._condition.append(chunk.condition)
-        done = chunk.evaluated >= chunk.count
-        if not done and self.front.now - self._draw_time < _REDRAW:
+        is_complete = chunk.evaluated >= chunk.count
+        if not is_complete and self.front.now - self._draw_time < _REDRAW:
             return
         self._draw_time = self.front.now
         points = np.concatenate(self._points)
@@ -318,8 +345,10 @@ class DesignPanel:
 
     def _again(self, a: ShownRobot) -> None:
         """Move the robot to the last requested tool pose again, because the equations have changed."""
-        asked = a.desk.asked if a.desk.asked is not None else a.desk.assembly.T_base_tool
-        a.desk.move_tool(asked)
+        goal = a.desk.asked
+        if goal is None:
+            goal = a.desk.assembly.T_base_tool
+        a.desk.move_tool(goal)
         self.front.rebuilt(a)
 
 
@@ -354,7 +383,9 @@ def refused(moved: MoveResult) -> str:
 
 def conditioned(condition: np.ndarray) -> np.ndarray:
     """Return colours (m, 3), 0 to 255, for condition numbers (m,): green up to 3, red from 100, logarithmic between."""
-    s = np.clip((np.log10(np.maximum(condition, 1e-9)) - np.log10(3)) / (2 - np.log10(3)), 0, 1)[:, None]
-    low, middle, high = np.array([[31, 138, 85], [235, 190, 50], [214, 47, 47]], float)
-    color = np.where(s < 0.5, low + 2 * s * (middle - low), middle + (2 * s - 1) * (high - middle))
+    logarithm = np.log10(np.maximum(condition, 1e-9))
+    # 0 at a condition number of 3, 1 at 100
+    s = np.clip((logarithm - np.log10(3)) / (2 - np.log10(3)), 0, 1)[:, None]
+    green, yellow, red = np.array([[31, 138, 85], [235, 190, 50], [214, 47, 47]], float)
+    color = np.where(s < 0.5, green + 2 * s * (yellow - green), yellow + (2 * s - 1) * (red - yellow))
     return color.astype(np.uint8)

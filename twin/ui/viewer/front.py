@@ -34,10 +34,11 @@ from twin.ui.viewer.wall import LimitWall
 _READ = 0.1
 """Minimum time in s between two updates of the readings; each update redraws the panels."""
 
-_DRAWN, _NOBODY = 1.5, 4.0
-"""Times in s. Planning of protocols begins when the first time has passed since the first browser connected, because
-this browser has then drawn its first picture. Planning begins at the latest when the second time has passed since the
-start."""
+_DRAWN = 1.5
+"""Time in s since the first browser connected after which planning begins: its first picture is drawn by then."""
+
+_NOBODY = 4.0
+"""Time in s from the start after which planning of protocols begins at the latest, without a browser."""
 
 
 @dataclass
@@ -323,15 +324,15 @@ class Front(ViewerPage):
         a = self.hand
 
         def look() -> None:
-            found = watch.poll(self.now)
-            if found is None:
+            change = watch.poll(self.now)
+            if change is None:
                 return
-            files = ", ".join(found.files)
-            if found.desk is None:
-                self.panels.failed(a, f"{files}: {found.error} The robot before this change stays.")
-                self.say(f"{files}: {found.error}", bad=True)
+            files = ", ".join(change.files)
+            if change.desk is None:
+                self.panels.failed(a, f"{files}: {change.error} The robot before this change stays.")
+                self.say(f"{files}: {change.error}", bad=True)
                 return
-            note = self.replace(a, found.desk)
+            note = self.replace(a, change.desk)
             self.say(f"{files} changed: {a.name} is rebuilt{note}")
 
         self.after_frame.append(look)
@@ -448,11 +449,7 @@ class Front(ViewerPage):
                         a.desk.move_joints(q)
                         a.desk.let_go()
                 a.desk.speak_of(protocol)
-            duration = 0.0 if self.feed is None else self.feed.duration
-            for other in self.actors:
-                if other.playback is not None:
-                    duration = max(duration, other.playback.duration)
-            self.clock.duration = duration
+            self.clock.duration = self._longest_motion()
             self.panels.ready(a)
             self.scenery.protocol_changed()
             self._seek_linked()
@@ -461,6 +458,16 @@ class Front(ViewerPage):
             else:
                 self.stand()
             self._stale = True
+
+    def _longest_motion(self) -> float:
+        """Return the duration in s of the longest motion of the scene."""
+        duration = 0.0
+        if self.feed is not None:
+            duration = self.feed.duration
+        for a in self.actors:
+            if a.playback is not None:
+                duration = max(duration, a.playback.duration)
+        return duration
 
     # -- dragging -------------------------------------------------------------------------------------
 
@@ -513,11 +520,11 @@ class Front(ViewerPage):
             self._grab_links_of(a)
 
     def _grab_links_of(self, a: ShownRobot) -> None:
-        held: dict[str, Array] = {}
+        grabbed: dict[str, Array] = {}
         for body, handle in self.nodes[a.name].meshes:
-            handle.on_drag("left", modifier="shift")(self._follower(a, body, held))
+            handle.on_drag("left", modifier="shift")(self._follower(a, body, grabbed))
 
-    def _follower(self, a: ShownRobot, body: str, held: dict[str, Array]):
+    def _follower(self, a: ShownRobot, body: str, grabbed: dict[str, Array]):
         node = self.nodes[a.name]
 
         async def lead(event: viser.SceneNodeDragEvent) -> None:
@@ -525,12 +532,12 @@ class Front(ViewerPage):
                 T_body_base = spatial.inverse(a.desk.assembly.link_poses[body])
                 p_base = node.to_base(np.array(event.start_position))
                 a.desk.remember()
-                held[body] = (T_body_base @ np.append(p_base, 1.0))[:3]
+                grabbed[body] = (T_body_base @ np.append(p_base, 1.0))[:3]
                 self.clock.playing = False
                 self.ask("prepare", a.desk.solver.prepare)
-            elif event.phase == "update" and body in held:
+            elif event.phase == "update" and body in grabbed:
                 target = node.to_base(np.array(event.end_position))
-                p = held[body]
+                p = grabbed[body]
                 self.go_on("point", lambda: a.desk.move_point(body, p, target))
             elif event.phase == "end":
                 self.ask("settle", a.desk.let_go)

@@ -59,20 +59,20 @@ class AlignMeasures:
 
 
 def measure(
-    kept: Recording, alignment: Alignment, Ts_world_picture: Array, view: float, sight: CameraView, lens: Array
+    recording: Recording, alignment: Alignment, Ts_world_picture: Array, view: float, sight: CameraView, lens: Array
 ) -> AlignMeasures:
     """Return the measures of a session of the camera task.
 
     Args:
-        kept: signals of the session.
+        recording: signals of the session.
         alignment: the task.
         Ts_world_picture: (k, 4, 4) frame of the picture over time, from the equations of the camera's arm.
         view: angle of view over the height of the picture, in rad.
         sight: all surfaces, and the pose of the camera, at the end of the session; computed from the mechanisms.
         lens: (k, 3) position of the lens in m.
     """
-    driven = kept[CONSOLE_MODE.name][:, 0] == CAMERA
-    time = _time(kept.t, driven, lens)
+    driven = recording[CONSOLE_MODE.name][:, 0] == CAMERA
+    time = _time(recording.t, driven, lens)
     course = np.array([aligned.seen_ends(alignment, T, view) for T in Ts_world_picture])
     angle = aligned.angle(course[-1])
     deviation = aligned.off(course[-1], alignment.line)
@@ -80,7 +80,7 @@ def measure(
     driven_steps = driven[1:] & driven[:-1]
     hands = {}
     for hand in HANDS:
-        p = kept[HAND_POSE.of(hand)].reshape(-1, 4, 4)[:, :3, 3]
+        p = recording[HAND_POSE.of(hand)].reshape(-1, 4, 4)[:, :3, 3]
         steps = np.linalg.norm(np.diff(p, axis=0), axis=1)
         hands[hand] = float(steps[driven_steps].sum())
     path = movement.path_length(lens)

@@ -132,9 +132,11 @@ class _AlignPlay(Play):
         camera = console_scene.console_of(setup.scene).camera
         return CameraReferee(setup.scene.cameras[camera].robot, period)
 
-    def outcome(self, setup: Setup, task: ConsoleTask, kept: Recording, arms: Mapping[str, ArmPath]) -> AlignOutcome:
+    def outcome(
+        self, setup: Setup, task: ConsoleTask, recording: Recording, arms: Mapping[str, ArmPath]
+    ) -> AlignOutcome:
         goal = required_goal(task, Alignment)
-        return AlignOutcome(task.name, goal, _measured(setup, goal, kept, arms))
+        return AlignOutcome(task.name, goal, _measured(setup, goal, recording, arms))
 
     def identity(self, setup: Setup, task: ConsoleTask) -> list[object]:
         goal = required_goal(task, Alignment)
@@ -143,7 +145,7 @@ class _AlignPlay(Play):
         return [plate, [plain(goal.tolerance), plain(goal.off)]]
 
 
-def _measured(setup: Setup, goal: Alignment, kept: Recording, arms: Mapping[str, ArmPath]) -> AlignMeasures:
+def _measured(setup: Setup, goal: Alignment, recording: Recording, arms: Mapping[str, ArmPath]) -> AlignMeasures:
     """Return the measures of an alignment, from the camera's equations and from a picture of the mechanisms."""
     scene = setup.scene
     props = setup.props
@@ -154,10 +156,10 @@ def _measured(setup: Setup, goal: Alignment, kept: Recording, arms: Mapping[str,
     Ts_world_picture = arm.place.T_world_base @ kin.forward_many(arm.q) @ T_tool_picture
     frame = arm.mechanism.frame(camera.frame)
     Ts_world_camera = arm.place.T_world_base @ arm.links[frame.body] @ frame.T_body_frame @ camera.in_frame
-    seen = camera_task.surfaces(BODY, [goal.body()], {BODY: np.eye(4)})
+    surfaces = camera_task.surfaces(BODY, [goal.body()], {BODY: np.eye(4)})
     if props is not None:
         home = ReferenceModel(props).home()
-        seen += camera_task.surfaces(props.name, props.bodies, home.link_poses)
+        surfaces += camera_task.surfaces(props.name, props.bodies, home.link_poses)
     for name, other in arms.items():
         poses_at_end = {link: other.place.T_world_base @ Ts[-1] for link, Ts in other.links.items()}
         bodies = []
@@ -165,10 +167,10 @@ def _measured(setup: Setup, goal: Alignment, kept: Recording, arms: Mapping[str,
             if name == camera.robot and body.name == frame.body:
                 continue  # the lens does not see its own link
             bodies.append(body)
-        seen += camera_task.surfaces(name, bodies, poses_at_end)
-    sight = CameraView(seen, Ts_world_camera[-1])
+        surfaces += camera_task.surfaces(name, bodies, poses_at_end)
+    sight = CameraView(surfaces, Ts_world_camera[-1])
     view = camera.view_deg * DEG
-    return camera_task.measure(kept, goal, Ts_world_picture, view, sight, Ts_world_camera[:, :3, 3])
+    return camera_task.measure(recording, goal, Ts_world_picture, view, sight, Ts_world_camera[:, :3, 3])
 
 
 PLAY = _AlignPlay()

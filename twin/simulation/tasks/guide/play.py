@@ -72,9 +72,11 @@ class _GuidePlay(Play):
     def referee(self, setup: Setup, task: ConsoleTask, period: float) -> GuidingReferee:
         return GuidingReferee.of(setup, period)
 
-    def outcome(self, setup: Setup, task: ConsoleTask, kept: Recording, arms: Mapping[str, ArmPath]) -> GuideOutcome:
-        referee = self.referee(setup, task, kept.dt)
-        referee.see_all(kept)
+    def outcome(
+        self, setup: Setup, task: ConsoleTask, recording: Recording, arms: Mapping[str, ArmPath]
+    ) -> GuideOutcome:
+        referee = self.referee(setup, task, recording.dt)
+        referee.see_all(recording)
         return GuideOutcome(referee.measures(), referee.course.wire)
 
     def identity(self, setup: Setup, task: ConsoleTask) -> list[object]:

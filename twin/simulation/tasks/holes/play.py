@@ -104,10 +104,12 @@ class _HolePlay(Play):
             marks.append((str(k + 1), hole.before))
         return marks
 
-    def outcome(self, setup: Setup, task: ConsoleTask, kept: Recording, arms: Mapping[str, ArmPath]) -> HoleOutcome:
+    def outcome(
+        self, setup: Setup, task: ConsoleTask, recording: Recording, arms: Mapping[str, ArmPath]
+    ) -> HoleOutcome:
         goals = hole_goals(setup, task)
-        judge = HoleJudge(goals.holes, goals.contact, kept.dt)
-        pressed = kept[CONSOLE_MODE.name][:, 0] == TOOLS
+        judge = HoleJudge(goals.holes, goals.contact, recording.dt)
+        pressed = recording[CONSOLE_MODE.name][:, 0] == TOOLS
         for tip, down in zip(arms[goals.robot].tip, pressed, strict=True):
             judge.see(tip, bool(down))
         return HoleOutcome(judge)

@@ -404,16 +404,16 @@ class ProcedureReferee(Block):
         return ProcedureCheck("vessels", not wrong, None, text, bool(wrong))
 
 
-def measure(kept: Recording, setup: Setup) -> ProcedureMeasures:
-    """Return the measures of a session; `kept`: the signals that the referee reads. See `ProcedureReferee`."""
+def measure(recording: Recording, setup: Setup) -> ProcedureMeasures:
+    """Return the measures of a session; `recording`: the signals that the referee reads. See `ProcedureReferee`."""
     clips = []
-    for name in sorted(kept.sizes):
+    for name in sorted(recording.sizes):
         clip = CLIP_ON.owner_of(name)
         if clip is not None and clip.startswith("clip_"):
             clips.append(name)
     robots = operating_scene.procedure_of(setup.scene, setup.task).start
-    by_hand = all(ROBOT_FOLLOWS.of(robot) in kept.sizes for robot in robots)
-    referee = ProcedureReferee(setup, clips, kept.dt, by_hand)
-    for t, now in zip(kept.t.tolist(), kept.samples(kept.sizes), strict=True):
+    by_hand = all(ROBOT_FOLLOWS.of(robot) in recording.sizes for robot in robots)
+    referee = ProcedureReferee(setup, clips, recording.dt, by_hand)
+    for t, now in zip(recording.t.tolist(), recording.samples(recording.sizes), strict=True):
         referee.see(now, t)
     return referee.measures()

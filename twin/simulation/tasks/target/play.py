@@ -68,13 +68,15 @@ class _TargetPlay(Play):
         targets = [(target.name, target.p_world) for target in required_goal(task, Targets).targets]
         return ScriptedSurgeon(seat, targets, task.tolerance, task.hold)
 
-    def outcome(self, setup: Setup, task: ConsoleTask, kept: Recording, arms: Mapping[str, ArmPath]) -> TargetOutcome:
+    def outcome(
+        self, setup: Setup, task: ConsoleTask, recording: Recording, arms: Mapping[str, ArmPath]
+    ) -> TargetOutcome:
         table = console_scene.console_of(setup.scene)
         tips: dict[str, Array] = {}
         for hand in HANDS:
             first_robot = getattr(table, hand)[0]
             tips[hand] = arms[first_robot].tip
-        return TargetOutcome(touched(task, kept.t, tips), task.tolerance)
+        return TargetOutcome(touched(task, recording.t, tips), task.tolerance)
 
 
 PLAY = _TargetPlay()

@@ -83,12 +83,14 @@ class _BoardPlay(Play):
         goal = required_goal(task, Transfers)
         return RingsReferee(goal, setup.scene.objects, pegs, list(called), period, called)
 
-    def outcome(self, setup: Setup, task: ConsoleTask, kept: Recording, arms: Mapping[str, ArmPath]) -> BoardOutcome:
+    def outcome(
+        self, setup: Setup, task: ConsoleTask, recording: Recording, arms: Mapping[str, ArmPath]
+    ) -> BoardOutcome:
         scene = setup.scene
         pegs = contact_scene.pegs(scene, setup.props, task)
         robots = list(console_scene.hands_of(scene))
         goal = required_goal(task, Transfers)
-        return BoardOutcome(measure(kept, goal, scene.objects, pegs, robots), pegs)
+        return BoardOutcome(measure(recording, goal, scene.objects, pegs, robots), pegs)
 
     def identity(self, setup: Setup, task: ConsoleTask) -> list[object]:
         about: list[object] = []

@@ -93,7 +93,7 @@ class RingSurgeon(SurgeonHands):
         for k, eye in enumerate(seat.arms.values()):
             self._numbers[eye.robot] = k
         self._done = 0
-        self._left: list[Ring] = list(rings)
+        self._remaining: list[Ring] = list(rings)
         self._tried: dict[str, int] = {}
         for ring in rings:
             self._tried[ring.name] = 0
@@ -147,7 +147,7 @@ class RingSurgeon(SurgeonHands):
         """Return {hand: its next ring}; a ring is for the hand on the side where its peg is in the picture."""
         right, left = self.arms
         first: dict[str, Ring] = {}
-        for ring in self._left:
+        for ring in self._remaining:
             peg_seen = self._in_picture({right: ring.end})[right]
             hand = left
             if peg_seen[0] > 0:
@@ -165,10 +165,10 @@ class RingSurgeon(SurgeonHands):
             self._tried[ring.name] += 1
             if self._around(ring):
                 self._done += 1
-                self._left.remove(ring)
+                self._remaining.remove(ring)
             elif self._lies(ring) or self._tried[ring.name] >= _TRIES:
                 self.missed.append(ring.name)
-                self._left.remove(ring)
+                self._remaining.remove(ring)
 
     def _bring(self, jobs: dict[str, Ring]) -> Iterator[None]:
         """Try to bring the ring of each hand to its peg."""
@@ -183,25 +183,25 @@ class RingSurgeon(SurgeonHands):
         yield from self._turn_grip(dict.fromkeys(jobs, 0.0))
         yield from self._rest(0.15)
         failed = []
-        held = {}
+        jobs_held = {}
         for hand, ring in jobs.items():
             if self._holds(hand, ring):
-                held[hand] = ring
+                jobs_held[hand] = ring
             else:
                 failed.append(hand)
         if failed:
             yield from self._let_go(failed)
         lifted = {}
-        for hand in held:
+        for hand in jobs_held:
             lifted[hand] = spatial.pose(p=[0, 0, manner.lift]) @ self._tool(hand)
         yield from self._reach(lifted, manner.fine)
         pulled_off = {}
-        for hand, ring in held.items():
+        for hand, ring in jobs_held.items():
             pulled_off[hand] = spatial.pose(p=self._outwards(ring) * manner.pull) @ self._tool(hand)
         yield from self._reach(pulled_off, manner.near)
-        yield from self._reach(self._over_pegs(held, manner.above), manner.near)
-        yield from self._reach(self._over_pegs(held, -manner.below), 2 * manner.fine)
-        yield from self._let_go(list(held))
+        yield from self._reach(self._over_pegs(jobs_held, manner.above), manner.near)
+        yield from self._reach(self._over_pegs(jobs_held, -manner.below), 2 * manner.fine)
+        yield from self._let_go(list(jobs_held))
 
     def _grasps(self, jobs: Mapping[str, Ring]) -> dict[str, Array]:
         """Return {hand: pose (4, 4) of its tool at which it grasps its ring}."""

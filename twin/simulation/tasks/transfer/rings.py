@@ -183,11 +183,11 @@ class RingsReferee(InstrumentReferee):
 
 
 def measure(
-    kept: Recording, goal: Transfers, objects: Sequence[Movable], pegs: Mapping[str, Peg], robots: Sequence[str]
+    recording: Recording, goal: Transfers, objects: Sequence[Movable], pegs: Mapping[str, Peg], robots: Sequence[str]
 ) -> BoardMeasures:
     """Return the measures of a task with transfers from recorded signals; other arguments: see `RingsReferee`."""
-    referee = RingsReferee(goal, objects, pegs, robots, kept.dt)
-    referee.see_all(kept)
+    referee = RingsReferee(goal, objects, pegs, robots, recording.dt)
+    referee.see_all(recording)
     return referee.measures()
 
 
