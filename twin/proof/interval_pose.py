@@ -60,8 +60,13 @@ def fixed(frame: RigidFrame) -> IntervalPose:
     """Return the pose of a frame of the CAD; it contains one whose rotation is orthogonal."""
     R = frame.T[:3, :3]
     p = frame.T[:3, 3]
-    rotation = intervals.around(R, frame.R_radius) if frame.R_radius > 0 else intervals.exactly(R)
-    position = intervals.around(p, frame.p_radius) if frame.p_radius.any() else intervals.exactly(p)
+    # a number without a radius is exact: `around` would widen it by a rounding
+    rotation = intervals.exactly(R)
+    if frame.R_radius > 0:
+        rotation = intervals.around(R, frame.R_radius)
+    position = intervals.exactly(p)
+    if frame.p_radius.any():
+        position = intervals.around(p, frame.p_radius)
     return IntervalPose(rotation, position)
 
 

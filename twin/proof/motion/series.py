@@ -17,7 +17,16 @@ from twin.core.spatial import Array
 from twin.proof.motion.taylor import TaylorModel, constant
 
 _UNIT = 2.0**-53
+"""Largest relative rounding error of one operation."""
+
 _UP = 1.0 + 2.0**-40
+"""Factor by which bounds are enlarged: more than the rounding of the operations that compute one."""
+
+_TINY = 1e-290
+"""Added to bounds, so that underflow counts."""
+
+_LOGARITHM_MARGIN = 1.0 + 1e-9
+"""Factor by which a bound is enlarged that is computed by logarithms and exponentials."""
 
 _TERMS = 16
 """Number of Taylor coefficients of a series; those beyond the order of a model enlarge its bound."""
@@ -55,9 +64,9 @@ def _coefficients(coefficients: Array, x: Array, terms: int) -> tuple[Array, Arr
     before = np.zeros((terms + 1, count))  # t_{j-1}
     now = np.zeros((terms + 1, count))  # t_j
     now[0] = 1.0
-    # errors of t_j, and the sums of the errors made up to j
+    # errors of t_j, and the sums of the errors that were added up to j
     error = np.zeros((terms + 1, count))
-    made = np.zeros((terms + 1, count))
+    added = np.zeros((terms + 1, count))
     values = coefficients[0] * now[:, :, None]
     bounds = np.zeros(values.shape)
     sizes = np.abs(values)
@@ -66,12 +75,14 @@ def _coefficients(coefficients: Array, x: Array, terms: int) -> tuple[Array, Arr
         lower[1:] = now[:-1]
         lower_error = np.zeros_like(error)
         lower_error[1:] = error[:-1]
-        factor = 1.0 if j == 1 else 2.0
+        factor = 2.0
+        if j == 1:
+            factor = 1.0  # T_1 = x T_0
         after = factor * x * now + factor * lower - before
         size = factor * np.abs(x) * np.abs(now) + factor * np.abs(lower) + np.abs(before)
         # the rounding of x (one unit) counts like that of a product
-        made = made + 6 * _UNIT * size + factor * lower_error
-        error = (error + made) * _UP
+        added = added + 6 * _UNIT * size + factor * lower_error
+        error = (error + added) * _UP
         before = now
         now = after
         term = coefficients[j] * now[:, :, None]
@@ -84,17 +95,26 @@ def _coefficients(coefficients: Array, x: Array, terms: int) -> tuple[Array, Arr
 
 def _markov(coefficients: Array, k: int) -> Array:
     """Return bounds (n,) over [-1, 1] of the k-th derivative of a series divided by k!."""
-    out = np.zeros(coefficients.shape[1])
+    bound = np.zeros(coefficients.shape[1])
     for j in range(k, len(coefficients)):
+        # the k-th derivative of T_j at x = 1 is the product of these quotients
         log = -math.lgamma(k + 1)
         for i in range(k):
             log += math.log((j * j - i * i) / (2 * i + 1))
-        out = out + np.abs(coefficients[j]) * math.exp(log)
-    return out * (1.0 + 1e-9)  # logarithms and exponentials are rounded
+        bound = bound + np.abs(coefficients[j]) * math.exp(log)
+    return bound * _LOGARITHM_MARGIN
 
 
 def _model(values: Array, errors: Array, beyond: Array, width: Array, order: int) -> TaylorModel:
-    """Return the Taylor models of functions with Taylor coefficients `values` (terms, N, n) at the middle of pieces."""
+    """Return the Taylor models of functions on pieces.
+
+    Args:
+        values: (terms, N, n) Taylor coefficients in the middle of the pieces.
+        errors: (terms, N, n) bounds of their errors.
+        beyond: (n,) bounds of the next coefficient at any place of a piece.
+        width: (N,) half of the length of the pieces, in the variable of the coefficients.
+        order: degree of the models; further terms enlarge their bounds.
+    """
     count, points, n = values.shape
     c = np.zeros((order + 1, points, n))
     r = np.zeros((points, n))
@@ -108,4 +128,4 @@ def _model(values: Array, errors: Array, beyond: Array, width: Array, order: int
         else:
             r = r + np.abs(term)
     r = r + beyond * (width**count)[:, None]
-    return TaylorModel(c, r * _UP + 1e-290)
+    return TaylorModel(c, r * _UP + _TINY)
