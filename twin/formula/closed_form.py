@@ -59,7 +59,7 @@ class ClosedForm:
             M, C, g, change, share = (np.array(x, float) for x in f(at, rates, values))
             M_share = share[: n * n].reshape(n, n, k, order="F")
             g_share = share[n * n :]
-            return Terms(M, C, g.reshape(-1), change, M_share, g_share)
+            return Terms(M=M, C=C, g=g.reshape(-1), change=change, M_share=M_share, g_share=g_share)
 
         return evaluate
 

@@ -200,7 +200,7 @@ class Formula:
 
     def has(self, stage: Stage) -> bool:
         """Return whether the formula has an equation of a stage: "inverse", "forward" or "helper"."""
-        return any(e.stage == stage for e in self.equations)
+        return any(equation.stage == stage for equation in self.equations)
 
     @property
     def scalars(self) -> dict[str, dict[str, str]]:
@@ -208,8 +208,8 @@ class Formula:
         return {
             "passive": {name: name for name in self.passive},
             "reach": dict(self.reach),
-            "measure": {m.name: m.symbol for m in self.measures},
-            "aspect": {a.symbol: a.symbol for a in self.aspects},
+            "measure": {measure.name: measure.symbol for measure in self.measures},
+            "aspect": {aspect.symbol: aspect.symbol for aspect in self.aspects},
         }
 
 
@@ -290,6 +290,7 @@ def unread(formula: Formula, chosen: Mapping[str, str]) -> list[str]:
 
 
 def _check_coordinates(formula: Formula, fail: Callable[[str], None]) -> None:
+    """Call `fail` if the pose coordinates have two equal names, or units other than "m" and "rad"."""
     names = formula.coordinates.names
     units = formula.coordinates.units
     _unique(fail, "coordinate", names)
@@ -298,6 +299,7 @@ def _check_coordinates(formula: Formula, fail: Callable[[str], None]) -> None:
 
 
 def _check_equations(formula: Formula, fail: Callable[[str], None]) -> None:
+    """Call `fail` for the first fault of an equation: its stage, outputs, variants or reasons."""
     if not (formula.has("inverse") or formula.has("forward")):
         fail("the formula has no inverse and no forward equation; write at least one.")
     _unique(fail, "equation", [equation.name for equation in formula.equations])
@@ -320,6 +322,7 @@ def _check_equations(formula: Formula, fail: Callable[[str], None]) -> None:
 
 
 def _check_point_search(formula: Formula, fail: Callable[[str], None]) -> None:
+    """Call `fail` if the unknown points of a search are not computed by the inverse equations."""
     search = formula.point_search
     if search is None:
         return
@@ -336,6 +339,7 @@ def _check_point_search(formula: Formula, fail: Callable[[str], None]) -> None:
 
 
 def _unique(fail: Callable[[str], None], kind: str, names: Iterable[str]) -> None:
+    """Call `fail` if a name is there twice; `kind` says what the names are those of."""
     seen: dict[str, int] = {}
     names = list(names)
     for i, name in enumerate(names, 1):

@@ -172,13 +172,18 @@ def _outputs(formula: Formula, equation: Equation, function: Rows, symbols: Mapp
     what = f"formula '{formula.name}', equation '{equation.name}'"
     names = equation.outputs
     required, _ = arguments(function)
-    unknowns = {name: ca.SX.sym(name) for name in names if name in required and name not in symbols}
+    unknowns: dict[str, ca.SX] = {}
+    for name in names:
+        if name in required and name not in symbols:
+            unknowns[name] = ca.SX.sym(name)
     given = {**symbols, **unknowns}
     suggestions = ()
     if not given.keys() >= set(required):
         suggestions = unread(formula, {})
     values = call(function, given, what, suggestions)
-    values = list(values) if isinstance(values, tuple | list) else [values]
+    if not isinstance(values, tuple | list):
+        values = [values]
+    values = list(values)
     if len(values) != len(names):
         raise KinematicsError(f"{what} returns {len(values)} values for {len(names)} outputs: {', '.join(names)}.")
     if not unknowns:

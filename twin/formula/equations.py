@@ -90,7 +90,14 @@ class Equations:
                     f"two equations are named '{own_name}': register the second as a variant of the first"
                 )
             equation = Equation(
-                own_name, title, source or self.source, stage, outputs, {reading: function}, reasons, reading
+                own_name,
+                title,
+                source=source or self.source,
+                stage=stage,
+                outputs=outputs,
+                variants={reading: function},
+                reasons=reasons,
+                default=reading,
             )
             self._registered.append(equation)
             return function

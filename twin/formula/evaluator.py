@@ -87,6 +87,7 @@ class Evaluator:
             self.one = lambda z: code(z).reshape(shape)
 
     def _caller(self) -> Callable[[Array], Array]:
+        """Return the function `one`, by CasADi's virtual machine."""
         # Local names are used instead of attributes, `with` and `[:]`, which would take as long as the function itself.
         given, compute = self.bind()
         lock = threading.Lock()
@@ -120,6 +121,7 @@ class Evaluator:
 
     @cached_property
     def _kernel(self) -> Kernel | None:
+        """The compiled kernel for large batches; None if kernels do not support an operation of the function."""
         from twin import codegen
 
         stage = codegen.Stage(self.function, ("z",), ("out",))
@@ -131,6 +133,7 @@ class Evaluator:
 
     @cached_property
     def _mapped(self) -> tuple:
+        """Inputs (block, n) and outputs (block, m) of a mapped call, the function that makes it, and its buffer."""
         function = self.function.map(_BLOCK)
         inputs = np.zeros((_BLOCK, self.function.size1_in(0)))
         outputs = np.zeros((_BLOCK, self.function.size1_out(0)))
@@ -141,20 +144,20 @@ class Evaluator:
 
     def many(self, Z: Array) -> Array:
         """Return the values (k, *shape) at the rows of Z (k, n)."""
-        k = len(Z)
+        count = len(Z)
         width = self.function.size1_out(0)
-        if k >= _MANY and width and self._kernel is not None:
-            return self._kernel.rows(np.asarray(Z, float)).reshape(k, *self.shape)
-        result = np.zeros((k, width))
-        if k <= _FEW:
-            for i in range(k):
+        if count >= _MANY and width and self._kernel is not None:
+            return self._kernel.rows(np.asarray(Z, float)).reshape(count, *self.shape)
+        result = np.zeros((count, width))
+        if count <= _FEW:
+            for i in range(count):
                 result[i] = self.one(Z[i]).ravel()
         elif width:
             with self._block_lock:
                 inputs, outputs, trigger, _ = self._mapped
-                for start in range(0, k, _BLOCK):
-                    n = min(_BLOCK, k - start)
-                    inputs[:n] = Z[start : start + n]
+                for start in range(0, count, _BLOCK):
+                    size = min(_BLOCK, count - start)
+                    inputs[:size] = Z[start : start + size]
                     trigger()
-                    result[start : start + n] = outputs[:n]
-        return result.reshape(k, *self.shape)
+                    result[start : start + size] = outputs[:size]
+        return result.reshape(count, *self.shape)

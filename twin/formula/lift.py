@@ -193,23 +193,28 @@ _greater = _elementwise(np.greater)
 
 
 def _maximum(a: Value, b: Value) -> Value:
+    """Return `np.maximum` for numbers and symbols."""
     return if_else(_less(a, b), b, a)
 
 
 def _minimum(a: Value, b: Value) -> Value:
+    """Return `np.minimum` for numbers and symbols."""
     return if_else(_less(a, b), a, b)
 
 
 def _clip(x: Value, low: Value, high: Value) -> Value:
+    """Return `np.clip` for numbers and symbols."""
     return _minimum(_maximum(x, low), high)
 
 
 def _sign(x: Value) -> Value:
+    """Return `np.sign` for numbers and symbols."""
     of_others = if_else(_greater(x, 0), 1.0, 0.0)
     return if_else(_less(x, 0), -1.0, of_others)
 
 
 def _det(A: Value) -> Value:
+    """Return the determinant of a square matrix of numbers or symbols."""
     A = np.asarray(A)
     if _kind(A) is None:
         return np.linalg.det(_numbers(A))
@@ -225,6 +230,7 @@ def _det(A: Value) -> Value:
 
 
 def _inv(A: Value) -> Value:
+    """Return the inverse of a square matrix of numbers, or of symbols by cofactors."""
     A = np.asarray(A)
     if A.ndim == 2 and A.shape[0] != A.shape[1]:
         raise ValueError(no_inverse(*A.shape))
@@ -242,10 +248,10 @@ def _inv(A: Value) -> Value:
 
 
 def _pinv(A: Value) -> Value:
+    """Return the pseudoinverse; that of symbols is only right for a matrix of full rank."""
     A = np.asarray(A)
     if _kind(A) is None:
         return np.linalg.pinv(_numbers(A))
-    # of a matrix of full rank
     rows, columns = A.shape
     if rows < columns:
         return A.T @ _inv(A @ A.T)
@@ -253,6 +259,7 @@ def _pinv(A: Value) -> Value:
 
 
 def _solve(A: Value, b: Value) -> Value:
+    """Return the solution of A x = b."""
     return _inv(A) @ np.asarray(b)
 
 

@@ -37,7 +37,7 @@ _OUTPUTS = {
 }
 """Shape of each output in CasADi, and the shape in words, by kind of function."""
 
-_LENGTH = 0.1
+_DEFAULT_LENGTH = 0.1
 """Characteristic length in m of a formula whose parameters include no length."""
 
 
@@ -65,11 +65,13 @@ def plain_formula(
     first_line = text.splitlines()[0].strip(" .")
     values = vars(module)
     casadi = any(_of_casadi(value) for value in values.values())
-    functions = values if casadi else scope(values)
+    functions = values
+    if not casadi:
+        functions = scope(values)
     parameters = _parameters(module, path)
     parameter_names = [parameter.name for parameter in parameters]
     joint_names = [joint for joint, _ in joints]
-    used = _used(functions)
+    used = _names_of_arguments(functions)
     coordinates = _coordinates({*joint_names, *parameter_names}, used)
     known = [*coordinates.names, *parameter_names]
     unread = [parameter for parameter in parameter_names if parameter not in used]
@@ -106,13 +108,13 @@ def plain_formula(
         parameters=parameters,
         joints=tuple(ActiveJoint(joint, "revolute" if angle else "prismatic") for joint, angle in joints),
         coordinates=coordinates,
-        equations=_equations(points, inverse, forward, joint_names, points_first, path),
+        equations=_equations(points, inverse, forward, joints=joint_names, points_first=points_first, path=path),
         characteristic_length=_length_scale(parameters),
         points={point: point for point in point_names},
         seeds=_seeds(coordinates, home, inverse is not None),
         numbers=_on_numbers([row for row in before_joints if row is not None], coordinates),
     )
-    _try(formula, [row for row in (points, inverse, forward) if row is not None])
+    _check_on_symbols(formula, [row for row in (points, inverse, forward) if row is not None])
     return formula
 
 
@@ -205,6 +207,7 @@ def _split(value: object) -> list[Value] | None:
 
 
 def _of_casadi(value: object) -> bool:
+    """Return whether a global name of a file is CasADi, or something of CasADi."""
     if isinstance(value, ModuleType):
         module = value.__name__
     else:
@@ -213,7 +216,7 @@ def _of_casadi(value: object) -> bool:
     return package == "casadi"
 
 
-def _used(functions: Mapping[str, object]) -> set[str]:
+def _names_of_arguments(functions: Mapping[str, object]) -> set[str]:
     """Return the names of all arguments of the functions of a plain formula."""
     names: set[str] = set()
     for kind in FUNCTIONS:
@@ -251,15 +254,22 @@ def _coordinates(taken: set[str], used: set[str]) -> Coordinates:
 
 
 def _rotation(x: symbolic.SX, y: symbolic.SX, z: symbolic.SX) -> symbolic.SX:
+    """Return the rotation (3, 3) of a rotation vector in rad."""
     return symbolic.exp_so3(ca.vertcat(x, y, z))
 
 
 def _vector(T: symbolic.SX) -> tuple[symbolic.SX, symbolic.SX, symbolic.SX]:
+    """Return the rotation vector in rad of a pose (4, 4)."""
     w = symbolic.log_so3(T[0:3, 0:3])
     return w[0], w[1], w[2]
 
 
 def _parameters(module: ModuleType, path: Path) -> tuple[Parameter, ...]:
+    """Return the parameters of a module, with their names.
+
+    Raises:
+        KinematicsError: `PARAMETERS` is not a dictionary of numbers with units; the message gives file and line.
+    """
     given = getattr(module, "PARAMETERS", {})
     if not isinstance(given, Mapping):
         line = _line_of(module, path, "PARAMETERS")
@@ -288,7 +298,9 @@ def _line_of(module: ModuleType, path: Path, name: str, key: str | None = None) 
     for node in ast.parse(text_of(path, vars(module))).body:
         # a definition has a name; an assignment has several targets, or one if it is annotated
         names = [getattr(node, "name", None)]
-        targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+        targets = [getattr(node, "target", None)]
+        if isinstance(node, ast.Assign):
+            targets = node.targets
         names += [getattr(target, "id", None) for target in targets]
         if name not in names:
             continue
@@ -305,20 +317,31 @@ def _length_scale(parameters: Sequence[Parameter]) -> Callable[[], float]:
     """Return the characteristic length as a function of the parameters: the median of all lengths."""
     lengths = [abs(parameter.value) for parameter in parameters if parameter.unit in ("mm", "m") and parameter.value]
     lengths.sort()
-    scale = _LENGTH
+    scale = _DEFAULT_LENGTH
     if lengths:
         scale = lengths[len(lengths) // 2]
     return lambda: scale
 
 
 def _equation(row: _Rows, stage: Stage, title: str, path: Path) -> Equation:
-    at = f"{path.name}, line {row.line}"
-    return Equation(row.name, title, at, stage, row.outputs, {"written": row}, {"written": at}, "written")
+    """Return a plain function as an equation with one variant, "written"."""
+    source = f"{path.name}, line {row.line}"
+    return Equation(
+        row.name,
+        title,
+        source=source,
+        stage=stage,
+        outputs=row.outputs,
+        variants={"written": row},
+        reasons={"written": source},
+        default="written",
+    )
 
 
 def _seeds(
     coordinates: Coordinates, home: tuple[Array, Array | None] | None, inverse: bool
 ) -> tuple[tuple[float, ...], ...]:
+    """Return the start of the solvers: coordinates with an inverse, joints without; empty if it is not known."""
     if home is None:
         return ()
     T, q = home
@@ -378,7 +401,7 @@ def _on_numbers(rows: Sequence[_Rows], coordinates: Coordinates) -> Callable[[Ar
     return first_fault
 
 
-def _try(formula: Formula, rows: Sequence[_Rows]) -> None:
+def _check_on_symbols(formula: Formula, rows: Sequence[_Rows]) -> None:
     """Run every function on symbols.
 
     Raises:

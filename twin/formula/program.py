@@ -16,6 +16,12 @@ from twin.formula.contract import POSE_SYMBOL, Formula
 from twin.formula.evaluator import Evaluator
 from twin.formula.scalar import Value
 
+_NEWTON_TOLERANCE = 1e-14
+"""Joint error and step in m or rad at which Newton's method ends: the rounding of a double."""
+
+_NEWTON_STEPS = 12
+"""Maximum number of steps of Newton's method, which doubles the number of correct digits in each near the solution."""
+
 POSE_TOL = 1e-6
 """Maximum norm of the difference between a pose and the pose rebuilt from its coordinates."""
 
@@ -202,7 +208,12 @@ class Program:
             "finder",
             "fast_newton",
             {"x": xi, "p": p, "g": joint_errors},
-            {"error_on_fail": False, "abstol": 1e-14, "abstolStep": 1e-14, "max_iter": 12},
+            {
+                "error_on_fail": False,
+                "abstol": _NEWTON_TOLERANCE,
+                "abstolStep": _NEWTON_TOLERANCE,
+                "max_iter": _NEWTON_STEPS,
+            },
         )
         travel = _length(ca.vertcat(xi[:3] / self.length, xi[3:]))
         aspects = self.group["aspect"].function(symbolic.flat(T))
@@ -277,14 +288,21 @@ class Program:
         return self._joints(self._after_pose(T))
 
     def _joints(self, symbols: Mapping[str, Value]) -> ca.SX:
+        """Return q (n) from the symbols; joints that are not in the equations have their fixed values."""
         return equation_values.gather(self.formula, {**symbols, **self.extra_values}, self.order, "joint")
 
     def _after_pose(self, T: ca.SX) -> dict[str, Value]:
+        """Return the symbols that inverse and forward equations give for a pose (4, 4)."""
         symbols = {**self.parameters, **equation_values.from_pose(self.formula, T)}
         symbols = equation_values.run(self.formula, self.variants, symbols, "inverse")
         return equation_values.run(self.formula, self.variants, symbols, "forward")
 
     def _after_joints(self, q: ca.SX) -> dict[str, Value]:
+        """Return the symbols that forward equations give for q (n), with the pose and its coordinates.
+
+        Raises:
+            KinematicsError: the pose has another shape than (4, 4).
+        """
         symbols: dict[str, Value] = dict(self.parameters)
         symbols |= zip(self.order, ca.vertsplit(q), strict=True)
         symbols = equation_values.run(self.formula, self.variants, symbols, "forward")
@@ -296,10 +314,16 @@ class Program:
         return {**equation_values.from_pose(self.formula, T), **symbols}
 
     def _forward(self) -> tuple[ca.SX, ca.SX]:
+        """Return a symbol for q (n), and the pose (4, 4) as an expression of it."""
         q = ca.SX.sym("q", len(self.order))
         return q, ca.SX(self._after_joints(q)[POSE_SYMBOL])
 
     def _points(self) -> ca.SX:
+        """Return the named points (k, 3) in m as an expression of the state.
+
+        Raises:
+            KinematicsError: the symbol of a point is missing, or has another number of entries than 3.
+        """
         rows = []
         for name, symbol in self.formula.points.items():
             what = f"formula '{self.formula.name}', point '{name}'"

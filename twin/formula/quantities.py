@@ -10,27 +10,27 @@ from twin.core.units import DEG, MM
 
 def mm(value: float, provenance: Provenance = "ASSUMED", note: str = "") -> Parameter:
     """Return a length given in mm; equations use it in m."""
-    return _parameter(value, MM, "mm", provenance, note)
+    return _parameter(value, MM, unit="mm", provenance=provenance, note=note)
 
 
 def m(value: float, provenance: Provenance = "ASSUMED", note: str = "") -> Parameter:
     """Return a length given in m."""
-    return _parameter(value, 1.0, "m", provenance, note)
+    return _parameter(value, 1.0, unit="m", provenance=provenance, note=note)
 
 
 def deg(value: float, provenance: Provenance = "ASSUMED", note: str = "") -> Parameter:
     """Return an angle given in degrees; equations use it in rad."""
-    return _parameter(value, DEG, "deg", provenance, note)
+    return _parameter(value, DEG, unit="deg", provenance=provenance, note=note)
 
 
 def rad(value: float, provenance: Provenance = "ASSUMED", note: str = "") -> Parameter:
     """Return an angle given in rad."""
-    return _parameter(value, 1.0, "rad", provenance, note)
+    return _parameter(value, 1.0, unit="rad", provenance=provenance, note=note)
 
 
 def number(value: float, provenance: Provenance = "ASSUMED", note: str = "") -> Parameter:
     """Return a dimensionless number, such as a ratio or a count."""
-    return _parameter(value, 1.0, "1", provenance, note)
+    return _parameter(value, 1.0, unit="1", provenance=provenance, note=note)
 
 
 def _parameter(value: float, scale: float, unit: str, provenance: Provenance, note: str) -> Parameter:
