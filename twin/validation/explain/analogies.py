@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.formula.scalar import Scalar
 from twin.validation.explain.function_source import Edit, Source, Statement, apply, comprehension_targets
+from twin.validation.explain.plain_values import scalar_form, unwrapped
 from twin.validation.explain.shifts import Shift
 from twin.validation.explain.term_texts import Atom
 
@@ -59,14 +59,16 @@ class _Template:
 def scalar_values(code: CodeType, shift: Shift) -> Array | None:
     """Return the values (k,) of an expression in the scopes of a shift; None if it is no scalar, or zero everywhere."""
     each = len(shift.shift) // len(shift.scopes)
-    parts = []
+    parts: list[Array] = []
     for scope in shift.scopes:
         values = _evaluated(code, scope, {}, each)
         if values is None:
             return None
         parts.append(values)
-    values = np.concatenate(parts)
-    return values if _is_something(values) else None
+    all_values = np.concatenate(parts)
+    if not _is_something(all_values):
+        return None
+    return all_values
 
 
 def _evaluated(code: CodeType, scope: Mapping[str, Any], names: Mapping[str, Any], k: int) -> Array | None:
@@ -75,7 +77,7 @@ def _evaluated(code: CodeType, scope: Mapping[str, Any], names: Mapping[str, Any
         value = eval(code, dict(scope), names)
     except Exception:  # a name that is not in scope, a matrix, an index out of range
         return None
-    x = value.x if isinstance(value, Scalar) else value
+    x = unwrapped(value)
     if not isinstance(x, int | float | np.number | np.ndarray) or isinstance(x, bool):
         return None
     if np.shape(x) not in ((), (k,)) or np.asarray(x).dtype == object:
@@ -84,7 +86,10 @@ def _evaluated(code: CodeType, scope: Mapping[str, Any], names: Mapping[str, Any
 
 
 def _is_something(values: Array) -> bool:
-    return bool(np.isfinite(values).any()) and bool(np.nanmax(np.abs(values)) > 0)
+    """Return whether values are finite somewhere, and not zero everywhere."""
+    if not np.isfinite(values).any():
+        return False
+    return bool(np.nanmax(np.abs(values)) > 0)
 
 
 def _of_replacements(
@@ -93,20 +98,18 @@ def _of_replacements(
     """Yield (text, values (k,)) of an expression for each choice of other names, by one evaluation for all."""
     count = len(replacements)
     each = len(shift.shift) // len(shift.scopes)
-    parts = []
+    parts: list[Array] = []
     for scope in shift.scopes:
         names: dict[str, Any] = {}
-        objects = next((type(value) for value in scope.values() if isinstance(value, Scalar)), None)
+        as_scalar = scalar_form(scope)
         for name in template.names:
-            columns = []
+            columns: list[Array] = []
             for replaced in replacements:
-                value = scope.get(replaced.get(name, name))
-                x = value.x if isinstance(value, Scalar) else value
+                x = unwrapped(scope.get(replaced.get(name, name)))
                 if not isinstance(x, int | float | np.number | np.ndarray) or np.shape(x) not in ((), (each,)):
                     return
                 columns.append(np.broadcast_to(np.asarray(x, float), (each,)))
-            joined = np.concatenate(columns)
-            names[name] = joined if objects is None else objects(joined)  # in plain functions, scalars are objects
+            names[name] = as_scalar(np.concatenate(columns))
         values = _evaluated(template.code, scope, names, count * each)
         if values is None:
             return
@@ -122,8 +125,8 @@ def unread_names(source: Source, statement: Statement, fixed: Sequence[Edit] = (
     `fixed` are edits of the function that are made in any case: what they insert is read.
     """
     read: set[str] = set()
-    for s in source.statements:
-        read |= s.reads
+    for other in source.statements:
+        read |= other.reads
     for edit in fixed:
         read.update(re.findall(r"[A-Za-z_]\w*", edit.new))
     _, usable = source.names_at(statement)
@@ -137,7 +140,7 @@ def analogies(source: Source, statement: Statement, shift: Shift, fixed: Sequenc
     of other rows, with the names of this row. `shift` has the values of the names, `fixed` are edits of the file that
     are made in any case.
     """
-    unread = []
+    unread: list[str] = []
     for name in sorted(unread_names(source, statement, fixed)):
         if scalar_values(compile(name, "<explain>", "eval"), shift) is not None:
             unread.append(name)
@@ -145,7 +148,8 @@ def analogies(source: Source, statement: Statement, shift: Shift, fixed: Sequenc
         unread = []
     _, usable = source.names_at(statement)
     usable = usable | comprehension_targets(statement.node).keys()
-    text = apply(source.data, [edit for edit in fixed if edit.path == source.path], 0, len(source.data))
+    edits_of_file = [edit for edit in fixed if edit.path == source.path]
+    text = apply(source.data, edits_of_file, 0, len(source.data))
     atoms: dict[str, Atom] = {}
     with np.errstate(all="ignore"):
         for choices in (
@@ -172,7 +176,10 @@ def _of_other_rows(templates: Sequence[_Template], own: Set[str]) -> Iterator[tu
         instead = sorted(own - template.row)
         if not 0 < len(foreign) <= min(len(instead), _MOST_FOREIGN):
             continue
-        yield template, [dict(zip(foreign, places, strict=True)) for places in permutations(instead, len(foreign))]
+        choices: list[dict[str, str]] = []
+        for names in permutations(instead, len(foreign)):
+            choices.append(dict(zip(foreign, names, strict=True)))
+        yield template, choices
 
 
 def _replacements(
@@ -185,10 +192,10 @@ def _replacements(
                 foreign = {name for name in template.names if name not in usable}
                 if len(foreign) > size or len(template.names) < size:
                     continue
-                choices = []
-                for places in permutations(template.names, size):
-                    if foreign <= set(places):
-                        choices.append(dict(zip(places, some, strict=True)))
+                choices: list[dict[str, str]] = []
+                for replaced in permutations(template.names, size):
+                    if foreign <= set(replaced):
+                        choices.append(dict(zip(replaced, some, strict=True)))
                 if choices:
                     yield template, choices
 
@@ -209,21 +216,29 @@ def _templates(text: str, own: str) -> tuple[_Template, ...]:
     for function in ast.parse(text).body:
         if not isinstance(function, ast.FunctionDef):
             continue
-        found = of_own if function.name == own else of_others
+        of_function = of_own if function.name == own else of_others
         assigned = _Inlined(_assigned_once(function))
         for statement in function.body:
             for node in ast.walk(statement):
                 if isinstance(node, ast.BinOp | ast.Call):
-                    found.setdefault(ast.unparse(node), node)
+                    of_function.setdefault(ast.unparse(node), node)
                     whole = assigned.visit(copy.deepcopy(node))
                     inlined.setdefault(ast.unparse(whole), whole)
-    out: dict[str, _Template] = {}
+    templates: dict[str, _Template] = {}
     for texts in (of_own, of_others, inlined):
-        for written in sorted(texts, key=lambda t: (-len(t), t)):
-            names = _own_names(texts[written])
-            if names and len(names) <= _MOST_NAMES and len(written) <= _LONGEST:
-                out.setdefault(written, _Template(written, compile(written, "<explain>", "eval"), names))
-    return tuple(out.values())
+        for written in sorted(texts, key=lambda text: (-len(text), text)):
+            template = _template(written, texts[written])
+            if template is not None:
+                templates.setdefault(written, template)
+    return tuple(templates.values())
+
+
+def _template(written: str, node: ast.expr, row: frozenset[str] = frozenset()) -> _Template | None:
+    """Return the template of an expression; None if it has no names, too many of them, or is too long."""
+    names = _own_names(node)
+    if not names or len(names) > _MOST_NAMES or len(written) > _LONGEST:
+        return None
+    return _Template(written, compile(written, "<explain>", "eval"), names, row)
 
 
 @lru_cache(maxsize=16)
@@ -234,16 +249,17 @@ def _row_templates(text: str, own: str) -> tuple[_Template, ...]:
         if not isinstance(function, ast.FunctionDef) or function.name != own:
             continue
         for statement in function.body:
-            row = frozenset(
-                n.id for n in ast.walk(statement) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Load)
-            )
+            row: set[str] = set()
+            for node in ast.walk(statement):
+                if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load):
+                    row.add(node.id)
             for node in ast.walk(statement):
                 if not isinstance(node, ast.BinOp | ast.Call):
                     continue
                 written = ast.unparse(node)
-                names = _own_names(node)
-                if names and len(names) <= _MOST_NAMES and len(written) <= _LONGEST:
-                    templates.setdefault(written, _Template(written, compile(written, "<explain>", "eval"), names, row))
+                template = _template(written, node, frozenset(row))
+                if template is not None:
+                    templates.setdefault(written, template)
     return tuple(sorted(templates.values(), key=lambda template: (-len(template.text), template.text)))
 
 
@@ -261,7 +277,10 @@ class _Inlined(ast.NodeTransformer):
 def _assigned_once(function: ast.FunctionDef) -> dict[str, ast.expr]:
     """Return the sums, products and calls that a function assigns to a name, if to no other value."""
     values: dict[str, ast.expr] = {}
-    stored = [n.id for n in ast.walk(function) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
+    stored: list[str] = []
+    for node in ast.walk(function):
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            stored.append(node.id)
     for statement in function.body:
         if not isinstance(statement, ast.Assign) or len(statement.targets) != 1:
             continue
@@ -275,12 +294,15 @@ def _assigned_once(function: ast.FunctionDef) -> dict[str, ast.expr]:
 def _own_names(node: ast.expr) -> tuple[str, ...]:
     """Return the names of an expression that may stand for values, in the order of the text; () if it is no formula."""
     called: set[str] = set()
-    for n in ast.walk(node):
-        if isinstance(n, ast.GeneratorExp | ast.ListComp | ast.Lambda | ast.Starred | ast.Attribute):
+    for part in ast.walk(node):
+        if isinstance(part, ast.GeneratorExp | ast.ListComp | ast.Lambda | ast.Starred | ast.Attribute):
             return ()
-        if isinstance(n, ast.Call) and isinstance(n.func, ast.Name):
-            called.add(n.func.id)
+        if isinstance(part, ast.Call) and isinstance(part.func, ast.Name):
+            called.add(part.func.id)
     if called & _OF_VECTORS:
         return ()
-    names = [n.id for n in ast.walk(node) if isinstance(n, ast.Name) and n.id not in called and n.id != "pi"]
-    return tuple(dict.fromkeys(names))
+    names: dict[str, None] = {}
+    for part in ast.walk(node):
+        if isinstance(part, ast.Name) and part.id not in called and part.id != "pi":
+            names[part.id] = None
+    return tuple(names)

@@ -15,9 +15,11 @@ from twin.validation.explain.analogies import unread_names
 from twin.validation.explain.function_source import Edit, Source, Statement
 from twin.validation.explain.tokens import parents_of
 
-_FEWEST_NAMES, _FEWEST_RENAMED = 2, 3
-"""Minimum numbers of different names of an expression, so that its form means something: with the same names, and with
-other names in the counterpart."""
+_FEWEST_NAMES = 2
+"""Minimum number of different names of an expression, so that its form means something."""
+
+_FEWEST_RENAMED = 3
+"""The same if the counterpart has other names."""
 
 _MOST = 24
 """Maximum number of edits of one statement."""
@@ -97,13 +99,11 @@ def _matched(node: ast.AST, whole: ast.AST, names: _Names) -> _Names | None:
     if type(node) is not type(whole):
         return None
     if isinstance(node, ast.Name) and isinstance(whole, ast.Name):
-        if {node.id, whole.id} & _NUMBERS:
-            return names if node.id == whole.id else None
-        if whole.id in names:
-            return names if names[whole.id] == node.id else None
-        return None if node.id in names.values() else {**names, whole.id: node.id}
+        return _matched_names(node.id, whole.id, names)
     if isinstance(node, ast.Constant) and isinstance(whole, ast.Constant):
-        return names if node.value == whole.value else None
+        if node.value != whole.value:
+            return None
+        return names
     if _called(node) != _called(whole) or _form(node) != _form(whole):
         return None
     operands = _operands(node)
@@ -118,6 +118,17 @@ def _matched(node: ast.AST, whole: ast.AST, names: _Names) -> _Names | None:
     return names
 
 
+def _matched_names(name: str, name_of_whole: str, names: _Names) -> _Names | None:
+    """Return `names` with a further pair, or None if one of both names has another one already."""
+    if name in _NUMBERS or name_of_whole in _NUMBERS:
+        return names if name == name_of_whole else None
+    if name_of_whole in names:
+        return names if names[name_of_whole] == name else None
+    if name in names.values():
+        return None
+    return {**names, name_of_whole: name}
+
+
 def _with_gap(node: ast.AST, whole: ast.AST, names: _Names) -> Iterator[tuple[ast.expr, ast.expr, _Names]]:
     """Yield (part of `node`, the part of `whole` that has more, names) where leaving that out gives `node`."""
     for shorter in _shorter(whole):
@@ -130,7 +141,7 @@ def _with_gap(node: ast.AST, whole: ast.AST, names: _Names) -> Iterator[tuple[as
     whole_operands = _operands(whole)
     if len(operands) != len(whole_operands):
         return
-    for i in range(len(operands)):
+    for i in range(len(operands)):  # the operand in which something is missing; the others must match
         known: _Names | None = names
         for j in range(len(operands)):
             if j != i and known is not None:
@@ -153,7 +164,10 @@ def _shorter(whole: ast.AST) -> list[ast.expr]:
 
 
 def _called(node: ast.AST) -> str:
-    return ast.unparse(node.func) if isinstance(node, ast.Call) else ""
+    """Return the text of the function that a call calls; "" for other nodes."""
+    if not isinstance(node, ast.Call):
+        return ""
+    return ast.unparse(node.func)
 
 
 def _form(node: ast.AST) -> list[tuple[str, object]]:
@@ -162,8 +176,10 @@ def _form(node: ast.AST) -> list[tuple[str, object]]:
     for name, value in ast.iter_fields(node):
         if isinstance(value, list):
             form.append((name, len(value)))
+        elif isinstance(value, ast.expr_context):
+            form.append((name, type(value)))
         elif isinstance(value, ast.AST):
-            form.append((name, type(value) if isinstance(value, ast.expr_context) else ast.AST))
+            form.append((name, ast.AST))
         elif not isinstance(node, ast.Name | ast.Constant):
             form.append((name, value))
     return form

@@ -7,6 +7,8 @@ products, or if their rows have the same residuals at values that no mechanism h
 from __future__ import annotations
 
 import ast
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeGuard
 
@@ -22,8 +24,20 @@ _SAME = 1e-7
 """Relative difference of residuals, also at perturbed values, below which two edited rows count as the same
 function."""
 
-_Group = tuple[dict[RowKey, Array] | None, list[Candidate], set[str]]
-"""Residuals at perturbed values, candidates of one function, and their canonical texts."""
+
+@dataclass
+class _SameFunction:
+    """Candidates that result in one function.
+
+    Attributes:
+        residuals: residuals (k, entries) by row, at perturbed values; None if a row has no value there.
+        members: the candidates, one for each text.
+        texts: their canonical texts.
+    """
+
+    residuals: dict[RowKey, Array] | None
+    members: list[Candidate]
+    texts: set[str]
 
 
 class EditedFunctions:
@@ -36,24 +50,22 @@ class EditedFunctions:
 
     def distinct(self, exact: list[Candidate], rows: list[RowKey]) -> list[list[Candidate]]:
         """Group exact candidates by the resulting function; keep one candidate per different canonical text."""
-        groups: list[_Group] = []
+        groups: list[_SameFunction] = []
         for candidate in exact:
-            value = self.perturbed(candidate, rows)
+            residuals = self.perturbed(candidate, rows)
             text = self.text(candidate)
-            group = _group_of(groups, text, value)
+            group = _group_of(groups, text, residuals)
             if group is None:
-                groups.append((value, [candidate], {text}))
-                continue
-            _, members, texts = group
-            if text not in texts:
-                members.append(candidate)
-                texts.add(text)
-        return [members for _, members, _ in groups]
+                groups.append(_SameFunction(residuals, [candidate], {text}))
+            elif text not in group.texts:
+                group.members.append(candidate)
+                group.texts.add(text)
+        return [group.members for group in groups]
 
     def text(self, c: Candidate) -> str:
         """Return the canonical text of the edited statements."""
         places = {(edit.path, edit.function, edit.statement) for edit in c.edits}
-        parts = []
+        parts: list[str] = []
         for path, name, i in sorted(places):
             source = self._source(c, path, name)
             edits = [edit for edit in c.edits if (edit.path, edit.function) == (path, name)]
@@ -72,7 +84,7 @@ class EditedFunctions:
         deviations = edited_residuals(self.shaken, c.step.equation.name, c.edits)
         if not deviations:
             return None
-        of_rows = {}
+        of_rows: dict[RowKey, Array] = {}
         for row, residual in deviations.items():
             if row in rows:
                 of_rows[row] = residual
@@ -81,15 +93,17 @@ class EditedFunctions:
         return of_rows
 
 
-def _group_of(groups: list[_Group], text: str, value: dict[RowKey, Array] | None) -> _Group | None:
-    """Return the group with the same canonical text, or else with the same values."""
+def _group_of(
+    groups: Sequence[_SameFunction], text: str, residuals: dict[RowKey, Array] | None
+) -> _SameFunction | None:
+    """Return the group with the same canonical text, or else with the same residuals."""
     for group in groups:
-        if text in group[2]:
+        if text in group.texts:
             return group
-    if value is None:
+    if residuals is None:
         return None
     for group in groups:
-        if group[0] is not None and _same(group[0], value):
+        if group.residuals is not None and _same(group.residuals, residuals):
             return group
     return None
 

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.core.spatial import Array
-from twin.formula.scalar import Scalar
 from twin.validation.explain.candidate import REST, TOKENS
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.function_source import ByteRange, Edit, Source, Statement, apply
 from twin.validation.explain.inverses import inverse
 from twin.validation.explain.name_pool import NamePool
+from twin.validation.explain.plain_values import scalar_form, unwrapped
 from twin.validation.explain.required_values import expressions, scalar_atoms, written
 from twin.validation.explain.shifts import DIFFERENCE, Flat, Shift
 from twin.validation.explain.statement_edits import statement_edits
@@ -34,6 +34,9 @@ _NEWTON = 10
 
 _EXACT = 1e-10
 """Relative difference at which Newton's method ends."""
+
+_SMALLEST = 1e-9
+"""Size in m or rad below which values are compared as if they had this size: they are rounding of zero."""
 
 _MOST_WRITTEN = 12
 """Maximum number of short formulas for the required value of one part."""
@@ -51,7 +54,7 @@ class Site:
     def edits(self) -> tuple[Edit, ...]:
         """All single edits of the statement that require no new name."""
         every = statement_edits(self.source, self.statement, self.pool, (*TOKENS, *REST))
-        return tuple(e for e in every if e.define is None and e.kind != "left side")
+        return tuple(edit for edit in every if edit.define is None and edit.kind != "left side")
 
     @cached_property
     def parents(self) -> dict[ast.AST, ast.AST]:
@@ -114,23 +117,27 @@ class Expression:
         For each edit and each largest part beside it, the value that this part must then have is computed; the edits of
         the part that give this value are looked up.
         """
-        singles = self.singles[0]
+        singles, _ = self.singles
         within: dict[ast.expr, NDArray[np.intp]] = {}
         for part in self.parts:
             start, end = self.span_of(part)
-            inside = [i for i, e in enumerate(singles) if start <= e.start and e.end <= end]
-            within[part] = np.array(inside, dtype=np.intp)
+            indices = [i for i, edit in enumerate(singles) if start <= edit.start and edit.end <= end]
+            within[part] = np.array(indices, dtype=np.intp)
         seen: set[tuple[int, int]] = set()
         for i, first in enumerate(singles):
             for part in self.beside(first):
                 if self.deadline.passed:
                     return
                 inside = within[part]
-                needed = self.needed(part, (first,), wanted) if len(inside) else None
+                if not len(inside):
+                    continue
+                needed = self.needed(part, (first,), wanted)
                 if needed is None:
                     continue
-                for j in inside[self._equal(self.edited(part, singles, inside), needed, self._size_of(part))]:
-                    pair = (min(i, int(j)), max(i, int(j)))
+                values = self.edited(part, singles, inside)
+                fitting = inside[self._equal(values, needed, self._size_of(part))]
+                for j in fitting.tolist():
+                    pair = (min(i, j), max(i, j))
                     if pair not in seen:
                         seen.add(pair)
                         yield first, singles[j]
@@ -140,7 +147,7 @@ class Expression:
     @cached_property
     def parts(self) -> list[ast.expr]:
         """The scalar parts of the expression, itself first."""
-        scalars = []
+        scalars: list[ast.expr] = []
         for node in expressions(self.node, self.site.parents):
             if self.deadline.passed:
                 break
@@ -172,17 +179,16 @@ class Expression:
             return inverted
         start, end = self.span_of(part)
         source = self.site.source
-        line = source.line_of(start)
         hole = Edit(
-            source.path,
-            line,
-            start,
-            end,
-            source.text(start, end),
-            _HOLE,
-            "required",
-            self.site.statement.index,
-            source.name,
+            path=source.path,
+            line=source.line_of(start),
+            start=start,
+            end=end,
+            old=source.text(start, end),
+            new=_HOLE,
+            kind="required",
+            statement=self.site.statement.index,
+            function=source.name,
         )
         code = expression_code(apply(source.data, [*change, hole], *self._span))
         values = self.value((), (start, end))
@@ -230,7 +236,8 @@ class Expression:
     @cached_property
     def singles(self) -> tuple[list[Edit], Array]:
         """The single edits inside the expression that give it a value, and these values (edits, k)."""
-        edits_with_value, values = [], []
+        edits_with_value: list[Edit] = []
+        values: list[Array] = []
         start, end = self._span
         for edit in self.site.edits:
             if self.deadline.passed:
@@ -276,7 +283,7 @@ class Expression:
         differences = values[:, self.known] - wanted[self.known]
         turns = np.round(differences[:, :1] / (2 * np.pi))  # an angle may be found a full turn away
         differences = differences - 2 * np.pi * np.nan_to_num(turns)
-        limit = EQUAL * max(float(np.abs(wanted[self.known]).max()), size, 1e-9)
+        limit = EQUAL * max(float(np.abs(wanted[self.known]).max()), size, _SMALLEST)
         return np.flatnonzero(np.abs(differences).max(axis=1) <= limit)
 
     def value(self, change: Sequence[Edit], span: tuple[int, int]) -> Array | None:
@@ -284,7 +291,9 @@ class Expression:
         start, end = span
         inside = [edit for edit in change if start <= edit.start and edit.end <= end]
         code = expression_code(apply(self.site.source.data, inside, start, end))
-        return None if code is None else self._run(code, None)
+        if code is None:
+            return None
+        return self._run(code, None)
 
     def own(self, part: ast.expr) -> Array | None:
         """Return the values (k,) of a part without edits; None if it is not a scalar."""
@@ -292,15 +301,18 @@ class Expression:
 
     def _run(self, code: CodeType, hole: Array | None) -> Array | None:
         each = self.k // len(self.scopes)
-        parts = []
+        """Return the values (k,) of an expression in all scopes; `hole`: values (k,) of the part `_HOLE`, if any."""
+        parts: list[Array] = []
         for n, scope in enumerate(self.scopes):
             if hole is not None:
-                scope[_HOLE] = _entered(hole[n * each : (n + 1) * each], scope)
+                scope[_HOLE] = scalar_form(scope)(hole[n * each : (n + 1) * each])
             values = _scalar(code, scope, each)
             if values is None:
                 return None
             parts.append(values)
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+        if len(parts) == 1:
+            return parts[0]
+        return np.concatenate(parts)
 
 
 def _scalar(code: CodeType, scope: dict[str, Any], k: int) -> Array | None:
@@ -309,21 +321,15 @@ def _scalar(code: CodeType, scope: dict[str, Any], k: int) -> Array | None:
         value: Any = eval(code, scope)
     except Exception:  # an edit may be any invalid text: a name without value, a matrix in a scalar function
         return None
-    x = value.x if isinstance(value, Scalar) else value
-    if not isinstance(x, int | float | np.number | np.ndarray) or isinstance(x, bool) or np.shape(x) not in ((), (k,)):
+    x = unwrapped(value)
+    if not isinstance(x, int | float | np.number | np.ndarray) or isinstance(x, bool):
+        return None
+    if np.shape(x) not in ((), (k,)):
         return None
     try:
         return np.broadcast_to(np.asarray(x, float), (k,))
     except (TypeError, ValueError):
         return None
-
-
-def _entered(hole: Array, scope: dict[str, Any]) -> Any:
-    """Return values in the form that the scope has: in plain functions, scalars are objects."""
-    for value in scope.values():
-        if isinstance(value, Scalar):
-            return type(value)(hole)
-    return hole
 
 
 def _size(values: Array | None) -> float:

@@ -184,24 +184,33 @@ class Source:
         writes: dict[str, None] = {}  # in the order of the text
         called: set[str] = set()
         entries: dict[str, None] = {}
-        inner = comprehension_targets(node)
-        targets = {id(n) for name in inner.values() for n in name}
-        for n in ast.walk(node):
-            if isinstance(n, ast.comprehension | ast.For):  # a loop variable is no symbol of the function
-                reads -= _names(n.target, ast.Load, ast.Store)
-            if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store) and id(n) not in targets:
-                writes[n.id] = None
-            if isinstance(n, ast.Attribute) and isinstance(n.value, ast.Name):
-                called.add(n.value.id)
-            if isinstance(n, ast.Subscript) and isinstance(n.ctx, ast.Store) and isinstance(n.value, ast.Name):
-                entries[n.value.id] = None  # q[i] = ...: an entry of the variable is assigned
+        targets: set[int] = set()
+        for names in comprehension_targets(node).values():
+            targets.update(id(name) for name in names)
+        for part in ast.walk(node):
+            if isinstance(part, ast.comprehension | ast.For):  # a loop variable is no symbol of the function
+                reads -= _names(part.target, ast.Load, ast.Store)
+            if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store) and id(part) not in targets:
+                writes[part.id] = None
+            if isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name):
+                called.add(part.value.id)
+            if isinstance(part, ast.Subscript) and isinstance(part.ctx, ast.Store) and isinstance(part.value, ast.Name):
+                entries[part.value.id] = None  # q[i] = ...: an entry of the variable is assigned
         if isinstance(node, ast.AugAssign) and isinstance(node.target, ast.Name):  # out += ...: also used
             reads.add(node.target.id)
         if isinstance(node, ast.Expr | ast.For):  # out.append(...): assigned
             writes |= dict.fromkeys(sorted(called))
-        writing = tuple(writes | entries)
         return Statement(
-            index, node, start, end, node.lineno, node.col_offset, frozenset(reads), writing, row.home, row.new
+            index=index,
+            node=node,
+            start=start,
+            end=end,
+            line=node.lineno,
+            column=node.col_offset,
+            reads=frozenset(reads),
+            writes=tuple(writes | entries),
+            home=row.home,
+            new=row.new,
         )
 
     def span(self, node: ast.AST) -> tuple[int, int]:
@@ -227,9 +236,10 @@ class Source:
             SyntaxError: the edited text is not valid Python.
         """
         text = self.edited(statement, edits)
+        has_lines = statement.line != statement.node.end_lineno or isinstance(statement.node, ast.For | ast.If)
         if statement.returns:
             text = f"{OUT} = ({text[len('return') :].strip()}\n)"
-        elif statement.line != statement.node.end_lineno or isinstance(statement.node, ast.For | ast.If):
+        elif has_lines:  # further lines are indented as in the function
             text = "if 1:\n" + " " * max(statement.column, 1) + text
         return _code(text, self.path, self._casadi)
 
@@ -249,7 +259,8 @@ class Source:
         if not isinstance(value, ast.Tuple) or any(isinstance(element, ast.Starred) for element in value.elts):
             return codes
         for element in value.elts:
-            codes.append(_code(f"{OUT} = ({ast.get_source_segment(text, element)}\n)", self.path, self._casadi))
+            assignment = f"{OUT} = ({ast.get_source_segment(text, element)}\n)"
+            codes.append(_code(assignment, self.path, self._casadi))
         return codes
 
     def whole(self, edits: Iterable[Edit] = ()) -> CodeType:
@@ -280,14 +291,15 @@ def apply(data: bytes, edits: Iterable[Edit], start: int, end: int) -> str:
     parts: list[bytes] = []
     position = start
     for edit in _in_order(edits):
-        parts += [data[position : edit.start], edit.new.encode()]
+        parts.append(data[position : edit.start])
+        parts.append(edit.new.encode())
         position = edit.end
     parts.append(data[position:end])
     return b"".join(parts).decode()
 
 
 def _in_order(edits: Iterable[Edit]) -> list[Edit]:
-    return sorted(edits, key=lambda e: (e.start, e.end))
+    return sorted(edits, key=lambda edit: (edit.start, edit.end))
 
 
 def patched(edits: Iterable[Edit]) -> str:
@@ -304,24 +316,24 @@ def patched(edits: Iterable[Edit]) -> str:
 def finished(data: bytes, edits: list[Edit]) -> list[Edit]:
     """Return edits that have the effect of `edits` and also tidy the edited statements."""
     starts = line_starts(data)
-    out: list[Edit] = []
+    changes: list[Edit] = []
     remaining = list(edits)
     for statement in ast.walk(_tree(data)):
         if not isinstance(statement, ast.Assign | ast.AugAssign | ast.Return | ast.Expr):
             continue
         start, end = span(statement, starts)
-        inside = [e for e in remaining if start <= e.start and e.end <= end]
+        inside = [edit for edit in remaining if start <= edit.start and edit.end <= end]
         if not inside:
             continue
-        remaining = [e for e in remaining if e not in inside]
+        remaining = [edit for edit in remaining if edit not in inside]
         text = apply(data, inside, start, end).encode()
         tidied = tidy(text, _edited_parts(inside, start))
         if tidied == text:
-            out += inside
+            changes += inside
             continue
         old = data[start:end].decode()
-        out.append(replace(inside[0], start=start, end=end, old=old, new=tidied.decode(), define=None))
-    return out + remaining
+        changes.append(replace(inside[0], start=start, end=end, old=old, new=tidied.decode(), define=None))
+    return changes + remaining
 
 
 def _edited_parts(edits: list[Edit], start: int) -> list[tuple[int, int]]:
@@ -363,19 +375,20 @@ def definitions(data: bytes, edit: Edit) -> list[Edit]:
     for node in ast.walk(_tree(data)):
         if isinstance(node, ast.FunctionDef) and node.lineno <= edit.line <= (node.end_lineno or 0):
             around.append(node)
-    own = [f for f in around if f.name == edit.function]
-    for f in own or around:  # a shared row is in another function
+    own = [function for function in around if function.name == edit.function]
+    for function in own or around:  # a shared row is in another function
         if not expression:
-            last = f.args.args[-1]
-            return [_insertion(edit, span(last, starts)[1], f", {name}", last.lineno)]
-        function = expression.split("(")[0]
-        for statement in f.body:
+            last = function.args.args[-1]
+            _, end_of_last = span(last, starts)
+            return [_insertion(edit, end_of_last, f", {name}", last.lineno)]
+        called = expression.split("(")[0]
+        for statement in function.body:
             if not isinstance(statement, ast.Assign) or statement.lineno >= edit.line:
                 continue
-            if not _assigns_call(statement, function):
+            if not _assigns_call(statement, called):
                 continue
-            target_end = span(statement.targets[0], starts)[1]
-            value_end = span(statement.value, starts)[1]
+            _, target_end = span(statement.targets[0], starts)
+            _, value_end = span(statement.value, starts)
             return [
                 _insertion(edit, target_end, f", {name}", statement.lineno),
                 _insertion(edit, value_end, f", {expression}", statement.lineno),

@@ -6,7 +6,7 @@ The code runs unchanged: each scalar is an object that holds the values at all s
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 
@@ -35,7 +35,9 @@ def enter(x: Value) -> Value:
     for i in range(rows):
         for j in range(columns):
             objects[i, j] = SampledScalar(x.a[:, i, j])
-    return objects[:, 0] if columns == 1 else objects
+    if columns == 1:  # plain functions have vectors, not matrices of one column
+        return objects[:, 0]
+    return objects
 
 
 def leave(x: Value) -> Value:
@@ -46,21 +48,39 @@ def leave(x: Value) -> Value:
         table = x.reshape(len(x), -1)
         values: list[Array] = []
         for entry in table.ravel():
-            number = entry.x if isinstance(entry, Scalar) else entry
-            values.append(np.asarray(number, float))
+            values.append(np.asarray(unwrapped(entry), float))
         entries_last = np.stack(np.broadcast_arrays(*values), axis=-1)
         return Matrix(entries_last.reshape(-1, *table.shape))
     return x
 
 
+def unwrapped(x: Value) -> Value:
+    """Return the values of a scalar of a plain function; other values as they are."""
+    if isinstance(x, Scalar):
+        return x.x
+    return x
+
+
+def scalar_form(scope: Mapping[str, Value]) -> Callable[[Array], Value]:
+    """Return a function that gives values the form of the scalars of a scope: in plain functions, they are objects."""
+    for value in scope.values():
+        if isinstance(value, Scalar):
+            return type(value)
+    return np.asarray
+
+
 def inside(row: PlainRows | None, x: Value) -> Value:
     """Convert a value from the form of the judge to the form of the plain function `row`; unchanged without `row`."""
-    return x if row is None or row.casadi else enter(x)
+    if row is None or row.casadi:
+        return x
+    return enter(x)
 
 
 def outside(row: PlainRows | None, x: Value) -> Value:
     """Convert a value from the form of the plain function `row` to the form of the judge; unchanged without `row`."""
-    return x if row is None or row.casadi else leave(x)
+    if row is None or row.casadi:
+        return x
+    return leave(x)
 
 
 def arguments(row: PlainRows, symbols: Mapping[str, Value]) -> dict[str, Value]:
@@ -71,7 +91,8 @@ def arguments(row: PlainRows, symbols: Mapping[str, Value]) -> dict[str, Value]:
 
 
 def _joint_vector(*q: Value) -> Matrix:
-    return Matrix(np.stack(np.broadcast_arrays(*q), 1)[:, :, None])
+    columns = np.broadcast_arrays(*q)
+    return Matrix(np.stack(columns, axis=1)[:, :, None])
 
 
 def _joint_objects(*q: Value) -> Value:
@@ -82,7 +103,7 @@ def parts(row: PlainRows, value: Value) -> list[Value]:
     """Split the result of a plain function into one value per output."""
     if row.casadi:
         return row.spread(value, _matrix_entries)
-    return [leave(v) for v in row.spread(value, entries)]
+    return [leave(entry) for entry in row.spread(value, entries)]
 
 
 def _matrix_entries(x: Value) -> list[Value] | None:
@@ -98,9 +119,11 @@ _FILLED = frozenset((list, dict, np.ndarray))
 def copied(scope: Mapping[str, Value]) -> dict[str, Value]:
     """Return a scope with copies of its lists, dicts and object arrays, because statements may change them."""
     copies = dict(scope)
-    for n, x in scope.items():
-        if type(x) in _FILLED and (type(x) is not np.ndarray or x.dtype == object):
-            copies[n] = x.copy()
+    for name, value in scope.items():
+        # Arrays of numbers are never changed in place.
+        is_filled = type(value) in _FILLED and (type(value) is not np.ndarray or value.dtype == object)
+        if is_filled:
+            copies[name] = value.copy()
     return copies
 
 

@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.core.spatial import Array
-from twin.formula.scalar import Scalar
 from twin.validation.explain.batched_solutions import Batch, Choice, Cut
 from twin.validation.explain.candidate import residuals_with
 from twin.validation.explain.counterparts import counterpart_edits
@@ -29,6 +28,7 @@ from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.equation_steps import RowKey, Step
 from twin.validation.explain.expression import Expression, Site
 from twin.validation.explain.function_source import Edit
+from twin.validation.explain.plain_values import unwrapped
 from twin.validation.explain.rebuilt_functions import unguarded
 from twin.validation.explain.required_values import RequiredValues
 from twin.validation.explain.row_deviations import Judge, by_row, worst
@@ -522,9 +522,7 @@ class RequiredPairs:
             varying: list[Array] = []
             constant: list[Array] = []
             for name in cut.site.source.arguments:
-                x = shift.scope.get(name)
-                if isinstance(x, Scalar):
-                    x = x.x
+                x = unwrapped(shift.scope.get(name))
                 if not isinstance(x, int | float | np.ndarray) or np.shape(x) not in ((), (k,)):
                     continue
                 values = np.broadcast_to(np.asarray(x, float), (k,))
@@ -602,7 +600,7 @@ class _Probe(Shift):
 
     def __call__(self, value: Any, scope: dict[str, Any] | None = None) -> Any:
         self.called = True
-        x = value.x if isinstance(value, Scalar) else value
+        x = unwrapped(value)
         if not self._is_scalar(x):
             self.scalar = False
             return value

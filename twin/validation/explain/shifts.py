@@ -17,6 +17,7 @@ from twin.core.spatial import Array
 from twin.formula.scalar import Scalar
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.function_source import Edit, Source, Statement
+from twin.validation.explain.plain_values import unwrapped
 from twin.validation.explain.rebuilt_functions import Matrix, to_array
 
 STEPS = 12
@@ -34,6 +35,12 @@ STARTS = (-2.0, -0.9, -0.6, -0.3, 0.5, 1.0, 3.0)
 FEWEST = 6
 """Minimum number of poses at which a row must have a value."""
 
+_HALVINGS = 4
+"""Maximum number of times that a step is halved."""
+
+_LEAST_PROGRESS = 0.9
+"""Part of the largest residual that may be left after a step."""
+
 SINGULAR = 1e-9
 """Smallest ratio of singular values with which the rows determine all unknowns."""
 
@@ -43,9 +50,15 @@ class Shift:
 
     Where the argument has no value, such as a root of a negative number, it counts as zero: the shift is the value.
 
-    `known` (k,): the poses at which the row has a value. Values and shifts are (k, entries); `entries` is 0 for a
-    scalar, which is stored as one entry. `differs` (k,): where the calls since `begin` had different arguments;
-    `several`: whether there was more than one call; `count`: their number.
+    Attributes:
+        entries: number of entries of the argument, a vector; 0 for a scalar, which is stored as one entry.
+        shift: what is added (k, entries).
+        value: the latest argument (k, entries).
+        known: the poses (k,) at which the row has a value.
+        scope: the names at the latest call, with their values.
+        differs: the poses (k,) at which the calls since `begin` had different arguments.
+        several: whether there was more than one call since `begin`.
+        count: number of these calls.
     """
 
     def __init__(self, k: int, entries: int = 0) -> None:
@@ -83,15 +96,16 @@ class Shift:
         A scalar is also shifted as a column: an edit may have removed a factor that is a vector.
         """
         k = len(self.shift)
-        x = value.x if isinstance(value, Scalar) else value
-        scalar = not isinstance(x, Matrix) and np.shape(x) in ((), (k,))
-        column = isinstance(x, Matrix) and x.shape == (self.entries, 1)
-        if not (scalar or column):
+        x = unwrapped(value)
+        is_scalar = not isinstance(x, Matrix) and np.shape(x) in ((), (k,))
+        is_vector = isinstance(x, Matrix) and x.shape == (self.entries, 1)
+        if not (is_scalar or is_vector):
             raise TypeError("not a scalar, and not a vector of this length")
         values = np.broadcast_to(to_array(x, k), self.shift.shape)
         if self._called:
-            same = values == self._latest
-            self.differs = self.differs | ~(same | (np.isnan(values) & np.isnan(self._latest))).all(axis=1)
+            both_without_value = np.isnan(values) & np.isnan(self._latest)
+            same = (values == self._latest) | both_without_value
+            self.differs = self.differs | ~same.all(axis=1)
             self.several = True
         self.count += 1
         self._called = True
@@ -102,7 +116,14 @@ class Shift:
         shifted_value = self.value + self.shift
         if self.entries:
             return Matrix(shifted_value[:, :, None])
-        return type(value)(shifted_value[:, 0]) if isinstance(value, Scalar) else shifted_value[:, 0]
+        return _in_form_of(value, shifted_value[:, 0])
+
+
+def _in_form_of(value: Any, shifted_value: Array) -> Any:
+    """Return shifted values (k,) in the form of a value: in plain functions, scalars are objects."""
+    if isinstance(value, Scalar):
+        return type(value)(shifted_value)
+    return shifted_value
 
 
 class Calls(Shift):
@@ -121,16 +142,18 @@ class Calls(Shift):
 
     def __call__(self, value: Any, scope: dict[str, Any] | None = None) -> Any:
         """Return the value with the shift of this call; raise TypeError if it is no scalar, or one call too many."""
-        x = value.x if isinstance(value, Scalar) else value
+        x = unwrapped(value)
         call = self.count
-        if isinstance(x, Matrix) or np.shape(x) not in ((), (len(self.shift),)) or call == self.shift.shape[1]:
+        k, calls = self.shift.shape
+        is_scalar = not isinstance(x, Matrix) and np.shape(x) in ((), (k,))
+        if not is_scalar or call == calls:
             raise TypeError("not a scalar, or more calls than shifts")
         self.count += 1
-        self.values[:, call] = np.nan_to_num(to_array(x, len(self.shift))[:, 0], posinf=np.inf, neginf=-np.inf)
+        values = to_array(x, k)[:, 0]
+        self.values[:, call] = np.where(np.isnan(values), 0.0, values)  # without a value, the shift is the value
         if scope is not None:
             self._scopes[call] = scope
-        shifted_value = self.values[:, call] + self.shift[:, call]
-        return type(value)(shifted_value) if isinstance(value, Scalar) else shifted_value
+        return _in_form_of(value, self.values[:, call] + self.shift[:, call])
 
     def flat(self) -> Shift:
         """Return one shift for all calls, with the values of the first call first."""
@@ -180,17 +203,20 @@ def solution(
         scale: returns a size (k, unknowns) of the values, after an evaluation of `residual`.
         deadline: time limit.
     """
-    values = start
+    values: Array = start
     r = residual(values)
     if r is None:
         return None
-    for factor in STARTS if not np.isfinite(r).all() else ():  # where the wrong row has no value
-        tried = factor * scale()
-        tried_residuals = residual(tried)
-        if tried_residuals is None:
-            return None
-        better = (cost(tried_residuals) < cost(r))[:, None]
-        values, r = np.where(better, tried, values), np.where(better, tried_residuals, r)
+    if not np.isfinite(r).all():
+        # Where the wrong row has no value, Gauss-Newton starts from another shift, with which it has one.
+        for factor in STARTS:
+            tried: Array = np.asarray(factor * scale(), np.float64)
+            tried_residuals = residual(tried)
+            if tried_residuals is None:
+                return None
+            better: NDArray[np.bool_] = (cost(tried_residuals) < cost(r))[:, None]
+            values = np.where(better, tried, values)
+            r = np.where(better, tried_residuals, r)
     known = np.asarray(np.isfinite(r).all(axis=1))
     if known.sum() < FEWEST:
         return None
@@ -203,7 +229,7 @@ def solution(
         if step is None:
             return None
         new = residual(values + step)
-        for _ in range(4):  # half the step where the residual grows
+        for _ in range(_HALVINGS):  # half the step where the residual grows
             if new is None:
                 return None
             worse = known & ~(cost(new) <= cost(r))
@@ -211,9 +237,13 @@ def solution(
                 break
             step = np.where(worse[:, None], step / 2, step)
             new = residual(values + step)
-        if new is None or np.abs(new[known]).max() > max(0.9 * np.abs(r[known]).max(), 1.0):
+        if new is None:
+            return None
+        largest = np.abs(new[known]).max()
+        if largest > max(_LEAST_PROGRESS * np.abs(r[known]).max(), 1.0):
             return None  # these expressions cannot make the rows agree
-        values, r = values + step, new
+        values = values + step
+        r = new
     if not np.abs(r[known]).max() <= 1:
         return None
     residual(values)
@@ -222,7 +252,7 @@ def solution(
 
 def _step(residual: Callable[[Array], Array | None], values: Array, r: Array, known: np.ndarray) -> Array | None:
     """Return a step of Gauss-Newton (k, unknowns), zero where `known` is false; None without a unique finite one."""
-    slopes = []
+    slopes: list[Array] = []
     for i in range(values.shape[1]):
         ahead = values.copy()
         ahead[:, i] += DIFFERENCE
@@ -238,8 +268,11 @@ def _step(residual: Callable[[Array], Array | None], values: Array, r: Array, kn
         if J.shape[1] < J.shape[2] or (singular[:, -1] <= SINGULAR * singular[:, 0]).any():
             return None
     step = np.zeros_like(values)
-    step[known] = -(np.linalg.pinv(J) @ r[known][:, :, None])[:, :, 0]
-    return step if np.isfinite(step).all() else None
+    newton = np.linalg.pinv(J) @ r[known][:, :, None]
+    step[known] = -newton[:, :, 0]
+    if not np.isfinite(step).all():
+        return None
+    return step
 
 
 def cost(r: Array) -> Array:
