@@ -59,7 +59,7 @@ TAUTOLOGIES = (
 def test_a_row_that_says_nothing_is_no_cure(row, changes, sils):
     """It agrees at every pose, whatever the dimensions are, and is refused all the same."""
     formula, reference = sils
-    search = RepairSearch(Judge(formula, None, reference.with_parameters({"l_0": reference.symbols["l_0"] + 1e-4})))
+    search = RepairSearch(Judge(formula, None, reference.with_values({"l_0": reference.symbols["l_0"] + 1e-4})))
     k = next(
         (p.equation, p.statement, p.position) for p in search.judge.residuals if (p.equation, p.symbol) == ("eq2", row)
     )
@@ -77,7 +77,7 @@ def test_a_row_that_says_nothing_is_no_cure(row, changes, sils):
 def test_a_changed_dimension_is_not_explained_by_edits(sils):
     formula, reference = sils
     for name, d in (("L_V", 2e-4), ("l_2", 3e-4)):
-        search = RepairSearch(Judge(formula, None, reference.with_parameters({name: reference.symbols[name] + d})))
+        search = RepairSearch(Judge(formula, None, reference.with_values({name: reference.symbols[name] + d})))
         search.targets, search.failing = search.targets[-1:], search.failing[-1:]
         found, lost = search.run(budget=0.3)
         assert lost == search.failing

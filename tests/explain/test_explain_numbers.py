@@ -32,13 +32,13 @@ def sher():
 def wrong(case, **by):
     """A judge of the formula with some parameters changed by so much (SI)."""
     formula, reference = case
-    return Judge(formula, None, reference.with_parameters({n: reference.symbols[n] + d for n, d in by.items()}))
+    return Judge(formula, None, reference.with_values({n: reference.symbols[n] + d for n, d in by.items()}))
 
 
 @pytest.mark.nightly
 def test_a_length_that_moved_is_named_with_both_values(sils, sils_model):
     formula, reference = sils
-    x = explain("sils", formula, sils_model, reference=reference.with_parameters({"l_p": 0.1344}))
+    x = explain("sils", formula, sils_model, reference=reference.with_values({"l_p": 0.1344}))
     assert x.explained
     (moved,) = x.identified.moved
     assert (moved.name, moved.unit) == ("l_p", "mm")
@@ -95,7 +95,7 @@ def test_covariance_is_that_of_the_errors(sils):
 
 def test_a_unit_slip_is_called_one(sils):
     formula, reference = sils
-    found = identify(Judge(formula, None, reference.with_parameters({"l_p": 0.000135})))
+    found = identify(Judge(formula, None, reference.with_values({"l_p": 0.000135})))
     assert found.moved[0].note == "looks like metres instead of millimetres"
 
 

@@ -188,7 +188,7 @@ def test_the_search_leaves_the_reference_values_as_it_was(sils, reference):
 
 def test_a_fault_is_not_seen_where_none_is(sils, reference):
     """The judge must not find fault with one robot's reference values in another sample of it."""
-    shifted = reference.with_parameters({"l_p": 0.1351})
+    shifted = reference.with_values({"l_p": 0.1351})
     assert {p.equation for p in Judge(sils, None, shifted).failing()} == {"eq1"}
     assert Judge(sils, None, reference).failing() == []
 

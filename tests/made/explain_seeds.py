@@ -34,7 +34,7 @@ class Case:
     def changed(self, **by):
         """Return values of another mechanism: its parameters are larger by `by` in SI than those of the formula."""
         symbols = self.reference.symbols
-        return self.reference.with_parameters({n: symbols[n] + d for n, d in by.items()})
+        return self.reference.with_values({n: symbols[n] + d for n, d in by.items()})
 
 
 def built_ins():

@@ -168,7 +168,7 @@ def _euler(judge: Judge) -> Iterator[Convention]:
         if np.abs(np.sin(values - angle_values)).max() < _ROUNDING:
             continue  # the formula's own convention
         angles_by_name = dict(zip(angles, values.T, strict=True))
-        other = reference.with_parameters(angles_by_name)
+        other = reference.with_values(angles_by_name)
         # Few equations first: nearly all of the conventions fail there.
         if not _one_agrees(judge.on(other, involved), wrong):
             continue

@@ -137,7 +137,7 @@ def _holds(judge: Judge, name: str, parameter: str, equations: list[str]) -> boo
     for equation in equations:
         values |= judge.step(equation).computed
     values |= {**symbols, name: symbols[parameter]}
-    reference = judge.reference.with_parameters(values)
+    reference = judge.reference.with_values(values)
     with np.errstate(all="ignore"):
         residuals = judge.on(reference, equations).residuals
     return bool(residuals) and all(worst(r) <= 1 for r in residuals.values())

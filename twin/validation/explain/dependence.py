@@ -157,7 +157,7 @@ class Dependence:
             if symbol not in values:
                 return None
             values[symbol] = _stirred(values[symbol], base.reference.k)
-            self._stirred[at] = base.on(base.reference.with_parameters(values), equations)
+            self._stirred[at] = base.on(base.reference.with_values(values), equations)
         return self._stirred[at]
 
     # -- unknowns of implicit rows ---------------------------------------------------------------------------
@@ -232,7 +232,7 @@ class Dependence:
         if moved not in self._stepped:
             values = {**self.judge.step(equation).computed, **self.judge.reference.symbols}
             values[name] = values[name] + sign * _STEP
-            self._stepped[moved] = self.judge.on(self.judge.reference.with_parameters(values), {equation})
+            self._stepped[moved] = self.judge.on(self.judge.reference.with_values(values), {equation})
         judge = self._stepped[moved]
         unedited = edited_residuals(judge, equation, ()) or {}
         if c.step.equation.name != equation:

@@ -92,7 +92,7 @@ def _pose_with_offsets(judge: Judge, place: RowPlace, offsets: dict[str, float])
     for name, offset in offsets.items():
         symbols[name] = symbols[name] + offset
     forward = {step.equation.name for step in judge.steps if step.stage == "forward"}
-    other = judge.on(judge.reference.with_parameters(symbols), forward)
+    other = judge.on(judge.reference.with_values(symbols), forward)
     for other_place in other.residuals:
         if other_place.key != place.key:
             continue

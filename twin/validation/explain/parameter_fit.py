@@ -108,7 +108,7 @@ class ParameterResiduals:
             LateError: the time is over.
         """
         self.deadline.check()
-        other = self.judge.on(self.judge.reference.with_parameters(values))
+        other = self.judge.on(self.judge.reference.with_values(values))
         without_value = np.full(self.noise.shape, np.nan)
         of_rows: list[Array] = [np.zeros(0)]  # there may be no rows
         for place in self.rows:

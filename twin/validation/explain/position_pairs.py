@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import chain
 
 import numpy as np
 
@@ -17,8 +18,11 @@ from twin.validation.explain.trials import Trials
 _SHARED_PART = 0.2
 """Maximum part of the remaining time for the pairs with an edit of a repaired group."""
 
-_NEAR, _MOST_NEAR = 20.0, 50
-"""Difference, in units of the tolerance, up to which two effects add up to a residual, and number of such edits."""
+_NEAR = 20.0
+"""Difference, in units of the tolerance, up to which two effects add up to a residual."""
+
+_MOST_NEAR = 50
+"""Maximum number of second edits whose effects are as near as this to what a first one leaves."""
 
 
 class PositionPairs:
@@ -37,30 +41,30 @@ class PositionPairs:
         with an edit of `shared`, which repairs other rows; then all pairs of one-token edits are tried.
         """
         trials = self.trials
-        out: list[Candidate] = []
+        candidates: list[Candidate] = []
         tried: set[frozenset[int]] = set()
-        for pairs in (self._additive(row, singles, deadline), self._with_shared(row, singles, shared, deadline)):
-            for a, b in pairs:
-                pair = frozenset((id(a), id(b)))
-                if pair in tried or not _fit(a, b):
-                    continue
-                tried.add(pair)
-                candidate = trials.attempt(a.step, [a.edits[0], b.edits[0]])
-                if candidate is not None:
-                    out.append(candidate)
-        for candidate in out:
+        likely_pairs = chain(self._additive(row, singles, deadline), self._with_shared(row, singles, shared, deadline))
+        for a, b in likely_pairs:
+            pair = frozenset((id(a), id(b)))
+            if pair in tried or not _fit(a, b):
+                continue
+            tried.add(pair)
+            candidate = trials.attempt(a.step, [a.edits[0], b.edits[0]])
+            if candidate is not None:
+                candidates.append(candidate)
+        for candidate in candidates:
             if candidate.serves and candidate.over([row], trials.base) <= 1:
-                return out, True
+                return candidates, True
         complete = True
         for step, edits in self._moving(row, singles):
             search = ReplacementPairs(trials.judge, trials.shaken, step, row, edits, deadline, self._undefined(step))
             for first, second in search.found():
                 candidate = trials.attempt(step, [first, second])
                 if candidate is not None:
-                    out.append(candidate)
+                    candidates.append(candidate)
             trials.tried += search.evaluated
             complete &= search.complete
-        return out, complete
+        return candidates, complete
 
     def _additive(
         self, row: RowKey, singles: list[Candidate], deadline: Deadline
@@ -69,6 +73,7 @@ class PositionPairs:
         raw = self.trials.raw[row]
         if not np.isfinite(raw).all():
             return
+        # A random direction: effects that add up to the residual in all entries add up in it.
         weights = np.random.default_rng(3).standard_normal(raw.size)
         weights /= np.linalg.norm(weights)
         candidates: list[Candidate] = []

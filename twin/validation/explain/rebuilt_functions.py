@@ -41,8 +41,7 @@ class Matrix(np.lib.mixins.NDArrayOperatorsMixin):
             return NotImplemented
         parts = [_entries(x) for x in args]
         if ufunc is np.matmul:
-            product = np.matmul(*parts)
-            return product[:, 0, 0] if product.shape[1:] == (1, 1) else Matrix(product)
+            return _matrix_or_scalar(np.matmul(*parts))
         shapes = {p.shape[1:] for p in parts} - {(1, 1)}
         if len(shapes) > 1:
             raise ValueError(f"shapes {sorted(shapes)} do not match")
@@ -52,8 +51,7 @@ class Matrix(np.lib.mixins.NDArrayOperatorsMixin):
         """Return the product; two matrices need no dispatch by NumPy, which takes longer than the product itself."""
         if not isinstance(other, Matrix):
             return super().__matmul__(other)
-        product = np.matmul(self.a, other.a)
-        return product[:, 0, 0] if product.shape[1:] == (1, 1) else Matrix(product)
+        return _matrix_or_scalar(np.matmul(self.a, other.a))
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -79,13 +77,32 @@ class Matrix(np.lib.mixins.NDArrayOperatorsMixin):
             key = (key, 0)
         i, j = key
         if isinstance(i, slice) or isinstance(j, slice):
-            si = i if isinstance(i, slice) else slice(_at(i, rows), _at(i, rows) + 1)
-            sj = j if isinstance(j, slice) else slice(_at(j, columns), _at(j, columns) + 1)
-            return Matrix(self.a[:, si, sj].copy())
+            return Matrix(self.a[:, _slice(i, rows), _slice(j, columns)].copy())
         return self.a[:, _at(i, rows), _at(j, columns)].copy()
 
 
+def _matrix_or_scalar(a: Array) -> Value:
+    """Return matrices (k, rows, columns); matrices of one entry as a scalar (k,)."""
+    if a.shape[1:] == (1, 1):
+        return a[:, 0, 0]
+    return Matrix(a)
+
+
+def _slice(i: Value, n: int) -> slice:
+    """Return an index as a slice; `n` is the number of rows or columns."""
+    if isinstance(i, slice):
+        return i
+    first = _at(i, n)
+    return slice(first, first + 1)
+
+
 def _at(i: Value, n: int) -> int:
+    """Return an index counted from the start; `n` is the number of rows or columns.
+
+    Raises:
+        TypeError: the index is no whole number.
+        IndexError: there is no such row or column.
+    """
     if isinstance(i, float | np.ndarray):
         raise TypeError("an index must be a whole number")
     if not -n <= i < n:
@@ -95,7 +112,9 @@ def _at(i: Value, n: int) -> int:
 
 def _as(x: Value) -> Matrix:
     """Convert a scalar, an array (k,) or a list of rows to a matrix."""
-    return x if isinstance(x, Matrix) else Matrix(_entries(x))
+    if isinstance(x, Matrix):
+        return x
+    return Matrix(_entries(x))
 
 
 def _entries(x: Value) -> Array:
@@ -109,13 +128,14 @@ def _entries(x: Value) -> Array:
 
 
 def _stack(args: tuple, axis: int) -> Value:
+    """Return matrices and scalars as one matrix: below each other (`axis` 1), or beside each other (2)."""
     if all(type(x) in (int, float) for x in args):
         numbers = np.array(args, float)
         shape = (1, -1, 1) if axis == 1 else (1, 1, -1)
         return Matrix(numbers.reshape(shape))
     parts = [_entries(x) for x in args]
     k = max(map(len, parts))
-    repeated = []
+    repeated: list[Array] = []
     for part in parts:
         if len(part) != k:  # the same at all samples
             part = part.repeat(k, axis=0)
@@ -135,10 +155,13 @@ def _elementwise(op: np.ufunc, count: int = 1) -> Callable:
 
 
 def _column(x: Value) -> Array:
-    return np.swapaxes(_as(x).a, 1, 2).reshape(len(_as(x).a), -1)
+    """Return the entries (k, entries) of a matrix column by column, as CasADi counts them."""
+    a = _as(x).a
+    return np.swapaxes(a, 1, 2).reshape(len(a), -1)
 
 
 def _columns(a: Value, b: Value) -> tuple[Array, Array]:
+    """Return the entries of two vectors, each (k or 1, entries); a ValueError if their numbers differ."""
     u = _column(a)
     v = _column(b)
     if u.shape[1] != v.shape[1]:  # numpy would repeat a scalar; CasADi raises an error
@@ -218,25 +241,53 @@ class _SX:
         return Matrix(np.ones((1, rows, columns)))
 
 
+def _vertsplit(x: Matrix) -> list[Value]:
+    """Return the rows of a matrix; those of a column as scalars."""
+    rows, columns = x.shape
+    if columns > 1:
+        return [x[i, :] for i in range(rows)]
+    return [x[i] for i in range(rows)]
+
+
+def _mtimes(*factors: Value) -> Value:
+    """Return the product of two or more matrices."""
+    if len(factors) == 2:
+        return factors[0] @ factors[1]
+    return factors[0] @ _mtimes(*factors[1:])
+
+
 _UNARY = ("sin", "cos", "tan", "sqrt", "exp", "log", "sinh", "cosh", "tanh", "floor", "sign", "fabs")
 _ARC = {"asin": np.arcsin, "acos": np.arccos, "atan": np.arctan}
 
+
+def _elementwise_functions() -> dict[str, Callable]:
+    """Return the elementwise functions of CasADi by name, each of which NumPy has as well."""
+    functions: dict[str, Callable] = {}
+    for name in _UNARY:
+        functions[name] = _elementwise(getattr(np, name))
+    for short, function in _ARC.items():  # CasADi has two names for each: asin and arcsin
+        functions[short] = _elementwise(function)
+        functions[f"arc{short[1:]}"] = _elementwise(function)
+    for name in ("fmin", "fmax", "hypot"):
+        functions[name] = _elementwise(getattr(np, name), 2)
+    for name in ("atan2", "arctan2"):
+        functions[name] = _elementwise(np.arctan2, 2)
+    return functions
+
+
 _FUNCTIONS: dict[str, Value] = {
-    **{n: _elementwise(getattr(np, n)) for n in _UNARY},
-    **{name: _elementwise(f) for short, f in _ARC.items() for name in (short, f"arc{short[1:]}")},
-    **{n: _elementwise(getattr(np, n), 2) for n in ("fmin", "fmax", "hypot")},
-    **{n: _elementwise(np.arctan2, 2) for n in ("atan2", "arctan2")},
+    **_elementwise_functions(),
     "vertcat": lambda *a: _stack(a, 1),
     "horzcat": lambda *a: _stack(a, 2),
     "vcat": lambda a: _stack(tuple(a), 1),
     "hcat": lambda a: _stack(tuple(a), 2),
-    "vertsplit": lambda a: [a[i, :] if a.shape[1] > 1 else a[i] for i in range(a.shape[0])],
+    "vertsplit": _vertsplit,
     "dot": _dot,
     "cross": _cross,
     "skew": _skew,
     "norm_2": _norm,
     "sumsqr": lambda x: np.sum(_column(x) ** 2, axis=1),
-    "mtimes": lambda *a: a[0] @ a[1] if len(a) == 2 else a[0] @ _FUNCTIONS["mtimes"](*a[1:]),
+    "mtimes": _mtimes,
     "if_else": _if_else,
     "logic_and": _elementwise(np.logical_and, 2),
     "logic_or": _elementwise(np.logical_or, 2),
@@ -315,14 +366,14 @@ def _remembering(f: types.FunctionType) -> types.FunctionType:
             return f(*args, **named)
         if key in results:
             return kept(results[key].a.copy())
-        remembering = f(*args)
-        if isinstance(remembering, kept):  # operators never change a matrix, but may change an array or a list
-            state["entries"] += remembering.a.size
+        value = f(*args)
+        if isinstance(value, kept):  # operators never change a matrix, but may change an array or a list
+            state["entries"] += value.a.size
             if state["entries"] > most:
                 results.clear()
-                state["entries"] = remembering.a.size
-            results[key] = kept(remembering.a.copy())
-        return remembering
+                state["entries"] = value.a.size
+            results[key] = kept(value.a.copy())
+        return value
 
     remembering = types.FunctionType(remembered.__code__, f.__globals__, f.__name__, None, remembered.__closure__)
     remembering.__wrapped__ = f  # type: ignore[attr-defined]
@@ -383,21 +434,23 @@ class Rebuilder:
         if not isinstance(f, types.FunctionType):
             raise KinematicsError(f"{f!r} is not a plain Python function: it cannot be evaluated on arrays")
         scope = self.scope(f)
-        code = rewritten(f) if NAME in scope else f.__code__
-        out = types.FunctionType(code, scope, f.__name__, f.__defaults__, f.__closure__)
-        self._done[id(f)] = out
+        code = f.__code__
+        if NAME in scope:
+            code = rewritten(f)
+        rebuilt = types.FunctionType(code, scope, f.__name__, f.__defaults__, f.__closure__)
+        self._done[id(f)] = rebuilt  # before its closure, which may hold the function itself
         self._keep.append(f)
         if f.__closure__:
-            cells = tuple(types.CellType(self.value(c.cell_contents)) for c in f.__closure__)
-            out = types.FunctionType(f.__code__, scope, f.__name__, f.__defaults__, cells)
-            self._done[id(f)] = out
-        out.__kwdefaults__ = f.__kwdefaults__
-        plain = not f.__closure__ and not f.__kwdefaults__ and of_formula(f)
+            cells = tuple(types.CellType(self.value(cell.cell_contents)) for cell in f.__closure__)
+            rebuilt = types.FunctionType(f.__code__, scope, f.__name__, f.__defaults__, cells)
+            self._done[id(f)] = rebuilt
+        rebuilt.__kwdefaults__ = f.__kwdefaults__
+        is_plain = not f.__closure__ and not f.__kwdefaults__ and of_formula(f)
         # In the rebuilt globals, an edited function may stand in for one of the formula; in the module's it never does.
-        if plain and _is_leaf(f):
-            out = _remembering(out)
-            self._done[id(f)] = out
-        return out
+        if is_plain and _is_leaf(f):
+            rebuilt = _remembering(rebuilt)
+            self._done[id(f)] = rebuilt
+        return rebuilt
 
     def scope(self, f: types.FunctionType) -> dict[str, Value]:
         """Return the globals of a function, each replaced by its numeric counterpart."""
@@ -425,7 +478,8 @@ class Rebuilder:
                 return self._module(x)
             return x
         if _of_casadi(x):
-            return _FUNCTIONS.get(getattr(x, "__name__", ""), _missing(getattr(x, "__name__", str(x))))
+            name = getattr(x, "__name__", "")
+            return _FUNCTIONS.get(name, _missing(name or str(x)))
         if isinstance(x, types.FunctionType) and _ours(x):
             return self.function(x)
         return x
@@ -442,8 +496,14 @@ class Rebuilder:
 
 
 _NOT_OURS = {
-    *("dataclasses", "typing"),
-    *(f"twin.formula.{m}" for m in ("contract", "functions", "lift", "quantities", "rows", "scalar")),
+    "dataclasses",
+    "typing",
+    "twin.formula.contract",
+    "twin.formula.functions",
+    "twin.formula.lift",
+    "twin.formula.quantities",
+    "twin.formula.rows",
+    "twin.formula.scalar",
 }
 """Modules whose functions run unchanged: their operations on symbols also work with NumPy values."""
 
@@ -471,7 +531,10 @@ def _missing(name: str) -> Callable:
 
 def to_array(x: Value, k: int) -> Array:
     """Return a scalar or matrix as an array (k, entries); matrix entries are in row-major order."""
-    a = x.a.reshape(len(x.a), -1) if isinstance(x, Matrix) else np.asarray(x, float).reshape(-1, 1)
+    if isinstance(x, Matrix):
+        a = x.a.reshape(len(x.a), -1)
+    else:
+        a = np.asarray(x, float).reshape(-1, 1)
     if len(a) == k:
         return a
     return np.broadcast_to(a, (k, a.shape[1]))

@@ -49,8 +49,8 @@ class ReferenceValues:
     borrowed: Mapping[str, str]
     free: str = ""
 
-    def with_parameters(self, values: Mapping[str, Value]) -> ReferenceValues:
-        """Return a copy of this object with other parameter values in SI."""
+    def with_values(self, values: Mapping[str, Value]) -> ReferenceValues:
+        """Return a copy of this object with other values of some symbols, in SI."""
         return replace(self, symbols={**self.symbols, **values})
 
     def perturbed(self, seed: int = 1) -> ReferenceValues:

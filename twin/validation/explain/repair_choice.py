@@ -68,12 +68,12 @@ class RepairChoice:
         after = self.states.after(c.edits)
         return after is None or not (after.chance or after.worse)
 
-    def has_repair(self, k: RowKey, candidates: list[Candidate]) -> bool:
+    def has_repair(self, row: RowKey, candidates: list[Candidate]) -> bool:
         """Return whether one of the candidates repairs a row, and not by chance.
 
         Also False if the time is over and the first `LATE` exact candidates do so only by chance: then it is not known.
         """
-        exact = self.trials.exact([k], candidates)[:MOST_EXACT]
+        exact = self.trials.exact([row], candidates)[:MOST_EXACT]
         for n, c in enumerate(exact):
             if self.deadline.passed and n >= LATE:
                 return False
@@ -112,13 +112,13 @@ class RepairChoice:
         Readings that hold only for the present values of equal or assumed parameters are left out before, also if no
         other repair is left. A cure of which no reading is confirmed is not proposed.
         """
-        checked = [self._checked(cure, is_early=n < LATE) for n, cure in enumerate(cures)]
-        numbers: list[int] = []
-        for cure in checked:
-            for _, wrong in cure.confirmed:
-                if wrong is not None:
-                    numbers.append(wrong)
-        least = min(numbers, default=None)
+        checked: list[_CheckedCure] = []
+        wrong_rows: list[int] = []  # their number, of each reading for which it is known
+        for n, cure in enumerate(cures):
+            checked_cure = self._checked(cure, is_early=n < LATE)
+            checked.append(checked_cure)
+            wrong_rows += [wrong for _, wrong in checked_cure.confirmed if wrong is not None]
+        least = min(wrong_rows, default=None)
         kept: list[list[Candidate]] = []
         for cure in checked:
             readings = [c for c, wrong in cure.confirmed if wrong is None or wrong == least]
@@ -147,7 +147,7 @@ class RepairChoice:
             confirmed.append((c, wrong))
         return _CheckedCure(confirmed, unchecked)
 
-    def together(self, found: list[GroupResult]) -> tuple[list[GroupResult], list[RowKey]]:
+    def together(self, results: list[GroupResult]) -> tuple[list[GroupResult], list[RowKey]]:
         """Return (results of which the first repairs of all groups hold together, rows that are left without a repair).
 
         Repairs of several groups may hold together only for the present values of parameters, or one may undo another.
@@ -155,46 +155,50 @@ class RepairChoice:
         its readings are marked `by_chance`, and their edits are added to `Trials.rejected`, so that a further search
         for these rows finds others.
         """
-        if len(found) < 2 or self._hold_together(found):
-            return found, []
-        for n, f in enumerate(found):
-            for cure in f.cures[1:]:
+        if len(results) < 2 or self._hold_together(results):
+            return results, []
+        for n, result in enumerate(results):
+            for cure in result.cures[1:]:
                 if self.deadline.passed:
                     break
-                others = [other for other in f.cures if other is not cure]
-                changed = [*found[:n], replace(f, cures=[cure, *others]), *found[n + 1 :]]
+                others = [other for other in result.cures if other is not cure]
+                changed = list(results)
+                changed[n] = replace(result, cures=[cure, *others])
                 if self._hold_together(changed):
                     return changed, []
-        unusual = max(found, key=lambda f: f.cures[0][0].rank)
-        after = self.states.after(_first_edits(found))
+        unusual = max(results, key=lambda result: result.cures[0][0].rank)
+        after = self.states.after(_first_edits(results))
         if after is not None and after.chance:
             self._tell(unusual.cures[0][0], after.chance)
-        for c in unusual.cures[0]:
-            c.by_chance = True
-            self.trials.rejected.add(frozenset(c.edits))
-        n = found.index(unusual)
-        return [*found[:n], replace(unusual, cures=[]), *found[n + 1 :]], list(unusual.rows)
+        for candidate in unusual.cures[0]:
+            candidate.by_chance = True
+            self.trials.rejected.add(frozenset(candidate.edits))
+        without_unusual = list(results)
+        without_unusual[results.index(unusual)] = replace(unusual, cures=[])
+        return without_unusual, list(unusual.rows)
 
-    def _hold_together(self, found: Sequence[GroupResult]) -> bool:
+    def _hold_together(self, results: Sequence[GroupResult]) -> bool:
         """Return whether all rows agree after the first repairs of all groups, and not only by chance.
 
         That is also so if it is not known.
         """
-        change = _first_edits(found)
+        change = _first_edits(results)
         if _touching(change):
             return False
         after = self.states.after(change)
         if after is None:
             return True
-        rows = {row for f in found for row in f.rows}
+        rows: set[RowKey] = set()
+        for result in results:
+            rows.update(result.rows)
         return not (after.chance or rows & after.failing)
 
 
-def _first_edits(found: Sequence[GroupResult]) -> list[Edit]:
+def _first_edits(results: Sequence[GroupResult]) -> list[Edit]:
     """Return the edits of the first reading of the first repair of each group."""
     first_edits: list[Edit] = []
-    for f in found:
-        first_edits += f.cures[0][0].edits
+    for result in results:
+        first_edits += result.cures[0][0].edits
     return first_edits
 
 

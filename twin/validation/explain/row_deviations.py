@@ -78,6 +78,7 @@ class Judge:
         self._run()
 
     def _run(self) -> None:
+        """Run all equations; helpers are last, because they may use the outputs of the others."""
         with np.errstate(all="ignore"):
             for stage in STAGES:
                 self._run_stage(stage)
@@ -145,7 +146,8 @@ class Judge:
             if step.stage != stage:
                 continue
             self._prepare(step, computed)
-            unknown = [n for n in step.required if n not in self.reference.symbols and n not in computed]
+            valued = self.reference.symbols.keys() | computed.keys()
+            unknown = [name for name in step.required if name not in valued]
             if unknown:
                 step.missing = ", ".join(unknown)
                 self.notes.append(f"{step.equation.name} ({step.variant}) was not judged: {step.missing} is unknown")
@@ -353,9 +355,9 @@ class Judge:
         if not isinstance(true, Matrix) and isinstance(value, Matrix):
             raise ValueError(f"{name} is a matrix; in the mechanism it is a number or a vector")
         d = to_array(value, self.reference.k) - to_array(true, self.reference.k)
-        if kind == "angle":
+        if kind == "angle":  # full turns do not count
             return np.arctan2(np.sin(d), np.cos(d)) / self.tolerance.angle
-        if kind == "pose":
+        if kind == "pose":  # entries of the rotation have the tolerance of an angle, those of the position of a length
             d = d / self.tolerance.angle
             d[:, [3, 7, 11]] *= self.tolerance.angle / self.tolerance.length
             return d
@@ -461,9 +463,9 @@ class Judge:
         statements = step.source.statements
         codes = list(step.codes)
         writes: dict[int, tuple[str, ...]] = {}  # other left sides, by index of the edited statement
-        edited = {e.statement for e in edits}
+        edited = {edit.statement for edit in edits}
         for i in edited:
-            own_edits = [e for e in edits if e.statement == i]
+            own_edits = [edit for edit in edits if edit.statement == i]
             codes[i] = step.source.compiled(statements[i], own_edits)
             writes[i] = _renamed(statements[i].writes, own_edits)
         if anew:
@@ -609,7 +611,7 @@ class Judge:
 
     def failing(self) -> list[RowPlace]:
         """Return the rows whose residual exceeds the tolerance or is NaN."""
-        return [p for p, r in self.residuals.items() if worst(r) > 1]
+        return [place for place, residual in self.residuals.items() if worst(residual) > 1]
 
 
 def _add_helpers(source: Source, scope: Mapping[str, Value], found: dict[int, Helper]) -> None:
