@@ -3,7 +3,7 @@
 A row is one assignment of a formula. Words: an edit replaces text of a row; a candidate is an edit with the residuals
 of the rows after it; a cure is a function that makes the rows of a group agree, a reading is one text of this function.
 
-The modules, from the equations to what is told of them:
+The modules, from the equations to the result:
 
 - text of equations: `function_source`, `tokens`, `tidying`, `augmented_assignments`
 - equations on arrays: `rebuilt_functions`, `plain_values`
