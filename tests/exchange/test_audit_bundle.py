@@ -10,11 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import twin.exchange.audit
 from made import bundle as base
+from twin.core.version import __version__
 from twin.exchange.audit import audit
+from twin.exchange.audit.bundle_claims import check_proof_clips
 from twin.exchange.audit.file_comparison import Reference, _check_missing, _check_silent
 from twin.exchange.audit.motion import Content, FileClip
 from twin.exchange.audit.poses import about, pose
+from twin.exchange.audit.proof import check_proof
+from twin.exchange.audit.proof_statements import check_statements
 from twin.exchange.audit.report import Ledger
 from twin.exchange.audit.states import CLIP
 from twin.exchange.formats.tracks.audit.rcm import check_rcm
@@ -396,11 +401,11 @@ def _byte(folder):
 
 PROOF = {
     "a byte changed": (_byte, "proof.hash"),
-    "wrong hash": (text_of("proof.json", r'"sha256": "....', '"sha256": "0000'), "proof.hash"),
+    "wrong hash": (text_of("proof.json", r'("bars.glb", "sha256": )"....', r'\1"0000'), "proof.hash"),
     "file lost": (lambda f: (f / "tracks/swing.csv").unlink(), "proof.missing"),
     "file slipped in": (lambda f: (f / "more.txt").write_text("?"), "proof.unlisted"),
-    "verdict": (text_of("proof.json", '"agree"', '"disagree"'), "proof.verdict"),
-    "outside": (text_of("proof.json", '"file": "[^"]*"', '"file": "../../etc/hosts"'), "proof.file"),
+    "verdict": (text_of("proof.json", r'("verdict": )"agree"}$', r'\1"disagree"}'), "proof.verdict"),
+    "outside": (text_of("proof.json", '"file": "bars.glb"', '"file": "../../etc/hosts"'), "proof.file"),
     "schema": (text_of("proof.json", "twin-proof", "proof"), "proof.schema"),
     "cut off": (text_of("proof.json", "}$", ""), "proof.unreadable"),
 }
@@ -427,6 +432,76 @@ def test_drawn_states_are_no_motion_that_files_lack():
     _check_silent([silent], {"another": ref})
     assert [f.code for f in playing.ledger.found] == ["compare.missing_clip"]
     assert [f.code for f in silent.ledger.found] == ["compare.no_motion"]
+
+
+STATED = {
+    "another robot": (text_of("proof.json", '"robot": "bars"', '"robot": "stars"'), "proof.robot"),
+    "another model": (text_of("proof.json", '"sha256:....', '"sha256:0000'), "proof.model_hash"),
+    "made by no twin": (text_of("proof.json", '"twin 0.0.1"', '"twin"'), "proof.made_by"),
+    "no motions": (text_of("proof.json", '"clips": ', '"klips": '), "proof.schema"),
+    "size of a file": (text_of("proof.json", '"bytes": ', '"bytes": 1'), "proof.bytes"),
+    "a file twice": (text_of("proof.json", r'("files": \[)({.*?})', r"\1\2, \2"), "proof.doubled"),
+    "an entry twice": (text_of("proof.json", '"version": 1', '"version": 1, "version": 1'), "proof.doubled"),
+    "hash of an input": (text_of("proof.json", '"0000', '"000'), "proof.input"),
+    "another motion": (text_of("proof.json", '"protocol": "swing"', '"protocol": "wing"'), "proof.clip"),
+    "budget of a motion": (text_of("proof.json", '"worst": ', '"worst": 1'), "proof.clip"),
+    "unit of a check": (text_of("proof.json", '"unit": "rad"', '"unit": "m"'), "proof.check"),
+    "a check that fails": (
+        text_of("proof.json", '"verdict": "agree", "where"', '"verdict": "disagree", "where"'),
+        "proof.check",
+    ),
+    "verdict against findings": (
+        text_of("proof.json", r'"findings": \[', '"findings": [{"severity": "error", "code": "x", "message": "y"}'),
+        "proof.verdict",
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def proven(good, tmp_path_factory):
+    """Return (folder, contents, checks): a folder with a proof, and what the audit reads in it beside the proof."""
+    folder = tmp_path_factory.mktemp("proven")
+    shutil.copytree(good / "tracks", folder / "tracks")
+    shutil.copy(good / "bars.glb", folder)
+    base.write_proof(folder)
+    read = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(twin.exchange.audit, "check_statements", lambda *given: read.append(given))
+        audit(folder)
+    ((_, _, contents, checks, _),) = read
+    return folder, contents, checks
+
+
+@pytest.mark.parametrize("name", STATED)
+def test_defects_of_what_a_proof_states(name, proven):
+    spoil, code = STATED[name]
+    folder, contents, checks = proven
+    base.write_proof(folder)
+    spoil(folder)
+    ledger = Ledger("proof.json")
+    check_statements(check_proof(folder / "proof.json", ledger), folder, contents, checks, ledger)
+    check_proof_clips(json.loads((folder / "proof.json").read_text()), contents, ledger)
+    assert code in {f.code for f in ledger.found}, [(f.code, f.message) for f in ledger.found]
+
+
+def test_a_proof_repeats_the_checks_of_its_own_version(proven):
+    """The proof of this twin must have the checks that it makes; here it has only those of the writer."""
+    folder, contents, checks = proven
+    base.write_proof(folder)
+    text_of("proof.json", r"0\.0\.1", __version__, every=True)(folder)
+    ledger = Ledger("proof.json")
+    check_statements(check_proof(folder / "proof.json", ledger), folder, contents, checks, ledger)
+    assert any("lacks the check" in f.message for f in ledger.found)
+
+
+def test_inputs_that_are_not_there_are_named(proven):
+    folder, contents, checks = proven
+    base.write_proof(folder)
+    ledger = Ledger("proof.json")
+    check_statements(check_proof(folder / "proof.json", ledger), folder, contents, checks, ledger)
+    (absent,) = ledger.found
+    assert absent.code == "proof.inputs_absent"
+    assert "cad/bars.toml" in absent.message
 
 
 def test_copies_without_a_defect_are_good(bundle):

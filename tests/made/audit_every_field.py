@@ -613,6 +613,11 @@ HARMLESS: tuple[tuple[str, str, str], ...] = (
     (r"glb", r"mesh NORMAL: (a number moved|two rows exchanged|a row repeated)", "a shade of one point differs"),
     (r"glb", r"nodes\.\[\]\.extras\.joints: reversed", "the names of a link's joints have no order"),
     (r"files", r"\.txt: removed", "an export without README.txt has the same robot"),
+    (
+        r"proof",
+        r"(inputs|files|checks|findings|clips): (two entries exchanged|reversed)",
+        "the entries have names: their order says nothing",
+    ),
     (r"unity", r"\.meta: .*serializedVersion", "the Unity editor changes it when it writes the file again"),
 )
 """(part, regular expression of field and operation, why the change does no harm) where no reader can show it."""

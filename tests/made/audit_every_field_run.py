@@ -70,10 +70,10 @@ def judge(change: Change, good: Path, target: Path, robot: str | None, whole: bo
         told = audit_every_field.caused(twin.audit(target, robot), change)
         if told in ("found", "refused"):
             return told, ""
-        if change.part in ("readme", "files", "proof"):
-            break
         if _is_harmless(change):
             return "harmless", told
+        if change.part in ("readme", "files", "proof"):
+            break
         if change.part == "glb" and glb_by_pygltflib.same(target / change.file, good / change.file):
             return "harmless", told
     return "missed", told

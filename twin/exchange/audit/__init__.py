@@ -9,7 +9,7 @@ sense       find physically impossible data in one file
 compare     compare the pose of every link at every key between files
 compare_physics    compare joints, drives, masses, frames, surfaces, colours between files and with the mechanism
 claims      check statements in the files: interpolation errors, assumed numbers, README.txt
-proof       check proof.json of a bundle
+proof       check proof.json of a bundle; proof_statements: what it states beside the hashes
 states      compare files without motion with the mechanism, at joint states drawn from its range
 diagnose    find a common mistake that explains a difference
 scene       audit an exported scene: the folder of each robot, then the scene's stages against these folders
@@ -26,6 +26,7 @@ import numpy as np
 
 from twin.core.foreign.admit import admit_together
 from twin.core.foreign.budget import check_size
+from twin.core.json_types import JsonMapping
 from twin.exchange.audit.bundle_claims import check_claims, check_proof_clips, check_readme
 from twin.exchange.audit.compare_physics import compare_physics
 from twin.exchange.audit.context import Context
@@ -43,6 +44,7 @@ from twin.exchange.audit.mechanism_data import FilePhysics
 from twin.exchange.audit.motion import Content, check_names
 from twin.exchange.audit.physics_truth import mechanism_physics
 from twin.exchange.audit.proof import check_proof
+from twin.exchange.audit.proof_statements import check_statements
 from twin.exchange.audit.report import MECHANISM, AuditReport, Check, Ledger, ReadError, finished, guarded
 from twin.exchange.audit.sense import check_sense
 from twin.exchange.audit.stated import compare_stated
@@ -168,9 +170,18 @@ def _audited(
             ledgers.append(ledger)
             proof = guarded(check_proof, file, ledger) or {}
             check_proof_clips(proof, contents, ledger)
+            if proof:
+                own = [check for other in ledgers for check in other.checks]
+                guarded(partial(_check_statements, proof, contents, own), file, ledger)
             proven_hash = proven_hash or str(proof.get("model_hash", ""))
         compare_hashes(contents, proven_hash)
     return contents, ledgers
+
+
+def _check_statements(
+    proof: JsonMapping, contents: Sequence[Content], own: Sequence[Check], file: Path, ledger: Ledger
+) -> None:
+    check_statements(proof, file.parent, contents, own, ledger)
 
 
 def _unrecognised(found: FolderFiles) -> Iterator[Ledger]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+from functools import partial
 from pathlib import Path
-from typing import TypeGuard
+from typing import Any, TypeGuard
 
 from twin.core.json_types import JsonObject
 from twin.exchange.audit.report import Ledger
@@ -15,14 +16,17 @@ SCHEMA = "twin-proof"
 
 def check_proof(path: Path, ledger: Ledger) -> JsonObject:
     """Report differences between a proof.json and the files in its folder; return its JSON data, {} if malformed."""
+    doubled: list[str] = []
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=partial(_object, doubled))
     except (OSError, UnicodeDecodeError, ValueError, RecursionError) as error:
         ledger.add("proof.unreadable", "error", f"the file's JSON cannot be read: {str(error)[:120]}.")
         return {}
     if not isinstance(data, dict) or data.get("schema") != SCHEMA or data.get("version") != 1:
         ledger.add("proof.schema", "error", f'the file does not contain "schema": "{SCHEMA}" and "version": 1.')
         return {}
+    for key in doubled:
+        ledger.wrong("proof.doubled", f"proof.json has an object with the entry '{key}' twice.", key)
     rows = data.get("files")
     if not _are_files(rows):
         ledger.add("proof.schema", "error", "'files' is not a list of files.")
@@ -31,6 +35,8 @@ def check_proof(path: Path, ledger: Ledger) -> JsonObject:
     listed = {path.name}
     wrong = 0
     for row in rows:
+        if row["file"] in listed:
+            ledger.wrong("proof.doubled", f"proof.json lists '{row['file']}' twice, or itself.", row["file"])
         listed.add(row["file"])
         wrong += not _fits(folder, row, ledger)
     present = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
@@ -39,10 +45,20 @@ def check_proof(path: Path, ledger: Ledger) -> JsonObject:
             text = f"'{name}' is in the folder, but not listed in proof.json."
             ledger.add("proof.unlisted", "warning", text, name, suggestion="export again, or remove the file")
     ledger.row(f"hashes of {len(rows)} files", float(wrong), "differ", 0.0, against="proof.json")
-    if data.get("verdict") not in ("agree", None):
-        text = f"the verdict in proof.json is '{data['verdict']}': the audit at the export found a fault."
+    if data.get("verdict") != "agree":
+        text = f"the verdict in proof.json is '{data.get('verdict')}': the audit at the export found a fault."
         ledger.wrong("proof.verdict", text, "verdict")
     return data
+
+
+def _object(doubled: list[str], pairs: list[tuple[str, Any]]) -> JsonObject:
+    """Return a JSON object; entries that it has twice are added to `doubled`: readers differ in which one they take."""
+    entries: JsonObject = {}
+    for key, value in pairs:
+        if key in entries:
+            doubled.append(key)
+        entries[key] = value
+    return entries
 
 
 def _are_files(rows: object) -> TypeGuard[list[JsonObject]]:
@@ -66,9 +82,15 @@ def _fits(folder: Path, row: JsonObject, ledger: Ledger) -> bool:
         ledger.wrong("proof.missing", f"'{name}' is listed in proof.json, but does not exist.", name)
         return False
     stated = str(row.get("sha256", "")).removeprefix("sha256:")
-    real = hashlib.sha256(file.read_bytes()).hexdigest()
+    content = file.read_bytes()
+    real = hashlib.sha256(content).hexdigest()
     if stated == real:
-        return True
+        size = row.get("bytes")
+        if type(size) is int and size == len(content):
+            return True
+        text = f"'{name}' has {len(content)} bytes; proof.json states {size}."
+        ledger.wrong("proof.bytes", text, name)
+        return False
     text = (
         f"'{name}' has changed since proof.json was written: the sha256 is {real[:12]}…, "
         f"in proof.json it is {stated[:12] or 'nothing'}…."
