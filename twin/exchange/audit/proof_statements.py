@@ -13,7 +13,7 @@ from typing import Any
 from twin.core.json_types import JsonMapping
 from twin.core.version import __version__
 from twin.exchange.audit.motion import Content
-from twin.exchange.audit.report import MECHANISM, Check, Ledger
+from twin.exchange.audit.report import Check, Ledger
 from twin.exchange.audit.stated import ROBOT
 from twin.exchange.audit.states import CLIP
 
@@ -310,8 +310,8 @@ def _check_repeated(rows: Sequence[JsonMapping], checks: Iterable[Check], ledger
         key = (row.get("check"), row.get("file"), row.get("against"))
         stated.add(key)
         found = own.get(key, [])
-        # Without a mechanism, this audit does not repeat what the export compared with it.
-        if not found and row.get("tool") != _WRITER and row.get("against") != MECHANISM:
+        # What an export compares with the mechanism, an audit without one compares with other files.
+        if not found and row.get("tool") != _WRITER and not row.get("against"):
             text = f"proof.json has the check '{str(key[0])[:80]}' of '{key[1]}', which this audit does not have."
             ledger.wrong("proof.check", text, "checks", suggestion="export again")
         elif found and not any(_repeats(row, check) for check in found):
