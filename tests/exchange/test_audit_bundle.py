@@ -19,7 +19,7 @@ from twin.exchange.audit.file_comparison import Reference, _check_missing, _chec
 from twin.exchange.audit.motion import Content, FileClip
 from twin.exchange.audit.poses import about, pose
 from twin.exchange.audit.proof import check_proof
-from twin.exchange.audit.proof_statements import check_statements
+from twin.exchange.audit.proof_statements import _EXPORT_CODES, check_statements
 from twin.exchange.audit.report import Ledger
 from twin.exchange.audit.states import CLIP
 from twin.exchange.formats.tracks.audit.rcm import check_rcm
@@ -492,6 +492,71 @@ def test_a_proof_repeats_the_checks_of_its_own_version(proven):
     ledger = Ledger("proof.json")
     check_statements(check_proof(folder / "proof.json", ledger), folder, contents, checks, ledger)
     assert any("lacks the check" in f.message for f in ledger.found)
+
+
+def _largest(proof, check):
+    """Return the check of a proof that begins with `check`, has a place, and is the largest."""
+    rows = [row for row in proof["checks"] if row["check"].startswith(check) and row["where"] and row["worst"]]
+    return max(rows, key=lambda row: row["worst"])
+
+
+def _finding(**entries):
+    nothing = {"when": "", "size": None, "unit": "", "limit": None, "suggestion": "", "cause": "", "severity": "info"}
+    left_out = {
+        "code": "export.left_out",
+        "message": "bars.urdf: the format cannot hold the cones of pin",
+        "where": "pin",
+    }
+    return {**nothing, **left_out, **entries}
+
+
+REPEATED = {
+    "nothing": (lambda proof: proof["findings"].append(_finding()), ""),
+    "no place": (lambda proof: _largest(proof, "clip").update(where=""), "is stated as"),
+    "another sign": (lambda proof: _largest(proof, "clip").update(worst=-1e-9), "is stated as"),
+    "place of no file": (lambda proof: _largest(proof, "clip").update(where="crankx"), "crankx"),
+    "time of no motion": (lambda proof: _largest(proof, "clip").update(when="t = 77 s"), "t = 77 s"),
+    "check gone": (lambda proof: proof["checks"].remove(_largest(proof, "clip")), "lacks the check"),
+    "code of no finding": (lambda proof: proof["findings"].append(_finding(code="export.leftout")), "export.leftout"),
+    "place that no message names": (lambda proof: proof["findings"].append(_finding(where="rod")), "'rod'"),
+    "cause of what has none": (lambda proof: proof["findings"].append(_finding(cause="rust")), "cause 'rust'"),
+    "protocol of a motion": (lambda proof: proof["inputs"].append({"file": "trajectories/a.toml"}), "'swing.toml'"),
+}
+
+
+@pytest.mark.parametrize("name", REPEATED)
+def test_what_a_proof_of_this_version_repeats(name, proven):
+    """A proof with all checks of this audit has no finding; one that states another place, time or finding has."""
+    folder, contents, checks = proven
+    edit, said = REPEATED[name]
+    base.write_proof(folder)
+    file = folder / "proof.json"
+    proof = json.loads(file.read_text().replace(base.OTHER_VERSION, __version__))
+    proof["inputs"] = []
+    proof["checks"] += [check.as_dict() for check in checks if check.file != "proof.json"]
+    edit(proof)
+    file.write_text(json.dumps(proof))
+    ledger = Ledger("proof.json")
+    check_statements(check_proof(file, ledger), folder, contents, checks, ledger)
+    messages = [finding.message for finding in ledger.found]
+    if said:
+        assert any(said in message for message in messages), messages
+    else:
+        assert not messages
+
+
+def test_the_codes_of_an_export_are_those_of_its_writers():
+    """The audit imports no writer, so that its list of their codes is compared here."""
+    package = Path(twin.__file__).parent
+    codes = set()
+    for file in (
+        *package.glob("exchange/write/*.py"),
+        *package.glob("exchange/formats/*/write/*.py"),
+        *package.glob("exchange/formats/*/write.py"),
+        package / "api" / "scene_export.py",
+    ):
+        codes.update(re.findall(r'"(export\.[a-z_]+)"', file.read_text()))
+    assert codes == set(_EXPORT_CODES)
 
 
 def test_inputs_that_are_not_there_are_named(proven):

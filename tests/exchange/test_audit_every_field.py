@@ -14,6 +14,7 @@ import pytest
 import twin
 from made import audit_every_field, audit_fresh, audit_seeds, bundle
 from made.audit_every_field_run import judge
+from made.audit_read_once import ReadOnce
 from twin.exchange.audit import audit
 
 EVERY = os.environ.get("TWIN_SEEDS") == "all"
@@ -35,8 +36,9 @@ def test_drawn_changes_of_declared_fields_are_found(part, bars, tmp_path):
     rng = random.Random(f"1 {part}")
     changes = audit_every_field.PARTS[part](bars, rng, 1)
     missed = []
+    reader = ReadOnce(bars)
     for change in rng.sample(changes, DRAWN):
-        word, told = judge(change, bars, tmp_path / "spoilt", None, whole=True)
+        word, told = judge(change, reader, tmp_path / "spoilt", None)
         if word == "missed":
             missed.append(f"{change.name}: {told}")
     assert len(missed) <= (1 - LEAST) * DRAWN, missed
@@ -59,7 +61,7 @@ def test_what_a_glb_has_beside_what_is_compared_is_found(name, bars, tmp_path):
     part, _, edit, _, says = next(one for one in audit_fresh.FRESH if one[1] == name)
     file = next(path.name for path in bars.glob("*.glb"))
     change = audit_every_field.Change(part, name, "", file, edit, says)
-    assert audit_every_field.copied(bars, tmp_path / "spoilt", change, everything=False)
+    assert audit_every_field.copied(bars, tmp_path / "spoilt", change)
     report = audit(tmp_path / "spoilt")
     assert audit_every_field.caused(report, change) == "found", [f.message for f in report.findings]
 
@@ -68,7 +70,7 @@ def test_a_track_that_is_not_recognised_is_found_by_the_table_of_its_name(bars, 
     file = audit_every_field.tracks(bars)[0]
     schema = audit_every_field.json_edit(file, lambda data: data.pop("schema"))
     change = audit_every_field.Change("tracks", "schema", "gone", file, schema, "schema")
-    assert audit_every_field.copied(bars, tmp_path / "spoilt", change, everything=False)
+    assert audit_every_field.copied(bars, tmp_path / "spoilt", change)
     assert audit_every_field.caused(audit(tmp_path / "spoilt"), change) == "found"
 
 
@@ -79,7 +81,7 @@ def test_defects_by_hand_are_found(robot, tmp_path):
     audit_fresh.EXPORTS[:] = [tmp_path / "good"]
     missed = []
     for i, (part, name, edit, file, says) in enumerate(audit_fresh.FRESH):
-        expected, change = audit_fresh.chosen(i, part, name, edit, file, says, tmp_path, whole=True)
+        expected, change = audit_fresh.chosen(i, part, name, edit, file, says, tmp_path)
         told = audit_every_field.caused(twin.audit(tmp_path / "spoilt", expected if robot else None), change)
         if told not in ("found", "refused"):
             missed.append(f"{expected}: {name}: {told}")
@@ -94,8 +96,9 @@ def test_changes_of_every_field_of_real_robots_are_found(part, robot, tmp_path):
     good = audit_seeds.exported([robot], tmp_path)[robot]
     count = 0
     missed = []
+    reader = ReadOnce(good)
     for change in audit_every_field.PARTS[part](good, random.Random(1), 1):
-        word, told = judge(change, good, tmp_path / "spoilt", robot if count % 2 else None, whole=True)
+        word, told = judge(change, reader, tmp_path / "spoilt", robot if count % 2 else None)
         count += bool(word)
         if word == "missed":
             missed.append(f"{change.name}: {told}")

@@ -11,6 +11,7 @@ from typing import Any
 
 from made import audit_every_field, audit_seeds, glb_by_pygltflib
 from made.audit_every_field import Change
+from made.audit_read_once import ReadOnce
 
 WORDS = ("found", "refused", "harmless", "missed")
 
@@ -40,11 +41,11 @@ def exported(good: Path | None, robot: str, work: Path) -> Path:
 
 def judged(robot: str, good: Path, part: str, given: Any, target: Path) -> Counter[str]:
     rng = random.Random(f"{given.seed} {robot} {part}")
+    reader = ReadOnce(good)
     counts: Counter[str] = Counter()
-    for change in audit_every_field.PARTS[part](good, rng, given.per):
-        if given.only and not re.search(given.only, change.name):
-            continue
-        word, told = judge(change, good, target, robot if given.robot else None, given.whole)
+    changes = [c for c in audit_every_field.PARTS[part](good, rng, given.per) if re.search(given.only, c.name)]
+    for change in rng.sample(changes, min(given.most, len(changes))):
+        word, told = judge(change, reader, target, robot if given.robot else None)
         if word:
             counts[word] += 1
         if word in ("missed", "harmless"):
@@ -56,24 +57,15 @@ def _is_harmless(change: Change) -> bool:
     return any(change.part == part and re.search(what, change.name) for part, what, _ in audit_every_field.HARMLESS)
 
 
-def judge(change: Change, good: Path, target: Path, robot: str | None, whole: bool) -> tuple[str, str]:
-    """Return what became of a change, one of WORDS or "" if the robot has nothing of it, and what the audit said.
-
-    With `whole`, what is not found beside few other files is tried beside all of them.
-    """
-    import twin
-
-    told = ""
-    for everything in (False, True) if whole else (False,):
-        if not audit_every_field.copied(good, target, change, everything):
-            return "", ""
-        told = audit_every_field.caused(twin.audit(target, robot), change)
-        if told in ("found", "refused"):
-            return told, ""
-        if _is_harmless(change):
-            return "harmless", told
-        if change.part in ("readme", "files", "proof"):
-            break
-        if change.part == "glb" and glb_by_pygltflib.same(target / change.file, good / change.file):
-            return "harmless", told
+def judge(change: Change, reader: ReadOnce, target: Path, robot: str | None) -> tuple[str, str]:
+    """Return what became of a change, one of WORDS or "" if the robot has nothing of it, and what the audit said."""
+    if not audit_every_field.copied(reader.good, target, change):
+        return "", ""
+    told = audit_every_field.caused(reader.audit(target, robot), change)
+    if told in ("found", "refused"):
+        return told, ""
+    if _is_harmless(change):
+        return "harmless", told
+    if change.part == "glb" and glb_by_pygltflib.same(target / change.file, reader.good / change.file):
+        return "harmless", told
     return "missed", told

@@ -1,6 +1,6 @@
 """Sixty defects of several fields at once, written by hand after the campaign of `audit_every_field`, over five robots.
 
-    python tests/made/audit_fresh.py --good FOLDER [--robot] [--whole]
+    python tests/made/audit_fresh.py --good FOLDER [--robot]
 
 prints what the audit says of each, and how many it found by their cause.
 """
@@ -608,9 +608,7 @@ EXPORTS: list[Path] = []
 """Folder of the exports of all robots."""
 
 
-def chosen(
-    i: int, part: str, name: str, edit: Any, file: str, says: str, work: Path, whole: bool
-) -> tuple[str, Change]:
+def chosen(i: int, part: str, name: str, edit: Any, file: str, says: str, work: Path) -> tuple[str, Change]:
     """Change the export of the first robot, in turn from number i, that has what a defect needs; return both."""
     for k in range(len(ROBOTS)):
         robot = ROBOTS[(i + k) % len(ROBOTS)]
@@ -620,7 +618,7 @@ def chosen(
             found = [path for path in folder.glob(file) if "schema" not in path.name]
             where = found[0].relative_to(folder).as_posix()
         change = Change(part, name, "", where, edit, says)
-        if audit_every_field.copied(folder, work / "spoilt", change, whole):
+        if audit_every_field.copied(folder, work / "spoilt", change):
             return robot, change
     raise AssertionError(f"no robot has what '{name}' needs")
 
@@ -629,7 +627,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--good", type=Path, help="folder of exports, by robot; they are written if it does not exist")
     parser.add_argument("--robot", action="store_true", help="compare with the mechanism, too")
-    parser.add_argument("--whole", action="store_true", help="beside all files of the export, not few")
     parser.add_argument("--only", default="", help="regular expression of names")
     given = parser.parse_args()
     import twin
@@ -641,7 +638,7 @@ def main() -> None:
         for i, (part, name, edit, file, says) in enumerate(FRESH):
             if not re.search(given.only, name):
                 continue
-            robot, change = chosen(i, part, name, edit, file, says, work, given.whole)
+            robot, change = chosen(i, part, name, edit, file, says, work)
             told = audit_every_field.caused(twin.audit(work / "spoilt", robot if given.robot else None), change)
             run += 1
             found += told in ("found", "refused")

@@ -7,13 +7,13 @@ import json
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from twin.core.json_types import JsonMapping
 from twin.core.version import __version__
 from twin.exchange.audit.motion import Content
-from twin.exchange.audit.report import Check, Ledger
+from twin.exchange.audit.report import MECHANISM, Check, Ledger
 from twin.exchange.audit.stated import ROBOT
 from twin.exchange.audit.states import CLIP
 
@@ -44,14 +44,50 @@ _SEVERITIES: Mapping[str, str] = {
 }
 """The verdict on files that have a finding of a severity and none that is worse."""
 
+_PROTOCOLS = "trajectories"
+"""Folder of a robot's protocols, each a file with the name of its motion."""
+
 _CHANGED = ("proof.hash", "proof.missing", "proof.unlisted", "proof.file", "proof.doubled")
 """Codes of the findings that the folder has not the files that proof.json lists."""
 
 _DIGITS = 2e-5
 """Largest relative difference of equal numbers, of which one has six digits."""
 
+_CheckKey = tuple[str, str, str]
+"""(name, file, what it is compared with) of a check."""
+
+_OTHERS = "the other files"
+"""What quantities of mechanism and shapes are compared with, with or without a mechanism."""
+
 _REPEATED = 0.1
 """Largest difference between a stated measurement and the audit's own, as a fraction of its tolerance."""
+
+_ROUNDING = 1e-12
+"""Size up to which a measurement may be zero, and without a place, on another machine."""
+
+_TIME = re.compile(r"t = (\d[\d.]*(?:e[+-]?\d+)?) s")
+"""Form of the time of a measurement."""
+
+_QUOTED = re.compile(r"'([^']*)'")
+"""Name in the place of a measurement, such as q1 in "joint 'q1'"."""
+
+_EXPORT_CODES = (
+    "export.budget",
+    "export.left_out",
+    "export.mass_unknown",
+    "export.no_equations",
+    "export.not_planned",
+    "export.partly_shown",
+    "export.scene",
+    "export.unjudged",
+    "export.urdf_coupling",
+    "export.urdf_loops",
+    "export.urdf_transmission",
+)
+"""Codes of the findings that an export has beside those of its audit."""
+
+_PLACED = ("export.left_out", "export.urdf_coupling", "export.urdf_loops")
+"""Those whose message names all objects of their place."""
 
 _BUDGETS = (
     ("any point of a link, between keys", "m", "between_position_m", "budget_position_m"),
@@ -73,6 +109,7 @@ def check_statements(
         return
     _check_origin(proof, folder, contents, ledger)
     _check_inputs(proof["inputs"], folder, ledger)
+    _check_protocols(proof["inputs"], proof["clips"], ledger)
     _check_clips(proof["clips"], contents, ledger)
     _check_rows(proof, ledger)
     _check_budgets(proof, ledger)
@@ -81,6 +118,8 @@ def check_statements(
     changed = any(finding.code in _CHANGED for finding in ledger.found)
     if own and not changed and ledger.file == "proof.json" and proof["made_by"] == f"twin {__version__}":
         _check_repeated(proof["checks"], own, ledger)
+        _check_places(proof["checks"], contents, own, ledger)
+        _check_export_findings(proof["findings"], ledger)
     _check_verdict(proof, ledger)
     _check_readme_findings(proof["findings"], folder, ledger)
     wrong = 0
@@ -181,6 +220,19 @@ def _check_inputs(rows: Sequence[JsonMapping], folder: Path, ledger: Ledger) -> 
         if len(absent) > 1:
             text += ", …"
         ledger.add("proof.inputs_absent", "info", f"{text}.", "inputs")
+
+
+def _check_protocols(inputs: Sequence[JsonMapping], clips: Sequence[JsonMapping], ledger: Ledger) -> None:
+    """Report motions whose protocol is not among the inputs, if those of other motions are."""
+    protocols = set()
+    for row in inputs:
+        path = PurePosixPath(str(row.get("file")))
+        if path.parent.name == _PROTOCOLS:
+            protocols.add(path.name)
+    for row in clips:
+        file = f"{row.get('protocol')}.toml"
+        if protocols and file not in protocols:
+            ledger.wrong("proof.input", f"the inputs in proof.json lack the protocol '{file}' of a motion.", file)
 
 
 def _check_clips(rows: Sequence[JsonMapping], contents: Sequence[Content], ledger: Ledger) -> None:
@@ -299,32 +351,35 @@ def _same(one: Any, other: Any) -> bool:
 def _check_repeated(rows: Sequence[JsonMapping], checks: Iterable[Check], ledger: Ledger) -> None:
     """Compare the checks in proof.json with those of this audit that have the same name, file and counterpart.
 
-    Where and when a deviation is largest is not compared: several places may have the same, up to rounding.
+    Where and when a deviation is largest may differ: several places may have the same, up to rounding. An export
+    compares with the mechanism; an audit without a mechanism compares with other files instead.
     """
-    own: dict[tuple[Any, ...], list[Check]] = {}
+    own: dict[_CheckKey, list[Check]] = {}
     for check in checks:
         if check.file != ledger.file:
             own.setdefault((check.check, check.file, check.against), []).append(check)
-    stated = set()
+    stated: set[_CheckKey] = set()
     for row in rows:
-        key = (row.get("check"), row.get("file"), row.get("against"))
+        key = (str(row.get("check")), str(row.get("file")), str(row.get("against", "")))
         stated.add(key)
-        found = own.get(key, [])
-        # What an export compares with the mechanism, an audit without one compares with other files.
-        if not found and row.get("tool") != _WRITER and not row.get("against"):
-            text = f"proof.json has the check '{str(key[0])[:80]}' of '{key[1]}', which this audit does not have."
+        same = own.get(key, [])
+        if not same and row.get("tool") != _WRITER and key[2] in ("", _OTHERS):
+            text = f"proof.json has the check '{key[0][:80]}' of '{key[1]}', which this audit does not have."
             ledger.wrong("proof.check", text, "checks", suggestion="export again")
-        elif found and not any(_repeats(row, check) for check in found):
-            check = found[0]
+        elif same and not any(_repeats(row, check) for check in same):
+            check = same[0]
             text = (
                 f"the check '{check.check[:80]}' of {check.file} is stated as {_shown(row)}; this audit has "
                 f"{_shown(check.as_dict())}."
             )
             ledger.wrong("proof.check", text, check.file, suggestion="export again")
-    for key in own:
-        # What is compared with other files, or at drawn states, depends on what is given to the audit.
-        if key not in stated and not key[2] and not str(key[0]).startswith(f"clip '{CLIP}'"):
-            text = f"proof.json lacks the check '{str(key[0])[:80]}' of '{key[1]}'."
+    for name, file, against in own:
+        # Drawn states are compared only if a mechanism is given to the audit, values of joints only if none is.
+        if name.startswith(f"clip '{CLIP}'") or ": joint values against " in name:
+            continue
+        with_mechanism = name.replace(against, MECHANISM) if against else name
+        if (name, file, against) not in stated and (with_mechanism, file, MECHANISM) not in stated:
+            text = f"proof.json lacks the check '{name[:80]}' of '{file}'."
             ledger.wrong("proof.check", text, "checks", suggestion="export again")
 
 
@@ -343,12 +398,98 @@ def _repeats(row: JsonMapping, check: Check) -> bool:
         return (worst is None) == (check.worst is None)
     if not _is_number(worst):
         return False
+    if min(abs(worst), abs(check.worst)) > _ROUNDING:
+        # A size has a place and a time in both, or in neither, and no other sign.
+        if worst * check.worst < 0:
+            return False
+        if bool(row.get("where")) != bool(check.where) or bool(row.get("when")) != bool(check.when):
+            return False
     return abs(worst - check.worst) <= _REPEATED * check.tolerance + _DIGITS * abs(check.worst)
 
 
 def _shown(row: JsonMapping) -> str:
     size = f"{row.get('worst')} {row.get('unit')} (tolerance {row.get('tolerance')})"
-    return f"{size} by {row.get('tool')} {row.get('version')}"
+    place = f"at '{row.get('where')}', '{row.get('when')}'"
+    return f"{size} {place} by {row.get('tool')} {row.get('version')}"
+
+
+def _check_places(
+    rows: Sequence[JsonMapping], contents: Sequence[Content], checks: Iterable[Check], ledger: Ledger
+) -> None:
+    """Report checks in proof.json that are worst at a place that no file has, or at a time of no motion."""
+    names = _names(contents)
+    forms = set()
+    moments = set()
+    for check in checks:
+        names.update(_named(check.where))
+        forms.add(_QUOTED.sub("''", check.where))
+        moments.add(check.when)
+    last = 0.0
+    for content in contents:
+        for clip in content.clips:
+            last = max(last, clip.duration)
+    for row in rows:
+        subject = f"the check '{str(row.get('check'))[:80]}' of '{row.get('file')}' in proof.json"
+        where = str(row.get("where"))
+        form = _QUOTED.sub("''", where)
+        if not names.issuperset(_named(where)) or ("'" in where and form not in forms):
+            text = f"{subject} is worst at '{where[:80]}', which no file has."
+            ledger.wrong("proof.check", text, "where", suggestion="export again")
+        when = str(row.get("when"))
+        if when not in moments and not _is_time(when, last):
+            text = f"{subject} is worst at '{when[:80]}'; the motions are from t = 0 s to t = {last:.6g} s."
+            ledger.wrong("proof.check", text, "when", suggestion="export again")
+
+
+def _names(contents: Sequence[Content]) -> set[str]:
+    """Return the names of what files have: links, joints, frames, points, motors, postures and motions."""
+    names: set[str] = set()
+    for content in contents:
+        names.update(content.rest)
+        names.update(clip.name for clip in content.clips)
+        for clip in content.clips:
+            names.update(clip.joints)
+        physics = content.physics
+        if physics is None:
+            continue
+        names.update(physics.links, physics.frames, physics.points, physics.motors or (), physics.postures or ())
+        for joint in physics.joints:
+            names.update(joint.names)
+    return names
+
+
+def _named(where: str) -> list[str]:
+    """Return the names in a place: those in quotes; without quotes, the last part of a path."""
+    if "'" in where:
+        return _QUOTED.findall(where)
+    name = where.rsplit("/", 1)[-1]
+    return [name] if name else []
+
+
+def _is_time(when: str, last: float) -> bool:
+    """Return whether a moment is a time from 0 to `last` in s, rounded to four digits."""
+    time = _TIME.fullmatch(when)
+    return time is not None and 0.0 <= float(time[1]) <= last * (1 + 1e-3)
+
+
+def _check_export_findings(rows: Sequence[JsonMapping], ledger: Ledger) -> None:
+    """Report findings of the export itself with a code that twin has not, or a place that their message lacks."""
+    for row in rows:
+        code = str(row.get("code"))
+        message = str(row.get("message"))
+        if not code.startswith("export."):
+            continue
+        if code not in _EXPORT_CODES:
+            ledger.wrong("proof.finding", f"proof.json has a finding with the code '{code[:80]}', which twin has not.")
+        where = str(row.get("where"))
+        if code in _PLACED and not (where and all(name in message for name in where.split(", "))):
+            text = f"the finding '{message[:80]}…' in proof.json is at '{where[:80]}', which its message does not name."
+            ledger.wrong("proof.finding", text, "where")
+        if code in _PLACED:
+            for key in ("when", "size", "unit", "limit", "cause"):
+                if row.get(key):
+                    text = f"the finding '{message[:80]}…' in proof.json has {key} '{str(row[key])[:80]}'; it has none."
+                    ledger.wrong("proof.finding", text, key)
 
 
 def _check_verdict(proof: JsonMapping, ledger: Ledger) -> None:
