@@ -16,6 +16,8 @@ from made import audit_every_field, audit_fresh, audit_seeds, bundle
 from made.audit_every_field_run import judge
 from made.audit_read_once import ReadOnce
 from twin.exchange.audit import audit
+from twin.exchange.audit.report import Ledger
+from twin.exchange.formats.unity.audit import check_package
 
 EVERY = os.environ.get("TWIN_SEEDS") == "all"
 ROBOTS = ("pa10", "sils", "sher", "davinci_psm", "raven_left")
@@ -28,6 +30,11 @@ DRAWN = 40
 @pytest.fixture(scope="module")
 def bars(tmp_path_factory) -> Path:
     return bundle.write_good(tmp_path_factory.mktemp("good") / "bars")
+
+
+@pytest.fixture(scope="module")
+def reader(bars) -> ReadOnce:
+    return ReadOnce(bars)
 
 
 @pytest.mark.slow
@@ -55,15 +62,40 @@ def test_the_fields_are_those_of_the_files(bars):
 
 @pytest.mark.parametrize(
     "name",
-    ["link hidden by an extension", "morph target with a weight", "vertex colours", "a clip twice under another name"],
+    [
+        "link hidden by an extension",
+        "morph target with a weight",
+        "vertex colours",
+        "a clip twice under another name",
+        "surface without points",
+        "one mesh has no attributes.NORMAL: gone",
+        "normals 1 % too long",
+        "surface without material",
+        "frames outside of the scene",
+        "node of a frame without name",
+        "link without list of joints",
+    ],
 )
-def test_what_a_glb_has_beside_what_is_compared_is_found(name, bars, tmp_path):
+def test_what_a_glb_has_or_lacks_is_found(name, bars, reader, tmp_path):
     part, _, edit, _, says = next(one for one in audit_fresh.FRESH if one[1] == name)
     file = next(path.name for path in bars.glob("*.glb"))
     change = audit_every_field.Change(part, name, "", file, edit, says)
     assert audit_every_field.copied(bars, tmp_path / "spoilt", change)
-    report = audit(tmp_path / "spoilt")
+    report = reader.audit(tmp_path / "spoilt", None)
     assert audit_every_field.caused(report, change) == "found", [f.message for f in report.findings]
+
+
+def test_a_unity_package_without_the_class_of_its_robot_is_found(tmp_path):
+    package = tmp_path / "unity"
+    for path in ("package.json", "Runtime/Robots.meta", "Runtime/Robots/Arm.cs"):
+        (package / path).parent.mkdir(parents=True, exist_ok=True)
+        (package / path).write_text('{"name": "com.small.player", "version": "1.0.0"}')
+    ledger = Ledger("unity")
+    check_package(package, ledger)
+    assert not any("no class" in finding.message for finding in ledger.found)
+    (package / "Runtime/Robots/Arm.cs").unlink()
+    check_package(package, ledger)
+    assert any("no class" in finding.message for finding in ledger.found)
 
 
 def test_a_track_that_is_not_recognised_is_found_by_the_table_of_its_name(bars, tmp_path):

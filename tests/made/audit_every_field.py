@@ -205,7 +205,7 @@ GLB_CAUSES = {
     r"nodes\.\[\]\.mesh": "mesh|bounding box|volume|colour|surface|reference",
     r"nodes\.\[\]\.extras.*": "link|mass|joint|frame|whole|mesh",
     r"meshes.*": "mesh|surface|colour|bounding|volume|normal|points|POSITION|triangle|reference|material|node",
-    r"materials.*": "material|colour|alpha|reference",
+    r"materials.*": "material|colour|alpha|reference|metallic|roughness",
     r"accessors.*": "accessor|mesh|link|quaternion|clip|key|time|colour|volume|box|bufferView|normal|frame",
     r"bufferViews.*": "bufferView|buffer|accessor|mesh|byte",
     r"buffers.*": "buffer|byte",

@@ -156,6 +156,51 @@ def _(data):
     primitive["attributes"]["COLOR_0"] = primitive["attributes"]["NORMAL"]
 
 
+def _first_primitive(data: Glb) -> Any:
+    return data.document["meshes"][0]["primitives"][0]
+
+
+@glb("surface without points", "POSITION")
+def _(data):
+    del _first_primitive(data)["attributes"]["POSITION"]
+
+
+@glb("one mesh has no attributes.NORMAL: gone", "NORMAL")
+def _(data):
+    for primitive in data.document["meshes"][0]["primitives"]:
+        del primitive["attributes"]["NORMAL"]
+
+
+@glb("normals 1 % too long", "normal")
+def _(data):
+    data.numbers(_first_primitive(data)["attributes"]["NORMAL"])[:] *= 1.01
+
+
+@glb("surface without material", "colour|metallic")
+def _(data):
+    del _first_primitive(data)["material"]
+
+
+@glb("frames outside of the scene", "frame")
+def _(data):
+    for node in data.links():
+        node.pop("children", None)
+
+
+@glb("node of a frame without name", "frame")
+def _(data):
+    node = next((node for node in data.document["nodes"] if "frame" in node.get("extras", {})), None)
+    if node is None:
+        return False
+    del node["name"]
+    return None
+
+
+@glb("link without list of joints", "joints")
+def _(data):
+    del data.links()[0]["extras"]["joints"]
+
+
 @glb("texture over a colour", "colo|textur|image")
 def _(data):
     pixel = "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="

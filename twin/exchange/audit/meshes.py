@@ -21,6 +21,9 @@ from twin.exchange.audit.report import Ledger, Measured, ReadError
 NEAR = 3e-6
 """Distance in m below which points may be one point in another format: two are rounded, to 0.001 mm in an OBJ."""
 
+NORMAL_TOL = 3**0.5 / 2 / 127
+"""Maximum difference between a normal's length and 1: the rounding of three components to signed bytes."""
+
 AGAINST = 0.01
 """Maximum fraction of a mesh's area with normals opposite to the winding; thin triangles have inexact normals."""
 
@@ -89,7 +92,7 @@ def _check_normals(ledger: Ledger, where: str, vertices: Array, triangles: Array
     lengths = np.linalg.norm(normals, axis=1)
     errors = np.abs(lengths - 1)
     finite = np.isfinite(lengths)
-    if not np.all(finite) or np.max(errors) > 0.01:
+    if not np.all(finite) or np.max(errors) > NORMAL_TOL:
         k = int(np.argmax(np.where(finite, errors, np.inf)))
         text = f"mesh '{where}': a normal has length {lengths[k]:.4g}, not 1."
         ledger.wrong(f"{code}.normal", text, where, size=Measured(lengths[k], 1.0), suggestion="normalise the normals")

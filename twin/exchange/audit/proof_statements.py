@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -57,7 +57,7 @@ _CheckKey = tuple[str, str, str]
 """(name, file, what it is compared with) of a check."""
 
 _OTHERS = "the other files"
-"""What quantities of mechanism and shapes are compared with, with or without a mechanism."""
+"""What quantities of mechanism and shapes are compared with; an export has its mechanism among them."""
 
 _REPEATED = 0.1
 """Largest difference between a stated measurement and the audit's own, as a fraction of its tolerance."""
@@ -117,8 +117,9 @@ def check_statements(
     # The measurements belong to the files of the export, and to this version of the audit.
     changed = any(finding.code in _CHANGED for finding in ledger.found)
     if own and not changed and ledger.file == "proof.json" and proof["made_by"] == f"twin {__version__}":
-        _check_repeated(proof["checks"], own, ledger)
-        _check_places(proof["checks"], contents, own, ledger)
+        tracks = {content.file for content in contents if content.is_track}
+        _check_repeated(proof["checks"], own, tracks, ledger)
+        _check_places(proof, contents, own, ledger)
         _check_export_findings(proof["findings"], ledger)
     _check_verdict(proof, ledger)
     _check_readme_findings(proof["findings"], folder, ledger)
@@ -348,11 +349,14 @@ def _same(one: Any, other: Any) -> bool:
     return abs(one - other) <= _DIGITS * max(abs(one), abs(other))
 
 
-def _check_repeated(rows: Sequence[JsonMapping], checks: Iterable[Check], ledger: Ledger) -> None:
+def _check_repeated(
+    rows: Sequence[JsonMapping], checks: Iterable[Check], tracks: Collection[str], ledger: Ledger
+) -> None:
     """Compare the checks in proof.json with those of this audit that have the same name, file and counterpart.
 
     Where and when a deviation is largest may differ: several places may have the same, up to rounding. An export
-    compares with the mechanism; an audit without a mechanism compares with other files instead.
+    compares with the mechanism; an audit without a mechanism compares with other files instead. `tracks` are those
+    among the other files.
     """
     own: dict[_CheckKey, list[Check]] = {}
     for check in checks:
@@ -363,7 +367,7 @@ def _check_repeated(rows: Sequence[JsonMapping], checks: Iterable[Check], ledger
         key = (str(row.get("check")), str(row.get("file")), str(row.get("against", "")))
         stated.add(key)
         same = own.get(key, [])
-        if not same and row.get("tool") != _WRITER and key[2] in ("", _OTHERS):
+        if not same and row.get("tool") != _WRITER and not key[2]:
             text = f"proof.json has the check '{key[0][:80]}' of '{key[1]}', which this audit does not have."
             ledger.wrong("proof.check", text, "checks", suggestion="export again")
         elif same and not any(_repeats(row, check) for check in same):
@@ -376,6 +380,9 @@ def _check_repeated(rows: Sequence[JsonMapping], checks: Iterable[Check], ledger
     for name, file, against in own:
         # Drawn states are compared only if a mechanism is given to the audit, values of joints only if none is.
         if name.startswith(f"clip '{CLIP}'") or ": joint values against " in name:
+            continue
+        # A stage names a motion otherwise than the tracks and the mechanism.
+        if name.startswith("clip '") and against not in ("", MECHANISM, *tracks):
             continue
         with_mechanism = name.replace(against, MECHANISM) if against else name
         if (name, file, against) not in stated and (with_mechanism, file, MECHANISM) not in stated:
@@ -413,26 +420,38 @@ def _shown(row: JsonMapping) -> str:
     return f"{size} {place} by {row.get('tool')} {row.get('version')}"
 
 
-def _check_places(
-    rows: Sequence[JsonMapping], contents: Sequence[Content], checks: Iterable[Check], ledger: Ledger
-) -> None:
-    """Report checks in proof.json that are worst at a place that no file has, or at a time of no motion."""
+def _check_places(proof: JsonMapping, contents: Sequence[Content], checks: Iterable[Check], ledger: Ledger) -> None:
+    """Report checks in proof.json that are worst at a place that no file has, or at a time of no motion.
+
+    Places are judged of the checks that this audit repeats, and of the writer's if there are tracks, which name all
+    links and moving joints. The mechanism of the export may have parts that the formats in the folder cannot hold:
+    checks against all other files are judged only if there is a stage, which holds all.
+    """
     names = _names(contents)
     forms = set()
     moments = set()
+    repeated = set()
     for check in checks:
         names.update(_named(check.where))
         forms.add(_QUOTED.sub("''", check.where))
         moments.add(check.when)
+        repeated.add((check.check, check.file, check.against))
+    has_tracks = any(content.is_track and content.clips for content in contents)
+    has_stage = any(content.format == "usd" and content.physics is not None for content in contents)
     last = 0.0
-    for content in contents:
-        for clip in content.clips:
-            last = max(last, clip.duration)
-    for row in rows:
+    for clip in proof["clips"]:
+        if _is_number(clip.get("duration_s")):
+            last = max(last, clip["duration_s"])
+    for row in proof["checks"]:
         subject = f"the check '{str(row.get('check'))[:80]}' of '{row.get('file')}' in proof.json"
         where = str(row.get("where"))
         form = _QUOTED.sub("''", where)
-        if not names.issuperset(_named(where)) or ("'" in where and form not in forms):
+        is_known = names.issuperset(_named(where)) and ("'" not in where or form in forms)
+        is_writers = row.get("tool") == _WRITER and has_tracks
+        is_repeated = (row.get("check"), row.get("file"), row.get("against")) in repeated
+        if row.get("against") == _OTHERS:
+            is_repeated = is_repeated and has_stage
+        if not is_known and (is_writers or is_repeated):
             text = f"{subject} is worst at '{where[:80]}', which no file has."
             ledger.wrong("proof.check", text, "where", suggestion="export again")
         when = str(row.get("when"))
@@ -503,11 +522,18 @@ def _check_verdict(proof: JsonMapping, ledger: Ledger) -> None:
     if proof["verdict"] != expected:
         text = f"the verdict in proof.json is '{proof['verdict']}'; by its findings it is '{expected}'."
         ledger.wrong("proof.verdict", text, "verdict")
-    if expected == "agree":
-        for row in proof["checks"]:
-            if row.get("verdict") == "disagree":
-                text = f"the check '{row.get('check')}' in proof.json disagrees, but none of its findings does."
-                ledger.wrong("proof.check", text, "checks")
+    if expected != "agree":
+        return
+    for row in proof["checks"]:
+        # Findings that are warnings are counted by the checks of one file, and leave the verdict as it is.
+        has_warning = any(_is_warning_on(finding, str(row.get("file"))) for finding in proof["findings"])
+        if row.get("verdict") == "disagree" and not has_warning:
+            text = f"the check '{row.get('check')}' in proof.json disagrees, but none of its findings does."
+            ledger.wrong("proof.check", text, "checks")
+
+
+def _is_warning_on(finding: JsonMapping, file: str) -> bool:
+    return finding.get("severity") == "warning" and str(finding.get("where")).startswith(file)
 
 
 def _check_readme_findings(rows: Sequence[JsonMapping], folder: Path, ledger: Ledger) -> None:

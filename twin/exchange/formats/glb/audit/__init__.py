@@ -97,6 +97,7 @@ def read_gltf(path: Path, ledger: Ledger) -> Content:
         content.clips.append(clip)
     _check_clip_names(content)
     _check_materials(file)
+    _check_smooth(file)
     content.shapes, content.colors, content.finishes = _shapes(file, nodes, rest)
     if links:
         content.physics = _physics(nodes, rest, ledger)
@@ -163,10 +164,18 @@ def _check_asset(asset: JsonObject, content: Content, ledger: Ledger) -> None:
 
 
 def _check_kinds(nodes: list[Node], ledger: Ledger) -> None:
-    """Report nodes below the root of a file of twin that are neither links nor frames."""
+    """Report nodes of a file of twin that are neither links nor frames, or are not named and described as these."""
     for node in nodes:
-        if node.parent >= 0 and not node.extras.get("link") and not node.extras.get("frame"):
+        frame = node.extras.get("frame")
+        if node.parent >= 0 and not node.extras.get("link") and not frame:
             text = f"node '{node.label}' is neither a link nor a frame: its extras state neither."
+            ledger.wrong("gltf.node", text, node.label, suggestion="export the file again")
+        # A link or another frame may have the name, which then ends in "_".
+        if frame and node.name.rstrip("_") != f"frame_{frame}".rstrip("_"):
+            text = f"the node of frame '{frame}' is named '{node.name}', not 'frame_{frame}'."
+            ledger.wrong("gltf.node", text, node.label, suggestion="give the node the name of its frame")
+        if node.is_link and not isinstance(node.extras.get("joints"), list):
+            text = f"the extras of link '{node.label}' have no list 'joints' of the joints that move it."
             ledger.wrong("gltf.node", text, node.label, suggestion="export the file again")
 
 
@@ -186,7 +195,7 @@ def _state_clips(file: Gltf, content: Content) -> None:
 
 
 def _check_scene(file: Gltf, nodes: list[Node], order: list[int], ledger: Ledger) -> None:
-    """Report links and shapes that are not in the scene that viewers show; `order` has parents before children."""
+    """Report links, frames and shapes outside of the scene that viewers show; `order` has parents before children."""
     scenes = file.items("scenes")
     number = file.json.get("scene", 0)
     roots: Any = []
@@ -201,11 +210,12 @@ def _check_scene(file: Gltf, nodes: list[Node], order: list[int], ledger: Ledger
             inside.add(i)
     absent: list[str] = []
     for node in nodes:
-        if node.index not in inside and (node.is_link or "mesh" in node.spec):
+        marked = node.is_link or node.extras.get("frame")
+        if node.index not in inside and (marked or "mesh" in node.spec):
             absent.append(node.label)
     if absent:
-        text = f"{len(absent)} links or shapes, such as '{absent[0]}', are not in the scene that viewers show."
-        ledger.wrong("gltf.scene", text, absent[0], suggestion="add the root node to the nodes of the scene")
+        text = f"{len(absent)} links, frames or shapes, such as '{absent[0]}', are not in the scene that viewers show."
+        ledger.wrong("gltf.scene", text, absent[0], suggestion="make each the child of a node of the scene")
 
 
 def _check_names(file: Gltf, nodes: list[Node], animated: set[int]) -> None:
@@ -346,8 +356,7 @@ def _shapes(
         mesh = file.item("meshes", index)
         name = str(mesh.get("name") or node.label)
         if index not in known:
-            if not mesh.get("primitives"):
-                file.ledger.wrong("gltf.mesh", f"mesh '{name}' has no primitives: it shows nothing.", name)
+            _check_shown(mesh, name, file.ledger)
             known[index] = _corners(file, mesh, name)
         vertices, triangles = known[index]
         owner = link_above(nodes, node)
@@ -369,6 +378,33 @@ def _shapes(
     return shapes, palette.shares(), finishes.shares()
 
 
+def _check_smooth(file: Gltf) -> None:
+    """Report meshes without normals in a file in which other meshes have them."""
+    faceted = []
+    smooth = 0
+    for number, mesh in enumerate(file.items("meshes")):
+        primitives = mesh.get("primitives") or []
+        if any("NORMAL" in primitive.get("attributes", {}) for primitive in primitives):
+            smooth += 1
+        elif primitives:
+            faceted.append(str(mesh.get("name") or f"mesh {number}"))
+    if smooth and faceted:
+        text = f"mesh '{faceted[0]}' has no NORMAL: viewers show it faceted; {smooth} other meshes have normals."
+        file.ledger.add("gltf.normal", "warning", text, faceted[0], suggestion="write the normals of the mesh")
+
+
+def _check_shown(mesh: JsonObject, name: str, ledger: Ledger) -> None:
+    """Report a mesh that shows nothing, or not all of its primitives."""
+    primitives = mesh.get("primitives")
+    if not primitives:
+        ledger.wrong("gltf.mesh", f"mesh '{name}' has no primitives: it shows nothing.", name)
+        return
+    for number, primitive in enumerate(primitives):
+        if "POSITION" not in primitive.get("attributes", {}):
+            text = f"mesh '{name}': primitive {number} has no POSITION: viewers do not show it."
+            ledger.wrong("gltf.mesh", text, name, suggestion="give each primitive the points of its triangles")
+
+
 def _primitives(file: Gltf, mesh: JsonObject) -> Iterator[tuple[JsonObject, Array, Array]]:
     """Yield (JSON object, points (n, 3), triangles (m, 3)) for each primitive that has positions."""
     for primitive in mesh.get("primitives", []):
@@ -387,9 +423,14 @@ def _primitives(file: Gltf, mesh: JsonObject) -> Iterator[tuple[JsonObject, Arra
 def _add_colors(file: Gltf, mesh: JsonObject, link: str, palette: Palette, finishes: Palette) -> None:
     """Add the coloured areas of a mesh to the palette of its link, and the areas of each finish."""
     for primitive, vertices, triangles in _primitives(file, mesh):
-        if "material" not in primitive or not len(triangles) or triangles.max() >= len(vertices):
+        if not len(triangles) or triangles.max() >= len(vertices):
             continue
-        pbr = file.item("materials", primitive["material"]).get("pbrMetallicRoughness", {})
+        if "material" in primitive:
+            pbr = file.item("materials", primitive["material"]).get("pbrMetallicRoughness", {})
+        elif file.items("materials"):
+            pbr = {}  # viewers show the default material of glTF, white metal
+        else:
+            continue  # the file states no colours
         area = surface_area(vertices, triangles)
         palette.add(link, _base_color(pbr, "baseColorFactor"), area)
         if isinstance(pbr, dict) and "metallicRoughnessTexture" not in pbr:

@@ -79,6 +79,10 @@ def read_classes(folder: Path, ledger: Ledger) -> Content | None:
         name = meta.relative_to(folder).as_posix().removesuffix(".meta")
         if not (folder / name).is_file():
             ledger.wrong("unity.kinematics", f"{name} is missing; only its .meta file exists.", name)
+    named = (folder / ROBOTS).is_dir() or (folder / f"{ROBOTS}.meta").is_file()
+    if named and not any((folder / ROBOTS).glob("*.cs*")):
+        text = f"the package has the folder {ROBOTS} of the robot's kinematics, but no class in it."
+        ledger.wrong("unity.kinematics", text, ROBOTS, suggestion="export the package again")
     if len(contents) != 1:
         return None
     return contents[0]
