@@ -68,6 +68,7 @@ def test_the_fields_are_those_of_the_files(bars):
         "vertex colours",
         "a clip twice under another name",
         "surface without points",
+        "surface twice",
         "one mesh has no attributes.NORMAL: gone",
         "normals 1 % too long",
         "surface without material",

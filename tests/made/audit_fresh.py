@@ -165,6 +165,11 @@ def _(data):
     del _first_primitive(data)["attributes"]["POSITION"]
 
 
+@glb("surface twice", "twice")
+def _(data):
+    data.document["meshes"][0]["primitives"].append(dict(_first_primitive(data)))
+
+
 @glb("one mesh has no attributes.NORMAL: gone", "NORMAL")
 def _(data):
     for primitive in data.document["meshes"][0]["primitives"]:

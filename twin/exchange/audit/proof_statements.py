@@ -13,6 +13,7 @@ from typing import Any
 from twin.core.json_types import JsonMapping
 from twin.core.version import __version__
 from twin.exchange.audit.motion import Content
+from twin.exchange.audit.named_parts import has_stage, named_parts
 from twin.exchange.audit.report import MECHANISM, Check, Ledger
 from twin.exchange.audit.stated import ROBOT
 from twin.exchange.audit.states import CLIP
@@ -427,7 +428,7 @@ def _check_places(proof: JsonMapping, contents: Sequence[Content], checks: Itera
     links and moving joints. The mechanism of the export may have parts that the formats in the folder cannot hold:
     checks against all other files are judged only if there is a stage, which holds all.
     """
-    names = _names(contents)
+    names = named_parts(contents)
     forms = set()
     moments = set()
     repeated = set()
@@ -437,7 +438,6 @@ def _check_places(proof: JsonMapping, contents: Sequence[Content], checks: Itera
         moments.add(check.when)
         repeated.add((check.check, check.file, check.against))
     has_tracks = any(content.is_track and content.clips for content in contents)
-    has_stage = any(content.format == "usd" and content.physics is not None for content in contents)
     last = 0.0
     for clip in proof["clips"]:
         if _is_number(clip.get("duration_s")):
@@ -450,7 +450,7 @@ def _check_places(proof: JsonMapping, contents: Sequence[Content], checks: Itera
         is_writers = row.get("tool") == _WRITER and has_tracks
         is_repeated = (row.get("check"), row.get("file"), row.get("against")) in repeated
         if row.get("against") == _OTHERS:
-            is_repeated = is_repeated and has_stage
+            is_repeated = is_repeated and has_stage(contents)
         if not is_known and (is_writers or is_repeated):
             text = f"{subject} is worst at '{where[:80]}', which no file has."
             ledger.wrong("proof.check", text, "where", suggestion="export again")
@@ -458,23 +458,6 @@ def _check_places(proof: JsonMapping, contents: Sequence[Content], checks: Itera
         if when not in moments and not _is_time(when, last):
             text = f"{subject} is worst at '{when[:80]}'; the motions are from t = 0 s to t = {last:.6g} s."
             ledger.wrong("proof.check", text, "when", suggestion="export again")
-
-
-def _names(contents: Sequence[Content]) -> set[str]:
-    """Return the names of what files have: links, joints, frames, points, motors, postures and motions."""
-    names: set[str] = set()
-    for content in contents:
-        names.update(content.rest)
-        names.update(clip.name for clip in content.clips)
-        for clip in content.clips:
-            names.update(clip.joints)
-        physics = content.physics
-        if physics is None:
-            continue
-        names.update(physics.links, physics.frames, physics.points, physics.motors or (), physics.postures or ())
-        for joint in physics.joints:
-            names.update(joint.names)
-    return names
 
 
 def _named(where: str) -> list[str]:

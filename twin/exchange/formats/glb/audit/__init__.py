@@ -399,7 +399,12 @@ def _check_shown(mesh: JsonObject, name: str, ledger: Ledger) -> None:
     if not primitives:
         ledger.wrong("gltf.mesh", f"mesh '{name}' has no primitives: it shows nothing.", name)
         return
+    drawn = []
     for number, primitive in enumerate(primitives):
+        if primitive in drawn:
+            text = f"mesh '{name}': primitive {number} is the same as another: its surface is there twice."
+            ledger.wrong("gltf.mesh", text, name, suggestion="leave one of the two out")
+        drawn.append(primitive)
         if "POSITION" not in primitive.get("attributes", {}):
             text = f"mesh '{name}': primitive {number} has no POSITION: viewers do not show it."
             ledger.wrong("gltf.mesh", text, name, suggestion="give each primitive the points of its triangles")

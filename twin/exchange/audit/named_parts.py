@@ -1,0 +1,30 @@
+"""The names of the parts that the files of an export have."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from twin.exchange.audit.motion import Content
+from twin.exchange.formats import family
+
+
+def named_parts(contents: Sequence[Content]) -> set[str]:
+    """Return the names of links, joints, frames, points, motors, postures and motions in the files."""
+    names: set[str] = set()
+    for content in contents:
+        names.update(content.rest)
+        for clip in content.clips:
+            names.add(clip.name)
+            names.update(clip.joints)
+        physics = content.physics
+        if physics is None:
+            continue
+        names.update(physics.links, physics.frames, physics.points, physics.motors or (), physics.postures or ())
+        for joint in physics.joints:
+            names.update(joint.names)
+    return names
+
+
+def has_stage(contents: Sequence[Content]) -> bool:
+    """Return whether a USD stage is among the files: it names all parts of a mechanism, other formats only some."""
+    return any(family(content.format) == "usd" and content.physics is not None for content in contents)
