@@ -32,6 +32,14 @@ _INTEGRATOR = "discrete"
 _HOME = "home"
 """Name of the keyframe in which a control of 0 holds the robot."""
 
+_BALL = int(mujoco.mjtJoint.mjJNT_BALL)
+
+_COORDINATES = {_BALL: 4, int(mujoco.mjtJoint.mjJNT_FREE): 7}
+"""Numbers of `qpos` of joints with more than one."""
+
+_SAVED = 1e-5
+"""Difference of equal coordinates in m, rad or of quaternions: MuJoCo saves six digits."""
+
 _BALANCED = 1e-5
 """Part of the weight's largest effort that may remain unbalanced at a keyframe: numbers have 12 digits."""
 
@@ -90,10 +98,36 @@ def _check_home(m: mujoco.MjModel, ledger: Ledger) -> None:
     """Report a file without the keyframe by whose name programs find the pose that the comment speaks of."""
     names = [m.key(k).name for k in range(m.nkey)]
     if _HOME in names:
+        _check_home_pose(m, names.index(_HOME), ledger)
         return
     listed = ", ".join(f"'{name}'" for name in names)
     text = f"a comment states how the robot is held at home, but no keyframe is named '{_HOME}': the file has {listed}."
     ledger.wrong("mjcf.claim", text, "keyframe", suggestion=f"name the keyframe '{_HOME}', or remove the comment")
+
+
+def _check_home_pose(m: mujoco.MjModel, k: int, ledger: Ledger) -> None:
+    """Report a keyframe of home that is not at the coordinates `ref`, from which the comment counts the controls."""
+    for j in range(m.njnt):
+        first = int(m.jnt_qposadr[j])
+        end = first + _COORDINATES.get(int(m.jnt_type[j]), 1)
+        home = m.key_qpos[k, first:end]
+        ref = m.qpos0[first:end]
+        apart = float(np.abs(home - ref).max())
+        if int(m.jnt_type[j]) == _BALL:
+            apart = min(apart, float(np.abs(home + ref).max()))  # a quaternion and its negative are one rotation
+        if apart <= _SAVED * max(1.0, float(np.abs(ref).max())):
+            continue
+        name = m.joint(j).name or m.body(int(m.jnt_bodyid[j])).name
+        text = (
+            f"keyframe '{_HOME}': joint '{name}' is at {_numbers(home)}, but a comment of the file counts controls "
+            f"from home, which is {_numbers(ref)} by its ref or its body."
+        )
+        size = Measured(apart, _SAVED)
+        ledger.wrong("mjcf.claim", text, name, size=size, suggestion="write the same coordinates in both places")
+
+
+def _numbers(values: Array) -> str:
+    return " ".join(f"{value:.6g}" for value in values)
 
 
 def _check_kinds(m: mujoco.MjModel, ledger: Ledger) -> None:
