@@ -517,6 +517,7 @@ REPEATED = {
     "place of no file": (lambda proof: _largest(proof, "clip").update(where="crankx"), "crankx"),
     "time of no motion": (lambda proof: _largest(proof, "clip").update(when="t = 77 s"), "t = 77 s"),
     "check gone": (lambda proof: proof["checks"].remove(_largest(proof, "clip")), "lacks the check"),
+    "time that is no number": (lambda proof: _largest(proof, "clip").update(when="t = 1.2.3 s"), "t = 1.2.3 s"),
     "code of no finding": (lambda proof: proof["findings"].append(_finding(code="export.leftout")), "export.leftout"),
     "place that no message names": (lambda proof: proof["findings"].append(_finding(where="rod")), "'rod'"),
     "cause of what has none": (lambda proof: proof["findings"].append(_finding(cause="rust")), "cause 'rust'"),

@@ -66,7 +66,7 @@ _REPEATED = 0.1
 _ROUNDING = 1e-12
 """Size up to which a measurement may be zero, and without a place, on another machine."""
 
-_TIME = re.compile(r"t = (\d[\d.]*(?:e[+-]?\d+)?) s")
+_TIME = re.compile(r"t = (\d+(?:\.\d+)?(?:e[+-]?\d+)?) s")
 """Form of the time of a measurement."""
 
 _QUOTED = re.compile(r"'([^']*)'")
