@@ -444,9 +444,11 @@ def mirrored_assembly(desk, rng):
     T, now = desk.assembly.T_base_tool, desk.assembly
     for _ in range(60):
         x = desk.model.tree.integrate(now.x[None], rng.normal(0, 0.6, (1, desk.model.tree.model.nv)))[0]
-        found = desk.model._move_posed(x[None], T[None])
-        state = desk.model.state(found[0][0])
-        closed = found[1][0] and state.worst_gap < 1e-9 and max(g[1] for g in state.gap.values()) < 1e-8
+        found = desk.model.near_pose(x[None], T)
+        if not len(found):
+            continue
+        state = desk.model.state(found[0])
+        closed = state.worst_gap < 1e-9 and max(g[1] for g in state.gap.values()) < 1e-8
         inside = all(low <= v <= high for v, (low, high) in zip(state.q, desk.mechanism.limits, strict=True))
         if closed and inside and np.abs(state.T_base_tool - T).max() < 1e-9 and np.abs(state.q - now.q).max() > 0.02:
             return state

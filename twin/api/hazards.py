@@ -100,7 +100,7 @@ def hazards(
     path = campaign_file(robot, campaign)
     plan = load_campaign(path, parts.places)
     log = _log(folder, robot, path, plan, parts)
-    remaining = _left(plan, log, sessions)
+    remaining = _remaining(plan, log, sessions)
     to_run = len(remaining)
     count = 0
     if remaining:
@@ -146,7 +146,7 @@ def hazards(
     return Hazards(robot.name, plan.table, len(plan), rows, assumed)
 
 
-def _left(plan: Campaign, log: Log, sessions: int | None) -> list[int]:
+def _remaining(plan: Campaign, log: Log, sessions: int | None) -> list[int]:
     """Return the indices of the sessions that are not in the log; of these, only the first `sessions`."""
     indices = [index for index in range(len(plan)) if index not in log.rows]
     if sessions is None:

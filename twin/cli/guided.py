@@ -88,10 +88,10 @@ class Examiner:
             end = self._end
             if end is None:
                 continue
-            due = self.due()
-            if due and not self._warned:
+            count = self.due()
+            if count and not self._warned:
                 self._warned = True
-                forms = "1 questionnaire is" if due == 1 else f"{due} questionnaires are"
+                forms = "1 questionnaire is" if count == 1 else f"{count} questionnaires are"
                 print(f"  {forms} not answered yet; press Enter again to continue without", flush=True)
                 continue
             self._end = None
@@ -134,11 +134,11 @@ def guide(args: argparse.Namespace, serve_part: ServePart) -> None:
             f"{table.path}: participant {args.participant} is in group '{group}': add --group {group}, or give another "
             "number"
         )
-    left = _left(parts, table, folder, args.participant)
+    remaining = _remaining(parts, table, folder, args.participant)
     loaded = scenes.load(scene)
     examiner = Examiner()
     examiner.require_input()
-    for part in left:
+    for part in remaining:
         forms = _forms(part, table)
         examiner.due = lambda forms=forms: 0 if forms is None else len(forms.due)
         print(f"\n  {part.heading}; press Enter to continue", flush=True)
@@ -159,7 +159,7 @@ def guide(args: argparse.Namespace, serve_part: ServePart) -> None:
     print(f"  twin study {folder / TABLE}")
 
 
-def _left(parts: Sequence[GuidedPart], table: TrialTable, folder: Path, participant: int) -> list[GuidedPart]:
+def _remaining(parts: Sequence[GuidedPart], table: TrialTable, folder: Path, participant: int) -> list[GuidedPart]:
     """Return the parts that the participant has not done yet, each with the questionnaires without an answer.
 
     A part with a task is done if its session is in the folder; see `SET_ASIDE`. Once a task is done, it is too late for

@@ -15,25 +15,25 @@ from twin.ui.access.rules import is_local
 class RosProcess:
     """Process with the server for ROS clients; it ends with `close`, or with this program."""
 
-    def __init__(self, robot: str, server: Server, listens: tuple[str, int], said: Callable[[str], None]) -> None:
-        """Start the process; `said` is called with the address when the server listens (see `listen`).
+    def __init__(self, robot: str, server: Server, listens: tuple[str, int], tell: Callable[[str], None]) -> None:
+        """Start the process; `tell` is called with the address when the server listens (see `listen`).
 
         Args:
             robot: name or folder of the robot.
             server: the machine with its ports.
             listens: (host, port) for ROS clients; port 0: any free one.
-            said: function that prints a line.
+            tell: function that prints a line.
 
         Raises:
             TwinError: the port is in use, or the host is no address of this computer.
         """
         from twin.ui.headset.ros import machine_bridge
 
-        host, given = listens
-        port, url = ros_address(host, given, False)
+        host, wanted_port = listens
+        port, url = ros_address(host, wanted_port, False)
         if not is_local(host):
-            said("rosbridge is open to the network, without TLS: others in the network can read and change messages")
-        self._said = said
+            tell("rosbridge is open to the network, without TLS: others in the network can read and change messages")
+        self._tell = tell
         address = Address(HOST, server.port, server.state_port)
         self._process = Apart(machine_bridge.run, str(robot), address, host, port, url)
 
@@ -49,7 +49,7 @@ class RosProcess:
                 kind, text = line.recv()
                 if kind == "failed":
                     raise TwinError(f"--ros: {text}")
-                self._said(text)
+                self._tell(text)
         except (EOFError, OSError) as error:
             raise TwinError("--ros: the process that serves ROS clients has ended") from error
         return False

@@ -105,36 +105,41 @@ class Panels:
             True,
             hint="Lines connect points of one body; in correct equations their lengths are constant",
         )
-
         self._times = gui.add_dropdown(
             "error magnification", ("1 x", "10 x", "30 x"), initial_value="10 x",
             hint="Factor by which the errors of the points of the equations are drawn larger",
         )  # fmt: skip
-
         self._link = gui.add_text(
             "posture link", "", hint="q=308,502.5,...&t=3.2: joint values in mm or degrees, and the time in s"
         )
+        undo.on_click(lambda _: front.ask("undo", self._undo))
+        self._connect_play()
 
+    def _connect_play(self) -> None:
+        """Connect the controls of `_play` to what they do."""
+        front = self.front
         self._link_changed: float | None = None
 
-        def linked(event: viser.GuiEvent) -> None:
+        def change_link(event: viser.GuiEvent) -> None:
             if event.client is not None:
                 self._link_changed = front.now
 
-        self._link.on_update(linked)
-        front.after_frame.append(self._follow_link)
-
-        def planned(event: viser.GuiEvent) -> None:
+        def load(event: viser.GuiEvent) -> None:
             if event.client is None:  # the list of another robot is shown
                 return
             a = front.hand
             protocol = self._chosen()
             front.ask("load", lambda: front.load(a, protocol))
 
-        self._protocol.on_update(planned)
+        def change_speed(_: object) -> None:
+            number, _sign = self._speed.value.split()
+            front.clock.speed = float(number)
+
+        self._link.on_update(change_link)
+        front.after_frame.append(self._follow_link)
+        self._protocol.on_update(load)
         self._run.on_click(lambda _: front.ask("run", self._toggle))
-        undo.on_click(lambda _: front.ask("undo", self._undo))
-        self._speed.on_update(lambda _: setattr(front.clock, "speed", float(self._speed.value.split()[0])))
+        self._speed.on_update(change_speed)
         self._loop.on_update(lambda _: setattr(front.clock, "loop", self._loop.value))
         self._trail.on_update(lambda _: front.ask("trail", lambda: front.scenery.trail(self._trail.value)))
         self._ghost.on_update(lambda _: front.ask("ghost", lambda: front.show_ghost(self._ghost.value)))
@@ -213,7 +218,12 @@ class Panels:
                     return
                 front.clock.playing = False
                 value = time.value
-                front.ask("scrub", lambda: (front.clock.seek(value), front.stand()))
+
+                def go() -> None:
+                    front.clock.seek(value)
+                    front.stand()
+
+                front.ask("scrub", go)
 
             time.on_update(scrub)
             self._draw_curves(force=True)
@@ -297,8 +307,8 @@ class Panels:
                 front.clock.playing = False
                 front.ask("posture", lambda: a.desk.go(postures.value))
             elif len(a.desk.postures) < MOST_POSTURES:
-                kept = [name for name in a.desk.postures if name.startswith("kept")]
-                name = f"kept {len(kept) + 1}"
+                number = 1 + sum(name.startswith("kept") for name in a.desk.postures)
+                name = f"kept {number}"
                 a.desk.keep(name)
                 postures.options = a.desk.postures
                 postures.value = name
