@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 from xdist.scheduler import LoadFileScheduling
 
 # As the command line does: a second thread only waits for the first one, and the processors have work.
@@ -25,6 +26,10 @@ from twin.core.processors import usable
 # A shell without a terminal lets its jobs in the background ignore Ctrl-C, and their programs inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)  # `nohup` lets its programs ignore it
+
+# The time that a draw or an example takes depends on what else the machine does: no test may fail by it.
+settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any machine")
 
 SILS = Path(__file__).parents[1] / "cad/sils/sils.toml"
 
