@@ -192,8 +192,8 @@ def legend(names: Sequence[str], colors: Sequence[str]) -> str:
 
 
 def _number(name: str, value: float, unit: str) -> str:
-    digits = f"{value:.3f}" if unit == "mm" else f"{value:.4f}"
-    digits = digits.replace("-0.000", "0.000")  # a rounding error at zero would change its sign all the time
+    # "z" writes -0.0000 as 0.0000: a rounding error at zero would change its sign all the time
+    digits = f"{value:z.3f}" if unit == "mm" else f"{value:z.4f}"
     return f"<span><span style='{_FAINT}'>{escape(name)}</span> {digits} {unit}</span>"
 
 
@@ -218,7 +218,7 @@ def _bars(limits: Sequence[JointReading]) -> str:
 def _bar(limit: JointReading) -> str:
     """Return the cells of a joint, with its position between its limits; red if one is nearer than 2 % of the range."""
     name = f"<span style='{_FAINT};overflow-wrap:anywhere'>{escape(limit.joint)}</span>"
-    text = f"{limit.value:.3f} {limit.unit}".replace("-0.000 ", "0.000 ")
+    text = f"{limit.value:z.3f} {limit.unit}"
     value = f"<span style='text-align:right;font-variant-numeric:tabular-nums'>{text}</span>"
     part = limit.part
     if part is None:
