@@ -24,9 +24,9 @@ from twin.cli import main
 from twin.core import spatial
 from twin.core.errors import KinematicsError, MechanismError, TwinError
 from twin.core.units import MM
-from twin.model.joint_distance import with_distance
+from twin.model.joint_distance import kinematic_distances, with_distance
 from twin.ui.headset.playback import measured
-from twin.ui.session.desk import Desk
+from twin.ui.session.desk import Desk, MoveResult
 from twin.ui.session.display_meshes import CREASE, behind, creased, looks
 from twin.ui.session.readings import read
 from twin.ui.session.timeline import Clock, Playback, protocols_of
@@ -349,6 +349,30 @@ def test_the_desk_of_a_robot_with_its_trocar_elsewhere():
     assert not desk.edited
     desk.mechanism = replace(desk.mechanism)
     assert desk.edited
+
+
+def test_new_trocars_keep_a_changed_design_and_forget_the_last_request():
+    desk = Desk(twin.load("lapbot"))
+    assert desk.move_tool(desk.assembly.T_base_tool).good
+    distance = kinematic_distances(desk.mechanism)[0]
+    ends = (distance.joint, distance.other)
+    length = distance.distance + 1 * MM
+    desk.redesign(with_distance(desk.mechanism, *ends, length))
+    desk.moved = MoveResult(False, "of the old trocar")
+    robot = desk.robot.bound(desk.robot.protocol("other_port"))
+    desk.bind(robot)
+    assert desk.asked is None
+    assert desk.moved.good
+    assert desk.edited
+    np.testing.assert_allclose(desk.mechanism.trocar_at(), robot.protocol("other_port").trocars[""], atol=1e-12)
+    now = [each.distance for each in kinematic_distances(desk.mechanism) if (each.joint, each.other) == ends]
+    assert now == [pytest.approx(length)]
+
+
+def test_a_coordinate_that_rounds_to_zero_has_no_sign_and_a_small_one_keeps_its_sign():
+    shown = [readout._number("x", value, unit) for value in (-0.0005, -0.00004, -0.0) for unit in ("°", "mm")]
+    texts = [text.rpartition("</span> ")[2].removesuffix("</span>") for text in shown]
+    assert texts == ["-0.0005 °", "-0.001 mm", "0.0000 °", "0.000 mm", "0.0000 °", "0.000 mm"]
 
 
 def test_a_protocol_file_with_the_name_of_another_protocol_is_refused(tmp_path, capsys, monkeypatch):

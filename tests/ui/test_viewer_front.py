@@ -14,7 +14,7 @@ from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.units import MM
 from twin.ui.session.desk import Desk
-from twin.ui.session.timeline import Clock, prepare
+from twin.ui.session.timeline import Clock, Playback, prepare
 from twin.ui.viewer import view_export
 from twin.ui.viewer.front import ShownRobot
 from twin.ui.viewer.page import open_page
@@ -74,6 +74,22 @@ def test_another_robot_is_taken_in_hand(two):
     assert not two.planning, "a list that is shown loads no protocol"
     two.take("hibou")
     assert list(two.panels._protocol.options) == list(twin.load("hibou").files.protocols())
+
+
+def test_trocars_that_a_changed_design_does_not_fit_fail_the_plan_and_not_the_page(two, monkeypatch):
+    a = two._actor("lapbot")
+    playback = object.__new__(Playback)
+    plan = SimpleNamespace(done=True, answer=playback, protocol="other_port", close=lambda: None)
+    two._plans["lapbot"] = plan
+
+    def refused(_: object) -> None:
+        raise TwinError("the loops cannot be closed")
+
+    monkeypatch.setattr(a.desk, "bind", refused)
+    two.step()
+    assert two.panels.why == "the loops cannot be closed"
+    assert a.playback is None
+    assert not two.planning
 
 
 def test_size_and_place_are_of_the_picture_alone(two):

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from twin.api import Robot
-from twin.core.errors import unknown
+from twin.core.errors import TwinError, unknown
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.model.scene import Place
@@ -534,18 +534,25 @@ class Twin:
         playback = answer
         desk = self.desk
 
-        def job() -> StreamedPlayback:
+        def job() -> StreamedPlayback | TwinError:
             protocol = self.robot.protocol(self._protocols[playback.protocol])
             bound = self.robot.bound(protocol)
             if bound is not desk.robot:
-                desk.bind(bound)
+                try:
+                    desk.bind(bound)
+                except TwinError as error:  # a changed design may not fit these trocars
+                    return error
             desk.speak_of(protocol)
             links = desk.model.link_poses(playback.x)
             poses = np.stack([wire.sevens(links[name]) for name in self.links], axis=1)
             self._ghost.follow(playback)
             return StreamedPlayback(playback, poses)
 
-        def done(track: StreamedPlayback) -> None:
+        def done(track: StreamedPlayback | TwinError) -> None:
+            if isinstance(track, TwinError):
+                self._failed = str(track)
+                self._failure(f"{playback.protocol}: {track}")
+                return
             self._track = track
             self.send(path(track))
             self.planned()

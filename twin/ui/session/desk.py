@@ -350,24 +350,30 @@ class Desk:
     # -- changes of the robot -------------------------------------------------------------------------
 
     def bind(self, robot: Robot) -> None:
-        """Replace the robot by the same robot with different trocar positions.
+        """Replace the robot by the same robot with different trocar positions, and move to its first state.
+
+        A design of `redesign` remains, with its trocars moved. The last request is forgotten: it was for the old
+        trocars.
 
         Raises:
             TwinError: the mechanism cannot be assembled with these trocars, or the equations do not accept them;
                 nothing is changed.
         """
         with self.lock:
-            model = robot.reference()
+            if self.mechanism is self.robot.mechanism:
+                model = robot.reference()
+            else:
+                model = ReferenceModel(self.mechanism.with_trocars(robot.trocars))
             kin = self._compiled(robot)
             assembly = _first(robot, model)
             solver = _solver(robot, model)
             # nothing is replaced before all of the new robot exists
             self.robot = robot
-            self.mechanism = robot.mechanism
+            self.mechanism = model.mechanism
             self.model = model
             self.kin = kin
-            self.assembly = assembly
             self.solver = solver
+            self.show(assembly)
 
     def change(self, variants: Mapping[str, str] | None = None, parameters: Mapping[str, float] | None = None) -> None:
         """Change variants or parameters (in SI units) of the equations; earlier changes remain.

@@ -437,18 +437,14 @@ class Front(ViewerPage):
             if not isinstance(planner.answer, Playback):
                 self.panels.failed(a, str(planner.answer))
                 continue
+            if a.desk.robot.files is not None:
+                try:
+                    self._bind(a, planner.protocol)
+                except TwinError as error:
+                    self.panels.failed(a, str(error))
+                    continue
             a.playback = planner.answer
             a.protocol = planner.protocol
-            if a.desk.robot.files is not None:
-                protocol = a.desk.robot.protocol(a.protocol)
-                bound = a.desk.robot.bound(protocol)
-                if bound is not a.desk.robot:
-                    q = a.desk.assembly.q
-                    a.desk.bind(bound)
-                    if a.name in self._staying:
-                        a.desk.move_joints(q)
-                        a.desk.let_go()
-                a.desk.speak_of(protocol)
             self.clock.duration = self._longest_motion()
             self.panels.ready(a)
             self.scenery.protocol_changed()
@@ -458,6 +454,22 @@ class Front(ViewerPage):
             else:
                 self.stand()
             self._stale = True
+
+    def _bind(self, a: ShownRobot, name: str | None) -> None:
+        """Move the trocars of a robot to the places of a protocol, and use the protocol's tip and shaft.
+
+        Raises:
+            TwinError: the mechanism, which may have a changed design, cannot be assembled with these trocars.
+        """
+        protocol = a.desk.robot.protocol(name)
+        bound = a.desk.robot.bound(protocol)
+        if bound is not a.desk.robot:
+            q = a.desk.assembly.q
+            a.desk.bind(bound)
+            if a.name in self._staying:
+                a.desk.move_joints(q)
+                a.desk.let_go()
+        a.desk.speak_of(protocol)
 
     def _longest_motion(self) -> float:
         """Return the duration in s of the longest motion of the scene."""
