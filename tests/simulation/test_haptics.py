@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from itertools import pairwise
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -20,7 +21,9 @@ from twin.formula.evaluator import attach
 from twin.simulation import proxy
 from twin.simulation.condition import randomised
 from twin.simulation.controllers import passive
+from twin.simulation.controllers.grasp_pulse import GraspPulse
 from twin.simulation.controllers.hand_force import ForceParameters
+from twin.simulation.controllers.haptics import HapticHand
 from twin.simulation.controllers.passive import needed_damping, require_passive
 from twin.simulation.local_plane import COUNT, WIDTH, LocalPlane, rows
 
@@ -407,3 +410,28 @@ def test_each_participant_has_one_run_with_forces_and_half_begin_with_them():
     for wrong in ((0, 1), (3, 3)):
         with pytest.raises(TwinError, match=r"give a number|there is no run 3"):
             randomised(*wrong)
+
+
+# -- the pulse of a grasp ---------------------------------------------------------------------------------------------
+
+
+def test_taps_that_leave_a_holding_arm_and_return_to_it_give_no_second_pulse():
+    holder = np.array([-1.0])
+    hand = object.__new__(HapticHand)  # without the law of the forces, which takes seconds to compile
+    hand._arms = [SimpleNamespace(index=0), SimpleNamespace(index=1), SimpleNamespace(index=-1)]
+    hand._grasps = [GraspPulse() for _ in hand._arms]
+    hand._holders = [holder]
+
+    def pulses(arm, begin, end):
+        return sum(hand._pulses(arm, t) for t in np.arange(round(begin / DT), round(end / DT)) * DT)
+
+    assert pulses(0, 0.0, 0.5) == 0
+    holder[0] = 0
+    assert pulses(0, 0.5, 0.6) == 3
+    assert pulses(1, 0.6, 1.0) == 0
+    assert pulses(0, 1.0, 1.2) == 0, "the arm has held the object all the time"
+    assert pulses(2, 1.2, 1.6) == 0
+    holder[0] = -1
+    assert pulses(1, 1.6, 2.0) == 0
+    holder[0] = 0
+    assert pulses(0, 2.0, 2.1) == 3, "the object was lost while another arm was controlled"

@@ -16,6 +16,7 @@ from twin.core.spatial import Array
 from twin.formula.evaluator import attach
 from twin.kinematics import Kinematics
 from twin.simulation.controllers.console_equations import console
+from twin.simulation.controllers.grasp_pulse import PULSE, GraspPulse
 from twin.simulation.controllers.hand_force import ENERGY, FORCE, LAST, STATE, ForceParameters, hand_force
 from twin.simulation.controllers.passive import require_passive
 from twin.simulation.limits import JointLimits
@@ -33,16 +34,6 @@ from twin.simulation.world.signal_kinds import (
     ROBOT_ENCODER,
     ROBOT_FOLLOWS,
 )
-
-PULSE = 1.0
-"""Force in N along +x of {H} of the pulse when the jaws grasp an object, as printed in the paper."""
-
-PULSE_TIME = 3e-3
-"""Duration of this pulse in s, as printed in the paper."""
-
-_AGAIN = 0.25
-"""Shortest time in s between the end of a grasp and the pulse of the next one; ASSUMED, so that a slipping grip
-does not cause several pulses."""
 
 
 @dataclass(frozen=True)
@@ -131,9 +122,7 @@ class HapticHand(Block):
         self._pulse = np.zeros(3)
         self._tools = [np.zeros(16) for _ in arms]  # T_world_tool of each arm
         self._seen = [b""] * len(arms)  # joint values of `_tools`
-        self._was_holding = False  # in the last tick
-        self._ended = -np.inf  # end of the last grasp in s
-        self._until = -np.inf  # end of the last pulse in s
+        self._grasps = [GraspPulse() for _ in arms]
         self._force = HAND_FORCE.of(hand)
         self._energy = HAND_ENERGY.of(hand)
         self.outputs = {self._force: np.zeros(3), self._energy: 0.0}
@@ -175,7 +164,7 @@ class HapticHand(Block):
             seed = tool.reshape(4, 4).copy() if tool.any() else None
             T_base_tool = arm.kin.forward(q, seed)
             tool[...] = (arm.T_world_base @ T_base_tool).ravel()
-        self._pulse[0] = PULSE * self._pulses(arm, t)
+        self._pulse[0] = PULSE * self._pulses(i, t)
         new_state, compute = self._calls[i]
         compute()
         self._state[...] = new_state
@@ -183,14 +172,15 @@ class HapticHand(Block):
         force[...] = new_state[FORCE]
         energy[0] = new_state[ENERGY]
 
-    def _pulses(self, arm: FeltArm, t: float) -> bool:
-        """Return whether the pulse of a grasp acts in this tick."""
-        if arm.index >= 0 and self._holders:
-            holds = any(holder.item() == arm.index for holder in self._holders)
-            begins = holds and not self._was_holding
-            if begins and t - self._ended > _AGAIN:
-                self._until = t + PULSE_TIME - 1e-9
-            if self._was_holding and not holds:
-                self._ended = t
-            self._was_holding = holds
-        return t < self._until
+    def _pulses(self, controlled: int, t: float) -> bool:
+        """Return whether the pulse of a grasp of the controlled arm acts in this tick.
+
+        The other arms are followed as well: taps that leave an arm with an object and return to it are no new grasp.
+        """
+        acts = False
+        for k, (arm, grasp) in enumerate(zip(self._arms, self._grasps, strict=True)):
+            holds = arm.index >= 0 and any(holder.item() == arm.index for holder in self._holders)
+            is_pulsing = grasp.acts(holds, t)
+            if k == controlled:
+                acts = is_pulsing
+        return acts
