@@ -193,6 +193,30 @@ def test_a_finding_that_occurs_once_more_is_new_also_if_its_numbers_differ(tmp_p
     assert difference(tmp_path, result([near]), result([other])).appeared == (other,), "the digit is part of a name"
 
 
+def test_a_finding_with_other_words_is_new(tmp_path):
+    near = WRONG | {"message": "point s1 differs by 3 mm (tolerance 1 µm)"}
+    smaller = WRONG | {"message": "point s1 differs by 45.2 µm (tolerance 1 µm)"}
+    exact = WRONG | {"message": "point s1 differs by 4.1×10⁻⁵ µm (tolerance 1 µm)"}
+    other = WRONG | {"message": "point s1 has no value"}
+    for moved in (smaller, exact):
+        same = difference(tmp_path, result([near]), result([moved]))
+        assert (same.appeared, same.gone) == ((), ())
+    changed = difference(tmp_path, result([near]), result([other]))
+    assert (changed.appeared, changed.gone) == ((other,), (near,))
+
+
+def test_deviations_on_both_sides_of_rounding_are_one_and_json_tells_the_missing_from_the_infinite(tmp_path):
+    below = result(residuals=[("s1", 0.99e-11), ("s2", 0.0), ("s3", 0.0)])
+    above = result(residuals=[("s1", 1.01e-11), ("s2", 0.125)]).replace("0.125", "NaN")
+    said = difference(tmp_path, below, above)
+    rows = said.as_dict()["residuals"]
+    assert sorted((row["name"].split()[-2], row["in_first"], row["in_second"]) for row in rows) == [
+        ("s2", True, True),
+        ("s3", True, False),
+    ]
+    assert said.as_dict()["protocols"] == ["", ""]
+
+
 @pytest.mark.parametrize("lost", ["NaN", "null", "Infinity", "1" + 400 * "0"])
 def test_a_residual_that_is_no_longer_finite_is_worse(lost, tmp_path):
     for before in (1e-10, 1e-3):

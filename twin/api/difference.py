@@ -9,11 +9,12 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, NamedTuple, get_args
 
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, Verdict, disagreement, warning
 from twin.core.foreign.text import load_json
+from twin.core.format import EXACT
 from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.result import Line, Part, Result, TextTable
 
@@ -21,7 +22,7 @@ _FACTOR = 1.5
 """Ratio of two residuals above which they count as different: smaller changes are rounding or another machine."""
 
 _NOTHING = 0.01
-"""Fraction of its tolerance below which a deviation counts as 0."""
+"""Fraction of its tolerance up to which deviations count as equal: they are rounding, in which two runs differ."""
 
 _ROWS = 20
 """Largest number of changed residuals that are shown."""
@@ -62,6 +63,8 @@ class ResultDifference(Result):
         appeared, gone: findings that only the second result has, or only the first.
         residuals: rows of the residual matrix that differ by more than a factor `_FACTOR`, largest ratio first.
         protocols: names of the protocols of both results; "" if a result has none.
+
+    JSON writes a deviation that is missing and one that is not finite as null; `in_first` and `in_second` say which.
     """
 
     files: tuple[str, str]
@@ -98,10 +101,13 @@ class ResultDifference(Result):
 
     def content(self) -> JsonMapping:
         """Return files, verdicts and differences as plain data."""
-        rows: list[JsonObject] = [dict(vars(row)) for row in self.residuals]
+        rows: list[JsonObject] = []
+        for row in self.residuals:
+            rows.append({**vars(row), "in_first": row.before is not None, "in_second": row.after is not None})
         return {
             "files": list(self.files),
             "verdicts": list(self.verdicts),
+            "protocols": list(self.protocols),
             "appeared": [dict(finding) for finding in self.appeared],
             "gone": [dict(finding) for finding in self.gone],
             "residuals": rows,
@@ -254,7 +260,7 @@ def _unmatched(
     """Return the findings that only the first list has, and those that only the second has.
 
     Each finding has at most one partner, so that a finding that occurs twice instead of once is found. Findings with
-    the same words are partners first, then those that differ in numbers only.
+    the same words are partners first, then those that differ only in numbers and in the prefixes of their units.
     """
     for identity in (_words, _words_without_numbers):
         rest_of_first = _rest(first, second, identity)
@@ -280,14 +286,23 @@ _NUMBER = re.compile(r"(?<![\w.])[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")
 """A number that stands alone: t = 1.23 s has one, the names s1 and bar1:r12-s1 have none."""
 
 
+_POWER = "[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+"
+
+_VALUE = re.compile(
+    rf"(?:< )?(?<![\w.])[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?(?:×10{_POWER}|{_POWER})?(?: ?(?:[pnµ]m|mm|m|°|deg)(?!\w))?"
+    rf"|\b{EXACT}\b"
+)
+"""A value in a message, with its unit if that is a length or an angle: its prefix depends on the size."""
+
+
 def _words(finding: JsonMapping) -> tuple[str, ...]:
     return tuple(str(finding.get(name, "")) for name in ("code", "severity", "where", "when", "message"))
 
 
 def _words_without_numbers(finding: JsonMapping) -> tuple[str, ...]:
-    """Return what identifies a finding: its place and time may move a little."""
-    code, severity, where, when, _ = _words(finding)
-    return code, severity, _NUMBER.sub("#", where), _NUMBER.sub("#", when)
+    """Return what identifies a finding whose place, time and size may change a little."""
+    code, severity, where, when, message = _words(finding)
+    return code, severity, _NUMBER.sub("#", where), _NUMBER.sub("#", when), _VALUE.sub("#", message)
 
 
 def _changed(before: object, after: object) -> tuple[ChangedResidual, ...]:
@@ -296,24 +311,37 @@ def _changed(before: object, after: object) -> tuple[ChangedResidual, ...]:
     second = _rows(after)
     changed: list[tuple[float, ChangedResidual]] = []
     for name in dict.fromkeys((*first, *second)):
-        a, unit = first.get(name, (None, ""))
-        b, other_unit = second.get(name, (None, ""))
+        a = first.get(name)
+        b = second.get(name)
         ratio = _ratio(a, b)
         if ratio > _FACTOR:
-            changed.append((ratio, ChangedResidual(name, a, b, unit or other_unit)))
+            unit = next(row.unit for row in (a, b) if row is not None)
+            before = None if a is None else a.value
+            after = None if b is None else b.value
+            changed.append((ratio, ChangedResidual(name, before, after, unit)))
     changed.sort(key=lambda pair: -pair[0])
     return tuple(row for _, row in changed)
 
 
-def _ratio(a: float | None, b: float | None) -> float:
+class _JudgedDeviation(NamedTuple):
+    """The largest deviation of a row, NaN if it is not finite; below `rounding` it counts as `rounding`."""
+
+    value: float
+    rounding: float
+    unit: str
+
+
+def _ratio(a: _JudgedDeviation | None, b: _JudgedDeviation | None) -> float:
     """Return the larger of two deviations divided by the smaller; infinity if only one is there, or only one finite."""
     if a is None or b is None:
         return math.inf
-    if math.isnan(a) and math.isnan(b):
+    if math.isnan(a.value) and math.isnan(b.value):
         return 1.0
-    if math.isnan(a) or math.isnan(b):
+    if math.isnan(a.value) or math.isnan(b.value):
         return math.inf
-    smaller, larger = sorted((a, b))
+    # of two tolerances the larger one: what it lets pass as rounding is no change
+    rounding = max(a.rounding, b.rounding)
+    smaller, larger = sorted((max(a.value, rounding), max(b.value, rounding)))
     if larger == smaller:
         return 1.0
     if smaller <= 0:
@@ -321,25 +349,23 @@ def _ratio(a: float | None, b: float | None) -> float:
     return larger / smaller
 
 
-def _rows(residuals: object) -> dict[str, tuple[float, str]]:
-    """Return {name of a row: (largest deviation, unit)} of the residuals of a report that are judged.
+def _rows(residuals: object) -> dict[str, _JudgedDeviation]:
+    """Return {name of a row: deviation} of the residuals of a report that are judged.
 
-    The deviation is NaN if it is not finite. Of rows with the same name the largest deviation is returned.
+    Of rows with the same name the largest deviation is returned.
     """
-    rows: dict[str, tuple[float, str]] = {}
+    rows: dict[str, _JudgedDeviation] = {}
     if not isinstance(residuals, Sequence) or not _are_objects(residuals):
         return rows
     for row in residuals:
         if row.get("tolerance") is None:  # measured, but not judged
             continue
         tolerance = _number(row["tolerance"])
+        rounding = 0.0 if math.isnan(tolerance) else _NOTHING * tolerance
         value = _number(row.get("worst"))
-        # rounding far below the tolerance is the same: two runs differ in it
-        if value < _NOTHING * tolerance:
-            value = 0.0
         name = f"{row.get('pair', '')} {row.get('quantity', '')} {row.get('name', '')} [{row.get('unit', '')}]"
-        if name not in rows or _is_worse(value, rows[name][0]):
-            rows[name] = (value, str(row.get("unit", "")))
+        if name not in rows or _is_worse(value, rows[name].value):
+            rows[name] = _JudgedDeviation(value, rounding, str(row.get("unit", "")))
     return rows
 
 
