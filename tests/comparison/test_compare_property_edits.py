@@ -80,3 +80,40 @@ def test_limits_without_a_common_range_are_named_with_their_lines(tmp_path: Path
     second = welded(tmp_path / "second.urdf", limit=LIMIT.replace("-1", "2").replace('"1" eff', '"3" eff'))
     with pytest.raises(TwinError, match=r"first\.urdf:6\) .* in second\.urdf \(\S*second\.urdf:6\)"):
         twin.compare(first, second)
+
+
+def test_texts_of_a_row_differ(tmp_path: Path) -> None:
+    """A tensor turned by 90 degrees, limits that differ in the fifth digit, and a coupling with an offset."""
+    tensor = '<inertia ixx="0.01" iyy="0.01" izz="{moment}"'
+    turned = WELDED.replace(tensor, '<inertia ixx="0.01" iyy="{moment}" izz="0.01"')
+    mimic = """<link name="slider"/><joint name="follows" type="prismatic"><parent link="base"/><child link="slider"/>
+<axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/>
+<mimic joint="shoulder" multiplier="0.01" offset="OFFSET"/></joint></robot>"""
+    given = {"arm": 2.0, "plate": 1.0, "moment": 0.004, "kind": "revolute"}
+    files = []
+    for name, text, offset, upper in (("first", WELDED, "0", "3.1415"), ("second", turned, "0.5", "3.1417")):
+        file = tmp_path / f"{name}.urdf"
+        limit = LIMIT.replace('upper="1"', f'upper="{upper}"')
+        ending = mimic.replace("OFFSET", offset)
+        file.write_text(text.format(**given, limit=limit).replace("</robot>", ending), encoding="utf-8")
+        files.append(file)
+    # without the plate, both tensors have the same moments
+    for file in files:
+        file.write_text(
+            file.read_text()
+            .replace('type="fixed"', 'type="revolute"')
+            .replace(
+                '<child link="plate"/>',
+                '<child link="plate"/><axis xyz="0 0 1"/><limit lower="0" upper="1" effort="1" velocity="1"/>',
+            )
+        )
+    rows = rows_of(*files)
+    assert (rows["inertias"].first, rows["inertias"].second) == (
+        "ixx 0.01, iyy 0.01, izz 0.004, ixy 0, ixz 0, iyz 0 kg m2 in the base",
+        "ixx 0.01, iyy 0.004, izz 0.01, ixy 0, ixz 0, iyz 0 kg m2 in the base",
+    )
+    assert (rows["limits"].first, rows["limits"].second) == ("-57.2958° .. 179.995°", "-57.2958° .. 180.006°")
+    assert (rows["couplings"].first, rows["couplings"].second) == (
+        "0.01 m/rad × shoulder",
+        "0.01 m/rad × shoulder + 500 mm",
+    )

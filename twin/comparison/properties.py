@@ -14,6 +14,7 @@ from twin.comparison.evidence import CENTRE, LIMIT, RELATIVE
 from twin.comparison.fit import FitSolution, Problem, values_of
 from twin.comparison.items import NumberEdit
 from twin.comparison.side import ONE_COORDINATE, UNLIMITED, Axis, RobotSide
+from twin.core import format
 from twin.core.json_types import JsonObject
 from twin.core.quantity import moved
 from twin.core.spatial import Array
@@ -23,6 +24,9 @@ KINDS: tuple[str, ...] = ("limits", "speeds", "efforts", "masses", "centres of m
 
 OF_BODIES = ("masses", "centres of mass", "inertias")
 """Kinds of properties of the bodies on a joint; the others are of the joint."""
+
+_DIGITS = (4, 6, 9)
+"""Numbers of significant digits with which two texts are tried until they differ."""
 
 _WITHOUT_EFFECT = 1e-9
 """Ratio of a coupling below which a joint does not move the follower."""
@@ -111,7 +115,12 @@ class _PropertyComparison:
         """Compare the limits of a joint with one coordinate, those of the first side as values of the second."""
         axis = self.problem.second.axes[i]
         mapped = mapped_limits(self.problem, self.solution, i)
-        texts = (_interval(mapped, axis.is_angle), _interval(axis.limits, axis.is_angle))
+        texts = _told_apart(
+            lambda digits: (
+                _interval(mapped, axis.is_angle, digits),
+                _interval(axis.limits, axis.is_angle, digits),
+            )
+        )
         if mapped is None or axis.limits is None:
             # a file that states no limits, and one that states that there are none, say the same
             if (mapped or UNLIMITED) != (axis.limits or UNLIMITED):
@@ -201,6 +210,8 @@ class _PropertyComparison:
         size = max(float(np.linalg.norm(first.I_com)), float(np.linalg.norm(second.I_com)))
         if np.linalg.norm(first.I_com - second.I_com) > RELATIVE * size:
             texts = (_moments(first.I_com), _moments(second.I_com))
+            if texts[0] == texts[1]:  # the same moments about other axes
+                texts = _told_apart(lambda digits: (_tensor(first.I_com, digits), _tensor(second.I_com, digits)))
             self.rows.append(PropertyRow("inertias", where, *texts, True, group))
 
     def _couplings(self) -> None:
@@ -214,7 +225,12 @@ class _PropertyComparison:
             self.compared["couplings"] += 1
             if first is not None and second is not None and _is_same_motion(first, second):
                 continue
-            texts = (_coupling(self.problem, first), _coupling(self.problem, second))
+            texts = _told_apart(
+                lambda digits, i=i, first=first, second=second: (
+                    _coupling(self.problem, i, first, digits),
+                    _coupling(self.problem, i, second, digits),
+                )
+            )
             self.rows.append(PropertyRow("couplings", self.problem.second.axes[i].name, *texts, True, i))
 
 
@@ -366,12 +382,30 @@ def _is_same_motion(first: Follower, second: Follower) -> bool:
 # -- texts --------------------------------------------------------------------------------------------
 
 
-def _interval(limits: tuple[float, float] | None, is_angle: bool) -> str:
+def _told_apart(texts_with: Callable[[int], tuple[str, str]]) -> tuple[str, str]:
+    """Return the texts of two values with as few significant digits as make them differ: four, or more."""
+    texts = texts_with(_DIGITS[0])
+    for digits in _DIGITS:
+        texts = texts_with(digits)
+        if texts[0] != texts[1]:
+            break
+    return texts
+
+
+def _position(value: float, is_angle: bool, digits: int) -> str:
+    """Return a value in m or rad as text in mm or degrees."""
+    size = moved(value, is_angle)
+    if digits == _DIGITS[0]:
+        return str(size)
+    return format.shown(size.value, size.unit, digits)
+
+
+def _interval(limits: tuple[float, float] | None, is_angle: bool, digits: int = 4) -> str:
     if limits is None:
         return "-"
     if limits == UNLIMITED:
         return "no limits"
-    return f"{moved(limits[0], is_angle)} .. {moved(limits[1], is_angle)}"
+    return f"{_position(limits[0], is_angle, digits)} .. {_position(limits[1], is_angle, digits)}"
 
 
 def _part_texts(axis: Axis, side: RobotSide) -> dict[str, list[str]]:
@@ -410,13 +444,26 @@ def _moments(tensor: Array) -> str:
     return f"moments {', '.join(values)} kg m2"
 
 
-def _coupling(problem: Problem, follower: Follower | None) -> str:
-    """Return how a joint follows others as a sum, with the names of the second side."""
+def _tensor(tensor: Array, digits: int) -> str:
+    """Return the entries of an inertia tensor as text, in the base of the second side."""
+    entries = []
+    for row, column in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)):
+        entries.append(f"i{'xyz'[row]}{'xyz'[column]} {tensor[row, column]:.{digits}g}")
+    return f"{', '.join(entries)} kg m2 in the base"
+
+
+def _coupling(problem: Problem, i: int, follower: Follower | None, digits: int) -> str:
+    """Return how joint i follows others as a sum, with the names of the second side."""
     if follower is None:
         return "moves freely"
     parts = []
+    is_angle = problem.second.axes[i].is_angle
     for k in np.flatnonzero(np.abs(follower.ratios) > _WITHOUT_EFFECT):
-        parts.append(f"{follower.ratios[k]:g} × {problem.second.axes[k].name}")
+        leader = problem.second.axes[k]
+        unit = ""
+        if leader.is_angle != is_angle:
+            unit = " rad/m" if is_angle else " m/rad"
+        parts.append(f"{follower.ratios[k]:g}{unit} × {leader.name}")
     if abs(follower.offset) > LIMIT or not parts:
-        parts.append(f"{follower.offset:g}")
+        parts.append(_position(follower.offset, is_angle, digits))
     return " + ".join(parts)
