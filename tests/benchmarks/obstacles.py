@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import twin
-from twin.api.standing import standing
+from twin.api.scene_obstacles import obstacles_in_base
 from twin.planning.fmt import FmtSearch
 from twin.planning.obstacle_avoidance import shortcuts
 from twin.reference.following import Follower
@@ -31,7 +31,9 @@ def problem(clearance=CLEARANCE):
     """Return (space, start, goal, box) of phase `out` of the protocol dome; `clearance`: required distance in m."""
     robot = twin.load("raven_left")
     protocol, follower = robot.protocol(ROOT / "trajectories/raven_left/around/dome.toml"), Follower(robot.reference)
-    space = JointSpace(lambda: follower.model, clearance, around=lambda: standing("dome", "raven_left", twin.load))
+    space = JointSpace(
+        lambda: follower.model, clearance, around=lambda: obstacles_in_base("dome", "raven_left", twin.load)
+    )
     home = follower.model.home()
     ends = []
     for name in ("below", "above"):

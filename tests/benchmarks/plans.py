@@ -28,7 +28,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 import twin
-from twin.api.standing import standing
+from twin.api.scene_obstacles import obstacles_in_base
 from twin.cad.build import read_props
 from twin.core import assets, spatial
 from twin.core.errors import TwinError
@@ -180,7 +180,7 @@ class Problem:
         self.name, self.mechanism = name, self.robot.mechanism
         self.model = ReferenceModel(self.mechanism)
         self.room, self.touching = obstacles(self.scene, name) if self.scene else ([], set())
-        stills = standing(self.scene, name, twin.load) if self.scene else []
+        stills = obstacles_in_base(self.scene, name, twin.load) if self.scene else []
         self.space = JointSpace(lambda: self.model, CLEARANCE, around=lambda: stills)
         self.judge = Judge(self.mechanism, self.room, self.touching)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import twin
-from twin.api.standing import standing
+from twin.api.scene_obstacles import obstacles_in_base
 from twin.core.errors import ProtocolError, TwinError
 from twin.planning.protocol import Auxiliary, Free, Home, Insertion, Joints, Positioning, Samples, Waypoint, avoiding
 
@@ -45,14 +45,14 @@ def test_impossible_numbers_are_refused(clearance, seed, words):
 @pytest.mark.parametrize("name", ["psm1", "davinci_psm"])
 def test_the_other_arms_of_a_scene_are_obstacles(name):
     """A robot is found by its name in the scene or by its kind; the other arms have names of their own there."""
-    bodies = {still.name for still in standing("davinci", name, twin.load)}
+    bodies = {still.name for still in obstacles_in_base("davinci", name, twin.load)}
     assert {"psm2/base", "ecm/base"} <= bodies
     assert not any(b.startswith("psm1/") for b in bodies)
 
 
 def test_a_robot_that_is_not_in_the_scene_is_named():
     with pytest.raises(TwinError, match=r"has no robot 'sher'; it has: .*psm1"):
-        standing("davinci", "sher", twin.load)
+        obstacles_in_base("davinci", "sher", twin.load)
 
 
 @pytest.mark.parametrize(

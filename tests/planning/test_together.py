@@ -17,7 +17,7 @@ from made import protocols
 from made.arm import CLEARANCE, LINK, SIZE, arm, space_of
 from made.mechanisms import four_bar
 from twin import api
-from twin.api.standing import place_of
+from twin.api.scene_loading import place_of
 from twin.api.together import _Arm
 from twin.cad.build import inputs
 from twin.cli import main

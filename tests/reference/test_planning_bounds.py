@@ -12,7 +12,7 @@ import twin
 from made.arm import DENSE, arm, clearances, coarse_grids, post, space_of
 from made.lanes import contrasting, designs
 from made.mechanisms import box
-from twin.api.standing import standing
+from twin.api.scene_obstacles import obstacles_in_base
 from twin.core import spatial
 from twin.core.units import MM
 from twin.model.body import Body, Frame, Mesh
@@ -253,7 +253,7 @@ def test_a_straight_path_past_a_post_has_an_exact_certificate():
 @pytest.mark.slow
 def test_the_way_out_of_the_dome_is_free_by_exact_geometry():
     robot = twin.load("raven_left")
-    follower, stills = Follower(robot.reference), standing("dome", "raven_left", twin.load)
+    follower, stills = Follower(robot.reference), obstacles_in_base("dome", "raven_left", twin.load)
     space = JointSpace(lambda: follower.model, 2 * MM, around=lambda: stills)
     protocol = robot.protocol(Path(__file__).parents[2] / "trajectories/raven_left/around/dome.toml")
     names, home = [j.name for j in follower.model.mechanism.active], follower.model.home().q

@@ -18,8 +18,8 @@ import twin
 from benchmarks.guiding import judge
 from made.scene_text import refused
 from twin.api.act import members_of, props_of, robots_at
+from twin.api.scene_obstacles import obstacles_in_base
 from twin.api.session import FILE, operate_console, replay_session
-from twin.api.standing import standing
 from twin.cli import main
 from twin.core import spatial
 from twin.core.errors import ProtocolError, TwinError, WorldError
@@ -129,7 +129,7 @@ def test_ways_go_around_what_planning_goes_around(scene, setup):
     place = next(p for p in scene.places if p.name == "ecm")
     links = ReferenceModel(mechanisms["ecm"]).solve(q["ecm"]).link_poses
     poses = {"ecm": {body: place.T_world_base @ T for body, T in links.items()}}
-    wanted = standing("raven_dome", "raven_left", twin.load, poses)
+    wanted = obstacles_in_base("raven_dome", "raven_left", twin.load, poses)
     ways = Ways(setup)
     found = ways.obstacles("raven_left", q, {ring.name: ring.T_world_object})
     assert [s.name for s in found] == [*(s.name for s in wanted), ring.name]

@@ -11,7 +11,7 @@ import pytest
 from made import headset_page as headset
 from made.console_page import PAD, console
 from made.dome_console import ABOVE, dome_console
-from twin.api.standing import standing
+from twin.api.scene_obstacles import obstacles_in_base
 from twin.cli.scene import load
 from twin.core.units import DEG, MM
 from twin.reference import ReferenceModel
@@ -126,7 +126,7 @@ def clear(scene, passed):
     import twin
 
     arm = twin.load("raven_left").mechanism
-    model, stills = ReferenceModel(arm), standing(str(scene.file), "raven_left", twin.load)
+    model, stills = ReferenceModel(arm), obstacles_in_base(str(scene.file), "raven_left", twin.load)
     props = [(Shape(s.name, s.name, s.body.meshes), s.T_base_body) for s in stills if s.name.startswith("props/")]
     links = [Shape(b.name, b.name, b.meshes) for b in arm.bodies if b.meshes and b.name != arm.base]
     least = np.inf

@@ -52,7 +52,7 @@ if TYPE_CHECKING:
         load as load,
         names as names,
     )
-    from twin.api.standing import load_scene as load_scene
+    from twin.api.scene_loading import load_scene as load_scene
     from twin.api.together import plan_together as plan_together
 
 _HOMES = {
@@ -67,7 +67,7 @@ _HOMES = {
     "proof": ("prove",),
     "published": ("console", "equations_of_motion", "masses", "study"),
     "robot": ("STAGE_SUFFIXES", "Progress", "Robot", "load", "names"),
-    "standing": ("load_scene",),
+    "scene_loading": ("load_scene",),
     "together": ("plan_together",),
 }
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from twin.api.judge import plan
 from twin.api.robot import Progress, Robot, load, loaded, silent
-from twin.api.standing import loaded_scene
+from twin.api.scene_loading import as_scene
 from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ def world(scene: Scene | str | Path, dt: float = 1e-3, progress: Progress = sile
     from twin.simulation.plants.tissue import Tissues
     from twin.simulation.plants.tissue.organs import PERIOD
 
-    scene = loaded_scene(scene)
+    scene = as_scene(scene)
     actors = _actors(scene, progress, at_ports=False)
     organs = None
     anatomy = anatomy_of(scene)
@@ -124,7 +124,7 @@ def play(scene: Scene | str | Path, progress: Progress = silent) -> Played:
     """
     from twin.simulation import scene_play
 
-    scene = loaded_scene(scene)
+    scene = as_scene(scene)
     actors = _actors(scene, lambda label, f: progress(label, f / 2))
     return scene_play.play(scene, actors, props_of(scene), lambda label, f: progress(label, 0.5 + f / 2))
 

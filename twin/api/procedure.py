@@ -11,7 +11,7 @@ import numpy as np
 
 from twin.api.act import anatomy_of, members_of, props_of, robots_at
 from twin.api.robot import Progress, silent
-from twin.api.standing import load_scene, loaded_scene
+from twin.api.scene_loading import as_scene, load_scene
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, by_severity, disagreement, warning
@@ -238,7 +238,7 @@ def operate_procedure(
         >>> session.verdict
         'agree'
     """
-    scene = loaded_scene(scene)
+    scene = as_scene(scene)
     chosen = task_of(scene, task)
     operating_scene.procedure_of(scene, chosen)
     progress("read CAD", 0.0)

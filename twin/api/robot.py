@@ -696,8 +696,8 @@ class Robot:
             around = None
             if scene:
                 # by name: only a path around other robots reads a scene
-                standing = import_module("twin.api.standing").standing
-                around = partial(standing, scene, self.name, load)
+                obstacles_in_base = import_module("twin.api.scene_obstacles").obstacles_in_base
+                around = partial(obstacles_in_base, scene, self.name, load)
             return JointSpace(lambda: follower.model, clearance, around=around)
 
         def space(scene: str, clearance: float, keep: Keep) -> JointSpace:

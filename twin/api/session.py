@@ -11,7 +11,7 @@ from twin.api.act import members_of, props_of, robots_at
 from twin.api.console_session import ConsoleSession
 from twin.api.machine import Machines, machine_parts
 from twin.api.robot import Progress, Robot, silent
-from twin.api.standing import load_scene, loaded_scene
+from twin.api.scene_loading import as_scene, load_scene
 from twin.core import assets
 from twin.core.atomic import Scratch
 from twin.core.errors import AssemblyError, TwinError
@@ -61,7 +61,7 @@ def operate_console(
     """
     from twin.simulation.session import run
 
-    scene = loaded_scene(scene)
+    scene = as_scene(scene)
     console_scene.console_of(scene)
     chosen = run.task_of(scene, task)
     _require_console(chosen)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin.api.robot import Progress, Robot, load, silent
-from twin.api.standing import load_scene, obstacles, place_of
+from twin.api.scene_loading import load_scene, place_of
+from twin.api.scene_obstacles import obstacles_in_world
 from twin.core import spatial
 from twin.core.errors import CancelledError, ProtocolError, TwinError
 from twin.core.spatial import Array
@@ -226,7 +227,7 @@ class _Plan:
         return JointSpace(
             lambda: ReferenceModel(joined(parts)),
             self.clearance,
-            around=lambda: obstacles(self.read, names, self.load),
+            around=lambda: obstacles_in_world(self.read, names, self.load),
             arms=self.owners,
         )
 

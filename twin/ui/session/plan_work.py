@@ -310,7 +310,7 @@ def _make(room: Room) -> _Arm:
     Raises:
         TwinError: there is no such scene or robot, or a file is malformed.
     """
-    from twin.api.standing import standing
+    from twin.api.scene_obstacles import obstacles_in_base
     from twin.kinematics.closed_loops.placing import LinkPoses
     from twin.reference import ReferenceModel
     from twin.reference.space import JointSpace
@@ -323,7 +323,7 @@ def _make(room: Room) -> _Arm:
     space = JointSpace(
         lambda: ReferenceModel(robot.mechanism),
         max(scene.clearance, _CLEARANCE),
-        around=lambda: standing(room.scene, room.robot, _load, room.poses),
+        around=lambda: obstacles_in_base(room.scene, room.robot, _load, room.poses),
     )
     active = robot.mechanism.active
     speed = np.zeros(len(active))

@@ -1,0 +1,66 @@
+"""Load the obstacles around robots of a scene: the bodies of its props and of its other robots."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from twin.api.scene_loading import load_scene, place_of
+from twin.core import spatial
+from twin.core.spatial import Array
+
+if TYPE_CHECKING:
+    from twin.model.scene import Scene
+    from twin.reference.pairs import Still
+
+
+def obstacles_in_base(
+    scene: str, robot: str, load: Callable[[str], Any], poses: Mapping[str, Mapping[str, Array]] | None = None
+) -> list[Still]:
+    """Return the bodies of the props and of the other robots of a scene, with poses in one robot's base frame.
+
+    `scene` is the name of a built-in scene, or the path of a scene.toml or of its folder. `load` returns the robot of a
+    given name. `robot` is the name of a robot in the scene, or of a built-in robot; in the second case, the first robot
+    of that kind in the scene is used. `poses` is {name of a place: {body: T_world_body (4, 4)}} of other robots; a
+    robot without poses is in its rest pose.
+
+    Raises:
+        TwinError: there is no such scene, or the robot is not in it.
+    """
+    loaded = load_scene(scene)
+    own = place_of(loaded, robot)
+    return _load_obstacles(loaded, {own.name: ""}, own.T_world_base, load, poses or {})
+
+
+def obstacles_in_world(scene: Scene, names: Sequence[str], load: Callable[[str], Any]) -> list[Still]:
+    """Return the bodies of the props and of the other robots of a scene, with poses in the world frame.
+
+    `names` are the names of the planned robots, which are not obstacles. In the result, `Still.touches` lists the
+    bodies of planned robots that may touch the obstacle, named as in `twin.model.joined`. `load` returns the robot of a
+    given name.
+    """
+    prefixes = {name: f"{name}_" for name in names}
+    return _load_obstacles(scene, prefixes, spatial.pose(), load, {})
+
+
+def _load_obstacles(
+    scene: Scene,
+    own: Mapping[str, str],
+    T_world_base: Array,
+    load: Callable[[str], Any],
+    poses: Mapping[str, Mapping[str, Array]],
+) -> list[Still]:
+    """Load the props and the robots that are not in `own`, as obstacles; see `twin.reference.obstacles`."""
+    from twin.cad.build import read_props
+    from twin.reference.obstacles import obstacles
+
+    mechanisms = {}
+    for place in scene.places:
+        if place.name not in own:
+            other = load(place.robot)
+            protocol = other.protocol(place.protocol or None)
+            mechanisms[place.name] = other.bound(protocol).mechanism
+    props = None
+    if scene.props is not None:
+        props = read_props(scene.props)
+    return obstacles(scene, own, T_world_base, mechanisms, props, poses)
