@@ -267,7 +267,7 @@ def test_the_printed_commands_work(printed, capsys, monkeypatch):
 
 
 def test_commands_name_robots_of_ones_own_by_their_folder(tmp_path, monkeypatch):
-    from twin.validation.commands import commands
+    from twin.validation.repeat_commands import commands
 
     folder = tmp_path / "my robot"
     shutil.copytree(ROOT / "cad/sils", folder / "cad", ignore=shutil.ignore_patterns("*.py", "*.step", "__pycache__"))

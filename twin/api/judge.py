@@ -137,9 +137,9 @@ def validate(
         True
     """
     from twin.validation.case import Case
-    from twin.validation.commands import commands
     from twin.validation.judge import judge
     from twin.validation.lengths import check_parameters
+    from twin.validation.repeat_commands import commands
     from twin.validation.rows import Tolerances
 
     robot = loaded(robot)

@@ -20,7 +20,7 @@ from twin.ui.report import curves
 from twin.ui.report.answers import answers, not_judged, times_limit
 from twin.ui.report.matrix import PAIRS, label, pair_names
 from twin.validation.cause import SIDES
-from twin.validation.commands import again
+from twin.validation.repeat_commands import validate_command
 from twin.validation.result import Report, Residual, headline
 
 if TYPE_CHECKING:
@@ -232,7 +232,7 @@ def command(report: Report) -> str:
     """Return the command line that reproduces this report."""
     if "command" in report.environment:
         return report.environment["command"]
-    return report.commands.get("validate") or again(report.robot, report.protocol, report.variants)
+    return report.commands.get("validate") or validate_command(report.robot, report.protocol, report.variants)
 
 
 def _with_commands(report: Report) -> Markup:

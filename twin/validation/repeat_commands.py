@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from twin.core import assets
@@ -12,7 +12,7 @@ from twin.core.units import UM
 from twin.kinematics import Kinematics
 from twin.validation.rows import Tolerances
 
-SECONDS = 60
+EXPLAIN_TIME_LIMIT = 60
 """Time limit in s of the proposed `explain` command; it allows a search for combinations of two edits."""
 
 
@@ -24,26 +24,29 @@ def commands(
     `kin`: the equations in the judged variants; None: the robot has no equations. `tolerances`: None means the
     tolerances of the CAD.
     """
-    options: list[str] = []
+    changed: dict[str, str] = {}
     if kin is not None:
         default = {equation.name: equation.default for equation in kin.formula.equations}
-        changed = {}
         for name, variant in kin.variants.items():
             if variant != default[name]:
                 changed[name] = variant
-        options += _variant_options(changed)
+    tolerance_options: list[str] = []
     if tolerances is not None:
-        options += ["--tolerance-um", f"{tolerances.position / UM:g}"]
-    robot = _word(files)
-    commands_by_name = {"validate": shlex.join(["twin", "validate", robot, "--protocol", str(protocol), *options])}
+        tolerance_options = ["--tolerance-um", f"{tolerances.position / UM:g}"]
+    robot = _robot_argument(files)
+    commands_by_name = {"validate": validate_command(robot, str(protocol), changed, tolerance_options)}
     if kin is not None:
-        commands_by_name["explain"] = shlex.join(["twin", "explain", robot, *options, "--seconds", str(SECONDS)])
+        options = [*_variant_options(changed), *tolerance_options, "--seconds", str(EXPLAIN_TIME_LIMIT)]
+        commands_by_name["explain"] = shlex.join(["twin", "explain", robot, *options])
     return commands_by_name
 
 
-def again(robot: str, protocol: str, variants: Mapping[str, str]) -> str:
+def validate_command(
+    robot: str, protocol: str, variants: Mapping[str, str], further_options: Sequence[str] = ()
+) -> str:
     """Return the command that repeats a validation, from the names of robot, protocol and variants."""
-    return shlex.join(["twin", "validate", robot, "--protocol", protocol, *_variant_options(variants)])
+    options = [*_variant_options(variants), *further_options]
+    return shlex.join(["twin", "validate", robot, "--protocol", protocol, *options])
 
 
 def _variant_options(variants: Mapping[str, str]) -> list[str]:
@@ -53,7 +56,7 @@ def _variant_options(variants: Mapping[str, str]) -> list[str]:
     return options
 
 
-def _word(files: assets.RobotFiles) -> str:
+def _robot_argument(files: assets.RobotFiles) -> str:
     """Return the robot's command-line argument: its name if it is built in, otherwise its folder."""
     if files.cad == assets.data_folder() / "cad" / files.name:
         return files.name
