@@ -475,7 +475,7 @@ def test_a_hand_stops_where_a_motor_is_at_its_limit(robot):
     m = replace(m, actuators=tuple(short if a.name == "m1" else a for a in m.actuators))
     dragger = Dragger(m, bounds_of(m))
     u = np.concatenate([*dragger.solver.home, []])
-    dragged = dragger.joints(np.zeros(4), u, np.array([0, 2.4, 0, 0]))
+    dragged = dragger.move_joints(np.zeros(4), u, np.array([0, 2.4, 0, 0]))
     assert [(b.name, b.kind) for b in dragged.stops] == [("m1", "motor")]
     assert m.motors(dragged.q)[1] == pytest.approx(30.0)
     desk = Desk(limited(robot, m1=(-30.0, 30.0)))

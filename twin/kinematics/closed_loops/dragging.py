@@ -3,7 +3,7 @@
 Each step stays in the assembly of the previous step; a step is halved if the loops do not close after it. An assembly
 ends at two kinds of singularity: the loops no longer determine their passive joints (type II), or the active joints no
 longer determine the tool (type I). A dragged point stops before both kinds. The motion of an active joint
-(`Dragger.joints`) passes through type I singularities, like the motion of a real drive.
+(`Dragger.move_joints`) passes through type I singularities, like the motion of a real drive.
 """
 
 from __future__ import annotations
@@ -31,41 +31,38 @@ STRIDE = 4e-3
 _PASSIVE_STRIDES = 10
 """Maximum motion of the passive joints in a step, in strides."""
 
-_JUMP = 0.1
+_MAX_JUMP = 0.1
 """Maximum change of an unknown (m, rad) by Newton's method; a larger one may lead to another assembly."""
 
 _JOINT_HALVINGS = 14
 """Maximum number of halvings of a step of the active joints."""
 
-_SHORTEST = 1e-12
+_MIN_LENGTH = 1e-12
 """Motion in m that stands for 0 in a quotient."""
 
-_ROUNDED = 1e-12
+_MAX_ROUNDING = 1e-12
 """Violation of a bound in m or rad that is only a rounding error."""
 
-_TOGETHER = 1e-9
+_SAME_FRACTION = 1e-9
 """Difference of the fractions of a motion at which it meets two bounds together."""
 
-_SMALLEST = 1e-300
+_MIN_DETERMINANT = 1e-300
 """Determinant that stands for 0 in a quotient."""
 
-_RANK = 1e-9
+_MIN_SINGULAR_RATIO = 1e-9
 """Size of a singular value, relative to the largest, below which it counts as zero."""
 
-
-_LEFT = 1e-3
+_MIN_DETERMINANT_RATIO = 1e-3
 """Minimum determinant relative to its value in the rest poses; a smaller determinant counts as another assembly."""
 
-_BACK = 4
+_MAX_CORRECTIONS = 4
 """Maximum number of steps back to the limits of passive joints, after a step along them."""
 
-
-_STILL = 1e-9
+_MIN_SLACK_CHANGE = 1e-9
 """Change of the slack of a passive joint per m of the active joints, below which they do not move this joint."""
 
 NEAR = 1e-7
 """Distance (m; rad times `LENGTH_SCALE`) from a limit at which the limit counts as reached."""
-
 
 _TURNS = {
     "revolute": [True],
@@ -75,7 +72,6 @@ _TURNS = {
     "free": [False] * 3 + [True] * 3,
 }
 """Whether each number in a step of a passive joint is an angle, by type; see `STEPS`."""
-
 
 Stop = Bound | PassiveLimit
 """What blocks a motion."""
@@ -108,7 +104,7 @@ class GrabbedPoint(NamedTuple):
 
 
 class Dragger:
-    """Motion of one mechanism by the active joints (`joints`), and the steps of a grabbed point (`grip.DragGrip`).
+    """Motion of one mechanism by the active joints (`move_joints`), and the steps of a grabbed point (`grip.DragGrip`).
 
     Attributes:
         solver: loop solver of the mechanism.
@@ -156,10 +152,11 @@ class Dragger:
 
     # -- by the joints --------------------------------------------------------------------------------
 
-    def joints(self, q: Array, u: Array, target: Array, seconds: float = np.inf) -> Dragged:
+    def move_joints(self, q: Array, u: Array, target: Array, cpu_seconds: float = np.inf) -> Dragged:
         """Move the active joints from q (n,) towards a target (n,); all joints arrive at the same time.
 
-        Return the state reached, with the reason if a limit or a loop stops the motion before the target.
+        Return the state reached, with the reason if a limit or a loop stops the motion before the target. The motion
+        ends early, with `more` set, once it has used `cpu_seconds` of this thread's processor time.
         """
         q = np.asarray(q, float)
         target = np.asarray(target, float)
@@ -170,9 +167,9 @@ class Dragger:
         state = self.linearize(q, u, *point)
         fraction = 0.0  # of the motion that is done
         longest = np.abs(motion / self.scale).max(initial=0.0)
-        stride = STRIDE / max(longest, _SHORTEST)
+        stride = STRIDE / max(longest, _MIN_LENGTH)
         step = stride
-        until = time.thread_time() + seconds
+        until = time.thread_time() + cpu_seconds
         while fraction < part:
             if time.thread_time() > until:
                 return Dragged(state.q, state.u, more=True)
@@ -204,7 +201,7 @@ class Dragger:
             change = float(bound.weights @ motion)
             slack = bound.slack(q)
             # An end within rounding of the bound does not violate the bound.
-            if change < 0 and slack + change < -_ROUNDED:
+            if change < 0 and slack + change < -_MAX_ROUNDING:
                 fractions.append((max(0.0, slack) / -change, bound))
         part = 1.0
         for fraction, _ in fractions:
@@ -212,7 +209,7 @@ class Dragger:
         # bounds that the motion meets together
         first = []
         for fraction, bound in fractions:
-            if fraction <= part + _TOGETHER:
+            if fraction <= part + _SAME_FRACTION:
                 first.append(bound)
         return part, first
 
@@ -225,7 +222,7 @@ class Dragger:
         """
         slopes = state.slopes * self.scale
         size = np.abs(slopes).max(axis=1, initial=0.0)
-        moving = size > _STILL
+        moving = size > _MIN_SLACK_CHANGE
         divisor = np.where(moving, size, 1.0)
         slopes = np.where(moving[:, None], slopes / divisor[:, None], 0.0)
         passive_slack = np.maximum(0.0, state.slacks) / divisor
@@ -254,7 +251,7 @@ class Dragger:
         """
         floor = _floor(before)
         state = after
-        for _ in range(_BACK):
+        for _ in range(_MAX_CORRECTIONS):
             beyond = state.slacks < floor
             if not beyond.any():
                 return state
@@ -269,7 +266,7 @@ class Dragger:
             motion = np.asarray(np.linalg.pinv(gradients) @ wanted, float)
             dq = self.scale * motion
             slack_after = self._slacks(state.q + dq)
-            if (slack_after < np.minimum(0.0, slack) - _ROUNDED).any():
+            if (slack_after < np.minimum(0.0, slack) - _MAX_ROUNDING).any():
                 return None
             back, _ = self.stepped(state, dq, point)
             if back is None:
@@ -295,7 +292,7 @@ class Dragger:
         guess = self._with_step(state.u, du)
         u = self.solver.close(q, guess)
         # Newton's method may end far from its start, in another assembly.
-        if u is None or np.abs(u - guess).max(initial=0.0) > _JUMP:
+        if u is None or np.abs(u - guess).max(initial=0.0) > _MAX_JUMP:
             return None, ""
         after = self.linearize(q, u, *point)
         sizes_at_rest = self._sizes_at_rest
@@ -303,7 +300,7 @@ class Dragger:
             changes_sign = determinant * determinant_after <= 0
             # Close to a singularity, a step may lead only away from it.
             decreases = abs(determinant_after) < abs(determinant)
-            is_small = abs(determinant_after) < _LEFT * sizes_at_rest[name]
+            is_small = abs(determinant_after) < _MIN_DETERMINANT_RATIO * sizes_at_rest[name]
             if changes_sign or (decreases and is_small):
                 return None, name
         return after, ""
@@ -329,7 +326,7 @@ class Dragger:
         """Return the name of the loop nearest to a singularity, which is probably the loop that no longer closes."""
         sizes: dict[str, float] = {}
         for name, (determinant, _) in self.determinants(state, state, tool=False).items():
-            at_rest = max(self._sizes_at_rest[name], _SMALLEST)  # a loop may be singular in the rest poses
+            at_rest = max(self._sizes_at_rest[name], _MIN_DETERMINANT)  # a loop may be singular in the rest poses
             sizes[name] = abs(determinant) / at_rest
         return min(sizes, key=sizes.__getitem__, default="")
 
@@ -373,7 +370,7 @@ def _determinants(A: Array, B: Array) -> tuple[float, float]:
     if A.shape[0] == A.shape[1]:
         return float(np.linalg.det(A)), float(np.linalg.det(B))
     U, values, Vt = np.linalg.svd(A, full_matrices=False)
-    rank = int(np.sum(values > _RANK * values.max(initial=0.0)))
+    rank = int(np.sum(values > _MIN_SINGULAR_RATIO * values.max(initial=0.0)))
     projection = U[:, :rank].T @ B @ Vt[:rank].T
     return float(np.prod(values[:rank])), float(np.linalg.det(projection))
 

@@ -57,7 +57,7 @@ class DragSolver:
             dragger = self.dragger
             home = self.model.home()
             u = self._unknowns(home)
-            dragger.joints(home.q, u, home.q)
+            dragger.move_joints(home.q, u, home.q)
             for body in self.mechanism.bodies:
                 dragger.linearize(home.q, u, body.name, np.zeros(3))
 
@@ -83,7 +83,7 @@ class DragSolver:
 
     def joints(self, now: Assembly, q: Array) -> tuple[Assembly, Dragged]:
         """Move the active joints towards q (n,) in m or rad; return (new assembly, result), as `point` does."""
-        dragged = self.dragger.joints(now.q, self._unknowns(now), q, SECONDS)
+        dragged = self.dragger.move_joints(now.q, self._unknowns(now), q, SECONDS)
         return self._closed(now, dragged), dragged
 
     def tools(self, now: Assembly, q: Array) -> list[Array]:
@@ -96,7 +96,7 @@ class DragSolver:
         with contextlib.suppress(AssemblyError, MechanismError):
             poses.append(dragger.solver.forward(q))
         u_now = self._unknowns(now)
-        u_dragged = dragger.joints(now.q, u_now, q, SECONDS).u
+        u_dragged = dragger.move_joints(now.q, u_now, q, SECONDS).u
         for guess in (u_now, u_dragged):
             u = dragger.solver.close(q, guess)
             if u is not None:
