@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -359,6 +360,36 @@ def test_a_table_of_samples_is_refused() -> None:
     spans = (replace(trajectory.phases[0], curve=None), *trajectory.phases[1:])
     with pytest.raises(ProtocolError, match=r"phase 'approach' .* is a table of samples"):
         timed_path(replace(trajectory, phases=spans), read, loaded.path_kinematics(), path.T_tool_frame)
+
+
+def test_a_sample_that_two_phases_share_counts_for_both() -> None:
+    """Its speed is divided by the smaller limit, and the farther RCM counts; the first sample has one."""
+    mechanism, path = sils()
+    model = ReferenceModel(mechanism)
+    assert mechanism.home is not None
+    home = model.solve(mechanism.home).q
+    count = 5
+    still = np.zeros((count, 3))
+    trajectory: Any = SimpleNamespace(
+        t=np.arange(count) * 1e-3,
+        q=np.tile(home, (count, 1)),
+        qd=np.zeros((count, len(home))),
+        tip_velocity=still + np.array([0.01, 0.0, 0.0]),
+        angular_velocity=still,
+        phases=(SimpleNamespace(start=0, stop=2), SimpleNamespace(start=2, stop=4)),
+    )
+    T_base_tip = model.solve(home).T_base_tool @ path.T_tool_frame
+    axis = T_base_tip[:3, :3] @ path.shaft_axis
+    across = np.cross(axis, [1.0, 0.0, 0.0])
+    across /= np.linalg.norm(across)
+    phases = []
+    for distance, speed in ((3e-3, 0.02), (1e-3, 0.04)):
+        rcm = T_base_tip[:3, 3] + distance * across
+        phases.append(replace(path.phases[0], rcm=rcm, enforced=True, tip_speed=speed))
+    values = sampled(model, trajectory, replace(path, phases=tuple(phases))).values
+    np.testing.assert_allclose(values["RCM", "enforced"], [3e-3, 3e-3, 3e-3, 1e-3, 1e-3], rtol=1e-6)
+    np.testing.assert_allclose(values["tool speed", "tip"], [0.5, 0.5, 0.5, 0.25, 0.25])
+    assert np.isnan(values["RCM", "monitored"]).all()
 
 
 # ------------------------------------------------------------------------------------------- all robots

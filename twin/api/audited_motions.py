@@ -15,6 +15,7 @@ from twin.api.path_samples import sampled
 from twin.api.robot import Progress, Robot, silent
 from twin.core import spatial
 from twin.core.errors import TwinError
+from twin.proof.motion import value_groups as groups
 from twin.reference import ReferenceModel
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ class SampledMotions:
         for (group, name), numbers in values.items():
             known = numbers[~np.isnan(numbers)]
             unknown = len(numbers) - len(known)
-            if group == "RCM":
+            if group == groups.RCM:
                 # outside the phases with an RCM there is no distance, which is nothing unknown
                 unknown = 0
             smallest = math.nan

@@ -19,6 +19,7 @@ from twin.core.quantity import Quantity, si
 from twin.core.result import TextTable
 from twin.core.spatial import Array
 from twin.core.units import MM
+from twin.proof.motion import value_groups as groups
 
 if TYPE_CHECKING:
     from twin.planning.protocol import Protocol
@@ -179,16 +180,16 @@ class ProvedMotion:
 
 
 _LABELS = {
-    "joint limit": "joint {}: distance from its limits",
-    "joint speed": "joint {}: speed",
-    "motor limit": "motor {}: distance from its limits",
-    "motor speed": "motor {}: speed",
-    "gap": "gap {}",
-    "passive limit": "passive joint {}: distance from its limits",
-    "RCM": "distance of the shaft from the RCM, {}",
-    "tool speed": "{} speed / its limit",
-    "loop gap": "gap of the {}",
-    "determinant": "determinant of the {} / that at the start",
+    groups.JOINT_LIMIT: "joint {}: distance from its limits",
+    groups.JOINT_SPEED: "joint {}: speed",
+    groups.MOTOR_LIMIT: "motor {}: distance from its limits",
+    groups.MOTOR_SPEED: "motor {}: speed",
+    groups.GAP: "gap {}",
+    groups.PASSIVE_LIMIT: "passive joint {}: distance from its limits",
+    groups.RCM: "distance of the shaft from the RCM, {}",
+    groups.TOOL_SPEED: "{} speed / its limit",
+    groups.LOOP_GAP: "gap of the {}",
+    groups.DETERMINANT: "determinant of the {} / that at the start",
 }
 """{group of claims: text with a place for the name}."""
 
@@ -268,12 +269,12 @@ def timed_path(
     Raises:
         ProtocolError: a phase is no path with a computed timing.
     """
-    from twin.proof.motion.path import TimedPath
+    from twin.proof.motion.path import RailGap, TimedPath
 
     phases = []
     for span in trajectory.phases:
         phases.append(_timed_phase(trajectory.protocol, span, protocol))
-    gaps = [(gap.i, gap.j, gap.smallest, gap.name) for gap in kinematics.gaps]
+    gaps = [RailGap(gap.i, gap.j, gap.smallest, gap.name) for gap in kinematics.gaps]
     return TimedPath(
         protocol=trajectory.protocol,
         phases=tuple(phases),

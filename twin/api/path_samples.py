@@ -11,6 +11,7 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.spatial import Array
+from twin.proof.motion import value_groups as groups
 
 if TYPE_CHECKING:
     from twin.planning.trajectory import Trajectory
@@ -25,9 +26,14 @@ MOST = 1000
 class SampledPath:
     """Values at times.
 
+    An instant that two phases share belongs to both, as in the proof: the smaller limit of the tool's speed counts,
+    and the larger distance from an RCM. (The plan is at rest there.)
+
     Attributes:
         t: (k,) times in s.
-        values: {(group, name) of a claim: values (k,), NaN where there is none}.
+        values: {(group, name) of a claim: values (k,), NaN where there is none}, in the unit of the claim: m, rad, m/s
+            or rad/s; speeds of the tool are divided by their limits, determinants by the one at the start. A loop gap
+            is the largest in m or rad.
     """
 
     t: Array
@@ -59,8 +65,8 @@ def _planned(
     for j, joint in enumerate(mechanism.active):
         if joint.limits is not None:
             low, high = joint.limits
-            values["joint limit", joint.name] = np.minimum(q[:, j] - low, high - q[:, j])
-        values["joint speed", joint.name] = np.abs(qd[:, j])
+            values[groups.JOINT_LIMIT, joint.name] = np.minimum(q[:, j] - low, high - q[:, j])
+        values[groups.JOINT_SPEED, joint.name] = np.abs(qd[:, j])
     actuators = {actuator.name: actuator for actuator in mechanism.actuators}
     positions = mechanism.motors(q)
     speeds = mechanism.motors(qd)
@@ -70,21 +76,20 @@ def _planned(
         limits = actuators[motor].limits
         if limits is not None:
             low, high = limits
-            values["motor limit", motor] = np.minimum(positions[:, i] - low, high - positions[:, i])
-        values["motor speed", motor] = np.abs(speeds[:, i])
-    for i, j, _, name in path.gaps:
-        values["gap", name] = np.abs(q[:, i] - q[:, j])
-    # a sample that two phases share counts for the later one
+            values[groups.MOTOR_LIMIT, motor] = np.minimum(positions[:, i] - low, high - positions[:, i])
+        values[groups.MOTOR_SPEED, motor] = np.abs(speeds[:, i])
+    for gap in path.gaps:
+        values[groups.GAP, gap.name] = np.abs(q[:, gap.first] - q[:, gap.second])
     tip_limit = np.full(len(rows), np.inf)
     rotation_limit = np.full(len(rows), np.inf)
     for span, phase in zip(trajectory.phases, path.phases, strict=True):
         is_of_phase = (rows >= span.start) & (rows <= span.stop)
-        tip_limit[is_of_phase] = phase.tip_speed
-        rotation_limit[is_of_phase] = phase.rotation_speed
+        tip_limit[is_of_phase] = np.minimum(tip_limit[is_of_phase], phase.tip_speed)
+        rotation_limit[is_of_phase] = np.minimum(rotation_limit[is_of_phase], phase.rotation_speed)
     tip_speed = np.linalg.norm(trajectory.tip_velocity[rows], axis=1)
     rotation_speed = np.linalg.norm(trajectory.angular_velocity[rows], axis=1)
-    values["tool speed", "tip"] = tip_speed / tip_limit
-    values["tool speed", "rotation"] = rotation_speed / rotation_limit
+    values[groups.TOOL_SPEED, groups.TIP] = tip_speed / tip_limit
+    values[groups.TOOL_SPEED, groups.ROTATION] = rotation_speed / rotation_limit
     return values
 
 
@@ -97,27 +102,29 @@ def _of_model(
     links = model.link_poses(run.x)
     values = {}
     for joint in mechanism.limited:
-        values["passive limit", joint.name] = -joint.beyond(links[joint.parent], links[joint.child])
+        values[groups.PASSIVE_LIMIT, joint.name] = -joint.beyond(links[joint.parent], links[joint.child])
     Ts = run.Ts_base_tool @ path.T_tool_frame
-    for enforced, name in ((True, "enforced"), (False, "monitored")):
+    for enforced, name in ((True, groups.ENFORCED), (False, groups.MONITORED)):
         distance = np.full(len(rows), np.nan)
         for span, phase in zip(trajectory.phases, path.phases, strict=True):
             if phase.rcm is None or phase.enforced != enforced:
                 continue
-            is_of_phase = (rows > span.start) & (rows <= span.stop)
+            is_of_phase = (rows >= span.start) & (rows <= span.stop)
             axis = Ts[is_of_phase, :3, :3] @ path.shaft_axis
-            distance[is_of_phase] = spatial.point_to_line(phase.rcm, Ts[is_of_phase, :3, 3], axis)
-        values["RCM", name] = distance
+            distance_in_phase = spatial.point_to_line(phase.rcm, Ts[is_of_phase, :3, 3], axis)
+            # NaN until now where no phase before had an RCM
+            distance[is_of_phase] = np.fmax(distance[is_of_phase], distance_in_phase)
+        values[groups.RCM, name] = distance
     tree = model.tree
     if not tree.loops.names:
         return values
     poses, J = tree.update(run.x)
     gaps, jacobian = tree.loops.evaluate(run.x, poses, J)
-    values["loop gap", "loops"] = np.abs(gaps).max(axis=1)
+    values[groups.LOOP_GAP, groups.LOOPS] = np.abs(gaps).max(axis=1)
     passive = jacobian[:, :, tree.passive]
     if passive.shape[2]:
         # the product of the singular values is the determinant, also of a matrix that is not square
         singular_values = np.linalg.svd(passive, compute_uv=False)
         logs = np.log(singular_values).sum(axis=1)
-        values["determinant", "loops"] = np.exp(logs - logs[0])  # divided by that of the start
+        values[groups.DETERMINANT, groups.LOOPS] = np.exp(logs - logs[0])  # divided by that of the start
     return values

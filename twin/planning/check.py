@@ -222,7 +222,8 @@ def _tip_rates(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
     findings = []
     for i, span in enumerate(trajectory.phases):
         limits = protocol.limits[span.type]
-        rows = slice(span.start + min(i, 1), span.stop + 1)  # a shared sample counts for the earlier phase
+        # A shared sample is at rest; its accelerations are those of the earlier phase, so it counts for that one.
+        rows = slice(span.start + min(i, 1), span.stop + 1)
         acceleration = trajectory.tip_acceleration[rows]
         jerk = np.diff(acceleration, axis=0) / trajectory.step
         turn_acceleration = trajectory.angular_acceleration[rows]

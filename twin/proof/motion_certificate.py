@@ -19,6 +19,7 @@ from twin.core.spatial import Array
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.proof.certificate import digest
+from twin.proof.motion import value_groups as groups
 from twin.proof.motion.closure import nodes
 from twin.proof.motion.linkage import ARM, Linkage
 from twin.proof.motion.motion_prover import (
@@ -114,15 +115,15 @@ def _bound(claim: MotionClaim, linkage: Linkage, path: TimedPath) -> JsonObject:
     """Return a bound, a little wider than it is proved but not beyond its limit, and what it is about."""
     row: JsonObject = {"kind": claim.group, "value": claim.name, "unit": claim.unit}
     row |= _about(claim, linkage, path)
-    if claim.group == "determinant":
+    if claim.group == groups.DETERMINANT:
         return {**row, "not": 0.0}
     part = _SLACK
     smallest_change = _SMALLEST_CHANGE
-    if claim.group == "tool speed":
+    if claim.group == groups.TOOL_SPEED:
         part = _TOOL_SLACK
         smallest_change = _SMALLEST_TOOL_CHANGE
     change = max(smallest_change, part * abs(claim.bound))
-    if claim.group == "loop gap":
+    if claim.group == groups.LOOP_GAP:
         change += (_GAP_FACTOR - 1.0) * claim.bound
     limit = claim.limit
     if claim.smallest:
@@ -141,16 +142,16 @@ def _bound(claim: MotionClaim, linkage: Linkage, path: TimedPath) -> JsonObject:
 def _about(claim: MotionClaim, linkage: Linkage, path: TimedPath) -> JsonObject:
     """Return what a bound is about: weights of coordinates, and limits; or a joint; nothing if its name says it."""
     mechanism = linkage.mechanism
-    if claim.group == "joint speed":
+    if claim.group == groups.JOINT_SPEED:
         return _one_coordinate(linkage, claim.name)
-    if claim.group == "joint limit":
+    if claim.group == groups.JOINT_LIMIT:
         limits = _limits(mechanism.joint(claim.name).limits)
         return {**_one_coordinate(linkage, claim.name), "limits": limits}
-    if claim.group in ("motor limit", "motor speed"):
+    if claim.group in (groups.MOTOR_LIMIT, groups.MOTOR_SPEED):
         return _about_motor(claim, linkage)
-    if claim.group == "gap":
+    if claim.group == groups.GAP:
         return _about_gap(claim.name, linkage, path)
-    if claim.group == "passive limit":
+    if claim.group == groups.PASSIVE_LIMIT:
         return _about_passive_limit(mechanism.joint(claim.name), linkage)
     return {}
 
@@ -168,14 +169,14 @@ def _about_motor(claim: MotionClaim, linkage: Linkage) -> JsonObject:
     matrix = mechanism.motors(np.eye(len(mechanism.active))).T
     weights = matrix[mechanism.motor_names.index(claim.name)]
     row: JsonObject = {"coordinates": list(linkage.driven), "weights": weights.tolist()}
-    if claim.group == "motor limit":
+    if claim.group == groups.MOTOR_LIMIT:
         row["limits"] = _limits(actuator.limits)
     return row
 
 
 def _about_gap(name: str, linkage: Linkage, path: TimedPath) -> JsonObject:
     """Return the distance of two carriages on one rail as a difference of driven coordinates."""
-    (pair,) = [(i, j) for i, j, _, gap in path.gaps if gap == name]
+    (pair,) = [(gap.first, gap.second) for gap in path.gaps if gap.name == name]
     # carriages do not pass one another: the sign of the distance is that at the start
     coefficients = path.phases[0].coefficients
     first, second = [float(np.polynomial.chebyshev.chebval(-1.0, coefficients[:, i])) for i in pair]

@@ -15,6 +15,7 @@ import numpy as np
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.model.mechanism import Mechanism
+from twin.proof.motion import value_groups as groups
 from twin.proof.motion.closure import ClosedLinkage, Poses, closed_linkage, connected, nodes
 from twin.proof.motion.linkage import Linkage, supported
 from twin.proof.motion.path import TimedPath
@@ -44,13 +45,13 @@ _DEEPEST_OPEN = 3
 _MOST_PIECES = 6000
 """Largest number of pieces of a path."""
 
-SPEEDS = ("joint speed", "motor speed", "tool speed")
+SPEEDS = (groups.JOINT_SPEED, groups.MOTOR_SPEED, groups.TOOL_SPEED)
 """Groups of values that depend on the timing."""
 
-DRIVEN = ("joint limit", "joint speed", "motor limit", "motor speed", "gap")
+DRIVEN = (groups.JOINT_LIMIT, groups.JOINT_SPEED, groups.MOTOR_LIMIT, groups.MOTOR_SPEED, groups.GAP)
 """Groups of values that follow from the driven joints alone."""
 
-MARGINS = ("joint limit", "motor limit", "passive limit", "gap")
+MARGINS = (groups.JOINT_LIMIT, groups.MOTOR_LIMIT, groups.PASSIVE_LIMIT, groups.GAP)
 """Groups of values that must not be below their limit."""
 
 States = Callable[[Array], Poses]
@@ -233,7 +234,7 @@ def _to_halve(judged: _Round, possible: np.ndarray, possible_open: np.ndarray) -
         return np.zeros(len(still_open), bool)  # nothing will be proved of the whole path
     wide = still_open
     for enclosure in judged.found:
-        if enclosure.group == "loop gap":
+        if enclosure.group == groups.LOOP_GAP:
             continue
         loose = _loose(enclosure)
         wide[np.unique(judged.cells.piece[loose])] = True
@@ -244,7 +245,7 @@ def _loose(enclosure: Enclosure) -> np.ndarray:
     """Return (M,) the cells whose bound alone makes the bound over the whole path too wide."""
     low, high, limit = _as_largest(enclosure)
     certain = float(low.max())  # certainly reached
-    if enclosure.group == "determinant":
+    if enclosure.group == groups.DETERMINANT:
         tight = certain + np.log(TIGHT)
     elif certain >= 0:
         tight = max(certain * TIGHT, ROUNDING)
@@ -285,7 +286,7 @@ def _proof(path: TimedPath, judged: _Round) -> MotionProof:
         claims.append(_claim(path, judged, enclosure, times))
         low = enclosure.low
         high = enclosure.high
-        if enclosure.group == "determinant":
+        if enclosure.group == groups.DETERMINANT:
             low = np.exp(low)
             high = np.exp(high)
         curves[enclosure.group, enclosure.name] = MotionCurve(times, low, high)
@@ -364,7 +365,7 @@ def _claim(path: TimedPath, judged: _Round, enclosure: Enclosure, times: Array) 
     smallest, largest = certain, bound
     if enclosure.smallest:
         smallest, largest = -bound, -certain
-    if enclosure.group == "determinant":
+    if enclosure.group == groups.DETERMINANT:
         smallest = float(np.exp(smallest)) * (1.0 - 1e-12)
         largest = float(np.exp(largest)) * (1.0 + 1e-12)
     return MotionClaim(
@@ -374,7 +375,7 @@ def _claim(path: TimedPath, judged: _Round, enclosure: Enclosure, times: Array) 
         smallest=enclosure.smallest,
         low=smallest,
         high=largest,
-        limit=enclosure.limit if enclosure.group != "determinant" else 0.0,
+        limit=enclosure.limit if enclosure.group != groups.DETERMINANT else 0.0,
         status=status,
         phase=path.phases[judged.cells.phase[cell]].name,
         t=0.5 * float(times[cell] + times[cell + 1]),

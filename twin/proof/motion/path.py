@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -59,6 +60,21 @@ class TimedPhase:
         return out + self.smoothing / 2
 
 
+class RailGap(NamedTuple):
+    """Two driven joints whose carriages are on one rail.
+
+    Attributes:
+        first, second: their indices among the driven joints.
+        smallest: smallest distance in m of their coordinates.
+        name: name of the gap.
+    """
+
+    first: int
+    second: int
+    smallest: float
+    name: str
+
+
 @dataclass(frozen=True)
 class TimedPath:
     """The phases of a protocol, one after the other.
@@ -69,7 +85,7 @@ class TimedPath:
         T_tool_frame: (4, 4) pose of the moved frame in the tool frame.
         shaft_axis: (3,) direction of the shaft in the moved frame, a unit vector.
         rcm_tolerance: accepted distance in m of the shaft from the RCM.
-        gaps: (i, j, smallest distance in m, name) of driven joints on a common rail.
+        gaps: of driven joints on a common rail.
     """
 
     protocol: str
@@ -77,7 +93,7 @@ class TimedPath:
     T_tool_frame: Array
     shaft_axis: Array
     rcm_tolerance: float
-    gaps: Sequence[tuple[int, int, float, str]] = ()
+    gaps: Sequence[RailGap] = ()
 
     def require_finite(self) -> None:
         """Raise `ProtocolError` if a number of the path is not finite."""

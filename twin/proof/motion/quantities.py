@@ -11,6 +11,7 @@ from twin.core import spatial
 from twin.core.spatial import Array
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
+from twin.proof.motion import value_groups as groups
 from twin.proof.motion.closure import ClosedLinkage, determinant, rates, start_determinant
 from twin.proof.motion.linkage import Linkage, PlacedFrame
 from twin.proof.motion.path import TimedPath, TimedPhase
@@ -70,7 +71,7 @@ class Enclosure:
 
     Attributes:
         name: of the joint, motor, gap or frame; "enforced" or "monitored" for an RCM.
-        group: what kind of value it is, "joint limit".
+        group: what kind of value it is, one of `value_groups`.
         unit: "m", "rad", "m/s", "rad/s" or "1".
         low, high: (M,) bounds; infinite where nothing is known.
         limit: what the value must not exceed or, if `smallest`, what it must reach.
@@ -174,10 +175,10 @@ def _driven(
     for j, joint in enumerate(mechanism.active):
         unit = "rad" if joint.is_angle else "m"
         if joint.limits is not None and np.isfinite(joint.limits).any():
-            yield _margin(joint.name, "joint limit", unit, values[:, j].range(), joint.limits)
+            yield _margin(joint.name, groups.JOINT_LIMIT, unit, values[:, j].range(), joint.limits)
         low, high = _speed(rate[:, j], cells)
         limit = _or_infinite(joint.max_speed)
-        yield Enclosure(joint.name, "joint speed", f"{unit}/s", low, high, limit, smallest=False)
+        yield Enclosure(joint.name, groups.JOINT_SPEED, f"{unit}/s", low, high, limit, smallest=False)
     rows, row_errors = _motor_rows(mechanism)
     actuators = {actuator.name: actuator for actuator in mechanism.actuators}
     for row, row_error, name in zip(rows, row_errors, mechanism.motor_names, strict=True):
@@ -187,14 +188,14 @@ def _driven(
         unit = "rad" if actuator.is_angle else "m"
         if actuator.limits is not None:
             motor = (values @ row[:, None])[:, 0].widened(values.sizes() @ row_error)
-            yield _margin(name, "motor limit", unit, motor.range(), actuator.limits)
+            yield _margin(name, groups.MOTOR_LIMIT, unit, motor.range(), actuator.limits)
         motor_rate = (rate @ row[:, None])[:, 0].widened(rate.sizes() @ row_error)
         low, high = _speed(motor_rate, cells)
         limit = _or_infinite(actuator.max_speed)
-        yield Enclosure(name, "motor speed", f"{unit}/s", low, high, limit, smallest=False)
-    for i, j, smallest, name in path.gaps:
-        low, high = _absolute((values[:, i] - values[:, j]).range())
-        yield Enclosure(name, "gap", "m", low, high, smallest, smallest=True)
+        yield Enclosure(name, groups.MOTOR_SPEED, f"{unit}/s", low, high, limit, smallest=False)
+    for gap in path.gaps:
+        low, high = _absolute((values[:, gap.first] - values[:, gap.second]).range())
+        yield Enclosure(gap.name, groups.GAP, "m", low, high, gap.smallest, smallest=True)
 
 
 def _or_infinite(limit: float | None) -> float:
@@ -270,7 +271,7 @@ def _of_mechanism(
     yield from _tip(linkage, path, cells, slopes, closed, moved)
     if linkage.closes:
         gap = closed.gap[cells.piece]
-        yield Enclosure("loops", "loop gap", "m", 0.0 * gap, gap, np.inf, smallest=False)
+        yield Enclosure(groups.LOOPS, groups.LOOP_GAP, "m", 0.0 * gap, gap, np.inf, smallest=False)
     log_determinant = determinant(closed)
     if log_determinant is not None:
         logs, error = log_determinant
@@ -279,7 +280,7 @@ def _of_mechanism(
         error = error[cells.piece]
         ratio_low = low - error - highest_start
         ratio_high = high + error - lowest_start
-        yield Enclosure("loops", "determinant", "1", ratio_low, ratio_high, -np.inf, smallest=True)
+        yield Enclosure(groups.LOOPS, groups.DETERMINANT, "1", ratio_low, ratio_high, -np.inf, smallest=True)
 
 
 def _passive(linkage: Linkage, cells: TimeCells, closed: ClosedLinkage, joint: Joint) -> Iterator[Enclosure]:
@@ -292,17 +293,19 @@ def _passive(linkage: Linkage, cells: TimeCells, closed: ClosedLinkage, joint: J
         largest = np.arccos(np.clip(low, -1.0, 1.0)) + _FUNCTION_ERROR
         smallest = np.arccos(np.clip(high, -1.0, 1.0)) - _FUNCTION_ERROR
         # the cosine of a rotation that is rounded may be 1 and a little more
-        yield Enclosure(name, "passive limit", "rad", joint.cone - largest, joint.cone - smallest, 0.0, smallest=True)
+        yield Enclosure(
+            name, groups.PASSIVE_LIMIT, "rad", joint.cone - largest, joint.cone - smallest, 0.0, smallest=True
+        )
     if joint.limits is None or len(joint.free_axes) != 1:
         return
     if joint.type == "prismatic":
-        yield _margin(name, "passive limit", "m", cells.of(offset[:, 2]).range(), joint.limits)
+        yield _margin(name, groups.PASSIVE_LIMIT, "m", cells.of(offset[:, 2]).range(), joint.limits)
         return
     if name in spanning:
         coordinate = closed.coordinates[:, linkage.index(joint.name)]
-        yield _margin(name, "passive limit", "rad", cells.of(coordinate).range(), joint.limits)
+        yield _margin(name, groups.PASSIVE_LIMIT, "rad", cells.of(coordinate).range(), joint.limits)
         return
-    yield _margin(name, "passive limit", "rad", _angle(joint, cells, R), joint.limits)
+    yield _margin(name, groups.PASSIVE_LIMIT, "rad", _angle(joint, cells, R), joint.limits)
 
 
 def _angle(joint: Joint, cells: TimeCells, R: TaylorModel) -> tuple[Array, Array]:
@@ -350,8 +353,8 @@ def _rcm(path: TimedPath, cells: TimeCells, moved: PlacedFrame) -> Iterator[Encl
         # the axis is a unit vector but for rounding
         low = np.where(with_rcm, low * (1.0 - _AXIS_ERROR), -np.inf)
         high = np.where(with_rcm, high * (1.0 + _AXIS_ERROR), -np.inf)
-        name = "enforced" if enforced else "monitored"
-        yield Enclosure(name, "RCM", "m", low, high, path.rcm_tolerance, smallest=False)
+        name = groups.ENFORCED if enforced else groups.MONITORED
+        yield Enclosure(name, groups.RCM, "m", low, high, path.rcm_tolerance, smallest=False)
 
 
 def _tip(
@@ -367,13 +370,13 @@ def _tip(
     velocity, turning = linkage.twist(closed.placed, body, moved.p, rates(closed, linkage, slopes))
     tip_limits = [phase.tip_speed for phase in path.phases]
     rotation_limits = [phase.rotation_speed for phase in path.phases]
-    for name, vector, limits in (("tip", velocity, tip_limits), ("rotation", turning, rotation_limits)):
+    for name, vector, limits in ((groups.TIP, velocity, tip_limits), (groups.ROTATION, turning, rotation_limits)):
         scale = 1.0 / np.array(limits)[cells.phase]
         on_cells = cells.of(vector)
         low, high = _root(((on_cells * on_cells).total() * cells.square).range())
         yield Enclosure(
             name,
-            "tool speed",
+            groups.TOOL_SPEED,
             "1",
             low * scale * (1.0 - _SCALE_ERROR),
             high * scale * (1.0 + _SCALE_ERROR),

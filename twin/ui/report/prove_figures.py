@@ -11,6 +11,7 @@ from twin.api.proof import Proved
 from twin.core.format import quantity
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
+from twin.proof.motion import value_groups as groups
 from twin.proof.motion.motion_prover import MARGINS, SPEEDS, MotionClaim
 from twin.ui.report.style import INK, PALETTE, UNFIT, log_ticks, panels, styled
 
@@ -114,7 +115,7 @@ def _draw_margins(ax: Axes, motion: ProvedMotion) -> None:
 
 def _draw_rcm(ax: Axes, motion: ProvedMotion) -> None:
     """Draw the distance of the shaft from the RCM, with its tolerance."""
-    claims = [claim for claim in motion.proof.claims if claim.group == "RCM"]
+    claims = [claim for claim in motion.proof.claims if claim.group == groups.RCM]
     if not claims:
         _empty(ax, "no RCM is registered")
         return
@@ -138,7 +139,7 @@ def _draw_rcm(ax: Axes, motion: ProvedMotion) -> None:
 
 def _draw_determinant(ax: Axes, motion: ProvedMotion) -> None:
     """Draw the determinant of the loops' Jacobian."""
-    key = ("determinant", "loops")
+    key = (groups.DETERMINANT, groups.LOOPS)
     if key not in motion.proof.curves:
         _empty(ax, "the mechanism has no loops")
         return

@@ -1,0 +1,28 @@
+"""Names of what a proof along a path is about: groups of values, and values whose name is not that of a part.
+
+They are those in certificates ("kind", "value"). A claim and the samples beside it are found by these names.
+"""
+
+from __future__ import annotations
+
+JOINT_LIMIT = "joint limit"
+JOINT_SPEED = "joint speed"
+MOTOR_LIMIT = "motor limit"
+MOTOR_SPEED = "motor speed"
+GAP = "gap"
+PASSIVE_LIMIT = "passive limit"
+RCM = "RCM"
+TOOL_SPEED = "tool speed"
+LOOP_GAP = "loop gap"
+DETERMINANT = "determinant"
+
+ENFORCED = "enforced"
+MONITORED = "monitored"
+"""Names of the distances from the RCM."""
+
+TIP = "tip"
+ROTATION = "rotation"
+"""Names of the speeds of the tool."""
+
+LOOPS = "loops"
+"""Name of gap and determinant of all loops together."""
