@@ -22,7 +22,7 @@ from twin.core.units import DEG, MM, ROUNDING
 from twin.reference.degeneracy import KINDS, Degeneracy
 from twin.reference.loops import LENGTH_SCALE
 from twin.reference.model import ReferenceModel
-from twin.reference.seeking import NEARLY, Mask, Valid, Walks, seek, wander
+from twin.reference.newton_walks import NEARLY, Mask, Valid, Walks, walk_to_zeros
 from twin.reference.states import SolvedSamples
 
 _DEGENERATE_SHARE = 1e-2
@@ -34,11 +34,17 @@ _MOST_STARTS = 12
 _LENGTH_FACTOR = 1.25
 """Factor by which all lengths are multiplied, to test the dimension of a row."""
 
-_FLAT_SLOPE = 1e-2
-"""Relative slope per radian of a margin below which the margin counts as being at its minimum."""
+_FLAT_GRADIENT = 1e-2
+"""Relative gradient per radian of a margin below which the margin counts as being at its minimum."""
 
 _NEAR_ZERO = 0.05
 """Relative size below which another margin at the end of a search counts as zero, and as the reason for the end."""
+
+_RANDOM_STEPS = 10
+"""Number of steps of a random walk away from a given state."""
+
+_RANDOM_STEP = 0.25
+"""Tangent step of a random walk (rad, or units of `loops.LENGTH_SCALE`)."""
 
 _EQUAL_VALUES = 1e-6
 """Relative difference up to which two values of a row are equal."""
@@ -136,7 +142,7 @@ class Boundary:
         if not good.any():
             self._why = "there is no state at which the equations agree with the joint values"
             return
-        far = wander(self.motions, self._valid, self._drawn)
+        far = _random_states(self.motions, self._valid, self._drawn, seed=0)
         self._pool = np.concatenate([self._drawn, far])
         self._values = self._at(self._pool)
         self._size = _usual_sizes(self._values)
@@ -295,7 +301,7 @@ class Boundary:
         # rows of `chosen`: the picks of one row after the other, as in `row`
         chosen = np.array(picks)[:, rows].T.ravel()
         are_aside = np.full(len(row), aside)
-        return seek(self.motions, self._at, valid, self._pool[chosen], row, are_aside, self._size, seed)
+        return walk_to_zeros(self.motions, self._at, valid, self._pool[chosen], row, are_aside, self._size, seed)
 
     def _zeros(self, i: int, walks: list[Walks]) -> Array:
         """Return the states (k, nq) at which walks (sequences of Newton steps) found a zero of row i."""
@@ -314,7 +320,7 @@ class Boundary:
         is_degenerate = self.motions.of(zeros).min(axis=1) <= _DEGENERATE_SHARE
         rest = np.flatnonzero(~is_degenerate)
         if len(rest):
-            walks = seek(
+            walks = walk_to_zeros(
                 self.motions,
                 self._distance_from_degeneracy,
                 _anywhere,
@@ -377,13 +383,13 @@ class Boundary:
         ends = []
         for walk in walks:
             for j in np.flatnonzero(walk.row == i):
-                ends.append((abs(walk.value[j]), walk.slope[j], walk.states[j]))
-        value, slope, x = min(ends, key=lambda end: end[0])
+                ends.append((abs(walk.value[j]), walk.gradient_norm[j], walk.states[j]))
+        value, gradient_norm, x = min(ends, key=lambda end: end[0])
         if not self._are_reach[i]:
             text = f"the row was zero at no tested state; its smallest absolute value was {value:.4g}"
             return self._row(i, "not judged", text, x)
         size_mm = f"{value / MM:.4g} mm"
-        is_flat = slope < _FLAT_SLOPE * max(value, self._size[i])
+        is_flat = gradient_norm < _FLAT_GRADIENT * max(value, self._size[i])
         distance_of_tool = self.motions.of(x[None])[0, KINDS.index("tool")]
         if is_flat and distance_of_tool < _DEGENERATE_SHARE:
             if value <= self._error:
@@ -486,6 +492,33 @@ def disagreements(rows: list[Judged]) -> list[Finding]:
         )
         findings.append(finding)
     return findings
+
+
+def _random_states(motions: Degeneracy, valid: Valid, starts: Array, seed: int) -> Array:
+    """Return states (m, nq) reached from starts (w, nq) by random walks, which change direction when blocked.
+
+    The walks visit only states that are `valid` and have closed loops.
+    """
+    rng = np.random.default_rng(seed)
+    states = starts.copy()
+    nv = motions.model.tree.model.nv
+    scale = motions.scale
+    direction = rng.standard_normal((len(states), nv)) * scale
+    visited = []
+    for _ in range(_RANDOM_STEPS):
+        N = motions.motions(states)
+        # the part of the direction that the mechanism can follow
+        step = np.einsum("kij,klj,kl->ki", N, N / scale[:, None] ** 2, direction)
+        length = np.maximum(np.linalg.norm(step / scale, axis=1), 1e-300)
+        step *= (_RANDOM_STEP / length)[:, None]
+        ends, closed = motions.moved(states, step)
+        is_valid = closed & valid(ends)
+        states[is_valid] = ends[is_valid]
+        direction[is_valid] = step[is_valid]
+        blocked = int(np.sum(~is_valid))
+        direction[~is_valid] = rng.standard_normal((blocked, nv)) * scale
+        visited.append(ends[is_valid])
+    return np.concatenate(visited)
 
 
 def _usual_sizes(values: Array) -> Array:
