@@ -13,7 +13,7 @@ import pytest
 from twin import cli
 from twin.core.errors import BudgetError, SourceError, TwinError
 from twin.core.foreign import guard
-from twin.core.foreign.admit import admit_together
+from twin.core.foreign.admit import admit, admit_together
 from twin.core.foreign.budget import Budget
 from twin.exchange.formats.step.read import read_skeleton
 from twin.exchange.read import read
@@ -171,6 +171,22 @@ def test_the_guard_lets_good_files_pass(kind, tmp_path):
         (tmp_path / "request.json").write_text('{"arguments": {}, "packages": []}')
         arguments = (str(tmp_path / "request.json"), str(tmp_path / "answer.json"))
     assert guard.run(good[kind], kind, *arguments) == 0
+
+
+def test_a_ply_header_is_read_to_its_end_and_no_suffix_is_without_limits(tmp_path):
+    file = tmp_path / "m.ply"
+    comments = 3000 * "comment a long line, of which many writers write some, with its end_headers\n"
+    start = f"ply\nformat ascii 1.0\n{comments}"
+    file.write_text(f"{start}element vertex 4000000000\nproperty float x\nend_header\n0\n", "utf-8")
+    with pytest.raises(BudgetError, match="rows stated in the header: 4,000,000,000"):
+        admit(file)
+    file.write_text(f"{start}element vertex 1\nproperty float x\nend_header\nelement vertex 4000000000\n", "utf-8")
+    admit(file)
+    file.write_text(f"ply\n{5 * comments}", "utf-8")
+    with pytest.raises(BudgetError, match="bytes of the header, which does not end"):
+        admit(file)
+    with pytest.raises(SourceError, match=r"no limits are known for the suffix '\.x3d'"):
+        admit(tmp_path / "m.x3d")
 
 
 @pytest.mark.slow

@@ -1,9 +1,13 @@
-"""Check an untrusted file before it is read: first by fast counts, then by its native parser in a separate process."""
+"""Check an untrusted file before it is read: by size and fast counts; USD and MJCF also by their native parsers.
+
+The native parsers run in a separate process (`guard`), because they can crash or never end. STEP and xacro run in such
+a process when they are read. XML and Collada are counted while they are read; of CSV, OBJ and STL only the size is
+limited.
+"""
 
 from __future__ import annotations
 
 import contextlib
-import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -38,13 +42,16 @@ _MOST_TEXT = 50_000_000
 """Maximum size in bytes of a text layer whose depth is checked; for a larger layer, only the limits of the parser
 apply."""
 
+_MOST_HEADER = 1_000_000
+"""Maximum size in bytes of the header of a PLY file: a normal one has less than a thousand."""
+
 
 def admit(path: Path) -> None:
     """Raise an error if reading a file would exceed the limits of its format; the suffix determines the format.
 
     Raises:
         BudgetError: a limit is exceeded; the message names the file and the limit.
-        SourceError: the native parser crashes on the file.
+        SourceError: the native parser crashes on the file, or no limits are known for its suffix.
         OSError: the file cannot be read.
     """
     suffix = path.suffix.lower()
@@ -64,6 +71,11 @@ def admit(path: Path) -> None:
         count_json(path, read_bytes(path, "JSON"))
     elif suffix in _OTHER:
         check_size(path, _OTHER[suffix])
+    else:
+        raise SourceError(
+            f"{path}: no limits are known for the suffix '{path.suffix}'; give the file the suffix of its format, "
+            "such as .urdf, .xml, .sdf, .usd, .glb, .stl or .step"
+        )
 
 
 def admit_together(paths: Iterable[Path]) -> set[Path]:
@@ -91,10 +103,18 @@ def _look_at_usd(path: Path) -> None:
 
 
 def _check_ply(path: Path) -> None:
-    """Raise an error if the header states more rows (vertices, faces) than the limit."""
+    """Raise an error if the header states more rows (vertices, faces) than the limit, or does not end."""
     check_size(path, "PLY")
     with path.open("rb") as file:
-        head = file.read(65536).partition(b"end_header")[0]
-    for count in re.findall(rb"^\s*element\s+\S+\s+(\d+)", head, re.MULTILINE):
-        if int(count[:18]) > BUDGETS["PLY"].count:
-            over(path, "PLY", "rows stated in the header", int(count[:18]), BUDGETS["PLY"].count)
+        head = file.read(_MOST_HEADER + 1)
+    for line in head.split(b"\n"):
+        words = line.split()
+        if b"end_header" in words:
+            return
+        if len(words) != 3 or b"element" not in words[0] or not words[2].isdigit():
+            continue
+        count = int(words[2][:18])
+        if count > BUDGETS["PLY"].count:
+            over(path, "PLY", "rows stated in the header", count, BUDGETS["PLY"].count)
+    if len(head) > _MOST_HEADER:
+        over(path, "PLY", "bytes of the header, which does not end", len(head), _MOST_HEADER)
