@@ -18,7 +18,7 @@ import twin
 from twin.api.scene_obstacles import obstacles_in_base
 from twin.planning.fmt import FmtSearch
 from twin.planning.obstacle_avoidance import shortcuts
-from twin.reference.following import Follower
+from twin.reference.follower import Follower
 from twin.reference.space import JointSpace
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -22,7 +22,7 @@ from twin.exchange.read.closing import close
 from twin.exchange.read.folder import write_folder
 from twin.reference import ReferenceModel
 from twin.reference.dynamics import Dynamics
-from twin.reference.holding import holding_efforts
+from twin.reference.holding_efforts import holding_efforts
 from twin.usd.read import read_stage
 
 MASS, OFFSET = 2.0, 0.3

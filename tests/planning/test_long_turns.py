@@ -14,7 +14,7 @@ from twin.planning.plan import plan
 from twin.planning.protocol import Positioning, Waypoint, load_protocol
 from twin.planning.trajectory import PathKinematics
 from twin.reference import ReferenceModel
-from twin.reference.following import Follower
+from twin.reference.follower import Follower
 
 ROOT = Path(__file__).parents[2]
 GANTRY = PathKinematics(

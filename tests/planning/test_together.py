@@ -41,7 +41,7 @@ from twin.planning.trajectory import without_equations
 from twin.reference import ReferenceModel
 from twin.reference.clearance import Clearance, Shape, distance_between
 from twin.reference.clearance_certificate import Certificate
-from twin.reference.following import Follower
+from twin.reference.follower import Follower
 from twin.ui.report import together_figures
 from twin.ui.report.scene_figures import RobotPhases
 from twin.ui.report.scene_figures import distances as drawn

@@ -24,7 +24,7 @@ from twin.planning.smooth import line
 from twin.reference import ReferenceModel
 from twin.reference.bounds import Bounds, balls_of, grid_of
 from twin.reference.clearance import Shape
-from twin.reference.following import Follower
+from twin.reference.follower import Follower
 from twin.reference.pairs import CollisionPairs
 from twin.reference.space import JointSpace
 

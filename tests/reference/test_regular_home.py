@@ -16,8 +16,8 @@ from twin.core.errors import AssemblyError
 from twin.exchange.read import read
 from twin.exchange.read.closing import close
 from twin.reference import ReferenceModel
-from twin.reference.departing import breach
 from twin.reference.regular import regularity
+from twin.reference.singular_departure import breach
 
 KNEES = Path(__file__).parents[1] / "data/regular/knees.xml"
 SIT = '<keyframe><key name="sit" qpos="-0.1 0.505 -1.011 -0.2 0.72 -1.44"/></keyframe>'

@@ -26,7 +26,7 @@ from twin.planning.protocol import load_protocol
 from twin.planning.rounds import UNITS
 from twin.planning.smooth import line
 from twin.reference import ReferenceModel
-from twin.reference.following import Follower
+from twin.reference.follower import Follower
 from twin.reference.pairs import Still
 from twin.reference.space import JointSpace
 from twin.reference.travel import Reach

@@ -19,7 +19,7 @@ from twin.exchange.read.closing import close
 from twin.model.body import Body
 from twin.model.joint import Joint
 from twin.reference.dynamics import Dynamics, SharedLoops
-from twin.reference.holding import holding_efforts
+from twin.reference.holding_efforts import holding_efforts
 from twin.simulation.dynamics.arm import arm, without_fixed
 from twin.simulation.dynamics.computed_torque import EXACT_LIMIT, Conditions, DesiredMotion, run, side_by_side
 from twin.simulation.dynamics.effort_plants import ModelPlant, MujocoPlant

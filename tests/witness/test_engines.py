@@ -266,7 +266,7 @@ DRIVEN = {
 @pytest.mark.parametrize("name", DRIVEN)
 def test_physx_keeps_the_loops_closed_while_the_drives_follow_the_protocol(foreign, figures, tmp_path, name):
     from twin.reference import ReferenceModel
-    from twin.reference.holding import holding_efforts
+    from twin.reference.holding_efforts import holding_efforts
 
     foreign.need("physx")
     protocol, seconds = DRIVEN[name]

@@ -686,7 +686,7 @@ class Robot:
     def path_kinematics(self) -> PathKinematics:
         """Return the limits, the equations (if the robot has any) and the mechanism, for planning."""
         from twin.planning.trajectory import without_equations
-        from twin.reference.following import Follower
+        from twin.reference.follower import Follower
         from twin.reference.space import JointSpace
 
         follower = Follower(self.reference)

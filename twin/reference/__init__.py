@@ -1,6 +1,19 @@
 """The independent model of a mechanism: Pinocchio on the spanning tree, loops closed by damped Gauss-Newton.
 
 The model is built from a `Mechanism` alone, and shares no code with the equations that it checks.
+
+The modules:
+
+- the mechanism as numbers: `tree`, `loops`, `pose_residuals`; `newton` closes the loops
+- states: `model` and `states`, at joint values or tool poses; `assembling` for loops that are open in the CAD,
+  `regular` and `singular_departure` for singular states, `closing` for many states at once
+- motions: `follower`, `continuation`, `sample_continuation`, `target_continuation`
+- ranks and rates: `mobility`, `loop_rates`, `conditioning`, `degeneracy`
+- checks of equations and drawing: `boundary` with `newton_walks` (reach margins and singularity measures),
+  `joint_range` (states all over the range), `mating` (joints of the CAD), `sensitivity` (rounded frames)
+- forces: `inertia`, `dynamics`, `holding_efforts`
+- distances: `clearance` along a motion and its proof, `clearance_certificate`; for a search of paths, `space` with
+  `pairs`, `obstacles` and `travel`, and `bounds` with `lookup`
 """
 
 from twin.reference.mobility import Mobility

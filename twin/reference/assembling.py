@@ -9,9 +9,9 @@ import numpy as np
 
 from twin.core.spatial import Array, Index
 from twin.model.mechanism import Mechanism
-from twin.reference.departing import scattered
 from twin.reference.model import ReferenceModel
 from twin.reference.newton import minimise
+from twin.reference.singular_departure import scattered
 from twin.reference.states import Assembly
 
 CLOSED = (1e-9, 1e-8)

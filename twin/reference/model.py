@@ -21,7 +21,7 @@ from twin.reference import loop_rates, mobility
 from twin.reference.loops import LENGTH_SCALE
 from twin.reference.mobility import Mobility
 from twin.reference.newton import minimise
-from twin.reference.posing import loops_only
+from twin.reference.pose_residuals import loops_only
 from twin.reference.sample_continuation import BLOCK, Progress, solved_along
 from twin.reference.states import Assembly, SolvedSamples, assembly_at, link_poses_at, samples_at
 from twin.reference.target_continuation import GAP_TOLERANCE, MODE_JUMP, TargetContinuation

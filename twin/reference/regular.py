@@ -14,9 +14,9 @@ import numpy as np
 from twin.core.findings import Finding, warning
 from twin.core.quantity import Quantity
 from twin.core.spatial import Array
-from twin.reference.departing import scattered
 from twin.reference.model import ReferenceModel
 from twin.reference.newton import minimise
+from twin.reference.singular_departure import scattered
 
 SINGULAR = 1e-4
 """Value of `Regularity.margin` below which a state is singular."""

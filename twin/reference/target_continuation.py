@@ -16,9 +16,9 @@ from twin.core import spatial
 from twin.core.errors import AssemblyError
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.reference import departing
+from twin.reference import singular_departure
 from twin.reference.newton import minimise
-from twin.reference.posing import loops_only, posed
+from twin.reference.pose_residuals import loops_only, posed
 from twin.reference.states import Assembly, assembly_at
 from twin.reference.tree import Tree
 
@@ -41,7 +41,7 @@ _LAST_PART = 1e-9
 """Part of the whole motion that is no step of its own: it would be as small as rounding errors."""
 
 _DEPARTURES = 2
-"""Maximum number of restarts (see `departing`) from states at which a continuation is stuck."""
+"""Maximum number of restarts (see `singular_departure`) from states at which a continuation is stuck."""
 
 _DEPARTURE_MISFIT = 1e-6
 """Misfit (m, rad) up to which a restart has reached its target."""
@@ -237,7 +237,7 @@ class TargetContinuation:
             states, _ = self.move(X, targets)
             return states
 
-        return departing.depart(self.tree, x, move_all, distance_of)
+        return singular_departure.depart(self.tree, x, move_all, distance_of)
 
 
 def distance(a: Array, b: Array) -> float:

@@ -19,8 +19,8 @@ from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.reference.assembling import CLOSED, assemble, closes_alone, is_closed, settle
-from twin.reference.departing import breach
 from twin.reference.regular import SINGULAR, Regularity, closed_beside, regularity
+from twin.reference.singular_departure import breach
 from twin.reference.states import Assembly
 
 _UNREAD = ("import.unread", "import.schema", "import.plugin", "import.inactive")

@@ -16,8 +16,8 @@ from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.reference.assembling import is_closed
-from twin.reference.departing import breach
 from twin.reference.newton import minimise
+from twin.reference.singular_departure import breach
 from twin.reference.states import Assembly
 
 _MARGIN = 1e-3

@@ -112,7 +112,7 @@ class _Writer:
 
     def __init__(self, mechanism: Mechanism) -> None:
         from twin.reference import ReferenceModel
-        from twin.reference.holding import holding_efforts
+        from twin.reference.holding_efforts import holding_efforts
 
         self.mechanism = mechanism
         self.spanning = spanning(mechanism)

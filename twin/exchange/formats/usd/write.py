@@ -23,7 +23,7 @@ from twin.exchange.write.clip import rounded
 from twin.exchange.write.order import Order
 from twin.model.mechanism import EARTH, Mechanism
 from twin.planning.trajectory import Trajectory, key_times
-from twin.reference.holding import holding_efforts
+from twin.reference.holding_efforts import holding_efforts
 from twin.usd import gf
 from twin.usd.read import made_from
 from twin.usd.write.layers import describe, new_layer, save

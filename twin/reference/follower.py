@@ -17,7 +17,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.reference.model import ReferenceModel
 from twin.reference.newton import minimise
-from twin.reference.posing import posed
+from twin.reference.pose_residuals import posed
 from twin.reference.target_continuation import GAP_TOLERANCE, MODE_JUMP, between
 
 _MOST_HALVINGS = 8
@@ -59,7 +59,7 @@ class Follower:
         """Return states (k, nq), driven joint values (k, n) and T_base_tool (k, 4, 4) along a path of tool poses.
 
         The poses Ts (k, 4, 4) begin near the state `start` (nq,). `directions` (6,) marks the followed directions; see
-        `posing.posed`. `p_tool` (3,) in m is the followed point in the tool frame.
+        `pose_residuals.posed`. `p_tool` (3,) in m is the followed point in the tool frame.
 
         Raises:
             AssemblyError: the mechanism cannot follow the path; the message names the sample.
