@@ -10,11 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 
 from twin.exchange.audit import poses
 from twin.exchange.audit.poses import Array
+
+_Value = TypeVar("_Value")
 
 _SAME = 1e-5
 """Tolerance in m and in components of unit vectors, within which lines coincide or meet in a point."""
@@ -30,6 +33,16 @@ WORLD = "world"
 
 TOOL = "(tool)"
 """Name of the tool frame for all formats, because tracks do not state its name."""
+
+
+def renamed(names: Collection[str], new: Mapping[str, str]) -> tuple[str, ...]:
+    """Return names after renaming by {old: new}; other names stay."""
+    return tuple(new.get(name, name) for name in names)
+
+
+def keyed(values: Mapping[str, _Value], new: Mapping[str, str]) -> dict[str, _Value]:
+    """Return values by name after renaming by {old: new}; other names stay."""
+    return {new.get(name, name): value for name, value in values.items()}
 
 
 @dataclass(frozen=True)
@@ -148,6 +161,12 @@ class FileMotor:
     damping: float | None = None
     law: str | None = None
 
+    def renamed(self, joints: Mapping[str, str]) -> FileMotor:
+        """Return the motor after renaming joints by {old: new}."""
+        if self.row is None:
+            return self
+        return replace(self, row=keyed(self.row, joints))
+
 
 def felt(motors: Mapping[str, FileMotor], joint: str) -> tuple[float, float] | None:
     """Return (stiffness, damping) at a joint due to the drives of its motors; None if no motor moves the joint.
@@ -192,6 +211,11 @@ class FileJoint:
     drive: FileDrive = FileDrive()
     tied: tuple[tuple[Array, Array], ...] = ()
     kind_said: str = ""
+
+    def renamed(self, links: Mapping[str, str], joints: Mapping[str, str]) -> FileJoint:
+        """Return the joint after renaming links and joints by {old: new}."""
+        parent, child = renamed((self.parent, self.child), links)
+        return replace(self, names=renamed(self.names, joints), parent=parent, child=child)
 
     @property
     def kind(self) -> str:
@@ -257,6 +281,10 @@ class FileFrame:
 
     link: str
     T: Array
+
+    def renamed(self, links: Mapping[str, str]) -> FileFrame:
+        """Return the frame after renaming links by {old: new}; its own name stays."""
+        return FileFrame(links.get(self.link, self.link), self.T)
 
 
 @dataclass
@@ -326,6 +354,33 @@ class FilePhysics:
     contact: Mapping[str, Mapping[str, str]] | None = None
     programs: Mapping[str, Mapping[str, str]] | None = None
     complete: bool = False
+
+    def rename(self, links: Mapping[str, str], joints: Mapping[str, str]) -> None:
+        """Rename links and joints by {old: new}; other names stay, as do the texts of what is declared beside them."""
+        self.links = renamed(self.links, links)
+        self.masses = keyed(self.masses, links)
+        self.shown = keyed(self.shown, links)
+        self.assumed = frozenset(renamed(self.assumed, links))
+        self.partly = frozenset(renamed(self.partly, links))
+        self.joints[:] = [joint.renamed(links, joints) for joint in self.joints]
+        self.frames = {name: frame.renamed(links) for name, frame in self.frames.items()}
+        self.points = {name: point.renamed(links) for name, point in self.points.items()}
+        if self.held is not None:
+            self.held = frozenset(renamed(self.held, links))
+        self.trocars = frozenset(renamed(self.trocars, joints))
+        if self.couplings is not None:
+            couplings: dict[str, tuple[Mapping[str, float], float]] = {}
+            for name, (row, total) in self.couplings.items():
+                couplings[name] = (keyed(row, joints), total)
+            self.couplings = couplings
+        if self.motors is not None:
+            self.motors = {name: motor.renamed(joints) for name, motor in self.motors.items()}
+        if self.reductions is not None:
+            self.reductions = keyed(self.reductions, joints)
+        if self.floats is not None:
+            self.floats = keyed(self.floats, links)
+        if self.postures is not None:
+            self.postures = {name: keyed(coordinates, joints) for name, coordinates in self.postures.items()}
 
     def still(self, known: Collection[str]) -> frozenset[str] | None:
         """Return the links of `known` that cannot move in the world; None if the format cannot state it.

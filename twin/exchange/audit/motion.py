@@ -6,14 +6,14 @@ Poses are T_world_link (k, 4, 4): metres, z up, right-handed, without scale.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from twin.core.json_types import JsonObject
 from twin.exchange.audit.colors import Rgba
-from twin.exchange.audit.mechanism_data import FilePhysics
+from twin.exchange.audit.mechanism_data import FilePhysics, keyed, renamed
 from twin.exchange.audit.poses import Array, angle
 from twin.exchange.audit.report import Ledger, Measured
 from twin.exchange.format import Holds
@@ -87,6 +87,11 @@ class FileClip:
     joints: Mapping[str, Array] = field(default_factory=dict)
     middle: Mapping[str, Array] = field(default_factory=dict)
 
+    def renamed(self, links: Mapping[str, str], joints: Mapping[str, str]) -> FileClip:
+        """Return the motion after renaming links and joints by {old: new}."""
+        middle = keyed(self.middle, links)
+        return replace(self, links=keyed(self.links, links), joints=keyed(self.joints, joints), middle=middle)
+
     @property
     def duration(self) -> float:
         """Time of the last key in s."""
@@ -130,6 +135,18 @@ class Content:
     facts: JsonObject = field(default_factory=dict)
     extra: JsonObject = field(default_factory=dict)
     known: frozenset[str] | None = None
+
+    def rename(self, links: Mapping[str, str], joints: Mapping[str, str]) -> None:
+        """Rename links and joints by {old: new}; other names stay, as does what the file states as text."""
+        self.clips[:] = [clip.renamed(links, joints) for clip in self.clips]
+        self.rest = keyed(self.rest, links)
+        if self.declared is not None:
+            self.declared = renamed(self.declared, links)
+        self.shapes = keyed(self.shapes, links)
+        self.colors = keyed(self.colors, links)
+        self.finishes = keyed(self.finishes, links)
+        if self.physics is not None:
+            self.physics.rename(links, joints)
 
     @property
     def file(self) -> str:

@@ -9,15 +9,14 @@ the links get the names of the mechanism, so that masses, limits and drives are 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import TypeVar
 
 import numpy as np
 
 from twin.exchange.audit import poses
-from twin.exchange.audit.mechanism_data import FileFrame, FileJoint, FilePhysics, JointLine
+from twin.exchange.audit.mechanism_data import FileJoint, FilePhysics, JointLine
 from twin.exchange.audit.motion import Content, FileClip, largest
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import MECHANISM, POSITION_TOL, ROTATION_TOL, quantity, um
@@ -43,8 +42,6 @@ MOST_STEPS = 20_000
 """Maximum number of steps in the search of assignments."""
 
 _SINGLE = ("revolute", "prismatic")
-
-_Value = TypeVar("_Value")
 
 
 @dataclass(frozen=True)
@@ -449,7 +446,7 @@ def _take_names(content: Content, assignment: Mapping[str, str], truth: FilePhys
         ends = frozenset((bodies.get(joint.parent, ""), bodies.get(joint.child, "")))
         if len(joint.names) == 1 and not joint.tied and ends in by_ends:
             joints.setdefault(joint.names[0], by_ends[ends])
-    _rename(content, bodies, joints)
+    content.rename(bodies, joints)
     # The joints of links without a body have no counterpart by name: in a URDF, two such links join the ends of a loop.
     named = {"", *truth.links}
     for i, joint in enumerate(physics.joints):
@@ -476,60 +473,6 @@ def _bodies_of_links(links: Mapping[str, Array], truth: FilePhysics, states: Dra
                 bodies[link] = body
                 break
     return bodies
-
-
-def _rename(content: Content, links: Mapping[str, str], joints: Mapping[str, str]) -> None:
-    """Rename links {old: new} and joints {old: new} in all data of a file; other names stay."""
-    physics = content.physics
-    assert physics is not None
-    physics.links = _renamed(physics.links, links)
-    physics.masses = _keyed(physics.masses, links)
-    physics.shown = _keyed(physics.shown, links)
-    physics.assumed = frozenset(_renamed(physics.assumed, links))
-    physics.partly = frozenset(_renamed(physics.partly, links))
-    physics.frames = _moved_frames(physics.frames, links)
-    physics.points = _moved_frames(physics.points, links)
-    if physics.floats is not None:
-        physics.floats = _keyed(physics.floats, links)
-    if physics.held is not None:
-        physics.held = frozenset(_renamed(physics.held, links))
-    for i, joint in enumerate(physics.joints):
-        parent, child = _renamed((joint.parent, joint.child), links)
-        physics.joints[i] = replace(joint, names=_renamed(joint.names, joints), parent=parent, child=child)
-    if physics.reductions is not None:
-        physics.reductions = _keyed(physics.reductions, joints)
-    if physics.couplings is not None:
-        couplings = {}
-        for name, (row, total) in physics.couplings.items():
-            couplings[name] = (_keyed(row, joints), total)
-        physics.couplings = couplings
-    if physics.motors is not None:
-        motors = {}
-        for name, motor in physics.motors.items():
-            if motor.row is not None:
-                motor = replace(motor, row=_keyed(motor.row, joints))
-            motors[name] = motor
-        physics.motors = motors
-    if content.declared is not None:
-        content.declared = _renamed(content.declared, links)
-    content.rest = _keyed(content.rest, links)
-    content.shapes = _keyed(content.shapes, links)
-    content.colors = _keyed(content.colors, links)
-
-
-def _renamed(names: Iterable[str], new: Mapping[str, str]) -> tuple[str, ...]:
-    return tuple(new.get(name, name) for name in names)
-
-
-def _keyed(values: Mapping[str, _Value], new: Mapping[str, str]) -> dict[str, _Value]:
-    return {new.get(name, name): value for name, value in values.items()}
-
-
-def _moved_frames(frames: Mapping[str, FileFrame], new: Mapping[str, str]) -> dict[str, FileFrame]:
-    moved = {}
-    for name, frame in frames.items():
-        moved[name] = FileFrame(new.get(frame.link, frame.link), frame.T)
-    return moved
 
 
 # ------------------------------------------------------------------------------------------------------ rest
