@@ -132,7 +132,7 @@ EMPTY = (0.0, 0.0, 0.0, 0.0, 0.0)
 """`FilePhysics.medium` where nothing slows the robot down."""
 
 FREE_JOINT = (0.0, 0.0, 0.0, 0.0)
-"""`Drive.passive` of a joint without spring, damper, friction and rotor."""
+"""`FileDrive.passive` of a joint without spring, damper, friction and rotor."""
 
 
 @dataclass(frozen=True)
@@ -407,9 +407,10 @@ class FilePhysics:
     def reduced(self, known: Collection[str]) -> list[FileJoint]:
         """Return the joints between links of `known`.
 
-        A link outside `known` with two joints is removed, and its two joints become one joint. A link outside `known`
-        with one joint is removed together with the joint. A link outside `known` with three or more joints remains.
-        If a file states joints by ties (`Joint.tied`), all ties between the same two links become one joint.
+        A link outside `known` with two joints is removed, and its two joints become one joint; if the pose of one of
+        them is not stated, both are removed with the link. A link outside `known` with one joint is removed together
+        with the joint. A link outside `known` with three or more joints remains.
+        If a file states joints by ties (`FileJoint.tied`), all ties between the same two links become one joint.
         """
         joints = [joint for joint in self.joints if not joint.tied]
         if WORLD not in known:
@@ -444,10 +445,10 @@ class FilePhysics:
         return joined
 
     def added(self, known: Collection[str]) -> list[FileJoint]:
-        """Return the movable joints of links outside `known` that have a mass and no other joint.
+        """Return the movable joints of links outside `known` that are heavier than a helper and have no other joint.
 
-        `reduced` leaves them out together with the links, because some formats need such links: they are almost
-        without mass.
+        `reduced` leaves out the joints of all links with one joint, because some formats need helpers: links almost
+        without mass that only split a joint or close a loop. A heavier link is none, so that its joint is an addition.
         """
         added: list[FileJoint] = []
         for joint in self._of_heavy_ends(known).values():
@@ -499,7 +500,10 @@ def _next_removed(links: Collection[str], joints: Collection[FileJoint]) -> str 
 
 
 def _without(link: str, joints: list[FileJoint]) -> list[FileJoint]:
-    """Return joints without a link: if two joints have it, they become one, with the motions of both."""
+    """Return joints without a link: if two joints have it, they become one, with the motions of both.
+
+    Two joints, of which one has no stated pose, cannot become one: both are left out.
+    """
     joined: list[FileJoint] = []
     others: list[FileJoint] = []
     for joint in joints:
