@@ -9,14 +9,14 @@ the links get the names of the mechanism, so that masses, limits and drives are 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
 from twin.exchange.audit import poses
-from twin.exchange.audit.mechanism_data import FileJoint, FilePhysics, JointLine
+from twin.exchange.audit.mechanism_data import FileJoint, FilePhysics, JointLine, meeting
 from twin.exchange.audit.motion import Content, FileClip, largest
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import MECHANISM, POSITION_TOL, ROTATION_TOL, quantity, um
@@ -126,13 +126,15 @@ def compare_states(content: Content, truth: FilePhysics, states: DrawnStates) ->
 class _Pair:
     """Two joints of a file: the largest difference to those of the mechanism, over all states.
 
+    The differences are infinite if a number of the file is not finite: such joints agree with none.
+
     Attributes:
         first, second: names of the joints in the file.
         distance: difference of the distances of the two lines in m; 0 if one of the joints is a slide.
         cosine: difference of the cosines of their angles.
         found, meant: the distances in m, or the angles in deg if only these differ, at the state of the difference.
         rigid: whether both joints are on one rigid part, so that zero positions have no influence.
-        between: number of joints from the first to the second in the file.
+        between: places from the first to the second among the compared joints, in the order of their assignment.
     """
 
     first: str
@@ -156,6 +158,11 @@ class _Pair:
 
     def text(self) -> str:
         """Return the difference as a sentence."""
+        if not np.isfinite(self.share):
+            return (
+                f"the axes of joints '{self.first}' and '{self.second}' cannot be compared with {MECHANISM}: a number "
+                "of their poses in the file is not finite."
+            )
         if self.distance > LINE_TOL:
             return (
                 f"the axes of joints '{self.first}' and '{self.second}' are {_length(self.found)} apart; in "
@@ -388,8 +395,17 @@ def _differences(
         parts_of_a = {part[own[a].parent], part[own[a].child]}
         parts_of_b = {part[own[b].parent], part[own[b].child]}
         rigid = bool(parts_of_a & parts_of_b)
-        pairs.append(_Pair(a, b, float(shifted.max()), float(turned.max()), shown, expected, rigid, k - i))
+        distance_off = _or_infinite(shifted.max())
+        cosine_off = _or_infinite(turned.max())
+        pairs.append(_Pair(a, b, distance_off, cosine_off, shown, expected, rigid, k - i))
     return pairs
+
+
+def _or_infinite(difference: float) -> float:
+    """Return a difference; infinity for NaN, which no limit would find too large."""
+    if np.isnan(difference):
+        return np.inf
+    return float(difference)
 
 
 def _degrees(cosine: float) -> float:
@@ -494,19 +510,22 @@ def compare_joints(content: Content, truth: FilePhysics, source: str = MECHANISM
             name = f"{joint.parent} to {joint.child}"  # fixed joints may have no name
             if joint.names:
                 name = joint.names[0]
-            distances[name], angles[name] = _misfit(joint, links)
-    if not distances:
+            distance, angles[name] = _misfit(joint, links)
+            if distance is not None:
+                distances[name] = distance
+    if not angles:
         return
     ledger = content.ledger
     ending = f"from any position that {source} allows."
 
-    name = max(distances, key=lambda n: distances[n])
-    worst = distances[name]
-    check = f"rest: position at the joints of {source}"
-    ledger.row(check, worst, "m", REST_TOL, where=name, against=source)
-    if worst > REST_TOL:
-        text = f"rest: the links of joint '{name}' are {quantity(worst, 'm')} {ending}"
-        ledger.wrong("states.rest", text, name)
+    if distances:
+        name = max(distances, key=lambda n: distances[n])
+        worst = distances[name]
+        check = f"rest: position at the joints of {source}"
+        ledger.row(check, worst, "m", REST_TOL, where=name, against=source)
+        if worst > REST_TOL:
+            text = f"rest: the links of joint '{name}' are {quantity(worst, 'm')} {ending}"
+            ledger.wrong("states.rest", text, name)
 
     name = max(angles, key=lambda n: angles[n])
     worst = angles[name]
@@ -518,8 +537,12 @@ def compare_joints(content: Content, truth: FilePhysics, source: str = MECHANISM
     ledger.placed |= source == MECHANISM
 
 
-def _misfit(joint: FileJoint, links: Mapping[str, Array]) -> tuple[float, float]:
-    """Return the largest distance (m) and angle (rad) of a joint's two links from the positions that it allows."""
+def _misfit(joint: FileJoint, links: Mapping[str, Array]) -> tuple[float | None, float]:
+    """Return the largest distance (m) and angle (rad) of a joint's two links from the positions that it allows.
+
+    The distance is None if the joint has no point whose positions are known to be on a line or a plane, such as two
+    turns that do not meet, or a turn that swings the slide after it.
+    """
     assert joint.T is not None
     zero = links[joint.parent] @ joint.T  # the child at zero
     T = poses.inverse(zero) @ links[joint.child]
@@ -527,9 +550,6 @@ def _misfit(joint: FileJoint, links: Mapping[str, Array]) -> tuple[float, float]
     to_child = poses.inverse(joint.T)
     lines = [line.seen(to_child) for line in joint.motions]
     turns = [line for line in lines if line.kind == "turn"]
-    point = np.zeros(3)
-    if turns:
-        point = turns[0].point  # a point that the turns do not move
     angle = 0.0
     if len(turns) == 1:
         axis = turns[0].direction
@@ -537,9 +557,50 @@ def _misfit(joint: FileJoint, links: Mapping[str, Array]) -> tuple[float, float]
     elif not turns:
         unturned = np.broadcast_to(np.eye(3), R.shape)
         angle = float(poses.angle(R, unturned).max())
+    point = _unturned_point(turns)
+    if point is None or _swings_slide(lines):
+        return None, _or_infinite(angle)
     shift = R @ point + T[:, :3, 3] - point
+    for direction in _slide_directions(lines):
+        along = np.sum(shift * direction, axis=1, keepdims=True)
+        shift = shift - along * direction
+    return _or_infinite(np.linalg.norm(shift, axis=1).max()), _or_infinite(angle)
+
+
+def _unturned_point(turns: Sequence[JointLine]) -> Array | None:
+    """Return a point (3,) in m that turns do not move, because it is on all of their lines; None without one."""
+    if not turns:
+        return np.zeros(3)
+    for point in (turns[0].point, meeting(turns)):
+        distances = [np.linalg.norm(np.cross(line.direction, point - line.point)) for line in turns]
+        if max(distances) <= LINE_TOL:
+            return point
+    return None
+
+
+def _swings_slide(lines: Sequence[JointLine]) -> bool:
+    """Return whether a turn changes the direction of a slide after it, from the parent outwards."""
+    turns: list[JointLine] = []
     for line in lines:
-        if line.kind == "slide":
-            along = np.sum(shift * line.direction, axis=1, keepdims=True)
-            shift = shift - along * line.direction
-    return float(np.linalg.norm(shift, axis=1).max()), angle
+        if line.kind == "turn":
+            turns.append(line)
+            continue
+        for turn in turns:
+            if np.linalg.norm(np.cross(turn.direction, line.direction)) > ANGLE_TOL:
+                return True
+    return False
+
+
+def _slide_directions(lines: Sequence[JointLine]) -> list[Array]:
+    """Return unit vectors (3,), at right angles to each other, that span the directions of all slides."""
+    directions: list[Array] = []
+    for line in lines:
+        if line.kind != "slide":
+            continue
+        rest = line.direction
+        for direction in directions:
+            rest = rest - (rest @ direction) * direction
+        size = np.linalg.norm(rest)
+        if size > ANGLE_TOL:  # else it is a direction of the slides before
+            directions.append(rest / size)
+    return directions
