@@ -21,8 +21,8 @@ from twin.validation.explain.required_values import in_square, is_square, scalar
 from twin.validation.explain.shifts import Flat
 from twin.validation.explain.term_texts import Atom, Products, factors, in_product, terms
 
-_MOST_TEXTS = 12
-"""Maximum number of texts for the required values of one part."""
+_MOST_WRITTEN = 12
+"""Maximum number of edits that give one part its required values by a short formula."""
 
 
 def with_term(expression: Expression, wanted: Array) -> Iterator[tuple[Edit, Edit]]:
@@ -154,9 +154,9 @@ def _completed(
     """Yield pairs of one of `edits`, and an edit that gives a part with `values` (k,) those of `needs` (edits, k)."""
     known = expression.known
     with np.errstate(all="ignore"):
-        with_term = products.likely(needs[:, known] - values[known])
-        with_factor = products.likely(needs[:, known] / values[known])
-    likely = {*with_term, *with_factor}
+        by_term = products.likely(needs[:, known] - values[known])
+        by_factor = products.likely(needs[:, known] / values[known])
+    likely = {*by_term, *by_factor}
     candidates = sorted(int(n) for n in likely)
     if is_square(part):  # what is missing in the square may be no single term or factor outside
         candidates = list(range(len(needs)))
@@ -164,7 +164,7 @@ def _completed(
         if expression.deadline.passed:
             return
         shift = _shift(expression, values, needs[n])
-        for second in _texts(expression, part, shift, atoms, products, n in likely):
+        for second in _edits_of_part(expression, part, shift, atoms, products, n in likely):
             yield edits[n], second
 
 
@@ -177,7 +177,7 @@ def _shift(expression: Expression, values: Array, wanted: Array) -> Flat:
     return shift
 
 
-def _texts(
+def _edits_of_part(
     expression: Expression, part: ast.expr, shift: Flat, atoms: Sequence[Atom], products: Products, likely: bool
 ) -> Iterator[Edit]:
     """Yield edits after which a part has its required values.
@@ -186,7 +186,7 @@ def _texts(
     """
     site = expression.site
     if likely:
-        yield from islice(written(site.source, site.statement, part, site.parents, shift, atoms), _MOST_TEXTS)
+        yield from islice(written(site.source, site.statement, part, site.parents, shift, atoms), _MOST_WRITTEN)
     if is_square(part):
         yield from in_square(site.source, site.statement, part, site.parents, shift, atoms, products)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations, permutations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -160,12 +161,15 @@ def _differences(wanted: Array, atoms: Sequence[Atom]) -> Iterator[str]:
     """Yield the texts of differences of two names with the values `wanted` (k,), which vary from pose to pose."""
     if _is_constant(wanted):  # lengths often have the same differences
         return
-    names = [atom for atom in atoms if atom.text.isidentifier()]
     limit = _limit(wanted)
-    for first in names:
-        for second in names:
-            if np.abs(first.values - second.values - wanted).max() <= limit:
-                yield f"({first.text} - {second.text})"
+    for first, second in permutations(_names(atoms), 2):
+        if np.abs(first.values - second.values - wanted).max() <= limit:
+            yield f"({first.text} - {second.text})"
+
+
+def _names(atoms: Sequence[Atom]) -> list[Atom]:
+    """Return the atoms of which differences are factors: those that are plain names."""
+    return [atom for atom in atoms if atom.text.isidentifier()]
 
 
 def number_text(size: float) -> str | None:
@@ -192,12 +196,16 @@ def _products(wanted: Array, atoms: Sequence[Atom]) -> Iterator[tuple[float, str
         yield coefficient, f"{in_product(atoms[i].text)}**2"
     if _is_constant(wanted):  # products of decimal numbers often coincide
         return
-    A = A[:_MOST_FACTORS]
-    first, second = np.triu_indices(len(A), 1)
+    first, second = _two_factors(len(A))
     for n, coefficient in _proportional(wanted, A[first] * A[second]):
         one = in_product(atoms[first[n]].text)
         other = in_product(atoms[second[n]].text)
         yield coefficient, f"{one} * {other}"
+
+
+def _two_factors(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the indices of the first and of the second factors of the products of two of `count` atoms."""
+    return np.triu_indices(min(count, _MOST_FACTORS), 1)
 
 
 def _proportional(wanted: Array, rows: Array) -> Iterator[tuple[int, float]]:
@@ -210,36 +218,45 @@ def _proportional(wanted: Array, rows: Array) -> Iterator[tuple[int, float]]:
 
 
 class Products:
-    """The values of atoms, of their squares and of products of two, to look up many required values at once."""
+    """The values of all that `terms` and `factors` may be made of, to look up many required values at once.
+
+    Attributes:
+        table: values (n, k) of the atoms, of their squares and of products of two.
+    """
 
     def __init__(self, atoms: Sequence[Atom]) -> None:
         """Multiply the values (k,) of atoms; those without a value at a pose are left out."""
-        finite = [atom.values for atom in atoms if np.isfinite(atom.values).all()]
-        A = np.zeros((0, 1))
-        if finite:
-            A = np.stack(finite)
-        few = A[:_MOST_FACTORS]
-        first, second = np.triu_indices(len(few), 1)
-        self.table: Array = np.vstack([A, A**2, few[first] * few[second]])
-        sizes = np.linalg.norm(self.table, axis=1, keepdims=True)
-        unit_products = self.table / np.where(sizes > 0, sizes, 1.0)
-        unit_number = np.ones((1, A.shape[1])) / A.shape[1] ** 0.5
-        self._units = np.vstack([unit_products, unit_number])
-        """Unit vectors in the directions of the products, and in that of a number that is the same at all poses."""
+        finite = [atom for atom in atoms if np.isfinite(atom.values).all()]
+        self.table: Array = np.zeros((0, 1))
+        self._units = self.table
+        """Unit vectors in the directions of the table's rows, and of the differences of names."""
+        if not finite:
+            return
+        A = np.stack([atom.values for atom in finite])
+        first, second = _two_factors(len(A))
+        self.table = np.vstack([A, A**2, A[first] * A[second]])
+        differences: list[Array] = []
+        for one, other in combinations(_names(finite), 2):  # the other order has the same direction, reversed
+            differences.append(one.values - other.values)
+        rows = np.vstack([self.table, *differences])
+        sizes = np.linalg.norm(rows, axis=1, keepdims=True)
+        self._units = rows / np.where(sizes > 0, sizes, 1.0)
 
     def likely(self, wanted: Array) -> NDArray[np.intp]:
-        """Return the indices of the rows of `wanted` (n, k) that are numbers, or proportional to a product.
+        """Return the indices of the rows of `wanted` (n, k) that are numbers, or proportional to one of the values.
 
-        These rows are looked up by `terms` or `factors`, one by one; the others are not among them.
+        These rows are looked up by `terms` or `factors`, one by one; these find nothing for the others, except where
+        all values are so small that they are rounding of zero.
         """
-        if not len(self.table):
-            return np.zeros(0, np.intp)
+        k = wanted.shape[1]
         with np.errstate(all="ignore"):
             rows = wanted / np.linalg.norm(wanted, axis=1, keepdims=True)
         rows = np.where(np.isfinite(rows).all(axis=1, keepdims=True), rows, 0.0)
-        cosines = np.abs(rows @ self._units.T).max(axis=1)
+        cosines = np.abs(rows.sum(axis=1)) / np.sqrt(k)  # with a number, the same at all poses
+        if len(self._units):
+            cosines = np.maximum(cosines, np.abs(rows @ self._units.T).max(axis=1))
         # Entries that differ by EQUAL make an angle whose cosine is smaller than 1 by about its square, for each entry.
-        least = 1 - EQUAL**2 * wanted.shape[1]
+        least = 1 - EQUAL**2 * k
         return np.flatnonzero(cosines >= least)
 
     def either(self, first: Array, second: Array) -> Array:
