@@ -39,6 +39,55 @@ def listed(q, a):
     again = out
     out += (a,)
     return again[1] * q
+
+
+def _scaled(by):
+    def inside(q, a):
+        v = q
+        v *= by
+        v += a
+        return v - q
+
+    return inside
+
+
+inside = _scaled(3)
+"""
+
+MODULO = """
+from casadi import sin
+
+
+def whole(q, a):
+    v = q
+    v %= 0.3
+    w = q
+    w //= 0.3
+    return v + w - q
+"""
+
+DECORATED = """
+from functools import wraps
+
+from casadi import sin
+
+
+def doubled(f):
+    @wraps(f)
+    def decorated(q, a):
+        v = q
+        v += a
+        v *= 2
+        return v + f(q, a)
+
+    return decorated
+
+
+@doubled
+def decorated(q, a):
+    v = q
+    v -= 1
+    return -v
 """
 
 ARRAYS = """
@@ -91,7 +140,7 @@ def test_a_wrong_augmented_assignment_is_found(value, tmp_path):
     assert seeds.outcome(case, formula, tmp_path, 4.0) in ("rank 1", "tie")
 
 
-@pytest.mark.parametrize("name", ["moved", "chosen", "listed"])
+@pytest.mark.parametrize("name", ["moved", "chosen", "listed", "inside"])
 def test_a_function_runs_as_with_casadi(name, tmp_path):
     f = getattr(loaded(tmp_path, HELPERS), name)
     q = np.linspace(0.1, 1.0, 8)
@@ -102,6 +151,22 @@ def test_a_function_runs_as_with_casadi(name, tmp_path):
         with block:
             np.testing.assert_allclose(Rebuilder().function(f)(q, 0.5), [float(wanted(x, 0.5)) for x in kept])
         np.testing.assert_array_equal(q, kept)
+
+
+def test_remainder_and_whole_quotient_change_no_argument(tmp_path):
+    f = loaded(tmp_path, MODULO).whole
+    q = np.linspace(0.1, 1.0, 8)
+    kept = q.copy()
+    np.testing.assert_allclose(Rebuilder().function(f)(q, 0.5), kept % 0.3 + kept // 0.3 - kept)
+    np.testing.assert_array_equal(q, kept)
+
+
+def test_a_decorated_function_runs_as_with_casadi(tmp_path):
+    f = loaded(tmp_path, DECORATED).decorated
+    q = np.linspace(0.1, 1.0, 8)
+    kept = q.copy()
+    np.testing.assert_allclose(Rebuilder().function(f)(q, 0.5), 2 * (kept + 0.5) + 1 - kept)
+    np.testing.assert_array_equal(q, kept)
 
 
 def test_arrays_of_numpy_are_changed_in_place(tmp_path):

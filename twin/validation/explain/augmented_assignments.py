@@ -23,11 +23,16 @@ _SYMBOLIC = "twin.formula.symbolic"
 NAME = "_augmented_"
 """Name of the function that replaces augmented assignments, in the globals of rebuilt functions."""
 
+_OUTER = "_outer_"
+"""Name of a function around a closure that is compiled again; it has the closure's variables."""
+
 _SIGNS: dict[type[ast.operator], str] = {
     ast.Add: "+",
     ast.Sub: "-",
     ast.Mult: "*",
     ast.Div: "/",
+    ast.FloorDiv: "//",
+    ast.Mod: "%",
     ast.MatMult: "@",
     ast.Pow: "**",
 }
@@ -37,6 +42,8 @@ _OPERATIONS: dict[str, tuple[Callable[..., Value], Callable[..., Value]]] = {
     "-": (operator.sub, operator.isub),
     "*": (operator.mul, operator.imul),
     "/": (operator.truediv, operator.itruediv),
+    "//": (operator.floordiv, operator.ifloordiv),
+    "%": (operator.mod, operator.imod),
     "@": (operator.matmul, operator.imatmul),
     "**": (operator.pow, operator.ipow),
 }
@@ -44,7 +51,11 @@ _OPERATIONS: dict[str, tuple[Callable[..., Value], Callable[..., Value]]] = {
 
 
 def augmented(sign: str, value: Value, other: Value) -> Value:
-    """Return the value of a variable after an augmented assignment; only lists and other containers are changed."""
+    """Return the value of a variable after an augmented assignment.
+
+    Arrays of numbers stand for scalars of CasADi: they get a new value. All others are changed where Python does it, as
+    lists and arrays of objects.
+    """
     anew, in_place = _OPERATIONS[sign]
     if isinstance(value, np.ndarray) and value.dtype != object:
         return anew(value, other)
@@ -82,21 +93,43 @@ def _has_augmented(root: ast.AST) -> bool:
 
 def rewritten(f: types.FunctionType) -> types.CodeType:
     """Return the code of a function, with augmented assignments as in CasADi where its source can be read."""
-    if f.__closure__:
-        return f.__code__
+    # Without the attributes of `f`, so that the definition is its own, not that of a function that it decorates.
+    bare = types.FunctionType(f.__code__, f.__globals__, f.__name__, None, f.__closure__)
     try:
-        node = definition(f)
+        node = definition(bare)
     except KinematicsError:
         return f.__code__
     if not _has_augmented(node):
         return f.__code__
     tree = _Rewriter().visit(copy.deepcopy(node))  # the tree of the file stays as it is, because others read it
     tree.decorator_list = []
-    module = compile(ast.Module([tree], []), f.__code__.co_filename, "exec")
-    for constant in module.co_consts:
-        if isinstance(constant, types.CodeType) and constant.co_name == f.__code__.co_name:
-            return constant.replace(co_firstlineno=f.__code__.co_firstlineno)
-    return f.__code__
+    free = f.__code__.co_freevars
+    module = compile(ast.Module([_with_free(tree, free)], []), f.__code__.co_filename, "exec")
+    code = _code_of(f.__code__.co_name, module)
+    if code is None or code.co_freevars != free:
+        return f.__code__
+    return code.replace(co_firstlineno=f.__code__.co_firstlineno)
+
+
+def _with_free(tree: ast.FunctionDef, free: tuple[str, ...]) -> ast.FunctionDef:
+    """Return a function's definition inside of one whose arguments are its free variables; itself without any."""
+    if not free:
+        return tree
+    arguments = ast.arguments([], [ast.arg(name) for name in free], None, [], [], None, [])
+    outer = ast.FunctionDef(_OUTER, arguments, [tree], [])
+    return ast.fix_missing_locations(ast.copy_location(outer, tree))
+
+
+def _code_of(name: str, code: types.CodeType) -> types.CodeType | None:
+    """Return the code of a function of this name that is defined in `code`, or in the function `_OUTER` there."""
+    for constant in code.co_consts:
+        if not isinstance(constant, types.CodeType):
+            continue
+        if constant.co_name == name:
+            return constant
+        if constant.co_name == _OUTER:
+            return _code_of(name, constant)
+    return None
 
 
 def uses_casadi(names: Mapping[str, object]) -> bool:

@@ -20,7 +20,7 @@ from twin.validation.explain.tokens import line_starts, span
 
 _BRANCHES = "the function returns from within a branch or a loop"
 
-_AUGMENTED = re.compile(r"[-+*/@]=")
+_AUGMENTED = re.compile(r"[-+*/@%]=")
 """Signs of augmented assignments, which few statements have."""
 
 ByteRange = tuple[int, int]

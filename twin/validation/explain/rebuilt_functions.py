@@ -442,7 +442,7 @@ class Rebuilder:
         self._keep.append(f)
         if f.__closure__:
             cells = tuple(types.CellType(self.value(cell.cell_contents)) for cell in f.__closure__)
-            rebuilt = types.FunctionType(f.__code__, scope, f.__name__, f.__defaults__, cells)
+            rebuilt = types.FunctionType(code, scope, f.__name__, f.__defaults__, cells)
             self._done[id(f)] = rebuilt
         rebuilt.__kwdefaults__ = f.__kwdefaults__
         is_plain = not f.__closure__ and not f.__kwdefaults__ and of_formula(f)
