@@ -151,6 +151,30 @@ def test_a_recording_that_fails_leaves_clock_and_gizmo_as_they_were(visible):
     assert (clock.time, clock.playing, front.gizmo.visible, stood[-1]) == (0.7, True, visible, 0.7)
 
 
+@pytest.mark.parametrize("along", [True, False])
+def test_a_turntable_turns_also_from_straight_above(along, monkeypatch):
+    monkeypatch.setattr(view_export, "TURN", 4)
+    looks: list[tuple[np.ndarray, np.ndarray]] = []
+
+    def get_render(height: int, width: int, *, wxyz, position, **_) -> np.ndarray:
+        looks.append((spatial.matrix_from_quat_wxyz(wxyz), position))
+        return np.zeros((height, width, 4), np.uint8)
+
+    above = spatial.quat_from_matrix_wxyz(np.diag([1.0, -1.0, -1.0]))  # x to the right, z down
+    position = np.array([0.0, 0.0 if along else 1.0, 2.0])
+    camera = SimpleNamespace(
+        look_at=np.zeros(3), up_direction=np.array([0.0, 0.0, 2.0]), position=position, wxyz=above, fov=1.0
+    )
+    client = SimpleNamespace(camera=camera, get_render=get_render, send_file_download=lambda name, data: None)
+    view_export.turntable(client, "turn", lambda part: None)  # type: ignore[arg-type]
+    assert len(looks) == 4
+    for k, (R, eye) in enumerate(looks):
+        quarters = spatial.rotation_z(k * np.pi / 2)
+        np.testing.assert_allclose(eye, quarters @ position, atol=1e-12)
+        np.testing.assert_allclose(R, quarters @ looks[0][0], atol=1e-9)
+        np.testing.assert_allclose(R[:, 2], -eye / np.linalg.norm(eye), atol=1e-9)
+
+
 def test_curves_have_names_units_and_values():
     playback = prepare("hibou", None)
     angles = [True, False, True, True, True]

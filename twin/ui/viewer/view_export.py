@@ -15,6 +15,12 @@ from twin.ui.viewer.front import Front
 TURN = 36
 """Number of pictures in a turntable (one revolution of the camera)."""
 
+_ALONG_UP = 1e-6
+"""Sine of the angle between view and upward direction below which a camera looks straight up or down."""
+
+_NEARLY_WHITE = 250
+"""Grey (of 255) behind transparent parts of a picture."""
+
 RATE = 30.0
 """Frames per second of a recording."""
 
@@ -42,12 +48,15 @@ def turntable(client: viser.ClientHandle | None, title: str, progress: Progress)
     images = []
     for k in range(TURN):
         angle = 2 * np.pi * k / TURN
-        # Rodrigues' rotation of the arm about the upward direction
-        along_up = up * (up @ arm) * (1 - np.cos(angle))
-        eye = centre + arm * np.cos(angle) + np.cross(up, arm) * np.sin(angle) + along_up
+        eye = centre + _turned(arm, up, angle)
         # axes of the camera: x to the right, y down, z along the view
         z = (centre - eye) / np.linalg.norm(centre - eye)
-        x = np.cross(z, up) / np.linalg.norm(np.cross(z, up))
+        sideways = np.cross(z, up)
+        sine = np.linalg.norm(sideways)
+        if sine > _ALONG_UP:
+            x = sideways / sine
+        else:  # the camera stays in its place and turns about its view, from its present orientation
+            x = _turned(spatial.matrix_from_quat_wxyz(camera.wxyz)[:, 0], up, angle)
         R = np.column_stack([x, np.cross(z, x), z])
         wxyz = spatial.quat_from_matrix_wxyz(R)
         image = _render(client, 480, 640, wxyz=wxyz, position=eye, fov=camera.fov)
@@ -106,10 +115,16 @@ def _render(client: viser.ClientHandle, height: int, width: int, **camera) -> np
         raise TwinError("the browser did not answer within 120 s; bring its tab to the foreground") from error
 
 
+def _turned(v: np.ndarray, axis: np.ndarray, angle: float) -> np.ndarray:
+    """Return v (3,), turned by an angle in rad about a unit vector (3,): Rodrigues' rotation."""
+    along = axis * (axis @ v) * (1 - np.cos(angle))
+    return v * np.cos(angle) + np.cross(axis, v) * np.sin(angle) + along
+
+
 def _over(image: np.ndarray) -> np.ndarray:
-    """Return a picture with transparency blended with white."""
+    """Return a picture (h, w, 3) in front of a grey that is nearly white, where `image` (h, w, 4) is transparent."""
     a = image[..., 3:] / 255.0
-    return (image[..., :3] * a + 250 * (1 - a)).astype(np.uint8)
+    return (image[..., :3] * a + _NEARLY_WHITE * (1 - a)).astype(np.uint8)
 
 
 def _png(image: np.ndarray) -> bytes:
