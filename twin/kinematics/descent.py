@@ -154,8 +154,10 @@ class Iteration:
 
         `inputs` is the concatenation of six arrays: arguments of the terms, weights of the residuals, changes of the
         unknowns per unit of a step, weights of exceeded joint limits, lower limits, upper limits. The iteration stops
-        when the norm of the whole residual (task and exceeded limits) is at most `goal`, or when the iteration makes no
-        more progress. The norm of the task's residual at the start and after each step is appended to `history`.
+        when the norm of the whole residual (task and exceeded limits) is at most `goal`, after `MAX_ITERATIONS` steps,
+        when limits hold all joints, at the step `_STUCK` without progress since the last with progress, or when the
+        damping exceeds `_LARGEST_MU`. If the residual at the start is not finite, the result is (start, infinity, 0).
+        Otherwise, the norm of the task's residual at the start and after each step is appended to `history`.
         """
         # places in the memory, see `__init__`
         cost = self.state

@@ -20,7 +20,13 @@ LOOSE = 0.5 * MM
 
 @dataclass(frozen=True)
 class Mate:
-    """Two mating parts of a joint and their distance in m in the rest poses; 0 if the parts touch or overlap."""
+    """The nearest parts of a joint's two bodies in the rest poses, see `mates`.
+
+    Attributes:
+        joint: name of the joint.
+        parts: names of the part of the parent and of the part of the child.
+        apart: their distance in m; 0 if they touch or overlap.
+    """
 
     joint: str
     parts: tuple[str, str]
@@ -28,7 +34,10 @@ class Mate:
 
 
 def mates(mechanism: Mechanism) -> list[Mate]:
-    """Return, for each joint with mating parts on both bodies, the two parts that are nearest in the rest poses."""
+    """Return, for each joint with mating parts on both bodies and both rest poses, the two parts that are nearest.
+
+    They are mating parts; if these are farther apart than `LOOSE`, the parent's part may be any of its parts.
+    """
     found_mates = []
     rest = mechanism.rest
     for joint in mechanism.joints:
@@ -41,7 +50,7 @@ def mates(mechanism: Mechanism) -> list[Mate]:
         T_parent_child = spatial.inverse(rest[joint.parent]) @ rest[joint.child]
         mate = _nearest(joint.name, parent_parts, child_parts, T_parent_child)
         if mate.apart > LOOSE:
-            # the zero position may be at an end stop: try all parts of the parent body
+            # At rest, the joint may be at an end stop, where the child touches another part of the parent.
             parent_parts = list(mechanism.body(joint.parent).meshes)
             mate = _nearest(joint.name, parent_parts, child_parts, T_parent_child)
         found_mates.append(mate)

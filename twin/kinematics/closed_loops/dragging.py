@@ -84,8 +84,9 @@ class Dragged:
     Attributes:
         q, u: active joints (n,) and loop unknowns (m,) after the motion; see `ClosedStates.states`.
         stops: bounds of active joints and limits of passive joints that block the motion.
-        singular: the matrix that becomes singular: that of a loop (such as "loop r13") or of the "tool"; "" if the
-            motion meets no singularity.
+        singular: the matrix that becomes singular: that of a loop (such as "loop r13") or of the "tool". If the loops
+            do not close after a step, however short: the loop nearest to a singularity, which is the probable cause.
+            "" if neither stops the motion.
         more: whether the motion stopped only because its processor time was used up.
     """
 
@@ -155,8 +156,9 @@ class Dragger:
     def move_joints(self, q: Array, u: Array, target: Array, cpu_seconds: float = np.inf) -> Dragged:
         """Move the active joints from q (n,) towards a target (n,); all joints arrive at the same time.
 
-        Return the state reached, with the reason if a limit or a loop stops the motion before the target. The motion
-        ends early, with `more` set, once it has used `cpu_seconds` of this thread's processor time.
+        Return the state reached, with the reason if a limit or a loop stops the motion before the target: a loop that
+        becomes singular or, if the loops do not close, the one nearest to a singularity. The motion ends early, with
+        `more` set, once it has used `cpu_seconds` of this thread's processor time.
         """
         q = np.asarray(q, float)
         target = np.asarray(target, float)

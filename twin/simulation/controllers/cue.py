@@ -1,4 +1,6 @@
-"""Haptic cue: a force towards the model's tip when the machine's tip deviates from it (second paper, eqs (3) to (6)).
+"""Haptic cue: a force towards the model's tip when the machine's tip deviates from it.
+
+The equations are (3) to (6) of "Surgeon Training in Telerobotic Surgery via a Hardware-in-the-Loop Simulator".
 
 p is the position of a tip in mm and v its velocity in mm/s; dp = p_model - p_machine, dv likewise. The force F d acts
 along d = dp / |dp|:

@@ -1,10 +1,11 @@
 """A simulated trainee, who reacts to a force or to a stop of the arm after a reaction time, in a fixed order of steps.
 
-The responses are those of the second paper's Table 1 and section 3.2.1. If there is a force on the hand, the trainee
-slows down; if the force remains, the trainee releases the pedal. If the arm does not follow, the trainee releases the
-pedal. Then the trainee troubleshoots, restarts the system, and presses the pedal again. If the arm fails a second time,
-or does not restart, the trainee converts the procedure (continues without the robot). At the end, the trainee reports.
-This order is ASSUMED; the reaction times are those of the campaign file.
+The responses are those of Table 1 and section 3.2.1 of "Surgeon Training in Telerobotic Surgery via a
+Hardware-in-the-Loop Simulator". If there is a force on the hand, the trainee slows down; if the force remains, the
+trainee releases the pedal. If the arm does not follow, the trainee releases the pedal. Then the trainee troubleshoots,
+restarts the system, and presses the pedal again. If the arm fails a second time, or does not restart, the trainee
+converts the procedure (continues without the robot). At the end, the trainee reports. This order is ASSUMED; the
+reaction times are those of the campaign file.
 """
 
 from __future__ import annotations

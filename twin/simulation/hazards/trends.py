@@ -1,6 +1,9 @@
-"""The experiments of the second paper (sections 3.1 and 3.2.1), with ASSUMED differences between plant and model.
+"""Published experiments of a trainer with machine and model, with ASSUMED differences between the two.
 
-The machine has cables that stretch and have play, other masses and other friction than its model. First experiment,
+They are those of "Surgeon Training in Telerobotic Surgery via a Hardware-in-the-Loop Simulator", sections 3.1 and
+3.2.1. The machine has cables that stretch and have play, other masses and other friction than its model.
+
+First experiment,
 without a fault: the deviation between machine and model at each motion scale, with two servos of the model: that of the
 released software, which the machine has as well, and that of the paper (PD; PID for the insertion). Second experiment:
 the command of the first motor is stuck four times, for 300 cycles each, at intervals of 8 s. The paper does not publish
