@@ -9,7 +9,8 @@ import pytest
 
 from twin import cli
 from twin.cad.build import read_mechanism
-from twin.core.errors import SourceError
+from twin.core.errors import BudgetError, SourceError, UnsupportedError
+from twin.core.foreign.budget import INCLUDES
 from twin.exchange.read import read
 from twin.exchange.read.closing import close
 from twin.reference import ReferenceModel
@@ -108,6 +109,21 @@ def test_an_include_that_is_missing_or_endless_is_an_error(tmp_path):
     )
     with pytest.raises(SourceError, match="more than 8 levels; check that no model includes itself"):
         read(tmp_path / "hand.sdf")
+
+
+def test_too_many_includes_and_several_models_without_joints_are_errors(tmp_path):
+    folder = tmp_path / "box"
+    folder.mkdir()
+    (folder / "model.sdf").write_text('<sdf version="1.9"><model name="box"><link name="l"/></model></sdf>')
+    for count, error, text in (
+        (2, UnsupportedError, "the file has 2 models, none with joints: b0, b1. Choose one with --root NAME"),
+        (INCLUDES + 1, BudgetError, "number of included files so far: 301; the limit for SDF is 300"),
+    ):
+        includes = [f"<include><uri>model://box</uri><name>b{k}</name></include>" for k in range(count)]
+        world = tmp_path / "world.sdf"
+        world.write_text(f'<sdf version="1.9"><world name="w">{"".join(includes)}</world></sdf>')
+        with pytest.raises(error, match=text):
+            read(world)
 
 
 def test_relative_poses_lead_through_joints_and_frames():

@@ -33,8 +33,13 @@ def robot_of(xml: Xml, root: str | None, findings: Findings) -> Element:
     `root` is the name of the model. None selects the only model with joints.
 
     Raises:
-        SourceError: several models have joints and `root` is None, the model does not exist, or a part of the model
-            is missing.
+        UnsupportedError: `root` is None, and several models have joints, or none of several has; or a model uses a
+            feature of SDF that is not supported.
+        NoMechanismError: the file has no model.
+        IncompleteError: a model of a server or of a package is included and is not there.
+        SourceError: the model `root` does not exist, a name is used twice, an include is missing or has not one model,
+            or models are nested too deeply. The three errors above are kinds of it.
+        BudgetError: too many files are included, or one exceeds the limits for XML.
     """
     _express_axes(xml.root)
     known: dict[str, Element] = {}
