@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from importlib.metadata import entry_points as standard_entry_points
 from pathlib import Path
@@ -46,6 +47,18 @@ def test_each_folder_is_a_format_with_the_modules_that_its_places_need():
         for format in formats:
             folder = ROOT / "twin/exchange/formats" / format.name
             assert (folder / f"{module}.py").is_file() or (folder / module / "__init__.py").is_file()
+
+
+def test_no_format_depends_on_another_one():
+    """A layer that is an archive of another format's files (USDZ) is read by that format."""
+    folder = ROOT / "twin/exchange/formats"
+    crossings = set()
+    for file in folder.glob("*/**/*.py"):
+        own = file.relative_to(folder).parts[0]
+        for other in re.findall(r"twin\.exchange\.formats\.(\w+)", file.read_text("utf-8")):
+            if other != own and (folder / other).is_dir():
+                crossings.add((own, other))
+    assert crossings == {("usdz", "usd")}
 
 
 def test_each_exported_format_is_audited_and_its_use_is_described():

@@ -15,6 +15,7 @@ import mujoco
 
 from twin.core.foreign.admit import admit
 from twin.exchange.audit import poses
+from twin.exchange.audit.comment_statements import assumed_masses, partly_shown
 from twin.exchange.audit.context import Context, played
 from twin.exchange.audit.motion import Content, FileClip
 from twin.exchange.audit.poses import Array
@@ -26,7 +27,6 @@ from twin.exchange.formats.mjcf.audit.mujoco_file import MujocoFile, read_mujoco
 from twin.exchange.formats.mjcf.audit.physics import compiled_physics
 from twin.exchange.formats.mjcf.audit.surface_colors import surface_colors
 from twin.exchange.formats.mjcf.audit.track_poses import play_track
-from twin.exchange.formats.urdf.audit import assumed_masses, partly_shown
 
 
 class MjcfTree:
@@ -85,7 +85,8 @@ def content_of(file: MujocoFile, ledger: Ledger) -> Content:
 def check_file(file: MujocoFile, content: Content, ledger: Ledger) -> None:
     """Report the faults that an MJCF file shows by itself: in its model, and against the claims of its comments."""
     check_model(file.model, ledger)
-    # Assumed masses are held by nothing: the controls are those of the robot, which has no such masses.
+    # The controls at home hold the weights that the robot states. The weight of a mass that the file only assumes is
+    # not among them, so that nothing can be said about controls that hold the robot.
     is_weighed = content.physics is None or not content.physics.assumed
     text = file.path.read_text("utf-8", errors="replace")
     check_claims(text, file.model, balance_at_keyframe(file.model), is_weighed, ledger)

@@ -10,8 +10,8 @@ import mujoco
 
 from twin.exchange.audit.motion import LinkShape
 from twin.exchange.audit.report import Ledger, ReadError
+from twin.exchange.audit.xml_root import parse_xml
 from twin.exchange.formats.mjcf.audit.shapes import link_shapes
-from twin.exchange.formats.urdf.audit import parse_xml
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ import mujoco
 import numpy as np
 
 from twin.exchange.audit import poses
+from twin.exchange.audit.mesh_files import named_mesh, placed_shape
 from twin.exchange.audit.meshes import joined
 from twin.exchange.audit.motion import LinkShape
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, ReadError
-from twin.exchange.formats.urdf.audit import named_mesh, placed_shape
 
 
 def link_shapes(spec: mujoco.MjSpec, path: Path, ledger: Ledger) -> dict[str, LinkShape]:

@@ -6,7 +6,6 @@ closure YAML of the same name contains the loops (`closures`).
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,23 +15,24 @@ import numpy as np
 
 from twin.core.errors import BudgetError, SourceError, TwinError
 from twin.core.foreign.admit import admit
-from twin.core.foreign.text import DoctypeError
-from twin.core.foreign.text import parse_xml as read_xml
 from twin.exchange.audit import poses
 from twin.exchange.audit.chain import ChainStep, along, fit
 from twin.exchange.audit.colors import Palette, Rgba, linear
+from twin.exchange.audit.comment_statements import assumed_masses, partly_shown
 from twin.exchange.audit.context import Context, played
 from twin.exchange.audit.mechanism_data import FileDrive, FileJoint, FileMass, FileMotor, FilePhysics, JointLine, unit
 from twin.exchange.audit.mechanism_data import along as lines_of
-from twin.exchange.audit.meshes import check_mesh, joined, read_obj
+from twin.exchange.audit.mesh_files import mesh_path, named_mesh, placed_shape
+from twin.exchange.audit.meshes import joined
 from twin.exchange.audit.motion import Content, FileClip, LinkShape
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError
+from twin.exchange.audit.xml_root import parse_xml
 from twin.exchange.formats.urdf.audit.closures import CLOSED, PLAYED, FileClosures, check_gap, read_closures
 from twin.exchange.formats.urdf.audit.collisions import check_collisions
 from twin.exchange.formats.urdf.audit.elements import check_elements
 from twin.exchange.formats.urdf.audit.program_settings import program_settings
-from twin.exchange.xacro import SUFFIX, Expanded, expand, is_xacro
+from twin.exchange.xacro import Expanded, expand, is_xacro
 
 KINDS = {"revolute": "turn", "continuous": "turn", "prismatic": "slide", "fixed": "fixed", "floating": "free"}
 
@@ -292,39 +292,6 @@ def _moving_joints(end: tuple[str, list[UrdfJoint]]) -> int:
     return len([joint for joint in path if joint.link.kind != "fixed"])
 
 
-def parse_xml(path: Path, data: bytes | None = None) -> ET.Element:
-    """Return the root element of an XML file or, if given, of the XML `data` that was made from it.
-
-    Raises:
-        ReadError: the text is not XML, or declares entities, which could expand without limit.
-    """
-    try:
-        return read_xml(path, data)
-    except DoctypeError as error:
-        raise ReadError(f"{error}") from error
-    except (ET.ParseError, LookupError, ValueError) as error:
-        raise ReadError(f"the file is not XML: {error}") from error
-
-
-def assumed_masses(path: Path) -> frozenset[str]:
-    """Return the names of links whose mass is unknown, as a comment in the file states."""
-    return _names_in_comments(r"the mass of ([^>]*?) is unknown", path)
-
-
-def partly_shown(path: Path) -> frozenset[str]:
-    """Return the names of links whose shapes do not show the whole link, as a comment in the file states."""
-    return _names_in_comments(r"the shapes of ([^>]*?) are for display", path)
-
-
-def _names_in_comments(sentence: str, path: Path) -> frozenset[str]:
-    """Return the names, separated by commas, that the group of a regular expression finds in comments of a file."""
-    names: set[str] = set()
-    text = path.read_text("utf-8", errors="replace")
-    for listed in re.findall(rf"<!--[^>]*?{sentence}", text):
-        names.update(listed.split(", "))
-    return frozenset(names)
-
-
 def _partly_read(root: ET.Element) -> frozenset[str]:
     """Return the names of links that have no collision shape, or a visual shape that is not a mesh and is not read."""
     out = set()
@@ -481,60 +448,6 @@ def _materials(root: ET.Element) -> dict[str | None, ET.Element | None]:
         if material.find("color") is not None or material.find("texture") is not None:
             named.setdefault(material.get("name"), material.find("color"))
     return named
-
-
-def placed_shape(solid: tuple[Array, Array], T: Array, code: str) -> LinkShape | None:
-    """Return the shape of a mesh (points, triangles) at the pose T (4, 4) in its link; None if it has none.
-
-    `named_mesh` has already reported the faults of the mesh.
-    """
-    points, triangles = solid
-    return check_mesh(Ledger(""), "", points @ T[:3, :3].T + T[:3, 3], triangles, None, code)
-
-
-def mesh_path(path: Path, name: str) -> Path | None:
-    """Return the mesh file `name` of the robot's file `path`; None if it does not exist, or is not below its folder."""
-    folder = path.resolve().parent
-    file = (folder / name.removeprefix("package://").removeprefix("file://")).resolve()
-    # the expansion of a xacro replaces the package of a mesh by its folder, which is not below the file
-    of_package = path.suffix == SUFFIX and name.startswith("file:///")
-    if not name or not (of_package or file.is_relative_to(folder)) or not file.is_file():
-        return None
-    return file
-
-
-def named_mesh(
-    path: Path, name: str, scale: Array, checked: dict[str, tuple[Array, Array] | None], ledger: Ledger, code: str
-) -> tuple[Array, Array] | None:
-    """Return (points (n, 3) in m, triangles (m, 3)) of a mesh file; None if the file cannot be read.
-
-    A mesh file that several links use is read and checked once.
-
-    `name` is the path of the mesh file relative to the robot's file `path`. `scale` (3,) converts the mesh's units to
-    m. `checked` stores the meshes already read. `code` is the first part of the codes of the findings.
-    """
-    key = f"{name} {scale.tolist()}"
-    if key in checked:
-        return checked[key]
-    checked[key] = None  # a file with a fault is reported once
-    file = mesh_path(path, name)
-    if file is None:
-        ledger.wrong(f"{code}.mesh", f"mesh file '{name}' does not exist.", name)
-        return None
-    if file.suffix.lower() != ".obj":
-        ledger.add(f"{code}.mesh", "info", f"mesh '{name}' is not an .obj file and is not read.", name)
-        return None
-    try:
-        vertices, triangles = read_obj(file)
-    except ReadError as error:
-        ledger.wrong(f"{code}.mesh", f"mesh {error}.", name)
-        return None
-    vertices = vertices * scale
-    if float(np.prod(scale)) < 0:
-        ledger.wrong(f"{code}.mirrored", f"mesh '{name}' is mirrored by a negative scale.", name)
-    check_mesh(ledger, name, vertices, triangles, None, code)
-    checked[key] = (vertices, triangles)
-    return checked[key]
 
 
 def _masses(root: ET.Element) -> dict[str, FileMass]:
