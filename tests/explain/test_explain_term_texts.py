@@ -15,7 +15,8 @@ K = 12
 def atoms(count, seed=1):
     values = np.random.default_rng(seed).normal(size=(count, K))
     named = [Atom(f"q{i}", row) for i, row in enumerate(values)]
-    return [*named, Atom("sin(q0)", np.sin(values[0])), Atom("a", np.full(K, 0.3)), Atom("b", np.full(K, np.nan))]
+    constants = [Atom("a", np.full(K, 0.3)), Atom("c", np.full(K, 0.8)), Atom("b", np.full(K, np.nan))]
+    return [*named, Atom("sin(q0)", np.sin(values[0])), *constants]
 
 
 def required(given):
@@ -38,7 +39,7 @@ def required(given):
 def test_what_the_search_finds_is_likely(most, monkeypatch):
     monkeypatch.setattr(term_texts, "_MOST_FACTORS", most)
     given = atoms(5)
-    values = required(given[:3] + given[-2:])
+    values = required(given[:3] + given[-3:])
     rows = np.array(list(values.values()))
     likely = set(Products(given).likely(rows).tolist())
     texts_found = set()

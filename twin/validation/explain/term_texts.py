@@ -237,7 +237,9 @@ class Products:
         self.table = np.vstack([A, A**2, A[first] * A[second]])
         differences: list[Array] = []
         for one, other in combinations(_names(finite), 2):  # the other order has the same direction, reversed
-            differences.append(one.values - other.values)
+            difference = one.values - other.values
+            if not _is_constant(difference):  # else it has the direction of a number
+                differences.append(difference)
         rows = np.vstack([self.table, *differences])
         sizes = np.linalg.norm(rows, axis=1, keepdims=True)
         self._units = rows / np.where(sizes > 0, sizes, 1.0)
