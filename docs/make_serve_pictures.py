@@ -12,8 +12,9 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from typing import Literal
 
-from pages import draw
+from pages import draw, sheet
 from playwright.sync_api import Browser, Page
 
 HELD = 2.5
@@ -78,11 +79,15 @@ PICTURES: dict[str, tuple[tuple[str, ...], Callable[[Page], None]]] = {
     "raven_trainer": (("raven",), rehearsed),
     "serve_raven_dome": (("raven_dome",), nothing),
     "serve_dark": (("davinci",), room),
+    "serve_sizes": (("sils",), nothing),
 }
 """By file: arguments of `twin serve`, and what is done with the page before its picture is taken."""
 
 DARK = {"serve_dark"}
 """Pictures of the page on a system with dark colours."""
+
+SHEETS = {"serve_sizes"}
+"""Pictures that show the page on a phone, a small and a large screen, with light and with dark colours."""
 
 
 def at_rest(page: Page, url: str, prepare: Callable[[Page], None]) -> bytes:
@@ -109,10 +114,18 @@ def served(browser: Browser, name: str) -> bytes:
                 if not s.connect_ex(("127.0.0.1", port)):
                     break
             time.sleep(0.2)
-        scheme = "dark" if name in DARK else "light"
-        page = browser.new_page(viewport={"width": 1280, "height": 800}, color_scheme=scheme)
-        picture = at_rest(page, f"http://127.0.0.1:{port}/", prepare)
-        page.close()
+        url = f"http://127.0.0.1:{port}/"
+
+        def page_of(width: int, height: int, scheme: Literal["light", "dark"]) -> bytes:
+            page = browser.new_page(viewport={"width": width, "height": height}, color_scheme=scheme)
+            picture = at_rest(page, url, prepare)
+            page.close()
+            return picture
+
+        if name in SHEETS:
+            picture = sheet(page_of)
+        else:
+            picture = page_of(1280, 800, "dark" if name in DARK else "light")
     finally:
         server.terminate()
         server.wait(20)
