@@ -59,6 +59,8 @@ def locked(T: Array, joint_type: str) -> tuple[Array, Array]:
         across = np.hypot(x, y)
         if across > 0:
             turn = np.arctan2(across, z) / across * np.array([-y, x, 0.0])
+        elif z < 0:  # exactly opposite axes: a half turn about any axis perpendicular to them
+            turn = np.array([np.pi, 0.0, 0.0])
     elif joint_type != "spherical":
         turn = np.asarray(spatial.log_so3(T[:3, :3]), float)
     return p, turn
