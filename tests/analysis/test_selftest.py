@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from itertools import combinations
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from twin.analysis.mutation.trials import SHARES, bench_of, drawn, shared_out
 from twin.cli import main
 from twin.core import spatial
 from twin.core.findings import Finding
+from twin.core.provenance import Parameter
 from twin.core.units import MM
 from twin.ui.report.selftest import HEADING, with_selftest
 
@@ -56,6 +58,33 @@ def test_a_draw_is_the_same_for_the_same_seed_and_another_for_another(bench):
     assert [f.what for f in one] == [f.what for f in two] != [f.what for f in other]
     alone = drawn(bench, ("timing",), 18, 3)
     assert {f.what for f in alone} <= {f.what for f in drawn(bench, FAMILIES[3:], 34, 3)} | {f.what for f in one}
+
+
+def _with(*parameters):
+    return SimpleNamespace(formula=SimpleNamespace(parameters=parameters), parameters={})
+
+
+def test_a_unit_fault_is_of_a_parameter_with_a_unit():
+    rng = np.random.default_rng(0)
+    ratio = Parameter("ratio", 2.0, "1", 2.0, "ASSUMED", "")
+    length = Parameter("length", 0.1, "mm", 100.0, "ASSUMED", "")
+    none = Parameter("none", 0.0, "mm", 0.0, "ASSUMED", "")
+    assert units._parameter(_with(ratio, none), rng) is None
+    for _ in range(5):
+        assert units._parameter(_with(ratio, none, length), rng).what.startswith("length with m")
+
+
+def test_a_fault_of_the_speed_does_not_depend_on_the_order_of_the_file():
+    for keys in (("tip_speed_mm_s", "tip_acceleration_mm_s2"), ("tip_acceleration_mm_s2", "tip_speed_mm_s")):
+        changed = set()
+        for seed in range(8):
+            document = {"limits": {"pivot": dict.fromkeys(keys, 40.0)}}
+            what = units._limits(document, np.random.default_rng(seed), name="tip", factor=1e-3, unit="m/s")
+            limits = document["limits"]["pivot"]
+            assert limits["tip_speed_mm_s"] == 0.04
+            assert (limits["tip_acceleration_mm_s2"] == 0.04) is ("speed and acceleration" in what)
+            changed.add(what)
+        assert len(changed) == 2
 
 
 @pytest.mark.nightly

@@ -19,6 +19,9 @@ KINDS = (
 )
 """Kinds of faults in the order of seeding; kinds that do not apply to the robot are skipped."""
 
+_LENGTHS = ("m", "mm", "um", "µm")
+_ANGLES = ("deg", "rad")
+
 _TRIES = 10
 """Tries for each fault, at most: kinds that do not apply, and faults that were seeded before, are drawn as well."""
 
@@ -33,6 +36,8 @@ def faults(robot: Robot, protocol: Path, rng: np.random.Generator, count: int) -
         kind = KINDS[i % len(KINDS)]
         if kind == "parameter":
             fault = _parameter(robot, rng)
+            if fault is None:
+                continue
         else:
             document = tomlkit.parse(text)
             what = _MAKERS[kind](document, rng)
@@ -53,15 +58,18 @@ def _reader(original: Path, text: str) -> Callable[[Path], Protocol]:
     return read
 
 
-def _parameter(robot: Robot, rng: np.random.Generator) -> SeededFault:
-    assert robot.files is not None
+def _parameter(robot: Robot, rng: np.random.Generator) -> SeededFault | None:
+    """Return a fault of a length or an angle among the parameters; None if there is none."""
     candidates = []
     for parameter in robot.formula.parameters:
+        has_unit = parameter.unit in _LENGTHS or parameter.unit in _ANGLES
         # Zero is the same in all units; a parameter that the robot replaces has no effect.
-        if parameter.value and parameter.name not in robot.parameters:
+        if has_unit and parameter.value and parameter.name not in robot.parameters:
             candidates.append(parameter)
+    if not candidates:
+        return None
     chosen = some(candidates, rng)
-    if chosen.unit in ("deg", "rad"):
+    if chosen.unit in _ANGLES:
         factor = float(rng.choice((180 / np.pi, np.pi / 180)))
         units = "degrees instead of radians" if factor > 1 else "radians instead of degrees"
     else:
@@ -115,14 +123,15 @@ def _depth(document: Any, rng: np.random.Generator) -> str | None:
 def _limits(document: Any, rng: np.random.Generator, name: str, factor: float, unit: str) -> str:
     kind = some(list(document["limits"]), rng)
     limits = document["limits"][kind]
-    keys = [key for key in limits if key.startswith(name)]  # speed, then acceleration
     if rng.integers(2) == 0:
         quantity = "speed and acceleration"
+        prefixes = (f"{name}_speed_", f"{name}_acceleration_")
     else:
         quantity = "speed"
-        keys = keys[:1]
-    for key in keys:
-        limits[key] = _scaled(limits[key], factor)
+        prefixes = (f"{name}_speed_",)
+    for key in list(limits):
+        if key.startswith(prefixes):
+            limits[key] = _scaled(limits[key], factor)
     return f"{name} {quantity} of {kind} in {unit}"
 
 
