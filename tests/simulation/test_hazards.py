@@ -586,6 +586,13 @@ def test_a_stopped_campaign_says_what_is_kept_and_how_to_go_on(short, tmp_path, 
     assert str(caught.value) == (kept if stopped == "by hand" else failed)
 
 
+@pytest.mark.parametrize("source", [None, "raven_left"])
+def test_a_robot_that_is_not_as_filed_is_refused(short, tmp_path, source):
+    changed = twin.load("raven_left").with_transmission("coupled")
+    with pytest.raises(TwinError, match="raven_left differs from its files, by which other processes load it, in: the"):
+        hazards(changed, short, tmp_path / "out", source=source)
+
+
 def test_nothing_left_needs_no_process(short, tmp_path):
     robot = twin.load("raven_left")
     first = hazards(robot, short, tmp_path / "out", sessions=0)

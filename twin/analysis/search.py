@@ -10,11 +10,11 @@ import numpy as np
 from twin.analysis.cluster import Processes, cluster, require_keys
 from twin.analysis.joint_samples import by_joints
 from twin.analysis.pose_grid import PoseGrid
-from twin.analysis.robot_source import robot_source
 from twin.analysis.workspace import UnreachedError, box, centre
 from twin.analysis.workspace import workspace as over_grid
 from twin.analysis.workspace_result import Workspace
 from twin.api.robot import Progress, Robot, loaded, silent
+from twin.api.robot_source import robot_source
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.core.units import MM

@@ -12,9 +12,9 @@ import numpy as np
 
 from twin.analysis import design, table
 from twin.analysis.cluster import HERE, DeviceProcesses, cluster, each, require_keys
-from twin.analysis.robot_source import robot_source
 from twin.analysis.workspace import limited_passive_joints
 from twin.api.robot import Progress, Robot, loaded, silent
+from twin.api.robot_source import robot_source
 from twin.core.errors import TwinError
 from twin.core.findings import Finding
 from twin.core.json_types import JsonObject

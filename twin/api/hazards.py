@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from twin.api.machine import machine_parts
 from twin.api.robot import Progress, Robot, load, silent
+from twin.api.robot_source import robot_source
 from twin.core.errors import OutputError, TwinError
 from twin.core.json_types import JsonObject
 from twin.core.processors import usable
@@ -82,20 +83,21 @@ def hazards(
         robot: a robot with machine.toml.
         campaign: name of a file in the folder `campaigns` of the robot, or a path.
         folder: folder of the log; it is created.
-        source: name or path by which other processes load the robot; None: the robot's name.
+        source: name or path by which other processes load the robot; None: that of the robot's files.
         sessions: maximum number of sessions that this call runs; None: all that are not in the log.
         processes: number of processes; None: one for each processor.
         software: settings of the machine's software.
         progress: see `Progress`.
 
     Raises:
-        TwinError: a file is missing or malformed, a fault has an unknown target, or the log belongs to another
-            campaign.
+        TwinError: a file is missing or malformed, a fault has an unknown target, the log belongs to another campaign,
+            or the robot is not as its files describe it: the processes of the campaign load the files.
     """
     from twin.core.jobs import Stream
     from twin.simulation.hazards.campaign import load as load_campaign
     from twin.simulation.hazards.summary import Hazards
 
+    filed = robot_source(robot)
     parts = software.parts(robot)
     path = campaign_file(robot, campaign)
     plan = load_campaign(path, parts.places)
@@ -112,7 +114,7 @@ def hazards(
         size = math.ceil(len(remaining) / (2 * count))
         indices = tuple(remaining[:size])
         del remaining[:size]
-        stream.start(Share(source or robot.name, str(path.resolve()), indices, software))
+        stream.start(Share(source or filed, str(path.resolve()), indices, software))
 
     try:
         for stream in streams:

@@ -38,7 +38,7 @@ def robot_source(robot: Robot | str | Path) -> str:
 def _differences(robot: Robot) -> list[str]:
     """Return what makes a robot differ from the one that `twin.load` returns for its name or path alone.
 
-    Masses are not named: neither a workspace nor an objective of designs depends on them.
+    Masses that the files give are not named: who needs them weighs the robot that is loaded.
     """
     found: list[str] = []
     if robot.changed is not None:
