@@ -12,6 +12,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -26,12 +27,13 @@ from twin.analysis import cluster, design, joint_samples, table
 from twin.analysis import workspace as reach
 from twin.analysis.error_propagation import ErrorPropagation, Spread
 from twin.analysis.pose_grid import PoseGrid
-from twin.analysis.robot_source import robot_source
 from twin.analysis.workspace_result import volume_error
 from twin.api.imported_file import imported_file
 from twin.api.robot import Robot, RobotSource
+from twin.api.robot_source import robot_source
 from twin.core import spatial
 from twin.core.errors import TwinError
+from twin.core.provenance import Parameter
 from twin.core.units import DEG, MM, UM
 from twin.exchange.xacro import XacroSettings
 from twin.model.body import Body as MechanismBody
@@ -445,6 +447,15 @@ def test_a_stretched_part_has_its_length_and_the_mechanism_follows(robots):
 def test_a_factor_that_cannot_be_is_named(robots, text, message):
     with pytest.raises(TwinError, match=re.escape(message)):
         design.factor(robots["sils"], text)
+
+
+@pytest.mark.parametrize("unit", ["mm", "deg"])
+def test_a_number_without_a_unit_is_given_none(unit):
+    robot = SimpleNamespace(formula=SimpleNamespace(parameters=[Parameter("ratio", 2.0, "1", 2.0, "ASSUMED", "")]))
+    with pytest.raises(TwinError, match=f"ratio is neither a length nor an angle; leave out '{unit}'"):
+        design.factor(robot, f"ratio=1..3{unit}")
+    factor = design.factor(robot, "ratio=1..3")
+    assert (factor.low, factor.high, factor.unit) == (1, 3, "")
 
 
 def test_designs_fill_their_ranges(robots):

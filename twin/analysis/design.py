@@ -42,7 +42,7 @@ OBJECTIVES = {
 """Objectives by name: (unit, +1 if larger values are better or -1 if smaller values are better, description)."""
 
 POSITIONS = 27_000
-"""Number of tool positions at which every design is evaluated."""
+"""Number of tool positions from which the step of the grid follows; the grid has whole steps, so about as many."""
 
 _SPREAD = Spread(10 * UM, 0.001 * DEG, 1 * UM, 0.001 * DEG)
 _LENGTHS = {"m": 1.0, "mm": MM, "um": UM, "µm": UM}
@@ -136,6 +136,8 @@ def factor(robot: Robot, text: str) -> Factor:
     for kind, units in (("length", _LENGTHS), ("angle", _ANGLES)):
         if own_unit in units and unit not in units:
             raise TwinError(f"--vary '{text}': {name} is given in {own_unit}; '{unit}' is not a unit of {kind}")
+    if unit and own_unit not in _LENGTHS and own_unit not in _ANGLES:
+        raise TwinError(f"--vary '{text}': {name} is neither a length nor an angle; leave out '{unit}'")
     scale = _UNITS[unit]
     return Factor(name, low=start * scale, high=end * scale, unit=unit, drawn=drawn)
 
@@ -150,7 +152,11 @@ def distances(factors: Sequence[Factor]) -> list[str]:
 
 
 def distance(mechanism: Mechanism, name: str) -> float:
-    """Return the distance in m with the name `body:joint-joint`; for parallel pins, the distance between their axes."""
+    """Return the distance in m with the name `body:joint-joint`.
+
+    It is measured perpendicular to the axes of revolute and cylindrical joints; if the axes of two such joints are not
+    parallel, it is that between the origins of the joint frames.
+    """
     return float(np.linalg.norm(_between(mechanism, name)[0]))
 
 
