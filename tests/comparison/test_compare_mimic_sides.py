@@ -9,6 +9,7 @@ import pytest
 
 from made.moved_side import moved
 from twin.comparison.comparison_result import Comparison
+from twin.comparison.linkage_motion import LinkageMotion
 from twin.comparison.pair import compare_pair
 from twin.comparison.side import UNLIMITED, Axis, CouplingRow, JointGroup, RobotSide
 from twin.core import spatial
@@ -61,6 +62,14 @@ def test_the_state_in_which_a_linkage_is_drawn_does_not_matter(drawn: float) -> 
     assert pair.mimic is not None
     assert pair.mimic.moved_hinges == ()
     assert pair.mimic.worst.distance < 1e-8
+
+
+def test_a_driver_that_follows_two_joints_reaches_its_coordinate() -> None:
+    side = linkage(drawn=0.4)
+    row = CouplingRow("a", {"a": 1.0, "b": -2.0, "c": -1.0}, 0.8)  # a = 2 b + c + 0.8, as drawn
+    motion = LinkageMotion(replace(side, couplings=(row,)), driver=0)
+    moved_by = motion.displacements(0.5, np.zeros(0))
+    np.testing.assert_allclose(moved_by, [0.1, 0.05, 0.0], atol=1e-12)  # b has the larger ratio
 
 
 def test_a_loop_closed_by_a_slide_or_by_a_tilted_hinge_is_none_of_points() -> None:

@@ -1,4 +1,4 @@
-"""The motion of a linkage by one driven joint: its loops are closed by Newton steps on the joint lines."""
+"""The motion of a linkage by one driven joint: its loops are closed by Newton steps on their closing points."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _CLOSED = 1e-9
 """Gap in m up to which a loop is closed."""
 
 _LARGEST_STEP = 0.05
-"""Largest step of the driver in rad on the way from its drawn state to zero."""
+"""Largest step of the driver on the way from its drawn state to zero, in rad: the driver is a hinge."""
 
 _STEP = 1e-7
-"""Step in rad for derivatives by differences."""
+"""Step of a free joint for derivatives by differences, in rad, or in m for a slide."""
 
 
 class LinkageMotion:
@@ -41,23 +41,24 @@ class LinkageMotion:
         self._free = self._closing_joints()
 
     def _closing_joints(self) -> list[int]:
-        """Return the joints of the tree whose values close the loops: no coupling and no motor sets them."""
+        """Return the joints of the tree whose values close the loops: neither driven nor held, and in no coupling."""
         free = []
         for i in range(len(self.linkage.tree)):
-            is_coupled = i in self._followers or self._leads(i)
+            is_coupled = i in self._followers or self._is_coupled(i)
             if i != self.driver and i not in self.held and not is_coupled:
                 free.append(i)
         return free
 
-    def _leads(self, i: int) -> bool:
-        """Return whether a joint moves with the driver by a coupling."""
+    def _is_coupled(self, i: int) -> bool:
+        """Return whether a coupling contains a joint."""
         name = self.linkage.axes[i].name
         return any(name in coupling.ratios for coupling in self.linkage.couplings)
 
     def displacements(self, value: float, x: Array) -> Array:
         """Return the displacements (joints of the tree,) in m or rad at a coordinate of the driver.
 
-        `x` are the values of the free joints.
+        `x` are the values of the free joints. If the driver follows other joints, the one of the largest ratio is moved
+        so that the driver has this coordinate; the others stay as drawn.
         """
         q = self._drawn.copy()
         q[self.driver] = value
@@ -65,7 +66,9 @@ class LinkageMotion:
         if self.driver in self._followers:  # the driver follows in the file: move its leader
             ratios, offset = self._followers[self.driver]
             leader = int(np.argmax(np.abs(ratios)))
-            q[leader] = (value - offset) / ratios[leader]
+            q[leader] = 0.0
+            from_others = ratios @ q
+            q[leader] = (value - offset - from_others) / ratios[leader]
         for i, (ratios, offset) in self._followers.items():
             if i != self.driver:
                 q[i] = ratios @ q + offset
