@@ -23,6 +23,8 @@ from twin.exchange.audit.chain import ChainStep, along, fit
 from twin.exchange.audit.poses import about, angle, from_seven, inverse, pose, quaternion, rotation, rpy, slerp, split
 from twin.exchange.audit.report import Ledger, finished
 from twin.exchange.formats import audited, family
+from twin.exchange.formats.tracks import audit as tracks
+from twin.exchange.formats.unity.audit import kinematics
 from twin.exchange.formats.urdf.write import write_urdf
 
 ROOT = Path(__file__).parents[2]
@@ -255,6 +257,51 @@ def test_a_file_with_nothing_in_it_is_not_passed(tmp_path, extensions):
     report = audit(path)
     assert (report.verdict, report.exit_code) == ("unchecked", 2)
     assert report.findings[0].code == "audit.no_checks"
+
+
+def _track_of_two_keys(**changes) -> dict:
+    track = {"schema": "twin-track", "version": 1, **tracks.WORDS, "links": ["arm"], "joints": ["q"], "times": [0, 1]}
+    track |= {"joint_types": ["revolute"], "poses": [0, 0, 0, 0, 0, 0, 1] * 2, "positions": [0, 0]}
+    return track | {"joint_lower": [-1], "joint_upper": [1]} | changes
+
+
+def test_a_limit_that_is_not_finite_is_reported_once(tmp_path):
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps(_track_of_two_keys(joint_upper=[float("inf")])))
+    ledger = Ledger("a.json")
+    content = tracks.read_json(path, ledger)
+    assert content.extra["upper"] == {"q": float("inf")}
+    messages = [f.message for f in ledger.found if "finite" in f.message]
+    assert messages == ["joint_upper contains numbers that are not finite."]
+
+
+@pytest.mark.parametrize(
+    ("frame", "axis", "hand"),
+    [("z-up right-handed", "Z", "right"), ("y-up left-handed", "Y", "left"), ("sideways", "?", "?")],
+)
+def test_the_frame_of_a_track_is_the_one_that_it_states(tmp_path, frame, axis, hand):
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps(_track_of_two_keys(frame=frame)))
+    content = tracks.read_json(path, Ledger("a.json"))
+    assert (content.facts["up_axis"], content.facts["handedness"]) == (axis, hand)
+
+
+def test_a_package_of_two_classes_has_no_robot_even_if_one_is_unreadable(tmp_path, monkeypatch):
+    (tmp_path / kinematics.ROBOTS).mkdir(parents=True)
+    for name in ("A", "B"):
+        (tmp_path / kinematics.ROBOTS / f"{name}.cs").write_text(name)
+
+    def content_of(text, ledger):
+        if text == "B":
+            raise KeyError("links")
+        return text
+
+    monkeypatch.setattr(kinematics, "_content", content_of)
+    ledger = Ledger("unity")
+    assert kinematics.read_classes(tmp_path, ledger) is None
+    assert any("the tables of Runtime/Robots/B.cs cannot be read" in f.message for f in ledger.found)
+    (tmp_path / kinematics.ROBOTS / "B.cs").unlink()
+    assert kinematics.read_classes(tmp_path, ledger) == "A"
 
 
 def test_warnings_alone_do_not_pass():

@@ -9,6 +9,7 @@ import csv
 import io
 import json
 import math
+import re
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,8 @@ WORDS = {
     "quaternion_order": "xyzw",
 }
 """Entries for which version 1 of the schema allows a single value; players require this value."""
+
+_FRAME = re.compile(r"(?P<axis>[xyz])-up (?P<hand>left|right)-handed")
 
 LIMIT_TOL = 1e-6
 """Maximum violation of a joint limit, in m or rad, that counts as a rounding error."""
@@ -151,7 +154,7 @@ def _content(data: JsonObject, kind: str, ledger: Ledger) -> Content:
     name = str(data.get("protocol", ""))
     content = Content(ledger, kind, model_hash=str(data.get("model_hash", "")), declared=tuple(links))
     units = data.get("length_unit", "?")
-    content.facts = {"units": units, "up_axis": "Z", "handedness": "right", "protocol": name}
+    content.facts = {"units": units, **_frame_facts(data), "protocol": name}
     _state(content, data, name)
     content.physics = _physics(data, links, joints)
     content.extra["data"] = {key: value for key, value in data.items() if key not in ("poses", "positions", "times")}
@@ -182,13 +185,21 @@ def _content(data: JsonObject, kind: str, ledger: Ledger) -> Content:
     clip = FileClip(name, times, T_world_link, q)
     check_poses(ledger, clip, "tracks")
     content.clips.append(clip)
-    _check_limits(data, joints, clip, ledger)
-    lower = _numbers(data, "joint_lower", ledger).tolist()
-    upper = _numbers(data, "joint_upper", ledger).tolist()
-    content.extra["lower"] = dict(zip(joints, lower, strict=False))
-    content.extra["upper"] = dict(zip(joints, upper, strict=False))
+    lower = _numbers(data, "joint_lower", ledger)
+    upper = _numbers(data, "joint_upper", ledger)
+    _check_limits(data, joints, lower, upper, clip, ledger)
+    content.extra["lower"] = dict(zip(joints, lower.tolist(), strict=False))
+    content.extra["upper"] = dict(zip(joints, upper.tolist(), strict=False))
     check_rcm(data, clip, _numbers(data, "frames_local", ledger), ledger)
     return content
+
+
+def _frame_facts(data: JsonObject) -> dict[str, str]:
+    """Return the up axis and the handedness that the entry `frame` states, as "z-up right-handed"; "?" for others."""
+    match = _FRAME.fullmatch(str(data.get("frame", "")).lower())
+    if match is None:
+        return {"up_axis": "?", "handedness": "?"}
+    return {"up_axis": match["axis"].upper(), "handedness": match["hand"]}
 
 
 def _state(content: Content, data: JsonObject, clip: str) -> None:
@@ -284,9 +295,8 @@ def _check_phases(data: JsonObject, times: Array, ledger: Ledger) -> None:
             ledger.wrong("tracks.phases", f"phase '{name}' {fault}.", str(name), when=f"t = {start[i]:.4g} s")
 
 
-def _check_limits(data: JsonObject, joints: list[str], clip: FileClip, ledger: Ledger) -> None:
-    low = _numbers(data, "joint_lower", ledger)
-    high = _numbers(data, "joint_upper", ledger)
+def _check_limits(data: JsonObject, joints: list[str], low: Array, high: Array, clip: FileClip, ledger: Ledger) -> None:
+    """Report joints beyond their limits `low` and `high` (joints,) in m or rad, and lists of a wrong length."""
     kinds = data.get("joint_types", [])
     for key, value in (("joint_types", kinds), ("joint_lower", low), ("joint_upper", high)):
         if len(value) != len(joints):
@@ -340,7 +350,7 @@ def _report_violation(
 
 
 def _physics(data: JsonObject, links: list[str], joints: list[str]) -> FilePhysics:
-    """Return the mechanism data of a track; missing entries are skipped, because the reader has reported them."""
+    """Return the mechanism data of a track; entries that are missing or too short are skipped."""
     physics = FilePhysics(tuple(links))
     kinds = data.get("joint_types", [])
     active = data.get("joint_active", [])

@@ -62,10 +62,12 @@ _SAME = 1e-9
 def read_classes(folder: Path, ledger: Ledger) -> Content | None:
     """Return the robot of the class in a package, and report changed parts of all classes.
 
-    The content is None if there is no class, or several: then the package is not that of one robot.
+    The content is None if there is no class, or several: then the package is not that of one robot. It is also None if
+    the tables of the class cannot be read, which is reported.
     """
     contents = []
-    for file in sorted((folder / ROBOTS).glob("*.cs")):
+    files = sorted((folder / ROBOTS).glob("*.cs"))
+    for file in files:
         name = file.relative_to(folder).as_posix()
         text = file.read_text(encoding="utf-8", errors="replace").replace("\r\n", "\n")
         _check_parts(name, text, ledger)
@@ -83,7 +85,7 @@ def read_classes(folder: Path, ledger: Ledger) -> Content | None:
     if named and not any((folder / ROBOTS).glob("*.cs*")):
         text = f"the package has the folder {ROBOTS} of the robot's kinematics, but no class in it."
         ledger.wrong("unity.kinematics", text, ROBOTS, suggestion="export the package again")
-    if len(contents) != 1:
+    if len(files) != 1 or not contents:
         return None
     return contents[0]
 
@@ -138,7 +140,7 @@ def _hash(text: str) -> str:
 def _parts(text: str) -> dict[str, str]:
     """Return {name: text} of the parts of the code: what stands before the first method, and each method.
 
-    The name of a second part of one name gets a number, as "MoveTo 2".
+    A part whose name another part has gets the number of the parts before it, as "MoveTo 7".
     """
     parts: dict[str, list[str]] = {}
     current = parts.setdefault(_TABLES, [])
@@ -178,7 +180,8 @@ def _content(text: str, ledger: Ledger) -> Content:
     """Return the robot that the tables of a class describe.
 
     Raises:
-        KeyError, ValueError, IndexError: a table is missing or too short, or an entry is not of its kind.
+        KeyError, ValueError, IndexError: a table is missing or has a wrong count of entries, or an entry is not of its
+            kind.
     """
     tables: dict[str, list[str]] = {}
     for match in _TABLE.finditer(text):
