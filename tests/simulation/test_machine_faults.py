@@ -213,7 +213,12 @@ def test_the_eigenvalue_is_the_growth_of_the_simulated_arm(parts):
 
 @pytest.mark.parametrize(
     ("motor", "change", "joint"),
-    [("motor_insertion", {"kd": 3.0}, "insertion"), ("motor_shoulder", {"kp": 3000.0, "kd": 0.0}, "shoulder")],
+    [
+        ("motor_insertion", {"kd": 3.0}, "insertion"),
+        ("motor_shoulder", {"kp": 3000.0, "kd": 0.0}, "shoulder"),
+        ("motor_jaw1", {"kd": 60.0}, "yaw"),
+        ("motor_jaw2", {"kd": 60.0}, "yaw"),
+    ],
 )
 def test_gains_that_oscillate_are_refused(parts, motor, change, joint):
     wild = [m.model_copy(update=change) if m.name == motor else m for m in parts.settings.motor]

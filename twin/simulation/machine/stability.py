@@ -18,7 +18,7 @@ from twin.core.errors import MechanismError
 from twin.core.spatial import Array
 from twin.simulation.dynamics.arm import Arm
 from twin.simulation.machine.motor_plant import TICK
-from twin.simulation.machine.settings import Settings
+from twin.simulation.machine.settings import Motor, Settings
 
 _MOST = 1 + 1e-6
 """Largest accepted magnitude of an eigenvalue; above it, a deviation grows by more than the factor e in 1000 s."""
@@ -28,7 +28,8 @@ def require_stable(arm: Arm, settings: Settings, q: Array) -> None:
     """Check that the gains make the control loop stable at joint values q (n,).
 
     Raises:
-        MechanismError: the loop is unstable; the message has the joint, frequency, growth and gains.
+        MechanismError: the loop is unstable; the message has the joint, frequency, growth, and the gains of a motor
+            that moves the joint.
     """
     values, vectors = np.linalg.eig(_tick(arm, settings, q))
     i = int(np.argmax(np.abs(values)))
@@ -36,10 +37,11 @@ def require_stable(arm: Arm, settings: Settings, q: Array) -> None:
     if size <= _MOST:
         return
     n = len(q)
+    motion = vectors[:, i]
     # Angles and lengths are comparable by their kinetic energy.
     weights = np.sqrt(np.diag(arm.dynamics().mass_matrix(q)))
-    joint = int(np.argmax(np.abs(vectors[:n, i]) * weights))
-    motor = settings.of_motors(arm.mechanism)[joint]
+    joint = int(np.argmax(np.abs(motion[:n]) * weights))
+    motor = _motor_of(joint, arm, settings, motion)
     hertz = abs(np.angle(values[i])) / (2 * np.pi * TICK)
     doubled = np.log(2) / np.log(size) * TICK
     raise MechanismError(
@@ -48,8 +50,24 @@ def require_stable(arm: Arm, settings: Settings, q: Array) -> None:
     )
 
 
-def _tick(arm: Arm, settings: Settings, q: Array) -> Array:
-    """Return the matrix (4 n, 4 n) by which a tick multiplies the state (q, v, w, s)."""
+def _motor_of(joint: int, arm: Arm, settings: Settings, motion: Array) -> Motor:
+    """Return the motor of a joint; of several, which a transmission couples, the one that moves the most energy.
+
+    `motion` (4 n,) is the complex state (q, v, w, s) of the motion that grows.
+    """
+    mechanism = arm.mechanism
+    unit = np.zeros(len(mechanism.active))
+    unit[joint] = 1.0
+    moving = np.flatnonzero(mechanism.motors(unit))
+    _, _, torque = _motor_rows(arm, settings)
+    turns = np.linalg.solve(mechanism.motor_matrix, motion[: len(unit)])
+    energies = np.abs(torque @ motion) * np.abs(turns)
+    strongest = moving[int(np.argmax(energies[moving]))]
+    return settings.of_motors(mechanism)[strongest]
+
+
+def _motor_rows(arm: Arm, settings: Settings) -> tuple[Array, Array, Array]:
+    """Return the rows (n, 4 n) that give w, s and the torques of the motors of a tick from the state (q, v, w, s)."""
     motors = settings.of_motors(arm.mechanism)
     kp = np.zeros((len(motors), len(motors)))
     kd = np.zeros_like(kp)
@@ -58,17 +76,26 @@ def _tick(arm: Arm, settings: Settings, q: Array) -> Array:
         kp[i, i] = motor.kp / motor.gear
         kd[i, i] = motor.kd / motor.gear
         ki[i, i] = motor.ki / motor.gear
+    A = np.asarray(np.linalg.inv(arm.mechanism.motor_matrix), np.float64)
+    c = 1 - np.exp(-2 * np.pi * settings.number.velocity_cutoff.value * TICK)
+    one = np.eye(len(motors))
+    none = np.zeros_like(one)
+    # A (q - q_before) / h is A v, because q = q_before + h v.
+    w = np.hstack([none, c * A, (1 - c) * one, none])
+    s = np.hstack([-TICK * A, none, none, one])
+    torque = np.hstack([-kp @ A, none, none, none]) - kd @ w + ki @ s
+    return w, s, torque
+
+
+def _tick(arm: Arm, settings: Settings, q: Array) -> Array:
+    """Return the matrix (4 n, 4 n) by which a tick multiplies the state (q, v, w, s)."""
     dynamics = arm.dynamics()
     M = dynamics.mass_matrix(q)
     V = np.diag(dynamics.friction)
     A = np.linalg.inv(arm.mechanism.motor_matrix)
-    c = 1 - np.exp(-2 * np.pi * settings.number.velocity_cutoff.value * TICK)
     one = np.eye(len(q))
     none = np.zeros_like(one)
-    # Rows (n, 4 n) of the matrix. A (q - q_before) / h is A v, because q = q_before + h v.
-    w = np.hstack([none, c * A, (1 - c) * one, none])
-    s = np.hstack([-TICK * A, none, none, one])
-    torque = np.hstack([-kp @ A, none, none, none]) - kd @ w + ki @ s
+    w, s, torque = _motor_rows(arm, settings)
     momentum = np.hstack([none, M, none, none]) + TICK * A.T @ torque
     v = np.linalg.solve(M + TICK * V, momentum)
     q_new = np.hstack([one, none, none, none]) + TICK * v
