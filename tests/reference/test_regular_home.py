@@ -15,7 +15,7 @@ from twin import cli
 from twin.core.errors import AssemblyError
 from twin.exchange.read import read
 from twin.exchange.read.closing import close
-from twin.reference import ReferenceModel
+from twin.reference import ReferenceModel, regular
 from twin.reference.regular import regularity
 from twin.reference.singular_departure import breach
 
@@ -41,6 +41,15 @@ def test_stretched_knees_are_singular_and_the_robots_are_not(drawn):
     for name in twin.names():
         model = twin.load(name).reference()
         assert not regularity(model, [model.home().x])[0].singular
+
+
+@pytest.mark.parametrize("value", [0.0, 1e-17])
+def test_a_jacobian_that_vanishes_is_singular(monkeypatch, value):
+    values = {0: np.full(2, value), 1: np.ones(2)}
+    monkeypatch.setattr(regular, "closed_beside", lambda model, x: [1])
+    monkeypatch.setattr(regular, "_values", lambda model, x: values[x])
+    found = regularity(None, [0])[0]
+    assert (found.rank, found.usual, found.margin, found.singular) == (0, 2, 0, True)
 
 
 @pytest.mark.slow

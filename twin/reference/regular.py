@@ -24,6 +24,9 @@ SINGULAR = 1e-4
 _RELATIVE_ZERO = 1e-6
 """Singular values below this fraction of the largest one count as zero: the constraint is redundant in all states."""
 
+_ROUNDING = 1e-12
+"""Singular value, in the units of the loop Jacobian, up to which all values are rounding errors."""
+
 _SPREADS = (0.03, 0.1, 0.3)
 """Standard deviations of the nearby states: in rad for rotations; for slides, a tenth of these numbers in m."""
 
@@ -38,7 +41,7 @@ class Regularity:
     Attributes:
         rank, usual: rank at the state, and largest rank at the state and at nearby states.
         margin: singular value number `usual` at the state (counted from 1, largest first), divided by the largest
-            singular value; about 0 if the rank is lower than `usual`.
+            singular value; about 0 if the rank is lower than `usual`; 1 if `usual` is 0.
     """
 
     rank: int
@@ -59,8 +62,8 @@ def regularity(model: ReferenceModel, states: Sequence[Array]) -> list[Regularit
     for s in every:
         rank = 0
         if len(s):
-            # 1e-12: if all values are rounding errors, the rank is 0
-            flat = _RELATIVE_ZERO * max(s[0], 1e-12)
+            # if all values are rounding errors, the rank is 0
+            flat = max(_RELATIVE_ZERO * s[0], _ROUNDING)
             rank = int((s > flat).sum())
         ranks.append(rank)
     usual = max(ranks)
@@ -68,7 +71,9 @@ def regularity(model: ReferenceModel, states: Sequence[Array]) -> list[Regularit
     for i in range(len(states)):
         s = every[i]
         margin = 1.0
-        if usual:
+        if usual and s[0] <= _ROUNDING:  # the rank falls to 0: there is no value to divide by
+            margin = 0.0
+        elif usual:
             margin = float(s[usual - 1] / s[0])
         of_states.append(Regularity(ranks[i], usual, margin))
     return of_states
