@@ -13,9 +13,10 @@ from made import reports
 from made.arm import arm, post, space_of
 from planning.test_together import Robot, protocol_of
 from twin.core.result import TextTable, as_json
+from twin.planning.costs import COSTS
 from twin.planning.plan import plan
 from twin.planning.plan_result import Planned
-from twin.planning.rounds import SearchRound, SearchRounds
+from twin.planning.rounds import UNITS, SearchRound, SearchRounds
 from twin.ui.report import rounds, write_report
 from twin.ui.report.style import png
 
@@ -23,6 +24,10 @@ ENDS = np.array([-1.1, 0.2, 0.1]), np.array([1.1, -0.2, -0.1])
 INF = float("inf")
 MANY = SearchRounds("length", [SearchRound(60, INF, INF, 0.1, 0.2), SearchRound(200, 0.41, 0.33, 0.3, 0.6)])
 ONE = SearchRounds("length_and_stops", [SearchRound(60, 4.1, 3.3, 0.1, 0.2)])
+
+
+def test_every_cost_has_a_unit():
+    assert UNITS.keys() == COSTS.keys()
 
 
 @pytest.fixture(scope="module")

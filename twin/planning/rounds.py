@@ -11,7 +11,7 @@ from typing import Any
 UNITS: Mapping[str, str] = MappingProxyType(
     {"length": "m", "stops": "m2/s3", "length_and_stops": "", "clearance": "m", "published": ""}
 )
-"""Unit of each cost of `twin.planning.costs`; "" for the sum of two units."""
+"""{name of a cost in `twin.planning.costs.COSTS`: its unit}; "" for a sum of different units."""
 
 
 @dataclass(frozen=True)
