@@ -68,7 +68,11 @@ def finding(
     The functions `info`, `warning`, `disagreement` and `error` call this function with their severity. `what` is the
     subject and its fault, without the number. If `limit` is a plain number, its unit is that of `size`. `word` is the
     word before the limit in the message ("required", "CAD"). If `word` is "", the message is `what` alone, and `what`
-    must contain all numbers. For the other arguments see `Finding`.
+    must contain all numbers. Without a size, the message is `what` alone too. If `word` is "tolerance", a size within
+    the limit that is a rounding error is shown as `EXACT`. For the other arguments see `Finding`.
+
+    Raises:
+        ValueError: size and limit have different units.
     """
     if limit is not None and not isinstance(limit, Quantity):
         limit = Quantity(limit, size.unit if size is not None else "")
@@ -77,7 +81,7 @@ def finding(
     message = what
     if size is not None and word:
         text = str(size)
-        # a tolerance bounds a difference, which can be a rounding error; other words bound values of any meaning
+        # only a tolerance is sure to bound a difference; a small value of another meaning is no rounding error
         if word == "tolerance" and limit is not None and is_exact(size.value, size.unit, limit.value):
             text = EXACT
         message += f": {text}"

@@ -20,7 +20,7 @@ class Sensitivity:
     Attributes:
         expected: (2,) standard deviation, if each rounding error is uniformly distributed up to its maximum.
         bound: (2,) sum of the effects of all rounding errors at their maximum.
-        worst_joint: the joint whose rounding contributes most.
+        worst_joint: the joint whose rounding contributes most to the position bound.
     """
 
     expected: tuple[float, float]
@@ -84,8 +84,9 @@ def _roundings(T: Array, epsilon: float) -> Array:
     def half_ulp(values: Array) -> Array:
         # 1e-300: the logarithm of 0 is infinite; 0 itself has no rounding error
         size = np.maximum(np.abs(values), 1e-300)
-        ulp = epsilon * 2.0 ** np.floor(np.log2(size))
-        return np.where(values == 0, 0.0, ulp)
+        # with p bits, epsilon is 2**-p, and a unit in the last place is 2 epsilon times the power of two below a value
+        half = epsilon * 2.0 ** np.floor(np.log2(size))
+        return np.where(values == 0, 0.0, half)
 
     q_wxyz = spatial.quat_from_matrix_wxyz(T[:3, :3])
     w, x, y, z = q_wxyz
@@ -108,8 +109,6 @@ def _effect(
 ) -> Array:
     """Return the tool's small motion (6,) in base if a joint's child side moves by a twist in the joint's frame."""
     loops = model.tree.loops
-    tree = model.tree
-    loops = tree.loops
     R = frame[:3, :3]
     p = frame[:3, 3]
     v = R @ twist[:3]  # velocity of the point p

@@ -65,10 +65,12 @@ def world(setup: Setup, device: Block, records: bool = True, watch: Sequence[Blo
 
 
 def identity(setup: Setup) -> str:
-    """Return the hash "sha256:..." of the inputs of `world`: robots, organs, vessels, tools and the procedure.
+    """Return the hash "sha256:..." of inputs of `world`: robots, organs, vessels, tools and the procedure.
 
-    The equations and the version of the program are not included. Numbers are rounded to 1e-9, so that the hash does
-    not depend on the processor.
+    Of a robot, names, base, start, port, limits and named frames are included; its equations, joint frames and shapes
+    are not. Of an organ, nodes, count of vertices and material are included; its elements and the places of its
+    vertices are not. Nor is the version of the program. Numbers are rounded to 1e-9, so that the hash does not depend
+    on the processor.
     """
     plain = operating_scene.plain
     about: list[object] = [setup.scene.name, *operating_scene.about(setup)]

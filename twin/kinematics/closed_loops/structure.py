@@ -26,8 +26,8 @@ class EquationBlock:
 
     Attributes:
         rows: indices of the equations.
-        unknowns: indices of the joints in `Equations.passive`.
-        columns: columns of `Equations.jacobian` that belong to the steps of these joints.
+        unknowns: indices of the joints in `LoopEquations.passive`.
+        columns: columns of `LoopEquations.jacobian` that belong to the steps of these joints.
         pattern: (rows, columns) bool, whether an entry of the Jacobian can differ from 0.
     """
 
@@ -99,7 +99,7 @@ def _sorted(pattern: np.ndarray) -> list[tuple[list[int], list[int]]]:
         part = pattern[np.ix_(rows, columns)]
         sparsity = ca.sparsify(ca.DM(part.astype(float))).sparsity()
         if len(rows) != len(columns) or ca.sprank(sparsity) < len(rows):
-            diagonal.append((rows, columns))  # not as many equations as unknowns: one least-squares block
+            diagonal.append((rows, columns))  # not square, or singular by its pattern: one least-squares block
             continue
         # Block triangular form: row_order and column_order permute the matrix, the ends cut it into blocks.
         count, row_order, column_order, row_ends, column_ends, _, _ = sparsity.btf()

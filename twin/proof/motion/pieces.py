@@ -1,4 +1,7 @@
-"""Pieces of a path: the intervals of s on which everything is enclosed, halved where the bounds are too wide."""
+"""Pieces of a path: intervals of the path parameter on which everything is enclosed, halved where bounds are too wide.
+
+The path parameter is from 0 to 1 in each phase.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ import numpy as np
 from twin.core.spatial import Array
 
 FIRST = 15
-"""Pieces of a phase at the beginning; grid points of 240, 480 or 960 intervals are borders of pieces."""
+"""Pieces of a phase at the beginning; halved 4, 5 or 6 times, they are 240, 480 or 960 intervals."""
 
 DEEPEST = 9
 """How often a piece is halved at most."""
@@ -43,17 +46,17 @@ class Pieces:
 
     @property
     def middle(self) -> Array:
-        """(N,) middle in s."""
+        """(N,) middle in the path parameter, 0 to 1."""
         return (self.place + 0.5) / self.counts
 
     @property
     def half(self) -> Array:
-        """(N,) half of the length in s, longer by `OVERLAP`."""
+        """(N,) half of the length in the path parameter, longer by `OVERLAP`."""
         return 0.5 / self.counts * (1.0 + OVERLAP)
 
     @property
     def ends(self) -> tuple[Array, Array]:
-        """(first s (N,), last s (N,))."""
+        """(first (N,), last (N,)) value of the path parameter, without `OVERLAP`."""
         return self.place / self.counts, (self.place + 1) / self.counts
 
     def some(self, which: np.ndarray) -> Pieces:

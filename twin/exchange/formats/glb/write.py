@@ -49,7 +49,7 @@ def write_glb(mechanism: Mechanism, clips: Sequence[Clip], path: Path) -> Path:
 
 
 def glb_bytes(mechanism: Mechanism, clips: Sequence[Clip] = (), link_poses: Mapping[str, Array] | None = None) -> bytes:
-    """Return the content of a .glb file; each clip becomes an animation with its name.
+    """Return the content of a .glb file; each clip becomes an animation with its name, unless no clip moves a link.
 
     `link_poses` contains T_world_body (4, 4) of every body at rest; None: the poses at home with closed loops.
     """
@@ -170,8 +170,8 @@ def moving_paths(clips: Sequence[Clip], rest: Mapping[str, Array]) -> set[tuple[
 def surface(vertices: Array, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return (points (n, 3) in m, unit normals (n, 3), triangles (m, 3)) of a mesh, in single precision.
 
-    Triangles share vertices with equal normals; vertices on sharp edges are duplicated. Triangles that become
-    degenerate in single precision are removed.
+    Triangles share a vertex if their normals at it are equal, to 1e-4; so vertices on sharp edges are duplicated.
+    Triangles of which two corners coincide in single precision are removed; their vertices are not.
     """
     corners = np.asarray(triangles).ravel()
     # Normals that differ by less than a step of 1e-4 are equal; the steps are 1 to 20001, and never negative.
