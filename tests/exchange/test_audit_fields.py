@@ -18,7 +18,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
-from pxr import Sdf
+from pxr import Sdf, Usd, UsdGeom
 
 from made import audit_effects, audit_fields, audit_fields_usd, audit_seeds, audit_seeds_fresh, bundle
 from made.audit_fields import parsed, stored
@@ -265,7 +265,15 @@ def move_sample(folder: Path) -> None:
     layer.Export(file)
 
 
+def hide_during_motion(folder: Path) -> None:
+    stage = Usd.Stage.Open(str(folder / "usd/bars_swing.usda"))
+    crank = UsdGeom.Imageable(stage.GetPrimAtPath("/bars/crank"))
+    crank.CreateVisibilityAttr().Set("invisible", 3.0)
+    stage.GetRootLayer().Save()
+
+
 LAYER_FAULTS = (
+    (hide_during_motion, "usd.changing", "visibility of /bars/crank has time samples"),
     (lose_motion, "usd.unused_layer", "it only states values for /bars, which another layer must define"),
     (lose_motion, "usd.range", "no link has time samples"),
     (lose_shader, "usd.material", "has no shader"),

@@ -51,6 +51,9 @@ _READ = re.compile(
 )
 """Attributes that other checks and comparisons read."""
 
+_MOVING = re.compile(r"xformOp:.*|state:.*|points|normals|extent")
+"""Attributes that change during a motion: poses, joint values, and the surfaces of deformables."""
+
 _READ_RELATIONSHIPS = re.compile(r"physics:body[01]|material:binding|physxMimicJoint:.*:referenceJoint|proxyPrim")
 """Relationships that other checks and comparisons read."""
 
@@ -152,6 +155,7 @@ def check_declared(stage: Usd.Stage, physics: FilePhysics, codes: Array, ledger:
     _check_ends(stage, ledger)
     _check_sampled(stage, ledger)
     _check_sample_times(stage, physics.links, ledger)
+    _check_changing(stage, ledger)
     _check_scene(stage, ledger)
     _check_colliders(stage, ledger)
     _check_meshes(stage, ledger)
@@ -355,6 +359,18 @@ def _check_sample_times(stage: Usd.Stage, links: Sequence[str], ledger: Ledger) 
                 "other links have."
             )
         ledger.add("usd.sample_times", "warning", text, link, suggestion="bake the motion again")
+
+
+def _check_changing(stage: Usd.Stage, ledger: Ledger) -> None:
+    """Report what changes with time besides poses, joint values and the points of deformables: a player shows it."""
+    for prim in stage.Traverse():
+        for attribute in prim.GetAttributes():
+            name = attribute.GetName()
+            if attribute.GetNumTimeSamples() == 0 or _MOVING.fullmatch(name):
+                continue
+            path = str(attribute.GetPath())
+            text = f"{name} of {prim.GetPath()} has time samples; only poses, joint values and points may change."
+            ledger.wrong("usd.changing", text, path, suggestion="remove the time samples, and write one value")
 
 
 def _check_scene(stage: Usd.Stage, ledger: Ledger) -> None:
