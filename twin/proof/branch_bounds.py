@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.proof import intervals
-from twin.proof.branches import Branches
+from twin.proof.equation_conditions import EquationConditions
 from twin.proof.interval_function import IntervalFunction
 
 MOST_BOXES = 4096
@@ -19,21 +19,21 @@ _HALVINGS = 4
 """How often each coordinate is halved at most."""
 
 
-def bounded_conditions(branches: Branches, answers: Mapping[int, bool], limits: Array) -> set[int]:
+def bounded_conditions(conditions: EquationConditions, answers: Mapping[int, bool], limits: Array) -> set[int]:
     """Return those of some conditions that have their answers at all states within limits.
 
     The range of the state is halved along one coordinate after the other, until the margins have bounds with one sign.
 
     Args:
-        branches: the conditions.
+        conditions: all conditions of the equations.
         answers: {index of a condition: the answer that it may have everywhere}.
         limits: lowest and highest values (n, 2) of the state.
     """
     if not answers:
         return set()
     chosen = list(answers)
-    expressions = [branches.all[i].margin for i in chosen]
-    margin_function = IntervalFunction(ca.Function("margins", [branches.state], [ca.vertcat(*expressions)]))
+    expressions = [conditions[i].margin for i in chosen]
+    margin_function = IntervalFunction(ca.Function("margins", [conditions.state], [ca.vertcat(*expressions)]))
     coordinates = len(limits)
     # lowest and highest corners (n, boxes) of the boxes in which a condition is still open
     low = np.array(limits[:, :1])
@@ -46,7 +46,7 @@ def bounded_conditions(branches: Branches, answers: Mapping[int, bool], limits: 
         for i, margin in zip(chosen, margins, strict=True):
             if i in closed:
                 continue
-            has_answer = branches.all[i].has(answers[i], margin)
+            has_answer = conditions[i].has(answers[i], margin)
             open_boxes[i] = open_boxes[i] & ~np.broadcast_to(has_answer, low.shape[1:])
             if not open_boxes[i].any():
                 closed.add(i)

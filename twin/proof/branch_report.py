@@ -12,7 +12,7 @@ from twin.formula.contract import Formula
 from twin.proof import draws, values
 from twin.proof.branch_bounds import bounded_conditions
 from twin.proof.branch_search import other_answers
-from twin.proof.branches import Branches
+from twin.proof.equation_conditions import EquationConditions
 
 _RARE = 64
 """Number of states with an answer below which they are judged besides."""
@@ -81,7 +81,7 @@ def examined_conditions(
         unclaimed: results of which nothing is claimed, for `examined`; if there are none, conditions that only
             measures and aspects depend on are left out.
     """
-    conditions = Branches(formula, variants, drawn_parameters, measures=bool(unclaimed))
+    conditions = EquationConditions(formula, variants, drawn_parameters, measures=bool(unclaimed))
     ranges = {name: limits_of[name] for name in conditions.names}
     # a stream of random numbers of its own: the states are others than those of the claims
     state = draws.named(np.random.default_rng([seed, 1]), ranges, _CONDITION_STATES)
@@ -96,21 +96,21 @@ def examined_conditions(
 
 
 def examined(
-    branches: Branches, state: Array, published: Array, limits: Array, unclaimed: Collection[str]
+    conditions: EquationConditions, state: Array, published: Array, limits: Array, unclaimed: Collection[str]
 ) -> BranchReport:
     """Return what is known of all conditions, from drawn states (n, k) within limits (n, 2).
 
-    `unclaimed` are the results of which nothing is claimed; for their names see `Branch.effects`.
+    `unclaimed` are the results of which nothing is claimed; for their names see `EquationCondition.effects`.
 
     `published` (n, k) are the same states with the published parameters. Only there, a state without a value is a fault
     of the equations: with other lengths, the mechanism itself may not reach it, and no margin may say so.
     """
-    without_value = _state_without_value(branches, published)
-    has_values, within = branches.judged(state)
+    without_value = _state_without_value(conditions, published)
+    has_values, within = conditions.has_values_and_reach(state)
     state = state[:, has_values & within]
-    count = len(branches.all)
-    if not branches.all or not state.shape[1]:
-        empty = {name: np.zeros(0) for name in branches.names}
+    count = len(conditions)
+    if not len(conditions) or not state.shape[1]:
+        empty = {name: np.zeros(0) for name in conditions.names}
         return BranchReport(
             count=count,
             drawn=0,
@@ -124,30 +124,30 @@ def examined(
             refused=empty,
             without_value=without_value,
         )
-    answers = _answers_at(branches, state, unclaimed)
-    bounded = bounded_conditions(branches, answers.single, limits)
+    answers = _answers_at(conditions, state, unclaimed)
+    bounded = bounded_conditions(conditions, answers.single, limits)
     searched = [i for i in answers.single if i not in bounded]
-    other_states = other_answers(branches, searched, state, limits)
+    other_states = other_answers(conditions, searched, state, limits)
     silent = list(answers.silent)
     open_texts = []
     unfound = []  # the conditions whose other answer no search found
     unfound_and_silent = 0
-    margins = branches.margins(state).full()
+    margins = conditions.margins(state).full()
     for i, states in zip(searched, other_states, strict=True):
         is_found = states.shape[1] > 0
         if not is_found:
             unfound.append(i)
-        if branches.all[i].only_affects(unclaimed):
-            silent.append(branches.effect(i))
+        if conditions[i].only_affects(unclaimed):
+            silent.append(conditions.effect(i))
             unfound_and_silent += not is_found
         elif not is_found:
             smallest = np.abs(margins[i]).min()
-            open_texts.append(f"{branches.text(i)} (margin {smallest:.2g} or more)")
+            open_texts.append(f"{conditions.text(i)} (margin {smallest:.2g} or more)")
     # a condition without another answer within reach may leave no value, in a way that is not seen in the operations
     suspects = answers.undefined + unfound
-    refused_states = _joined(other_answers(branches, suspects, state, limits, refused=True), len(limits))
+    refused_states = _joined(other_answers(conditions, suspects, state, limits, refused=True), len(limits))
     if refused_states.shape[1]:
-        has_values, within = branches.judged(refused_states)
+        has_values, within = conditions.has_values_and_reach(refused_states)
         refused_states = refused_states[:, ~(has_values & within)]
     judged_states = _joined([*answers.rare, *other_states], len(limits))
     return BranchReport(
@@ -159,8 +159,8 @@ def examined(
         unfound=unfound_and_silent,
         open=tuple(open_texts),
         silent=tuple(silent),
-        states=dict(zip(branches.names, judged_states, strict=True)),
-        refused=dict(zip(branches.names, refused_states, strict=True)),
+        states=dict(zip(conditions.names, judged_states, strict=True)),
+        refused=dict(zip(conditions.names, refused_states, strict=True)),
         without_value=without_value,
     )
 
@@ -182,12 +182,12 @@ class _DrawnAnswers:
     silent: list[str] = field(default_factory=list)
 
 
-def _answers_at(branches: Branches, state: Array, unclaimed: Collection[str]) -> _DrawnAnswers:
+def _answers_at(conditions: EquationConditions, state: Array, unclaimed: Collection[str]) -> _DrawnAnswers:
     """Return the answers of all conditions at states (n, k) within reach, of which there is at least one."""
     answers = _DrawnAnswers()
-    margins = branches.margins(state).full()
-    for i, branch in enumerate(branches.all):
-        is_true = branch.has(True, margins[i])
+    margins = conditions.margins(state).full()
+    for i, condition in enumerate(conditions):
+        is_true = condition.has(True, margins[i])
         if is_true.any() and not is_true.all():
             # the claims were judged at other states: an answer that is rare may not be among those
             is_fewer = is_true
@@ -195,26 +195,26 @@ def _answers_at(branches: Branches, state: Array, unclaimed: Collection[str]) ->
                 is_fewer = ~is_true
             if is_fewer.sum() < _RARE:
                 answers.rare.append(state[:, is_fewer][:, :_KEPT_RARE])
-                if branch.only_affects(unclaimed):
-                    answers.silent.append(branches.effect(i))
+                if condition.only_affects(unclaimed):
+                    answers.silent.append(conditions.effect(i))
             continue
         answer = bool(is_true[0])
-        if (not answer) in branch.undefined:
+        if (not answer) in condition.undefined:
             answers.undefined.append(i)
-            if branch.only_affects(unclaimed) and not branch.refuses:
-                answers.silent.append(branches.effect(i))
+            if condition.only_affects(unclaimed) and not condition.refuses:
+                answers.silent.append(conditions.effect(i))
         else:
             answers.single[i] = answer
     return answers
 
 
-def _state_without_value(branches: Branches, state: Array) -> dict[str, float]:
+def _state_without_value(conditions: EquationConditions, state: Array) -> dict[str, float]:
     """Return {name: value} at the first of states (n, k) within reach without a value; empty if all have one."""
-    has_values, within = branches.judged(state)
+    has_values, within = conditions.has_values_and_reach(state)
     faults = np.flatnonzero(within & ~has_values)
     if not len(faults):
         return {}
-    return {name: float(x) for name, x in zip(branches.names, state[:, faults[0]], strict=True)}
+    return {name: float(x) for name, x in zip(conditions.names, state[:, faults[0]], strict=True)}
 
 
 def _joined(states: Sequence[Array], coordinates: int) -> Array:

@@ -11,9 +11,9 @@ import casadi as ca
 import numpy as np
 
 from twin.core.spatial import Array
-from twin.proof.branches import Branches
 from twin.proof.draws import NEAR_PART
-from twin.proof.function_branches import Branch
+from twin.proof.equation_conditions import EquationConditions
+from twin.proof.function_branches import EquationCondition
 from twin.proof.values import Truths
 
 _STARTS = 24
@@ -42,12 +42,12 @@ _KEPT_REFUSED = 240
 
 
 def other_answers(
-    branches: Branches, chosen: Sequence[int], state: Array, limits: Array, refused: bool = False
+    conditions: EquationConditions, chosen: Sequence[int], state: Array, limits: Array, refused: bool = False
 ) -> list[Array]:
     """Return, for each chosen condition, states within reach where it has the answer that it has at no drawn state.
 
     Args:
-        branches: the conditions.
+        conditions: all conditions of the equations.
         chosen: indices of those with one answer.
         state: drawn states (n, k) within reach.
         limits: lowest and highest values (n, 2) of the state.
@@ -58,25 +58,27 @@ def other_answers(
     """
     if not chosen:
         return []
-    expressions = [branches.all[i].margin for i in chosen]
-    margin_function = ca.Function("margin", [branches.state], [ca.vertcat(*expressions)])
+    expressions = [conditions[i].margin for i in chosen]
+    margin_function = ca.Function("margin", [conditions.state], [ca.vertcat(*expressions)])
     margins = margin_function(state).full()
     states = []
     for margin, i in zip(margins, chosen, strict=True):
         sizes = np.where(np.isfinite(margin), np.abs(margin), np.inf)
         nearest = np.argsort(sizes)[:_STARTS]
-        answer = bool(branches.all[i].has(True, margin[nearest[:1]])[0])
-        states.append(_search(branches, i, answer, state[:, nearest], limits, refused))
+        answer = bool(conditions[i].has(True, margin[nearest[:1]])[0])
+        states.append(_search(conditions, i, answer, state[:, nearest], limits, refused))
     return states
 
 
-def _search(branches: Branches, i: int, answer: bool, starts: Array, limits: Array, refused: bool) -> Array:
+def _search(conditions: EquationConditions, i: int, answer: bool, starts: Array, limits: Array, refused: bool) -> Array:
     """Return states (n, j) where condition i does not have an answer that it has at `starts` (n, k).
 
     For the other arguments see `other_answers`.
     """
-    branch = branches.all[i]
-    gradient = ca.Function("gradient", [branches.state], [branch.margin, ca.jacobian(branch.margin, branches.state)])
+    condition = conditions[i]
+    gradient = ca.Function(
+        "gradient", [conditions.state], [condition.margin, ca.jacobian(condition.margin, conditions.state)]
+    )
     n, start_count = starts.shape
     x = np.repeat(starts, len(_AIMS), axis=1)
     function = gradient.map(x.shape[1])
@@ -87,7 +89,7 @@ def _search(branches: Branches, i: int, answer: bool, starts: Array, limits: Arr
     aim = np.zeros(0)
     for step in range(_STEPS):
         margin, slope = (matrix.full() for matrix in function(x))
-        has_other_answer = np.isfinite(margin[0]) & branch.has(not answer, margin[0])
+        has_other_answer = np.isfinite(margin[0]) & condition.has(not answer, margin[0])
         margin = sign * margin[0]
         slope = sign * slope[0].reshape(x.shape[1], n).T
         if step == 0:
@@ -95,9 +97,9 @@ def _search(branches: Branches, i: int, answer: bool, starts: Array, limits: Arr
         if refused:
             kept += list(x[:, has_other_answer].T)
         elif has_other_answer.any():
-            has_values, within = branches.judged(x)
+            has_values, within = conditions.has_values_and_reach(x)
             candidates = x[:, has_other_answer & has_values & within]
-            steady = _is_steady(gradient, branch, not answer, candidates, limits)
+            steady = _is_steady(gradient, condition, not answer, candidates, limits)
             kept += list(candidates[:, steady].T)
         if len(kept) >= most:
             break
@@ -108,7 +110,9 @@ def _search(branches: Branches, i: int, answer: bool, starts: Array, limits: Arr
     return np.array(kept[:most]).reshape(-1, n).T
 
 
-def _is_steady(gradient: ca.Function, branch: Branch, answer: bool, state: Array, limits: Array) -> Truths:
+def _is_steady(
+    gradient: ca.Function, condition: EquationCondition, answer: bool, state: Array, limits: Array
+) -> Truths:
     """Return which states (n, k) have an answer at all states near them that may be judged in their place.
 
     A claim is judged at exact fractions near a state that was found, not at the state itself.
@@ -119,5 +123,5 @@ def _is_steady(gradient: ca.Function, branch: Branch, answer: bool, state: Array
     for _ in range(_NEIGHBOURS):
         neighbours = state + width * generator.uniform(*_NEIGHBOUR_PART, state.shape)
         margin, _ = gradient(np.clip(neighbours, limits[:, :1], limits[:, 1:]))
-        steady &= branch.has(answer, margin.full()[0])
+        steady &= condition.has(answer, margin.full()[0])
     return steady

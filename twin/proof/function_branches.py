@@ -39,7 +39,7 @@ _CHOICE_MARGINS = {
 
 
 @dataclass(frozen=True)
-class Branch:
+class EquationCondition:
     """A condition that chooses between expressions.
 
     Attributes:
@@ -75,7 +75,9 @@ class Branch:
         return bool(self.effects) and self.effects <= set(results)
 
 
-def with_branches(formula: Formula, outputs: Outputs, inputs: Sequence[ca.SX]) -> tuple[dict[str, ca.SX], list[Branch]]:
+def expressions_and_conditions(
+    formula: Formula, outputs: Outputs, inputs: Sequence[ca.SX]
+) -> tuple[dict[str, ca.SX], list[EquationCondition]]:
     """Return the outputs of the equations as expressions of inputs, by name, and the conditions in them.
 
     Args:
@@ -96,10 +98,12 @@ def with_branches(formula: Formula, outputs: Outputs, inputs: Sequence[ca.SX]) -
     required = [k for k, name in enumerate(outputs.names) if name in _REQUIRED]
     undefined = undefined_answers(steps, required, walk.choosing)
     effects = _effects(formula, outputs.names, steps, walk.choosing)
-    branches = []
+    conditions = []
     for number in sorted(walk.choosing):
-        branches.append(Branch(walk.margins[number], walk.at_zero.get(number), undefined[number], effects[number]))
-    return dict(zip(outputs.names, results, strict=True)), branches
+        conditions.append(
+            EquationCondition(walk.margins[number], walk.at_zero.get(number), undefined[number], effects[number])
+        )
+    return dict(zip(outputs.names, results, strict=True)), conditions
 
 
 class _Walk:

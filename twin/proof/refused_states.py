@@ -16,8 +16,8 @@ from twin.core.spatial import Array
 from twin.formula.contract import Formula
 from twin.model.mechanism import Mechanism
 from twin.proof import mechanism_reach
-from twin.proof.branches import Branches
 from twin.proof.claims import JudgedClaim, unclaimed
+from twin.proof.equation_conditions import EquationConditions
 from twin.proof.formula_side import POSE_ENTRIES
 
 _DRAWN = 2048
@@ -76,7 +76,7 @@ def refused_states(
         found: {random number: values (j,)} at states at which a search found that a condition leaves no value.
         seed: of the random numbers.
     """
-    conditions = Branches(formula, variants, ())
+    conditions = EquationConditions(formula, variants, ())
     limits = np.array([ranges[name][1:] for name in conditions.names])  # (n, 2): low, high
     generator = np.random.default_rng([seed, 3])
     drawn = generator.uniform(limits[:, :1], limits[:, 1:], (len(limits), _DRAWN))
@@ -112,10 +112,10 @@ def refused_states(
     )
 
 
-def _refused(conditions: Branches, state: Array) -> Array:
+def _refused(conditions: EquationConditions, state: Array) -> Array:
     """Return some of the states (n, k) that are not within reach, or without a value there."""
     if not state.shape[1]:
         return state
-    known, within = conditions.judged(state)
-    refused = np.flatnonzero(~(known & within))
+    has_values, within = conditions.has_values_and_reach(state)
+    refused = np.flatnonzero(~(has_values & within))
     return state[:, refused[:: 1 + len(refused) // _COMPARED]]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 import casadi as ca
 import numpy as np
@@ -11,20 +11,19 @@ from twin.core.spatial import Array
 from twin.formula.contract import Formula
 from twin.proof import formula_side
 from twin.proof.formula_side import POSE_ENTRIES
-from twin.proof.function_branches import with_branches
+from twin.proof.function_branches import EquationCondition, expressions_and_conditions
 from twin.proof.values import Truths
 
 _LONGEST_TEXT = 60
 """Maximum length of the text of a condition; a longer one is named by its number."""
 
 
-class Branches:
-    """The conditions of the equations as functions of the state.
+class EquationConditions:
+    """The conditions of the equations as functions of the state; `conditions[i]` is one of them.
 
     The state has the joints or the coordinates, and the parameters that are drawn; other parameters are constants.
 
     Attributes:
-        all: the conditions.
         state: symbols of the state (n, 1).
         names: their names.
         margins: function of the state that returns the margins of all conditions.
@@ -44,32 +43,42 @@ class Branches:
         """
         self._has_forward = formula.has("forward")
         if self._has_forward:
-            first = formula_side.from_joints(formula, variants, measures)
+            state_side = formula_side.from_joints(formula, variants, measures)
         else:
-            first = formula_side.from_pose(formula, variants, coordinates=True, measures=measures)
-        self.names = (*first.state, *drawn)
+            state_side = formula_side.from_pose(formula, variants, coordinates=True, measures=measures)
+        self.names = (*state_side.state, *drawn)
         symbols = {name: ca.SX.sym(name) for name in self.names}
         self.state = ca.vertcat(*symbols.values())
-        joints_or_coordinates = ca.vertcat(*[symbols[name] for name in first.state])
-        parameters = [symbols.get(p.name, ca.SX(float(p.value))) for p in formula.parameters]
-        numbers = ca.vertcat(*parameters)
-        results, self.all = with_branches(formula, first, [joints_or_coordinates, numbers])
-        finite = [results["pose"]]
-        reach = [results["reach"]] if "reach" in results else []
+        joints_or_coordinates = ca.vertcat(*[symbols[name] for name in state_side.state])
+        parameters = ca.vertcat(*[symbols.get(p.name, ca.SX(float(p.value))) for p in formula.parameters])
+        results, self._conditions = expressions_and_conditions(formula, state_side, [joints_or_coordinates, parameters])
+        must_be_finite = [results["pose"]]
+        margins_of_reach = [results["reach"]] if "reach" in results else []
         if "joints" in results:
-            finite.append(results["joints"])
+            must_be_finite.append(results["joints"])
         elif formula.has("inverse"):
-            second = formula_side.from_pose(formula, variants, coordinates=False, measures=measures)
-            again, more_branches = with_branches(formula, second, [results["pose"], numbers])
-            self.all += more_branches
-            finite.append(again["joints"])
-            if "reach" in again:
-                reach.append(again["reach"])
-        margins = [branch.margin for branch in self.all]
+            inverse_side = formula_side.from_pose(formula, variants, coordinates=False, measures=measures)
+            inverse_results, inverse_conditions = expressions_and_conditions(
+                formula, inverse_side, [results["pose"], parameters]
+            )
+            self._conditions += inverse_conditions
+            must_be_finite.append(inverse_results["joints"])
+            if "reach" in inverse_results:
+                margins_of_reach.append(inverse_results["reach"])
+        margins = [condition.margin for condition in self._conditions]
         self.margins = ca.Function("margins", [self.state], [ca.vertcat(*margins)])
-        self.values = ca.Function("values", [self.state], [ca.vertcat(*finite), ca.vertcat(*reach)])
+        self.values = ca.Function("values", [self.state], [ca.vertcat(*must_be_finite), ca.vertcat(*margins_of_reach)])
 
-    def judged(self, state: Array) -> tuple[Truths, Truths]:
+    def __len__(self) -> int:
+        return len(self._conditions)
+
+    def __getitem__(self, i: int) -> EquationCondition:
+        return self._conditions[i]
+
+    def __iter__(self) -> Iterator[EquationCondition]:
+        return iter(self._conditions)
+
+    def has_values_and_reach(self, state: Array) -> tuple[Truths, Truths]:
         """Return which states (n, k) have values, and which are within reach by the margins of the equations.
 
         A margin that is not a number says that a state is out of reach only if conditions choose what is not a number,
@@ -79,24 +88,24 @@ class Branches:
         is_finite = np.isfinite(results.full())
         margins = reach.full()
         with np.errstate(invalid="ignore"):
-            beyond = (margins < 0).any(axis=0)
-        if any(branch.undefined for branch in self.all):
-            unknown = np.isnan(margins).any(axis=0)
+            is_beyond = (margins < 0).any(axis=0)
+        if any(condition.undefined for condition in self._conditions):
+            is_unknown = np.isnan(margins).any(axis=0)
             if self._has_forward:
                 has_pose = is_finite[:POSE_ENTRIES].all(axis=0)
-                unknown &= ~has_pose
-            beyond |= unknown
+                is_unknown &= ~has_pose
+            is_beyond |= is_unknown
         has_values = is_finite.all(axis=0) & np.isfinite(margins).all(axis=0)
-        return has_values, ~beyond
+        return has_values, ~is_beyond
 
     def text(self, i: int) -> str:
         """Return a condition as text; if it is a long one, only its number."""
-        text = str(self.all[i].margin)
+        text = str(self._conditions[i].margin)
         if len(text) > _LONGEST_TEXT:
             return f"condition {i + 1}"
         return f"{text} > 0"
 
     def effect(self, i: int) -> str:
         """Return a condition and the results that depend on it as text."""
-        results = ", ".join(sorted(self.all[i].effects))
+        results = ", ".join(sorted(self._conditions[i].effects))
         return f"{self.text(i)} ({results})"
