@@ -29,7 +29,7 @@ from twin.simulation.session.forces import ForceMeter
 from twin.simulation.setup import Setup
 from twin.simulation.world import Block, World
 from twin.ui.headset.client_messages import HapticsMessage
-from twin.ui.headset.operation import Operation
+from twin.ui.headset.console_stream import ConsoleStream
 from twin.ui.session.exercise import Exercise
 from twin.ui.session.timeline import RATE
 
@@ -296,22 +296,22 @@ def test_the_switch_works_while_it_runs_and_the_session_knows(theatre, tmp_path,
     monkeypatch.setattr("twin.ui.session.scene_control._BUDGET", np.inf)
     condition = randomised(7, 1)
     path = tmp_path / "hands.session"
-    operation, sent = Operation(theatre, Exercise(session=path, condition=condition)), []
-    operation.send = sent.append
-    down = operation.view[:3, :3].T @ [0, 0, -1]
-    operation.frame(0, 0.0)
+    stream, sent = ConsoleStream(theatre, Exercise(session=path, condition=condition)), []
+    stream.send = sent.append
+    down = stream.view[:3, :3].T @ [0, 0, -1]
+    stream.frame(0, 0.0)
     for k in range(75):
         if k == 60:
-            operation.ask("c1", HapticsMessage(type="haptics", on=not operation.reading["haptics"]))
+            stream.ask("c1", HapticsMessage(type="haptics", on=not stream.reading["haptics"]))
         s = k / RATE
         for hand, x in ((0, 0.08), (1, -0.08)):
             way = 2 * ramp(s, 24 * MM * down)
             pose = spatial.pose(spatial.rotation_z(min(s / 0.1, 1) * 5 * DEG), [way[0] + x, *way[1:]])
-            operation.device.give(HandState(hand, False, False, k + 1, pose, 0.0))
-        operation.frame(k, 0.0)
-    operation.close()
+            stream.device.give(HandState(hand, False, False, k + 1, pose, 0.0))
+        stream.frame(k, 0.0)
+    stream.close()
     forces = [d for d in sent if d["type"] == "forces"]
-    assert condition.haptics == (not operation.reading["haptics"])
+    assert condition.haptics == (not stream.reading["haptics"])
     assert forces
     found = replay_session(path)
     told = found.as_dict()

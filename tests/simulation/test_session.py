@@ -37,7 +37,7 @@ from twin.simulation.setup import Setup
 from twin.simulation.tasks.target.surgeon import ScriptedSurgeon
 from twin.simulation.tasks.target.task import KIND, Target, Targets
 from twin.simulation.world import Signals
-from twin.ui.headset.operation import Operation
+from twin.ui.headset.console_stream import ConsoleStream
 from twin.ui.session.exercise import Exercise
 from twin.ui.session.timeline import RATE
 
@@ -438,14 +438,14 @@ def test_a_session_of_a_world_with_other_signals_is_refused(recorded, setup):
 # -- a person's hands -----------------------------------------------------------------------------------------------
 
 
-def guide(operation, seconds, begin=0):
+def guide(stream, seconds, begin=0):
     """Both hands show that somebody is there, then move for some seconds; the clutch is pressed once."""
     for k in range(begin, begin + round(seconds * RATE)):
         s = k / RATE
         for hand, x in ((0, 0.08), (1, -0.08)):
             pose = spatial.pose(spatial.rotation_z(min(s / 0.1, 1) * 5 * DEG), (x + 0.01 * np.sin(3 * s), 0.01 * s, 0))
-            operation.device.give(HandState(hand, 0.6 < s < 0.7, False, k + 1, pose, 0.3 * np.sin(5 * s) ** 2))
-        operation.frame(k, 0.0)
+            stream.device.give(HandState(hand, 0.6 < s < 0.7, False, k + 1, pose, 0.3 * np.sin(5 * s) ** 2))
+        stream.frame(k, 0.0)
 
 
 @pytest.fixture(scope="module")
@@ -454,11 +454,11 @@ def person(theatre, tmp_path_factory):
     path = tmp_path_factory.mktemp("person") / "hands.session"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("twin.ui.session.scene_control._BUDGET", np.inf)
-        operation = Operation(theatre, Exercise(session=path))
-        operation.frame(0, 0.0)
-        guide(operation, 1.1)
-        operation.close()
-        operation.close()  # the server and the command both close it
+        stream = ConsoleStream(theatre, Exercise(session=path))
+        stream.frame(0, 0.0)
+        guide(stream, 1.1)
+        stream.close()
+        stream.close()  # the server and the command both close it
     return path
 
 
@@ -481,9 +481,9 @@ def test_what_is_served_is_written_as_it_runs(bare_theatre, tmp_path, monkeypatc
     monkeypatch.setattr("twin.ui.session.scene_control._BUDGET", np.inf)
     monkeypatch.setattr(session_file, "CHUNK", 200)
     path = tmp_path / "hands.session"
-    operation = Operation(bare_theatre, Exercise(session=path))
-    operation.frame(0, 0.0)
-    guide(operation, 0.3)
+    stream = ConsoleStream(bare_theatre, Exercise(session=path))
+    stream.frame(0, 0.0)
+    guide(stream, 0.3)
     found = read_session(tmp_path / "hands.session.part")  # the server is still running
     assert len(found.device) == 200
 
@@ -492,20 +492,20 @@ def test_what_is_served_is_written_as_it_runs(bare_theatre, tmp_path, monkeypatc
 
     monkeypatch.setattr(SessionWriter, "_put", full)
     with caplog.at_level(logging.ERROR):
-        guide(operation, 0.3, begin=18)
-        operation.close()
+        guide(stream, 0.3, begin=18)
+        stream.close()
     assert "the session is no longer recorded: cannot write to hands.session.part" in caplog.text
-    assert operation.world.tick > 500, "the World goes on"
+    assert stream.world.tick > 500, "the World goes on"
     assert len(read_session(tmp_path / "hands.session.part").device) == 200
 
 
 def test_a_session_ends_at_its_maximum(tmp_path, bare_theatre, monkeypatch, caplog):
     monkeypatch.setattr("twin.ui.session.scene_control._BUDGET", np.inf)
     monkeypatch.setattr(session_file, "LONGEST", 0.1)
-    operation = Operation(bare_theatre, Exercise(session=tmp_path / "a.session"))
-    operation.frame(0, 0.0)
-    guide(operation, 0.3)
-    operation.close()
+    stream = ConsoleStream(bare_theatre, Exercise(session=tmp_path / "a.session"))
+    stream.frame(0, 0.0)
+    guide(stream, 0.3)
+    stream.close()
     assert "its maximum of" in caplog.text
     assert 100 <= len(read_session(tmp_path / "a.session").device) < 150
 

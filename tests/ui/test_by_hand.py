@@ -23,7 +23,7 @@ from twin.simulation.controllers.pivot import CONE, SHALLOW, InstrumentPivot
 from twin.simulation.limits import JointLimits
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.client_messages import FulcrumMessage, HandsMessage, RefusedError, ToolMessage
-from twin.ui.headset.operation import Operation
+from twin.ui.headset.console_stream import ConsoleStream
 from twin.ui.headset.scene_frame import unpack_scene
 from twin.ui.session.exercise import Exercise
 from twin.ui.session.loaded_scene import LoadedScene
@@ -148,7 +148,7 @@ def test_a_led_end_stays_on_its_side_of_the_port(p, direct):
 
 
 class Client:
-    """A client of an `Operation` that moves the hands."""
+    """A client of an `ConsoleStream` that moves the hands."""
 
     def __init__(self, op):
         self.op, self.number, self.tick, self.frame = op, 0, 0, None
@@ -171,7 +171,7 @@ class Client:
 
 
 def test_tools_and_fulcrum_are_chosen_by_the_client_that_leads(scene, robots):
-    op = Operation(LoadedScene(scene, robots))
+    op = ConsoleStream(LoadedScene(scene, robots))
     client = Client(op)
     client.begin()
     name = list(scene.tools)[-1]
@@ -191,7 +191,7 @@ def test_tools_and_fulcrum_are_chosen_by_the_client_that_leads(scene, robots):
 
 
 def test_a_scene_without_ports_and_tools_refuses_them(bare_theatre):
-    op = Operation(bare_theatre)
+    op = ConsoleStream(bare_theatre)
     with pytest.raises(RefusedError, match="instrument_mm"):
         op.ask("c1", FulcrumMessage(type="fulcrum", mode="direct"))
     with pytest.raises(RefusedError, match="tool"):
@@ -204,7 +204,7 @@ def test_a_scene_without_ports_and_tools_refuses_them(bare_theatre):
 def test_organs_dent_under_an_instrument_that_a_hand_leads(scene, robots, monkeypatch):
     # on a busy machine the World would fall behind the hand, and take its motion for a jump
     monkeypatch.setattr("twin.ui.session.scene_control._BUDGET", np.inf)
-    op = Operation(scenes.with_organs(LoadedScene(scene, robots)))
+    op = ConsoleStream(scenes.with_organs(LoadedScene(scene, robots)))
     feed = op.feed
     client = Client(op)
     client.begin()
@@ -225,7 +225,7 @@ def test_organs_dent_under_an_instrument_that_a_hand_leads(scene, robots, monkey
 @pytest.mark.nightly
 def test_a_session_by_hand_replays_bit_for_bit(scene, robots, tmp_path):
     path = tmp_path / "hands.session"
-    op = Operation(scenes.with_organs(LoadedScene(scene, robots)), Exercise(session=path))
+    op = ConsoleStream(scenes.with_organs(LoadedScene(scene, robots)), Exercise(session=path))
     client, rng = Client(op), np.random.default_rng(5)
     client.begin()
     for k in range(130):

@@ -17,7 +17,7 @@ from twin.core.errors import TwinError
 from twin.simulation.devices.packets import pack
 from twin.simulation.session.trial_table import TrialTable
 from twin.ui.headset.client_messages import RefusedError, parse_message
-from twin.ui.headset.operation import Operation
+from twin.ui.headset.console_stream import ConsoleStream
 from twin.ui.headset.packet_socket import UDP
 from twin.ui.session.exercise import Exercise
 from twin.ui.session.forms import QuestionnaireForms
@@ -152,7 +152,7 @@ def loaded():
 def test_no_hand_moves_a_robot_while_a_questionnaire_is_due(loaded, tmp_path):
     table = TrialTable(tmp_path / "t.csv", "1", "simulation")
     forms = QuestionnaireForms(table, ["ssq"], [])
-    console = Operation(loaded, Exercise(forms=forms))
+    console = ConsoleStream(loaded, Exercise(forms=forms))
     console.listen("127.0.0.1", 0)
     pen = Pens(console.packets.socket.port)
     said = []

@@ -25,7 +25,7 @@ from twin.model.scene import load_scene
 from twin.simulation import console_scene
 from twin.simulation.controllers.camera import looking, view
 from twin.simulation.setup import Setup
-from twin.ui.headset import operation, served, server
+from twin.ui.headset import console_stream, served, server
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.client_messages import (
     DragMessage,
@@ -35,7 +35,7 @@ from twin.ui.headset.client_messages import (
     ScaleMessage,
     parse_message,
 )
-from twin.ui.headset.operation import Operation
+from twin.ui.headset.console_stream import ConsoleStream
 from twin.ui.headset.scene_frame import pack_scene, unpack_scene
 from twin.ui.session import scene_control
 from twin.ui.session.timeline import RATE
@@ -107,7 +107,7 @@ class Hands:
 @pytest.fixture
 def hands(bare_theatre, monkeypatch):
     monkeypatch.setattr(scene_control, "_BUDGET", np.inf)  # a busy machine does not make the World late
-    op = Operation(bare_theatre)
+    op = ConsoleStream(bare_theatre)
     op.frame(0, 0.0)
     return Hands(op)
 
@@ -364,7 +364,7 @@ def test_hands_come_through_the_stream_and_end_with_it(bare_theatre):
 
 def test_what_hands_change_is_sent_before_the_next_tick(bare_theatre, monkeypatch):
     """With ticks that are 1000 s apart, only messages of the hands bring frames."""
-    for module in (server, operation):
+    for module in (server, console_stream):
         monkeypatch.setattr(module, "RATE", 0.001)
     monkeypatch.setattr(scene_control, "_BUDGET", np.inf)
 
@@ -412,7 +412,7 @@ def test_a_console_that_does_not_fit_its_robots_is_named(bare_theatre, tmp_path,
     body = bare_theatre.scene.file.read_text(encoding="utf-8").replace('props = "theatre.toml"\n', "")
     (tmp_path / "scene.toml").write_text(body.replace(old, new), encoding="utf-8")
     with pytest.raises(TwinError, match=text):
-        Operation(replace(bare_theatre, scene=load_scene(tmp_path / "scene.toml")))
+        ConsoleStream(replace(bare_theatre, scene=load_scene(tmp_path / "scene.toml")))
 
 
 @pytest.mark.parametrize("command", ["run", "view"])

@@ -24,7 +24,7 @@ from twin.simulation.controllers.tool_following import HandPace
 from twin.simulation.devices.packets import pack
 from twin.ui.headset import packet_socket, served
 from twin.ui.headset.client_messages import RefusedError, parse_message
-from twin.ui.headset.operation import Operation
+from twin.ui.headset.console_stream import ConsoleStream
 from twin.ui.session import console_state, scene_control
 from twin.ui.session.timeline import RATE
 
@@ -33,7 +33,7 @@ ARMS = {"right": "psm1", "left": "psm2"}
 
 
 class Running:
-    """An operation with a socket, pens that send to it, and the time that passes."""
+    """A stream of a console with a socket, pens that send to it, and the time that passes."""
 
     def __init__(self, op):
         self.op, self.tick, self.told = op, 0, []
@@ -78,7 +78,7 @@ class Running:
 @pytest.fixture
 def running(bare_theatre, monkeypatch):
     monkeypatch.setattr(scene_control, "_BUDGET", np.inf)  # a busy machine does not make the World late
-    found = Running(Operation(bare_theatre))
+    found = Running(ConsoleStream(bare_theatre))
     yield found
     found.op.close()
     found.pens.close()
@@ -328,7 +328,7 @@ def session(running, ticks=700, delay=100, lost=0.05):
 def test_a_bad_network_makes_no_tool_jump_and_its_loss_is_shown(bare_theatre, monkeypatch):
     monkeypatch.setattr(scene_control.console_scene, "world", lambda *a, **k: WORLD(*a, **{**k, "records": True}))
     monkeypatch.setattr(scene_control, "_BUDGET", np.inf)
-    running = Running(Operation(bare_theatre))
+    running = Running(ConsoleStream(bare_theatre))
     lost = session(running)
     state, recording = running.state, running.op.world.recording()
     running.op.close()

@@ -28,7 +28,7 @@ from twin.simulation.world import Recording
 from twin.simulation.world.signals import columns
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.client_messages import RefusedError, parse_message
-from twin.ui.headset.operation import Operation
+from twin.ui.headset.console_stream import ConsoleStream
 from twin.ui.headset.scene_frame import unpack_scene
 from twin.ui.session import scene_control
 from twin.ui.session.exercise import Exercise
@@ -243,10 +243,10 @@ def test_without_rings_there_is_nothing_to_end(bare_theatre):
         TwinError, match="there is no task to end or restart: start one on the page, or this program with --task"
     ):
         live.end("page 1")
-    operation = Operation(bare_theatre)
+    stream = ConsoleStream(bare_theatre)
     with pytest.raises(RefusedError, match="there is no task to end or restart"):
-        operation.ask("c1", parse_message('{"type": "task", "do": "restart"}'))
-    operation.close()
+        stream.ask("c1", parse_message('{"type": "task", "do": "restart"}'))
+    stream.close()
 
 
 def test_an_object_inside_an_instrument_is_named(theatre):
@@ -277,15 +277,15 @@ def test_a_task_without_a_goal_is_named(theatre, tmp_path):
 
 
 def test_frames_hold_the_rings_after_the_robots(theatre):
-    operation = Operation(theatre, Exercise(theatre.scene.tasks["pegboard"]))
-    frame = unpack_scene(operation.frame(0, 0.0))
+    stream = ConsoleStream(theatre, Exercise(theatre.scene.tasks["pegboard"]))
+    frame = unpack_scene(stream.frame(0, 0.0))
     assert len(frame.robots) == 4
-    names = [name for name in operation.links if name.startswith("objects/")]
+    names = [name for name in stream.links if name.startswith("objects/")]
     assert names == ["objects/ring1", "objects/ring2", "objects/ring3", "objects/ring4"]
     for name, seven in zip(names, frame.robots[3].poses, strict=True):
-        T = operation.world.signals[f"{name.removeprefix('objects/')}.pose"].reshape(4, 4)
+        T = stream.world.signals[f"{name.removeprefix('objects/')}.pose"].reshape(4, 4)
         np.testing.assert_allclose(wire.pose_of(seven), T, atol=1e-6)
-    operation.close()
+    stream.close()
 
 
 # -- the whole task --------------------------------------------------------------------------------------------

@@ -30,7 +30,7 @@ from twin.simulation.session import run as sessions
 from twin.simulation.session.file import read_session
 from twin.simulation.setup import Setup
 from twin.ui.headset.client_messages import RefusedError, parse_message
-from twin.ui.headset.operation import Operation
+from twin.ui.headset.console_stream import ConsoleStream
 from twin.ui.session import plan_mode, plan_work
 from twin.ui.session.exercise import Exercise
 from twin.ui.session.plan_work import CheckedTarget, Clear, PlanJob, PlannedMotion, Proven, Room, TargetCheck
@@ -557,7 +557,7 @@ def test_in_a_rehearsal_the_models_follow_a_plan_and_the_machines_stay(rehearsin
 @pytest.mark.slow
 def test_pages_get_ghost_motion_and_clearance_and_a_new_page_gets_all_of_them(dome, monkeypatch):
     monkeypatch.setattr(plan_mode, "Stream", Here)
-    op = Operation(dome)
+    op = ConsoleStream(dome)
     documents, bodies = [], len(op.members[ARM].mechanism.bodies)
     op.send = documents.append
     client = Operator(op)

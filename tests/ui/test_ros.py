@@ -15,14 +15,14 @@ from made.ros_client import RosPens, connected, placed, stamped
 from twin.core import spatial
 from twin.core.units import MM
 from twin.ui.access.rules import AccessRules
-from twin.ui.headset.operation import Operation
+from twin.ui.headset.console_stream import ConsoleStream
 from twin.ui.session import scene_control
 from twin.ui.session.exercise import Exercise
 from twin.ui.session.timeline import RATE
 
 
 class Running:
-    """An operation with a bridge, and the time that passes."""
+    """A stream of a console with a bridge, and the time that passes."""
 
     def __init__(self, op):
         self.op = op
@@ -51,7 +51,7 @@ class Running:
 
 @asynccontextmanager
 async def running(scene, exercise=None):
-    op = Operation(scene) if exercise is None else Operation(scene, exercise)
+    op = ConsoleStream(scene) if exercise is None else ConsoleStream(scene, exercise)
     found = Running(op)
     try:
         await found.start()
@@ -99,7 +99,7 @@ def picture_way(op, before):
 
 def moved_by_udp(scene, exercise):
     """Play `SCRIPT` by UDP packets; return the way of the goal of psm1 in the picture."""
-    op = Operation(scene, exercise)
+    op = ConsoleStream(scene, exercise)
     op.send = lambda document: None
     op.listen("127.0.0.1", 0)
     pens = Pens(op.packets.socket.port)

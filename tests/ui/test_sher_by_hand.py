@@ -17,7 +17,7 @@ from twin.cli import scene as scenes
 from twin.core import spatial
 from twin.simulation.devices.packets import pack
 from twin.simulation.session.trial_table import TrialTable
-from twin.ui.headset.operation import Operation
+from twin.ui.headset.console_stream import ConsoleStream
 from twin.ui.session.exercise import Exercise
 from twin.ui.session.timeline import RATE
 from twin.validation.ranks import compare
@@ -83,23 +83,23 @@ def test_a_pen_by_udp_touches_the_five_holes_and_its_trial_is_read_by_study(scen
     async def session():
         loaded = scenes.load(scene)
         table = TrialTable(trials, "7", "simulation")
-        operation = Operation(loaded, Exercise(scene.tasks["phantom"], trials=table))
-        operation.listen("127.0.0.1", 0)
-        pen, way, tick = Pen(operation.packets.socket.port), Way(scene), 0.0
+        stream = ConsoleStream(loaded, Exercise(scene.tasks["phantom"], trials=table))
+        stream.listen("127.0.0.1", 0)
+        pen, way, tick = Pen(stream.packets.socket.port), Way(scene), 0.0
         sounds, touching = 0, False
-        while operation.reading["task"]["over"] is None:
-            missing = way.missing(operation.world.signals["sher.q"])
+        while stream.reading["task"]["over"] is None:
+            missing = way.missing(stream.world.signals["sher.q"])
             pen.send(pen.packet(np.zeros(3) if missing is None else missing, 1 / RATE))
-            operation.frame(tick, tick / RATE)
-            contact = operation.reading["task"]["contact"]
+            stream.frame(tick, tick / RATE)
+            contact = stream.reading["task"]["contact"]
             sounds += contact and not touching
             touching = contact
             tick += 1.0
-            assert tick < 200 * RATE, operation.reading
-        presses = operation.referee.judge.presses
-        said = operation.reading
+            assert tick < 200 * RATE, stream.reading
+        presses = stream.referee.judge.presses
+        said = stream.reading
         pen.close()
-        operation.close()
+        stream.close()
         return presses, said, sounds
 
     presses, said, sounds = asyncio.run(session())

@@ -17,7 +17,7 @@ from twin.core.errors import TwinError
 from twin.simulation.devices.given import HandState
 from twin.ui.headset import served
 from twin.ui.headset.client_messages import RefusedError, parse_message
-from twin.ui.headset.operation import Operation
+from twin.ui.headset.console_stream import ConsoleStream
 from twin.ui.session.exercise import Exercise
 from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.session.task_choice import TaskChoice, judged
@@ -109,47 +109,45 @@ def test_an_unknown_task_is_named():
 def test_a_page_starts_a_task_and_nobody_else_while_hands_move_the_robots(davinci):
     choice = TaskChoice(judged(davinci.scene.tasks), None)
     stopping = begun(choice)
-    operation = Operation(davinci, Exercise(choice=choice))
+    stream = ConsoleStream(davinci, Exercise(choice=choice))
     try:
-        about = operation.about
+        about = stream.about
         assert [name for name, _ in about["choice"]["tasks"]] == ["pegboard", "camera"]
         assert about["called"] == {"psm1": "the right instrument", "psm2": "the left instrument"}
         assert about["guided"], "the page reloads itself"
         with pytest.raises(RefusedError, match="pegbord"):
-            operation.ask("c1", parse_message('{"type": "task", "do": "start", "name": "pegbord"}'))
-        operation.give(
-            "c2", HandState(0, False, False, 1, np.eye(4), 0.0), HandState(1, False, False, 1, np.eye(4), 0.0)
-        )
-        operation.advance(0.05)
+            stream.ask("c1", parse_message('{"type": "task", "do": "start", "name": "pegbord"}'))
+        stream.give("c2", HandState(0, False, False, 1, np.eye(4), 0.0), HandState(1, False, False, 1, np.eye(4), 0.0))
+        stream.advance(0.05)
         with pytest.raises(RefusedError, match="c2 controls the hands"):
-            operation.ask("c1", parse_message('{"type": "task", "do": "start", "name": "pegboard"}'))
+            stream.ask("c1", parse_message('{"type": "task", "do": "start", "name": "pegboard"}'))
         assert not stopping.is_set()
-        assert not operation.reading["leaving"]
-        operation.release("c2")
-        operation.ask("c1", parse_message('{"type": "task", "do": "start", "name": "pegboard"}'))
+        assert not stream.reading["leaving"]
+        stream.release("c2")
+        stream.ask("c1", parse_message('{"type": "task", "do": "start", "name": "pegboard"}'))
         assert stopping.is_set()
-        assert operation.reading["leaving"]
+        assert stream.reading["leaving"]
         assert choice.present == "pegboard"
         with pytest.raises(RefusedError, match="another task is being prepared"):
-            operation.ask("c1", parse_message('{"type": "task", "do": "start", "name": "camera"}'))
+            stream.ask("c1", parse_message('{"type": "task", "do": "start", "name": "camera"}'))
         assert choice.present == "pegboard"
     finally:
-        operation.close()
+        stream.close()
     begun(choice)
     assert not choice.asked
     assert choice.task is davinci.scene.tasks["pegboard"]
 
 
 def test_a_server_of_one_exercise_refuses_another_task(davinci):
-    operation = Operation(davinci)
+    stream = ConsoleStream(davinci)
     try:
-        assert operation.about["choice"] is None
+        assert stream.about["choice"] is None
         with pytest.raises(RefusedError, match="shows only one exercise") as refused:
-            operation.ask("c1", parse_message('{"type": "task", "do": "start"}'))
+            stream.ask("c1", parse_message('{"type": "task", "do": "start"}'))
         for option in ("session", "trials", "participant", "guided", "record", "replay", "machine", "ros"):
             assert f"--{option}" in str(refused.value)
     finally:
-        operation.close()
+        stream.close()
 
 
 def test_the_next_task_is_served_and_one_that_fails_gives_way_to_the_one_before(monkeypatch, capsys):

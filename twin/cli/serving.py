@@ -26,7 +26,7 @@ from twin.core.errors import TwinError
 if TYPE_CHECKING:
     from twin.model.scene import Scene
     from twin.ui.access.rules import AccessRules
-    from twin.ui.headset.operation import Operation
+    from twin.ui.headset.console_stream import ConsoleStream
     from twin.ui.headset.ros.bridge import RosBridge
     from twin.ui.headset.served import Served
     from twin.ui.session.loaded_scene import LoadedScene
@@ -350,9 +350,9 @@ async def serve_until_stopped(
         server.stopping = stopping
         await server.start(args.host, port, context)
         if args.ros is not None:
-            from twin.ui.headset.operation import Operation
+            from twin.ui.headset.console_stream import ConsoleStream
 
-            assert isinstance(live, Operation)  # `_refuse` has refused the option for everything else
+            assert isinstance(live, ConsoleStream)  # `_refuse` has refused the option for everything else
             ros_host, ros_port = args.ros
             bridge = await _bridge(live, ros_host, ros_port, context)
             bridge.hurry = server.respond_soon
@@ -377,7 +377,7 @@ async def serve_until_stopped(
     return interrupted.is_set()
 
 
-async def _bridge(operation: Operation, host: str, port: int, context: ssl.SSLContext | None) -> RosBridge:
+async def _bridge(stream: ConsoleStream, host: str, port: int, context: ssl.SSLContext | None) -> RosBridge:
     """Start the server for ROS clients, with TLS if the page has it, and print its address.
 
     Raises:
@@ -392,7 +392,7 @@ async def _bridge(operation: Operation, host: str, port: int, context: ssl.SSLCo
         print(f"  rosbridge for the next ROS client, once: {url}/?token={token}", flush=True)
 
     rules = AccessRules(host, port, is_https, announce)
-    bridge = operation.bridge(rules)
+    bridge = stream.bridge(rules)
     try:
         await bridge.start(host, port, context)
     except OSError as error:

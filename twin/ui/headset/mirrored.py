@@ -11,7 +11,7 @@ from twin.core.spatial import Array
 from twin.simulation.world.signal_kinds import ROBOT_Q
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.client_messages import ClientMessage, RefusedError, ReleaseMessage
-from twin.ui.headset.operation import DEVIATIONS
+from twin.ui.headset.console_stream import DEVIATIONS
 from twin.ui.headset.posed import Posed
 from twin.ui.headset.scene_frame import pack_scene
 from twin.ui.session.mirror import Mirror

@@ -37,8 +37,8 @@ from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.session.timeline import Clock
 
 if TYPE_CHECKING:
+    from twin.ui.headset.console_stream import ConsoleStream
     from twin.ui.headset.mirrored import Mirrored
-    from twin.ui.headset.operation import Operation
     from twin.ui.session.mirror import Mirror
 
 _ROBOTS = "robots/{}/"
@@ -67,7 +67,7 @@ class Served:
         late: files that appear while the server runs, by path.
     """
 
-    live: Live | Operation | Mirrored
+    live: Live | ConsoleStream | Mirrored
     name: str
     model_hash: str
     files: dict[str, File]
@@ -148,9 +148,9 @@ def of_console(
         OutputError: the session cannot be written.
     """
     # It imports MuJoCo and the simulation, which a single robot does not need.
-    from twin.ui.headset.operation import Operation
+    from twin.ui.headset.console_stream import ConsoleStream
 
-    operation = Operation(loaded, exercise)
+    stream = ConsoleStream(loaded, exercise)
     scene = loaded.scene
     robots = dict(loaded.robots)
     if loaded.machines is not None:
@@ -161,18 +161,18 @@ def of_console(
         topic = f"twin/{scene.name}/scale"
     try:
         if packets is not None:
-            operation.listen(*packets)
+            stream.listen(*packets)
         if mqtt is not None:
-            operation.connect(*mqtt, topic)
+            stream.connect(*mqtt, topic)
     except TwinError:
-        operation.close()
+        stream.close()
         raise
     about = []
     for place in scene.places:
         robot = robots[place.name]
         about.append(describe(robot, Desk(robot), {}, {}, place) | _FOLLOWS)
     props = alignment.beside(loaded.props, goal_of(exercise.task, Alignment))
-    return _placed(LoadedScene(scene, robots, props, operation.feed), operation, about)
+    return _placed(LoadedScene(scene, robots, props, stream.feed), stream, about)
 
 
 def of_mirror(mirror: Mirror) -> Served:
@@ -200,7 +200,7 @@ def of_mirror(mirror: Mirror) -> Served:
     return Served(live, mirror.name, described["model_hash"], own, tuple(preload))
 
 
-def _placed(loaded: LoadedScene, live: Live | Operation, about: Sequence[JsonObject]) -> Served:
+def _placed(loaded: LoadedScene, live: Live | ConsoleStream, about: Sequence[JsonObject]) -> Served:
     """Return the content for robots at their places; `about`: content of robot.json of each robot."""
     from twin.exchange.formats.glb.write import glb_bytes
 

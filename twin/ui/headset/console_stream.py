@@ -1,7 +1,8 @@
-"""Live source of a stream: the robots of a scene in a World, teleoperated by the hands of a client or by UDP packets.
+"""Live source of a stream: the robots of a scene in a World, teleoperated by the hands of a surgeon at its console.
 
-`LiveConsole` steps the World. One owner at a time, a client or UDP, controls the hands. This module converts the
-owner's messages or packets to states of the input device `Packets`, and link poses to frames.
+`LiveConsole` steps the World. One owner at a time controls the hands: a client of the page, UDP packets, or clients of
+ROS systems. This module passes the messages of the page's clients to the console, and converts link poses to frames;
+`hand_inputs` receives the hand states of the other owners.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from twin.simulation.controllers.tool_following import SCALE
 from twin.simulation.controllers.trainer import Mode
 from twin.simulation.devices.given import HandState
 from twin.simulation.devices.packets import Packets
-from twin.simulation.world.signal_kinds import HAND_FORCE, ROBOT_Q
+from twin.simulation.world.signal_kinds import ROBOT_Q
 from twin.ui.access.responses import File
 from twin.ui.access.rules import AccessRules
 from twin.ui.headset import protocol as wire
@@ -45,12 +46,13 @@ from twin.ui.headset.client_messages import (
 )
 from twin.ui.headset.deformable_packets import Bends
 from twin.ui.headset.description import numbers
+from twin.ui.headset.hand_inputs import receive_hands
 from twin.ui.headset.mqtt import ScaleTopic
 from twin.ui.headset.packet_socket import UDP, PacketHands
 from twin.ui.headset.plan_documents import PlanDocuments
 from twin.ui.headset.posed import Posed
 from twin.ui.headset.ros.bridge import RosBridge
-from twin.ui.headset.ros.hands import ROS, RosHands
+from twin.ui.headset.ros.hands import ROS
 from twin.ui.headset.ros.topics import ConsoleTopics
 from twin.ui.headset.scene_frame import pack_scene
 from twin.ui.session.exercise import NO_TASK, Exercise
@@ -64,22 +66,24 @@ REPORT = "/report-{}.html"
 _PAPER = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
 """Content-Security-Policy of a report, which has no scripts and contains its styles and pictures."""
 
-QUESTIONNAIRE = "a questionnaire, which is due on the page,"
-"""Name of the holder of the hands, in messages to other devices, while a questionnaire is due."""
-
 DEVIATIONS = RATE / 20
 """Number of ticks between two documents `deviations`."""
 
 
-class Operation(LiveConsole):
+class ConsoleStream(LiveConsole):
     """Source of a stream: the robots of a scene, controlled by the scene's console.
 
     Attributes:
-        device: the input device, which receives the hand states of a client or of UDP packets.
-        owner: identifier of the client whose hands control the robots; `UDP` if UDP packets do; None: no owner.
+        replays: False: the source is no recorded session.
+        alone: False: the stream is that of a scene, not of a single robot.
+        version: version of the stream protocol.
+        device: the input device, which receives the hand states of the owner.
+        owner: identifier of the client whose hands control the robots; `UDP` or `ROS` if UDP packets or clients of ROS
+            systems do; None: no owner.
         packets: receiver of UDP packets with hand states; None before `listen`.
         tablet: MQTT topic by which the motion scale is set; None before `connect`.
         ros: server for clients of ROS systems; None before `bridge`.
+        topics: what this server reads and publishes; None before `bridge`.
         send: function that sends a document to all clients.
         files: reports of finished attempts, by path.
     """
@@ -254,7 +258,7 @@ class Operation(LiveConsole):
             self.topics.before_frame(passed)
         scale = self.reading["scale"]
         for text in self.advance(passed):
-            self._send(text)
+            self._send_error(text)
         if self.tablet is not None and self.reading["scale"] != scale:
             self.tablet.show(self.reading["scale"])
         self._publish()
@@ -316,52 +320,19 @@ class Operation(LiveConsole):
 
     def _before_steps(self, parts: int) -> None:
         super()._before_steps(parts)
-        self._receive(parts)
+        self._receive_hands(parts)
 
     def _after_steps(self, behind: bool) -> None:
         if behind:  # use all packets at once, so that the delay does not grow
-            self._receive(1)
+            self._receive_hands(1)
         super()._after_steps(behind)
 
-    def _receive(self, parts: int) -> None:
+    def _receive_hands(self, parts: int) -> None:
         """Receive hand states by UDP and from ROS clients; `parts` is the number of remaining groups of steps."""
-        by_packets = False
-        if self.packets is not None:
-            by_packets = self._exchange(self.packets, parts)
+        ros_hands = None
         if self.topics is not None:
-            self._take_ros(self.topics.hands, parts, by_packets)
-
-    def _take_ros(self, hands: RosHands, parts: int, by_packets: bool) -> None:
-        """Use hand states of ROS clients in the next steps of the World; `by_packets`: whether UDP has sent some."""
-        ros = self.owner == ROS
-        hands.holder = None
-        if self.asks:
-            hands.holder = QUESTIONNAIRE
-        elif by_packets:
-            hands.holder = UDP
-        elif not ros and not self.silent:
-            hands.holder = self.owner
-        if hands.pump(parts):
-            self.own(ROS)
-        elif ros and hands.silent(self.world.t):
-            self.release(ROS)
-
-    def _exchange(self, packets: PacketHands, parts: int) -> bool:
-        """Receive packets for the next steps of the World, and send the forces; return whether one was accepted."""
-        t = self.world.t
-        udp = self.owner == UDP
-        packets.socket.holder = None if udp or self.silent else self.owner
-        if self.asks:
-            packets.socket.holder = QUESTIONNAIRE
-        accepted = packets.socket.pump(t, parts) > 0
-        if accepted:
-            self.own(UDP)
-        elif udp and packets.silent(t):
-            self.release(UDP)
-        if self.owner == UDP:
-            forces = [self.world.signals[HAND_FORCE.of(hand)] for hand in self.table.hands]
-            packets.answer(forces, t)
-        return accepted
+            ros_hands = self.topics.hands
+        receive_hands(self, self.packets, ros_hands, parts)
 
     def _look(self) -> None:
         """Read the poses of links and movable objects."""
@@ -471,7 +442,8 @@ class Operation(LiveConsole):
     def _warn(self, text: str) -> None:
         """Write a message to the log, and send it to all clients."""
         logging.getLogger(__name__).warning("%s", text)
-        self._send(text)
+        self._send_error(text)
 
-    def _send(self, text: str) -> None:
+    def _send_error(self, text: str) -> None:
+        """Send a message about an error to all clients."""
         self.send({"type": "error", "code": "failed", "message": text})
