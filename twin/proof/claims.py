@@ -67,7 +67,7 @@ class JudgedClaim:
         reach: those of the margins that are not negative where it is claimed.
         roots: the roots in its numbers.
         different: whether the claim is unproved because exact values are not zero, or may not be.
-        luckless: whether the claim is unproved because few states have all roots in the field.
+        needs_more_states: whether the claim is unproved because few states have all roots in the field.
         undefined: number of states within reach where a value is undefined.
         doubtful: {name of a random number: its real value} at states where exact values are not zero, of a claim with
             roots: a root has another sign in the field, or the claim is wrong there.
@@ -86,7 +86,7 @@ class JudgedClaim:
     error_terms: int = 0
     nodes: tuple[ProgramStep, ...] = ()
     reach: tuple[ProgramStep, ...] = ()
-    luckless: bool = False
+    needs_more_states: bool = False
     roots: frozenset[RootMark] = frozenset()
     different: bool = False
     undefined: int = 0
@@ -171,7 +171,7 @@ def judged(
         error=error,
         error_terms=error_terms,
         nodes=nodes,
-        luckless=is_open and evidence.lacks_luck,
+        needs_more_states=is_open and evidence.needs_more_states,
         roots=at_states.roots,
         different=is_open and evidence.is_different,
         undefined=undefined,
@@ -223,7 +223,7 @@ class _Evidence:
         return self.zeros < self.exact
 
     @property
-    def lacks_luck(self) -> bool:
+    def needs_more_states(self) -> bool:
         """Whether few states have all roots in the field, so that others may decide."""
         has_few = self.zeros < ENOUGH or _SURE <= self.log_odds < 0
         # where many exact values are known and none is zero, luck is no reason

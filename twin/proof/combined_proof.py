@@ -43,12 +43,12 @@ def for_all_parameters(published: Proof, general: Proof) -> Proof:
     return replace(published, claims=tuple(claims), drawn=general.drawn, fixed=general.fixed, ranges=general.ranges)
 
 
-def with_rooted_states(proof: Proof, rooted: Proof) -> Proof:
+def with_rooted_states(proof: Proof, with_all_roots: Proof) -> Proof:
     """Return the proof with the claims that need states where all roots exist, taken from one at such states."""
     claims = []
-    for claim, other in zip(proof.claims, rooted.claims, strict=True):
+    for claim, other in zip(proof.claims, with_all_roots.claims, strict=True):
         is_better = other.status != "unproved" or other.zeros > claim.zeros
-        if claim.luckless and is_better:
+        if claim.needs_more_states and is_better:
             claims.append(other)
         else:
             claims.append(claim)

@@ -14,7 +14,7 @@ from twin.proof.branch_report import examined_conditions
 from twin.proof.claims import JudgedClaim, judged, unclaimed
 from twin.proof.combined_proof import with_signs
 from twin.proof.formula_side import Outputs
-from twin.proof.prove import BESIDES, STATES
+from twin.proof.prove import REPEATS_PER_STATE, STATES
 from twin.proof.random_states import ProofStates, random_states
 from twin.proof.replay import Notes, replay
 from twin.proof.values import Angle, ExactValue, Value
@@ -55,8 +55,8 @@ def equal_outputs(
             count = len(next(iter(near.values())))
             if not count:
                 continue
-            repeated = {name: np.tile(numbers, BESIDES) for name, numbers in near.items()}
-            besides = random_states(first, robot, count * BESIDES, seed, near=repeated)
+            repeated = {name: np.tile(numbers, REPEATS_PER_STATE) for name, numbers in near.items()}
+            besides = random_states(first, robot, count * REPEATS_PER_STATE, seed, near=repeated)
             for i, other in enumerate(_compared(besides, first, second, variants)):
                 if other.status == "refuted" or other.different or other.undefined:
                     claims[i] = other

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,7 +35,7 @@ _EVEN_STATES = 2048
 _ROOTED_FACTORS = (16, 128)
 """Numbers of states, as multiples, among which those with all roots are searched for claims with many roots."""
 
-BESIDES = 16
+REPEATS_PER_STATE = 16
 """How often each state that was found is judged, because roots do not exist in the field at all of them."""
 
 _FORMULA_STATES = 16
@@ -100,7 +100,7 @@ class Prover:
             states: number of random states.
             progress: called with a label and the finished fraction.
         """
-        return _Course(self, variants, states, progress).proof()
+        return _ProofRun(self, variants, states, progress).proof()
 
 
 def prove(
@@ -111,12 +111,38 @@ def prove(
     seed: int = 0,
     progress: Callable[[str, float], None] = lambda label, fraction: None,
 ) -> Proof:
-    """Return the claims about a robot and their verdicts; see `Prover`, which also has the arguments."""
+    """Return the claims about a robot and their verdicts; see `Prover`.
+
+    Args:
+        formula: the equations.
+        variants: the chosen variant of each equation.
+        robot: the mechanism of the CAD; it is independent of the equations.
+        states: number of random states.
+        seed: of the random numbers.
+        progress: called with a label and the finished fraction.
+    """
     return Prover(formula, robot, seed).proof(variants, states, progress)
 
 
-class _Course:
-    """The course of one proof: attempts at several states, and what they say together."""
+@dataclass(frozen=True)
+class _JudgedAttempt:
+    """An attempt and its proof: their claims are the same, in the same order; only the attempt knows the roots."""
+
+    proof: Proof
+    attempt: Attempt
+
+
+class _ProofRun:
+    """One proof: attempts at several states, and what they say together.
+
+    Attributes:
+        prover: the robot, its equations, and the states that were drawn before.
+        variants: the chosen variant of each equation.
+        count: number of random states.
+        progress: called with a label and the finished fraction.
+        primes: the first one is in use; it is dropped, for all later attempts, if a constant has no root modulo it.
+        arbitrary_angles: angles for whose other values no claim is wrong.
+    """
 
     def __init__(
         self, prover: Prover, variants: Mapping[str, str], states: int, progress: Callable[[str, float], None]
@@ -126,18 +152,18 @@ class _Course:
         self.count = states
         self.progress = progress
         self.primes = list(field.PRIMES)
-        self.general: list[str] = []  # angles for whose other values no claim is wrong
-        self.last: Attempt
+        self.arbitrary_angles: list[str] = []
 
     def proof(self) -> Proof:
         """Return all claims and their verdicts."""
-        proof = self._with_published_parameters()
+        published = self._with_published_parameters()
+        proof = published.proof
         if proof.count("refuted"):
             return self._explained(proof)
         if not proof.inside:
             return proof  # nothing is within reach: other states and parameters prove nothing
-        proof = self._for_other_parameters(proof)
-        proof = self._with_rooted_states(proof)
+        judged = self._for_other_parameters(published)
+        proof = self._with_rooted_states(judged)
         report = self._conditions(proof)
         proof = replace(proof, refused=self._refused(proof, report))
         proof = self._with_found_states(proof, report)
@@ -150,8 +176,8 @@ class _Course:
         proof = replace(proof, claims=combined_proof.with_signs(proof.claims, rare))
         return combined_proof.with_conditions(proof, report)
 
-    def _with_published_parameters(self) -> Proof:
-        """Return the proof of the first attempt, with the published parameters."""
+    def _with_published_parameters(self) -> _JudgedAttempt:
+        """Return the first attempt, with the published parameters."""
         formula = self.prover.formula
         self.progress("the published parameters", 0.0)
         count = self.count
@@ -159,17 +185,24 @@ class _Course:
             if parameter.unit in ANGULAR and not exact_angle(float(parameter.value), _ANGLE_TOLERANCE):
                 # with an angle without an exact form nothing is proved yet: this attempt only refutes
                 count = min(self.count, STATES)
-        proof = self._attempt((), count)
-        return replace(proof, near={**proof.near, **near_in_equations(formula, self.variants)})
+        judged = self._attempt((), count)
+        near = {**judged.proof.near, **near_in_equations(formula, self.variants)}
+        return replace(judged, proof=replace(judged.proof, near=near))
 
-    def _with_rooted_states(self, proof: Proof) -> Proof:
-        """Return the proof with the claims that need states where all of their roots exist."""
+    def _with_rooted_states(self, judged: _JudgedAttempt) -> Proof:
+        """Return the proof with the claims that need states where all of their roots exist.
+
+        `judged` has the proof, and the attempt with the same arbitrary angles as the attempts that are made here.
+        """
+        proof = judged.proof
+        attempt = judged.attempt
         for factor in _ROOTED_FACTORS:
-            groups = _root_groups(proof, self.last)
+            groups = _root_groups(proof, attempt)
             if groups:
                 self.progress("states with roots", 0.9)
-                rooted = self._attempt(self.general, factor * self.count, rooted=groups)
-                proof = combined_proof.with_rooted_states(proof, rooted)
+                with_all_roots = self._attempt(self.arbitrary_angles, factor * self.count, root_groups=groups)
+                proof = combined_proof.with_rooted_states(proof, with_all_roots.proof)
+                attempt = with_all_roots.attempt
         return proof
 
     def _conditions(self, proof: Proof) -> BranchReport:
@@ -183,7 +216,8 @@ class _Course:
     def _explained(self, proof: Proof) -> Proof:
         """Return the proof whose refuted claims have their errors as formulas, and witnesses in fractions."""
         self.progress("the errors as formulas", 0.5)
-        formulas = {claim.name: claim for claim in self._attempt((), _FORMULA_STATES, formulas=True).claims}
+        with_formulas = self._attempt((), _FORMULA_STATES, formulas=True).proof
+        formulas = {claim.name: claim for claim in with_formulas.claims}
         names = [name for name in angles(self.prover.formula) if name in proof.inexact]
         general: Proof | None = None
         claims = []
@@ -196,7 +230,7 @@ class _Course:
                 # angles as 52 degrees have no exact form: fractions near them are part of the witness
                 if general is None:
                     self.progress("witnesses in fractions", 0.8)
-                    general = self._attempt(names, _TRIAL_STATES)
+                    general = self._attempt(names, _TRIAL_STATES).proof
                 fractions = self._witness_near(claim.name, general, names)
             formula = formulas[claim.name]
             claims.append(replace(claim, error=formula.error, error_terms=formula.error_terms, fractions=fractions))
@@ -227,17 +261,17 @@ class _Course:
         drawn: Collection[str],
         count: int,
         formulas: bool = False,
-        rooted: Sequence[RootGroup] = (),
+        root_groups: Sequence[RootGroup] = (),
         near: Mapping[str, Array] | None = None,
         zero_shares: Mapping[str, float] = {},
-    ) -> Proof:
-        """Return a proof from one attempt, with the next prime if a constant has no root modulo the first one.
+    ) -> _JudgedAttempt:
+        """Return one attempt and its proof, with the next prime if a constant has no root modulo the first one.
 
         Args:
             drawn: parameters that have random values.
             count: number of states.
             formulas: whether what is not zero is computed as a polynomial.
-            rooted: if given, only states are judged where all roots of one of these groups exist.
+            root_groups: if given, only states are judged where all roots of one of these groups exist.
             near: {random number: values (k,) near which it is drawn}; None: anywhere in its range.
             zero_shares: {claim: share of its exact values that are zero at other states}.
         """
@@ -248,33 +282,33 @@ class _Course:
                     states = prover.states(count, drawn, formulas)
                 else:
                     states = random_states(prover.formula, prover.robot, count, prover.seed, drawn, formulas, near)
-                if rooted:
-                    states = with_roots(states, self.variants, rooted)
+                if root_groups:
+                    states = with_roots(states, self.variants, root_groups)
                 attempt = attempted(states, self.variants, zero_shares)
-            self.last = attempt
             if not attempt.rootless or len(self.primes) == 1:
-                return proof_of(attempt, count)
+                return _JudgedAttempt(proof_of(attempt, count), attempt)
             self.primes.pop(0)
 
-    def _for_other_parameters(self, proof: Proof) -> Proof:
-        """Return the proof for all values of the parameters for which it holds."""
+    def _for_other_parameters(self, published: _JudgedAttempt) -> _JudgedAttempt:
+        """Return the proof for all values of the parameters for which it holds, and the attempt with these values."""
         names = angles(self.prover.formula)
+        inexact = published.proof.inexact
         # the parameters without an exact form together, because an angle of the CAD may be a sum of two
-        groups = [[name for name in names if name in proof.inexact]]
-        groups += [[name] for name in names if name not in proof.inexact]
+        groups = [[name for name in names if name in inexact]]
+        groups += [[name] for name in names if name not in inexact]
         steps = 2 + len(groups)  # the published parameters, each group, and all of them together
         for number, group in enumerate(groups):
             self.progress(f"other values of {', '.join(group)}", (1 + number) / steps)
             if not group:
                 continue
-            trial = self._attempt([*self.general, *group], _TRIAL_STATES)
+            trial = self._attempt([*self.arbitrary_angles, *group], _TRIAL_STATES).proof
             if trial.inside > 0 and not trial.count("refuted"):
-                self.general += group
-        if not self.general:
-            return proof
+                self.arbitrary_angles += group
+        if not self.arbitrary_angles:
+            return published
         self.progress("all of these values", (1 + len(groups)) / steps)
-        general = self._attempt(self.general, self.count)
-        return combined_proof.for_all_parameters(proof, general)
+        general = self._attempt(self.arbitrary_angles, self.count)
+        return replace(general, proof=combined_proof.for_all_parameters(published.proof, general.proof))
 
     def _refused(self, proof: Proof, report: BranchReport) -> RefusedStates | None:
         """Return what the mechanism says of states that the equations refuse; None without any, or if it is unknown."""
@@ -293,7 +327,7 @@ class _Course:
 
     def _with_found_states(self, proof: Proof, report: BranchReport) -> Proof:
         """Return the proof after its claims were judged at states with rare answers of conditions."""
-        near = {name: np.tile(numbers, BESIDES) for name, numbers in report.states.items()}
+        near = {name: np.tile(numbers, REPEATS_PER_STATE) for name, numbers in report.states.items()}
         return self._judged_near(proof, near)
 
     def _judged_near(self, proof: Proof, near: Mapping[str, Array]) -> Proof:
@@ -305,26 +339,26 @@ class _Course:
         for claim in proof.claims:
             if claim.status == "proved" and claim.roots:
                 shares[claim.name] = claim.share
-        other_states = self._attempt(proof.drawn, count, near=near, zero_shares=shares)
+        other_states = self._attempt(proof.drawn, count, near=near, zero_shares=shares).proof
         return combined_proof.without_contradicted(proof, other_states)
 
 
-def _root_groups(proof: Proof, last: Attempt) -> list[RootGroup]:
-    """Return the roots of each claim that needs more states where they exist; `last` is the last attempt at it."""
+def _root_groups(proof: Proof, attempt: Attempt) -> list[RootGroup]:
+    """Return the roots of each claim that needs more states where they exist; `attempt` has the same claims."""
     groups: list[RootGroup] = []
-    for claim, claim_at_last in zip(proof.claims, last.claims, strict=True):
-        if not claim.luckless:
+    for claim, attempted_claim in zip(proof.claims, attempt.claims, strict=True):
+        if not claim.needs_more_states:
             continue
-        of_first: set[int] = set()
-        of_second: set[int] = set()
-        for function, mark, instruction in last.roots:
-            if mark not in claim_at_last.roots:
+        first_roots: set[int] = set()
+        second_roots: set[int] = set()
+        for function, mark, instruction in attempt.roots:
+            if mark not in attempted_claim.roots:
                 continue
             if function == 0:
-                of_first.add(instruction)
+                first_roots.add(instruction)
             else:
-                of_second.add(instruction)
-        group = (frozenset(of_first), frozenset(of_second))
+                second_roots.add(instruction)
+        group = (frozenset(first_roots), frozenset(second_roots))
         if group not in groups:
             groups.append(group)
     return groups
