@@ -21,7 +21,7 @@ from twin.exchange.audit.poses import about, pose
 from twin.exchange.audit.proof import check_proof
 from twin.exchange.audit.proof_statements import _EXPORT_CODES, check_statements
 from twin.exchange.audit.report import Ledger
-from twin.exchange.audit.states import CLIP
+from twin.exchange.audit.sampled_states import CLIP
 from twin.exchange.formats.tracks.audit.rcm import check_rcm
 
 

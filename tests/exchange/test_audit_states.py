@@ -11,7 +11,9 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.mechanism_data import FileJoint, FilePhysics, JointLine
 from twin.exchange.audit.motion import Content
 from twin.exchange.audit.report import Ledger
-from twin.exchange.audit.states import DrawnStates, compare_joints, compare_states
+from twin.exchange.audit.rest_poses import compare_joints
+from twin.exchange.audit.sampled_states import SampledStates
+from twin.exchange.audit.states import compare_states
 
 X, Y, Z = np.eye(3)
 AT = np.array([0.1, 0.2, 0.3])
@@ -76,7 +78,7 @@ def test_a_joint_line_that_is_no_number_agrees_with_no_joint(is_number):
     T_0_1 = first.motions[0].moved(q1)
     T_1_2 = second.motions[0].moved(q2) @ T_second
     links = {"body 0": np.broadcast_to(np.eye(4), (2, 4, 4)), "body 1": T_0_1, "body 2": T_0_1 @ T_1_2}
-    states = DrawnStates({"q1": q1, "q2": q2}, links)
+    states = SampledStates({"q1": q1, "q2": q2}, links)
     T_file = T_second.copy()
     if not is_number:
         T_file[0, 3] = np.nan

@@ -17,7 +17,7 @@ from twin.core.sampling import spread
 from twin.core.spatial import Array
 
 if TYPE_CHECKING:
-    from twin.exchange.audit import AuditReport, DrawnStates
+    from twin.exchange.audit import AuditReport, SampledStates
     from twin.exchange.write.bundle import Bundle
     from twin.exchange.write.clip import ClipAccuracy
     from twin.exchange.xacro import XacroSettings
@@ -176,7 +176,7 @@ def audit(
     from twin.exchange.audit import audit as audit_
     from twin.exchange.audit.certificate import is_certificate
 
-    def states() -> DrawnStates:
+    def states() -> SampledStates:
         progress("draw joint states", 0.0)
         return _states(expected)
 
@@ -207,9 +207,9 @@ def _audited_certificate(path: Path, robot: Robot | str | Path | None, progress:
     return audit_certificate(path, robot.hashes(), samples)
 
 
-def _states(mechanism: Mechanism) -> DrawnStates:
+def _states(mechanism: Mechanism) -> SampledStates:
     """Return states of a mechanism, spread over the range of its driven joints."""
-    from twin.exchange.audit import DrawnStates
+    from twin.exchange.audit import SampledStates
     from twin.reference import ReferenceModel
     from twin.reference.joint_range import joint_range
 
@@ -219,12 +219,12 @@ def _states(mechanism: Mechanism) -> DrawnStates:
     joints: dict[str, Array] = {}
     for i, joint in enumerate(mechanism.active):
         joints[joint.name] = run.q[chosen, i]
-    # `DrawnStates` has only joints with one coordinate
+    # `SampledStates` has only joints with one coordinate
     single = {joint.name for joint in mechanism.passive if joint.type in ("revolute", "prismatic")}
     for name, q in run.q_passive.items():
         if name in single:
             joints[name] = q[chosen]
-    return DrawnStates(joints, model.link_poses(run.x[chosen]))
+    return SampledStates(joints, model.link_poses(run.x[chosen]))
 
 
 def _truth(

@@ -10,7 +10,8 @@ compare     compare the pose of every link at every key between files
 compare_physics    compare joints, drives, masses, frames, surfaces, colours between files and with the mechanism
 claims      check statements in the files: interpolation errors, assumed numbers, README.txt
 proof       check proof.json of a bundle; proof_statements: what it states beside the hashes
-states      compare files without motion with the mechanism, at joint states drawn from its range
+states      compare files without motion with the mechanism at sampled_states: joint_assignment, then joint_lines
+rest_poses  compare the poses of a file at rest with the joints of the mechanism
 diagnose    find a common mistake that explains a difference
 scene       audit an exported scene: the folder of each robot, then the scene's stages against these folders
 """
@@ -46,9 +47,11 @@ from twin.exchange.audit.physics_truth import mechanism_physics
 from twin.exchange.audit.proof import check_proof
 from twin.exchange.audit.proof_statements import check_statements
 from twin.exchange.audit.report import MECHANISM, AuditReport, Check, Ledger, ReadError, finished, guarded
+from twin.exchange.audit.rest_poses import compare_joints
+from twin.exchange.audit.sampled_states import CLIP, SampledStates
 from twin.exchange.audit.sense import check_sense
 from twin.exchange.audit.stated import compare_stated
-from twin.exchange.audit.states import CLIP, DrawnStates, compare_joints, compare_states, same_names
+from twin.exchange.audit.states import compare_states, same_names
 from twin.exchange.format import Format, Holds
 from twin.exchange.formats import audited, leading
 from twin.exchange.xacro import XacroSettings
@@ -56,7 +59,7 @@ from twin.exchange.xacro import XacroSettings
 if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism
 
-__all__ = ["SCENE", "AuditReport", "Check", "DrawnStates", "audit", "key_times"]
+__all__ = ["SCENE", "AuditReport", "Check", "SampledStates", "audit", "key_times"]
 
 Truth = Mapping[str, tuple[np.ndarray, Mapping[str, np.ndarray]]]
 """Expected motions: {clip name: (times (k,) in s, {link name: poses T_world_link (k, 4, 4)})}."""
@@ -70,7 +73,7 @@ def audit(
     *,
     truth: Truth | None = None,
     mechanism: Mechanism | None = None,
-    states: Callable[[], DrawnStates] | None = None,
+    states: Callable[[], SampledStates] | None = None,
     progress: Progress | None = None,
     xacro: XacroSettings | None = None,
 ) -> AuditReport:
@@ -102,10 +105,10 @@ def audit(
 
         contents, ledgers = audit_scene(path, lambda folder: _audited(folder, {}, None, None, tell, given))
     else:
-        drawn: Callable[[], DrawnStates] | None = None
+        sampled: Callable[[], SampledStates] | None = None
         if states is not None:
-            drawn = cache(states)  # they are computed at most once, and only if a file needs them
-        contents, ledgers = _audited(path, truth or {}, mechanism, drawn, tell, given)
+            sampled = cache(states)  # they are computed at most once, and only if a file needs them
+        contents, ledgers = _audited(path, truth or {}, mechanism, sampled, tell, given)
     return finished(str(path), [content.as_facts() for content in contents], ledgers)
 
 
@@ -117,7 +120,7 @@ def _audited(
     path: Path,
     truth: Truth,
     mechanism: Mechanism | None,
-    states: Callable[[], DrawnStates] | None,
+    states: Callable[[], SampledStates] | None,
     tell: Progress,
     xacro: XacroSettings,
 ) -> tuple[list[Content], list[Ledger]]:
@@ -141,7 +144,7 @@ def _audited(
         expected: FilePhysics | None = None
         if mechanism is not None:
             expected = mechanism_physics(mechanism)
-        if states is not None and _has_drawn_states(contents):
+        if states is not None and _has_sampled_states(contents):
             refs[CLIP] = Reference(states().clip(), MECHANISM)
         compare(contents, refs)
         strangers: list[Content] = []
@@ -204,7 +207,7 @@ def _declared(contents: Sequence[Content]) -> frozenset[str]:
     return frozenset(names)
 
 
-def _has_drawn_states(contents: Sequence[Content]) -> bool:
+def _has_sampled_states(contents: Sequence[Content]) -> bool:
     for content in contents:
         for clip in content.clips:
             if clip.name == CLIP:
@@ -213,11 +216,11 @@ def _has_drawn_states(contents: Sequence[Content]) -> bool:
 
 
 def _compare_still(
-    contents: Sequence[Content], expected: FilePhysics, states: Callable[[], DrawnStates] | None
+    contents: Sequence[Content], expected: FilePhysics, states: Callable[[], SampledStates] | None
 ) -> list[Content]:
     """Compare what is still with the mechanism; return the files whose links have other names in the end.
 
-    That is the rest pose of every file; in files without motion also drawn states.
+    That is the rest pose of every file; in files without motion also sampled states.
     """
     strangers = []
     for content in contents:
@@ -330,7 +333,7 @@ def _tracks(found: FolderFiles) -> FolderFiles:
 
 
 def _read(
-    found: FolderFiles, tell: Progress, states: Callable[[], DrawnStates] | None, xacro: XacroSettings
+    found: FolderFiles, tell: Progress, states: Callable[[], SampledStates] | None, xacro: XacroSettings
 ) -> Iterator[tuple[Ledger, Content | None]]:
     """Yield (ledger, content) for each file; content is None if the file could not be read."""
     jobs: list[tuple[Format, Path]] = []

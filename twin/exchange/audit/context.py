@@ -9,7 +9,8 @@ from typing import Protocol
 
 from twin.exchange.audit.motion import Content, FileClip
 from twin.exchange.audit.report import Ledger
-from twin.exchange.audit.states import DrawnStates, same_names
+from twin.exchange.audit.sampled_states import SampledStates
+from twin.exchange.audit.states import same_names
 from twin.exchange.xacro import XacroSettings
 
 
@@ -27,7 +28,7 @@ class Context:
 
     tracks: list[Content] = field(default_factory=list)
     models: Sequence[str] = ()
-    states: Callable[[], DrawnStates] | None = None
+    states: Callable[[], SampledStates] | None = None
     admitted: Collection[Path] = ()
     xacro: XacroSettings = field(default_factory=XacroSettings)
 
@@ -66,7 +67,7 @@ def played(tree: JointTree, path: Path, ledger: Ledger, context: Context) -> Con
     """Return the content of a file with its link poses for the joint values of every track.
 
     A model can be valid for a single clip, because each clip can have different trocar positions. Without a track, the
-    link poses are computed for the drawn states of the mechanism.
+    link poses are computed for the sampled states of the mechanism.
     """
     for track in context.tracks:
         for clip in track.clips:

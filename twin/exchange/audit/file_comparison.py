@@ -12,8 +12,8 @@ from twin.exchange.audit.diagnose import why
 from twin.exchange.audit.motion import Content, FileClip, LinkShape, largest
 from twin.exchange.audit.poses import Array, angle
 from twin.exchange.audit.report import MECHANISM, POSITION_TOL, ROTATION_TOL, Ledger, Measured, quantity, told_apart, um
+from twin.exchange.audit.sampled_states import CLIP
 from twin.exchange.audit.stated import ROBOT
-from twin.exchange.audit.states import CLIP
 from twin.exchange.format import Holds
 from twin.exchange.formats import family, holding, motion_groups, rank
 

@@ -15,8 +15,8 @@ from twin.core.version import __version__
 from twin.exchange.audit.motion import Content
 from twin.exchange.audit.named_parts import has_stage, named_parts
 from twin.exchange.audit.report import MECHANISM, Check, Ledger
+from twin.exchange.audit.sampled_states import CLIP
 from twin.exchange.audit.stated import ROBOT
-from twin.exchange.audit.states import CLIP
 
 _KINDS: Mapping[str, type] = {
     "robot": str,

@@ -1,0 +1,139 @@
+"""Assign the joints of a file to those of a mechanism: by their names or, if these are unknown, by structure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from twin.exchange.audit.mechanism_data import FileJoint, FilePhysics
+
+_MAX_ASSIGNMENTS = 64
+"""Maximum number of assignments of a file's joints to those of the mechanism that are compared."""
+
+_MAX_STEPS = 20_000
+"""Maximum number of steps in the search of assignments."""
+
+ONE_COORDINATE = ("revolute", "prismatic")
+"""Kinds of joints with one coordinate."""
+
+
+def joint_assignments(physics: FilePhysics, truth: FilePhysics) -> list[dict[str, str]]:
+    """Return assignments {joint of the file: joint of the mechanism}: the one by names, else those by structure."""
+    own = single_joints(physics)
+    others = single_joints(truth)
+    shared = {}
+    for name, joint in own.items():
+        if name in others and others[name].kind == joint.kind:
+            shared[name] = name
+    if len(shared) >= 2 and 2 * len(shared) >= len(own):
+        return [shared]
+    found: list[dict[str, str]] = []
+    for steps, assignment in enumerate(_by_structure(physics, truth)):
+        if assignment:
+            found.append(assignment)
+        if len(found) == _MAX_ASSIGNMENTS or steps == _MAX_STEPS:
+            break
+    return found
+
+
+def single_joints(physics: FilePhysics) -> dict[str, FileJoint]:
+    """Return {name: joint} of the joints with one coordinate, which all formats state by one name."""
+    singles = {}
+    for joint in physics.joints:
+        if joint.kind in ONE_COORDINATE and len(joint.names) == 1 and joint.T is not None:
+            singles[joint.names[0]] = joint
+    return singles
+
+
+def rigid_parts(physics: FilePhysics) -> dict[str, str]:
+    """Return {link: name of its rigid part}; fixed joints connect the links of a part."""
+    part = {link: link for link in physics.links}
+    for joint in physics.joints:
+        part.setdefault(joint.parent, joint.parent)
+        part.setdefault(joint.child, joint.child)
+    for joint in physics.joints:
+        if joint.kind == "fixed" and joint.parent and joint.child:
+            kept = part[joint.parent]
+            joined = part[joint.child]
+            for link, name in part.items():
+                if name == joined:
+                    part[link] = kept
+    return part
+
+
+def base_link(physics: FilePhysics) -> str:
+    """Return the link from which the joints lead outwards: one that is held, else the first that is no joint's child.
+
+    Without such links, this is the first link.
+    """
+    for link in physics.held or ():
+        if link in physics.links:
+            return link
+    children = {joint.child for joint in physics.joints}
+    for joint in physics.joints:
+        if joint.parent and joint.parent not in children:
+            return joint.parent
+    if not physics.links:
+        return ""
+    return physics.links[0]
+
+
+@dataclass(frozen=True)
+class _Edge:
+    """A joint with one coordinate, between the rigid parts `near` and `far` of a tree, seen from its base."""
+
+    name: str
+    joint: FileJoint
+    near: str
+    far: str
+
+
+def _by_structure(physics: FilePhysics, truth: FilePhysics) -> Iterator[dict[str, str]]:
+    """Yield the assignments by structure, each complete; {} for a step of the search without a result."""
+    own = rigid_parts(physics)
+    others = rigid_parts(truth)
+    start = own.get(base_link(physics), "")
+    edges = _outwards(physics, own, start)
+    singles = single_joints(truth)
+    if not edges or len(edges) != len(set(own.values())) - 1:
+        return
+
+    def search(k: int, placed: dict[str, str], assignment: dict[str, str]) -> Iterator[dict[str, str]]:
+        """Assign the edges from number k on; `placed` is {part of the file: part of the mechanism}."""
+        if k == len(edges):
+            if set(placed.values()) == set(others.values()):
+                yield dict(assignment)
+            else:
+                yield {}
+            return
+        yield {}
+        edge = edges[k]
+        near = placed[edge.near]
+        for name, candidate in singles.items():
+            ends = (others[candidate.parent], others[candidate.child])
+            if candidate.kind != edge.joint.kind or near not in ends or name in assignment.values():
+                continue
+            first, second = ends
+            far = second if near == first else first
+            if far not in placed.values():
+                yield from search(k + 1, placed | {edge.far: far}, assignment | {edge.name: name})
+
+    yield from search(0, {start: others.get(base_link(truth), "")}, {})
+
+
+def _outwards(physics: FilePhysics, part: Mapping[str, str], start: str) -> list[_Edge]:
+    """Return the joints of a tree from the part `start` outwards."""
+    reached = {start}
+    edges = []
+    singles = single_joints(physics)
+    grown = True
+    while grown:
+        grown = False
+        for name, joint in singles.items():
+            near = part[joint.parent]
+            far = part[joint.child]
+            if near in reached and far not in reached:
+                edges.append(_Edge(name, joint, near, far))
+                reached.add(far)
+                grown = True
+    return edges

@@ -1,0 +1,205 @@
+"""Compare the lines of two joints, seen from each other, between a file and a mechanism at sampled states.
+
+They do not depend on the frames of the links.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from twin.exchange.audit.joint_assignment import ONE_COORDINATE, base_link, rigid_parts, single_joints
+from twin.exchange.audit.mechanism_data import FileJoint, FilePhysics, JointLine
+from twin.exchange.audit.poses import Array
+from twin.exchange.audit.report import MECHANISM, quantity
+from twin.exchange.audit.sampled_states import SampledStates
+
+LINE_TOL = 5e-6
+"""Maximum difference in m between distances of two joint lines that agree; formats store single precision."""
+
+ANGLE_TOL = 1e-5
+"""Maximum difference between cosines of angles of two joint lines that agree."""
+
+
+@dataclass(frozen=True)
+class JointPair:
+    """Two joints of a file: the largest difference to those of the mechanism, over all states.
+
+    The differences are infinite if a number of the file is not finite: such joints agree with none.
+
+    Attributes:
+        first, second: names of the joints in the file.
+        distance: difference of the distances of the two lines in m; 0 if one of the joints is a slide.
+        cosine: difference of the cosines of their angles.
+        found, meant: the distances in m, or the angles in deg if only these differ, at the state of the difference.
+        rigid: whether both joints are on one rigid part, so that zero positions have no influence.
+        between: places from the first to the second among the compared joints, in the order of their assignment.
+    """
+
+    first: str
+    second: str
+    distance: float
+    cosine: float
+    found: float
+    meant: float
+    rigid: bool
+    between: int
+
+    @property
+    def names(self) -> str:
+        """Names of both joints."""
+        return f"{self.first}, {self.second}"
+
+    @property
+    def share(self) -> float:
+        """Difference divided by the tolerance."""
+        return max(self.distance / LINE_TOL, self.cosine / ANGLE_TOL)
+
+    def text(self) -> str:
+        """Return the difference as a sentence."""
+        if not np.isfinite(self.share):
+            return (
+                f"the axes of joints '{self.first}' and '{self.second}' cannot be compared with {MECHANISM}: a number "
+                "of their poses in the file is not finite."
+            )
+        if self.distance > LINE_TOL:
+            return (
+                f"the axes of joints '{self.first}' and '{self.second}' are {_length(self.found)} apart; in "
+                f"{MECHANISM} they are {_length(self.meant)} apart."
+            )
+        return (
+            f"the axes of joints '{self.first}' and '{self.second}' are at {self.found:.5g} deg; in {MECHANISM} they "
+            f"are at {self.meant:.5g} deg."
+        )
+
+
+def _length(value: float) -> str:
+    if value <= 1e-9:  # rounding
+        return "0 mm"
+    return quantity(value, "m")
+
+
+def pair_differences(
+    physics: FilePhysics, truth: FilePhysics, states: SampledStates, assignment: Mapping[str, str], signed: bool
+) -> list[JointPair]:
+    """Return the differences of all pairs of assigned joints; [] if fewer than two can be placed.
+
+    `signed` is whether the directions of the axes count: a file can have parent and child of a joint exchanged.
+    """
+    own = single_joints(physics)
+    others = single_joints(truth)
+    values = joint_values(states, assignment)
+    links = place_links(physics, values, states.count)
+    part = rigid_parts(physics)
+    names = [name for name in assignment if name in values and own[name].parent in links]
+    pairs = []
+    for i, k in combinations(range(len(names)), 2):
+        a = names[i]
+        b = names[k]
+        cosine, distance = _angles_and_distances(_lines(own[a], links), _lines(own[b], links))
+        expected_lines = _lines(others[assignment[a]], states.links), _lines(others[assignment[b]], states.links)
+        expected_cosine, expected_distance = _angles_and_distances(*expected_lines)
+        if not signed:
+            cosine = np.abs(cosine)
+            distance = np.abs(distance)
+            expected_cosine = np.abs(expected_cosine)
+            expected_distance = np.abs(expected_distance)
+        turned = np.abs(cosine - expected_cosine)
+        shifted = np.zeros(states.count)
+        if "prismatic" not in (own[a].kind, own[b].kind):  # the line of a slide has no place
+            shifted = np.abs(distance - expected_distance).max(axis=1)
+        at = int(np.argmax(shifted))
+        if shifted[at] <= LINE_TOL:
+            at = int(np.argmax(turned))
+            shown = _degrees(cosine[at])
+            expected = _degrees(expected_cosine[at])
+        else:  # also if the distance is not a number
+            shown = float(np.abs(distance[at]).max())
+            expected = float(np.abs(expected_distance[at]).max())
+        parts_of_a = {part[own[a].parent], part[own[a].child]}
+        parts_of_b = {part[own[b].parent], part[own[b].child]}
+        rigid = bool(parts_of_a & parts_of_b)
+        distance_off = or_infinite(shifted.max())
+        cosine_off = or_infinite(turned.max())
+        pairs.append(JointPair(a, b, distance_off, cosine_off, shown, expected, rigid, k - i))
+    return pairs
+
+
+def or_infinite(difference: float) -> float:
+    """Return a difference; infinity for NaN, which no limit would find too large."""
+    if np.isnan(difference):
+        return np.inf
+    return float(difference)
+
+
+def _degrees(cosine: float) -> float:
+    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
+
+
+def _lines(joint: FileJoint, links: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Return points and directions, both (k, 3), of a joint's line in the world."""
+    line: JointLine = joint.motions[0]
+    T = links[joint.parent]
+    R = T[:, :3, :3]
+    return R @ line.point + T[:, :3, 3], R @ line.direction
+
+
+def _angles_and_distances(one: tuple[Array, Array], two: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return (cosines of the angles (k,), distances (k, 2) in m) of two lines at k states.
+
+    The first distance is signed, by the side on which one line passes the other; it is zero for parallel lines. The
+    second is the distance of parallel lines; it is zero for other lines.
+    """
+    point, direction = one
+    other_point, other_direction = two
+    between = other_point - point
+    cosine = np.sum(direction * other_direction, axis=1)
+    normal = np.cross(direction, other_direction)
+    sine = np.linalg.norm(normal, axis=1)
+    parallel = sine < 1e-4  # the common normal of nearly parallel lines is only rounding
+    passing = np.sum(between * normal, axis=1) / np.where(parallel, 1.0, sine)
+    beside = np.linalg.norm(np.cross(direction, between), axis=1)
+    distances = np.column_stack([np.where(parallel, 0.0, passing), np.where(parallel, beside, 0.0)])
+    return cosine, distances
+
+
+def place_links(physics: FilePhysics, values: Mapping[str, Array], count: int) -> dict[str, Array]:
+    """Return {link: T_base_link (k, 4, 4)} of the links that joints with known values (k,) connect with the base."""
+    base = base_link(physics)
+    placed = {base: np.broadcast_to(np.eye(4), (count, 4, 4))}
+    grown = True
+    while grown:
+        grown = False
+        for joint in physics.joints:
+            if joint.T is None:
+                continue
+            # A file may lead from the base outwards by the child of a joint.
+            for outward in (joint, joint.turned()):
+                if outward.parent not in placed or outward.child in placed:
+                    continue
+                T = _relative(outward, values)
+                if T is not None:
+                    placed[outward.child] = placed[outward.parent] @ T
+                    grown = True
+    return placed
+
+
+def _relative(joint: FileJoint, values: Mapping[str, Array]) -> Array | None:
+    """Return T_parent_child (k, 4, 4) or (4, 4) of a joint at its values; None if they are unknown."""
+    if joint.kind == "fixed":
+        return joint.T
+    if joint.kind not in ONE_COORDINATE or len(joint.names) != 1 or joint.names[0] not in values:
+        return None
+    return joint.motions[0].moved(values[joint.names[0]]) @ joint.T
+
+
+def joint_values(states: SampledStates, assignment: Mapping[str, str]) -> dict[str, Array]:
+    """Return {joint of the file: values (k,)} for the joints that are assigned to joints with known values."""
+    values = {}
+    for name, other in assignment.items():
+        if other in states.joints:
+            values[name] = states.joints[other]
+    return values

@@ -1,0 +1,132 @@
+"""Compare the poses of a file at rest with the joints of the mechanism, which hold at any joint values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from twin.exchange.audit import poses
+from twin.exchange.audit.joint_lines import ANGLE_TOL, LINE_TOL, or_infinite
+from twin.exchange.audit.mechanism_data import FileJoint, FilePhysics, JointLine, meeting
+from twin.exchange.audit.motion import Content
+from twin.exchange.audit.poses import Array
+from twin.exchange.audit.report import MECHANISM, ROTATION_TOL, quantity
+from twin.exchange.audit.states import same_names
+from twin.exchange.format import Holds
+from twin.exchange.formats import holding
+
+_REST_TOL = 2e-5
+"""Maximum distance in m of two links at rest from the positions that their joint allows; see `usd.GAP_TOL`."""
+
+
+def compare_joints(content: Content, truth: FilePhysics, source: str = MECHANISM) -> None:
+    """Compare the poses of a file at rest with the joints of the mechanism, which hold at any joint values.
+
+    `truth` may also be that of another file, `source`, in which all joints have places.
+    """
+    if not content.rest or holding(content.format, Holds.JOINT_TREE) or not same_names(content.rest, truth.links):
+        return
+    links = {link: T[None] for link, T in content.rest.items()}
+    distances = {}
+    angles = {}
+    for joint in truth.joints:
+        moved = truth.trocars & set(joint.names)  # each protocol has its own positions of trocars
+        if {joint.parent, joint.child} <= set(links) and not moved:
+            name = f"{joint.parent} to {joint.child}"  # fixed joints may have no name
+            if joint.names:
+                name = joint.names[0]
+            distance, angles[name] = _misfit(joint, links)
+            if distance is not None:
+                distances[name] = distance
+    if not angles:
+        return
+    ledger = content.ledger
+    ending = f"from any position that {source} allows."
+
+    if distances:
+        name = max(distances, key=lambda n: distances[n])
+        worst = distances[name]
+        check = f"rest: position at the joints of {source}"
+        ledger.row(check, worst, "m", _REST_TOL, where=name, against=source)
+        if worst > _REST_TOL:
+            text = f"rest: the links of joint '{name}' are {quantity(worst, 'm')} {ending}"
+            ledger.wrong("states.rest", text, name)
+
+    name = max(angles, key=lambda n: angles[n])
+    worst = angles[name]
+    check = f"rest: rotation at the joints of {source}"
+    ledger.row(check, worst, "rad", ROTATION_TOL, where=name, against=source)
+    if worst > ROTATION_TOL:
+        text = f"rest: the links of joint '{name}' are {np.degrees(worst):.4g} deg {ending}"
+        ledger.wrong("states.rest", text, name)
+    ledger.placed |= source == MECHANISM
+
+
+def _misfit(joint: FileJoint, links: Mapping[str, Array]) -> tuple[float | None, float]:
+    """Return the largest distance (m) and angle (rad) of a joint's two links from the positions that it allows.
+
+    The distance is None if the joint has no point whose positions are known to be on a line or a plane, such as two
+    turns that do not meet, or a turn that swings the slide after it.
+    """
+    assert joint.T is not None
+    zero = links[joint.parent] @ joint.T  # the child at zero
+    T = poses.inverse(zero) @ links[joint.child]
+    R = T[:, :3, :3]
+    to_child = poses.inverse(joint.T)
+    lines = [line.seen(to_child) for line in joint.motions]
+    turns = [line for line in lines if line.kind == "turn"]
+    angle = 0.0
+    if len(turns) == 1:
+        axis = turns[0].direction
+        angle = float(np.linalg.norm(R @ axis - axis, axis=1).max())
+    elif not turns:
+        unturned = np.broadcast_to(np.eye(3), R.shape)
+        angle = float(poses.angle(R, unturned).max())
+    point = _unturned_point(turns)
+    if point is None or _swings_slide(lines):
+        return None, or_infinite(angle)
+    shift = R @ point + T[:, :3, 3] - point
+    for direction in _slide_directions(lines):
+        along = np.sum(shift * direction, axis=1, keepdims=True)
+        shift = shift - along * direction
+    return or_infinite(np.linalg.norm(shift, axis=1).max()), or_infinite(angle)
+
+
+def _unturned_point(turns: Sequence[JointLine]) -> Array | None:
+    """Return a point (3,) in m that turns do not move, because it is on all of their lines; None without one."""
+    if not turns:
+        return np.zeros(3)
+    for point in (turns[0].point, meeting(turns)):
+        distances = [np.linalg.norm(np.cross(line.direction, point - line.point)) for line in turns]
+        if max(distances) <= LINE_TOL:
+            return point
+    return None
+
+
+def _swings_slide(lines: Sequence[JointLine]) -> bool:
+    """Return whether a turn changes the direction of a slide after it, from the parent outwards."""
+    turns: list[JointLine] = []
+    for line in lines:
+        if line.kind == "turn":
+            turns.append(line)
+            continue
+        for turn in turns:
+            if np.linalg.norm(np.cross(turn.direction, line.direction)) > ANGLE_TOL:
+                return True
+    return False
+
+
+def _slide_directions(lines: Sequence[JointLine]) -> list[Array]:
+    """Return unit vectors (3,), at right angles to each other, that span the directions of all slides."""
+    directions: list[Array] = []
+    for line in lines:
+        if line.kind != "slide":
+            continue
+        rest = line.direction
+        for direction in directions:
+            rest = rest - (rest @ direction) * direction
+        size = np.linalg.norm(rest)
+        if size > ANGLE_TOL:  # else it is a direction of the slides before
+            directions.append(rest / size)
+    return directions
