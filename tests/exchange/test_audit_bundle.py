@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from twin.exchange.audit.file_comparison import Reference, _check_missing, _chec
 from twin.exchange.audit.motion import Content, FileClip
 from twin.exchange.audit.poses import about, pose
 from twin.exchange.audit.proof import check_proof
-from twin.exchange.audit.proof_statements import _EXPORT_CODES, check_statements
+from twin.exchange.audit.proof_statements import _EXPORT_CODES, _repeats, check_statements
 from twin.exchange.audit.report import Ledger
 from twin.exchange.audit.sampled_states import CLIP
 from twin.exchange.formats.tracks.audit.rcm import check_rcm
@@ -544,6 +545,15 @@ def test_what_a_proof_of_this_version_repeats(name, proven):
         assert any(said in message for message in messages), messages
     else:
         assert not messages
+
+
+def test_a_check_is_repeated_with_another_version_of_a_library(proven):
+    """Another machine may have another usd-core; a format of the project's own has its version everywhere."""
+    check = proven[2][0]
+    for tool, is_repeated in (("twin.exchange.audit on usd-core", True), ("twin.exchange.audit tracks", False)):
+        own = replace(check, tool=tool, version="26.11")
+        assert _repeats(own.as_dict(), own)
+        assert _repeats(own.as_dict() | {"version": "26.5"}, own) is is_repeated
 
 
 def test_the_codes_of_an_export_are_those_of_its_writers():

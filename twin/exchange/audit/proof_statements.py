@@ -72,6 +72,9 @@ _TIME = re.compile(r"t = (\d+(?:\.\d+)?(?:e[+-]?\d+)?) s")
 _QUOTED = re.compile(r"'([^']*)'")
 """Name in the place of a measurement, such as q1 in "joint 'q1'"."""
 
+_LIBRARY = " on "
+"""Before the library in the tool of a check, such as "twin.exchange.audit on usd-core"."""
+
 _EXPORT_CODES = (
     "export.budget",
     "export.left_out",
@@ -399,7 +402,9 @@ def _repeats(row: JsonMapping, check: Check) -> bool:
         or not _same(row.get("tolerance"), check.tolerance)
     ):
         return False
-    if check.tool.startswith("twin.") and row.get("version") != check.version:
+    # The version of a check on a library is that of the library, which another machine may have otherwise.
+    is_of_format = check.tool.startswith("twin.") and _LIBRARY not in check.tool
+    if is_of_format and row.get("version") != check.version:
         return False
     worst = row.get("worst")
     if check.worst is None or worst is None or check.tolerance is None:
