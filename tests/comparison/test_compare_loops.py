@@ -245,6 +245,54 @@ def test_the_edit_of_a_loop_anchor_is_named_with_its_line(tmp_path: Path) -> Non
     assert told[right.name] == (line, what, pytest.approx(numbers_of(moved)))
 
 
+def three_slides(file: Path, *, shift: str = "0 0 0", turn: str = "1 0 0 0") -> Path:
+    """Write an MJCF of an arm with two carriages on parallel rails; a weld ties one to a slide of the other."""
+    file.write_text(
+        f"""<mujoco><worldbody><body name="base">{BLOCK}
+<body name="arm" pos="0.123 0.456 0.789">{BLOCK}<joint name="swing" axis="1 2 3" range="-3 3"/>
+<body name="upper" pos="0.1 0 0">{BLOCK}<joint name="up" type="slide" range="-1 1"/>
+<site name="seat" pos="-0.05 0 0"/></body>
+<body name="lower">{BLOCK}<joint name="low" type="slide" range="-1 1"/>
+<body name="rider" pos="0.05 0 0">{BLOCK}<joint name="middle" type="slide" range="-1 1"/>
+<site name="foot" pos="{shift}" quat="{turn}"/></body></body></body></body></worldbody>
+<equality><weld name="tie" site1="foot" site2="seat"/></equality>
+<actuator><position joint="swing" kp="10"/><position joint="up" kp="10"/>
+<position joint="low" kp="10"/></actuator></mujoco>""",
+        encoding="utf-8",
+    )
+    return file
+
+
+BLOCK = '<inertial pos="0 0 0" mass="1" diaginertia="0.01 0.01 0.01"/>'
+
+
+@pytest.mark.parametrize("shift", ["0.0005 0 0", "0 0.0005 0"])
+def test_a_shifted_weld_that_slides_cannot_take_up_is_found_with_its_size(shift: str, tmp_path: Path) -> None:
+    right = side_of(three_slides(tmp_path / "right.xml"))
+    wrong = side_of(three_slides(tmp_path / "wrong.xml", shift=shift))
+    # what does not close moves nothing: the links stay where the file places them
+    for body in ("arm", "upper", "lower", "rider"):
+        np.testing.assert_allclose(wrong.frames[body][1], right.frames[body][1], atol=1e-9)
+    for first, second in ((right, wrong), (wrong, right)):
+        pair = compare_pair(first, second, TOLERANCE)
+        assert pair.kinematics == "disagree"
+        (item,) = pair.differences
+        assert "joint 'tie' does not close the loop of joint 'middle'" in item.text
+        assert item.shift == pytest.approx(0.0005, rel=1e-6)
+    assert compare_pair(wrong, replace(wrong, label="again"), TOLERANCE).kinematics == "agree"
+
+
+def test_a_turned_weld_is_found_and_a_shift_along_the_slides_is_taken_up(tmp_path: Path) -> None:
+    right = side_of(three_slides(tmp_path / "right.xml"))
+    # about the slides: no axis tilts
+    turned = side_of(three_slides(tmp_path / "turned.xml", turn="0.99999 0 0 0.00447211"))
+    (item,) = compare_pair(right, turned, TOLERANCE).differences
+    assert "'tie'" in item.text
+    assert item.turn == pytest.approx(2 * 0.00447211 / 0.99999, rel=1e-3)
+    along = side_of(three_slides(tmp_path / "along.xml", shift="0 0 0.0005"))
+    assert compare_pair(right, along, TOLERANCE).kinematics != "disagree"
+
+
 def numbers_of(text: str) -> list[float]:
     return [float(number) for number in text.split()]
 
@@ -320,6 +368,8 @@ def _spoiled_xml(file: Path, defect: str) -> str | None:
 
         with_number(file, element, "pos", shifted(found.get("pos", "0 0 0")))
         return name
+    if defect == "anchor" and root.find("equality/connect") is None:
+        return _shifted_weld(file)
     tag, attribute = {"anchor": ("connect", "anchor"), "axis": ("joint", "axis")}[defect]
     names = [found.get("name", "") for found in root.iter(tag) if found.get(attribute)]
     if not names:
@@ -333,6 +383,21 @@ def _spoiled_xml(file: Path, defect: str) -> str | None:
 
     with_number(file, named, attribute, change(found.get(attribute, "")))
     return re.sub(r"_[01]$", "", name)
+
+
+def _shifted_weld(file: Path) -> str | None:
+    """Shift the site of a weld that closes a loop; return the name of the slide that the weld stands for."""
+    welds = list(ET.parse(file).getroot().iter("weld"))
+    if not welds:
+        return None
+    weld = welds[len(welds) // 2]
+
+    def site(root: ET.Element) -> ET.Element:
+        return next(found for found in root.iter("site") if found.get("name") == weld.get("site1"))
+
+    old = site(ET.parse(file).getroot()).get("pos", "0 0 0")
+    with_number(file, site, "pos", shifted(old))
+    return re.sub(r"_0$", "", weld.get("name", ""))
 
 
 def _spoiled_urdf(file: Path, defect: str) -> str | None:
@@ -367,13 +432,20 @@ def _spoiled_stage(file: Path, defect: str) -> str | None:
 
     stage = Usd.Stage.Open(str(file))
     hinges = []
+    closing_slides = []
     for prim in stage.Traverse():
         joint = UsdPhysics.Joint(prim)
-        if not joint or prim.GetTypeName() not in ("PhysicsRevoluteJoint", "PhysicsSphericalJoint"):
+        if not joint:
             continue
         closing = bool(joint.GetExcludeFromArticulationAttr().Get())
+        if closing and prim.IsA(UsdPhysics.PrismaticJoint):
+            closing_slides.append(joint)
+        if prim.GetTypeName() not in ("PhysicsRevoluteJoint", "PhysicsSphericalJoint"):
+            continue
         if closing == (defect == "anchor") and (defect == "anchor" or prim.IsA(UsdPhysics.RevoluteJoint)):
             hinges.append(joint)
+    if defect == "anchor" and not hinges:
+        hinges = closing_slides
     if not hinges:
         return None
     found = hinges[len(hinges) // 2]

@@ -98,3 +98,26 @@ def test_the_mimic_of_a_parallelogram_is_right(tmp_path: Path) -> None:
     assert pair.mimic is not None
     assert pair.kinematics == "agree"
     assert pair.mimic.worst.distance < 1e-7
+
+
+def test_a_pin_that_is_open_along_its_line_disagrees_with_a_right_mimic(tmp_path: Path) -> None:
+    file = linkage(tmp_path / "finger.xml", E + C)
+    text = file.read_text(encoding="utf-8")
+    # two sites, of which that on the rocker lies 0.5 mm beside the plane of the linkage
+    on_tip = f'<site name="on_tip" pos="{E[0]} 0 {E[1]}"/>'
+    on_rocker = f'<site name="on_rocker" pos="{C[0]} 0.0005 {C[1]}"/>'
+    hinges = ('<joint name="tip_hinge" axis="0 1 0"/>', '<joint name="rocker_hinge" axis="0 1 0"/>')
+    for hinge, site in zip(hinges, (on_tip, on_rocker), strict=True):
+        text = text.replace(hinge, hinge + site)
+    start = text.index("<connect")
+    end = text.index("/>", start)
+    text = text[:start] + '<connect name="pin" site1="on_tip" site2="on_rocker"' + text[end:]
+    file.write_text(text, encoding="utf-8")
+    mimic = coupled(tmp_path / "finger.urdf")
+    for sides in ((file, mimic), (mimic, file)):
+        (pair,) = twin.compare(*sides).pairs
+        assert pair.mimic is not None
+        assert pair.kinematics == "disagree"
+        (item,) = pair.differences
+        assert item.text.startswith("joint 'pin' does not close its loop")
+        assert item.shift == pytest.approx(0.0005, rel=1e-6)

@@ -248,8 +248,7 @@ def _closing_hinges(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
         if distance < _APART:
             continue
         middle = (axes[0].point + axes[1].point) / 2
-        opened = (max(axis.opened[0] for axis in axes), 0.0)
-        whole = replace(_whole(axes, "revolute", middle, between / distance), directed=False, opened=opened)
+        whole = replace(_whole(axes, "revolute", middle, between / distance), directed=False)
         yield _JointParts(tuple(indices), whole)
 
 
@@ -288,7 +287,23 @@ def _whole(axes: Sequence[Axis], kind: str, point: Array, direction: Array) -> A
     name = stem.rstrip("_") or first.name
     child = first.child if first.closing else axes[-1].child
     active = any(axis.active for axis in axes)
-    return Axis(name, kind, first.parent, child, point, direction, 0.0, first.closing, active, joined=tuple(axes))
+    distance = max(axis.opened[0] for axis in axes)
+    angle = max(axis.opened[1] for axis in axes)
+    opened_at = next((axis.opened_at for axis in axes if axis.opened_at), "")
+    return Axis(
+        name,
+        kind,
+        first.parent,
+        child,
+        point,
+        direction,
+        0.0,
+        first.closing,
+        active,
+        joined=tuple(axes),
+        opened=(distance, angle),
+        opened_at=opened_at,
+    )
 
 
 def _nearest_point(axes: Sequence[Axis]) -> Array:

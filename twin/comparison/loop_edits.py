@@ -16,7 +16,8 @@ from twin.comparison.items import NumberEdit
 from twin.comparison.joined import joined
 from twin.comparison.link_motions import LinkMotions, PlaceDifference
 from twin.comparison.matching import match
-from twin.comparison.mechanism_side import openings
+from twin.comparison.mechanism_side import drawn_poses
+from twin.comparison.openings import openings
 from twin.comparison.paths import short
 from twin.comparison.recut import recut
 from twin.comparison.rereading import EditGoal, attribute_edits
@@ -74,7 +75,8 @@ def closing_edits(sides: tuple[RobotSide, RobotSide], problem: Problem, joint: i
     def residual(side: RobotSide) -> Array:
         if side.mechanism is None:
             return np.zeros(0)
-        return openings(side.mechanism)
+        poses, _ = drawn_poses(side.mechanism)
+        return openings(side.mechanism, poses)
 
     def agrees(side: RobotSide) -> bool:
         for axis in side.axes:
@@ -83,8 +85,23 @@ def closing_edits(sides: tuple[RobotSide, RobotSide], problem: Problem, joint: i
         return links_agree(side)
 
     goal = EditGoal(residual, agrees, lambda _: 0, problem.tolerance)
-    names = {plain(axes[edited].name), *axes[edited].parts}
-    return attribute_edits(replace(sides[edited], reread=closed), names, goal, short)
+    axis = axes[edited]
+    side = replace(sides[edited], reread=closed)
+    edits = attribute_edits(side, {plain(axis.name), *axis.parts}, goal, short)
+    # the places of the two ends of a weld are written at its bodies; each body has its own number of tries
+    for body in _bodies_of(side, axis.opened_at):
+        for edit in attribute_edits(side, {plain(body)}, goal, short):
+            if edit not in edits:
+                edits.append(edit)
+    return edits
+
+
+def _bodies_of(side: RobotSide, weld: str) -> tuple[str, ...]:
+    """Return the names of the two bodies of a weld; () if `weld` is ""."""
+    if not weld or side.mechanism is None:
+        return ()
+    joint = side.mechanism.joint(weld)
+    return (joint.parent, joint.child)
 
 
 def _goal(sides: tuple[RobotSide, RobotSide], edited: int, tolerance: float) -> EditGoal:

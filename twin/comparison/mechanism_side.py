@@ -9,20 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
+from twin.comparison.openings import opened, with_welds
 from twin.comparison.side import UNLIMITED, Axis, CouplingRow, JointGroup, RobotSide, plain
 from twin.core import spatial
 from twin.core.errors import TwinError, unknown
 from twin.core.spatial import Array
 from twin.model.inertia import Inertia
-from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 
 _CARRIER = 1.001e-3
 """Mass in kg up to which a link between a joint and a weld is no part of the robot, see `_carriers`."""
-
-_TURN_X = 3
-_TURN_Z = 5
-"""Numbers of the rotations about x and z among the six `free_axes` of a joint, which are shifts first."""
 
 
 def drawn_poses(mechanism: Mechanism) -> tuple[dict[str, Array], dict[str, float]]:
@@ -166,44 +162,6 @@ def _groups(mechanism: Mechanism, moving: Collection[str]) -> dict[str, int]:
     return {body: number[group] for body, group in group_of.items()}
 
 
-def _opening(joint: Joint, poses: Mapping[str, Array]) -> tuple[Array, Array]:
-    """Return (shift (3,) in m, pose (4, 4)) of a joint's frame on the child in that on the parent.
-
-    The shift is that in the directions in which the joint does not let move.
-    """
-    T_base_joint = poses[joint.parent] @ joint.T_parent_joint
-    M = spatial.inverse(T_base_joint) @ poses[joint.child] @ joint.T_child_joint
-    shift = M[:3, 3].copy()
-    for k in joint.free_axes:
-        if k < _TURN_X:
-            shift[k] = 0.0
-    return shift, M
-
-
-def _opened(joint: Joint, poses: Mapping[str, Array]) -> tuple[float, float]:
-    """Return by how much the two frames of a joint are apart in what it does not let move, in m and rad."""
-    shift, M = _opening(joint, poses)
-    angle = 0.0
-    if _TURN_X not in joint.free_axes:
-        angle = float(np.arctan2(np.linalg.norm(M[:2, 2]), M[2, 2]))  # of the two axes z
-        if _TURN_Z not in joint.free_axes:
-            angle = float(spatial.rotation_angle(M[:3, :3]))
-    return float(np.linalg.norm(shift)), angle
-
-
-def openings(mechanism: Mechanism) -> Array:
-    """Return (6 loops,) by how much each loop is open where it is drawn: a shift in m, and the tilt of its axes."""
-    poses, _ = drawn_poses(mechanism)
-    rows = [np.zeros(0)]
-    for joint in mechanism.loops:
-        shift, M = _opening(joint, poses)
-        tilt = np.zeros(3)
-        if _TURN_X not in joint.free_axes:
-            tilt = M[:3, 2] - np.array([0.0, 0.0, 1.0])
-        rows += [shift, tilt]
-    return np.concatenate(rows)
-
-
 def _axes(
     mechanism: Mechanism,
     moving: Collection[str],
@@ -233,12 +191,12 @@ def _axes(
             active=joint.active,
             limits=joint.limits,
             max_speed=joint.max_speed,
-            opened=_opened(joint, poses),
+            opened=opened(joint, poses),
         )
         reached.add(child)
         axes.append(axis)
     axes.sort(key=lambda axis: axis.closing)
-    return axes
+    return with_welds(mechanism, axes, group_of, poses)
 
 
 def _carriers(mechanism: Mechanism) -> set[str]:

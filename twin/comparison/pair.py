@@ -26,7 +26,7 @@ from twin.comparison.range import Worst, worst
 from twin.comparison.recut import recut
 from twin.comparison.rereading import remembering
 from twin.comparison.search import conventions, deviations
-from twin.comparison.side import RobotSide
+from twin.comparison.side import Axis, RobotSide
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
@@ -258,11 +258,35 @@ def _opened(sides: tuple[RobotSide, RobotSide], problem: Problem) -> tuple[Compa
         in_first = f"{mm(distance)} and {deg(angle)} apart in {problem.first.label}"
         in_second = f"{mm(distance_of_partner)} and {deg(angle_of_partner)} apart in {problem.second.label}"
         places = f"its places on its two links are {in_first}, {in_second}"
-        text = f"joint '{partner.name}' does not close its loop: {places}"
+        wider = axis
+        if max(partner.opened) > max(axis.opened):
+            wider = partner
+        text = f"{_left_open(partner.name, wider)}: {places}"
         link = problem.second.groups[partner.child].bodies[-1]
         item = ComparedItem("link", partner.name, text, link, shift, turn)
         items_of_joints.append(item.with_edits(closing_edits(sides, problem, i)))
     return tuple(items_of_joints)
+
+
+def _left_open(joint: str, axis: Axis) -> str:
+    """Return the sentence that a joint leaves its loop open, or that the weld does which closes the loop of it."""
+    if axis.opened_at:
+        return f"joint '{axis.opened_at}' does not close the loop of joint '{joint}'"
+    return f"joint '{joint}' does not close its loop"
+
+
+def _opened_linkage(side: RobotSide, tolerance: float) -> list[ComparedItem]:
+    """Return a difference for each joint of a side that leaves its loop open, where the other side has no loops."""
+    items_of_joints: list[ComparedItem] = []
+    for axis in side.axes:
+        shift, turn = axis.opened
+        if shift <= tolerance and turn <= ANGLE_PER_LENGTH * tolerance:
+            continue
+        places = f"its places on its two links are {mm(shift)} and {deg(turn)} apart in {side.label}"
+        text = f"{_left_open(axis.name, axis)}: {places}"
+        link = side.groups[axis.child].bodies[-1]
+        items_of_joints.append(ComparedItem("link", axis.name, text, link, shift, turn))
+    return items_of_joints
 
 
 def _of_mimic(first: RobotSide, second: RobotSide, mimic: MimicError, tolerance: float) -> SidePair:
@@ -271,8 +295,13 @@ def _of_mimic(first: RobotSide, second: RobotSide, mimic: MimicError, tolerance:
     verdict: Kinematics = "agree after conventions" if conventions else "agree"
     if not mimic.within(tolerance, ANGLE_PER_LENGTH * tolerance):
         verdict = "disagree"
+    # the motion of the linkage follows one place of each joint: it says nothing about the other link of an open one
+    opened = [*_opened_linkage(first, tolerance), *_opened_linkage(second, tolerance)]
+    if opened:
+        verdict = "disagree"
     properties = mimic_properties(mimic, linkage_first=first.looped)
-    return SidePair(first, second, verdict, conventions, (), properties, None, None, None, mimic=mimic)
+    told = (*opened, *conventions)
+    return SidePair(first, second, verdict, told, (), properties, None, None, None, mimic=mimic)
 
 
 def _compare_lines(first: RobotSide, second: RobotSide, tolerance: float) -> SidePair:

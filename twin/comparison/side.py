@@ -46,6 +46,7 @@ class Axis:
         max_speed: as in `model.joint.Joint`.
         directed: whether the description states which way along the line is positive.
         opened: distance in m and angle in rad by which a joint that closes a loop leaves it open at the drawn state.
+        opened_at: name of the weld, or other joint without an axis, that is so far apart; "": the joint itself.
         joined: the joints that the description writes instead of this one, see the module `joined`.
     """
 
@@ -63,6 +64,7 @@ class Axis:
     directed: bool = True
     joined: tuple[Axis, ...] = ()
     opened: tuple[float, float] = (0.0, 0.0)
+    opened_at: str = ""
 
     @property
     def parts(self) -> tuple[str, ...]:

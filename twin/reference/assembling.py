@@ -41,8 +41,9 @@ def assemble(model: ReferenceModel) -> Assembly:
             if is_closed(best):
                 return best
             candidate = _nearest(model, starts, columns, drawn)
-            if candidate is not None:
-                best = min((best, candidate), key=_misfit)
+            # among equal gaps, that at the driven joints as drawn stays: a loop that cannot be closed moves nothing
+            if candidate is not None and not _as_small(_misfit(best), _misfit(candidate)):
+                best = candidate
     return best
 
 
@@ -102,6 +103,13 @@ def _misfit(state: Assembly) -> float:
     return sum(offset + 0.1 * tilt for offset, tilt in state.gap.values())
 
 
+def _as_small(misfit: float, other: float) -> bool:
+    """Return whether a misfit is at most as large as another, up to rounding; only 0 (closed) is as small as 0."""
+    if other == 0.0:
+        return misfit == 0.0
+    return misfit <= other + CLOSED[0]
+
+
 def _nearest(model: ReferenceModel, starts: Array, columns: Index, drawn: Array) -> Assembly | None:
     """Return the assembly with the smallest gaps reached from `starts`; if some are equal, the nearest to `drawn`.
 
@@ -111,8 +119,8 @@ def _nearest(model: ReferenceModel, starts: Array, columns: Index, drawn: Array)
     finite = np.isfinite(X).all(axis=1)
     states = [model.state(x) for x in X[finite]]
 
-    def rank(state: Assembly) -> tuple[float, float]:
-        distance = np.linalg.norm(state.x - drawn)
-        return _misfit(state), float(distance)
-
-    return min(states, key=rank, default=None)
+    misfits = [_misfit(state) for state in states]
+    smallest = min(misfits, default=0.0)
+    # of a loop that cannot be closed, every start leaves the same gap, in which only the rounding differs
+    equal = [state for state, misfit in zip(states, misfits, strict=True) if _as_small(misfit, smallest)]
+    return min(equal, key=lambda state: float(np.linalg.norm(state.x - drawn)), default=None)

@@ -1,0 +1,119 @@
+"""By how much the loops of a mechanism are open where it is drawn, and the moving joints to which this is told."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from twin.comparison.side import Axis
+from twin.core import spatial
+from twin.core.spatial import Array
+from twin.model.joint import Joint
+from twin.model.mechanism import Mechanism
+
+_TURN_X = 3
+_TURN_Z = 5
+"""Numbers of the rotations about x and z among the six `free_axes` of a joint, which are shifts first."""
+
+
+def opened(joint: Joint, poses: Mapping[str, Array]) -> tuple[float, float]:
+    """Return by how much the two frames of a joint are apart in what it does not let move, in m and rad."""
+    shift, M = _opening(joint, poses)
+    angle = 0.0
+    if _TURN_X not in joint.free_axes:
+        angle = float(np.arctan2(np.linalg.norm(M[:2, 2]), M[2, 2]))  # of the two axes z
+        if _TURN_Z not in joint.free_axes:
+            angle = float(spatial.rotation_angle(M[:3, :3]))
+    return float(np.linalg.norm(shift)), angle
+
+
+def openings(mechanism: Mechanism, poses: Mapping[str, Array]) -> Array:
+    """Return (6 loops,) by how much each loop is open at the poses: a shift in m, and a turn or the tilt of its axes.
+
+    `poses` are {body: T_base_body (4, 4)}.
+    """
+    rows = [np.zeros(0)]
+    for joint in mechanism.loops:
+        shift, M = _opening(joint, poses)
+        tilt = np.zeros(3)
+        if _TURN_X not in joint.free_axes:
+            tilt = M[:3, 2] - np.array([0.0, 0.0, 1.0])
+            if _TURN_Z not in joint.free_axes:
+                tilt = spatial.log_so3(M[:3, :3])
+        rows += [shift, tilt]
+    return np.concatenate(rows)
+
+
+def with_welds(
+    mechanism: Mechanism, axes: Sequence[Axis], group_of: Mapping[str, int], poses: Mapping[str, Array]
+) -> list[Axis]:
+    """Return the axes, each with the gap of the joints without an axis that close its loop, if that gap is larger.
+
+    The bodies that a weld connects are one group, in which its gap is no longer seen: where a slide closes its loop by
+    a weld, the slide itself is never open. The same holds for a joint that is held, and for one between two bodies of
+    one group.
+
+    Args:
+        mechanism: the mechanism.
+        axes: its moving joints that connect two groups.
+        group_of: {body: index of its group}.
+        poses: {body: T_base_body (4, 4)} at the drawn state.
+    """
+    axes = list(axes)
+    own_axis = {axis.name for axis in axes}
+    for weld in mechanism.loops:
+        # where the base of a floating robot is says nothing about its kinematics
+        if weld.name in own_axis or weld.type == "free":
+            continue
+        distance, angle = opened(weld, poses)
+        closed_by = _axis_closed_by(weld, mechanism, axes, group_of)
+        if closed_by is None:
+            continue
+        axis = axes[closed_by]
+        own_distance, own_angle = axis.opened
+        if distance > own_distance or angle > own_angle:
+            both = (max(distance, own_distance), max(angle, own_angle))
+            axes[closed_by] = replace(axis, opened=both, opened_at=weld.name)
+    return axes
+
+
+def _axis_closed_by(weld: Joint, mechanism: Mechanism, axes: Sequence[Axis], group_of: Mapping[str, int]) -> int | None:
+    """Return the index of the moving joint whose loop a weld closes; None if no joint moves there.
+
+    This is a joint that carries one of the bodies of the weld, if possible one that counts as closing; a weld between
+    two bodies that no joint carries is told at the first joint on their group.
+    """
+    index_of = {axis.name: i for i, axis in enumerate(axes)}
+    carried_by: dict[str, int | None] = {mechanism.base: None}
+    for joint in mechanism.tree:
+        carried_by[joint.child] = index_of.get(joint.name, carried_by[joint.parent])
+    carrying: list[int] = []
+    for body in (weld.child, weld.parent):
+        index = carried_by[body]
+        if index is not None:
+            carrying.append(index)
+    for index in carrying:
+        if axes[index].closing:
+            return index
+    if carrying:
+        return carrying[0]
+    for index, axis in enumerate(axes):
+        if group_of[weld.child] in (axis.parent, axis.child):
+            return index
+    return None
+
+
+def _opening(joint: Joint, poses: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Return (shift (3,) in m, pose (4, 4)) of a joint's frame on the child in that on the parent.
+
+    The shift is that in the directions in which the joint does not let move.
+    """
+    T_base_joint = poses[joint.parent] @ joint.T_parent_joint
+    M = spatial.inverse(T_base_joint) @ poses[joint.child] @ joint.T_child_joint
+    shift = M[:3, 3].copy()
+    for k in joint.free_axes:
+        if k < _TURN_X:
+            shift[k] = 0.0
+    return shift, M
