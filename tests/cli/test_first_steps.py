@@ -215,6 +215,9 @@ def test_deviations_on_both_sides_of_rounding_are_one_and_json_tells_the_missing
         ("s3", True, False),
     ]
     assert said.as_dict()["protocols"] == ["", ""]
+    # the tolerance of the second result is 1000 times as large
+    loose = result(residuals=[("s1", 1e-9)]).replace("1e-09}", "1e-06}")
+    assert len(difference(tmp_path, result(residuals=[("s1", 1e-13)]), loose).residuals) == 1
 
 
 @pytest.mark.parametrize("lost", ["NaN", "null", "Infinity", "1" + 400 * "0"])

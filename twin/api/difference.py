@@ -339,8 +339,8 @@ def _ratio(a: _JudgedDeviation | None, b: _JudgedDeviation | None) -> float:
         return 1.0
     if math.isnan(a.value) or math.isnan(b.value):
         return math.inf
-    # of two tolerances the larger one: what it lets pass as rounding is no change
-    rounding = max(a.rounding, b.rounding)
+    # of two tolerances the smaller one, so that a change which matters to it is shown
+    rounding = min(a.rounding, b.rounding)
     smaller, larger = sorted((max(a.value, rounding), max(b.value, rounding)))
     if larger == smaller:
         return 1.0
