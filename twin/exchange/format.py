@@ -38,6 +38,8 @@ class Holds(Flag):
     """A motion without name: it has the name of the file, which ends in the name of the protocol."""
     REPEATED_MOTION = auto()
     """A motion that another file contains with more digits."""
+    ALL_NAMES = auto()
+    """The names of all parts of the mechanism; the other files of an export name only some."""
 
 
 @dataclass(frozen=True)

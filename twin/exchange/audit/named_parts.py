@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from twin.exchange.audit.motion import Content
-from twin.exchange.formats import family
+from twin.exchange.format import Holds
+from twin.exchange.formats import holding
 
 
 def named_parts(contents: Sequence[Content]) -> set[str]:
@@ -25,6 +26,6 @@ def named_parts(contents: Sequence[Content]) -> set[str]:
     return names
 
 
-def has_stage(contents: Sequence[Content]) -> bool:
-    """Return whether a USD stage is among the files: it names all parts of a mechanism, other formats only some."""
-    return any(family(content.format) == "usd" and content.physics is not None for content in contents)
+def has_all_names(contents: Sequence[Content]) -> bool:
+    """Return whether a file is there that names all parts of a mechanism, as a USD stage does."""
+    return any(holding(content.format, Holds.ALL_NAMES) and content.physics is not None for content in contents)

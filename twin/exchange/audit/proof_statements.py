@@ -13,7 +13,7 @@ from typing import Any
 from twin.core.json_types import JsonMapping
 from twin.core.version import __version__
 from twin.exchange.audit.motion import Content
-from twin.exchange.audit.named_parts import has_stage, named_parts
+from twin.exchange.audit.named_parts import has_all_names, named_parts
 from twin.exchange.audit.report import MECHANISM, Check, Ledger
 from twin.exchange.audit.sampled_states import CLIP
 from twin.exchange.audit.stated import ROBOT
@@ -455,7 +455,7 @@ def _check_places(proof: JsonMapping, contents: Sequence[Content], checks: Itera
         is_writers = row.get("tool") == _WRITER and has_tracks
         is_repeated = (row.get("check"), row.get("file"), row.get("against")) in repeated
         if row.get("against") == _OTHERS:
-            is_repeated = is_repeated and has_stage(contents)
+            is_repeated = is_repeated and has_all_names(contents)
         if not is_known and (is_writers or is_repeated):
             text = f"{subject} is worst at '{where[:80]}', which no file has."
             ledger.wrong("proof.check", text, "where", suggestion="export again")

@@ -42,7 +42,7 @@ FORMAT = Format(
         FormatVariant("usdc", ".usdc", "USD", BUDGETS["USD"], rank=20, trust=12),
     ),
     outermost=without_sublayers,
-    holds=Holds.LINKS | Holds.REST | Holds.MASSES | Holds.ONE_MOTION | Holds.UNNAMED_MOTION,
+    holds=Holds.LINKS | Holds.REST | Holds.MASSES | Holds.ONE_MOTION | Holds.UNNAMED_MOTION | Holds.ALL_NAMES,
     code="usd",
     guard="USD",
     sources=STAGE_SUFFIXES,
