@@ -446,30 +446,30 @@ def test_a_stretched_part_has_its_length_and_the_mechanism_follows(robots):
 )
 def test_a_factor_that_cannot_be_is_named(robots, text, message):
     with pytest.raises(TwinError, match=re.escape(message)):
-        design.factor(robots["sils"], text)
+        design.parse_factor(robots["sils"], text)
 
 
 @pytest.mark.parametrize("unit", ["mm", "deg"])
 def test_a_number_without_a_unit_is_given_none(unit):
     robot = SimpleNamespace(formula=SimpleNamespace(parameters=[Parameter("ratio", 2.0, "1", 2.0, "ASSUMED", "")]))
     with pytest.raises(TwinError, match=f"ratio is neither a length nor an angle; leave out '{unit}'"):
-        design.factor(robot, f"ratio=1..3{unit}")
-    factor = design.factor(robot, "ratio=1..3")
+        design.parse_factor(robot, f"ratio=1..3{unit}")
+    factor = design.parse_factor(robot, "ratio=1..3")
     assert (factor.low, factor.high, factor.unit) == (1, 3, "")
 
 
 def test_designs_fill_their_ranges(robots):
-    factors = [design.factor(robots["sils"], t) for t in ("l_p=120..150mm", "l_1=170..190")]
+    factors = [design.parse_factor(robots["sils"], t) for t in ("l_p=120..150mm", "l_1=170..190")]
     assert factors[1].unit == "mm"
-    lhs = design.values(factors, 50, None, 3)
+    lhs = design.sample_designs(factors, 50, None, 3)
     assert lhs.shape == (51, 2)
     assert lhs[0] == pytest.approx([0.135, 0.182])
     strata = np.floor((lhs[1:] - [0.12, 0.17]) / [0.03, 0.02] * 50).astype(int)
     assert all(sorted(s) == list(range(50)) for s in strata.T), "one sample in each fiftieth"
-    grid = design.values(factors, 0, 3, 0)
+    grid = design.sample_designs(factors, 0, 3, 0)
     assert grid.shape == (10, 2)
     assert sorted(set(grid[1:, 0].round(6))) == [0.12, 0.135, 0.15]
-    assert np.array_equal(design.values(factors, 5, None, 3), design.values(factors, 5, None, 3))
+    assert np.array_equal(design.sample_designs(factors, 5, None, 3), design.sample_designs(factors, 5, None, 3))
 
 
 def judged(folder):
@@ -705,7 +705,7 @@ def test_workspace_and_sweep_agree_within_the_errors_that_they_state(monkeypatch
     step = float(np.prod(high - low) / 150_000) ** (1 / 3)
     nx, ny, nz = (int(n) for n in np.floor((high - low) / step) + 1)
     fine = reach.workspace(robot, PoseGrid(low, step, (nx, ny, nz), T[:3, :3])).content()
-    work = design.job(robot, "sils", None, [design.factor(robot, "l_p=120..150mm")], ("volume",))
-    coarse = design.judge(work, [robot.kinematics().parameters["l_p"]])["volume"]
+    work = design.design_job(robot, "sils", None, [design.parse_factor(robot, "l_p=120..150mm")], ("volume",))
+    coarse = design.evaluate(work, [robot.kinematics().parameters["l_p"]])["volume"]
     apart, stated = abs(coarse - fine["volume_dm3"]), design.grid_error(work) + fine["volume_error_dm3"]
     assert apart < stated < 0.2 * fine["volume_dm3"]

@@ -97,7 +97,7 @@ class DesignJob:
     R: tuple[tuple[float, ...], ...]
 
 
-def factor(robot: Robot, text: str) -> Factor:
+def parse_factor(robot: Robot, text: str) -> Factor:
     """Return the factor for the text NAME=LOW..HIGH[unit].
 
     Without a unit, the unit is that of the parameter, or mm for a distance of the mechanism.
@@ -146,7 +146,7 @@ def _is_distance(name: str) -> bool:
     return ":" in name
 
 
-def distances(factors: Sequence[Factor]) -> list[str]:
+def distance_names(factors: Sequence[Factor]) -> list[str]:
     """Return the names of the factors that are distances of the mechanism, and not parameters of the equations."""
     return [factor.name for factor in factors if _is_distance(factor.name)]
 
@@ -200,7 +200,7 @@ def _between(mechanism: Mechanism, name: str) -> tuple[Array, Joint, str]:
     return line, joints[1], sides[1]
 
 
-def job(
+def design_job(
     robot: Robot, source: str, protocol: str | None, factors: Sequence[Factor], objectives: Sequence[str]
 ) -> DesignJob:
     """Return the job, with a grid that is 20 % larger in each direction than the workspace of the CAD's design.
@@ -213,7 +213,7 @@ def job(
     for name in objectives:
         if name not in OBJECTIVES:
             raise TwinError(f"--objective: {unknown('objective', name, OBJECTIVES)}")
-    varied = distances(factors)
+    varied = distance_names(factors)
     if varied and set(objectives) - {"tolerance"}:
         raise TwinError(
             f"--vary '{varied[0]}' is a distance of the mechanism and affects only the objective 'tolerance'; for "
@@ -264,7 +264,7 @@ def job(
     )
 
 
-def values(factors: Sequence[Factor], samples: int, levels: int | None, seed: int) -> Array:
+def sample_designs(factors: Sequence[Factor], samples: int, levels: int | None, seed: int) -> Array:
     """Return designs (k, factors) in SI units: the CAD's design, then a grid of `levels` or else a Latin hypercube."""
     from scipy.stats import qmc
 
@@ -289,7 +289,7 @@ def _robot(source: str, protocol: str | None) -> Robot:
     return robot
 
 
-def judge(work: DesignJob, design: Sequence[float]) -> dict[str, float]:
+def evaluate(work: DesignJob, design: Sequence[float]) -> dict[str, float]:
     """Return the objectives of one design by name, in the units of `OBJECTIVES`.
 
     All objectives are NaN if the design cannot be assembled.
@@ -306,10 +306,10 @@ def judge(work: DesignJob, design: Sequence[float]) -> dict[str, float]:
     return {name: results[name] for name in work.objectives}
 
 
-def judge_on(work: DesignJob, design: Sequence[float], device: Choice) -> tuple[dict[str, float], str]:
-    """Return the objectives of one design, as `judge` does, and what has computed them (`ComputeDevice.name`)."""
+def evaluate_on(work: DesignJob, design: Sequence[float], device: Choice) -> tuple[dict[str, float], str]:
+    """Return the objectives of one design, as `evaluate` does, and what has computed them (`ComputeDevice.name`)."""
     with computing_on(device) as computing:
-        results = judge(work, design)
+        results = evaluate(work, design)
     return results, computing.name
 
 
@@ -393,12 +393,12 @@ def pareto(rows: Array, directions: Sequence[int]) -> np.ndarray:
     return optimal
 
 
-def row(work: DesignJob, number: int, design: Sequence[float], judged: dict[str, float]) -> JsonObject:
+def table_row(work: DesignJob, number: int, design: Sequence[float], objectives: dict[str, float]) -> JsonObject:
     """Return one row of the table of designs, with the factors in their display units."""
     cells: JsonObject = {"design": number}
     for factor, value in zip(work.factors, design, strict=True):
         cells[_headed(factor.name, factor.unit)] = value / factor.scale
-    for name, value in judged.items():
+    for name, value in objectives.items():
         unit, _, _ = OBJECTIVES[name]
         cells[_headed(name, unit)] = value
     return cells

@@ -65,7 +65,7 @@ class Sweep(Result):
         rows = []
         for number, values in enumerate(self.judged.tolist()):
             objectives = dict(zip(self.work.objectives, values, strict=True))
-            row = design.row(self.work, number, self.designs[number], objectives)
+            row = design.table_row(self.work, number, self.designs[number], objectives)
             row["pareto"] = bool(self.best[number])
             rows.append(row)
         return rows
@@ -146,7 +146,7 @@ def sweep(
 
     Args:
         robot: a robot with CAD, and with equations if an objective requires them; or its name or folder.
-        vary: factors, NAME=LOW..HIGH with a unit, see `twin.analysis.design.factor`.
+        vary: factors, NAME=LOW..HIGH with a unit, see `twin.analysis.design.parse_factor`.
         out: folder for the results; default: ./twin-out/<robot>/sweep-<key>/, with a key for each request.
         objectives: names in `twin.analysis.design.OBJECTIVES`; default: "tolerance" if all factors are distances, else
             "volume" and "conditioning".
@@ -174,16 +174,16 @@ def sweep(
     robot = loaded(robot)
     if protocol or robot.mechanism.trocars:
         robot = robot.bound(robot.protocol(protocol))
-    factors = [design.factor(robot, text) for text in vary]
-    distances = design.distances(factors)
+    factors = [design.parse_factor(robot, text) for text in vary]
+    distances = design.distance_names(factors)
     if len({factor.name for factor in factors}) < len(factors):
         raise TwinError("--vary: the same factor is given twice")
     default = ("tolerance",) if len(distances) == len(factors) else ("volume", "conditioning")
     objectives = tuple(dict.fromkeys(objectives or default))
     progress("positions", 0.0)
-    work = design.job(robot, source, protocol, factors, objectives)
+    work = design.design_job(robot, source, protocol, factors, objectives)
     computed_by: set[str] = set()
-    designs = design.values(factors, samples, grid, seed)
+    designs = design.sample_designs(factors, samples, grid, seed)
     key = table.key_of(work, designs)
     folder = Path("twin-out") / robot.name / f"sweep-{key[:8]}"
     if out is not None:
@@ -238,7 +238,7 @@ def _judge(
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with cluster(scheduler, workers) as client:
-            for k, (result, name) in each(client, design.judge_on, tasks):
+            for k, (result, name) in each(client, design.evaluate_on, tasks):
                 store.add(missing[k], result)
                 computed_by.add(name)
                 done = len(store.done)
