@@ -72,6 +72,11 @@ def test_a_driver_that_follows_two_joints_reaches_its_coordinate() -> None:
     np.testing.assert_allclose(moved_by, [0.1, 0.05, 0.0], atol=1e-12)  # b has the larger ratio
 
 
+def test_a_driver_that_its_couplings_hold_has_no_motion() -> None:
+    rows = (CouplingRow("a", {"a": 1.0, "b": -2.0}, 0.0), CouplingRow("b", {"a": 1.0, "b": 1.0}, 0.3))
+    assert LinkageMotion(replace(linkage(), couplings=rows), driver=0).at_zero() is None
+
+
 def test_a_loop_closed_by_a_slide_or_by_a_tilted_hinge_is_none_of_points() -> None:
     for kind, along in (("prismatic", X), ("revolute", X)):
         with pytest.raises(TwinError, match="cannot be matched"):

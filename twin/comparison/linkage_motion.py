@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from twin.comparison.coupled_motion import followed_of
+from twin.comparison.coupled_motion import RATIO, followed_of
 from twin.comparison.side import RobotSide
 from twin.core.spatial import Array
 
@@ -101,7 +101,13 @@ class LinkageMotion:
         return None
 
     def at_zero(self) -> Array | None:
-        """Return the values of the free joints at the state zero of the driver; None if a loop opens on the way."""
+        """Return the values of the free joints at the state zero of the driver.
+
+        None: a loop opens on the way, or couplings hold the driver at one value.
+        """
+        follower = self._followers.get(self.driver)
+        if follower is not None and np.abs(follower.ratios).max() < RATIO:
+            return None
         x = self._drawn[self._free]
         drawn = float(self._drawn[self.driver])
         steps = 1 + int(np.ceil(abs(drawn) / _LARGEST_STEP))
