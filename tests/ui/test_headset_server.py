@@ -1084,3 +1084,25 @@ def test_a_slow_machine_does_not_fall_behind():
     assert max(late) < 2
     assert np.mean(late) < 0.8
     assert 600 / now > 0.83
+
+
+def test_trocars_that_a_changed_design_does_not_fit_fail_the_plan_by_name(playback):
+    def refused(_: object) -> None:
+        raise TwinError("the loops cannot be closed")
+
+    told = []
+    before = object()
+    page = SimpleNamespace(
+        _planner=SimpleNamespace(answer=playback, close=lambda: None),
+        _protocols={playback.protocol: "table2"},
+        _track=before,
+        _failed="",
+        _failure=told.append,
+        _worker=SimpleNamespace(ask=lambda _, job, done: done(job())),
+        desk=SimpleNamespace(robot=None, bind=refused),
+        robot=SimpleNamespace(protocol=lambda name: name, bound=lambda _: object()),
+    )
+    live.Twin._take_plan(page)
+    assert page._failed == "the loops cannot be closed"
+    assert told == [f"{playback.protocol}: the loops cannot be closed"]
+    assert page._track is before
