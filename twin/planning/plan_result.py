@@ -8,11 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
+
+from twin.core import spatial
 from twin.core.findings import Finding, by_severity
 from twin.core.format import quantity
 from twin.core.result import Part, Result, TextTable, as_json
+from twin.core.units import MM, display_unit
 from twin.planning.rounds import SearchRounds
-from twin.planning.tracks import write_csv
 from twin.planning.trajectory import Trajectory
 
 FILES = ("trajectory.csv", "trajectory.json")
@@ -74,7 +77,7 @@ class Planned(Result):
     def write(self, folder: Path) -> None:
         """Write two files: the samples as CSV, and the trajectory without its samples as JSON."""
         table, content = FILES
-        write_csv(self.trajectory, folder / table, self.angles)
+        _write_csv(self.trajectory, folder / table, self.angles)
         (folder / content).write_text(as_json(self.content()), encoding="utf-8")
 
 
@@ -95,3 +98,30 @@ def _cost(value: float, unit: str) -> str:
     if not math.isfinite(value):
         return "no path"
     return quantity(value, unit)
+
+
+def _write_csv(trajectory: Trajectory, path: Path, revolute: Sequence[bool] = ()) -> None:
+    """Write one row per sample, with units in the header: joints, their rates, tool position and quaternion.
+
+    Args:
+        trajectory: the trajectory.
+        path: the file.
+        revolute: (n,) whether each joint is an angle in rad; empty: all joints are lengths.
+    """
+    revolute = revolute or [False] * len(trajectory.joint_names)
+    units = []
+    factors = []
+    for is_angle in revolute:
+        unit, factor = display_unit(is_angle)
+        units.append(unit)
+        factors.append(factor)
+    header = ["t_s"]
+    columns = [trajectory.t[:, None]]
+    for suffix, values in (("", trajectory.q), ("_s", trajectory.qd), ("_s2", trajectory.qdd)):
+        for name, unit in zip(trajectory.joint_names, units, strict=True):
+            header.append(f"{name}_{unit}{suffix}")
+        columns.append(values / np.array(factors))
+    Ts = trajectory.Ts_base_tool
+    header += ["tool_x_mm", "tool_y_mm", "tool_z_mm", "tool_qw", "tool_qx", "tool_qy", "tool_qz"]
+    columns += [Ts[:, :3, 3] / MM, spatial.quat_from_matrix_wxyz(Ts[:, :3, :3])]
+    np.savetxt(path, np.hstack(columns), fmt="%.9g", delimiter=",", header=",".join(header), comments="")
