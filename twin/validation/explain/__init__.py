@@ -9,7 +9,7 @@ The modules, from the equations to the result:
 - equations on arrays: `rebuilt_functions`, `plain_values`
 - values of the mechanism: `reference_values`, `judged_states`, `noise_limits`
 - rows compared with it: `equation_steps`, `row_deviations`, `swivel`, `suspects`, `coverage`, `invariants`
-- edits to try: `name_pool`, `statement_edits`, `parentheses`, `counterparts`, `analogies`, `term_texts`
+- edits to try: `name_pool`, `statement_edits`, `parentheses`, `counterparts`, `analogies`, `term_texts`, `vector_texts`
 - one edit: `candidate`, `trials`, `dependence`, `formula_state`, `single_edits`
 - values that expressions must have: `shifts`, `inverses`, `expression`, `required_values`, `batched_solutions`
 - two edits: `pair_search` with `required_pairs`, `term_pairs`, `statement_pairs` and `operand_pairs`; then

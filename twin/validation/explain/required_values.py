@@ -31,19 +31,9 @@ from twin.validation.explain.rebuilt_functions import Matrix, unguarded
 from twin.validation.explain.row_deviations import Judge, Residuals, trial_residuals
 from twin.validation.explain.shifts import DIFFERENCE, Calls, Flat, Shift, shifted, solution
 from twin.validation.explain.swivel import fitted
-from twin.validation.explain.term_texts import (
-    VECTOR,
-    Atom,
-    Products,
-    equal,
-    factors,
-    roots,
-    sums,
-    terms,
-    vector_atoms,
-    vector_texts,
-)
+from twin.validation.explain.term_texts import Atom, Products, equal, factors, roots, sums, terms
 from twin.validation.explain.tokens import parents_of
+from twin.validation.explain.vector_texts import VECTOR, vector_atoms, vector_texts
 
 _NAME = "_required_"
 """Name of the function, in the edited text, that changes the value of an expression."""

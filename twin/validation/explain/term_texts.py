@@ -1,9 +1,9 @@
-"""Short formulas for values: terms and factors made of scalars and vectors, each known by its values at poses."""
+"""Short formulas for values: terms and factors made of scalars, each known by its values at poses."""
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations, permutations
 
@@ -11,9 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.core.spatial import Array
-from twin.formula.scalar import Value
-from twin.validation.explain.function_source import Source
-from twin.validation.explain.rebuilt_functions import Matrix, to_array
 
 EQUAL = 1e-6
 """Relative difference up to which a formula gives the required value; the edit is then tried like any other."""
@@ -24,7 +21,7 @@ _MOST_FACTORS = 60
 _SMALLEST = 1e-9
 """Size in m or rad below which values are compared as if they had this size: they are rounding of zero."""
 
-_SIGNS = (("+", 1.0), ("-", -1.0))
+SIGNS = (("+", 1.0), ("-", -1.0))
 """The signs of a term, and their values."""
 
 NUMBERS = {
@@ -62,10 +59,10 @@ class Atom:
 
 def equal(a: Array, b: Array) -> bool:
     """Return whether two arrays of values are equal, except for rounding."""
-    return bool(np.abs(a - b).max() <= _limit(a))
+    return bool(np.abs(a - b).max() <= difference_limit(a))
 
 
-def _limit(values: Array) -> float:
+def difference_limit(values: Array) -> float:
     """Return the largest difference from values that counts as rounding."""
     return EQUAL * max(_size(values), _SMALLEST)
 
@@ -82,7 +79,7 @@ def _is_constant(values: Array) -> bool:
 def terms(wanted: Array, atoms: Sequence[Atom]) -> Iterator[tuple[str, str]]:
     """Yield (sign, text) of terms with the values `wanted` (k,)."""
     for value, text in NUMBERS.items():
-        for sign, factor in _SIGNS:
+        for sign, factor in SIGNS:
             if equal(wanted, np.full(len(wanted), factor * value)):
                 yield sign, text
     for coefficient, text in _products(wanted, atoms):
@@ -99,7 +96,7 @@ def sums(wanted: Array, patterns: Sequence[Sequence[Atom]]) -> Iterator[str]:
 
     Each pattern contains the terms of a sum elsewhere; terms may be left out, or have the other sign.
     """
-    limit = _limit(wanted)
+    limit = difference_limit(wanted)
     for pattern in patterns:
         A = np.stack([a.values for a in pattern], axis=1)
         if not np.isfinite(A).all() or np.linalg.matrix_rank(A) < len(pattern):
@@ -147,7 +144,7 @@ def roots(wanted: Array, atoms: Sequence[Atom], root: str) -> Iterator[str]:
     limit = EQUAL * float(radicand.max())
     is_something = np.abs(squares).max(axis=1) > limit
     for first in np.flatnonzero(is_something).tolist():
-        for sign, factor in _SIGNS:
+        for sign, factor in SIGNS:
             rest = radicand - squares[first] - factor * squares
             fits = np.abs(rest).max(axis=1) <= limit
             for second in np.flatnonzero(fits & is_something).tolist():
@@ -161,7 +158,7 @@ def _differences(wanted: Array, atoms: Sequence[Atom]) -> Iterator[str]:
     """Yield the texts of differences of two names with the values `wanted` (k,), which vary from pose to pose."""
     if _is_constant(wanted):  # lengths often have the same differences
         return
-    limit = _limit(wanted)
+    limit = difference_limit(wanted)
     for first, second in permutations(_names(atoms), 2):
         if np.abs(first.values - second.values - wanted).max() <= limit:
             yield f"({first.text} - {second.text})"
@@ -213,7 +210,7 @@ def _proportional(wanted: Array, rows: Array) -> Iterator[tuple[int, float]]:
     with np.errstate(all="ignore"):
         coefficients = (rows @ wanted) / np.sum(rows**2, axis=1)
         differences = np.abs(coefficients[:, None] * rows - wanted).max(axis=1)
-    for i in np.flatnonzero(differences <= _limit(wanted)):
+    for i in np.flatnonzero(differences <= difference_limit(wanted)):
         yield int(i), float(coefficients[i])
 
 
@@ -265,7 +262,7 @@ class Products:
         """Return the products (n, k), or their negatives, that have one of two required values (k,) at each pose."""
         if not len(self.table) or not (np.isfinite(first).all() and np.isfinite(second).all()):
             return np.zeros((0, len(first)))
-        limit = max(_limit(first), _limit(second))
+        limit = max(difference_limit(first), difference_limit(second))
         matches: list[Array] = []
         for sign in (1.0, -1.0):
             signed = sign * self.table
@@ -280,96 +277,3 @@ def in_product(text: str) -> str:
     if isinstance(expression, ast.BinOp | ast.UnaryOp):
         return f"({text})"
     return text
-
-
-VECTOR = 3
-"""Number of entries of a vector."""
-
-_POSE_COLUMNS = 4
-"""Number of columns of the largest matrix, a pose."""
-
-_MOST_VECTORS = 60
-"""Maximum number of vectors that terms and factors may be."""
-
-
-def vector_atoms(source: Source, scope: Mapping[str, Value], k: int) -> list[Atom]:
-    """Return the vectors in scope, with values (k, 3).
-
-    They are names, expressions of the same function, and the other columns of matrices of which it uses one column.
-    """
-    texts: dict[str, None] = dict.fromkeys(sorted(source.arguments))  # in the order in which they are found
-    for statement in source.statements:
-        texts |= dict.fromkeys(sorted({*statement.reads, *statement.writes}))
-        for node in ast.walk(statement.node):
-            if isinstance(node, ast.Call | ast.BinOp | ast.Subscript):
-                texts[ast.unparse(node)] = None
-            if isinstance(node, ast.Subscript):
-                texts |= dict.fromkeys(_columns(node))
-    atoms: list[Atom] = []
-    with np.errstate(all="ignore"):
-        for text in sorted(texts, key=len):
-            try:
-                value = eval(text, dict(scope))
-            except Exception:  # a name that is not in scope, an index out of range
-                continue
-            if isinstance(value, Matrix) and value.shape == (VECTOR, 1):
-                values = to_array(value, k)
-                if np.isfinite(values).any() and np.nanmax(np.abs(values)) > 0:
-                    atoms.append(Atom(text, values))
-    return atoms[:_MOST_VECTORS]
-
-
-def _columns(node: ast.Subscript) -> Iterator[str]:
-    """Yield the texts of the columns 0 to 3 of the matrix of which `node` is a column, with the same rows."""
-    index = node.slice
-    if not isinstance(index, ast.Tuple) or len(index.elts) != 2 or not isinstance(index.elts[0], ast.Slice):
-        return
-    base = ast.unparse(node.value)
-    rows = ast.unparse(index.elts[0])
-    for column in range(_POSE_COLUMNS):
-        yield f"{base}[{rows}, {column}]"
-
-
-def vector_texts(
-    text: str, node: ast.expr, value: Array, added: Array, atoms: Sequence[Atom], vectors: Sequence[Atom]
-) -> Iterator[str]:
-    """Yield texts that make the value (k, 3) of `text` larger by `added` (k, 3), the shortest kinds first.
-
-    `node` is the expression, `atoms` are scalars with values (k,), `vectors` have values (k, 3).
-    """
-    factor_text = text
-    if isinstance(node, ast.BinOp | ast.UnaryOp):
-        factor_text = f"({text})"
-    wanted = value + added
-    for vector in vectors:  # the expression is the scalar of which a vector was the factor
-        for minus, sign in (("", 1.0), ("-", -1.0)):
-            if equal(wanted, sign * value * vector.values):
-                yield f"{minus}{factor_text} * {in_product(vector.text)}"
-    ratio = _ratio(wanted, value)
-    if ratio is not None:
-        for factor in factors(ratio, atoms):
-            yield f"{factor} * {factor_text}"
-        for factor in factors(1 / ratio, atoms):
-            yield f"{factor_text} / ({factor})"
-    for vector in vectors:
-        ratio = _ratio(added, vector.values)
-        if ratio is None:
-            continue
-        name = in_product(vector.text)
-        for sign, sign_value in _SIGNS:
-            if equal(ratio, np.full(len(ratio), sign_value)):
-                yield f"{text} {sign} {name}"
-            for factor in factors(sign_value * ratio, atoms):
-                yield f"{text} {sign} {factor} * {name}"
-
-
-def _ratio(a: Array, b: Array) -> Array | None:
-    """Return the scalars (k,) by which vectors b (k, 3) are multiplied in a (k, 3); None if a is not parallel to b."""
-    with np.errstate(all="ignore"):
-        ratio = np.sum(a * b, axis=1) / np.sum(b * b, axis=1)
-    if not np.isfinite(ratio).all() or not np.abs(ratio).min() > 0:
-        return None
-    is_parallel = np.abs(ratio[:, None] * b - a).max() <= _limit(a)
-    if not is_parallel:
-        return None
-    return ratio
