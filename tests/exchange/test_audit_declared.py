@@ -18,6 +18,7 @@ from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.mjcf.audit.mujoco_file import read_mujoco
 from twin.exchange.formats.unity.audit import check_package
 from twin.exchange.formats.unity.audit.shipped import PACKAGE
+from twin.exchange.formats.urdf.audit import Urdf
 
 
 @pytest.fixture(scope="module")
@@ -279,3 +280,20 @@ def test_a_turned_shape_is_found_whatever_form_its_rotation_has(good, tmp_path):
     shutil.copytree(good / "usd", tmp_path / "usd")
     codes = {finding.code for finding in audit(tmp_path).findings}
     assert codes & {"compare.shape", "physics.surface"}
+
+
+@pytest.mark.parametrize(("motors", "found"), [('"a", "b", "c"', []), ('"a", "c", "b"', ["urdf.driven_order"])])
+def test_the_driven_joints_of_a_closure_yaml_have_the_order_of_the_transmissions(motors, found, tmp_path):
+    robot = ET.Element("robot", name="made")
+    ET.SubElement(robot, "link", name="base")
+    for name in ("a", "b", "c"):
+        ET.SubElement(robot, "link", name=f"link_{name}")
+        joint = ET.SubElement(robot, "joint", name=name, type="continuous")
+        ET.SubElement(joint, "parent", link="base")
+        ET.SubElement(joint, "child", link=f"link_{name}")
+        ET.SubElement(ET.SubElement(robot, "transmission", name=f"t_{name}"), "joint", name=name)
+    ET.ElementTree(robot).write(tmp_path / "made.urdf")
+    (tmp_path / "made.yaml").write_text(f"closed_loop: []\ntype: []\nname_mot: [{motors}]\n")
+    ledger = Ledger("made.urdf")
+    Urdf(tmp_path / "made.urdf", ledger)
+    assert [f.code for f in ledger.found if f.code.startswith("urdf.driven")] == found

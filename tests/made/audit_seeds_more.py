@@ -484,6 +484,7 @@ for kind, edit, says in (
     ),
     ("loop type of the YAML", text("*.yaml", r'type: \["6d"', 'type: ["3d"'), "joint|kind|loop"),
     ("motor of the YAML deleted", text("*.yaml", r'name_mot: \["[^"]*", ', "name_mot: ["), "driven"),
+    ("motors of the YAML exchanged", text("*.yaml", r'(name_mot: \[)("[^"]*"), ("[^"]*")', r"\1\3, \2"), "order"),
     ("home of the YAML", text("*.yaml", r"(home: \{[^}]*\": -?)0\.[1-9]", r"\g<1>0.0"), "home|loop"),
 ):
     more(f"URDF: {kind}", edit, says, r"\.urdf|\.yaml")

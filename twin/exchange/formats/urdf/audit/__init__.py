@@ -6,7 +6,7 @@ closure YAML of the same name contains the loops (`closures`).
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -121,6 +121,7 @@ class Urdf:
         moving = _moving(root)
         beside = path.with_suffix(".yaml")
         self.closures = self._read_closures(beside, joints, moving)
+        self._check_order(beside.name, _in_order(root))
         self.content.physics = self._physics(masses, moving)
         self.content.physics.robot = root.get("name", "")
         self.content.physics.assumed = assumed_masses(path)
@@ -149,11 +150,30 @@ class Urdf:
             closures = read_closures(file, self.links, joints, self._ledger)
         if closures is None:
             return FileClosures()
-        if moving != closures.driven:
-            apart = ", ".join(sorted(moving ^ closures.driven))
+        driven = frozenset(closures.driven)
+        if moving != driven:
+            apart = ", ".join(sorted(moving ^ driven))
             text = f"the transmissions and 'name_mot' of {file.name} do not name the same driven joints: {apart}."
             self._ledger.wrong("urdf.driven", text, apart)
         return closures
+
+    def _check_order(self, name: str, listed: Sequence[str]) -> None:
+        """Report driven joints that the closure YAML `name` has in another order than the transmissions, `listed`.
+
+        Readers of the YAML count the values of the motors in this order.
+        """
+        own = [joint for joint in self.closures.driven if joint in listed]
+        expected = [joint for joint in listed if joint in own]
+        if own == expected:
+            return
+        place = 0
+        while own[place : place + 1] == expected[place : place + 1]:
+            place += 1
+        text = (
+            f"'name_mot' of {name} has the driven joints in another order than the transmissions: "
+            f"{', '.join(own[place:])}, expected {', '.join(expected[place:])}."
+        )
+        self._ledger.wrong("urdf.driven_order", text, own[place], suggestion="export the URDF and its YAML together")
 
     def _physics(self, masses: dict[str, FileMass], moving: Collection[str]) -> FilePhysics:
         ends: set[str] = set()
@@ -487,6 +507,16 @@ def _moving(root: ET.Element) -> frozenset[str]:
             if joint.find("command_interface") is not None:
                 names.add(str(joint.get("name")))
     return frozenset(names)
+
+
+def _in_order(root: ET.Element) -> list[str]:
+    """Return the joints of the transmissions with one joint, in the order of the file, each once."""
+    names: dict[str, None] = {}
+    for transmission in root.findall("transmission"):
+        joints = _named(transmission, "joint")
+        if len(joints) == 1:
+            names[joints[0]] = None
+    return list(names)
 
 
 def _named(parent: ET.Element, tag: str) -> list[str]:

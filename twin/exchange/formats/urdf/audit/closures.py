@@ -39,13 +39,13 @@ class FileClosures:
 
     Attributes:
         pairs: (link, link, "fixed" or "spherical") for each loop.
-        driven: names of the driven joints.
+        driven: names of the driven joints, in the order of the file.
         home: {joint: value in m or rad} at which the loops are closed.
         couplings: {name: ({joint: ratio}, sum)}, as in `Physics`; None if the file states none.
     """
 
     pairs: tuple[tuple[str, str, str], ...] = ()
-    driven: frozenset[str] = frozenset()
+    driven: tuple[str, ...] = ()
     home: Mapping[str, float] = field(default_factory=dict)
     couplings: Mapping[str, tuple[Mapping[str, float], float]] | None = None
 
@@ -101,7 +101,7 @@ def read_closures(path: Path, links: Collection[str], joints: Collection[str], l
     couplings = None
     if "coupling" in data:
         couplings = _couplings(path, data["coupling"], joints, ledger)
-    return FileClosures(tuple(out), frozenset(str(n) for n in driven), values, couplings)
+    return FileClosures(tuple(out), tuple(str(name) for name in driven), values, couplings)
 
 
 def _are_links(pair: object, links: Collection[str]) -> bool:
