@@ -19,7 +19,7 @@ ROBOTS = ("pa10", "sils", "sher", "davinci_psm", "hibou")
 LEAST = 0.98
 """Share of the seeded defects that must be found by their right cause."""
 
-FEW = ("MJCF: joint damped", "USD: joint breaks", "MJCF: turn of a mesh")
+FEW = ("MJCF: joint damped", "USD: collider disabled", "USD: joint breaks", "MJCF: turn of a mesh")
 """Kinds that are seeded by default."""
 
 
@@ -28,7 +28,7 @@ def bars(tmp_path_factory) -> Path:
     return bundle.write_good(tmp_path_factory.mktemp("good") / "bars")
 
 
-@pytest.mark.parametrize("name", thinned(FEW, every=3))
+@pytest.mark.parametrize("name", thinned(FEW, every=4))
 def test_a_seeded_defect_of_a_declaration_is_found_by_its_cause(name, bars, tmp_path):
     one = next(s for s in audit_seeds_more.MORE if s.name == name)
     assert audit_seeds_more.copied(bars, tmp_path / "spoilt", one), "this robot has nothing of the kind"

@@ -44,7 +44,7 @@ from made.audit_seeds import (
 from made.glb_apart import Glb
 
 MORE: list[Seed] = []
-WARNED = ("USD: stray shape", "USD: binding lost", "USD: collider disabled", "MJCF: soft limit")
+WARNED = ("USD: stray shape", "USD: binding lost", "MJCF: soft limit")
 """Kinds that are warnings: the motion is right."""
 
 

@@ -567,6 +567,9 @@ def _state_links(view: View, known: set[str], still: frozenset[str] | None) -> N
     for link in dict.fromkeys((*physics.shown, *view.shapes)):
         if link in known:
             view.say(f"link '{link}'", {"shown": physics.shown.get(link, True)})
+    for link, collides in physics.collides.items():
+        if link in known:
+            view.say(f"link '{link}'", {"collides": collides})
     for link, shape in view.shapes.items():
         if link in known:
             view.say(f"link '{link}'", {"surface": shape.points})

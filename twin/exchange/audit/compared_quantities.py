@@ -230,6 +230,7 @@ QUANTITIES: Mapping[str, Compared] = {
     "point": Compared(_distance, 2e-6, "m"),
     "link": Compared(_word, 0.0),
     "shown": Compared(_word, 0.0),
+    "collides": Compared(_word, 0.0),
     "surface": Compared(_surface, ALIKE, "m"),
     "closed": Compared(_word, 0.0),
     "colours": Compared(apart, SHARE),
@@ -298,6 +299,7 @@ def difference_text(subject: str, name: str, q: Compared, own: Any, right: Any, 
 
 _SAID = {
     "closed": ("has an open mesh", "has closed meshes"),
+    "collides": ("has a mesh whose collider is disabled", "collides"),
     "driven": ("is passive", "is driven"),
     "shown": ("has no mesh", "has a mesh"),
     "weighed": ("has no mass", "has a mass"),
@@ -317,6 +319,7 @@ WORDS = {
     "finish": "metallic and roughness",
     "held": "bodies fixed to the world",
     "shown": "presence of a mesh",
+    "collides": "colliders of the link",
     "weighed": "presence of a mass",
     "closed": "closed or open meshes",
     "driven": "driven or passive",

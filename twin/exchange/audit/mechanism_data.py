@@ -295,6 +295,8 @@ class FilePhysics:
         links: names of all links.
         masses: {link: mass properties}.
         shown: {link: whether it has a mesh}, for formats that show a link by meshes alone.
+        collides: {link: whether its meshes collide}: True where a file has a shape of the link that collides, False
+            where it shows a mesh whose collider is disabled, and nothing else of the link collides.
         assumed: links whose mass is unknown: the file states an assumed mass, because the format requires a mass.
         partly: links whose shapes do not show the whole link, as the file states or because they are for display only
             or not all read: their masses are not judged by them.
@@ -329,6 +331,7 @@ class FilePhysics:
     links: tuple[str, ...] = ()
     masses: dict[str, FileMass] = field(default_factory=dict)
     shown: Mapping[str, bool] = field(default_factory=dict)
+    collides: Mapping[str, bool] = field(default_factory=dict)
     assumed: frozenset[str] = frozenset()
     partly: frozenset[str] = frozenset()
     joints: list[FileJoint] = field(default_factory=list)
@@ -360,6 +363,7 @@ class FilePhysics:
         self.links = renamed(self.links, links)
         self.masses = keyed(self.masses, links)
         self.shown = keyed(self.shown, links)
+        self.collides = keyed(self.collides, links)
         self.assumed = frozenset(renamed(self.assumed, links))
         self.partly = frozenset(renamed(self.partly, links))
         self.joints[:] = [joint.renamed(links, joints) for joint in self.joints]

@@ -50,6 +50,7 @@ def mechanism_physics(mechanism: Mechanism) -> FilePhysics:
         links,
         masses,
         shown=shown,
+        collides={link: True for link, has_mesh in shown.items() if has_mesh},  # every exported mesh does
         joints=_joints(mechanism, motors),
         frames=frames,
         points=points,

@@ -75,6 +75,7 @@ def content_of(file: MujocoFile, ledger: Ledger) -> Content:
     content.colors, content.finishes = surface_colors(m)
     physics = compiled_physics(m, file.bodies)
     physics.further, physics.contact = further(file.spec)
+    physics.collides = _colliding(m)
     physics.robot = _robot_name(file.spec)
     physics.assumed = assumed_masses(file.path)
     physics.partly = partly_shown(file.path) | _partly_read(m)
@@ -107,6 +108,15 @@ def _robot_name(spec: mujoco.MjSpec) -> str:
     """Return the name of the model; "" if the file states none, for which MuJoCo has a name of its own."""
     name = str(spec.modelname)
     return "" if name == mujoco.MjSpec().modelname else name
+
+
+def _colliding(m: mujoco.MjModel) -> dict[str, bool]:
+    """Return {body: True} of the bodies with a shape that can collide."""
+    out = {}
+    for g in range(m.ngeom):
+        if m.geom_contype[g] or m.geom_conaffinity[g]:
+            out[m.body(int(m.geom_bodyid[g])).name] = True
+    return out
 
 
 def _partly_read(m: mujoco.MjModel) -> frozenset[str]:

@@ -113,6 +113,7 @@ class Urdf:
         self.content = Content(ledger, "urdf")
         self.content.facts = {"units": "m (URDF)", "up_axis": "Z (URDF)", "handedness": "right (URDF)"}
         self.content.rest = dict.fromkeys(links, np.eye(4))
+        self._colliding = {str(link.get("name")) for link in root.findall("link") if link.find("collision") is not None}
         self._shown = {str(link.get("name")): link.find("visual") is not None for link in root.findall("link")}
         self.content.shapes, self.content.colors = _shapes(root, path, ledger)
         check_collisions(root, ledger, lambda name: mesh_path(path, name), _scale_and_pose)
@@ -183,6 +184,7 @@ class Urdf:
         bodies = [link for link in self.links if link not in ends or link in self.content.shapes]
         physics = _tree_physics(bodies, masses, self.above.values(), moving)
         physics.shown = {link: self._shown[link] for link in bodies}
+        physics.collides = dict.fromkeys(self._colliding & set(bodies), True)
         physics.joints += self.closures.joints()
         couplings: dict[str, tuple[Mapping[str, float], float]] = {}
         for joint in self.above.values():

@@ -88,6 +88,7 @@ def _read(stage: Usd.Stage, path: Path, ledger: Ledger) -> Content:
             if name not in content.shapes and not _has_shape(prim, shown_paths):
                 hidden[name] = False
         content.physics.shown = hidden
+        content.physics.collides = _colliding(prims, shown_paths)
         if content.physics.all_motors:
             check_declared(stage, content.physics, codes, ledger)
         _check_cones(stage, content.physics, ledger)
@@ -342,6 +343,29 @@ def _check_colliders(prims: list[Usd.Prim], ledger: Ledger) -> None:
         path = str(prim.GetPath())
         text = f"the collider {path} is disabled, but {len(colliders) - len(disabled)} others are enabled."
         ledger.add("usd.collider", "warning", text, path, suggestion="enable the collider, or remove its CollisionAPI")
+
+
+def _colliding(prims: list[Usd.Prim], links: Set[Sdf.Path]) -> dict[str, bool]:
+    """Return {link: False} of the links that show a mesh whose collider is disabled, True of others that collide.
+
+    Links whose shown meshes have disabled colliders may collide by simpler shapes, which are guides: such are True. A
+    stage all of whose colliders are disabled states nothing: it is one to look at.
+    """
+    out: dict[str, bool] = {}
+    by_guides: set[str] = set()
+    for prim in prims:
+        if not prim.HasAPI(UsdPhysics.CollisionAPI):
+            continue
+        owner = _owner(prim, links)
+        if owner is None:
+            continue
+        link = owner.GetName()
+        is_enabled = UsdPhysics.CollisionAPI(prim).GetCollisionEnabledAttr().Get() is not False
+        if is_enabled and not _is_for_display(prim):
+            by_guides.add(link)
+        out[link] = out.get(link, True) and is_enabled
+    out |= dict.fromkeys(by_guides, True)
+    return out if any(out.values()) else {}
 
 
 def _has_shape(body: Usd.Prim, bodies: Set[Sdf.Path]) -> bool:
