@@ -13,6 +13,7 @@ from twin.core.version import __version__
 from twin.exchange.audit.between import halved
 from twin.exchange.audit.mechanism_data import FileJoint, FilePhysics
 from twin.exchange.audit.motion import Content, LinkShape
+from twin.exchange.audit.named_parts import has_stage, named_parts
 from twin.exchange.audit.report import Ledger, Measured, quantity
 from twin.exchange.audit.stated import ROBOT
 from twin.exchange.conventions import CONVENTIONS, UNTRIED
@@ -282,8 +283,9 @@ def check_readme(contents: Sequence[Content], read: Collection[str], path: Path,
     _check_motions(text, contents, ledger)
     _check_list(text, contents, ledger)
     if f"Written by twin {__version__} " in text:
-        _check_sentences(text, ledger)
+        _check_sentences(text, contents, ledger)
         _check_title(text, contents, ledger)
+        _check_export_findings(text, path.parent, contents, ledger)
     wrong = 0
     for finding in ledger.found:
         if finding.severity != "info":
@@ -301,8 +303,39 @@ def _check_title(text: str, contents: Sequence[Content], ledger: Ledger) -> None
             return
 
 
-def _check_sentences(text: str, ledger: Ledger) -> None:
+_LEFT_OUT = re.compile(
+    r"\S+: (?:the format|URDF) cannot hold the (?:[\w ]+ of|frames and points) (?:the actuators )?"
+    r"(?P<names>\w+(?:, \w+)*)"
+)
+"""What a file cannot hold of which joints, motors, frames or points."""
+
+
+def _check_export_findings(text: str, folder: Path, contents: Sequence[Content], ledger: Ledger) -> None:
+    """Report findings of the export in README.txt about files or names that are not there."""
+    names = named_parts(contents)
+    for entry in re.split(r"^- ", _section(text, "Findings of the export"), flags=re.MULTILINE)[1:]:
+        line = _plain(entry)
+        file = line.split(": ", 1)[0]
+        if " cannot " in line and not (folder / file).is_file():
+            message = f"a finding of the export in README.txt names no file of the folder: '{_clipped(line)}'."
+            ledger.wrong("readme.finding", message, "Findings of the export")
+        left_out = _LEFT_OUT.fullmatch(line)
+        if left_out is None:
+            continue
+        strange = [name for name in left_out["names"].split(", ") if name not in names]
+        if strange and has_stage(contents):
+            message = f"a finding of the export names '{strange[0]}', which no file has: '{_clipped(line)}'."
+            ledger.wrong("readme.finding", message, "Findings of the export")
+
+
+def _check_sentences(text: str, contents: Sequence[Content], ledger: Ledger) -> None:
     """Report lines that differ from those that this version of twin writes in every README.txt, and missing ones."""
+    formats = {content.format for content in contents}
+    for format in used():
+        use = _plain(format.use.removeprefix("- "))
+        if format.name in formats and use not in _plain(_section(text, "How to use it")):
+            message = f"'How to use it' lacks the line of the {format.title}: '{_clipped(use)}'."
+            ledger.wrong("readme.sentence", message, "How to use it")
     uses = [_plain(format.use.removeprefix("- ")) for format in used()]
     for title, known, all_needed in (
         ("Conventions", [_plain(line.removeprefix("- ")) for line in CONVENTIONS], True),
