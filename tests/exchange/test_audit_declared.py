@@ -13,7 +13,10 @@ import pytest
 from pxr import Gf, Sdf
 
 from made.bundle import grave, write_good
+from twin.core.provenance import Parameter
 from twin.exchange.audit import audit
+from twin.exchange.audit.motion import Content
+from twin.exchange.audit.parameter_claims import PARAMETERS, compare_assumed, compare_parameters
 from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.mjcf.audit.mujoco_file import read_mujoco
 from twin.exchange.formats.unity.audit import check_package
@@ -297,3 +300,23 @@ def test_the_driven_joints_of_a_closure_yaml_have_the_order_of_the_transmissions
     ledger = Ledger("made.urdf")
     Urdf(tmp_path / "made.urdf", ledger)
     assert [f.code for f in ledger.found if f.code.startswith("urdf.driven")] == found
+
+
+LENGTH = {"value": 0.33, "shown": 330.0, "unit": "mm", "provenance": "ASSUMED", "note": "not printed: see the table"}
+
+
+def told(content: Content) -> list[str]:
+    return [f.message for f in content.ledger.found if f.code == "claims.parameter"]
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [({}, ""), ({"provenance": "CITED"}, "provenance"), ({"unit": "m"}, "unit"), ({"shown": 331.0}, "number")],
+)
+def test_parameters_of_a_stage_are_those_that_other_files_and_the_robot_assume(change, field):
+    stage = Content(Ledger("arm.usda"), "usda", stated={"robot": "arm"}, extra={PARAMETERS: {"reach": LENGTH | change}})
+    compare_assumed(["reach = 330 mm: not printed: see the table", "speed = 2 m/s: unhurried"], "README.txt", [stage])
+    compare_parameters([stage], "arm", [Parameter("reach", 0.33, "mm", 330.0, "ASSUMED", "not printed")])
+    compare_parameters([stage], "leg", [Parameter("reach", 0.9, "mm", 900.0, "CITED", "another robot")])
+    assert len(told(stage)) == (2 if field else 0)
+    assert all(field in message for message in told(stage))

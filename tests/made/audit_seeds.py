@@ -1300,6 +1300,8 @@ for kind, pattern, new in (
     ("file that is not there", r"tracks/(\w+)\.json", r"tracks/\g<1>2.json"),
     ("motion", r"\n- (\w+): (.*?) s,", r"\n- \g<1>x: \g<2> s,"),
     ("assumption", r"\n- density (\w+) = (\d)", r"\n- density \g<1> = 9\g<2>"),
+    ("left-out part of another robot", r"(hold the \w+ \w+ of )\w+", r"\g<1>another"),
+    ("use left out", r"\n- Unity: add[\s\S]*?(?=\n- )", ""),
 ):
     SEEDS.append(Seed(f"README: {kind}", text("README.txt", pattern, new), "README", "."))
 

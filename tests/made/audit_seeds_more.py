@@ -839,6 +839,7 @@ for kind, edit, says in (
     ("link invisible", in_geometry(is_link_with_meshes, invisible), "mesh"),
     ("cone", text("usd/physics.usda", r"(coneAngle1Limit = )\d", r"\g<1>1"), "cone"),
     ("collider disabled", in_physics(is_collider, collider_off), "collider"),
+    ("assumed called published", text("usd/physics.usda", '= "ASSUMED"', '= "PUBLISHED"'), "provenance"),
 ):
     more(f"USD: {kind}", edit, says, r"\.usd|\.xml|\.urdf|\.glb")
 for kind, edit, says in (

@@ -43,6 +43,7 @@ from twin.exchange.audit.file_comparison import (
 from twin.exchange.audit.folder import SCENE, FolderFiles, find
 from twin.exchange.audit.mechanism_data import FilePhysics
 from twin.exchange.audit.motion import Content, check_names
+from twin.exchange.audit.parameter_claims import compare_parameters
 from twin.exchange.audit.physics_truth import mechanism_physics
 from twin.exchange.audit.proof import check_proof
 from twin.exchange.audit.proof_statements import check_statements
@@ -162,6 +163,10 @@ def _audited(
             _check_placed(contents, expected)
         compare_stated(contents, "" if mechanism is None else mechanism.name)
         check_claims(contents)
+        if mechanism is None:
+            compare_parameters(contents, "", ())
+        else:
+            compare_parameters(contents, mechanism.name, mechanism.parameters)
         read = {ledger.file for ledger in ledgers}
         for file in found.readmes:
             ledger = Ledger(found.name(file), "twin.exchange.audit readme", "1")

@@ -14,6 +14,7 @@ from twin.exchange.audit.between import halved
 from twin.exchange.audit.mechanism_data import FileJoint, FilePhysics
 from twin.exchange.audit.motion import Content, LinkShape
 from twin.exchange.audit.named_parts import has_stage, named_parts
+from twin.exchange.audit.parameter_claims import compare_assumed
 from twin.exchange.audit.report import Ledger, Measured, quantity
 from twin.exchange.audit.stated import ROBOT
 from twin.exchange.conventions import CONVENTIONS, UNTRIED
@@ -458,7 +459,7 @@ def _times(value: Any, factor: float) -> Any:
 
 
 def _check_list(text: str, contents: Sequence[Content], ledger: Ledger) -> None:
-    """Compare the assumptions in README.txt with those in the tracks."""
+    """Compare the assumptions in README.txt with those in the tracks; without tracks, with the parameters of stages."""
     protocols = set()
     listed = set()
     for content in contents:
@@ -469,12 +470,15 @@ def _check_list(text: str, contents: Sequence[Content], ledger: Ledger) -> None:
             protocols.add(_protocol(content))
             for line in lines:
                 listed.add(_plain(str(line)))
-    if not protocols or "\nAssumed" not in text:
+    if "\nAssumed" not in text:
         return
     stated = set()
     for line in _section(text, "Assumed").splitlines():
         if line.startswith("- "):
             stated.add(_without_protocols(_plain(line[2:]), protocols))
+    if not protocols:
+        compare_assumed(sorted(stated), ledger.file, contents)
+        return
     stated.discard("none")
     for lacking, source in ((sorted(listed - stated), "README.txt"), (sorted(stated - listed), "the tracks")):
         if lacking:

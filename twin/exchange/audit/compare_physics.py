@@ -737,7 +737,7 @@ def _compare_values(
             view.ledger.placed |= name in _GEOMETRY
         difference = q.apart(reference.said[key], view.said[key])
         row = worst.setdefault(view.file, {})
-        if name not in row or difference > row[name][0]:
+        if q.is_check and (name not in row or difference > row[name][0]):
             row[name] = (difference, subject)
         if view in right or view.ledger is None:
             continue

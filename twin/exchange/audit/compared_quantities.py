@@ -184,6 +184,8 @@ class Compared:
         severity: severity of a difference: a "warning" where the motion stays the same, or authors may choose.
         usual: the right value if any source states it, whatever the others state; None if there is no such value.
         by_majority: whether a difference is reported only if the mechanism, or two sources, state the other value.
+        is_check: whether reports list the comparison as a check. A proof.json that was written before a quantity was
+            compared lacks its check, which is a finding; where only differences count, none is listed.
     """
 
     apart: Callable[[Any, Any], float]
@@ -193,6 +195,7 @@ class Compared:
     severity: Severity = "disagreement"
     by_majority: bool = False
     usual: str | None = None
+    is_check: bool = True
 
     @property
     def unit_of_difference(self) -> str:
@@ -230,7 +233,7 @@ QUANTITIES: Mapping[str, Compared] = {
     "point": Compared(_distance, 2e-6, "m"),
     "link": Compared(_word, 0.0),
     "shown": Compared(_word, 0.0),
-    "collides": Compared(_word, 0.0),
+    "collides": Compared(_word, 0.0, is_check=False),
     "surface": Compared(_surface, ALIKE, "m"),
     "closed": Compared(_word, 0.0),
     "colours": Compared(apart, SHARE),
@@ -319,7 +322,6 @@ WORDS = {
     "finish": "metallic and roughness",
     "held": "bodies fixed to the world",
     "shown": "presence of a mesh",
-    "collides": "colliders of the link",
     "weighed": "presence of a mass",
     "closed": "closed or open meshes",
     "driven": "driven or passive",

@@ -25,6 +25,7 @@ from twin.exchange.audit.context import Context
 from twin.exchange.audit.mechanism_data import FilePhysics
 from twin.exchange.audit.meshes import check_mesh, joined
 from twin.exchange.audit.motion import Content, FileClip, LinkShape, check_poses
+from twin.exchange.audit.parameter_claims import PARAMETERS
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity, um
 from twin.exchange.formats.usd.audit.checks import check_usd, version
@@ -100,6 +101,7 @@ def _read(stage: Usd.Stage, path: Path, ledger: Ledger) -> Content:
         if missing:
             ledger.wrong("usd.layer", missing, "subLayers", suggestion="add the layer with the physics")
     content.extra["assumed"] = _assumed(stage)
+    content.extra[PARAMETERS] = _custom_data(stage, "twin:parameters")
     _check_gaps(stage, world, bodies, codes, ledger)
     return content
 

@@ -1,0 +1,95 @@
+"""Compare the parameters that a stage lists, with value, unit and provenance, with other files and the mechanism."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from twin.core.provenance import EARLIER, Parameter
+from twin.exchange.audit.motion import Content
+from twin.exchange.audit.report import MECHANISM, Ledger, Measured
+from twin.exchange.audit.stated import ROBOT
+
+PARAMETERS = "parameters"
+"""Key of the parameters of a stage in `Content.extra`: {name: {value, shown, unit, provenance, note}}."""
+
+_ASSUMED = "ASSUMED"
+
+_LINE = re.compile(r"(?P<name>[^=]+?) = (?P<shown>[-+.\deE]+|-?inf) (?P<unit>[^:]*): ")
+"""Line of an assumed number: "name = value unit: reason"."""
+
+_DIGITS = 1e-5
+"""Relative difference of a number and the same number with the six digits of such a line."""
+
+_EXACT = 1e-9
+
+
+def compare_parameters(contents: Sequence[Content], robot: str, parameters: Iterable[Parameter]) -> None:
+    """Report parameters of stages that differ from the assumed numbers of a track, or from the expected `parameters`.
+
+    The latter are those of the mechanism of `robot`; stages of other robots are not compared with them.
+    """
+    stages = [content for content in contents if content.extra.get(PARAMETERS)]
+    for content in contents:
+        lines = content.extra.get("data", {}).get("assumed") if content.is_track else None
+        if isinstance(lines, list):
+            compare_assumed([str(line) for line in lines], content.file, stages)
+            break  # the lists of all tracks begin with the same numbers of the robot
+    expected: dict[str, Mapping[str, Any]] = {}
+    for parameter in parameters:
+        expected[parameter.name] = vars(parameter)
+    for stage in stages:
+        if stage.stated.get(ROBOT) == robot:
+            for name, row in stage.extra[PARAMETERS].items():
+                if name in expected and isinstance(row, Mapping):
+                    _compare(name, row, expected[name], MECHANISM, stage.ledger, _EXACT)
+
+
+def compare_assumed(lines: Iterable[str], source: str, stages: Iterable[Content]) -> None:
+    """Compare assumed numbers, "name = value unit: reason" in the file `source`, with the parameters of stages.
+
+    Lines about numbers that a stage does not list, such as those of protocols, are not compared.
+    """
+    stated: dict[str, dict[str, Any]] = {}
+    for line in lines:
+        found = _LINE.match(line)
+        if found is not None:
+            row = {"shown": float(found["shown"]), "unit": found["unit"].strip(), "provenance": _ASSUMED}
+            stated.setdefault(found["name"].strip(), row)
+    for stage in stages:
+        for name, row in stage.extra.get(PARAMETERS, {}).items():
+            if name in stated and isinstance(row, Mapping):
+                _compare(name, row, stated[name], source, stage.ledger, _DIGITS)
+
+
+def _compare(
+    name: str, row: Mapping[str, Any], expected: Mapping[str, Any], source: str, ledger: Ledger, tolerance: float
+) -> None:
+    """Report the fields of a parameter that differ from those in `source`; missing ones are reported elsewhere."""
+    for field in ("provenance", "unit", "shown", "value"):
+        if field not in row or field not in expected:
+            continue
+        own = row[field]
+        right = expected[field]
+        size: Measured | None = None
+        if field == "provenance":
+            differs = EARLIER.get(own, own) != right
+        elif field == "unit":
+            differs = own != right
+        else:
+            differs = not _is_close(own, right, tolerance)
+            if isinstance(own, int | float):
+                size = Measured(own, right)
+        if differs:
+            words = {"provenance": "the provenance", "unit": "the unit", "shown": "the number", "value": "the value"}
+            text = f"parameter '{name}' has {words[field]} {own}; in {source} it is {right}."
+            ledger.wrong("claims.parameter", text, name, size=size, suggestion="export the files again")
+            return
+
+
+def _is_close(own: Any, right: float, tolerance: float) -> bool:
+    """Return whether a value is the number `right` within a relative tolerance; what is no number is not."""
+    if not isinstance(own, int | float):
+        return False
+    return own == right or abs(own - right) <= tolerance * max(abs(own), abs(right))
