@@ -15,6 +15,7 @@ from twin.exchange.audit.mechanism_data import FileJoint, FilePhysics
 from twin.exchange.audit.motion import Content, LinkShape
 from twin.exchange.audit.named_parts import has_stage, named_parts
 from twin.exchange.audit.parameter_claims import compare_assumed
+from twin.exchange.audit.readme_numbers import check_numbers
 from twin.exchange.audit.report import Ledger, Measured, quantity
 from twin.exchange.audit.stated import ROBOT
 from twin.exchange.conventions import CONVENTIONS, UNTRIED
@@ -283,6 +284,7 @@ def check_readme(contents: Sequence[Content], read: Collection[str], path: Path,
     _check_listed(path.parent, raw, contents, read, ledger)
     _check_motions(text, contents, ledger)
     _check_list(text, contents, ledger)
+    check_numbers(text, contents, ledger)
     if f"Written by twin {__version__} " in text:
         _check_sentences(text, contents, ledger)
         _check_title(text, contents, ledger)

@@ -11,9 +11,10 @@ from twin.core.json_types import JsonObject
 from twin.exchange.audit.context import Context
 from twin.exchange.audit.motion import Content
 from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.stated import ROBOT
 from twin.exchange.formats.unity.audit.golden import check_golden
-from twin.exchange.formats.unity.audit.kinematics import read_classes
-from twin.exchange.formats.unity.audit.shipped import check_shipped
+from twin.exchange.formats.unity.audit.kinematics import ROBOTS, read_classes
+from twin.exchange.formats.unity.audit.shipped import check_shipped, is_shipped
 
 REQUIRED = ("name", "version", "displayName", "unity")
 _GUID = re.compile(r"^guid:\s*([0-9a-f]{32})\s*$", re.MULTILINE)
@@ -174,7 +175,21 @@ def _check_scripts(folder: Path, seen: list[Path], ledger: Ledger) -> None:
 
 
 def read(path: Path, ledger: Ledger, context: Context) -> Content | None:
-    """Report faults of the package in a folder, and return the robot whose kinematics it contains."""
+    """Report faults of the package in a folder, and return the robot whose kinematics it contains.
+
+    A package of twin beside tracks of a robot has the class of this robot, unless a README.txt says why it has none.
+    """
     ledger.tool = "twin.exchange.audit unity"
     ledger.version = "1"
-    return check_package(path, ledger)
+    content = check_package(path, ledger)
+    robots = {str(track.stated[ROBOT]) for track in context.tracks if ROBOT in track.stated}
+    has_class = (path / ROBOTS).is_dir() or (path / f"{ROBOTS}.meta").is_file()
+    if robots and not has_class and not (path.parent / "README.txt").is_file() and is_shipped(path):
+        name = ", ".join(sorted(robots))
+        text = (
+            f"the package has no class with the kinematics of {name}, and there is no README.txt that says why: the "
+            "class of an export may have been lost."
+        )
+        advice = "export the package again; without the class, the robot moves on the device only by a server"
+        ledger.add("unity.no_kinematics", "error", text, ROBOTS, suggestion=advice)
+    return content

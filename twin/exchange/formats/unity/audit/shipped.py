@@ -20,6 +20,17 @@ _REWRITTEN = ("serializedVersion",)
 """Entries of .meta files that Unity changes when it writes them again."""
 
 
+def is_shipped(folder: Path) -> bool:
+    """Return whether the package in a folder has the name of twin's."""
+    names = []
+    for package in (folder, PACKAGE):
+        try:
+            names.append(json.loads((package / "package.json").read_text(encoding="utf-8-sig"))["name"])
+        except (OSError, ValueError, TypeError, KeyError, RecursionError):
+            return False
+    return names[0] == names[1]
+
+
 def check_shipped(folder: Path, data: JsonMapping, ledger: Ledger) -> None:
     """Report files of a package that differ from twin's, or are missing; packages with other names have no counterpart.
 
