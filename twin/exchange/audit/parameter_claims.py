@@ -89,7 +89,7 @@ def _compare(
 
 
 def _is_close(own: Any, right: float, tolerance: float) -> bool:
-    """Return whether a value is the number `right` within a relative tolerance; what is no number is not."""
+    """Return whether a value is the number `right` within a relative tolerance; a text is never close."""
     if not isinstance(own, int | float):
         return False
     return own == right or abs(own - right) <= tolerance * max(abs(own), abs(right))
