@@ -161,12 +161,7 @@ def _audited(
         compare_physics(strangers)
         if expected is not None:
             _check_placed(contents, expected)
-        compare_stated(contents, "" if mechanism is None else mechanism.name)
-        check_claims(contents)
-        if mechanism is None:
-            compare_parameters(contents, "", ())
-        else:
-            compare_parameters(contents, mechanism.name, mechanism.parameters)
+        _compare_statements(contents, mechanism)
         read = {ledger.file for ledger in ledgers}
         for file in found.readmes:
             ledger = Ledger(found.name(file), "twin.exchange.audit readme", "1")
@@ -184,6 +179,16 @@ def _audited(
             proven_hash = proven_hash or str(proof.get("model_hash", ""))
         compare_hashes(contents, proven_hash)
     return contents, ledgers
+
+
+def _compare_statements(contents: Sequence[Content], mechanism: Mechanism | None) -> None:
+    """Compare what the files state of themselves with each other, and with the mechanism if there is one."""
+    compare_stated(contents, "" if mechanism is None else mechanism.name)
+    check_claims(contents)
+    if mechanism is None:
+        compare_parameters(contents, "", ())
+    else:
+        compare_parameters(contents, mechanism.name, mechanism.parameters)
 
 
 def _check_statements(
