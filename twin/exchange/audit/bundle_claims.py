@@ -13,7 +13,7 @@ from twin.core.version import __version__
 from twin.exchange.audit.between import halved
 from twin.exchange.audit.mechanism_data import FileJoint, FilePhysics
 from twin.exchange.audit.motion import Content, LinkShape
-from twin.exchange.audit.named_parts import has_stage, named_parts
+from twin.exchange.audit.named_parts import has_all_names, named_parts
 from twin.exchange.audit.parameter_claims import compare_assumed
 from twin.exchange.audit.readme_numbers import check_numbers
 from twin.exchange.audit.report import Ledger, Measured, quantity
@@ -326,7 +326,7 @@ def _check_export_findings(text: str, folder: Path, contents: Sequence[Content],
         if left_out is None:
             continue
         strange = [name for name in left_out["names"].split(", ") if name not in names]
-        if strange and has_stage(contents):
+        if strange and has_all_names(contents):
             message = f"a finding of the export names '{strange[0]}', which no file has: '{_clipped(line)}'."
             ledger.wrong("readme.finding", message, "Findings of the export")
 
