@@ -31,10 +31,10 @@ def tab(page: Page, name: str) -> None:
 
 def play(front: Front, page: Page) -> None:
     """SHER inside the eye: instruments and curves of the sclerotomy, close to the shaft."""
-    front.ask("load", lambda: front.load(front.hand, "sclerotomy"))
-    while front.hand.playback is None:
+    front.ask("load", lambda: front.load(front.active, "sclerotomy"))
+    while front.active.playback is None:
         time.sleep(0.2)
-    front.ask("seek", lambda: (front.clock.seek(8.3), front.stand(), setattr(front.gizmo, "visible", False)))
+    front.ask("seek", lambda: (front.clock.seek(8.3), front.move_to_clock(), setattr(front.gizmo, "visible", False)))
     tab(page, "Curves")
 
 
@@ -44,7 +44,7 @@ def printed(front: Front, page: Page) -> None:
     page.locator("xpath=//label[contains(., 'eq1')]/following::input[not(@type='hidden')][1]").first.click()
     page.get_by_role("option", name="printed").click()
     front.ask("axes", lambda: (front.nodes["sils"].axes(True), setattr(front.gizmo, "visible", False)))
-    tip, _ = front.hand.desk.shaft()
+    tip, _ = front.active.desk.shaft()
     at = tip + np.array([0, 0, 120]) * MM
     for client in front.server.get_clients().values():
         with client.atomic():
@@ -54,10 +54,10 @@ def printed(front: Front, page: Page) -> None:
 
 def instruments(front: Front, page: Page) -> None:
     """SILS with its two instruments at work in the port, beside the endoscope."""
-    front.ask("load", lambda: front.load(front.hand, "instruments"))
-    while front.hand.playback is None:
+    front.ask("load", lambda: front.load(front.active, "instruments"))
+    while front.active.playback is None:
         time.sleep(0.2)
-    front.ask("seek", lambda: (front.clock.seek(15.0), front.stand(), setattr(front.gizmo, "visible", False)))
+    front.ask("seek", lambda: (front.clock.seek(15.0), front.move_to_clock(), setattr(front.gizmo, "visible", False)))
     at = np.array([480, 320, 180]) * MM
     for client in front.server.get_clients().values():
         with client.atomic():

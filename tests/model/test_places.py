@@ -181,7 +181,7 @@ def test_the_endoscope_sees_the_inside(played):
     """While the instrument is in, the camera is in a part that the port opens, in front of nothing it touches."""
     name, protocol = played.mechanism.name, played.protocol
     desk = Desk(twin.load(name))
-    desk.speak_of(desk.robot.protocol(protocol))
+    desk.use_tool_frame_of(desk.robot.protocol(protocol))
     parts = {b.name: b.meshes[0] for b in played.patient.mechanism.bodies}
     deepest = int(np.argmax(np.linalg.norm(played.tips - played.patient.port, axis=1) * played.inside))
     poses = {n: T[deepest] for n, T in played.links.items()}

@@ -350,7 +350,7 @@ def test_the_audit_names_the_trocar_that_is_elsewhere(exported, robot, tmp_path,
 
 def test_both_trocars_are_read_and_told(robot):
     desk = Desk(robot)
-    desk.speak_of(robot.protocol("stitch"))
+    desk.use_tool_frame_of(robot.protocol("stitch"))
     inside = {t.name: t for t in in_trocars(desk)}
     assert inside.keys() == made.PLACES.keys()
     depth = np.linalg.norm(made.NEEDLE - made.PLACES["left"])
@@ -376,7 +376,7 @@ def test_both_trocars_are_drawn_and_sent_where_the_protocol_has_them(robot, fold
         actor.playback = playback
         actor.desk.bind(robot.bound(robot.protocol("moved")))
         front.clock.duration = playback.duration
-        front.stand()
+        front.move_to_clock()
         front.scenery.follow()
         balls, lines = front.scenery._balls, front.scenery._lines
         assert len(balls) == len(lines) == 2

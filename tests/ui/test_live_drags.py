@@ -71,7 +71,7 @@ def drags(desk, rng, count):
 
 def led(desk, body, p, way, step):
     """Lead from home in steps of the hand; return the states passed, the end, its reason and times of refusals."""
-    desk.go("home")
+    desk.go_to_posture("home")
     start = point(desk, body, p)
     count = max(1, round(np.linalg.norm(way) / step))
     passed, refused, solved, moved = [desk.assembly], [], [], None

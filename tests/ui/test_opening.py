@@ -79,8 +79,8 @@ def test_a_tool_beyond_a_limit_goes_along_it():
 def test_the_start_is_found_again():
     desk = Desk(twin.load("sils"))
     q = desk.assembly.q.copy()
-    assert desk.go("home").good
-    assert desk.go(START).good
+    assert desk.go_to_posture("home").good
+    assert desk.go_to_posture(START).good
     assert np.abs(desk.assembly.q - q).max() < 1e-12
 
 

@@ -79,10 +79,10 @@ def test_organs_in_the_viewer_follow_the_displayed_links():
     try:
         name = leaf.touching[ROBOT][0]
         for posture in robot.mechanism.postures:
-            front.actors[0].desk.go(posture)
+            front.robots[0].desk.go_to_posture(posture)
             front.step()
             front.step()
-            T = front.actors[0].desk.assembly.link_poses[name]
+            T = front.robots[0].desk.assembly.link_poses[name]
             assert front._fields is not None
             mesh = front._fields._meshes["leaf"]
             np.testing.assert_allclose(mesh.vertices, np.eye(3) + T[:3, 3], atol=1e-6)

@@ -419,7 +419,7 @@ def test_random_bytes_and_mutants_raise_nothing_else(front):
 
 
 def test_who_sends_nonsense_again_and_again_is_cut_and_moves_nothing(front, caplog):
-    q = front.hand.desk.assembly.q.copy()
+    q = front.active.desk.assembly.q.copy()
 
     async def go():
         async with joined(front) as other:
@@ -434,7 +434,7 @@ def test_who_sends_nonsense_again_and_again_is_cut_and_moves_nothing(front, capl
     with caplog.at_level(logging.WARNING):
         asyncio.run(go())
     front.step()
-    np.testing.assert_array_equal(front.hand.desk.assembly.q, q)
+    np.testing.assert_array_equal(front.active.desk.assembly.q, q)
     assert not caplog.records
 
 
@@ -527,7 +527,7 @@ def part(front, index, content, transfer="t"):
 
 
 def test_a_session_is_loaded_and_the_longest_one_fits(front, tmp_path):
-    desk = front.hand.desk
+    desk = front.active.desk
     session = RecordedSession.of(desk.mechanism)
     rng = np.random.default_rng(3)
     for k in range(3):

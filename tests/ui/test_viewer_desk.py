@@ -48,7 +48,7 @@ def sils():
 
 
 def home(desk):
-    desk.go("home")
+    desk.go_to_posture("home")
     return desk
 
 
@@ -148,16 +148,16 @@ def test_a_point_that_nothing_moves_stays(sils):
 
 
 def test_postures_are_kept_and_found_again(sils):
-    sils.go("insertion")
+    sils.go_to_posture("insertion")
     q = sils.assembly.q.copy()
     sils.keep("mine")
-    sils.go("home")
+    sils.go_to_posture("home")
     assert not np.allclose(sils.assembly.q, q)
-    assert sils.go("mine").good
+    assert sils.go_to_posture("mine").good
     np.testing.assert_allclose(sils.assembly.q, q, atol=1e-12)
     assert "mine" in sils.postures
     with pytest.raises(TwinError, match="Did you mean 'home'"):
-        sils.go("hom")
+        sils.go_to_posture("hom")
 
 
 # -- instruments --------------------------------------------------------------------------------------
@@ -176,7 +176,7 @@ def test_equations_and_mechanism_agree_where_they_should(any_desk):
 def test_the_printed_formula_stretches_the_platform_and_the_readout_turns_red(sils):
     from itertools import combinations
 
-    sils.go("home")  # roll and pitch differ here, and so the misprint shows
+    sils.go_to_posture("home")  # roll and pitch differ here, and so the misprint shows
     good = read(sils)
     sides = [np.linalg.norm(good.points[a] - good.points[b]) for a, b in combinations(("s1", "s2", "s3"), 2)]
     sils.change({"eq1": "printed"})
@@ -358,11 +358,11 @@ def test_new_trocars_keep_a_changed_design_and_forget_the_last_request():
     ends = (distance.joint, distance.other)
     length = distance.distance + 1 * MM
     desk.redesign(with_distance(desk.mechanism, *ends, length))
-    desk.moved = MoveResult(False, "of the old trocar")
+    desk.last_move = MoveResult(False, "of the old trocar")
     robot = desk.robot.bound(desk.robot.protocol("other_port"))
     desk.bind(robot)
-    assert desk.asked is None
-    assert desk.moved.good
+    assert desk.requested_pose is None
+    assert desk.last_move.good
     assert desk.edited
     np.testing.assert_allclose(desk.mechanism.trocar_at(), robot.protocol("other_port").trocars[""], atol=1e-12)
     now = [each.distance for each in kinematic_distances(desk.mechanism) if (each.joint, each.other) == ends]
@@ -514,8 +514,8 @@ def test_what_was_refused_is_forgotten_when_the_hand_lets_go(sils):
     T[0, 3] += 2.0
     assert not sils.move_tool(T).good
     assert "data-reason" in readout.table(read(sils))
-    assert sils.moved.reason in readout.headline(read(sils))
-    sils.let_go()
+    assert sils.last_move.reason in readout.headline(read(sils))
+    sils.clear_message()
     assert "data-reason" not in readout.table(read(sils))
     assert read(sils).agrees
 

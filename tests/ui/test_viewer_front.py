@@ -24,8 +24,8 @@ from twin.ui.viewer.server import serve
 
 @contextmanager
 def front_of(*robots, protocol=None):
-    actors = [ShownRobot(r.name, r.name, Desk(r), protocol=protocol) for r in robots]
-    front = open_page("test", actors, None, serve("test", "127.0.0.1", 0))
+    shown = [ShownRobot(r.name, r.name, Desk(r), protocol=protocol) for r in robots]
+    front = open_page("test", shown, None, serve("test", "127.0.0.1", 0))
     try:
         yield front
     finally:
@@ -62,22 +62,22 @@ def test_a_wish_that_fails_is_told_and_the_loop_goes_on(two, monkeypatch, caplog
     assert "a request failed" in caplog.text
 
 
-def test_another_robot_is_taken_in_hand(two):
+def test_another_robot_becomes_active(two):
     assert len(two.panels._joint) == 5
     ticks = len(two.after_frame)
-    two.take("lapbot")
+    two.set_active("lapbot")
     two.step()
-    assert two.hand.name == "lapbot"
+    assert two.active.name == "lapbot"
     assert len(two.panels._joint) == 6
     assert len(two.after_frame) == ticks  # what watched the other one is gone
     assert list(two.panels._protocol.options) == list(twin.load("lapbot").files.protocols())
     assert not two.planning, "a list that is shown loads no protocol"
-    two.take("hibou")
+    two.set_active("hibou")
     assert list(two.panels._protocol.options) == list(twin.load("hibou").files.protocols())
 
 
 def test_trocars_that_a_changed_design_does_not_fit_fail_the_plan_and_not_the_page(two, monkeypatch):
-    a = two._actor("lapbot")
+    a = two._robot("lapbot")
     playback = object.__new__(Playback)
     plan = SimpleNamespace(done=True, answer=playback, protocol="other_port", close=lambda: None)
     two._plans["lapbot"] = plan
@@ -93,7 +93,7 @@ def test_trocars_that_a_changed_design_does_not_fit_fail_the_plan_and_not_the_pa
 
 
 def test_size_and_place_are_of_the_picture_alone(two):
-    a, node = two.hand, two.nodes[two.hand.name]
+    a, node = two.active, two.nodes[two.active.name]
     p = a.desk.assembly.T_base_tool[:3, 3].copy()
     two.scenery._put(a, np.array([0.3, -0.1, 0.2]), 0.7, 2.5)
     np.testing.assert_allclose(node.to_base(node.to_world(p)), p, atol=1e-12)
@@ -107,7 +107,7 @@ def test_size_and_place_are_of_the_picture_alone(two):
 
 @pytest.mark.slow
 def test_a_protocol_is_prepared_elsewhere_and_played(two):
-    a = two.hand
+    a = two.active
     two.load(a, None)
     end = time.monotonic() + 120
     while two.planning and time.monotonic() < end:
@@ -115,7 +115,7 @@ def test_a_protocol_is_prepared_elsewhere_and_played(two):
         time.sleep(0.05)
     assert a.playback is not None, two.panels.why
     two.clock.seek(3.0)
-    two.stand()
+    two.move_to_clock()
     np.testing.assert_allclose(a.desk.assembly.q, a.playback.q[180], atol=1e-8)
     two.load(a, "no_such")
     while two.planning and time.monotonic() < end:
@@ -143,7 +143,8 @@ def test_a_recording_that_fails_leaves_clock_and_gizmo_as_they_were(visible):
         raise TwinError("the disk is full")
 
     front = SimpleNamespace(
-        clock=clock, gizmo=SimpleNamespace(visible=visible), stand=lambda: stood.append(clock.time), bend=full,
+        clock=clock, gizmo=SimpleNamespace(visible=visible), move_to_clock=lambda: stood.append(clock.time),
+        deform_organs=full,
         server=SimpleNamespace(get_scene_serializer=lambda: serializer),
     )  # fmt: skip
     with pytest.raises(TwinError, match="the disk is full"):
@@ -188,7 +189,7 @@ def test_curves_have_names_units_and_values():
 def test_points_of_the_equations_are_drawn_with_their_error_enlarged():
     robot = twin.load("sils")
     with front_of(robot) as front:
-        desk, node = front.hand.desk, front.nodes["sils"]
+        desk, node = front.active.desk, front.nodes["sils"]
         assert desk.move_tool(robot.loops.forward(robot.loops.q)).good  # as drawn
         desk.change({"eq1": "printed"})
         front.refresh()
@@ -203,8 +204,8 @@ def test_a_bare_stage_is_shown_without_equations():
     stage = twin.load("hibou").files.stage
     with front_of(twin.load(stage)) as front:
         front.step()
-        assert front.hand.desk.kin is None
+        assert front.active.desk.kin is None
         assert front.panels._run.disabled
-        front.ask("joint", lambda: front.hand.desk.move_joint(0, front.hand.desk.assembly.q[0] + 0.02))
+        front.ask("joint", lambda: front.active.desk.move_joint(0, front.active.desk.assembly.q[0] + 0.02))
         front.step()
-        assert front.hand.desk.moved.good
+        assert front.active.desk.last_move.good

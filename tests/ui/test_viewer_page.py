@@ -141,8 +141,8 @@ class Looker:
 def sils(browser):
     with shown("sils") as front:
         look = Looker(browser, front)
-        front.ask("load", lambda: front.load(front.hand, "table2"))
-        until(lambda: front.hand.playback is not None, "the plan", 120)
+        front.ask("load", lambda: front.load(front.active, "table2"))
+        until(lambda: front.active.playback is not None, "the plan", 120)
         yield look
         assert look.errors == []
 
@@ -161,10 +161,10 @@ def still(look):
     """Go home, hold the clock, and wait until the page shows it."""
     front = look.front
     front.clock.playing = False
-    front.ask("home", lambda: front.hand.desk.go("home"))
+    front.ask("home", lambda: front.active.desk.go_to_posture("home"))
     until(lambda: not front._wishes, "the wish")
     time.sleep(1.0)
-    return front.hand.desk
+    return front.active.desk
 
 
 # -- simulation ---------------------------------------------------------------------------------------
@@ -173,14 +173,14 @@ def still(look):
 def test_play_moves_the_robot_through_named_phases(sils):
     front = sils.front
     sils.tab("Play")
-    before, start = sils.shot(), front.hand.desk.assembly.q.copy()
+    before, start = sils.shot(), front.active.desk.assembly.q.copy()
     sils.page.get_by_role("button", name="Play").click()
     until(lambda: front.clock.time > 1.5, "two seconds of play")
     sils.page.get_by_role("button", name="Pause").click()
     until(lambda: not front.clock.playing, "the pause")
-    assert np.abs(front.hand.desk.assembly.q - start).max() > 1 * MM
+    assert np.abs(front.active.desk.assembly.q - start).max() > 1 * MM
     until(lambda: sils.differs(before) > 0.002, "another picture")
-    phase = front.hand.playback.phase(front.clock.time)
+    phase = front.active.playback.phase(front.clock.time)
     assert phase in sils.page.locator("text=/phase/").first.inner_text()
 
 
@@ -192,8 +192,8 @@ def test_the_timeline_is_scrubbed_and_the_curve_has_a_cursor(sils):
     field.press("Enter")
     until(lambda: abs(front.clock.time - 5.0) < 1e-6, "the clock at 5 s")
     k = round(5.0 * 60)
-    until(lambda: np.allclose(front.hand.desk.assembly.q, front.hand.playback.q[k], atol=1e-9), "the robot at 5 s")
-    assert read(front.hand.desk, rcm_at(front.hand.playback, front.clock.time)).rcm_error < 1e-9
+    until(lambda: np.allclose(front.active.desk.assembly.q, front.active.playback.q[k], atol=1e-9), "the robot at 5 s")
+    assert read(front.active.desk, rcm_at(front.active.playback, front.clock.time)).rcm_error < 1e-9
     sils.tab("Curves")
     curve = sils.page.locator(".uplot canvas").first
     until(lambda: (curve.bounding_box() or {"width": 0})["width"] > 0, "the curve")
@@ -257,7 +257,7 @@ def test_what_cannot_be_reached_stays_and_says_why(sils):
     T = good.T_base_tool.copy()
     T[:3, 3] += [2.0, 0, 0]
     sils.front.ask("tool", lambda: desk.move_tool(T))
-    until(lambda: bool(desk.moved.reason), "the refusal")
+    until(lambda: bool(desk.last_move.reason), "the refusal")
     assert desk.assembly is good
     until(lambda: "out of reach" in sils.readout(), "the reason")
 
@@ -274,7 +274,7 @@ def test_a_session_is_recorded_and_replayed(sils):
         passed.append(desk.assembly.q.copy())
     sils.page.get_by_role("button", name="Stop recording").click()
     until(lambda: sils.page.get_by_role("button", name="Replay").is_enabled(), "the end of the recording")
-    sils.front.ask("home", lambda: desk.go("home"))
+    sils.front.ask("home", lambda: desk.go_to_posture("home"))
     until(lambda: not np.allclose(desk.assembly.q, passed[-1]), "home")
     sils.page.get_by_role("button", name="Replay").click()
     until(lambda: np.allclose(desk.assembly.q, passed[-1], atol=1e-9), "the last recorded posture")
@@ -364,7 +364,8 @@ def test_two_designs_stand_beside_each_other(sils):
     other = front.panels.design._other
     until(lambda: np.abs(other.assembly.q - desk.assembly.q).max() > 1e-6, "different joints for one tool pose")
     until(lambda: sils.differs(before) > 0.005, "design B in the picture")
-    front.ask("design", lambda: (desk.change(parameters={"l_p": front.hand.desk.robot.kinematics().parameters["l_p"]}),
+    l_p = desk.robot.kinematics().parameters["l_p"]
+    front.ask("design", lambda: (desk.change(parameters={"l_p": l_p}),
                                  front.panels.design._show_other(False)))  # fmt: skip
     until(lambda: not desk.edited, "the robot's own equations")
 
@@ -376,7 +377,7 @@ def test_scene_switches_change_the_picture_and_not_the_numbers(sils):
     desk = still(sils)
     q = desk.assembly.q.copy()
     sils.tab("Scene")
-    hand = sils.front.hand
+    hand = sils.front.active
     before_it = hand.playback, hand.protocol
     hand.playback, hand.protocol = None, "lowered_patient"  # which has a patient
     for name in ("joint axes", "link names", "table and patient"):
@@ -405,7 +406,7 @@ def test_the_robot_is_rescaled_and_its_numbers_stay(sils):
 
     until(at_rest, "what was done before is shown")
     text = sils.readout()
-    front.ask("place", lambda: front.scenery._put(front.hand, np.array([0.1, 0.0, 0.0]), 0.3, 0.5))
+    front.ask("place", lambda: front.scenery._put(front.active, np.array([0.1, 0.0, 0.0]), 0.3, 0.5))
     until(lambda: not front._wishes, "the wish")
     until(at_rest, "what was done is shown")
     assert sils.readout() == text
@@ -413,7 +414,7 @@ def test_the_robot_is_rescaled_and_its_numbers_stay(sils):
     world = front.nodes["sils"].to_world(T[:3, 3])
     np.testing.assert_allclose(front.nodes["sils"].to_base(world), T[:3, 3], atol=1e-12)
     assert np.linalg.norm(np.asarray(front.gizmo.position) - world) < 1e-6
-    front.ask("place", lambda: front.scenery._put(front.hand, np.zeros(3), 0.0, 1.0))
+    front.ask("place", lambda: front.scenery._put(front.active, np.zeros(3), 0.0, 1.0))
     until(lambda: not front._wishes, "the wish")
 
 
@@ -452,7 +453,7 @@ def test_browsers_come_and_go(browser, sils):
 
 def hit(look, x, y):
     """Return (name of the nearest link, its point (3,) in m in the world) at a pixel of the page, by our own rays."""
-    desk = look.front.hand.desk
+    desk = look.front.active.desk
     camera, box = look.clients[0].camera, look.page.locator("canvas").first.bounding_box()
     focal = 0.5 * box["height"] / np.tan(camera.fov / 2)
     ray = np.array([x - box["x"] - box["width"] / 2, y - box["y"] - box["height"] / 2, focal])
@@ -482,7 +483,7 @@ def hit(look, x, y):
 
 def seen(look, link):
     """Return a pixel (x, y) of the page at which a link is seen, in the middle of one of its largest triangles."""
-    desk = look.front.hand.desk
+    desk = look.front.active.desk
     T = desk.assembly.link_poses[link]
     corners = np.concatenate([vertices[triangles] for vertices, triangles, *_ in looks(desk.mechanism.body(link))])
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
@@ -557,8 +558,8 @@ def test_a_turntable_is_a_moving_picture(sils, monkeypatch):
 @pytest.mark.usefixtures("aside")
 def test_a_recording_plays_without_python(browser, tmp_path):
     with shown("hibou") as front:
-        front.ask("load", lambda: front.load(front.hand, None))
-        until(lambda: front.hand.playback is not None, "the plan", 120)
+        front.ask("load", lambda: front.load(front.active, None))
+        until(lambda: front.active.playback is not None, "the plan", 120)
         done = []
         front.ask("page", lambda: done.append(view_export.page(front)))
         until(lambda: bool(done), "the recording", 120)

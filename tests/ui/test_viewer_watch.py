@@ -54,35 +54,35 @@ def edit(path, old, new):
 
 
 def upper(front):
-    return front.hand.desk.mechanism.limits[0, 1] / MM
+    return front.active.desk.mechanism.limits[0, 1] / MM
 
 
 def test_a_change_rebuilds_the_robot_in_its_posture_and_a_broken_file_leaves_it(watched):
     front, folder, said = watched
     description = folder / "cad/hexapod.toml"
-    T = front.hand.desk.assembly.T_base_tool.copy()
+    T = front.active.desk.assembly.T_base_tool.copy()
     T[:3, 3] += [4 * MM, 3 * MM, 5 * MM]
-    assert front.hand.desk.move_tool(T).good
-    q = front.hand.desk.assembly.q.copy()
+    assert front.active.desk.move_tool(T).good
+    q = front.active.desk.assembly.q.copy()
 
     edit(description, LIMITS, "limits_mm = [232.0, 290.0]")
     until(front, lambda: upper(front) == pytest.approx(290.0), "the new limit")
-    assert np.abs(front.hand.desk.assembly.q - q).max() < 1e-9
+    assert np.abs(front.active.desk.assembly.q - q).max() < 1e-9
     assert said[-1] == ("hexapod.toml changed: hexapod is rebuilt", False)
-    assert set(front.nodes["hexapod"].bodies) == {b.name for b in front.hand.desk.mechanism.bodies}
+    assert set(front.nodes["hexapod"].bodies) == {b.name for b in front.active.desk.mechanism.bodies}
 
-    kept = front.hand.desk
+    kept = front.active.desk
     edit(description, "limits_mm = [232.0, 290.0]", "limits_mm = [232.0, 290.0")
     until(front, lambda: said[-1][1], "the error")
     assert "hexapod.toml" in said[-1][0]
-    assert front.hand.desk is kept
+    assert front.active.desk is kept
     assert front.panels.why
-    assert front.hand.desk.move_tool(T).good  # the last good robot still moves
+    assert front.active.desk.move_tool(T).good  # the last good robot still moves
 
 
 def test_another_build_has_its_own_protocols_and_no_playback_of_the_build_before(watched):
     front, folder, _ = watched
-    a = front.hand
+    a = front.active
     trajectories = folder / "trajectories"
     name = next(iter(front.panels._protocols[a.name]))
     shutil.move(trajectories / f"{name}.toml", trajectories / "renamed.toml")
@@ -108,7 +108,7 @@ def test_another_build_has_its_own_protocols_and_no_playback_of_the_build_before
 
 def test_code_that_ends_the_program_is_an_error_and_no_earlier_build_is_shown(watched, monkeypatch):
     front, folder, _ = watched
-    watch = RobotFileWatch(front.hand.desk.robot, str(folder))
+    watch = RobotFileWatch(front.active.desk.robot, str(folder))
     watch._load(("hexapod.toml",))
     assert watch._result is not None
     assert watch._result.desk is not None
@@ -136,7 +136,7 @@ def test_ten_changes_in_a_row_of_three_files(watched, tmp_path):
     description = folder / "cad/hexapod.toml"
     formula = folder / "formula.py"
     step = folder / "cad/hexapod.step"
-    q = front.hand.desk.assembly.q.copy()
+    q = front.active.desk.assembly.q.copy()
     limit = LIMITS
     for k in range(10):
         said.clear()
@@ -155,7 +155,7 @@ def test_ten_changes_in_a_row_of_three_files(watched, tmp_path):
         else:
             step.write_bytes(step.read_bytes() + b"\n")
         until(front, lambda: said and not said[-1][1], f"change {k}")
-        assert np.abs(front.hand.desk.assembly.q - q).max() < 1e-9
+        assert np.abs(front.active.desk.assembly.q - q).max() < 1e-9
     assert upper(front) == pytest.approx(282.0)
 
 

@@ -303,12 +303,12 @@ def _write_html(front: Front, path: Path, quiet: bool) -> int:
 
     with show.progress(quiet) as progress:
         progress("plan", 0.0)
-        for actor in front.actors:
+        for actor in front.robots:
             front.load(actor, actor.protocol)
         while front.planning:
             front.step()
             time.sleep(0.05)
-        failed = [actor.name for actor in front.actors if actor.playback is None]
+        failed = [actor.name for actor in front.robots if actor.playback is None]
         if failed:
             names = ", ".join(failed)
             raise TwinError(f"{names}: no recording is possible: {front.panels.why}")

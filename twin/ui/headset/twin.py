@@ -315,7 +315,7 @@ class Twin:
         if self.holder == client:
             self._hold = None
             self._shown = replace(self._shown, reason="")
-            self._worker.ask("let go", self.desk.let_go, lambda _: None)
+            self._worker.ask("let go", self.desk.clear_message, lambda _: None)
 
     def _grab(self, client: str, message: GrabMessage) -> None:
         hold = hold_of(client, message, self.desk)
@@ -369,7 +369,7 @@ class Twin:
             raise RefusedError("unknown", unknown("posture", name, self.desk.postures))
         self._require_no_machine("a posture")
         self._leave_track()
-        self._move(lambda: self.desk.go(name))
+        self._move(lambda: self.desk.go_to_posture(name))
 
     def _undo(self) -> None:
         """Move to the joint values at the begin of the last grab that moved the robot."""
@@ -461,7 +461,7 @@ class Twin:
         if self._sample is not None:
             self.stand()
         else:
-            self._move(lambda: self.desk.moved)
+            self._move(lambda: self.desk.last_move)
 
     def stand(self) -> None:
         """Display the sample of the protocol at the clock's time."""
@@ -542,7 +542,7 @@ class Twin:
                     desk.bind(bound)
                 except TwinError as error:  # a changed design may not fit these trocars
                     return error
-            desk.speak_of(protocol)
+            desk.use_tool_frame_of(protocol)
             links = desk.model.link_poses(playback.x)
             poses = np.stack([wire.sevens(links[name]) for name in self.links], axis=1)
             self._ghost.follow(playback)

@@ -1,4 +1,4 @@
-"""The active robot: its state, moves and their limits, independent of viewer and headset.
+"""A robot that a user moves: its state, its moves and their limits, independent of viewer and headset.
 
 The mechanism with its loops determines the link poses. The equations compute the joint values for a tool pose and are
 compared with the mechanism. If a target cannot be reached, the robot stays at the last valid pose, and the reason is
@@ -87,9 +87,13 @@ class Desk:
     Attributes:
         robot: the robot as it was loaded.
         mechanism, model: the mechanism and its independent model; after `redesign`, both are those of the new design.
+        solver: moves joints and points within all limits.
         kin: equations of the robot; None for a robot without equations.
+        parameters: {parameter of the equations that was changed: its value in SI units}.
+        variants: {equation whose variant was changed: the chosen variant}.
         assembly: the present state.
-        asked: the last requested tool pose (4, 4); None after a different kind of move.
+        requested_pose: the last requested tool pose (4, 4); None after a different kind of move.
+        last_move: result of the last move; without a reason after `clear_message`.
         lock: lock that is held during a move; reading `assembly` does not require the lock, because
             a move replaces `assembly` in one step.
     """
@@ -104,8 +108,8 @@ class Desk:
         self.variants: dict[str, str] = {}
         self.lock = threading.RLock()
         self.assembly: Assembly = _first(robot, self.model)
-        self.asked: Array | None = None
-        self.moved = MoveResult(True)
+        self.requested_pose: Array | None = None
+        self.last_move = MoveResult(True)
         self._kept: dict[str, Array] = {}
         self._before: list[Array] = []  # joint values stored by `remember`, the newest last
         if start_of(robot):
@@ -113,7 +117,7 @@ class Desk:
         self._frame = self.mechanism.tool
         self._axis = np.array([0.0, 0.0, 1.0])
         if robot.files is not None and robot.files.protocols():
-            self.speak_of(robot.protocol())
+            self.use_tool_frame_of(robot.protocol())
 
     def shaft(self) -> tuple[Array, Array]:
         """Return (tip (3,) in m, unit vector (3,) along the shaft towards the tip) in the base frame.
@@ -129,7 +133,7 @@ class Desk:
         """Name of the body to which the tip belongs; see `shaft`."""
         return self.mechanism.frame(self._frame).body
 
-    def speak_of(self, protocol: Protocol) -> None:
+    def use_tool_frame_of(self, protocol: Protocol) -> None:
         """Use the tip frame and the shaft axis of a protocol from now on."""
         self._frame = protocol.frame
         self._axis = protocol.shaft_axis / np.linalg.norm(protocol.shaft_axis)
@@ -182,7 +186,7 @@ class Desk:
             result = self._try(go, T_base_tool)
             if result.good or self._sets_pose or not spatial.is_pose(T_base_tool, _RIGID):
                 return result
-            # The orientation is not reached, so `asked` must not be set: it is used in comparisons.
+            # The orientation is not reached, so `requested_pose` must not be set: it is used in comparisons.
             tool = self.mechanism.frame(self.mechanism.tool)
             return self.move_point(tool.body, tool.T_body_frame[:3, 3], T_base_tool[:3, 3])
 
@@ -210,8 +214,8 @@ class Desk:
                 self._approach(T)
             distance = float(np.linalg.norm(self.assembly.T_base_tool[:3, 3] - T_base_tool[:3, 3]))
             text = f"the tool stops {distance / MM:.1f} mm short of the target: {result.reason}"
-            self.moved = MoveResult(False, text, result.seconds + time.perf_counter() - begin)
-            return self.moved
+            self.last_move = MoveResult(False, text, result.seconds + time.perf_counter() - begin)
+            return self.last_move
 
     def _approach(self, T_target: Array) -> None:
         """Move the tool on the straight way towards a pose (4, 4) as far as it goes."""
@@ -248,10 +252,10 @@ class Desk:
                 return result
             if drags[0].more:
                 text = f"{self.joints[joint].name} is still moving"
-                self.moved = MoveResult(False, text, result.seconds, True)
+                self.last_move = MoveResult(False, text, result.seconds, True)
             elif abs(self.assembly.q[joint] - value) > _ARRIVED:
-                self.moved = replace(result, good=False, reason=self._joint_reason(joint, value, drags[0]))
-            return self.moved
+                self.last_move = replace(result, good=False, reason=self._joint_reason(joint, value, drags[0]))
+            return self.last_move
 
     def move_joints(self, q: Array) -> MoveResult:
         """Move all active joints to values (n,) in m or rad."""
@@ -278,20 +282,24 @@ class Desk:
             distance = float(np.linalg.norm(position - target))
             if drags[0].more:
                 text = f"{body} is still moving, {distance / MM:.1f} mm short of the target"
-                self.moved = MoveResult(False, text, result.seconds, True)
+                self.last_move = MoveResult(False, text, result.seconds, True)
             elif distance > _REACHED:
                 coordinates = " ".join(f"{v:.1f}" for v in position / MM)
                 text = f"{body} stops {distance / MM:.1f} mm short of the target, at [{coordinates}] mm"
-                self.moved = replace(result, good=False, reason=f"{text}: {reasons.of_point(self.mechanism, drags[0])}")
-            return self.moved
+                why = reasons.of_point(self.mechanism, drags[0])
+                self.last_move = replace(result, good=False, reason=f"{text}: {why}")
+            return self.last_move
 
-    def let_go(self) -> None:
+    def clear_message(self) -> None:
         """Clear the message about an unreached target, after the user has released the robot."""
         with self.lock:
-            self.moved = MoveResult(True)
+            self.last_move = MoveResult(True)
 
-    def go(self, posture: str) -> MoveResult:
+    def go_to_posture(self, posture: str) -> MoveResult:
         """Move to a named posture of the robot, or to a state stored by `keep`.
+
+        A state stored by `keep` is checked against the limits. A posture of the description is not: it is taken as the
+        description states it.
 
         Raises:
             TwinError: there is no posture or state of this name.
@@ -314,8 +322,8 @@ class Desk:
             while self._before and self._is_at(self._before[-1]):
                 self._before.pop()
             if not self._before:
-                self.moved = MoveResult(False, "nothing to undo: no drag has moved the robot")
-                return self.moved
+                self.last_move = MoveResult(False, "nothing to undo: no drag has moved the robot")
+                return self.last_move
             return self.move_joints(self._before.pop())
 
     def _is_at(self, q: Array) -> bool:
@@ -323,15 +331,15 @@ class Desk:
         return bool(np.abs(q - self.assembly.q).max(initial=0.0) < _ROUNDING)
 
     def keep(self, name: str) -> None:
-        """Store the present joint values under a name, so that `go` can move there."""
+        """Store the present joint values under a name, so that `go_to_posture` can move there."""
         self._kept[name] = self.assembly.q.copy()
 
-    def show(self, assembly: Assembly, asked: Array | None = None) -> None:
-        """Set the state to an assembly of the same model, such as a protocol's sample; `asked`: requested tool pose."""
+    def show(self, assembly: Assembly, requested_pose: Array | None = None) -> None:
+        """Set the state to an assembly of the same model, such as a protocol's sample; its tool pose was requested."""
         with self.lock:
             self.assembly = assembly
-            self.asked = asked
-            self.moved = MoveResult(True)
+            self.requested_pose = requested_pose
+            self.last_move = MoveResult(True)
 
     @property
     def edited(self) -> bool:
@@ -340,7 +348,7 @@ class Desk:
 
     @property
     def postures(self) -> tuple[str, ...]:
-        """Names that `go` accepts: the robot's postures, then the states stored by `keep`."""
+        """Names that `go_to_posture` accepts: the robot's postures, then the states stored by `keep`."""
         names = list(self.mechanism.postures)
         for name in self._kept:
             if name not in self.mechanism.postures:
@@ -475,20 +483,20 @@ class Desk:
         """Return why active joint `number` did not reach a value in m or rad."""
         return reasons.of_joint(self.mechanism, self.solver.bounds, self.assembly.q, number, value, dragged)
 
-    def _try(self, go: Callable[[], Assembly], asked: Array | None = None) -> MoveResult:
+    def _try(self, go: Callable[[], Assembly], requested_pose: Array | None = None) -> MoveResult:
         with self.lock:
             start = time.perf_counter()
             try:
-                if asked is not None and not spatial.is_pose(asked, _RIGID):
+                if requested_pose is not None and not spatial.is_pose(requested_pose, _RIGID):
                     raise KinematicsError("the requested pose is not rigid")
                 assembly = go()
             except (KinematicsError, AssemblyError) as error:
-                self.moved = MoveResult(False, str(error), time.perf_counter() - start)
+                self.last_move = MoveResult(False, str(error), time.perf_counter() - start)
             else:
                 self.assembly = assembly
-                self.asked = asked
-                self.moved = MoveResult(True, "", time.perf_counter() - start)
-            return self.moved
+                self.requested_pose = requested_pose
+                self.last_move = MoveResult(True, "", time.perf_counter() - start)
+            return self.last_move
 
 
 def _first(robot: Robot, model: ReferenceModel) -> Assembly:

@@ -121,10 +121,10 @@ def read(desk: Desk, rcm: Array | None = None) -> RobotReading:
     with desk.lock:
         kin = desk.kin
         now = desk.assembly
-        requested = desk.asked
+        requested = desk.requested_pose
         joints = desk.joints
         # a move that continues has not failed
-        reason = "" if desk.moved.more else desk.moved.reason
+        reason = "" if desk.last_move.more else desk.last_move.reason
         trocars = in_trocars(desk, rcm)
     T = now.T_base_tool
     limits = []

@@ -56,7 +56,7 @@ class DesignPanel:
         for handle in self._handles:
             handle.remove()
         self._handles = []
-        a, gui = self.front.hand, self.gui
+        a, gui = self.front.active, self.gui
         with self._tab:
             if a.desk.kin is not None:
                 self._equations(a)
@@ -216,7 +216,7 @@ class DesignPanel:
         self._beside.on_update(lambda e: e.client and self._wish(lambda: self._show_other(self._beside.value)))
 
     def _show_other(self, visible: bool) -> None:
-        a = self.front.hand
+        a = self.front.active
         if self._other_nodes is not None:
             self._other_nodes.remove()
             self._other_nodes = None
@@ -244,8 +244,8 @@ class DesignPanel:
         """Show the readings of both designs in a table; design B is moved to the tool pose of design A."""
         if self._other is None or self._other_nodes is None:
             return
-        desk = self.front.hand.desk
-        goal = desk.asked
+        desk = self.front.active.desk
+        goal = desk.requested_pose
         if goal is None:
             goal = desk.assembly.T_base_tool
         moved = self._other.move_tool(goal)
@@ -345,7 +345,7 @@ class DesignPanel:
 
     def _again(self, a: ShownRobot) -> None:
         """Move the robot to the last requested tool pose again, because the equations have changed."""
-        goal = a.desk.asked
+        goal = a.desk.requested_pose
         if goal is None:
             goal = a.desk.assembly.T_base_tool
         a.desk.move_tool(goal)

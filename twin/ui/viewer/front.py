@@ -67,20 +67,36 @@ class ShownRobot:
 class QuestionTerminal(Protocol):
     """Interface of a terminal that asks one question at a time."""
 
-    def ask(self, question: str, then: Callable[[bool], object]) -> None: ...  # noqa: D102
-    def poll(self) -> None: ...  # noqa: D102
+    def ask(self, question: str, then: Callable[[bool], object]) -> None:
+        """Print a question; `then` is called with True if the answer is yes, else with False."""
+
+    def poll(self) -> None:
+        """Read the answer, if there is one, and call the function `then` of the question."""
 
 
 class SceneryInterface(Protocol):
     """Interface through which `Front` uses the surroundings of the robots; implemented by `scenery.Scenery`."""
 
-    def panel(self) -> None: ...  # noqa: D102
-    def trail(self, visible: bool) -> None: ...  # noqa: D102
-    def forget(self, robot: str) -> None: ...  # noqa: D102
-    def redraw(self, robot: str) -> None: ...  # noqa: D102
-    def follow(self) -> None: ...  # noqa: D102
-    def update(self) -> None: ...  # noqa: D102
-    def protocol_changed(self) -> None: ...  # noqa: D102
+    def panel(self) -> None:
+        """Create the controls of the surroundings."""
+
+    def trail(self, visible: bool) -> None:
+        """Show or hide the tip path of each robot's protocol, and trocars and shafts."""
+
+    def forget(self, robot: str) -> None:
+        """Forget what is drawn for a robot, given by its name; it is removed with the robot's scene nodes."""
+
+    def redraw(self, robot: str) -> None:
+        """Draw what is switched on at the new scene nodes of a robot, given by its name."""
+
+    def follow(self) -> None:
+        """Draw trocars and shafts at the present poses."""
+
+    def update(self) -> None:
+        """Update the shown section, if any, to the present poses of the robots."""
+
+    def protocol_changed(self) -> None:
+        """Update the patient after a change of protocol."""
 
 
 class PanelsInterface(Protocol):
@@ -92,36 +108,62 @@ class PanelsInterface(Protocol):
 
     why: str
 
-    def rebuild(self) -> None: ...  # noqa: D102
-    def show(self, reading: readings.RobotReading) -> None: ...  # noqa: D102
-    def equations_shown(self) -> bool: ...  # noqa: D102
-    def exaggeration(self) -> float: ...  # noqa: D102
-    def ghost(self, visible: bool) -> None: ...  # noqa: D102
-    def ghost_poses(self, a: ShownRobot) -> dict[str, Array] | None: ...  # noqa: D102
-    def preparing(self, a: ShownRobot, protocol: str | None) -> None: ...  # noqa: D102
-    def failed(self, a: ShownRobot, error: str) -> None: ...  # noqa: D102
-    def ready(self, a: ShownRobot) -> None: ...  # noqa: D102
-    def close(self) -> None: ...  # noqa: D102
+    def rebuild(self) -> None:
+        """Rebuild the panels for another active robot, or for another build of the active robot."""
+
+    def show(self, reading: readings.RobotReading) -> None:
+        """Show the readings of the active robot, the time, and the curves."""
+
+    def equations_shown(self) -> bool:
+        """Return whether the user has chosen to show the named points that the equations compute."""
+        ...
+
+    def exaggeration(self) -> float:
+        """Return the factor by which differences between points of equations and mechanism are drawn larger."""
+        ...
+
+    def ghost(self, visible: bool) -> None:
+        """Show or hide the ghost, and set its checkbox."""
+
+    def ghost_poses(self, robot: ShownRobot) -> dict[str, Array] | None:
+        """Return the link poses T_base_body (4, 4) of a robot's ghost, by body; None if they cannot be computed."""
+
+    def preparing(self, robot: ShownRobot, protocol: str | None) -> None:
+        """Show that a protocol of a robot is being planned; None: its default protocol."""
+
+    def failed(self, robot: ShownRobot, error: str) -> None:
+        """Show why the protocol of a robot cannot be played."""
+
+    def ready(self, robot: ShownRobot) -> None:
+        """Show the timeline of the planned protocol of a robot."""
+
+    def close(self) -> None:
+        """End the processes of the panels."""
 
 
 class Front(ViewerPage):
     """The page with one active robot and possibly further robots; created by `page.open_page`.
 
     Attributes:
-        actors: the robots in the given order.
-        hand: the active robot, to which gizmo, sliders and readings refer.
+        robots: the robots in the given order.
+        active: the robot to which gizmo, sliders and readings refer.
         local: whether only this machine can open the page; if not, the page may not write files.
         terminal: terminal that asks for confirmations; None: the page never changes a robot's files.
         clock: clock of the protocols.
         feed: deformables; None: no deformables.
         nodes: scene nodes of each robot, by name of the robot.
         ghosts: scene nodes of each ghost that has been drawn, by name of the robot.
+        scenery: surroundings of the robots; exists after `build_panels`.
+        panels: controls and displays; exist after `build_panels`.
     """
+
+    scenery: SceneryInterface
+    panels: PanelsInterface
 
     def __init__(
         self,
         title: str,
-        actors: list[ShownRobot],
+        robots: list[ShownRobot],
         server: viser.ViserServer,
         stopping: threading.Event | None = None,
         *,
@@ -130,8 +172,8 @@ class Front(ViewerPage):
         feed: Feed | None = None,
     ) -> None:
         super().__init__(server, title, stopping)
-        self.actors = actors
-        self.hand = actors[0]
+        self.robots = robots
+        self.active = robots[0]
         self.local = local
         self.terminal = terminal
         self.clock = Clock()
@@ -142,26 +184,28 @@ class Front(ViewerPage):
             self._fields = FieldNodes(server, feed)
             self.clock.duration = feed.duration
         self.nodes: dict[str, RobotNodes] = {}
-        for a in actors:
-            poses = a.desk.assembly.link_poses
-            self.nodes[a.name] = RobotNodes(self.server, f"/{a.name}", a.desk.mechanism, poses)
+        for robot in robots:
+            poses = robot.desk.assembly.link_poses
+            self.nodes[robot.name] = RobotNodes(self.server, f"/{robot.name}", robot.desk.mechanism, poses)
         self.ghosts: dict[str, RobotNodes] = {}
         self.ghost_shown = False
         self.dragging = False
         self._plans: dict[str, Planner] = {}
         # robots that stay where they are when their next plan is ready, instead of going to its start
-        self._staying = {a.name for a in actors if start_of(a.desk.robot)}
+        self._staying = {robot.name for robot in robots if start_of(robot.desk.robot)}
         self._watch: RobotFileWatch | None = None
         self._linked_time: float | None = None  # time of a link, until a protocol is planned
         self._reading_time = self.now
         self._stale = True
         self.after_frame: list[Callable[[], object]] = []
-        for a in actors:
-            self.nodes[a.name].place(a.T_world_base, a.scale)
-        self.wall = LimitWall(self.server, float(np.clip(0.11 * self.nodes[self.hand.name].size, 0.005, 0.3)))
+        for robot in robots:
+            self.nodes[robot.name].place(robot.T_world_base, robot.scale)
+        self.wall = LimitWall(self.server, float(np.clip(0.11 * self.nodes[self.active.name].size, 0.005, 0.3)))
         self.gizmo = self._add_gizmo()
 
-    def furnish(self, scenery: Callable[[Front], SceneryInterface], panels: Callable[[Front], PanelsInterface]) -> None:
+    def build_panels(
+        self, scenery: Callable[[Front], SceneryInterface], panels: Callable[[Front], PanelsInterface]
+    ) -> None:
         """Create the surroundings, then the panels, which contain controls for the surroundings."""
         self.scenery = scenery(self)
         self.panels = panels(self)
@@ -175,8 +219,8 @@ class Front(ViewerPage):
         self._stale |= wished
         self._take_plans()
         if self.clock.advance(passed):
-            self.stand()
-        self.bend(passed)
+            self.move_to_clock()
+        self.deform_organs(passed)
         if self._stale or self.clock.playing:
             self.draw()
         for act in list(self.after_frame):
@@ -198,7 +242,7 @@ class Front(ViewerPage):
         self._plans.clear()
         super().close()
 
-    def go_on(self, kind: str, move: Callable[[], MoveResult]) -> None:
+    def continue_move(self, kind: str, move: Callable[[], MoveResult]) -> None:
         """Store a request for a move; a move that exceeds its time limit is continued in the next frame."""
         self.repeat(kind, lambda: move().more)
 
@@ -206,8 +250,8 @@ class Front(ViewerPage):
 
     def draw(self) -> None:
         """Show the present state of robots, deformables, trocars, shafts, the gizmo and the active robot's ghost."""
-        for a in self.actors:
-            self.nodes[a.name].write(a.desk.assembly.link_poses)
+        for robot in self.robots:
+            self.nodes[robot.name].write(robot.desk.assembly.link_poses)
         if self._fields is not None:
             error = self._fields.show(self.clock.time)
             if error:
@@ -218,25 +262,25 @@ class Front(ViewerPage):
         if not self.dragging:
             self._gizmo_to_tool()
 
-    def bend(self, passed: float) -> None:
+    def deform_organs(self, passed: float) -> None:
         """Deform the organs according to the present link poses; `passed` is the time in s since the last call."""
         if self._fields is not None:
             self._stale |= self._fields.follow(self._links_of, passed)
 
-    def _links_of(self, robot: str) -> dict[str, Array]:
-        a = self._actor(robot)
-        return {name: a.T_world_base @ T for name, T in a.desk.assembly.link_poses.items()}
+    def _links_of(self, name: str) -> dict[str, Array]:
+        robot = self._robot(name)
+        return {link: robot.T_world_base @ T for link, T in robot.desk.assembly.link_poses.items()}
 
-    def _actor(self, name: str) -> ShownRobot:
-        actors = {a.name: a for a in self.actors}
-        return actors[name]
+    def _robot(self, name: str) -> ShownRobot:
+        robots = {robot.name: robot for robot in self.robots}
+        return robots[name]
 
     def refresh(self) -> None:
         """Compute and show the readings of the active robot."""
-        a = self.hand
-        reading = readings.read(a.desk, rcm_at(a.playback, self.clock.time))
+        robot = self.active
+        reading = readings.read(robot.desk, rcm_at(robot.playback, self.clock.time))
         shown = reading.points if self.panels.equations_shown() else {}
-        self.nodes[a.name].equations(shown, reading.actual, reading.agrees, self.panels.exaggeration())
+        self.nodes[robot.name].equations(shown, reading.actual, reading.agrees, self.panels.exaggeration())
         self.panels.show(reading)
         self.scenery.update()
         publish(self.server, self.state())
@@ -245,17 +289,17 @@ class Front(ViewerPage):
 
     def state(self) -> JsonObject:
         """Return pose of the tool, joint values and time, and the link that opens them again, as plain data."""
-        a = self.hand
-        with a.desk.lock:
-            q = a.desk.assembly.q.copy()
-            T = a.desk.assembly.T_base_tool.copy()
+        robot = self.active
+        with robot.desk.lock:
+            q = robot.desk.assembly.q.copy()
+            T = robot.desk.assembly.T_base_tool.copy()
         joints = {}
-        for joint, value in zip(a.desk.joints, q, strict=True):
+        for joint, value in zip(robot.desk.joints, q, strict=True):
             unit, scale = ("deg", DEG) if joint.is_angle else ("mm", MM)
             joints[joint.name] = {"value": float(value) / scale, "unit": unit}
-        t = self.clock.time if a.playback is not None else None
+        t = self.clock.time if robot.playback is not None else None
         return {
-            "robot": a.name,
+            "robot": robot.name,
             "joints": joints,
             "tool": {
                 "position_mm": (T[:3, 3] / MM).tolist(),
@@ -263,8 +307,8 @@ class Front(ViewerPage):
                 "T_base_tool_m": T.tolist(),
             },
             "time_s": t,
-            "scale": a.scale,
-            "link": link_of(a.desk.joints, q, t),
+            "scale": robot.scale,
+            "link": link_of(robot.desk.joints, q, t),
         }
 
     def follow_link(self, text: str) -> None:
@@ -273,15 +317,15 @@ class Front(ViewerPage):
         Raises:
             TwinError: the link has another form, or the posture cannot be reached.
         """
-        a = self.hand
-        q, t = read_link(text, a.desk.joints)
+        robot = self.active
+        q, t = read_link(text, robot.desk.joints)
         self.clock.playing = False
-        if a.playback is None:
-            self._staying.add(a.name)  # a plan that is ready later does not move the robot
+        if robot.playback is None:
+            self._staying.add(robot.name)  # a plan that is ready later does not move the robot
         self._linked_time = t
         self._seek_linked()
-        moved = a.desk.move_joints(q)
-        a.desk.let_go()
+        moved = robot.desk.move_joints(q)
+        robot.desk.clear_message()
         if not moved.good:
             raise TwinError(f"the posture of the link is not reached: {moved.reason}")
 
@@ -291,27 +335,27 @@ class Front(ViewerPage):
         self.clock.seek(self._linked_time)
         self._linked_time = None
 
-    def stand(self) -> None:
+    def move_to_clock(self) -> None:
         """Move every robot that has a planned protocol to the protocol's state at the clock's time."""
-        for a in self.actors:
-            if a.playback is None:
+        for robot in self.robots:
+            if robot.playback is None:
                 continue
-            k = int(np.clip(round(self.clock.time * timeline.RATE), 0, len(a.playback.t) - 1))
-            if a.desk.edited and not a.desk.model.redundant:
-                a.desk.move_tool(a.playback.Ts_base_tool[k])
+            k = int(np.clip(round(self.clock.time * timeline.RATE), 0, len(robot.playback.t) - 1))
+            if robot.desk.edited and not robot.desk.model.redundant:
+                robot.desk.move_tool(robot.playback.Ts_base_tool[k])
             else:
-                a.desk.show(a.desk.model.state(a.playback.x[k]), a.playback.Ts_base_tool[k])
+                robot.desk.show(robot.desk.model.state(robot.playback.x[k]), robot.playback.Ts_base_tool[k])
 
-    def take(self, name: str) -> None:
+    def set_active(self, name: str) -> None:
         """Make a robot the active one."""
-        self.nodes[self.hand.name].equations({}, {}, True, 1.0)
-        self.hand = self._actor(name)
+        self.nodes[self.active.name].equations({}, {}, True, 1.0)
+        self.active = self._robot(name)
         self.panels.rebuild()
         self._stale = True
 
-    def rebuilt(self, a: ShownRobot) -> None:
+    def rebuilt(self, robot: ShownRobot) -> None:
         """Remove a robot's ghost, because the robot's mechanism has changed."""
-        ghost = self.ghosts.pop(a.name, None)
+        ghost = self.ghosts.pop(robot.name, None)
         if ghost is not None:
             ghost.remove()
         self._stale = True
@@ -321,7 +365,7 @@ class Front(ViewerPage):
     def follow_files(self, watch: RobotFileWatch) -> None:
         """Replace the active robot whenever its files change; a robot that cannot be loaded leaves the last one."""
         self._watch = watch
-        a = self.hand
+        robot = self.active
 
         def look() -> None:
             change = watch.poll(self.now)
@@ -329,64 +373,64 @@ class Front(ViewerPage):
                 return
             files = ", ".join(change.files)
             if change.desk is None:
-                self.panels.failed(a, f"{files}: {change.error} The robot before this change stays.")
+                self.panels.failed(robot, f"{files}: {change.error} The robot before this change stays.")
                 self.say(f"{files}: {change.error}", bad=True)
                 return
-            note = self.replace(a, change.desk)
-            self.say(f"{files} changed: {a.name} is rebuilt{note}")
+            note = self.replace(robot, change.desk)
+            self.say(f"{files} changed: {robot.name} is rebuilt{note}")
 
         self.after_frame.append(look)
 
-    def replace(self, a: ShownRobot, desk: Desk) -> str:
+    def replace(self, robot: ShownRobot, desk: Desk) -> str:
         """Show another build of a robot, in the same posture if it can take it; return a note if it cannot.
 
         The view stays. Changes of equations and parameters that were made in the page are made again.
         """
         note = ""
-        old = a.desk
+        old = robot.desk
         if [joint.name for joint in old.joints] != [joint.name for joint in desk.joints]:
             note = "; it has other joints, so it stands at its start"
         elif not desk.move_joints(old.assembly.q).good:
-            note = f"; it stands at its start: {desk.moved.reason}"
-        desk.let_go()
+            note = f"; it stands at its start: {desk.last_move.reason}"
+        desk.clear_message()
         if old.variants or old.parameters:
             try:
                 desk.change(old.variants, old.parameters)
             except TwinError as error:
                 note += f"; the changes of its equations are gone: {error}"
-        a.desk = desk
+        robot.desk = desk
         # its joint values are those of the build before
-        a.playback = None
-        if a.protocol and _is_gone(desk.robot, a.protocol):
-            note += f"; its protocol {a.protocol} has gone, so the default one is planned"
-            a.protocol = None
-        self.scenery.forget(a.name)
+        robot.playback = None
+        if robot.protocol and _is_gone(desk.robot, robot.protocol):
+            note += f"; its protocol {robot.protocol} has gone, so the default one is planned"
+            robot.protocol = None
+        self.scenery.forget(robot.name)
         with self.server.atomic():
-            self.nodes[a.name].remove()
-            nodes = RobotNodes(self.server, f"/{a.name}", desk.mechanism, desk.assembly.link_poses)
-            nodes.place(a.T_world_base, a.scale)
-        self.nodes[a.name] = nodes
-        self.scenery.redraw(a.name)
-        self._grab_links_of(a)
-        self.rebuilt(a)
-        if a is self.hand:
+            self.nodes[robot.name].remove()
+            nodes = RobotNodes(self.server, f"/{robot.name}", desk.mechanism, desk.assembly.link_poses)
+            nodes.place(robot.T_world_base, robot.scale)
+        self.nodes[robot.name] = nodes
+        self.scenery.redraw(robot.name)
+        self._grab_links_of(robot)
+        self.rebuilt(robot)
+        if robot is self.active:
             self.panels.rebuild()
-        self._staying.add(a.name)
+        self._staying.add(robot.name)
         if desk.robot.files is not None and desk.robot.files.protocols():
-            self.load(a, a.protocol)
+            self.load(robot, robot.protocol)
         else:
             self.clock.playing = False
         return note
 
     def _draw_ghost(self) -> None:
-        a = self.hand
-        if a.name not in self.ghosts:
-            self.ghosts[a.name] = RobotNodes(
-                self.server, f"/ghost_{a.name}", a.desk.mechanism, a.desk.assembly.link_poses, ghost=BLUE
+        robot = self.active
+        if robot.name not in self.ghosts:
+            self.ghosts[robot.name] = RobotNodes(
+                self.server, f"/ghost_{robot.name}", robot.desk.mechanism, robot.desk.assembly.link_poses, ghost=BLUE
             )
-        ghost = self.ghosts[a.name]
-        ghost.place(a.T_world_base, a.scale)
-        poses = self.panels.ghost_poses(a)
+        ghost = self.ghosts[robot.name]
+        ghost.place(robot.T_world_base, robot.scale)
+        poses = self.panels.ghost_poses(robot)
         if poses is not None:
             ghost.write(poses)
 
@@ -394,7 +438,7 @@ class Front(ViewerPage):
         """Show or hide the ghost of the active robot."""
         self.ghost_shown = visible
         for name, ghost in self.ghosts.items():
-            ghost.show(visible and name == self.hand.name)
+            ghost.show(visible and name == self.active.name)
 
     # -- protocols ------------------------------------------------------------------------------------
 
@@ -409,19 +453,19 @@ class Front(ViewerPage):
                 first_picture = min(first_picture, client.camera._state.update_timestamp or np.inf)
             if time.time() - first_picture > _DRAWN or self.now - begin > _NOBODY:
                 self.after_frame.remove(wait)
-                for a in self.actors:
-                    if a.desk.robot.files is not None and a.desk.robot.files.protocols():
-                        self.load(a, a.protocol)
+                for robot in self.robots:
+                    if robot.desk.robot.files is not None and robot.desk.robot.files.protocols():
+                        self.load(robot, robot.protocol)
 
         self.after_frame.append(wait)
 
-    def load(self, a: ShownRobot, protocol: str | None) -> None:
+    def load(self, robot: ShownRobot, protocol: str | None) -> None:
         """Plan a protocol in a separate process; the robot plays the protocol when it is planned."""
-        if a.name in self._plans:
-            self._plans.pop(a.name).close()
-        a.playback = None
-        self._plans[a.name] = Planner(a.source, protocol)
-        self.panels.preparing(a, protocol)
+        if robot.name in self._plans:
+            self._plans.pop(robot.name).close()
+        robot.playback = None
+        self._plans[robot.name] = Planner(robot.source, protocol)
+        self.panels.preparing(robot, protocol)
 
     @property
     def planning(self) -> bool:
@@ -433,58 +477,58 @@ class Front(ViewerPage):
             if not planner.done:
                 continue
             self._plans.pop(name).close()
-            a = self._actor(name)
+            robot = self._robot(name)
             if not isinstance(planner.answer, Playback):
-                self.panels.failed(a, str(planner.answer))
+                self.panels.failed(robot, str(planner.answer))
                 continue
-            if a.desk.robot.files is not None:
+            if robot.desk.robot.files is not None:
                 try:
-                    self._bind(a, planner.protocol)
+                    self._bind(robot, planner.protocol)
                 except TwinError as error:
-                    self.panels.failed(a, str(error))
+                    self.panels.failed(robot, str(error))
                     continue
-            a.playback = planner.answer
-            a.protocol = planner.protocol
+            robot.playback = planner.answer
+            robot.protocol = planner.protocol
             self.clock.duration = self._longest_motion()
-            self.panels.ready(a)
+            self.panels.ready(robot)
             self.scenery.protocol_changed()
             self._seek_linked()
-            if a.name in self._staying:
-                self._staying.discard(a.name)
+            if robot.name in self._staying:
+                self._staying.discard(robot.name)
             else:
-                self.stand()
+                self.move_to_clock()
             self._stale = True
 
-    def _bind(self, a: ShownRobot, name: str | None) -> None:
+    def _bind(self, robot: ShownRobot, name: str | None) -> None:
         """Move the trocars of a robot to the places of a protocol, and use the protocol's tip and shaft.
 
         Raises:
             TwinError: the mechanism, which may have a changed design, cannot be assembled with these trocars.
         """
-        protocol = a.desk.robot.protocol(name)
-        bound = a.desk.robot.bound(protocol)
-        if bound is not a.desk.robot:
-            q = a.desk.assembly.q
-            a.desk.bind(bound)
-            if a.name in self._staying:
-                a.desk.move_joints(q)
-                a.desk.let_go()
-        a.desk.speak_of(protocol)
+        protocol = robot.desk.robot.protocol(name)
+        bound = robot.desk.robot.bound(protocol)
+        if bound is not robot.desk.robot:
+            q = robot.desk.assembly.q
+            robot.desk.bind(bound)
+            if robot.name in self._staying:
+                robot.desk.move_joints(q)
+                robot.desk.clear_message()
+        robot.desk.use_tool_frame_of(protocol)
 
     def _longest_motion(self) -> float:
         """Return the duration in s of the longest motion of the scene."""
         duration = 0.0
         if self.feed is not None:
             duration = self.feed.duration
-        for a in self.actors:
-            if a.playback is not None:
-                duration = max(duration, a.playback.duration)
+        for robot in self.robots:
+            if robot.playback is not None:
+                duration = max(duration, robot.playback.duration)
         return duration
 
     # -- dragging -------------------------------------------------------------------------------------
 
     def _add_gizmo(self) -> viser.TransformControlsHandle:
-        size = float(np.clip(0.16 * self.nodes[self.hand.name].size * self.hand.scale, 0.01, 0.4))
+        size = float(np.clip(0.16 * self.nodes[self.active.name].size * self.active.scale, 0.01, 0.4))
         gizmo = self.server.scene.add_transform_controls("/tool", scale=size, depth_test=False)
 
         @gizmo.on_update
@@ -494,10 +538,10 @@ class Front(ViewerPage):
             if event.phase == "start":
                 self.dragging = True
                 self.clock.playing = False
-                self.hand.desk.remember()
+                self.active.desk.remember()
             wxyz = np.array(event.target.wxyz)
             position = np.array(event.target.position)
-            self.go_on("tool", lambda: self._tool_to(wxyz, position))
+            self.continue_move("tool", lambda: self._tool_to(wxyz, position))
             if event.phase == "end":
                 self.dragging = False
                 self.ask("settle", self._let_go)
@@ -506,53 +550,53 @@ class Front(ViewerPage):
 
     def _let_go(self) -> None:
         self.wall.hide()
-        self.hand.desk.let_go()
+        self.active.desk.clear_message()
 
     def _tool_to(self, wxyz: Array, position: Array) -> MoveResult:
-        node = self.nodes[self.hand.name]
+        node = self.nodes[self.active.name]
         R = spatial.matrix_from_quat_wxyz(np.asarray(node.root.wxyz)).T @ spatial.matrix_from_quat_wxyz(wxyz)
         u, _, vt = np.linalg.svd(R)  # nearest rotation: pages send rounded values
-        moved = self.hand.desk.drag_tool(spatial.pose(u @ vt, node.to_base(position)))
+        moved = self.active.desk.drag_tool(spatial.pose(u @ vt, node.to_base(position)))
         if self.dragging and not moved.good and not moved.more:
-            self.wall.show(node.to_world(self.hand.desk.assembly.T_base_tool[:3, 3]), position)
+            self.wall.show(node.to_world(self.active.desk.assembly.T_base_tool[:3, 3]), position)
         else:
             self.wall.hide()
         return moved
 
     def _gizmo_to_tool(self) -> None:
-        node = self.nodes[self.hand.name]
-        T = self.hand.desk.assembly.T_base_tool
+        node = self.nodes[self.active.name]
+        T = self.active.desk.assembly.T_base_tool
         self.gizmo.position = node.to_world(T[:3, 3])
         R = spatial.matrix_from_quat_wxyz(np.asarray(node.root.wxyz)) @ T[:3, :3]
         self.gizmo.wxyz = spatial.quat_from_matrix_wxyz(R)
 
     def _grab_links(self) -> None:
         """Make all links draggable with the shift key and the left mouse button."""
-        for a in self.actors:
-            self._grab_links_of(a)
+        for robot in self.robots:
+            self._grab_links_of(robot)
 
-    def _grab_links_of(self, a: ShownRobot) -> None:
+    def _grab_links_of(self, robot: ShownRobot) -> None:
         grabbed: dict[str, Array] = {}
-        for body, handle in self.nodes[a.name].meshes:
-            handle.on_drag("left", modifier="shift")(self._follower(a, body, grabbed))
+        for body, handle in self.nodes[robot.name].meshes:
+            handle.on_drag("left", modifier="shift")(self._follower(robot, body, grabbed))
 
-    def _follower(self, a: ShownRobot, body: str, grabbed: dict[str, Array]):
-        node = self.nodes[a.name]
+    def _follower(self, robot: ShownRobot, body: str, grabbed: dict[str, Array]):
+        node = self.nodes[robot.name]
 
         async def lead(event: viser.SceneNodeDragEvent) -> None:
             if event.phase == "start":
-                T_body_base = spatial.inverse(a.desk.assembly.link_poses[body])
+                T_body_base = spatial.inverse(robot.desk.assembly.link_poses[body])
                 p_base = node.to_base(np.array(event.start_position))
-                a.desk.remember()
+                robot.desk.remember()
                 grabbed[body] = (T_body_base @ np.append(p_base, 1.0))[:3]
                 self.clock.playing = False
-                self.ask("prepare", a.desk.solver.prepare)
+                self.ask("prepare", robot.desk.solver.prepare)
             elif event.phase == "update" and body in grabbed:
                 target = node.to_base(np.array(event.end_position))
                 p = grabbed[body]
-                self.go_on("point", lambda: a.desk.move_point(body, p, target))
+                self.continue_move("point", lambda: robot.desk.move_point(body, p, target))
             elif event.phase == "end":
-                self.ask("settle", a.desk.let_go)
+                self.ask("settle", robot.desk.clear_message)
 
         return lead
 

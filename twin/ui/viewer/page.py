@@ -13,17 +13,17 @@ from twin.ui.viewer.scenery import Scenery
 
 
 def open_page(
-    title: str, actors: list[ShownRobot], props: Mechanism | None, server: viser.ViserServer, **more: Any
+    title: str, robots: list[ShownRobot], props: Mechanism | None, server: viser.ViserServer, **more: Any
 ) -> Front:
     """Return the front end of a page, ready to run.
 
     Args:
         title: title of the page.
-        actors: the robots; the first is active.
+        robots: the robots; the first is active.
         props: props of the scene; None: no props, but the user can show table and patient of the protocol.
         server: the server of viser.
         more: further arguments of `Front`.
     """
-    front = Front(title, actors, server, **more)
-    front.furnish(lambda f: Scenery(f, props), Panels)
+    front = Front(title, robots, server, **more)
+    front.build_panels(lambda f: Scenery(f, props), Panels)
     return front

@@ -51,10 +51,10 @@ class Panels:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(350)
         self._headline = gui.add_html("")
-        if len(front.actors) > 1:
-            names = [a.name for a in front.actors]
+        if len(front.robots) > 1:
+            names = [robot.name for robot in front.robots]
             chosen = gui.add_dropdown("active robot", names, initial_value=names[0])
-            chosen.on_update(lambda e: front.ask("take", lambda: front.take(chosen.value)))
+            chosen.on_update(lambda e: front.ask("take", lambda: front.set_active(chosen.value)))
         tabs = gui.add_tab_group()
         with tabs.add_tab("Play"):
             self._play()
@@ -81,8 +81,8 @@ class Panels:
     def _play(self) -> None:
         gui, front = self.gui, self.front
         self._protocols: dict[str, dict[str, str]] = {}
-        for a in front.actors:
-            self._protocols[a.name] = protocols_of(a.desk.robot, a.protocol or None)
+        for robot in front.robots:
+            self._protocols[robot.name] = protocols_of(robot.desk.robot, robot.protocol or None)
         self._protocol = gui.add_dropdown("protocol", ["none"])
         self._list_protocols()
         self._state = gui.add_markdown("_not planned yet_")
@@ -127,9 +127,9 @@ class Panels:
         def load(event: viser.GuiEvent) -> None:
             if event.client is None:  # the list of another robot is shown
                 return
-            a = front.hand
+            robot = front.active
             protocol = self._chosen()
-            front.ask("load", lambda: front.load(a, protocol))
+            front.ask("load", lambda: front.load(robot, protocol))
 
         def change_speed(_: object) -> None:
             number, _sign = self._speed.value.split()
@@ -157,11 +157,11 @@ class Panels:
 
     def _list_protocols(self) -> None:
         """List the protocols of the active robot, and select the one that was loaded last."""
-        a = self.front.hand
-        protocols = self._protocols[a.name]
-        loaded = a.protocol
-        if not loaded and a.desk.robot.files is not None:
-            loaded = a.desk.robot.source.description.default_protocol
+        robot = self.front.active
+        protocols = self._protocols[robot.name]
+        loaded = robot.protocol
+        if not loaded and robot.desk.robot.files is not None:
+            loaded = robot.desk.robot.source.description.default_protocol
         names = list(protocols) or ["none"]
         selected = names[0]
         for name, source in protocols.items():
@@ -174,7 +174,7 @@ class Panels:
 
     def _chosen(self) -> str | None:
         """Return the argument of `Robot.protocol` for the selected protocol; None if none is selected."""
-        return self._protocols[self.front.hand.name].get(self._protocol.value)
+        return self._protocols[self.front.active.name].get(self._protocol.value)
 
     def _toggle(self) -> None:
         clock = self.front.clock
@@ -185,29 +185,29 @@ class Panels:
 
     def _undo(self) -> None:
         self.front.clock.playing = False
-        self.front.hand.desk.undo()
+        self.front.active.desk.undo()
 
-    def preparing(self, a: ShownRobot, protocol: str | None) -> None:
+    def preparing(self, robot: ShownRobot, protocol: str | None) -> None:
         """Show that a protocol of a robot is being planned; None: its default protocol."""
         self._run.disabled = True
         name = "the default protocol"
         if protocol:
             name = Path(protocol).stem
-        self._state.content = f"planning **{name}** of {a.name} …"
+        self._state.content = f"planning **{name}** of {robot.name} …"
 
-    def failed(self, a: ShownRobot, error: str) -> None:
+    def failed(self, robot: ShownRobot, error: str) -> None:
         """Show why the protocol of a robot cannot be played."""
         self.why = error
-        self._state.content = f"<span style='color:#d62f2f'>{a.name}: {escape(error)}</span>"
+        self._state.content = f"<span style='color:#d62f2f'>{robot.name}: {escape(error)}</span>"
 
-    def ready(self, a: ShownRobot) -> None:
+    def ready(self, robot: ShownRobot) -> None:
         """Show the timeline of the planned protocol of a robot."""
         front = self.front
-        if a is front.hand and a.playback is not None:
+        if robot is front.active and robot.playback is not None:
             if self._time is not None:
                 self._time.remove()
             duration = round(front.clock.duration, 3)
-            marks = tuple(round(t0, 3) for _, t0, _ in a.playback.phases)
+            marks = tuple(round(t0, 3) for _, t0, _ in robot.playback.phases)
             with self._folder:
                 self._time = self.gui.add_slider("t [s]", 0.0, duration, 0.001, 0.0, marks=marks)
             time = self._time
@@ -221,7 +221,7 @@ class Panels:
 
                 def go() -> None:
                     front.clock.seek(value)
-                    front.stand()
+                    front.move_to_clock()
 
                 front.ask("scrub", go)
 
@@ -229,24 +229,24 @@ class Panels:
             self._draw_curves(force=True)
         elif self._time is not None:  # a longer protocol of another robot extends the timeline
             self._time.max = round(front.clock.duration, 3)
-        self._run.disabled = any(b.playback is None for b in front.actors)
+        self._run.disabled = any(b.playback is None for b in front.robots)
         front.scenery.trail(self._trail.value)
 
     # -- move -----------------------------------------------------------------------------------------
 
     def rebuild(self) -> None:
         """Rebuild the panels for another active robot, or for another build of the active robot."""
-        a = self.front.hand
+        robot = self.front.active
         try:
-            self._protocols[a.name] = protocols_of(a.desk.robot, a.protocol or None)
+            self._protocols[robot.name] = protocols_of(robot.desk.robot, robot.protocol or None)
         except TwinError:
             # a protocol that is being edited may be malformed; the error is shown when it is planned
-            self._protocols[a.name] = protocols_of(a.desk.robot, None)
+            self._protocols[robot.name] = protocols_of(robot.desk.robot, None)
         self._list_protocols()
         self._move()
         self.design.rebuild()
-        if a.playback is not None:
-            self.ready(a)
+        if robot.playback is not None:
+            self.ready(robot)
         else:
             self._unready()
 
@@ -260,14 +260,14 @@ class Panels:
         if self._plot is not None:
             self._plot.remove()
             self._plot = None
-        if self._time is not None and all(b.playback is None for b in self.front.actors):
+        if self._time is not None and all(b.playback is None for b in self.front.robots):
             self._time.remove()
             self._time = None
 
     def _move(self) -> None:
         gui = self.gui
         front = self.front
-        a = front.hand
+        robot = front.active
         for handle in self._sliders:
             handle.remove()
         self._sliders = []
@@ -279,10 +279,10 @@ class Panels:
                 "Drag the **arrows** at the tool; **shift-drag** any link; or set a joint. "
                 "If the target cannot be reached, the robot stops and the reason is shown."
             )
-            postures = gui.add_dropdown("posture", a.desk.postures or ("drawn",))
+            postures = gui.add_dropdown("posture", robot.desk.postures or ("drawn",))
             go = gui.add_button_group(" ", ("go", "keep here"))
             self._sliders += [note, postures, go]
-            for i, joint in enumerate(a.desk.joints):
+            for i, joint in enumerate(robot.desk.joints):
                 scale = MM
                 unit = "mm"
                 low = -0.5
@@ -296,7 +296,7 @@ class Panels:
                     low, high = joint.limits
                 low /= scale
                 high /= scale
-                value = round(float(np.clip(a.desk.assembly.q[i] / scale, low, high)), 2)
+                value = round(float(np.clip(robot.desk.assembly.q[i] / scale, low, high)), 2)
                 slider = gui.add_slider(f"{joint.name} [{unit}]", round(low, 2), round(high, 2), 0.01, value)
                 slider.on_update(self._mover(i, scale, slider))
                 self._joint.append(slider)
@@ -305,19 +305,19 @@ class Panels:
         def posture(_: object) -> None:
             if go.value == "go":
                 front.clock.playing = False
-                front.ask("posture", lambda: a.desk.go(postures.value))
-            elif len(a.desk.postures) < MOST_POSTURES:
-                number = 1 + sum(name.startswith("kept") for name in a.desk.postures)
+                front.ask("posture", lambda: robot.desk.go_to_posture(postures.value))
+            elif len(robot.desk.postures) < MOST_POSTURES:
+                number = 1 + sum(name.startswith("kept") for name in robot.desk.postures)
                 name = f"kept {number}"
-                a.desk.keep(name)
-                postures.options = a.desk.postures
+                robot.desk.keep(name)
+                postures.options = robot.desk.postures
                 postures.value = name
                 front.say(f"stored as '{name}'")
             else:
                 front.say(f"not stored: the list has {MOST_POSTURES} postures, which is the maximum")
 
         go.on_click(posture)
-        self.record = RecordPanel(front, a, self._move_tab, self._sliders)
+        self.record = RecordPanel(front, robot, self._move_tab, self._sliders)
 
     def _mover(self, i: int, scale: float, slider: viser.GuiSliderHandle) -> Callable[[viser.GuiEvent], None]:
         front = self.front
@@ -327,8 +327,8 @@ class Panels:
                 return
             front.clock.playing = False
             value = slider.value * scale
-            desk = front.hand.desk
-            front.go_on(f"joint {i}", lambda: desk.move_joint(i, value))
+            desk = front.active.desk
+            front.continue_move(f"joint {i}", lambda: desk.move_joint(i, value))
 
         return moved
 
@@ -347,27 +347,27 @@ class Panels:
         """Return the factor by which differences between points of equations and mechanism are drawn larger."""
         return float(self._times.value.split()[0])
 
-    def ghost_poses(self, a: ShownRobot) -> dict[str, Array] | None:
+    def ghost_poses(self, robot: ShownRobot) -> dict[str, Array] | None:
         """Return the link poses T_base_body (4, 4) of a robot's ghost, by body; None if the poses cannot be computed.
 
         If the mechanism is edited, the ghost is the unedited mechanism at the same joint values. Otherwise, the ghost
         is the mechanism at the requested tool pose.
         """
-        other = self.design.other_poses(a)
+        other = self.design.other_poses(robot)
         if other is not None:
             return other
-        desk = a.desk
-        if desk.asked is None:
+        desk = robot.desk
+        if desk.requested_pose is None:
             return desk.assembly.link_poses
         try:
-            return desk.model.solve_pose(desk.asked, desk.assembly).link_poses
+            return desk.model.solve_pose(desk.requested_pose, desk.assembly).link_poses
         except AssemblyError:
             return None
 
     def show(self, reading: RobotReading) -> None:
         """Show the readings of the active robot, the time, and the curves."""
         front = self.front
-        desk = front.hand.desk
+        desk = front.active.desk
         variants = []
         if desk.kin is not None:
             for equation, variant in desk.kin.variants.items():
@@ -386,7 +386,7 @@ class Panels:
             if abs(slider.value - value) > 0.005 and not front.wished("joint"):
                 slider.value = value
         clock = front.clock
-        playback = front.hand.playback
+        playback = front.active.playback
         if self._time is not None and playback is not None:
             if abs(self._time.value - clock.time) > 5e-4:
                 self._time.value = round(min(clock.time, self._time.max), 3)
@@ -403,12 +403,12 @@ class Panels:
 
     def _draw_curves(self, force: bool = False) -> None:
         """Draw the chosen curves of the protocol, with a vertical line at the clock's time."""
-        playback = self.front.hand.playback
+        playback = self.front.active.playback
         if playback is None:
             return
         joints = []
         angles = []
-        for joint in self.front.hand.desk.joints:
+        for joint in self.front.active.desk.joints:
             joints.append(joint.name)
             angles.append(joint.is_angle)
         names, values = curves(playback, self._what.value, joints, angles)
@@ -422,7 +422,7 @@ class Panels:
         now = np.full(len(t), low)  # a separate curve that is a vertical line at the clock's time
         now[k] = max(high, low + LEAST_SPAN)
         data = (t, *rows, now)
-        key = (self._what.value, self.front.hand.name, playback)
+        key = (self._what.value, self.front.active.name, playback)
         if self._plot is not None and not force and key == self._plotted:
             self._plot.data = data
             return

@@ -69,7 +69,7 @@ class Scenery:
         self._drawn: dict[str, DrawnNodes] = {}
         self._drawn_shown = True
         self._person: viser.FrameHandle | None = None
-        for a in front.actors:
+        for a in front.robots:
             self._draw_parts(a)
 
     # -- the instrument -------------------------------------------------------------------------------
@@ -109,7 +109,7 @@ class Scenery:
     def trail(self, visible: bool) -> None:
         """Show or hide the tip path of each robot's protocol, and trocars and shafts."""
         self._trail_shown = visible
-        for a in self.front.actors:
+        for a in self.front.robots:
             for handle in self._trail.pop(a.name, []):
                 handle.remove()
             if a.playback is None or not visible:
@@ -135,7 +135,7 @@ class Scenery:
     def redraw(self, robot: str) -> None:
         """Show names, frames and joint axes, if they are switched on, at the new scene nodes of a robot."""
         nodes = self.front.nodes[robot]
-        for a in self.front.actors:
+        for a in self.front.robots:
             if a.name == robot:
                 self._draw_parts(a)
         if "labels" in self._extras:
@@ -147,12 +147,12 @@ class Scenery:
 
     def follow(self) -> None:
         """Draw trocars and shafts at the present poses; a shaft whose trocar error is 2 mm or more is not drawn."""
-        for a in self.front.actors:
+        for a in self.front.robots:
             if a.name in self._drawn:
                 self._drawn[a.name].follow(a.desk.assembly.link_poses)
         drawn: set[str] = set()
         if self._trail_shown:
-            for a in self.front.actors:
+            for a in self.front.robots:
                 trocars = in_trocars(a.desk, rcm_at(a.playback, self.front.clock.time))
                 for trocar in trocars:
                     drawn.add(self._draw_trocar(a, trocar, len(trocars) > 1))
@@ -235,7 +235,7 @@ class Scenery:
                 size = scale.value
                 angle = yaw.value * DEG
                 if e.client is not None:
-                    front.ask("place", lambda: self._put(front.hand, position, angle, size))
+                    front.ask("place", lambda: self._put(front.active, position, angle, size))
 
             for handle in (scale, place, yaw):
                 handle.on_update(put)
@@ -331,7 +331,7 @@ class Scenery:
         """
         self._patient_shown = visible
         missing = []
-        for a in self.front.actors:
+        for a in self.front.robots:
             if a.name in self._patients:
                 self._patients.pop(a.name).remove()
                 self._show_links(a, frozenset())
@@ -364,12 +364,12 @@ class Scenery:
         state = None
         if self._cut is not None:
             # a move replaces the assembly of a robot
-            states = [id(a.desk.assembly) for a in self.front.actors]
+            states = [id(a.desk.assembly) for a in self.front.robots]
             state = (*self._cut, *states)
         if state == self._cut_drawn:
             return
         self._cut_drawn = state
-        for a in self.front.actors:
+        for a in self.front.robots:
             node = self.front.nodes[a.name]
             point = None
             normal = np.zeros(3)
@@ -398,7 +398,7 @@ class Scenery:
 
     def camera(self, view: str) -> tuple[Array, Array, Array]:
         """Return (camera position, target, up vector) of a preset view, each (3,) in m in the world frame."""
-        a = self.front.hand
+        a = self.front.active
         node = self.front.nodes[a.name]
         tip, axis = a.desk.shaft()
         size = node.size * a.scale

@@ -88,8 +88,8 @@ def page(front: Front, progress: Progress = lambda part: None) -> str:
         serializer = front.server.get_scene_serializer()
         for t in np.arange(0.0, clock.duration, 1 / RATE):
             clock.seek(float(t))
-            front.stand()
-            front.bend(1 / RATE)
+            front.move_to_clock()
+            front.deform_organs(1 / RATE)
             front.draw()
             front.refresh()
             serializer.insert_sleep(1 / RATE)
@@ -99,7 +99,7 @@ def page(front: Front, progress: Progress = lambda part: None) -> str:
         front.gizmo.visible = was_visible
         clock.playing = was_playing
         clock.seek(time)
-        front.stand()
+        front.move_to_clock()
 
 
 def _one(client: viser.ClientHandle | None) -> viser.ClientHandle:
