@@ -570,9 +570,18 @@ def test_the_codes_of_an_export_are_those_of_its_writers():
     assert codes == set(_EXPORT_CODES)
 
 
-def test_inputs_that_are_not_there_are_named(proven):
+def test_inputs_that_are_not_beside_others_are_named(proven):
+    """An export has none of its inputs beside it, which is no finding."""
     folder, contents, checks = proven
     base.write_proof(folder)
+    ledger = Ledger("proof.json")
+    check_statements(check_proof(folder / "proof.json", ledger), folder, contents, checks, ledger)
+    assert not ledger.found
+    file = folder / "proof.json"
+    proof = json.loads(file.read_text())
+    glb = next(row for row in proof["files"] if row["file"] == "bars.glb")
+    proof["inputs"].append({"file": "bars.glb", "sha256": glb["sha256"]})
+    file.write_text(json.dumps(proof))
     ledger = Ledger("proof.json")
     check_statements(check_proof(folder / "proof.json", ledger), folder, contents, checks, ledger)
     (absent,) = ledger.found
