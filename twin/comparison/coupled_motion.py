@@ -14,7 +14,7 @@ RATIO = 1e-4
 """Difference of ratios of couplings up to which they are equal, relative."""
 
 
-class Follower(NamedTuple):
+class CoupledFollower(NamedTuple):
     """How a joint follows those that move freely: q_joint = ratios @ q + offset.
 
     Attributes:
@@ -45,7 +45,7 @@ def constraints(side: RobotSide, axes: Sequence[Axis]) -> tuple[Array, Array]:
     return np.array(ratios).reshape(-1, len(axes)), np.array(totals)
 
 
-def followed(ratios: Array, totals: Array, order: Sequence[int]) -> dict[int, Follower]:
+def followed(ratios: Array, totals: Array, order: Sequence[int]) -> dict[int, CoupledFollower]:
     """Return {joint: how it follows} of the joints that others move.
 
     Of the joints of a coupling, the one that is first in `order` is moved. Gauss-Jordan elimination of the constraints,
@@ -71,11 +71,11 @@ def followed(ratios: Array, totals: Array, order: Sequence[int]) -> dict[int, Fo
         leading = np.zeros(len(order))
         leading[list(order)] = -row[:-1]
         leading[joint] = 0.0
-        followers[joint] = Follower(leading, float(row[-1]))
+        followers[joint] = CoupledFollower(leading, float(row[-1]))
     return followers
 
 
-def followed_of(side: RobotSide) -> dict[int, Follower]:
+def followed_of(side: RobotSide) -> dict[int, CoupledFollower]:
     """Return `followed` of the couplings of one side, for joints in the order of its axes."""
     names = {coupling.follower for coupling in side.couplings}
     followers = []

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twin.comparison.convention_sizes import zero_of
-from twin.comparison.coupled_motion import RATIO, Follower, constraints, followed
+from twin.comparison.coupled_motion import RATIO, CoupledFollower, constraints, followed
 from twin.comparison.evidence import CENTRE, LIMIT, RELATIVE
 from twin.comparison.fit import FitSolution, Problem, values_of
 from twin.comparison.items import NumberEdit
@@ -333,8 +333,8 @@ def _body_motions(problem: Problem, solution: FitSolution) -> Array:
 class _CoupledSides(NamedTuple):
     """What follows in each side, as values of the second side, and the order in which joints are made followers."""
 
-    first: dict[int, Follower]
-    second: dict[int, Follower]
+    first: dict[int, CoupledFollower]
+    second: dict[int, CoupledFollower]
     order: list[int]
 
 
@@ -372,7 +372,7 @@ def is_same_limit(first: float, second: float) -> bool:
     return first == second or abs(first - second) <= LIMIT
 
 
-def _is_same_motion(first: Follower, second: Follower) -> bool:
+def _is_same_motion(first: CoupledFollower, second: CoupledFollower) -> bool:
     """Return whether a joint follows the same joints in the same way."""
     limits = RATIO * np.maximum(np.abs(first.ratios), np.abs(second.ratios)) + _WITHOUT_EFFECT
     has_same_ratios = bool(np.all(np.abs(first.ratios - second.ratios) <= limits))
@@ -452,7 +452,7 @@ def _tensor(tensor: Array, digits: int) -> str:
     return f"{', '.join(entries)} kg m2 in the base"
 
 
-def _coupling(problem: Problem, i: int, follower: Follower | None, digits: int) -> str:
+def _coupling(problem: Problem, i: int, follower: CoupledFollower | None, digits: int) -> str:
     """Return how joint i follows others as a sum, with the names of the second side."""
     if follower is None:
         return "moves freely"
