@@ -16,7 +16,9 @@ PARAMETERS = "parameters"
 
 _ASSUMED = "ASSUMED"
 
-_LINE = re.compile(r"(?P<name>[^=]+?) = (?P<shown>[-+.\deE]+|-?inf) (?P<unit>[^:]*): ")
+_LINE = re.compile(
+    r"(?P<name>[^=]+?) = (?P<shown>-?(?:inf|(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)) (?P<unit>[^:]*): "
+)
 """Line of an assumed number: "name = value unit: reason"."""
 
 _DIGITS = 1e-5
@@ -53,10 +55,10 @@ def compare_assumed(lines: Iterable[str], source: str, stages: Iterable[Content]
     """
     stated: dict[str, dict[str, Any]] = {}
     for line in lines:
-        found = _LINE.match(line)
-        if found is not None:
-            row = {"shown": float(found["shown"]), "unit": found["unit"].strip(), "provenance": _ASSUMED}
-            stated.setdefault(found["name"].strip(), row)
+        parts = _LINE.match(line)
+        if parts is not None:
+            row = {"shown": float(parts["shown"]), "unit": parts["unit"].strip(), "provenance": _ASSUMED}
+            stated.setdefault(parts["name"].strip(), row)
     for stage in stages:
         for name, row in stage.extra.get(PARAMETERS, {}).items():
             if name in stated and isinstance(row, Mapping):
