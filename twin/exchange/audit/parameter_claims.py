@@ -16,9 +16,7 @@ PARAMETERS = "parameters"
 
 _ASSUMED = "ASSUMED"
 
-_LINE = re.compile(
-    r"(?P<name>[^=]+?) = (?P<shown>-?(?:inf|(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)) (?P<unit>[^:]*): "
-)
+_LINE = re.compile(r"(?P<name>[^=]+?) = (?P<shown>-?(?:inf|(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)) (?P<unit>[^:]*): ")
 """Line of an assumed number: "name = value unit: reason"."""
 
 _DIGITS = 1e-5
