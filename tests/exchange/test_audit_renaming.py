@@ -23,6 +23,7 @@ PHYSICS = {
     "links": ("old base", "old link"),
     "masses": {"old link": FileMass(1.0)},
     "shown": {"old link": True},
+    "collides": {"old link": True},
     "assumed": frozenset({"old link"}),
     "partly": frozenset({"old link"}),
     "joints": [FileJoint(("old joint",), "old base", "old link", POSE)],
