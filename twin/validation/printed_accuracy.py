@@ -119,16 +119,7 @@ def check_displacements(
 
     `stds` (3,) are the standard deviations of the error along x, y and z in mm.
     """
-    exact = measured["largest_error_unquantised_mm"]
-    if exact >= _EXACT:
-        yield disagreement(
-            "study.chain",
-            "chain",
-            "the equations have an error even with an exact pen (no quantisation): largest error",
-            size=Quantity(exact, "mm"),
-            limit=_EXACT,
-            suggestion="judge the equations of the console: twin console davinci",
-        )
+    yield from _check_unquantised("chain", "pen", Quantity(measured["largest_error_unquantised_mm"], "mm"))
     largest = measured["largest_error_mm"]
     if largest > c.required_mm:
         yield disagreement(
@@ -141,10 +132,7 @@ def check_displacements(
             word="required",
         )
     percentile = _std_percentile(c.displacements)
-    beyond: list[str] = []
-    for axis, printed_std, std in zip("xyz", printed.std, stds, strict=True):
-        if printed_std > percentile * std:
-            beyond.append(f"{axis} {printed_std:.3f}")
+    beyond = _axes_beyond(printed, stds, percentile)
     if beyond:
         largest_std = max(stds)
         limit = float(percentile * largest_std)
@@ -159,6 +147,28 @@ def check_displacements(
             suggestion="look for other sources of error than the resolution of the pen",
             word="",
         )
+
+
+def _check_unquantised(chain: str, device: str, largest: Quantity) -> Iterator[Finding]:
+    """Yield a finding if the equations have an error with an exact device; `largest` is the largest error."""
+    if largest.value >= _EXACT:
+        yield disagreement(
+            "study.chain",
+            chain,
+            f"the equations have an error even with an exact {device} (no quantisation): largest error",
+            size=largest,
+            limit=_EXACT,
+            suggestion="judge the equations of the console: twin console davinci",
+        )
+
+
+def _axes_beyond(printed: Accuracy, stds: Sequence[float], percentile: float) -> list[str]:
+    """Return the axes whose printed standard deviation is above `percentile` times the simulated one, with it."""
+    beyond: list[str] = []
+    for axis, printed_std, std in zip("xyz", printed.std, stds, strict=True):
+        if printed_std > percentile * std:
+            beyond.append(f"{axis} {printed_std:.3f}")
+    return beyond
 
 
 def _std_percentile(samples: int) -> float:
@@ -177,21 +187,9 @@ def check_rotations(
 
     `stds` (3,) are the standard deviations of the error about x, y and z in degrees.
     """
-    exact = measured["largest_error_unquantised_deg"]
-    if exact >= _EXACT:
-        yield disagreement(
-            "study.chain",
-            "angle_chain",
-            "the equations have an error even with an exact gimbal (no quantisation): largest error",
-            size=Quantity(exact, "deg"),
-            limit=_EXACT,
-            suggestion="judge the equations of the console: twin console davinci",
-        )
+    yield from _check_unquantised("angle_chain", "gimbal", Quantity(measured["largest_error_unquantised_deg"], "deg"))
     percentile = _std_percentile(c.rotations)
-    beyond: list[str] = []
-    for axis, printed_std, std in zip("xyz", printed.std, stds, strict=True):
-        if printed_std > percentile * std:
-            beyond.append(f"{axis} {printed_std:.3f}")
+    beyond = _axes_beyond(printed, stds, percentile)
     mean_std = float(np.mean(stds))
     typical = f"a standard deviation of {mean_std:.4f} deg on average, and of at most {percentile * mean_std:.3f} deg"
     gimbal = f"in {c.rotations} rotations, a gimbal with a resolution of {c.resolution_deg:g} deg ({c.provenance})"
