@@ -18,7 +18,7 @@ from playwright.sync_api import Browser, Page
 
 import twin
 from twin.core.units import MM
-from twin.ui.session.desk import Desk
+from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.viewer.front import Front, ShownRobot
 from twin.ui.viewer.page import open_page
 from twin.ui.viewer.server import serve
@@ -44,7 +44,7 @@ def printed(front: Front, page: Page) -> None:
     page.locator("xpath=//label[contains(., 'eq1')]/following::input[not(@type='hidden')][1]").first.click()
     page.get_by_role("option", name="printed").click()
     front.ask("axes", lambda: (front.nodes["sils"].axes(True), setattr(front.gizmo, "visible", False)))
-    tip, _ = front.active.desk.shaft()
+    tip, _ = front.active.movable.shaft()
     at = tip + np.array([0, 0, 120]) * MM
     for client in front.server.get_clients().values():
         with client.atomic():
@@ -88,7 +88,7 @@ PICTURES: dict[str, tuple[str, Callable[[Any, Page], None]]] = {
 def opened(name: str) -> Front:
     """Return the page of a robot."""
     server = serve(name, "127.0.0.1", 0)
-    return open_page(f"twin · {name}", [ShownRobot(name, name, Desk(twin.load(name)))], None, server)
+    return open_page(f"twin · {name}", [ShownRobot(name, name, MovableRobot(twin.load(name)))], None, server)
 
 
 def shown(browser: Browser, name: str) -> bytes:

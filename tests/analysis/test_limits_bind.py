@@ -18,7 +18,7 @@ from twin.core import spatial
 from twin.kinematics.closed_loops import LoopSolver
 from twin.kinematics.closed_loops.passive_limits import PassiveCheck
 from twin.planning.check import check
-from twin.ui.session.desk import Desk
+from twin.ui.session.movable_robot import MovableRobot
 
 POSES = int(os.environ.get("TWIN_LIMIT_POSES", "20000"))
 DRAGS = int(os.environ.get("TWIN_LIMIT_DRAGS", "2"))
@@ -217,15 +217,15 @@ def test_every_state_of_a_workspace_keeps_all_limits(name):
 def test_no_drag_passes_a_limit(name):
     robot = bound(name)
     mechanism = robot.mechanism
-    desk = Desk(robot)
+    movable = MovableRobot(robot)
     rng = np.random.default_rng(1)
     body = mechanism.frame(mechanism.tool).body
     for _ in range(DRAGS):
-        target = desk.assembly.link_poses[body][:3, 3] + rng.normal(size=3) * 0.3
+        target = movable.assembly.link_poses[body][:3, 3] + rng.normal(size=3) * 0.3
         for _ in range(25):
-            moved = desk.move_point(body, np.zeros(3), target)
-            links = {n: T[None] for n, T in desk.assembly.link_poses.items()}
-            beyond, where = excess(mechanism, links, desk.assembly.q[None])
+            moved = movable.move_point(body, np.zeros(3), target)
+            links = {n: T[None] for n, T in movable.assembly.link_poses.items()}
+            beyond, where = excess(mechanism, links, movable.assembly.q[None])
             assert beyond < ROUNDED, where
             if "still moving" not in moved.reason:
                 break

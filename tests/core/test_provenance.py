@@ -8,7 +8,7 @@ import twin
 from twin.core.provenance import AssumedCounts, Parameter, count_assumed
 from twin.exchange.write.order import order
 from twin.ui.headset.description import describe
-from twin.ui.session.desk import Desk
+from twin.ui.session.movable_robot import MovableRobot
 
 
 def parameter(name, provenance="ASSUMED"):
@@ -29,6 +29,6 @@ def test_report_export_and_page_have_one_count(name):
     robot = twin.load(name)
     report = twin.validate(name)
     exported = order(robot, None, [], None, twin.plan, lambda what, part: None)
-    shown = describe(robot, Desk(robot), {}, {}, None)
+    shown = describe(robot, MovableRobot(robot), {}, {}, None)
     assert report.assumed_counts.robot == exported.assumed_counts.robot == len(shown["assumed"]) > 0
     assert report.assumed_counts.drawing == exported.assumed_counts.drawing > 0

@@ -17,7 +17,7 @@ from twin.exchange.read import read
 from twin.exchange.read.closing import close
 from twin.exchange.read.folder import write_folder
 from twin.exchange.read.templates import protocol
-from twin.ui.session.desk import Desk
+from twin.ui.session.movable_robot import MovableRobot
 
 pytestmark = pytest.mark.usefixtures("no_plots")
 
@@ -60,9 +60,9 @@ def test_info_validate_build_and_view_work_on_a_new_folder_at_once(name, tmp_pat
         assert cli.main([command, str(folder), "--quiet"]) == 0
     assert cli.main(["explain", str(folder), "--quiet"]) == 2
     assert "formula.py: there are no equations yet" in capsys.readouterr().err
-    desk = Desk(api.load(folder))
-    assert desk.kin is None
-    assert desk.move_joint(0, desk.assembly.q[0] + 0.05).good
+    movable = MovableRobot(api.load(folder))
+    assert movable.kin is None
+    assert movable.move_joint(0, movable.assembly.q[0] + 0.05).good
     assert api.load(folder / "usd/own.usda").reference().home().worst_gap < 1e-6
 
 

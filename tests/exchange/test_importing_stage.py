@@ -12,7 +12,7 @@ from twin import api, cli
 from twin.core.errors import TwinError
 from twin.exchange.read import read
 from twin.exchange.read.closing import close
-from twin.ui.session.desk import Desk
+from twin.ui.session.movable_robot import MovableRobot
 from twin.usd.read import inspect_stage
 
 HERE = Path(__file__).parents[1]
@@ -204,8 +204,8 @@ def test_a_stage_without_a_tool_is_shown_exported_and_told(tmp_path, capsys):
     for joint in robot.mechanism.tree:
         depth[joint.child] = depth[joint.parent] + 1
     assert depth[tool.body] == max(depth.values())
-    desk = Desk(robot)
-    assert np.isfinite(desk.model.home().T_base_tool).all()
+    movable = MovableRobot(robot)
+    assert np.isfinite(movable.model.home().T_base_tool).all()
     assert cli.main(["export", str(source), "--to", "glb", "--out", str(tmp_path / "e"), "--quiet"]) in (0, 1)
     assert cli.main(["audit", str(tmp_path / "e"), "--quiet"]) in (0, 1)
     capsys.readouterr()

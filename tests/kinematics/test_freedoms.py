@@ -339,7 +339,7 @@ def drawn(tmp_path_factory):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", nightly(["bennett", *(n for n in NAMES if n != "bennett")], every=len(NAMES)))
 def test_a_drawn_linkage_passes_every_command(name, drawn, tmp_path, capsys):
-    from twin.ui.session.desk import Desk
+    from twin.ui.session.movable_robot import MovableRobot
 
     linkage, folder = linkages.LINKAGES[name](), tmp_path / name
     assert cli.main(["new", name, "--from", str(drawn(name)), "--out", str(folder), "--quiet"]) == 0
@@ -362,5 +362,5 @@ def test_a_drawn_linkage_passes_every_command(name, drawn, tmp_path, capsys):
         assert cli.main(["explain", str(folder), "--quiet"]) == 2  # there is nothing to explain
     assert cli.main(["build", str(folder), "--quiet"]) == 0
     assert cli.main(["export", str(folder), "--out", str(tmp_path / "export"), "--quiet"]) == 0
-    desk = Desk(api.load(folder))
-    assert desk.move_joint(0, desk.assembly.q[0] + 0.02).good
+    movable = MovableRobot(api.load(folder))
+    assert movable.move_joint(0, movable.assembly.q[0] + 0.02).good

@@ -20,7 +20,7 @@ from twin.model.scene import load_scene
 from twin.ui.access.rules import AccessRules
 from twin.ui.headset import files, served
 from twin.ui.headset.server import StreamServer
-from twin.ui.session.desk import Desk
+from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.viewer.front import ShownRobot
 from twin.ui.viewer.page import open_page
 from twin.ui.viewer.server import serve as viser_server
@@ -40,8 +40,8 @@ def room(robot, cloth):
 def viewed(robot, cloth, port):
     """Return the viewer's front with a scene and a cloth; `run` of the result starts it."""
     loaded = scenes.load(load_scene(scenes.find(robot)))
-    scene, desks = loaded.scene, {n: Desk(r) for n, r in loaded.robots.items()}
-    actors = [ShownRobot(p.name, p.name, desks[p.name], p.T_world_base, p.protocol) for p in scene.places]
+    scene, movables = loaded.scene, {n: MovableRobot(r) for n, r in loaded.robots.items()}
+    actors = [ShownRobot(p.name, p.name, movables[p.name], p.T_world_base, p.protocol) for p in scene.places]
     return open_page(scene.name, actors, loaded.props, viser_server(scene.name, "127.0.0.1", port), feed=cloth)
 
 

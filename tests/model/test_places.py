@@ -18,7 +18,7 @@ from twin.core.units import MM
 from twin.model.body import Mesh
 from twin.model.mechanism import Mechanism
 from twin.reference.clearance import Shape, distance_between
-from twin.ui.session.desk import ENDOSCOPE, Desk
+from twin.ui.session.movable_robot import ENDOSCOPE, MovableRobot
 from twin.ui.session.patient import Patient, floor_of, none_there, patient_of, read_patient
 
 SAMPLES = 16
@@ -180,13 +180,13 @@ def test_nothing_floats(played):
 def test_the_endoscope_sees_the_inside(played):
     """While the instrument is in, the camera is in a part that the port opens, in front of nothing it touches."""
     name, protocol = played.mechanism.name, played.protocol
-    desk = Desk(twin.load(name))
-    desk.use_tool_frame_of(desk.robot.protocol(protocol))
+    movable = MovableRobot(twin.load(name))
+    movable.use_tool_frame_of(movable.robot.protocol(protocol))
     parts = {b.name: b.meshes[0] for b in played.patient.mechanism.bodies}
     deepest = int(np.argmax(np.linalg.norm(played.tips - played.patient.port, axis=1) * played.inside))
     poses = {n: T[deepest] for n, T in played.links.items()}
-    desk.assembly = replace(desk.assembly, link_poses=poses)
-    eye, ahead, above = desk.camera()
+    movable.assembly = replace(movable.assembly, link_poses=poses)
+    eye, ahead, above = movable.camera()
     np.testing.assert_allclose(np.dot(ahead - eye, above - eye), 0, atol=1e-12)
     assert any(inside(parts[n], eye[None])[0] for n in played.patient.opens)
     assert not any(inside(parts[n], eye[None])[0] for n in parts.keys() - played.patient.opens)

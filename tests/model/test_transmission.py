@@ -34,7 +34,7 @@ from twin.kinematics.closed_loops.bounds import bounds_of
 from twin.kinematics.closed_loops.dragging import Dragger
 from twin.model.transmission import Actuator, Transmission
 from twin.planning.check import check
-from twin.ui.session.desk import Desk
+from twin.ui.session.movable_robot import MovableRobot
 from twin.usd.read import read_stage
 from twin.validation.stage_content import content
 
@@ -478,11 +478,11 @@ def test_a_hand_stops_where_a_motor_is_at_its_limit(robot):
     dragged = dragger.move_joints(np.zeros(4), u, np.array([0, 2.4, 0, 0]))
     assert [(b.name, b.kind) for b in dragged.stops] == [("m1", "motor")]
     assert m.motors(dragged.q)[1] == pytest.approx(30.0)
-    desk = Desk(limited(robot, m1=(-30.0, 30.0)))
-    moved = desk.move_joint(1, 2.4)
+    movable = MovableRobot(limited(robot, m1=(-30.0, 30.0)))
+    moved = movable.move_joint(1, 2.4)
     assert not moved.good
     assert "motor m1 is at a limit (-30 .. 30 rad)" in moved.reason
-    moved = desk.move_joints(np.array([0, 2.4, 0, 0]))
+    moved = movable.move_joints(np.array([0, 2.4, 0, 0]))
     assert "motor m1 would exceed its limits of -30 .. 30 rad by 18 rad" in moved.reason
 
 

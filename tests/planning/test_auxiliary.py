@@ -21,7 +21,7 @@ from twin.model.body import Body, Frame
 from twin.model.joint import Joint
 from twin.model.mechanism import Coupling, Mechanism
 from twin.ui.report.curves import joint_unit
-from twin.ui.session.desk import Desk
+from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.readings import read as instruments
 
 JAW = 6
@@ -183,15 +183,15 @@ def test_it_is_exported_and_every_format_moves_it(robot, tmp_path):
 
 
 def test_a_hand_moves_the_arm_and_the_jaw_stays(robot):
-    desk = Desk(robot)
+    movable = MovableRobot(robot)
     q = np.array([0.1, -0.2, 0.15, 0.2, 0.8, -0.4, 0.5])
-    assert desk.move_joints(q).good
-    assert instruments(desk).agrees
-    T = desk.assembly.T_base_tool.copy()
+    assert movable.move_joints(q).good
+    assert instruments(movable).agrees
+    T = movable.assembly.T_base_tool.copy()
     T[:3, 3] += [0.01, -0.005, 0.004]
-    assert desk.move_tool(T).good
-    assert desk.assembly.q[JAW] == pytest.approx(0.5, abs=1e-12)
-    assert desk.move_joint(JAW, 0.2).good
-    assert desk.assembly.q[JAW] == pytest.approx(0.2)
-    np.testing.assert_allclose(desk.assembly.T_base_tool, T, atol=1e-9)
-    assert instruments(desk).agrees
+    assert movable.move_tool(T).good
+    assert movable.assembly.q[JAW] == pytest.approx(0.5, abs=1e-12)
+    assert movable.move_joint(JAW, 0.2).good
+    assert movable.assembly.q[JAW] == pytest.approx(0.2)
+    np.testing.assert_allclose(movable.assembly.T_base_tool, T, atol=1e-9)
+    assert instruments(movable).agrees

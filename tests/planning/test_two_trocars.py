@@ -27,7 +27,7 @@ from twin.planning.protocol import load_protocol
 from twin.simulation.scene_play import Actor as Playing
 from twin.simulation.scene_play import _port, trocars_of
 from twin.ui.headset.playback import trocars as told
-from twin.ui.session.desk import Desk
+from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.patient import patient_of
 from twin.ui.session.readings import read
 from twin.ui.session.timeline import prepare
@@ -349,9 +349,9 @@ def test_the_audit_names_the_trocar_that_is_elsewhere(exported, robot, tmp_path,
 
 
 def test_both_trocars_are_read_and_told(robot):
-    desk = Desk(robot)
-    desk.use_tool_frame_of(robot.protocol("stitch"))
-    inside = {t.name: t for t in in_trocars(desk)}
+    movable = MovableRobot(robot)
+    movable.use_tool_frame_of(robot.protocol("stitch"))
+    inside = {t.name: t for t in in_trocars(movable)}
     assert inside.keys() == made.PLACES.keys()
     depth = np.linalg.norm(made.NEEDLE - made.PLACES["left"])
     assert inside["left"].depth == pytest.approx(depth, abs=1e-9)
@@ -359,8 +359,8 @@ def test_both_trocars_are_read_and_told(robot):
     for n, t in inside.items():
         np.testing.assert_allclose(t.place, made.PLACES[n], atol=1e-12)
         assert np.abs(np.cross(t.axis, made.shaft_axis(made.PLACES[n]))).max() < 1e-9
-    assert desk.move_joints(np.array([0.02, -0.01])).good
-    reading = read(desk)
+    assert movable.move_joints(np.array([0.02, -0.01])).good
+    reading = read(movable)
     assert reading.rcm_error < 1e-9
     assert reading.agrees
     page = readout.table(reading)
@@ -370,11 +370,11 @@ def test_both_trocars_are_read_and_told(robot):
 @pytest.mark.slow
 def test_both_trocars_are_drawn_and_sent_where_the_protocol_has_them(robot, folder):
     playback = prepare(str(folder), "moved")
-    actor = ShownRobot(made.NAME, str(folder), Desk(robot))
+    actor = ShownRobot(made.NAME, str(folder), MovableRobot(robot))
     front = open_page("test", [actor], None, serve("test", "127.0.0.1", 0))
     try:
         actor.playback = playback
-        actor.desk.bind(robot.bound(robot.protocol("moved")))
+        actor.movable.bind(robot.bound(robot.protocol("moved")))
         front.clock.duration = playback.duration
         front.move_to_clock()
         front.scenery.follow()
@@ -388,7 +388,7 @@ def test_both_trocars_are_drawn_and_sent_where_the_protocol_has_them(robot, fold
         front.scenery.trail(False)
         front.scenery.follow()
         assert not any(h.visible for h in (*balls.values(), *lines.values()))
-        sent = told(actor.desk, playback, 0.0)
+        sent = told(actor.movable, playback, 0.0)
         assert [t["name"] for t in sent] == list(made.MOVED)
         assert all(t["error_m"] < 1e-9 for t in sent)
         np.testing.assert_allclose([t["at"] for t in sent], list(made.MOVED.values()), atol=1e-8)

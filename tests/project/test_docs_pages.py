@@ -126,7 +126,7 @@ NIGHTLY = {
     "twin validate sils_instruments": "tests/robots/test_sils_instruments.py; tests/validation/test_joint_range.py",
     "twin view davinci": "twin serve davinci of the tutorial",
     "twin view docs/examples/hexapod --port 8090": "twin view my_hexapod",
-    "twin view hibou --html twin-out/hibou.html": "tests/ui/test_viewer_desk.py",
+    "twin view hibou --html twin-out/hibou.html": "tests/ui/test_movable_robot.py",
     "twin view sher phantom": "twin view my_hexapod",
     "twin view sils": "twin view my_hexapod",
     "twin view twin-out/davinci/davinci_psm_psm2": "tests/planning/test_together.py",

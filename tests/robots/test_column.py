@@ -12,7 +12,7 @@ from twin.exchange.read import read
 from twin.exchange.read.closing import close
 from twin.reference.dynamics import Dynamics
 from twin.simulation.dynamics.computed_torque import EXACT_LIMIT, TIP_LIMIT
-from twin.ui.session.desk import Desk
+from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.readings import read as instruments
 
 
@@ -50,13 +50,13 @@ def test_it_is_exported_and_read_back_with_the_same_dynamics(robot, tmp_path):
 
 
 def test_it_is_shown_and_follows_a_hand(robot):
-    desk = Desk(robot)
-    assert desk.move_joints(np.array([0.4, 0.1, 0.15, -0.5, 0.7, 0.2])).good
-    assert instruments(desk).agrees
-    T = desk.assembly.T_base_tool.copy()
+    movable = MovableRobot(robot)
+    assert movable.move_joints(np.array([0.4, 0.1, 0.15, -0.5, 0.7, 0.2])).good
+    assert instruments(movable).agrees
+    T = movable.assembly.T_base_tool.copy()
     T[:3, 3] += [0.01, -0.005, 0.004]
-    assert desk.move_tool(T).good
-    np.testing.assert_allclose(desk.assembly.T_base_tool, T, atol=1e-9)
+    assert movable.move_tool(T).good
+    np.testing.assert_allclose(movable.assembly.T_base_tool, T, atol=1e-9)
 
 
 @pytest.mark.nightly

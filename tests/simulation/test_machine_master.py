@@ -22,7 +22,7 @@ def parts():
     return machine_parts(twin.load("sils"))
 
 
-class Desk:
+class MovableRobot:
     """A machine and its master, tick by tick: a packet arrives in the next tick, unless it is lost."""
 
     problem = ""
@@ -68,41 +68,41 @@ def moved(T, way):
 
 def test_no_carriage_is_faster_than_its_limit_on_the_way_to_a_singularity(parts):
     """The way ends where carriages 3 and 4 would come closer than 40 mm; q4 there needs 9 times the tool's speed."""
-    desk = Desk(parts)
-    desk.run(100)
-    goal = moved(desk.tool, (41, -10, -91))
-    desk.run(6000, goal)
-    assert desk.master.held
-    assert desk.machine.reason == ""
-    q = desk.machine.wanted
+    movable = MovableRobot(parts)
+    movable.run(100)
+    goal = moved(movable.tool, (41, -10, -91))
+    movable.run(6000, goal)
+    assert movable.master.held
+    assert movable.machine.reason == ""
+    q = movable.machine.wanted
     assert 0.04 <= q[2] - q[3] < 0.05
-    assert 0.06 < desk.fastest < 0.1  # m/s; the limit of sils.toml is 0.1, at 0.2 the machine would stop
+    assert 0.06 < movable.fastest < 0.1  # m/s; the limit of sils.toml is 0.1, at 0.2 the machine would stop
 
 
 def test_lost_packets_are_made_up_for(parts):
-    desk = Desk(parts)
-    desk.run(100)
-    goal = moved(desk.tool, (3, 2, -4))
-    desk.lost = lambda number: number % 7 == 0
-    desk.run(1200, goal)
-    desk.lost = lambda number: False
-    desk.run(1000, goal)
-    assert desk.machine.receiver.refused > 20
-    np.testing.assert_allclose(desk.tool, goal, atol=6e-6)
+    movable = MovableRobot(parts)
+    movable.run(100)
+    goal = moved(movable.tool, (3, 2, -4))
+    movable.lost = lambda number: number % 7 == 0
+    movable.run(1200, goal)
+    movable.lost = lambda number: False
+    movable.run(1000, goal)
+    assert movable.machine.receiver.refused > 20
+    np.testing.assert_allclose(movable.tool, goal, atol=6e-6)
 
 
 def test_a_master_that_rests_lets_the_machine_stop_and_another_one_take_it(parts):
-    desk = Desk(parts)
-    desk.run(100)
-    goal = moved(desk.tool, (0, 0, -20))
-    desk.run(300, goal)
-    assert desk.machine.level == Level.PEDAL_DN
-    desk.master.rest()
-    desk.run(200)
-    assert desk.machine.level == Level.PEDAL_UP
-    q = desk.machine.plant.q.copy()
-    sequence = desk.machine.receiver.sequence
-    desk.run(1000)
-    assert np.abs(desk.machine.plant.q - q).max() < 1e-6
-    assert desk.machine.receiver.sequence == sequence
-    assert desk.machine.receiver.silent(desk.machine.t)
+    movable = MovableRobot(parts)
+    movable.run(100)
+    goal = moved(movable.tool, (0, 0, -20))
+    movable.run(300, goal)
+    assert movable.machine.level == Level.PEDAL_DN
+    movable.master.rest()
+    movable.run(200)
+    assert movable.machine.level == Level.PEDAL_UP
+    q = movable.machine.plant.q.copy()
+    sequence = movable.machine.receiver.sequence
+    movable.run(1000)
+    assert np.abs(movable.machine.plant.q - q).max() < 1e-6
+    assert movable.machine.receiver.sequence == sequence
+    assert movable.machine.receiver.silent(movable.machine.t)

@@ -129,7 +129,7 @@ def test_a_goal_that_jumps_does_not_make_the_model_too_fast(scene, side):
 # -- the trainer ---------------------------------------------------------------------------------------
 
 
-class Desk:
+class MovableRobot:
     """A trainer with signals that a test sets, and the time."""
 
     def __init__(self, parts):
@@ -182,115 +182,115 @@ class Desk:
 
 
 @pytest.fixture
-def desk(parts):
-    return Desk(parts)
+def movable(parts):
+    return MovableRobot(parts)
 
 
-def test_both_get_the_same_packets_and_the_model_begins_where_the_machine_is(desk):
-    _, _, _, machine_gets, model_gets = desk.step()
+def test_both_get_the_same_packets_and_the_model_begins_where_the_machine_is(movable):
+    _, _, _, machine_gets, model_gets = movable.step()
     assert model_gets[9] == 1
     np.testing.assert_array_equal(machine_gets, model_gets[:9])
-    assert desk.step()[4][9] == 0
+    assert movable.step()[4][9] == 0
 
 
-def test_a_plan_moves_both_without_a_hand(desk):
-    desk.set("arm.follows", 0.0)
-    assert np.array_equal(desk.step()[3], STILL)
-    desk.set("arm.planned", RUN, 0)
+def test_a_plan_moves_both_without_a_hand(movable):
+    movable.set("arm.follows", 0.0)
+    assert np.array_equal(movable.step()[3], STILL)
+    movable.set("arm.planned", RUN, 0)
     for goal in (0.0, 5e-3):
-        T = desk.signals["arm.goal"].reshape(4, 4).copy()
+        T = movable.signals["arm.goal"].reshape(4, 4).copy()
         T[0, 3] += goal
-        desk.set("arm.goal", T.ravel())
-        machine_gets, model_gets = desk.step(10)[3:]
+        movable.set("arm.goal", T.ravel())
+        machine_gets, model_gets = movable.step(10)[3:]
         assert machine_gets[8] == 1
         np.testing.assert_array_equal(machine_gets, model_gets[:9])
     assert machine_gets[0] > 0, "towards the goal"
-    desk.set("arm.planned", HELD, 0)
-    assert np.array_equal(desk.step()[3], STILL)
+    movable.set("arm.planned", HELD, 0)
+    assert np.array_equal(movable.step()[3], STILL)
 
 
-def test_increments_wait_until_both_are_ready(desk):
-    desk.step()
-    desk.set("arm.goal", (desk.signals["arm.goal"].reshape(4, 4) + np.diag([0, 0, 0, 0.0])).ravel())
-    goal = desk.signals["arm.goal"].reshape(4, 4).copy()
+def test_increments_wait_until_both_are_ready(movable):
+    movable.step()
+    movable.set("arm.goal", (movable.signals["arm.goal"].reshape(4, 4) + np.diag([0, 0, 0, 0.0])).ravel())
+    goal = movable.signals["arm.goal"].reshape(4, 4).copy()
     goal[1, 3] += 0.01
-    desk.set("arm.goal", goal.ravel())
-    desk.set("arm.run", Level.PEDAL_UP, 1)
-    phase, _, _, machine_gets, _ = desk.step(100)
+    movable.set("arm.goal", goal.ravel())
+    movable.set("arm.run", Level.PEDAL_UP, 1)
+    phase, _, _, machine_gets, _ = movable.step(100)
     assert phase == TrainerPhase.TELEOPERATE
     assert machine_gets[8] == 1
     assert not machine_gets[:3].any()
-    desk.set("arm.run", Level.PEDAL_DN, 1)
-    assert desk.step(50)[3][:3].any()
+    movable.set("arm.run", Level.PEDAL_DN, 1)
+    assert movable.step(50)[3][:3].any()
 
 
-def test_a_rehearsal_moves_the_model_only(desk):
-    desk.step()
-    phase, why, _, machine_gets, _ = desk.rehearse()
+def test_a_rehearsal_moves_the_model_only(movable):
+    movable.step()
+    phase, why, _, machine_gets, _ = movable.rehearse()
     assert (phase, why) == (TrainerPhase.JUDGED, Why.NOTHING)
     np.testing.assert_array_equal(machine_gets, STILL)
-    moved = sum(v[0] for v in desk.trainer._record)
+    moved = sum(v[0] for v in movable.trainer._record)
     assert moved == pytest.approx(1e4, abs=30)
 
 
-def test_a_rehearsal_is_stopped_at_the_longest_record(desk, monkeypatch):
+def test_a_rehearsal_is_stopped_at_the_longest_record(movable, monkeypatch):
     monkeypatch.setattr(trainer, "LONGEST", 0.2)
-    desk.step()
-    desk.ask(Mode.REHEARSE)
-    goal = desk.signals["arm.goal"].reshape(4, 4).copy()
+    movable.step()
+    movable.ask(Mode.REHEARSE)
+    goal = movable.signals["arm.goal"].reshape(4, 4).copy()
     goal[0, 3] += 0.05
-    desk.set("arm.goal", goal.ravel())
-    assert desk.step(199)[:2] == (TrainerPhase.REHEARSE, Why.NOTHING)
-    found = desk.step()
+    movable.set("arm.goal", goal.ravel())
+    assert movable.step(199)[:2] == (TrainerPhase.REHEARSE, Why.NOTHING)
+    found = movable.step()
     assert found[:3] == (TrainerPhase.REHEARSE, Why.FULL, 0.2)
     assert text_of(found).startswith("the rehearsal was stopped: the record of arm is 0.2 s long (limit 0.2). Press Ju")
     np.testing.assert_array_equal(found[4][:9], STILL)  # the model is at rest, where the record ends
-    desk.set("arm.model", 3.0, 2)  # not a part of the record
-    desk.step(300)
-    desk.set("arm.model", 0.0, 2)
-    assert len(desk.trainer._record) == 200
-    assert desk.ask(Mode.JUDGE)[:2] == (TrainerPhase.JUDGED, Why.NOTHING)
-    assert desk.ask(Mode.REPLAY)[0] == TrainerPhase.REPLAY
+    movable.set("arm.model", 3.0, 2)  # not a part of the record
+    movable.step(300)
+    movable.set("arm.model", 0.0, 2)
+    assert len(movable.trainer._record) == 200
+    assert movable.ask(Mode.JUDGE)[:2] == (TrainerPhase.JUDGED, Why.NOTHING)
+    assert movable.ask(Mode.REPLAY)[0] == TrainerPhase.REPLAY
 
 
-def test_a_good_record_is_replayed_as_it_was(desk):
-    desk.step()
-    desk.rehearse()
-    record = [v.copy() for v in desk.trainer._record]
-    phase, _, _, _, model_gets = desk.ask(Mode.REPLAY)
+def test_a_good_record_is_replayed_as_it_was(movable):
+    movable.step()
+    movable.rehearse()
+    record = [v.copy() for v in movable.trainer._record]
+    phase, _, _, _, model_gets = movable.ask(Mode.REPLAY)
     assert phase == TrainerPhase.REPLAY
     assert model_gets[9] == 1  # the model begins where the machine is
     sent = []
     while phase == TrainerPhase.REPLAY:
-        phase, _, _, machine_gets, model_gets = desk.step()
+        phase, _, _, machine_gets, model_gets = movable.step()
         np.testing.assert_array_equal(machine_gets, model_gets[:9])
         sent.append(machine_gets)
     assert phase == TrainerPhase.DONE
     np.testing.assert_array_equal(sent[: len(record)], record)
 
 
-def test_a_replay_waits_for_the_hands_and_then_gives_up(desk):
+def test_a_replay_waits_for_the_hands_and_then_gives_up(movable):
     """A page sends its hands again when the replay is asked for."""
-    desk.step()
-    desk.rehearse()
-    desk.set("pedals.silent", 1)
-    desk.ask(Mode.REPLAY)
-    assert desk.step(500)[0] == TrainerPhase.REPLAY
-    assert desk.step(600)[:2] == (TrainerPhase.STOPPED, Why.OPERATOR)
-    desk.set("pedals.silent", 0)
-    desk.ask(asked(Mode.REPLAY, 1))  # asked for again
-    assert desk.step(200)[0] == TrainerPhase.REPLAY
+    movable.step()
+    movable.rehearse()
+    movable.set("pedals.silent", 1)
+    movable.ask(Mode.REPLAY)
+    assert movable.step(500)[0] == TrainerPhase.REPLAY
+    assert movable.step(600)[:2] == (TrainerPhase.STOPPED, Why.OPERATOR)
+    movable.set("pedals.silent", 0)
+    movable.ask(asked(Mode.REPLAY, 1))  # asked for again
+    assert movable.step(200)[0] == TrainerPhase.REPLAY
 
 
-def test_a_replay_waits_for_the_machine_and_then_gives_up(desk):
-    desk.step()
-    desk.rehearse()
-    desk.set("arm.run", Level.PEDAL_UP, 1)
-    desk.ask(Mode.REPLAY)
-    phase, _, _, machine_gets, _ = desk.step(500)
+def test_a_replay_waits_for_the_machine_and_then_gives_up(movable):
+    movable.step()
+    movable.rehearse()
+    movable.set("arm.run", Level.PEDAL_UP, 1)
+    movable.ask(Mode.REPLAY)
+    phase, _, _, machine_gets, _ = movable.step(500)
     assert phase == TrainerPhase.REPLAY
     assert not machine_gets[:3].any()
-    assert desk.step(600)[:2] == (TrainerPhase.STOPPED, Why.NOT_READY)
+    assert movable.step(600)[:2] == (TrainerPhase.STOPPED, Why.NOT_READY)
 
 
 def text_of(found):
@@ -316,10 +316,10 @@ def text_of(found):
         ),
     ],
 )
-def test_a_replay_is_refused_with_what_to_do(desk, prepare, expected):
-    desk.step()
-    prepare(desk)
-    found = desk.ask(Mode.REPLAY)
+def test_a_replay_is_refused_with_what_to_do(movable, prepare, expected):
+    movable.step()
+    prepare(movable)
+    found = movable.ask(Mode.REPLAY)
     assert found[0] == TrainerPhase.STOPPED
     assert re.search(expected, text_of(found)), text_of(found)
     np.testing.assert_array_equal(found[3], STILL)
@@ -335,38 +335,38 @@ def test_a_replay_is_refused_with_what_to_do(desk, prepare, expected):
         ("console.mode", 1.0, 0, "by the clutch"),
     ],
 )
-def test_a_replay_is_stopped(desk, signal, value, at, expected):
-    desk.step()
-    desk.rehearse()
-    desk.ask(Mode.REPLAY)
-    desk.step(20)
-    desk.set(signal, value, at)
-    found = desk.step()
+def test_a_replay_is_stopped(movable, signal, value, at, expected):
+    movable.step()
+    movable.rehearse()
+    movable.ask(Mode.REPLAY)
+    movable.step(20)
+    movable.set(signal, value, at)
+    found = movable.step()
     assert found[0] == TrainerPhase.STOPPED
     assert expected in text_of(found)
     np.testing.assert_array_equal(found[3], STILL)
 
 
-def test_hands_that_are_silent_for_long_stop_a_replay(desk):
-    desk.step()
-    desk.rehearse(ticks=1500)
-    desk.ask(Mode.REPLAY)
-    desk.step(100)
-    desk.set("pedals.silent", 1)
-    desk.set("console.mode", 1)  # as the pedals say of silent hands
-    assert desk.step(900)[0] == TrainerPhase.REPLAY
-    assert "the hands were silent for 1 s" in text_of(desk.step(150))
+def test_hands_that_are_silent_for_long_stop_a_replay(movable):
+    movable.step()
+    movable.rehearse(ticks=1500)
+    movable.ask(Mode.REPLAY)
+    movable.step(100)
+    movable.set("pedals.silent", 1)
+    movable.set("console.mode", 1)  # as the pedals say of silent hands
+    assert movable.step(900)[0] == TrainerPhase.REPLAY
+    assert "the hands were silent for 1 s" in text_of(movable.step(150))
 
 
-def test_a_fast_record_and_one_out_of_reach_are_judged_bad(desk):
-    desk.step()
-    found = desk.rehearse(fastest=0.06)
+def test_a_fast_record_and_one_out_of_reach_are_judged_bad(movable):
+    movable.step()
+    found = movable.rehearse(fastest=0.06)
     assert "moved at 60 mm/s (limit 50)" in text_of(found)
-    desk.ask(Mode.TELEOPERATE)
-    desk.ask(Mode.REHEARSE)
-    desk.step(10)
-    desk.set("arm.model", 3.0, 2)
-    assert "3 packets had a target out of reach" in text_of(desk.ask(Mode.JUDGE))
+    movable.ask(Mode.TELEOPERATE)
+    movable.ask(Mode.REHEARSE)
+    movable.step(10)
+    movable.set("arm.model", 3.0, 2)
+    assert "3 packets had a target out of reach" in text_of(movable.ask(Mode.JUDGE))
 
 
 def test_a_tap_of_the_camera_pedal_changes_the_view():

@@ -252,7 +252,7 @@ def test_a_machine_follows_only_a_drag():
 
     async def play():
         page = Twin(twin.load("sils"), "sils", None, False, Clock(), machine=machine)
-        goal = page.desk.model.solve(page.desk.assembly.q, page.desk.assembly).T_base_tool
+        goal = page.movable.model.solve(page.movable.assembly.q, page.movable.assembly).T_base_tool
 
         def follows():
             page.drive(1 / RATE)

@@ -239,17 +239,17 @@ def test_each_robot_has_a_holder_of_its_own(scene, robots):
             assert (refused["code"], refused["message"]) == ("held", f"{ca} holds {one}")
             assert (await b.ask("play", on=True))["code"] == "held"  # it would move what a holds
             await a.until(lambda: [r["holder"] for r in a.last("state")["robots"]] == [ca, cb, None])
-            assert (await b.ask("posture", robot=three, name=s.live.twins[three].desk.postures[0]))["type"] == "ack"
-            before = {n: t.desk.assembly.T_base_tool.copy() for n, t in s.live.twins.items()}
+            assert (await b.ask("posture", robot=three, name=s.live.twins[three].movable.postures[0]))["type"] == "ack"
+            before = {n: t.movable.assembly.T_base_tool.copy() for n, t in s.live.twins.items()}
             for peer, name in ((a, one), (b, two)):  # both at once, each in the robot's base; no name is needed
                 goal = wire.sevens(before[name] @ spatial.pose(np.eye(3), np.array([0, 0, -0.002])))
                 assert (await peer.ask("drag", pose=goal.tolist()))["type"] == "ack"
             for name in (one, two):
                 twin_ = s.live.twins[name]
                 await a.until(
-                    lambda t=twin_, n=name: np.linalg.norm((t.desk.assembly.T_base_tool - before[n])[:3, 3]) > 1e-3
+                    lambda t=twin_, n=name: np.linalg.norm((t.movable.assembly.T_base_tool - before[n])[:3, 3]) > 1e-3
                 )
-            assert np.allclose(s.live.twins[three].desk.assembly.T_base_tool, before[three], atol=1e-9)
+            assert np.allclose(s.live.twins[three].movable.assembly.T_base_tool, before[three], atol=1e-9)
             flags = a.frames[-1]
             assert [bool(r.flags & wire.HELD) for r in flags.robots] == [True, True, False]
             assert flags.flags & wire.HELD

@@ -312,7 +312,7 @@ def test_the_tool_is_dragged_and_two_clients_have_one_grab(sils):
                 "seek": {"t": 0.0}, "protocol": {"name": "table2"},
             }.items():  # fmt: skip
                 assert (await b.ask(type, **fields))["code"] == "held", type
-            T = s.twin.desk.assembly.T_base_tool
+            T = s.twin.movable.assembly.T_base_tool
             goal = sevens(T) + np.array([0.004, -0.003, 0.002, 0, 0, 0, 0])
             assert (await a.ask("drag", pose=goal.tolist()))["type"] == "ack"
             tool = s.twin.links.index("platform")
@@ -337,20 +337,20 @@ def test_what_cannot_be_reached_is_approached_along_the_limits_and_said(sils):
     async def go():
         async with serving(sils, plans=False) as s, joined(s.port) as peer:
             await peer.ask("grab", target="tool")
-            nearby = sevens(s.twin.desk.assembly.T_base_tool) + np.array([0.001, 0, 0, 0, 0, 0, 0])
+            nearby = sevens(s.twin.movable.assembly.T_base_tool) + np.array([0.001, 0, 0, 0, 0, 0, 0])
             await peer.ask("drag", pose=nearby.tolist())
             await asyncio.sleep(0.2)
             target = nearby + np.array([0.3, 0, 0, 0, 0, 0, 0])
             await peer.ask("drag", pose=target.tolist())
             await peer.until(lambda: peer.frames[-1].flags & wire.REFUSED)
-            moved = s.twin.desk.assembly
+            moved = s.twin.movable.assembly
             assert nearby[0] + 0.05 < moved.T_base_tool[0, 3] < target[0] - 0.05
             assert moved.worst_gap < 1e-9
-            low, high = s.twin.desk.mechanism.limits.T
+            low, high = s.twin.movable.mechanism.limits.T
             assert np.all((low - 1e-9 <= moved.q) & (moved.q <= high + 1e-9))
             state = await peer.until(lambda: peer.last("state")["reason"] and peer.last("state"))
             assert len(state["reason"]) > 10
-            await peer.ask("drag", pose=sevens(s.twin.desk.assembly.T_base_tool).tolist())
+            await peer.ask("drag", pose=sevens(s.twin.movable.assembly.T_base_tool).tolist())
             await peer.until(lambda: not peer.frames[-1].flags & wire.REFUSED)
             await peer.state(reason=None)
 
@@ -382,14 +382,14 @@ def test_of_drags_that_wait_the_newest_counts(sils, monkeypatch):
     async def go():
         async with serving(sils, plans=False) as s, joined(s.port) as peer:
             solved = []
-            move = s.twin.desk.move_joint
+            move = s.twin.movable.move_joint
 
             def slow(joint, value):
                 solved.append(value)
                 time.sleep(0.2)
                 return move(joint, value)
 
-            monkeypatch.setattr(s.twin.desk, "move_joint", slow)
+            monkeypatch.setattr(s.twin.movable, "move_joint", slow)
             await peer.ask("grab", target="joint", name="q1")
             q = float(peer.frames[-1].q[0])
             values = [q + n * 0.1 * MM for n in range(40)]
@@ -496,7 +496,7 @@ def test_the_workspace_comes_in_pieces_and_goes(sils, monkeypatch):
             values = np.frombuffer(base64.b64decode(clouds[0]["values"]), "<f4")
             assert np.array_equal(points[:, 0], values)
             assert len(values) == 3000  # what a headset can draw
-            assert np.allclose(Found.started[0].T_base_tool, s.twin.desk.assembly.T_base_tool)
+            assert np.allclose(Found.started[0].T_base_tool, s.twin.movable.assembly.T_base_tool)
             async with joined(s.port) as late:
                 await late.until(lambda: sum(d["type"] == "cloud" for d in late.documents) == 2)
             await peer.ask("workspace", on=False)
@@ -545,7 +545,7 @@ def test_a_holder_that_comes_back_has_its_grab(sils, monkeypatch):
                 again = peer.last("hello")
                 assert (again["client"], again["resume"]) == (hello["client"], hello["resume"])
                 await asyncio.sleep(0.8)
-                pose = sevens(s.twin.desk.assembly.T_base_tool).tolist()
+                pose = sevens(s.twin.movable.assembly.T_base_tool).tolist()
                 assert (await peer.ask("drag", pose=pose))["type"] == "ack"
                 async with joined(s.port, f"?resume={hello['resume']}") as second:  # the first is half gone
                     assert (await second.ask("drag", pose=pose))["type"] == "ack"
@@ -591,7 +591,7 @@ def test_no_client_fills_the_disk_with_recordings(sils, tmp_path, monkeypatch):
             answers = []
             for _ in range(40):
                 answers.append(await peer.ask("record", on=True))
-                pose = sevens(s.twin.desk.assembly.T_base_tool).tolist()  # something to record
+                pose = sevens(s.twin.movable.assembly.T_base_tool).tolist()  # something to record
                 await peer.ask("grab", target="tool")
                 await peer.ask("drag", pose=pose)
                 await asyncio.sleep(0.02)
@@ -747,7 +747,7 @@ def test_a_recorded_session_replays_byte_for_byte(sils, planned, tmp_path):
             await asyncio.sleep(0.4)
             await peer.ask("grab", target="tool")
             for n in range(10):
-                pose = sevens(s.twin.desk.assembly.T_base_tool) + np.array([0, 0, n * 1e-4, 0, 0, 0, 0])
+                pose = sevens(s.twin.movable.assembly.T_base_tool) + np.array([0, 0, n * 1e-4, 0, 0, 0, 0])
                 await peer.say("drag", pose=pose.tolist())
                 await asyncio.sleep(0.02)
             await peer.ask("drag", pose=[5, 5, 5, 0, 0, 0, 1])
@@ -1099,7 +1099,7 @@ def test_trocars_that_a_changed_design_does_not_fit_fail_the_plan_by_name(playba
         _failed="",
         _failure=told.append,
         _worker=SimpleNamespace(ask=lambda _, job, done: done(job())),
-        desk=SimpleNamespace(robot=None, bind=refused),
+        movable=SimpleNamespace(robot=None, bind=refused),
         robot=SimpleNamespace(protocol=lambda name: name, bound=lambda _: object()),
     )
     live.Twin._take_plan(page)

@@ -20,7 +20,7 @@ import twin
 from made.lanes import contrasting, one_of_a_kind
 from twin.cli import main
 from twin.core.units import MM
-from twin.ui.session.desk import Desk
+from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.readings import read
 
 DRAGS = int(os.environ.get("TWIN_DRAGS", "20"))
@@ -52,9 +52,9 @@ def size_of(mechanism):
     return float(np.linalg.norm(np.ptp(corners, axis=0)))
 
 
-def drags(desk, rng, count):
+def drags(movable, rng, count):
     """Yield a body, a point on it and a way, up to 50 mm and a tenth of the robot."""
-    mechanism = desk.mechanism
+    mechanism = movable.mechanism
     bodies = [b for b in mechanism.bodies if b.name != mechanism.base]
     longest = min(50 * MM, 0.1 * size_of(mechanism))
     for _ in range(count):
@@ -69,22 +69,22 @@ def drags(desk, rng, count):
         yield body.name, p, way / np.linalg.norm(way) * rng.uniform(0.2, 1.0) * longest
 
 
-def led(desk, body, p, way, step):
+def led(movable, body, p, way, step):
     """Lead from home in steps of the hand; return the states passed, the end, its reason and times of refusals."""
-    desk.go_to_posture("home")
-    start = point(desk, body, p)
+    movable.go_to_posture("home")
+    start = point(movable, body, p)
     count = max(1, round(np.linalg.norm(way) / step))
-    passed, refused, solved, moved = [desk.assembly], [], [], None
+    passed, refused, solved, moved = [movable.assembly], [], [], None
     for k in range(1, count + 1):
         for _ in range(PASSES):
             begin = time.thread_time()
-            moved = desk.move_point(body, p, start + way * (k / count))
+            moved = movable.move_point(body, p, start + way * (k / count))
             took = time.thread_time() - begin
             (solved if moved.good and not moved.more else refused).append(took)
             if not moved.more:
                 break
-        passed.append(desk.assembly)
-    return SimpleNamespace(passed=passed, end=desk.assembly, p=point(desk, body, p), reason=stated(moved.reason),
+        passed.append(movable.assembly)
+    return SimpleNamespace(passed=passed, end=movable.assembly, p=point(movable, body, p), reason=stated(moved.reason),
                            text=moved.reason, refused=refused, solved=solved)  # fmt: skip
 
 
@@ -93,8 +93,8 @@ def stated(reason):
     return re.sub(r"[-\d.]+", "#", reason.partition("] mm: ")[2])
 
 
-def point(desk, body, p):
-    return (desk.assembly.link_poses[body] @ np.append(p, 1.0))[:3]
+def point(movable, body, p):
+    return (movable.assembly.link_poses[body] @ np.append(p, 1.0))[:3]
 
 
 def flips(model, states):
@@ -117,13 +117,13 @@ def flips(model, states):
     return found
 
 
-def judged(desk, robot, drags, speeds):
+def judged(movable, robot, drags, speeds):
     """Lead every drag at every speed; return counts, and what was wrong."""
     out = SimpleNamespace(
         drags=0, apart=[], flips=[], disagreeing=[], opened=[], refused=[], solved=[], stopped=0, worst=0.0
     )
     for body, p, way in drags:
-        ends = [led(desk, body, p, way, speed) for speed in speeds]
+        ends = [led(movable, body, p, way, speed) for speed in speeds]
         where = f"{robot.name} {body} {np.round(p / MM, 3).tolist()} by {np.round(way / MM, 3).tolist()} mm"
         out.drags += 1
         out.stopped += bool(ends[-1].text)
@@ -138,27 +138,27 @@ def judged(desk, robot, drags, speeds):
             if e.end.worst_gap > 1e-9:
                 out.opened.append(where)
         for e in ends[-2:]:
-            if any(flips(desk.model, e.passed).values()):
-                out.flips.append(f"{where}: {flips(desk.model, e.passed)}")
-            desk.show(e.end)
-            reading = read(desk)
+            if any(flips(movable.model, e.passed).values()):
+                out.flips.append(f"{where}: {flips(movable.model, e.passed)}")
+            movable.show(e.end)
+            reading = read(movable)
             if not reading.agrees or not reading.comparable:
                 out.disagreeing.append(f"{where}: {reading.residual}")
     return out
 
 
 def test_a_drag_ends_where_it_ends_in_one_step_and_in_many(robot, rng):
-    desk = Desk(robot)
-    found = judged(desk, robot, drags(desk, rng, 1), SPEEDS[:2])
+    movable = MovableRobot(robot)
+    found = judged(movable, robot, drags(movable, rng, 1), SPEEDS[:2])
     assert not found.flips + found.disagreeing + found.opened + found.apart
 
 
 @pytest.mark.slow
 def test_a_point_that_slides_along_two_limits_ends_in_one_place():
     """Where one way is hard and a limit stands in the other, a step of no length was taken for the last one."""
-    desk = Desk(twin.load("sils"))
+    movable = MovableRobot(twin.load("sils"))
     p, way = np.array([22.0, -2.8, -8.0]) * MM, np.array([-5.158, 5.119, 19.595]) * MM
-    ends = [led(desk, "strut1", p, way, step) for step in (1 * MM, 50 * MM)]
+    ends = [led(movable, "strut1", p, way, step) for step in (1 * MM, 50 * MM)]
     assert {e.reason for e in ends} == {"q# is at its limit of # mm"}
     np.testing.assert_allclose(ends[0].p, ends[1].p, atol=1e-6 * MM)
 
@@ -166,9 +166,9 @@ def test_a_point_that_slides_along_two_limits_ends_in_one_place():
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", contrasting(robots()), indirect=True, scope="module")
 def test_the_speed_of_the_hand_does_not_matter_and_the_assembly_stays(robot, rng):
-    desk = Desk(robot)
-    desk.solver.prepare()
-    found = judged(desk, robot, drags(desk, rng, max(1, DRAGS // len(robots()))), SPEEDS)
+    movable = MovableRobot(robot)
+    movable.solver.prepare()
+    found = judged(movable, robot, drags(movable, rng, max(1, DRAGS // len(robots()))), SPEEDS)
     times = np.array(found.refused or [0.0]) * 1e3
     good = np.array(found.solved or [0.0]) * 1e3
     print(

@@ -39,8 +39,8 @@ def test_postures_and_undo_are_refused_where_a_machine_leads_and_undo_keeps_its_
     async def play():
         shown = Twin(twin.load("pa10"), "pa10", None, False, machine=Still())
         try:
-            shown._before = [np.array(shown.desk.assembly.q) + 0.1]
-            name = next(iter(shown.desk.postures))
+            shown._before = [np.array(shown.movable.assembly.q) + 0.1]
+            name = next(iter(shown.movable.postures))
             with pytest.raises(RefusedError, match="a posture moves no machine: drag the tool instead"):
                 shown.ask("c1", PostureMessage(type="posture", name=name))
             with pytest.raises(RefusedError, match="undo moves no machine"):

@@ -13,7 +13,7 @@ from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.units import MM
 from twin.robots import names
-from twin.ui.session.desk import START, Desk
+from twin.ui.session.movable_robot import START, MovableRobot
 
 ROOM = 50.0
 """Travel in mm that is wanted in each of the six directions."""
@@ -26,75 +26,75 @@ STEP = 5 * MM
 SILS = Path(__file__).parents[2] / "cad/sils/sils.toml"
 
 
-def travel(desk, direction, most):
+def travel(movable, direction, most):
     """Return how far the tool gets along a direction, in m, in steps as a hand makes them."""
-    begin = desk.assembly
+    begin = movable.assembly
     T_begin = begin.T_base_tool.copy()
     reached = 0.0
     while reached < most:
         T = T_begin.copy()
         T[:3, 3] += (reached + STEP) * direction
         for _ in range(200):
-            if not desk.drag_tool(T).more:
+            if not movable.drag_tool(T).more:
                 break
-        if np.linalg.norm(desk.assembly.T_base_tool[:3, 3] - T[:3, 3]) > 1 * MM:
+        if np.linalg.norm(movable.assembly.T_base_tool[:3, 3] - T[:3, 3]) > 1 * MM:
             break
         reached += STEP
-    desk.show(begin)
+    movable.show(begin)
     return reached
 
 
 @pytest.mark.parametrize("name", [n if n == "sils" else pytest.param(n, marks=pytest.mark.slow) for n in names()])
 def test_the_tool_has_room_where_the_page_opens(name):
-    desk = Desk(twin.load(name))
+    movable = MovableRobot(twin.load(name))
     wanted = LESS.get(name, ROOM) * MM
     rooms = {}
     for axis in range(3):
         for sign in (1, -1):
-            rooms[f"{'+' if sign > 0 else '-'}{'xyz'[axis]}"] = travel(desk, sign * np.eye(3)[axis], wanted)
+            rooms[f"{'+' if sign > 0 else '-'}{'xyz'[axis]}"] = travel(movable, sign * np.eye(3)[axis], wanted)
     print(name, {way: round(room / MM) for way, room in rooms.items()})
     assert min(rooms.values()) >= wanted - 1e-9, rooms
 
 
 def test_a_tool_beyond_a_limit_goes_along_it():
-    desk = Desk(twin.load("sils"))
-    T = desk.assembly.T_base_tool.copy()
+    movable = MovableRobot(twin.load("sils"))
+    T = movable.assembly.T_base_tool.copy()
     T[:3, 3] += [0.2, 0.02, 0.0]  # x ends after 73 mm, y does not
-    moved = desk.drag_tool(T)
-    reached = desk.assembly.T_base_tool
+    moved = movable.drag_tool(T)
+    reached = movable.assembly.T_base_tool
     assert not moved.good
     assert "short of the target" in moved.reason
     assert 0.07 < reached[0, 3] - (T[0, 3] - 0.2) < 0.08
     assert abs(reached[1, 3] - T[1, 3]) < 0.1 * MM
     assert spatial.rotation_angle(reached[:3, :3].T @ T[:3, :3]) < 1e-7
-    low, high = desk.mechanism.limits.T
-    assert np.all((low - 1e-9 <= desk.assembly.q) & (desk.assembly.q <= high + 1e-9))
-    assert desk.assembly.worst_gap < 1e-9
+    low, high = movable.mechanism.limits.T
+    assert np.all((low - 1e-9 <= movable.assembly.q) & (movable.assembly.q <= high + 1e-9))
+    assert movable.assembly.worst_gap < 1e-9
     # asked again, it does not creep on
-    again = desk.assembly.T_base_tool[:3, 3]
-    desk.drag_tool(T)
-    assert np.linalg.norm(desk.assembly.T_base_tool[:3, 3] - again) < 0.5 * MM
+    again = movable.assembly.T_base_tool[:3, 3]
+    movable.drag_tool(T)
+    assert np.linalg.norm(movable.assembly.T_base_tool[:3, 3] - again) < 0.5 * MM
 
 
 def test_the_start_is_found_again():
-    desk = Desk(twin.load("sils"))
-    q = desk.assembly.q.copy()
-    assert desk.go_to_posture("home").good
-    assert desk.go_to_posture(START).good
-    assert np.abs(desk.assembly.q - q).max() < 1e-12
+    movable = MovableRobot(twin.load("sils"))
+    q = movable.assembly.q.copy()
+    assert movable.go_to_posture("home").good
+    assert movable.go_to_posture(START).good
+    assert np.abs(movable.assembly.q - q).max() < 1e-12
 
 
 def test_the_last_drag_is_undone():
-    desk = Desk(twin.load("sils"))
-    q = desk.assembly.q.copy()
-    T = desk.assembly.T_base_tool.copy()
+    movable = MovableRobot(twin.load("sils"))
+    q = movable.assembly.q.copy()
+    T = movable.assembly.T_base_tool.copy()
     T[2, 3] -= 20 * MM
-    desk.remember()
-    desk.remember()  # a click that moves nothing
-    assert desk.drag_tool(T).good
-    assert desk.undo().good
-    assert np.abs(desk.assembly.q - q).max() < 1e-12
-    assert "nothing to undo" in desk.undo().reason
+    movable.remember()
+    movable.remember()  # a click that moves nothing
+    assert movable.drag_tool(T).good
+    assert movable.undo().good
+    assert np.abs(movable.assembly.q - q).max() < 1e-12
+    assert "nothing to undo" in movable.undo().reason
 
 
 @pytest.mark.parametrize(

@@ -8,13 +8,13 @@ import pytest
 import twin
 from twin.core.errors import TwinError
 from twin.core.units import DEG, MM
-from twin.ui.session.desk import Desk
+from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.posture_link import LONGEST, link_of, read_link
 
 
 @pytest.fixture(scope="module", params=["sils", "pa10"])
 def joints(request):
-    return Desk(twin.load(request.param)).joints
+    return MovableRobot(twin.load(request.param)).joints
 
 
 def test_what_is_written_is_read_back(joints, rng):
@@ -29,7 +29,7 @@ def test_what_is_written_is_read_back(joints, rng):
 
 
 def test_numbers_are_in_mm_and_degrees():
-    joints = Desk(twin.load("davinci_psm")).joints
+    joints = MovableRobot(twin.load("davinci_psm")).joints
     q = np.array([2 * DEG if joint.is_angle else 30 * MM for joint in joints])
     numbers = link_of(joints, q, None).removeprefix("q=").split(",")
     assert numbers == ["2" if joint.is_angle else "30" for joint in joints]
@@ -38,7 +38,7 @@ def test_numbers_are_in_mm_and_degrees():
 
 
 def test_a_robot_with_many_joints_has_fewer_decimals():
-    joints = Desk(twin.load("pa10")).joints * 3
+    joints = MovableRobot(twin.load("pa10")).joints * 3
     q = np.full(len(joints), 1.23456789)
     text = link_of(joints, q, 1.0)
     assert 0 < len(text) <= LONGEST
@@ -58,7 +58,7 @@ def test_a_robot_with_many_joints_has_fewer_decimals():
     ],
 )
 def test_what_is_wrong_is_named(text, wrong):
-    joints = Desk(twin.load("sils")).joints
+    joints = MovableRobot(twin.load("sils")).joints
     with pytest.raises(TwinError) as error:
         read_link(text, joints)
     assert wrong in str(error.value)

@@ -19,8 +19,8 @@ from twin.core.units import MM, srgb
 from twin.simulation.frame import WorldFrame
 from twin.ui.headset import served
 from twin.ui.headset.scene_frame import SceneFrame
-from twin.ui.session.desk import Desk
 from twin.ui.session.feed import FieldSurface
+from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.organs import OrganFeed
 from twin.ui.viewer.front import ShownRobot
 from twin.ui.viewer.page import open_page
@@ -75,14 +75,16 @@ def test_organs_in_the_stream_follow_the_displayed_links():
 def test_organs_in_the_viewer_follow_the_displayed_links():
     robot = twin.load(ROBOT)
     leaf = Leaf(robot)
-    front = open_page("test", [ShownRobot(ROBOT, ROBOT, Desk(robot))], None, serve("test", "127.0.0.1", 0), feed=leaf)
+    front = open_page(
+        "test", [ShownRobot(ROBOT, ROBOT, MovableRobot(robot))], None, serve("test", "127.0.0.1", 0), feed=leaf
+    )
     try:
         name = leaf.touching[ROBOT][0]
         for posture in robot.mechanism.postures:
-            front.robots[0].desk.go_to_posture(posture)
+            front.robots[0].movable.go_to_posture(posture)
             front.step()
             front.step()
-            T = front.robots[0].desk.assembly.link_poses[name]
+            T = front.robots[0].movable.assembly.link_poses[name]
             assert front._fields is not None
             mesh = front._fields._meshes["leaf"]
             np.testing.assert_allclose(mesh.vertices, np.eye(3) + T[:3, 3], atol=1e-6)

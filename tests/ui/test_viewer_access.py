@@ -31,7 +31,7 @@ from twin.simulation.machine import machine_server as machines
 from twin.ui.access import rate_limits as limits
 from twin.ui.access.rules import AccessRules
 from twin.ui.session import recorded_session as session_files
-from twin.ui.session.desk import Desk
+from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.recorded_session import RecordedSession
 from twin.ui.viewer import admission, message_filter
 from twin.ui.viewer import server as servers
@@ -63,7 +63,7 @@ def page_of(robot, host="127.0.0.1", **more):
         s.bind(("127.0.0.1", 0))
         port = s.getsockname()[1]
     server = serve("access", "127.0.0.1", port, AccessRules(host, port, False, tokens.append))
-    front = open_page("access", [ShownRobot(robot.name, robot.name, Desk(robot))], None, server, **more)
+    front = open_page("access", [ShownRobot(robot.name, robot.name, MovableRobot(robot))], None, server, **more)
     front.tokens = tokens  # type: ignore[attr-defined]
     try:
         yield front
@@ -419,7 +419,7 @@ def test_random_bytes_and_mutants_raise_nothing_else(front):
 
 
 def test_who_sends_nonsense_again_and_again_is_cut_and_moves_nothing(front, caplog):
-    q = front.active.desk.assembly.q.copy()
+    q = front.active.movable.assembly.q.copy()
 
     async def go():
         async with joined(front) as other:
@@ -434,7 +434,7 @@ def test_who_sends_nonsense_again_and_again_is_cut_and_moves_nothing(front, capl
     with caplog.at_level(logging.WARNING):
         asyncio.run(go())
     front.step()
-    np.testing.assert_array_equal(front.active.desk.assembly.q, q)
+    np.testing.assert_array_equal(front.active.movable.assembly.q, q)
     assert not caplog.records
 
 
@@ -527,12 +527,14 @@ def part(front, index, content, transfer="t"):
 
 
 def test_a_session_is_loaded_and_the_longest_one_fits(front, tmp_path):
-    desk = front.active.desk
-    session = RecordedSession.of(desk.mechanism)
+    movable = front.active.movable
+    session = RecordedSession.of(movable.mechanism)
     rng = np.random.default_rng(3)
     for k in range(3):
         session.add(
-            k + rng.random(), desk.assembly.q + 1e-6 * rng.random(len(desk.assembly.q)), desk.assembly.T_base_tool
+            k + rng.random(),
+            movable.assembly.q + 1e-6 * rng.random(len(movable.assembly.q)),
+            movable.assembly.T_base_tool,
         )
     session.save(tmp_path / "session.json")
     content = (tmp_path / "session.json").read_bytes()

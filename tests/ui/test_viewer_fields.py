@@ -10,7 +10,7 @@ import pytest
 import twin
 from made.cloth import Cloth
 from twin.simulation.frame import WorldFrame
-from twin.ui.session.desk import Desk
+from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.viewer.front import ShownRobot
 from twin.ui.viewer.page import open_page
 from twin.ui.viewer.server import serve
@@ -30,7 +30,11 @@ def front():
     robot = twin.load("hibou")
     feed = Torn(n=5)
     front = open_page(
-        "test", [ShownRobot(robot.name, robot.name, Desk(robot))], None, serve("test", "127.0.0.1", 0), feed=feed
+        "test",
+        [ShownRobot(robot.name, robot.name, MovableRobot(robot))],
+        None,
+        serve("test", "127.0.0.1", 0),
+        feed=feed,
     )
     yield front
     front.close()

@@ -13,7 +13,7 @@ import twin
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.units import MM
-from twin.ui.session.desk import Desk
+from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.timeline import Clock, Playback, prepare
 from twin.ui.viewer import view_export
 from twin.ui.viewer.front import ShownRobot
@@ -24,7 +24,7 @@ from twin.ui.viewer.server import serve
 
 @contextmanager
 def front_of(*robots, protocol=None):
-    shown = [ShownRobot(r.name, r.name, Desk(r), protocol=protocol) for r in robots]
+    shown = [ShownRobot(r.name, r.name, MovableRobot(r), protocol=protocol) for r in robots]
     front = open_page("test", shown, None, serve("test", "127.0.0.1", 0))
     try:
         yield front
@@ -85,7 +85,7 @@ def test_trocars_that_a_changed_design_does_not_fit_fail_the_plan_and_not_the_pa
     def refused(_: object) -> None:
         raise TwinError("the loops cannot be closed")
 
-    monkeypatch.setattr(a.desk, "bind", refused)
+    monkeypatch.setattr(a.movable, "bind", refused)
     two.step()
     assert two.panels.why == "the loops cannot be closed"
     assert a.playback is None
@@ -94,12 +94,12 @@ def test_trocars_that_a_changed_design_does_not_fit_fail_the_plan_and_not_the_pa
 
 def test_size_and_place_are_of_the_picture_alone(two):
     a, node = two.active, two.nodes[two.active.name]
-    p = a.desk.assembly.T_base_tool[:3, 3].copy()
+    p = a.movable.assembly.T_base_tool[:3, 3].copy()
     two.scenery._put(a, np.array([0.3, -0.1, 0.2]), 0.7, 2.5)
     np.testing.assert_allclose(node.to_base(node.to_world(p)), p, atol=1e-12)
     expected = spatial.pose(spatial.rotation_z(0.7), [0.3, -0.1, 0.2]) @ np.append(2.5 * p, 1.0)
     np.testing.assert_allclose(node.to_world(p), expected[:3], atol=1e-12)
-    np.testing.assert_array_equal(a.desk.assembly.T_base_tool[:3, 3], p)
+    np.testing.assert_array_equal(a.movable.assembly.T_base_tool[:3, 3], p)
     two.draw()
     np.testing.assert_allclose(two.gizmo.position, node.to_world(p), atol=1e-9)
     two.scenery._put(a, np.zeros(3), 0.0, 1.0)
@@ -116,7 +116,7 @@ def test_a_protocol_is_prepared_elsewhere_and_played(two):
     assert a.playback is not None, two.panels.why
     two.clock.seek(3.0)
     two.move_to_clock()
-    np.testing.assert_allclose(a.desk.assembly.q, a.playback.q[180], atol=1e-8)
+    np.testing.assert_allclose(a.movable.assembly.q, a.playback.q[180], atol=1e-8)
     two.load(a, "no_such")
     while two.planning and time.monotonic() < end:
         two.step()
@@ -189,12 +189,12 @@ def test_curves_have_names_units_and_values():
 def test_points_of_the_equations_are_drawn_with_their_error_enlarged():
     robot = twin.load("sils")
     with front_of(robot) as front:
-        desk, node = front.active.desk, front.nodes["sils"]
-        assert desk.move_tool(robot.loops.forward(robot.loops.q)).good  # as drawn
-        desk.change({"eq1": "printed"})
+        movable, node = front.active.movable, front.nodes["sils"]
+        assert movable.move_tool(robot.loops.forward(robot.loops.q)).good  # as drawn
+        movable.change({"eq1": "printed"})
         front.refresh()
         drawn = node._equations.points.reshape(-1, 3)
-        actual = np.array([desk.assembly.points[n] for n in ("s1", "s2", "s3")])
+        actual = np.array([movable.assembly.points[n] for n in ("s1", "s2", "s3")])
         off = np.array([np.linalg.norm(actual - p, axis=1).min() for p in drawn]).max()
         assert off == pytest.approx(10 * 1.2745 * MM, rel=1e-3)
         assert tuple(node._equations.colors[0, 0]) == (225, 0, 0)
@@ -204,8 +204,8 @@ def test_a_bare_stage_is_shown_without_equations():
     stage = twin.load("hibou").files.stage
     with front_of(twin.load(stage)) as front:
         front.step()
-        assert front.active.desk.kin is None
+        assert front.active.movable.kin is None
         assert front.panels._run.disabled
-        front.ask("joint", lambda: front.active.desk.move_joint(0, front.active.desk.assembly.q[0] + 0.02))
+        front.ask("joint", lambda: front.active.movable.move_joint(0, front.active.movable.assembly.q[0] + 0.02))
         front.step()
-        assert front.active.desk.last_move.good
+        assert front.active.movable.last_move.good

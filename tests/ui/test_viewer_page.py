@@ -17,8 +17,8 @@ from made.headset_page import BLIND, WAIT, until
 from made.lanes import nightly
 from twin.core import spatial
 from twin.core.units import MM
-from twin.ui.session.desk import Desk
 from twin.ui.session.display_meshes import looks
+from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.readings import read
 from twin.ui.session.trocars import rcm_at
 from twin.ui.viewer import view_export
@@ -57,7 +57,7 @@ def shown(name, protocol=None):
     from twin.ui.viewer.page import open_page
     from twin.ui.viewer.server import serve
 
-    actor = ShownRobot(name, name, Desk(twin.load(name)), protocol=protocol)
+    actor = ShownRobot(name, name, MovableRobot(twin.load(name)), protocol=protocol)
     front = without_shadows(open_page(f"twin · {name}", [actor], None, serve(name, "127.0.0.1", 0)))
     thread = threading.Thread(target=front.run)
     thread.start()
@@ -161,10 +161,10 @@ def still(look):
     """Go home, hold the clock, and wait until the page shows it."""
     front = look.front
     front.clock.playing = False
-    front.ask("home", lambda: front.active.desk.go_to_posture("home"))
+    front.ask("home", lambda: front.active.movable.go_to_posture("home"))
     until(lambda: not front._wishes, "the wish")
     time.sleep(1.0)
-    return front.active.desk
+    return front.active.movable
 
 
 # -- simulation ---------------------------------------------------------------------------------------
@@ -173,12 +173,12 @@ def still(look):
 def test_play_moves_the_robot_through_named_phases(sils):
     front = sils.front
     sils.tab("Play")
-    before, start = sils.shot(), front.active.desk.assembly.q.copy()
+    before, start = sils.shot(), front.active.movable.assembly.q.copy()
     sils.page.get_by_role("button", name="Play").click()
     until(lambda: front.clock.time > 1.5, "two seconds of play")
     sils.page.get_by_role("button", name="Pause").click()
     until(lambda: not front.clock.playing, "the pause")
-    assert np.abs(front.active.desk.assembly.q - start).max() > 1 * MM
+    assert np.abs(front.active.movable.assembly.q - start).max() > 1 * MM
     until(lambda: sils.differs(before) > 0.002, "another picture")
     phase = front.active.playback.phase(front.clock.time)
     assert phase in sils.page.locator("text=/phase/").first.inner_text()
@@ -192,8 +192,10 @@ def test_the_timeline_is_scrubbed_and_the_curve_has_a_cursor(sils):
     field.press("Enter")
     until(lambda: abs(front.clock.time - 5.0) < 1e-6, "the clock at 5 s")
     k = round(5.0 * 60)
-    until(lambda: np.allclose(front.active.desk.assembly.q, front.active.playback.q[k], atol=1e-9), "the robot at 5 s")
-    assert read(front.active.desk, rcm_at(front.active.playback, front.clock.time)).rcm_error < 1e-9
+    until(
+        lambda: np.allclose(front.active.movable.assembly.q, front.active.playback.q[k], atol=1e-9), "the robot at 5 s"
+    )
+    assert read(front.active.movable, rcm_at(front.active.playback, front.clock.time)).rcm_error < 1e-9
     sils.tab("Curves")
     curve = sils.page.locator(".uplot canvas").first
     until(lambda: (curve.bounding_box() or {"width": 0})["width"] > 0, "the curve")
@@ -208,76 +210,76 @@ def test_the_timeline_is_scrubbed_and_the_curve_has_a_cursor(sils):
 
 
 def test_a_joint_is_set_by_a_number(sils):
-    desk = still(sils)
+    movable = still(sils)
     sils.tab("Move")
-    target = desk.assembly.q[0] / MM + 3.0
+    target = movable.assembly.q[0] / MM + 3.0
     field = sils.field("q1 [mm]")
     field.fill(f"{target:.2f}")
     field.press("Enter")
-    until(lambda: abs(desk.assembly.q[0] / MM - target) < 0.006, "q1")
-    assert desk.assembly.worst_gap < 1e-9
+    until(lambda: abs(movable.assembly.q[0] / MM - target) < 0.006, "q1")
+    assert movable.assembly.worst_gap < 1e-9
 
 
 def test_the_gizmo_takes_the_tool_along(sils):
-    desk = still(sils)
-    T = desk.assembly.T_base_tool
+    movable = still(sils)
+    T = movable.assembly.T_base_tool
     node = sils.front.nodes["sils"]
     arrow = 0.75 * float(sils.front.gizmo.scale)
     start = sils.at(node.to_world(T[:3, 3] + arrow * T[:3, 0]))
     end = sils.at(node.to_world(T[:3, 3] + (arrow + 0.02) * T[:3, 0]))
     sils.drag(start, end)
-    until(lambda: np.linalg.norm(desk.assembly.T_base_tool[:3, 3] - T[:3, 3]) > 5 * MM, "the tool")
-    step = desk.assembly.T_base_tool[:3, 3] - T[:3, 3]
+    until(lambda: np.linalg.norm(movable.assembly.T_base_tool[:3, 3] - T[:3, 3]) > 5 * MM, "the tool")
+    step = movable.assembly.T_base_tool[:3, 3] - T[:3, 3]
     assert abs(step @ T[:3, 0]) > 0.98 * np.linalg.norm(step)  # along the arrow
-    np.testing.assert_allclose(desk.assembly.T_base_tool[:3, :3], T[:3, :3], atol=1e-6)
-    assert desk.assembly.worst_gap < 1e-9
+    np.testing.assert_allclose(movable.assembly.T_base_tool[:3, :3], T[:3, :3], atol=1e-6)
+    assert movable.assembly.worst_gap < 1e-9
 
 
 def test_a_passive_link_is_taken_with_shift(sils):
-    desk = still(sils)
-    mesh = max(desk.mechanism.body("strut2").meshes, key=lambda m: np.ptp(m.vertices, axis=0).max())
+    movable = still(sils)
+    mesh = max(movable.mechanism.body("strut2").meshes, key=lambda m: np.ptp(m.vertices, axis=0).max())
     ends = mesh.vertices[
         [mesh.vertices[:, i].argmin() for i in range(3)] + [mesh.vertices[:, i].argmax() for i in range(3)]
     ]
     a, b = max(((p, q) for p in ends for q in ends), key=lambda e: np.linalg.norm(e[0] - e[1]))
     local = 0.35 * a + 0.65 * b
     centre = mesh.vertices[np.argsort(np.linalg.norm(mesh.vertices - local, axis=1))[:12]].mean(axis=0)
-    T = desk.assembly.link_poses["strut2"]
+    T = movable.assembly.link_poses["strut2"]
     p = (T @ np.append(centre, 1.0))[:3]
-    before = desk.assembly.q.copy()
+    before = movable.assembly.q.copy()
     x, y = sils.at(sils.front.nodes["sils"].to_world(p))
     sils.drag((x, y), (x + 25, y + 40), key="Shift")
-    until(lambda: np.abs(desk.assembly.q - before).max() > 1 * MM, "the loop")
-    assert desk.assembly.worst_gap < 1e-9
+    until(lambda: np.abs(movable.assembly.q - before).max() > 1 * MM, "the loop")
+    assert movable.assembly.worst_gap < 1e-9
 
 
 def test_what_cannot_be_reached_stays_and_says_why(sils):
-    desk = still(sils)
-    good = desk.assembly
+    movable = still(sils)
+    good = movable.assembly
     T = good.T_base_tool.copy()
     T[:3, 3] += [2.0, 0, 0]
-    sils.front.ask("tool", lambda: desk.move_tool(T))
-    until(lambda: bool(desk.last_move.reason), "the refusal")
-    assert desk.assembly is good
+    sils.front.ask("tool", lambda: movable.move_tool(T))
+    until(lambda: bool(movable.last_move.reason), "the refusal")
+    assert movable.assembly is good
     until(lambda: "out of reach" in sils.readout(), "the reason")
 
 
 def test_a_session_is_recorded_and_replayed(sils):
-    desk = still(sils)
+    movable = still(sils)
     sils.tab("Move")
     sils.page.get_by_role("button", name="Record").click()
     until(lambda: sils.page.get_by_role("button", name="Stop recording").count(), "the recording")
     passed = []
     for k in range(1, 6):
-        sils.front.ask("joint", lambda k=k: desk.move_joint(0, desk.assembly.q[0] + k * MM))
+        sils.front.ask("joint", lambda k=k: movable.move_joint(0, movable.assembly.q[0] + k * MM))
         time.sleep(0.2)
-        passed.append(desk.assembly.q.copy())
+        passed.append(movable.assembly.q.copy())
     sils.page.get_by_role("button", name="Stop recording").click()
     until(lambda: sils.page.get_by_role("button", name="Replay").is_enabled(), "the end of the recording")
-    sils.front.ask("home", lambda: desk.go_to_posture("home"))
-    until(lambda: not np.allclose(desk.assembly.q, passed[-1]), "home")
+    sils.front.ask("home", lambda: movable.go_to_posture("home"))
+    until(lambda: not np.allclose(movable.assembly.q, passed[-1]), "home")
     sils.page.get_by_role("button", name="Replay").click()
-    until(lambda: np.allclose(desk.assembly.q, passed[-1], atol=1e-9), "the last recorded posture")
+    until(lambda: np.allclose(movable.assembly.q, passed[-1], atol=1e-9), "the last recorded posture")
 
 
 # -- instruments --------------------------------------------------------------------------------------
@@ -289,7 +291,7 @@ def reds(image):
 
 
 def test_the_printed_formula_turns_the_readout_red(sils):
-    desk = still(sils)
+    movable = still(sils)
     sils.front.ask("gizmo", lambda: setattr(sils.front.gizmo, "visible", False))
     time.sleep(1.0)
     assert "agree" in sils.readout()
@@ -298,7 +300,7 @@ def test_the_printed_formula_turns_the_readout_red(sils):
     box = sils.field("eq1")
     box.click()
     sils.page.get_by_role("option", name="printed").click()
-    until(lambda: desk.kin.variants["eq1"] == "printed", "the variant")
+    until(lambda: movable.kin.variants["eq1"] == "printed", "the variant")
     until(lambda: "DISAGREE" in sils.readout(), "the readout")
     until(lambda: reds(sils.shot()) > before + 50, "red lines between the points of the platform")
     box.click()
@@ -311,31 +313,31 @@ def test_the_printed_formula_turns_the_readout_red(sils):
 
 
 def test_a_distance_of_the_mechanism_is_edited_and_undone(sils):
-    desk = still(sils)
+    movable = still(sils)
     sils.tab("Design")
     field = sils.field("length [mm]")
     drawn = float(field.input_value().replace(",", ""))
     field.fill(f"{drawn + 0.5}")
     field.press("Enter")
-    until(lambda: desk.edited, "the new mechanism")
+    until(lambda: movable.edited, "the new mechanism")
     until(lambda: "sils" in sils.front.ghosts, "the ghost of what is drawn")
     sils.page.get_by_role("button", name="as drawn").click()
-    until(lambda: not desk.edited, "the drawn mechanism")
+    until(lambda: not movable.edited, "the drawn mechanism")
 
 
 def test_the_workspace_is_found_without_stalling_the_hand(sils):
-    desk = still(sils)
+    movable = still(sils)
     front = sils.front
     sils.tab("Design")
     before = sils.shot()
     sils.page.get_by_role("button", name="Compute workspace").click()
     until(lambda: len(front.panels.design._points) > 0, "the first points")
-    T = desk.assembly.T_base_tool.copy()
+    T = movable.assembly.T_base_tool.copy()
     took = []
     for k in range(60):
         moved = T.copy()
         moved[:3, 3] += [0, 0, 2 * MM * np.sin(k / 5)]
-        front.ask("tool", lambda m=moved: took.append(desk.move_tool(m)))
+        front.ask("tool", lambda m=moved: took.append(movable.move_tool(m)))
         time.sleep(1 / 60)
     until(
         lambda: sum(map(len, front.panels.design._points)) > 1000 and "1 000 000 poses" in found(sils), "the whole", 180
@@ -352,30 +354,30 @@ def found(look):
 
 
 def test_two_designs_stand_beside_each_other(sils):
-    desk = still(sils)
+    movable = still(sils)
     front = sils.front
     sils.tab("Design")
     before = sils.shot()
     sils.page.get_by_role("button", name="Keep this design as B").click()
     until(lambda: front.panels.design._other_nodes is not None, "design B")
-    front.ask("design", lambda: desk.change(parameters={"l_p": desk.kin.parameters["l_p"] + 2 * MM}))
-    front.ask("tool", lambda: desk.move_tool(desk.assembly.T_base_tool))
+    front.ask("design", lambda: movable.change(parameters={"l_p": movable.kin.parameters["l_p"] + 2 * MM}))
+    front.ask("tool", lambda: movable.move_tool(movable.assembly.T_base_tool))
     until(lambda: sils.page.locator("text=B (orange)").count() > 0, "the table of both")
     other = front.panels.design._other
-    until(lambda: np.abs(other.assembly.q - desk.assembly.q).max() > 1e-6, "different joints for one tool pose")
+    until(lambda: np.abs(other.assembly.q - movable.assembly.q).max() > 1e-6, "different joints for one tool pose")
     until(lambda: sils.differs(before) > 0.005, "design B in the picture")
-    l_p = desk.robot.kinematics().parameters["l_p"]
-    front.ask("design", lambda: (desk.change(parameters={"l_p": l_p}),
+    l_p = movable.robot.kinematics().parameters["l_p"]
+    front.ask("design", lambda: (movable.change(parameters={"l_p": l_p}),
                                  front.panels.design._show_other(False)))  # fmt: skip
-    until(lambda: not desk.edited, "the robot's own equations")
+    until(lambda: not movable.edited, "the robot's own equations")
 
 
 # -- scene --------------------------------------------------------------------------------------------
 
 
 def test_scene_switches_change_the_picture_and_not_the_numbers(sils):
-    desk = still(sils)
-    q = desk.assembly.q.copy()
+    movable = still(sils)
+    q = movable.assembly.q.copy()
     sils.tab("Scene")
     hand = sils.front.active
     before_it = hand.playback, hand.protocol
@@ -391,12 +393,12 @@ def test_scene_switches_change_the_picture_and_not_the_numbers(sils):
         before = sils.clients[0].camera.position.copy()
         sils.front.scenery.look(view, None)
         until(lambda b=before: np.linalg.norm(sils.clients[0].camera.position - b) > 0.05, view)
-    np.testing.assert_array_equal(desk.assembly.q, q)
+    np.testing.assert_array_equal(movable.assembly.q, q)
     hand.playback, hand.protocol = before_it
 
 
 def test_the_robot_is_rescaled_and_its_numbers_stay(sils):
-    desk = still(sils)
+    movable = still(sils)
     front = sils.front
 
     def at_rest():
@@ -410,7 +412,7 @@ def test_the_robot_is_rescaled_and_its_numbers_stay(sils):
     until(lambda: not front._wishes, "the wish")
     until(at_rest, "what was done is shown")
     assert sils.readout() == text
-    T = desk.assembly.T_base_tool
+    T = movable.assembly.T_base_tool
     world = front.nodes["sils"].to_world(T[:3, 3])
     np.testing.assert_allclose(front.nodes["sils"].to_base(world), T[:3, 3], atol=1e-12)
     assert np.linalg.norm(np.asarray(front.gizmo.position) - world) < 1e-6
@@ -444,8 +446,8 @@ def test_browsers_come_and_go(browser, sils):
     until(lambda: len(sils.clients) == 2, "the other tab")
     other.close()
     until(lambda: len(sils.clients) == 1, "the closed tab")
-    desk = still(sils)
-    front.ask("joint", lambda: desk.move_joint(0, desk.assembly.q[0] + 1 * MM))
+    movable = still(sils)
+    front.ask("joint", lambda: movable.move_joint(0, movable.assembly.q[0] + 1 * MM))
     until(lambda: not front._wishes, "the wish")
     third = Looker(browser, front, 600, 400)  # sees the present pose, not the first one
     third.page.close()
@@ -453,14 +455,14 @@ def test_browsers_come_and_go(browser, sils):
 
 def hit(look, x, y):
     """Return (name of the nearest link, its point (3,) in m in the world) at a pixel of the page, by our own rays."""
-    desk = look.front.active.desk
+    movable = look.front.active.movable
     camera, box = look.clients[0].camera, look.page.locator("canvas").first.bounding_box()
     focal = 0.5 * box["height"] / np.tan(camera.fov / 2)
     ray = np.array([x - box["x"] - box["width"] / 2, y - box["y"] - box["height"] / 2, focal])
     ray = spatial.matrix_from_quat_wxyz(np.asarray(camera.wxyz)) @ ray / np.linalg.norm(ray)
     found = []
-    for body in desk.mechanism.bodies:
-        T = desk.assembly.link_poses[body.name]
+    for body in movable.mechanism.bodies:
+        T = movable.assembly.link_poses[body.name]
         for vertices, triangles, *_ in looks(body):
             corners = (vertices @ T[:3, :3].T + T[:3, 3])[triangles]
             a, e1, e2 = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
@@ -483,9 +485,9 @@ def hit(look, x, y):
 
 def seen(look, link):
     """Return a pixel (x, y) of the page at which a link is seen, in the middle of one of its largest triangles."""
-    desk = look.front.active.desk
-    T = desk.assembly.link_poses[link]
-    corners = np.concatenate([vertices[triangles] for vertices, triangles, *_ in looks(desk.mechanism.body(link))])
+    movable = look.front.active.movable
+    T = movable.assembly.link_poses[link]
+    corners = np.concatenate([vertices[triangles] for vertices, triangles, *_ in looks(movable.mechanism.body(link))])
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     for k in np.argsort(-area)[:60]:
         pixel = look.at(T[:3, :3] @ corners[k].mean(axis=0) + T[:3, 3])
@@ -496,7 +498,7 @@ def seen(look, link):
 
 def test_links_are_named_measured_and_fitted_and_a_link_opens_the_posture(sils):
     look, page, front = sils, sils.page, sils.front
-    desk = still(look)
+    movable = still(look)
     page.wait_for_function("window.twinTools?.meshes().length > 10")
     first, second = seen(look, "limb1"), seen(look, "frame")
     names, points = [], []
@@ -530,15 +532,15 @@ def test_links_are_named_measured_and_fitted_and_a_link_opens_the_posture(sils):
         return away[2] > 0.99 * np.linalg.norm(away)
 
     until(is_above, "the view from above")
-    q = desk.assembly.q.copy()
-    desk.move_joint(0, q[0] + 5 * MM)
+    q = movable.assembly.q.copy()
+    movable.move_joint(0, q[0] + 5 * MM)
     front.ask("look", lambda: None)
     until(lambda: page.evaluate("fetch('state.json').then(r => r.json())")["joints"]["q1"]["value"] != q[0] / MM, "it")
     link = page.evaluate("fetch('state.json').then(r => r.json())")["link"]
-    wanted = desk.assembly.q.copy()
+    wanted = movable.assembly.q.copy()
     still(look)
     page.evaluate(f"location.hash = '{link}'")
-    until(lambda: np.allclose(desk.assembly.q, wanted, rtol=0, atol=1e-9), "the posture of the link")
+    until(lambda: np.allclose(movable.assembly.q, wanted, rtol=0, atol=1e-9), "the posture of the link")
     assert page.evaluate("location.hash") == ""
     camera.position, camera.look_at = first_view
     until(lambda: np.allclose(camera.position, first_view[0], atol=1e-3), "the view before")
@@ -677,7 +679,7 @@ def test_the_page_opens_by_its_token_when_it_is_open_to_the_network(browser):
     tokens = []
     server = serve("hibou", "127.0.0.1", 0, AccessRules("0.0.0.0", 0, False, tokens.append))
     front = open_page(
-        "twin · hibou", [ShownRobot("hibou", "hibou", Desk(twin.load("hibou")))], None, server, local=False
+        "twin · hibou", [ShownRobot("hibou", "hibou", MovableRobot(twin.load("hibou")))], None, server, local=False
     )
     thread = threading.Thread(target=front.run)
     thread.start()

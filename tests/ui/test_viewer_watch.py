@@ -14,8 +14,8 @@ import twin
 from twin.core.errors import TwinError
 from twin.core.units import MM
 from twin.ui.session import file_watch
-from twin.ui.session.desk import Desk
 from twin.ui.session.file_watch import RobotFileWatch
+from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.viewer.front import ShownRobot
 from twin.ui.viewer.page import open_page
 from twin.ui.viewer.server import serve
@@ -30,7 +30,9 @@ def watched(tmp_path):
     folder = tmp_path / "hexapod"
     shutil.copytree(ROOT / "docs/examples/hexapod", folder)
     robot = twin.load(folder)
-    front = open_page("test", [ShownRobot("hexapod", str(folder), Desk(robot))], None, serve("test", "127.0.0.1", 0))
+    front = open_page(
+        "test", [ShownRobot("hexapod", str(folder), MovableRobot(robot))], None, serve("test", "127.0.0.1", 0)
+    )
     said = []
     front.say = lambda text, bad=False: said.append((text, bad))
     front.load = lambda a, protocol: None  # planning takes longer than all else, and is tested elsewhere
@@ -54,30 +56,30 @@ def edit(path, old, new):
 
 
 def upper(front):
-    return front.active.desk.mechanism.limits[0, 1] / MM
+    return front.active.movable.mechanism.limits[0, 1] / MM
 
 
 def test_a_change_rebuilds_the_robot_in_its_posture_and_a_broken_file_leaves_it(watched):
     front, folder, said = watched
     description = folder / "cad/hexapod.toml"
-    T = front.active.desk.assembly.T_base_tool.copy()
+    T = front.active.movable.assembly.T_base_tool.copy()
     T[:3, 3] += [4 * MM, 3 * MM, 5 * MM]
-    assert front.active.desk.move_tool(T).good
-    q = front.active.desk.assembly.q.copy()
+    assert front.active.movable.move_tool(T).good
+    q = front.active.movable.assembly.q.copy()
 
     edit(description, LIMITS, "limits_mm = [232.0, 290.0]")
     until(front, lambda: upper(front) == pytest.approx(290.0), "the new limit")
-    assert np.abs(front.active.desk.assembly.q - q).max() < 1e-9
+    assert np.abs(front.active.movable.assembly.q - q).max() < 1e-9
     assert said[-1] == ("hexapod.toml changed: hexapod is rebuilt", False)
-    assert set(front.nodes["hexapod"].bodies) == {b.name for b in front.active.desk.mechanism.bodies}
+    assert set(front.nodes["hexapod"].bodies) == {b.name for b in front.active.movable.mechanism.bodies}
 
-    kept = front.active.desk
+    kept = front.active.movable
     edit(description, "limits_mm = [232.0, 290.0]", "limits_mm = [232.0, 290.0")
     until(front, lambda: said[-1][1], "the error")
     assert "hexapod.toml" in said[-1][0]
-    assert front.active.desk is kept
+    assert front.active.movable is kept
     assert front.panels.why
-    assert front.active.desk.move_tool(T).good  # the last good robot still moves
+    assert front.active.movable.move_tool(T).good  # the last good robot still moves
 
 
 def test_another_build_has_its_own_protocols_and_no_playback_of_the_build_before(watched):
@@ -93,7 +95,7 @@ def test_another_build_has_its_own_protocols_and_no_playback_of_the_build_before
     loaded = []
     front.load = lambda a, protocol: loaded.append(protocol)
 
-    note = front.replace(a, a.desk)
+    note = front.replace(a, a.movable)
     assert "renamed" in front.panels._protocol.options
     assert name not in front.panels._protocol.options
     assert a.playback is None
@@ -108,15 +110,15 @@ def test_another_build_has_its_own_protocols_and_no_playback_of_the_build_before
 
 def test_code_that_ends_the_program_is_an_error_and_no_earlier_build_is_shown(watched, monkeypatch):
     front, folder, _ = watched
-    watch = RobotFileWatch(front.active.desk.robot, str(folder))
+    watch = RobotFileWatch(front.active.movable.robot, str(folder))
     watch._load(("hexapod.toml",))
     assert watch._result is not None
-    assert watch._result.desk is not None
+    assert watch._result.movable is not None
 
     def ends(robot):
         raise SystemExit(3)
 
-    monkeypatch.setattr(file_watch, "Desk", ends)
+    monkeypatch.setattr(file_watch, "MovableRobot", ends)
     edit(folder / "formula.py", "import", "# changed\nimport")
     results = []
 
@@ -126,7 +128,7 @@ def test_code_that_ends_the_program_is_an_error_and_no_earlier_build_is_shown(wa
         return results[-1] is not None
 
     until(front, found, "the result")
-    assert results[-1].desk is None
+    assert results[-1].movable is None
     assert "ends the program by SystemExit(3)" in results[-1].error
 
 
@@ -136,7 +138,7 @@ def test_ten_changes_in_a_row_of_three_files(watched, tmp_path):
     description = folder / "cad/hexapod.toml"
     formula = folder / "formula.py"
     step = folder / "cad/hexapod.step"
-    q = front.active.desk.assembly.q.copy()
+    q = front.active.movable.assembly.q.copy()
     limit = LIMITS
     for k in range(10):
         said.clear()
@@ -155,7 +157,7 @@ def test_ten_changes_in_a_row_of_three_files(watched, tmp_path):
         else:
             step.write_bytes(step.read_bytes() + b"\n")
         until(front, lambda: said and not said[-1][1], f"change {k}")
-        assert np.abs(front.active.desk.assembly.q - q).max() < 1e-9
+        assert np.abs(front.active.movable.assembly.q - q).max() < 1e-9
     assert upper(front) == pytest.approx(282.0)
 
 

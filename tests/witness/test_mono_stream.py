@@ -275,7 +275,7 @@ async def a_scene(folder: Path) -> None:
     try:
         async with listening(folder, f"http://127.0.0.1:{port}/", own.links, name) as seen:
             before = await seen.until(lambda s: s["what"] == "frame", 20)
-            x, y, z = own.desk.assembly.link_poses[own.links[-1]][:3, 3]
+            x, y, z = own.movable.assembly.link_poses[own.links[-1]][:3, 3]
             assert before["last"] == pytest.approx([-x, y, z], abs=1e-6)  # in its base, mirrored as glTFast does
             # The last vertex of the field, in the scene's world and not mirrored.
             assert before["vertex"] == pytest.approx(cloth.at(0.0).fields["cloth"][-1].tolist(), abs=1e-4)

@@ -262,11 +262,11 @@ def _robot_page_opener(args: argparse.Namespace) -> tuple[str, PageOpener]:
         watch = RobotFileWatch(robot, str(args.robot), args.tool)
 
     def of_robot(server: viser.ViserServer, more: dict[str, Any]) -> Front:
-        from twin.ui.session.desk import Desk
+        from twin.ui.session.movable_robot import MovableRobot
         from twin.ui.viewer.front import ShownRobot
         from twin.ui.viewer.page import open_page
 
-        actor = ShownRobot(robot.name, str(args.robot), Desk(robot), protocol=args.protocol)
+        actor = ShownRobot(robot.name, str(args.robot), MovableRobot(robot), protocol=args.protocol)
         front = open_page(f"twin · {robot.name}", [actor], None, server, **more)
         if watch is not None:
             front.follow_files(watch)
@@ -279,15 +279,15 @@ def _scene_page_opener(scene: Scene) -> PageOpener:
     """Return the function that opens the page of a scene of which a recording is written."""
 
     def of_scene(server: viser.ViserServer, more: dict[str, Any]) -> Front:
-        from twin.ui.session.desk import Desk
+        from twin.ui.session.movable_robot import MovableRobot
         from twin.ui.viewer.front import ShownRobot
         from twin.ui.viewer.page import open_page
 
         loaded = scene_loading.with_organs(scene_loading.load(scene))
         actors = []
         for place in scene.places:
-            desk = Desk(loaded.robots[place.name])
-            actors.append(ShownRobot(place.name, place.robot, desk, place.T_world_base, place.protocol))
+            movable = MovableRobot(loaded.robots[place.name])
+            actors.append(ShownRobot(place.name, place.robot, movable, place.T_world_base, place.protocol))
         return open_page(f"twin · {scene.name}", actors, loaded.props, server, feed=loaded.feed, **more)
 
     return of_scene

@@ -6,22 +6,22 @@ from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
 from twin.core.units import MM
 from twin.model.joint_distance import kinematic_distances, with_distance
-from twin.ui.session.desk import Desk
+from twin.ui.session.movable_robot import MovableRobot
 
 _RANGE = 0.25
 """Largest change of a distance that a page offers, as a fraction of the distance as drawn."""
 
 
 class ChangedDistances:
-    """The distances of a desk's mechanism, and those that have been changed.
+    """The distances of a movable robot's mechanism, and those that have been changed.
 
     Attributes:
         values: {index in `distances`: value in m} of the distances that are not as drawn.
     """
 
-    def __init__(self, desk: Desk) -> None:
-        self._desk = desk
-        self._distances = kinematic_distances(desk.robot.mechanism)
+    def __init__(self, movable: MovableRobot) -> None:
+        self._movable = movable
+        self._distances = kinematic_distances(movable.robot.mechanism)
         self.values: dict[int, float] = {}
 
     def describe(self) -> list[JsonObject]:
@@ -57,12 +57,12 @@ class ChangedDistances:
             wanted[index] = value
             distance = self._distances[index]
             what = f"{distance.body}, {distance.joint} to {distance.other} = {value / MM:g} mm"
-        mechanism = self._desk.robot.mechanism
+        mechanism = self._movable.robot.mechanism
         try:
             for i, length in wanted.items():
                 distance = self._distances[i]
                 mechanism = with_distance(mechanism, distance.joint, distance.other, length)
-            self._desk.redesign(mechanism)
+            self._movable.redesign(mechanism)
         except TwinError as error:
             return f"{what}: {error}"
         self.values = wanted

@@ -18,14 +18,14 @@ from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.model.scene import Place
 from twin.ui.headset.protocol import sevens
-from twin.ui.session.desk import Desk
+from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.patient import Patient, floor_of, none_there, patient_of
 from twin.ui.session.readings import LIVE_TOLERANCE
 
 
 def describe(
     robot: Robot,
-    desk: Desk,
+    movable: MovableRobot,
     protocols: Mapping[str, str],
     patients: Mapping[str, Patient],
     place: Place | None = None,
@@ -34,14 +34,14 @@ def describe(
 
     Args:
         robot: the robot.
-        desk: state of the robot.
+        movable: state of the robot.
         protocols: arguments of `Robot.protocol`, by protocol name.
         patients: patients by protocol name, from `patients_of`.
         place: place of the robot in a scene; None: a single robot, whose description contains floor and patients.
     """
     from twin.exchange.write.clip import model_hash
 
-    m = desk.mechanism
+    m = movable.mechanism
     tool = m.frame(m.tool)
     title = ""
     default = ""
@@ -52,7 +52,7 @@ def describe(
     T_world_base = np.eye(4)
     scenery = None
     if place is None:
-        scenery = _scenery(robot, desk, protocols, patients)
+        scenery = _scenery(robot, movable, protocols, patients)
     else:
         default = place.protocol_name
         name = place.name
@@ -72,20 +72,20 @@ def describe(
         "frames": [_frame(f) for f in m.frames],
         "points": _points(m),
         "protocols": _protocols(robot, protocols, default),
-        "postures": list(desk.postures),
-        "variants": _variants(desk),
-        "has_equations": desk.kin is not None,
+        "postures": list(movable.postures),
+        "variants": _variants(movable),
+        "has_equations": movable.kin is not None,
         "live_tolerance": LIVE_TOLERANCE,
-        "has_workspace": desk.kin is not None and desk.kin.closed_inverse,
+        "has_workspace": movable.kin is not None and movable.kin.closed_inverse,
         "scenery": scenery,
-        "assumed": assumptions([*_equations(desk), *m.parameters]),
+        "assumed": assumptions([*_equations(movable), *m.parameters]),
         "T_world_base": pose(T_world_base),
     }
 
 
-def _equations(desk: Desk) -> Sequence[Parameter]:
+def _equations(movable: MovableRobot) -> Sequence[Parameter]:
     """Return the parameters of the equations; none without equations."""
-    return () if desk.kin is None else desk.kin.formula.parameters
+    return () if movable.kin is None else movable.kin.formula.parameters
 
 
 def assumptions(parameters: Iterable[Parameter]) -> list[str]:
@@ -139,15 +139,15 @@ def _title(robot: Robot, protocol: str) -> str:
         return protocol
 
 
-def _variants(desk: Desk) -> list[str]:
+def _variants(movable: MovableRobot) -> list[str]:
     """Return the values that the message `variant` accepts: for each variant not in use, "name" and "equation=name"."""
-    if desk.kin is None:
+    if movable.kin is None:
         return []
     names: list[str] = []
     full_names = []
-    for equation, choices in desk.kin.choices.items():
+    for equation, choices in movable.kin.choices.items():
         for name in choices:
-            if name == desk.kin.variants[equation]:
+            if name == movable.kin.variants[equation]:
                 continue
             full_names.append(f"{equation}={name}")
             # several equations may have a variant of the same name
@@ -156,12 +156,12 @@ def _variants(desk: Desk) -> list[str]:
     return names + full_names
 
 
-def patients_of(robot: Robot, desk: Desk, protocols: Mapping[str, str]) -> dict[str, Patient]:
+def patients_of(robot: Robot, movable: MovableRobot, protocols: Mapping[str, str]) -> dict[str, Patient]:
     """Return the patients by protocol name; invalid protocols and protocols without a patient are omitted.
 
     `protocols` contains the argument of `Robot.protocol` for each protocol, by protocol name.
     """
-    floor = floor_of(desk.mechanism, desk.assembly.link_poses)
+    floor = floor_of(movable.mechanism, movable.assembly.link_poses)
     patients = {}
     for name, source in protocols.items():
         with contextlib.suppress(TwinError):  # reported when a client requests the protocol
@@ -171,7 +171,9 @@ def patients_of(robot: Robot, desk: Desk, protocols: Mapping[str, str]) -> dict[
     return patients
 
 
-def _scenery(robot: Robot, desk: Desk, protocols: Mapping[str, str], patients: Mapping[str, Patient]) -> JsonObject:
+def _scenery(
+    robot: Robot, movable: MovableRobot, protocols: Mapping[str, str], patients: Mapping[str, Patient]
+) -> JsonObject:
     """Return the floor's height in m and, for each protocol, its patient or the reason why it has no patient."""
     reasons = {}
     for name, source in protocols.items():
@@ -182,7 +184,7 @@ def _scenery(robot: Robot, desk: Desk, protocols: Mapping[str, str], patients: M
     for name, patient in patients.items():
         entries[name] = {"replaces": list(patient.replaces), "assumed": patient.assumed}
     return {
-        "floor": floor_of(desk.mechanism, desk.assembly.link_poses),
+        "floor": floor_of(movable.mechanism, movable.assembly.link_poses),
         "patients": entries,
         "no_patient": reasons,
     }

@@ -9,7 +9,7 @@ import numpy as np
 from twin.core.errors import KinematicsError, TwinError
 from twin.core.spatial import Array
 from twin.ui.headset import protocol as wire
-from twin.ui.session.desk import Desk
+from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.timeline import Playback
 
 _CHUNK = 8
@@ -28,9 +28,9 @@ class Ghost:
         name: name of the variant; None: no ghost.
     """
 
-    def __init__(self, desk: Desk) -> None:
+    def __init__(self, movable: MovableRobot) -> None:
         self.name: str | None = None
-        self._desk = desk
+        self._movable = movable
         self._kin = None
         self._chosen: str | None = None
         self._playback: Playback | None = None
@@ -56,14 +56,14 @@ class Ghost:
         equation, _, variant = name.partition("=")
         variants = {equation: variant} if variant else name
         try:
-            self._kin = self._desk.robot.kinematics(variants, {})
+            self._kin = self._movable.robot.kinematics(variants, {})
         except TwinError as error:
             return str(error)
         self._restart()
         return ""
 
     def follow(self, playback: Playback) -> None:
-        """Set the protocol; `more` computes the ghost at its samples. The desk must have the protocol's trocars."""
+        """Set the protocol; `more` computes the ghost at its samples. The robot must have the protocol's trocars."""
         self._playback = playback
         if self._chosen is not None:
             self.choose(self._chosen)
@@ -121,10 +121,10 @@ class Ghost:
         return track[k]
 
     def here(self) -> Array | None:
-        """Return the ghost's tool pose (7,) at the joint values of the desk; None without a ghost or a solution."""
+        """Return the ghost's tool pose (7,) at the joint values of the robot; None without a ghost or a solution."""
         if self.name is None or self._kin is None:
             return None
-        now = self._desk.assembly
+        now = self._movable.assembly
         start = time.monotonic()
         if start < self._next:
             return None

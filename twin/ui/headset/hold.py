@@ -10,7 +10,7 @@ import numpy as np
 from twin.core.errors import unknown
 from twin.ui.headset import protocol as wire
 from twin.ui.headset.client_messages import DragMessage, GrabMessage, RefusedError
-from twin.ui.session.desk import Desk, MoveResult
+from twin.ui.session.movable_robot import MovableRobot, MoveResult
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class ClientHold:
     point: tuple[float, ...] = ()
 
 
-def hold_of(client: str, message: GrabMessage, desk: Desk) -> ClientHold:
+def hold_of(client: str, message: GrabMessage, movable: MovableRobot) -> ClientHold:
     """Return the `ClientHold` that a client's message requests.
 
     Raises:
@@ -41,34 +41,34 @@ def hold_of(client: str, message: GrabMessage, desk: Desk) -> ClientHold:
     joint = -1
     name = message.name or ""
     if message.target == "joint":
-        names = [active.name for active in desk.joints]
+        names = [active.name for active in movable.joints]
         if name not in names:
             raise RefusedError("unknown", unknown("active joint", name, names))
         joint = names.index(name)
     elif message.target == "link":
-        links = [body.name for body in desk.mechanism.bodies]
+        links = [body.name for body in movable.mechanism.bodies]
         if name not in links:
             raise RefusedError("unknown", unknown("link", name, links))
-        if name == desk.mechanism.base:
+        if name == movable.mechanism.base:
             raise RefusedError("refused", f"{name} is the base and cannot move")
     return ClientHold(client, message.target, joint, name, message.point or ())
 
 
-def move_of(hold: ClientHold, message: DragMessage, desk: Desk) -> Callable[[], MoveResult]:
-    """Return a function that moves the desk to the target of a drag message.
+def move_of(hold: ClientHold, message: DragMessage, movable: MovableRobot) -> Callable[[], MoveResult]:
+    """Return a function that moves the robot to the target of a drag message.
 
     Raises:
         RefusedError: the drag does not match the grab.
     """
     if hold.target == "tool" and message.pose is not None:
         T = wire.pose_of(message.pose)
-        return lambda: desk.drag_tool(T)
+        return lambda: movable.drag_tool(T)
     if hold.target == "joint" and message.value is not None:
         value = message.value
-        return lambda: desk.move_joint(hold.joint, value)
+        return lambda: movable.move_joint(hold.joint, value)
     if hold.target == "link" and message.point is not None:
         p_body = np.array(hold.point)
         target = np.array(message.point)
-        return lambda: desk.move_point(hold.body, p_body, target)
+        return lambda: movable.move_point(hold.body, p_body, target)
     fields = {"tool": "pose", "joint": "value", "link": "point"}
     raise RefusedError("not_held", f"the {hold.target} is grabbed; a drag of it must contain `{fields[hold.target]}`")

@@ -10,7 +10,7 @@ from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.sampling import spread
 from twin.core.spatial import Array
 from twin.ui.headset.protocol import pose_of
-from twin.ui.session.desk import Desk
+from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.readings import RobotReading
 from twin.ui.session.timeline import Playback
 from twin.ui.session.trocars import in_trocars, rcm_at
@@ -60,7 +60,7 @@ def number(value: float | None) -> float | None:
     return float(f"{value:.9g}")
 
 
-def trocars(desk: Desk, playback: Playback | None, time: float) -> list[JsonObject]:
+def trocars(movable: MovableRobot, playback: Playback | None, time: float) -> list[JsonObject]:
     """Return the entry `trocars` of the document `state`: for each trocar, its name, position, error and depth (in m).
 
     The error is the distance from the trocar to the shaft axis. The depth is the insertion depth of the tip.
@@ -68,7 +68,7 @@ def trocars(desk: Desk, playback: Playback | None, time: float) -> list[JsonObje
     if playback is None:
         return []
     entries = []
-    for trocar in in_trocars(desk, rcm_at(playback, time)):
+    for trocar in in_trocars(movable, rcm_at(playback, time)):
         entries.append(
             {
                 "name": trocar.name,

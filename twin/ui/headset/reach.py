@@ -7,7 +7,7 @@ import numpy as np
 from twin.core.json_types import JsonObject
 from twin.ui.headset.client_messages import RefusedError
 from twin.ui.headset.protocol import floats
-from twin.ui.session.desk import Desk
+from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.workspace_cloud import Cloud, WorkspaceJob, without_meshes
 
 POSES = 100_000
@@ -25,12 +25,12 @@ class ReachablePoints:
         sent: the documents sent so far, for clients that connect later.
     """
 
-    def __init__(self, desk: Desk, source: str) -> None:
+    def __init__(self, movable: MovableRobot, source: str) -> None:
         self.on = False
         self.sent: list[JsonObject] = []
         self._new: list[JsonObject] = []
-        self._desk, self._source, self._cloud = desk, source, Cloud()
-        boxes = [m.vertices for b in desk.mechanism.bodies for m in b.meshes]
+        self._movable, self._source, self._cloud = movable, source, Cloud()
+        boxes = [m.vertices for b in movable.mechanism.bodies for m in b.meshes]
         self._size = max((float(np.linalg.norm(np.ptp(v, axis=0))) for v in boxes), default=0.5)
 
     def close(self) -> None:
@@ -43,25 +43,25 @@ class ReachablePoints:
         Raises:
             RefusedError: the robot has no closed-form inverse.
         """
-        desk = self._desk
+        movable = self._movable
         self.sent = []
         if not on:
             self.on = False
             self._cloud.cancel()
             self._new = [{"type": "cloud", "first": True, "points": "", "values": "", "done": True}]
             return
-        if desk.kin is None or not desk.kin.closed_inverse:
+        if movable.kin is None or not movable.kin.closed_inverse:
             raise RefusedError(
-                "refused", f"{desk.robot.name} has no closed-form inverse: computing its workspace takes too long"
+                "refused", f"{movable.robot.name} has no closed-form inverse: computing its workspace takes too long"
             )
         self.on = True
-        parameters = {n: float(v) for n, v in desk.kin.parameters.items() if n.startswith("trocar_")}
-        T = desk.assembly.T_base_tool.copy()
-        limits, half = desk.mechanism.limits, 0.5 * self._size
+        parameters = {n: float(v) for n, v in movable.kin.parameters.items() if n.startswith("trocar_")}
+        T = movable.assembly.T_base_tool.copy()
+        limits, half = movable.mechanism.limits, 0.5 * self._size
         self._cloud.start(
             WorkspaceJob(
-                *(self._source, dict(desk.kin.variants), parameters, limits, T, half, POSES, desk.solver.bounds),
-                mechanism=without_meshes(desk.mechanism),
+                *(self._source, dict(movable.kin.variants), parameters, limits, T, half, POSES, movable.solver.bounds),
+                mechanism=without_meshes(movable.mechanism),
             )
         )
 

@@ -29,11 +29,11 @@ from twin.ui.headset.description import assumptions, describe, numbers, pose
 from twin.ui.headset.drawn import drawn_of_robot, drawn_of_scene
 from twin.ui.headset.live import Live
 from twin.ui.headset.twin import Twin
-from twin.ui.session.desk import Desk
 from twin.ui.session.driven_machine import DrivenMachine
 from twin.ui.session.exercise import NO_TASK, Exercise
 from twin.ui.session.feed import Feed, FieldSurface
 from twin.ui.session.loaded_scene import LoadedScene
+from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.timeline import Clock
 
 if TYPE_CHECKING:
@@ -170,7 +170,7 @@ def of_console(
     about = []
     for place in scene.places:
         robot = robots[place.name]
-        about.append(describe(robot, Desk(robot), {}, {}, place) | _FOLLOWS)
+        about.append(describe(robot, MovableRobot(robot), {}, {}, place) | _FOLLOWS)
     props = alignment.beside(loaded.props, goal_of(exercise.task, Alignment))
     return _placed(LoadedScene(scene, robots, props, stream.feed), stream, about)
 
@@ -189,7 +189,7 @@ def of_mirror(mirror: Mirror) -> Served:
     for name in (mirror.name, mirror.ghost):
         folder = _ROBOTS.format(name)
         place = Place(name, robot.name, "", np.eye(4), {}, {}, {})
-        about = describe(robot, Desk(robot), {}, {}, place) | _FOLLOWS
+        about = describe(robot, MovableRobot(robot), {}, {}, place) | _FOLLOWS
         own |= files.robot_files(glb, about, folder)
         robots.append({**about, "files": folder, "ports": []})
         preload.append(f"{folder}robot.glb")

@@ -39,8 +39,8 @@ from twin.ui.headset.playback import DisplayedState, StreamedPlayback, apart, me
 from twin.ui.headset.reach import ReachablePoints
 from twin.ui.headset.worker import Worker
 from twin.ui.session import readings
-from twin.ui.session.desk import UNDOS, Desk, MoveResult, start_of
 from twin.ui.session.driven_machine import DrivenMachine
+from twin.ui.session.movable_robot import UNDOS, MovableRobot, MoveResult, start_of
 from twin.ui.session.patient import Patient
 from twin.ui.session.readings import RobotReading
 from twin.ui.session.timeline import RATE, Clock, Planner, Playback, protocols_of
@@ -54,7 +54,7 @@ class Twin:
     """A robot that plays protocols and is moved by clients; see `ask`, `poll` and `state`.
 
     Attributes:
-        desk: state of the robot while it does not play; only jobs of the worker thread change it.
+        movable: state of the robot while it does not play; only jobs of the worker thread change it.
         clock: clock of the playback; all robots of a scene share this clock.
         patients: patients by protocol name.
         send: function that sends a document to all clients.
@@ -91,14 +91,14 @@ class Twin:
         self.place = place
         self.send: Callable[[JsonObject], object] = lambda document: None
         self.planned: Callable[[], object] = lambda: None
-        self.desk = Desk(robot)
+        self.movable = MovableRobot(robot)
         self.opening = bool(start_of(robot))
-        self.links = tuple(b.name for b in self.desk.mechanism.bodies)
+        self.links = tuple(b.name for b in self.movable.mechanism.bodies)
         self.clock = Clock() if clock is None else clock
         self._worker = Worker(lambda e: self._failure(f"internal error, {type(e).__name__}: {e}. Please report it."))
-        self._ghost = Ghost(self.desk)
-        self._reach = ReachablePoints(self.desk, source)
-        self._distances = ChangedDistances(self.desk)
+        self._ghost = Ghost(self.movable)
+        self._reach = ReachablePoints(self.movable, source)
+        self._distances = ChangedDistances(self.movable)
         self._hold: ClientHold | None = None
         self._dragged: ClientHold | None = None  # the last hold with a drag: the machine follows it
         self._before: list[Array] = []  # joint values at the begin of each grab, the newest last
@@ -113,11 +113,11 @@ class Twin:
         self._tick_of_reading = -float(LOOK)
         self._tick_of_move = -1.0
         self._wish: Callable[[], MoveResult] | None = None
-        self._shown = self._of(self.desk.assembly, None)
+        self._shown = self._of(self.movable.assembly, None)
         self.patients: dict[str, Patient] = {}
         if place is None:
-            self.patients = description.patients_of(robot, self.desk, self._protocols)
-        self.description = description.describe(robot, self.desk, self._protocols, self.patients, place)
+            self.patients = description.patients_of(robot, self.movable, self._protocols)
+        self.description = description.describe(robot, self.movable, self._protocols, self.patients, place)
         self.description["distances"] = self._distances.describe()
         first = self._first_protocol(protocol)
         if first is not None and plans:
@@ -167,14 +167,14 @@ class Twin:
             machine.advance(passed, None, True)
             return
         if hold is not None:
-            tool = self.desk.mechanism.frame(self.desk.mechanism.tool)
+            tool = self.movable.mechanism.frame(self.movable.mechanism.tool)
             T_base_body = wire.pose_of(self._shown.poses[self.links.index(tool.body)])
             machine.advance(passed, T_base_body @ tool.T_body_frame, True)
             return
         machine.advance(passed, None, False)
         at = machine.elsewhere(np.array(self._shown.q, float))
         if at is not None and self._sample is None and not self._worker.waits("move"):
-            self._move(lambda: self.desk.move_joints(at))
+            self._move(lambda: self.movable.move_joints(at))
 
     def look(self) -> None:
         """Update the readings every `LOOK` ticks, and send new workspace points."""
@@ -315,20 +315,20 @@ class Twin:
         if self.holder == client:
             self._hold = None
             self._shown = replace(self._shown, reason="")
-            self._worker.ask("let go", self.desk.clear_message, lambda _: None)
+            self._worker.ask("let go", self.movable.clear_message, lambda _: None)
 
     def _grab(self, client: str, message: GrabMessage) -> None:
-        hold = hold_of(client, message, self.desk)
+        hold = hold_of(client, message, self.movable)
         self._before = [*self._before[1 - UNDOS :], np.array(self._shown.q, float)]
         self._leave_track()
         if hold.target != "tool":
-            self._worker.ask("prepare", self.desk.solver.prepare, lambda _: None)
+            self._worker.ask("prepare", self.movable.solver.prepare, lambda _: None)
         self._hold = hold
         if self._machine is not None:
             self._machine.grabbed()
 
     def _leave_track(self) -> None:
-        """Stop playing, and set the desk to the present pose of the protocol."""
+        """Stop playing, and set the robot to the present pose of the protocol."""
         self.clock.playing = False
         self._wish = None
         self._worker.drop("look", "move")
@@ -337,11 +337,11 @@ class Twin:
         # the job runs later, when these attributes may have changed
         track = self._track
         k = self._sample
-        desk = self.desk
+        movable = self.movable
         self._sample = None
 
         def job() -> None:
-            desk.show(desk.model.state(track.playback.x[k]), track.playback.Ts_base_tool[k])
+            movable.show(movable.model.state(track.playback.x[k]), track.playback.Ts_base_tool[k])
 
         self._worker.ask("settle", job, lambda _: None)
 
@@ -349,7 +349,7 @@ class Twin:
         self.leave_to(client)
         if self._hold is None:
             raise RefusedError("not_held", "grab first, then drag")
-        self._move(move_of(self._hold, message, self.desk))
+        self._move(move_of(self._hold, message, self.movable))
         self._dragged = self._hold
 
     def _require_no_machine(self, request: str) -> None:
@@ -365,11 +365,11 @@ class Twin:
             raise RefusedError("refused", text)
 
     def _posture(self, name: str) -> None:
-        if name not in self.desk.postures:
-            raise RefusedError("unknown", unknown("posture", name, self.desk.postures))
+        if name not in self.movable.postures:
+            raise RefusedError("unknown", unknown("posture", name, self.movable.postures))
         self._require_no_machine("a posture")
         self._leave_track()
-        self._move(lambda: self.desk.go_to_posture(name))
+        self._move(lambda: self.movable.go_to_posture(name))
 
     def _undo(self) -> None:
         """Move to the joint values at the begin of the last grab that moved the robot."""
@@ -381,7 +381,7 @@ class Twin:
             raise RefusedError("refused", f"nothing to undo: {self.called} has not been moved by a grab")
         q = self._before.pop()
         self._leave_track()
-        self._move(lambda: self.desk.move_joints(q))
+        self._move(lambda: self.movable.move_joints(q))
 
     def _variant(self, name: str | None) -> None:
         if name is not None and name not in self.description["variants"]:
@@ -405,7 +405,7 @@ class Twin:
 
         def job() -> DisplayedState:
             reason = self._distances.change(index, message.value)
-            return self._of(self.desk.assembly, self._ghost.here(), reason)
+            return self._of(self.movable.assembly, self._ghost.here(), reason)
 
         def done(shown: DisplayedState) -> None:
             self._sample = None
@@ -419,7 +419,7 @@ class Twin:
     # -- jobs and their results -----------------------------------------------------------------------
 
     def _move(self, move: Callable[[], MoveResult]) -> None:
-        """Execute the newest request for a move of the desk, at most one per tick, and display the result."""
+        """Execute the newest request for a move of the robot, at most one per tick, and display the result."""
         if self._tick_of_move == self._tick:  # only one solution is displayed per tick
             self._wish = move
             return
@@ -431,7 +431,7 @@ class Twin:
             result = move()
             # a move that continues has not been refused
             reason = "" if result.more else result.reason
-            return self._of(self.desk.assembly, self._ghost.here(), reason), result.more
+            return self._of(self.movable.assembly, self._ghost.here(), reason), result.more
 
         def done(result: tuple[DisplayedState, bool]) -> None:
             shown, more = result
@@ -461,7 +461,7 @@ class Twin:
         if self._sample is not None:
             self.stand()
         else:
-            self._move(lambda: self.desk.last_move)
+            self._move(lambda: self.movable.last_move)
 
     def stand(self) -> None:
         """Display the sample of the protocol at the clock's time."""
@@ -482,14 +482,14 @@ class Twin:
         track = self._track
         k = self._sample
         time = self.clock.time
-        desk = self.desk
+        movable = self.movable
 
         def job() -> RobotReading:
             if track is None:
-                return readings.read(desk)
+                return readings.read(movable)
             if k is not None:
-                desk.show(desk.model.state(track.playback.x[k]), track.playback.Ts_base_tool[k])
-            return readings.read(desk, rcm_at(track.playback, time))
+                movable.show(movable.model.state(track.playback.x[k]), track.playback.Ts_base_tool[k])
+            return readings.read(movable, rcm_at(track.playback, time))
 
         def done(reading: RobotReading) -> None:
             self._reading = reading
@@ -532,18 +532,18 @@ class Twin:
             self._failure(f"{self._wanted}: {answer}")
             return
         playback = answer
-        desk = self.desk
+        movable = self.movable
 
         def job() -> StreamedPlayback | TwinError:
             protocol = self.robot.protocol(self._protocols[playback.protocol])
             bound = self.robot.bound(protocol)
-            if bound is not desk.robot:
+            if bound is not movable.robot:
                 try:
-                    desk.bind(bound)
+                    movable.bind(bound)
                 except TwinError as error:  # a changed design may not fit these trocars
                     return error
-            desk.use_tool_frame_of(protocol)
-            links = desk.model.link_poses(playback.x)
+            movable.use_tool_frame_of(protocol)
+            links = movable.model.link_poses(playback.x)
             poses = np.stack([wire.sevens(links[name]) for name in self.links], axis=1)
             self._ghost.follow(playback)
             return StreamedPlayback(playback, poses)
@@ -577,7 +577,7 @@ class Twin:
                 phase = playback.phase(self.clip_time)
         shown = self._shown
         distance_to_ghost = apart(shown, self.links, self.description["tool"])
-        trocar_entries = trocars(self.desk, playback, self.clock.time)
+        trocar_entries = trocars(self.movable, playback, self.clock.time)
         return {
             "time": self.clip_time,
             "duration": self.duration,
@@ -593,7 +593,7 @@ class Twin:
             "variant": self._ghost.name,
             "distances": [[index, value] for index, value in sorted(self._distances.values.items())],
             "workspace": self._reach.on,
-            "postures": list(self.desk.postures),
+            "postures": list(self.movable.postures),
             **({} if self._machine is None else {"machine": self._machine.state()}),
         }
 

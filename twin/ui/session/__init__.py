@@ -1,1 +1,1 @@
-"""State (desk), timeline, readings and recorded sessions of the active robot, independent of viewer and headset."""
+"""State, timeline, readings and recorded sessions of the active robot, independent of viewer and headset."""

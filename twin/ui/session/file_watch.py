@@ -12,7 +12,7 @@ from twin import api
 from twin.api import Robot
 from twin.core.errors import TwinError
 from twin.core.program_end import ending
-from twin.ui.session.desk import Desk
+from twin.ui.session.movable_robot import MovableRobot
 
 POLL = 0.1
 """Time in s between two looks at the files. A change is used when two looks see the same files: it is complete then."""
@@ -26,13 +26,13 @@ class Reloaded:
     """Result of loading a robot again.
 
     Attributes:
-        desk: the new robot at its start; None if it could not be loaded.
+        movable: the new robot at its start; None if it could not be loaded.
         error: why it could not be loaded; "" if it was.
         files: names of the changed files.
         seconds: time from the complete change of the files to this result in s.
     """
 
-    desk: Desk | None
+    movable: MovableRobot | None
     error: str
     files: tuple[str, ...]
     seconds: float
@@ -94,10 +94,10 @@ class RobotFileWatch:
 
     def _load(self, names: tuple[str, ...]) -> None:
         begin = time.perf_counter()
-        desk = None
+        movable = None
         error = ""
         try:
-            desk = Desk(api.load(self._source, tool=self._tool))
+            movable = MovableRobot(api.load(self._source, tool=self._tool))
         except TwinError as reason:
             error = str(reason)
         except Exception as reason:  # the formula is code of a user, which can raise anything
@@ -105,7 +105,7 @@ class RobotFileWatch:
         # SystemExit or KeyboardInterrupt of that code: Ctrl-C itself raises nothing in this thread
         except BaseException as reason:
             error = str(ending(reason))
-        self._result = Reloaded(desk, error, names, time.perf_counter() - begin)
+        self._result = Reloaded(movable, error, names, time.perf_counter() - begin)
 
     def _stamps(self) -> Stamps:
         stamps: Stamps = {}

@@ -13,7 +13,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.kinematics import Kinematics
 from twin.reference.states import Assembly
-from twin.ui.session.desk import Desk
+from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.trocars import InTrocar, in_trocars
 
 
@@ -116,16 +116,16 @@ class RobotReading:
         return self.residual is None or self.residual.size <= LIVE_TOLERANCE
 
 
-def read(desk: Desk, rcm: Array | None = None) -> RobotReading:
-    """Return the readings at the desk's state; without trocars, `rcm` (3,) is the RCM in m in the base frame."""
-    with desk.lock:
-        kin = desk.kin
-        now = desk.assembly
-        requested = desk.requested_pose
-        joints = desk.joints
+def read(movable: MovableRobot, rcm: Array | None = None) -> RobotReading:
+    """Return the readings at the robot's state; without trocars, `rcm` (3,) is the RCM in m in the base frame."""
+    with movable.lock:
+        kin = movable.kin
+        now = movable.assembly
+        requested = movable.requested_pose
+        joints = movable.joints
         # a move that continues has not failed
-        reason = "" if desk.last_move.more else desk.last_move.reason
-        trocars = in_trocars(desk, rcm)
+        reason = "" if movable.last_move.more else movable.last_move.reason
+        trocars = in_trocars(movable, rcm)
     T = now.T_base_tool
     limits = []
     for joint, value in zip(joints, now.q, strict=True):
@@ -142,12 +142,12 @@ def read(desk: Desk, rcm: Array | None = None) -> RobotReading:
     points = {}
     actual = {}
     # a redundant arm has no unique posture for a tool pose, so points cannot be compared
-    if not desk.model.redundant:
+    if not movable.model.redundant:
         for name, positions in kin.points_many(**states).items():
             points[name] = positions[0]
             if name in now.points:
                 actual[name] = now.points[name]
-    residual, incomparable = _residual(desk, now, points, actual, requested)
+    residual, incomparable = _residual(movable, now, points, actual, requested)
     if incomparable:
         points = {}
         actual = {}
@@ -218,7 +218,7 @@ def _singularities(kin: Kinematics, states: dict[str, Array]) -> tuple[tuple[str
 
 
 def _residual(
-    desk: Desk, now: Assembly, points: dict[str, Array], actual: dict[str, Array], requested: Array | None
+    movable: MovableRobot, now: Assembly, points: dict[str, Array], actual: dict[str, Array], requested: Array | None
 ) -> tuple[EquationDeviation, str]:
     """Return (residual, incomparable), the values of these attributes of `RobotReading`.
 
@@ -228,13 +228,13 @@ def _residual(
     equations are for the assembly mode of the home state: from the home tool pose, the equations must compute the home
     joint values.
     """
-    kin = desk.kin
+    kin = movable.kin
     assert kin is not None
     q = now.q
     T = now.T_base_tool
     to_request = _request_errors(requested, T)
     errors = _point_errors(points, actual)
-    if desk.model.redundant:
+    if movable.model.redundant:
         if kin.closed_forward:
             distance = float(np.linalg.norm(kin.forward(q)[:3, 3] - T[:3, 3]))
             errors.append(EquationDeviation(distance, "tool at these joints"))
@@ -246,9 +246,9 @@ def _residual(
         if any(np.isfinite(error.size) for error in errors):
             return _largest(errors + to_request), ""
         return _largest(to_request), _BEYOND_EQUATIONS
-    errors.append(_joint_error(desk, q_equations, q))
-    if _largest(errors).size > LIVE_TOLERANCE and _agree_at_home(desk):
-        nearest = _nearest_mode(desk, now, q_equations)
+    errors.append(_joint_error(movable, q_equations, q))
+    if _largest(errors).size > LIVE_TOLERANCE and _agree_at_home(movable):
+        nearest = _nearest_mode(movable, now, q_equations)
         if nearest is not None and nearest.size <= LIVE_TOLERANCE:
             return _largest([nearest, *to_request]), _ASSEMBLY_MODES_DIFFER
         if not _has_value(kin, q):
@@ -256,10 +256,10 @@ def _residual(
     return _largest(errors + to_request), ""
 
 
-def _nearest_mode(desk: Desk, now: Assembly, q: Array) -> EquationDeviation | None:
+def _nearest_mode(movable: MovableRobot, now: Assembly, q: Array) -> EquationDeviation | None:
     """Return the smallest tool error of the assembly modes of the mechanism at q (n,); None if it cannot be closed."""
     nearest: EquationDeviation | None = None
-    for T_tool in desk.solver.tools(now, q):
+    for T_tool in movable.solver.tools(now, q):
         error = _pose_error(T_tool, now.T_base_tool)
         if nearest is None or error.size < nearest.size:
             nearest = error
@@ -301,14 +301,14 @@ def _largest(errors: list[EquationDeviation]) -> EquationDeviation:
     return max(finite, key=lambda error: error.size, default=EquationDeviation(0.0, ""))
 
 
-def _joint_error(desk: Desk, q_equations: Array, q: Array) -> EquationDeviation:
+def _joint_error(movable: MovableRobot, q_equations: Array, q: Array) -> EquationDeviation:
     """Return the largest difference between joint values q_equations (n,) and q (n,); angles modulo full turns."""
-    is_angle = np.array([joint.is_angle for joint in desk.joints], bool)
+    is_angle = np.array([joint.is_angle for joint in movable.joints], bool)
     difference = q_equations - q
     wrapped = (difference + np.pi) % (2 * np.pi) - np.pi
     difference = np.where(is_angle, wrapped, difference)
     k = int(np.argmax(np.abs(difference)))
-    return EquationDeviation(float(abs(difference[k])), f"joint {desk.joints[k].name}", bool(is_angle[k]))
+    return EquationDeviation(float(abs(difference[k])), f"joint {movable.joints[k].name}", bool(is_angle[k]))
 
 
 def _pose_error(A: Array, B: Array) -> EquationDeviation:
@@ -321,12 +321,12 @@ def _pose_error(A: Array, B: Array) -> EquationDeviation:
     return EquationDeviation(distance, what)
 
 
-def _agree_at_home(desk: Desk) -> bool:
+def _agree_at_home(movable: MovableRobot) -> bool:
     """Return whether the inverse equations compute the home joint values from the home tool pose."""
-    home = desk.model.home()
-    assert desk.kin is not None
+    home = movable.model.home()
+    assert movable.kin is not None
     try:
-        q_equations = desk.kin.inverse(home.T_base_tool, home.q)
+        q_equations = movable.kin.inverse(home.T_base_tool, home.q)
     except KinematicsError:
         return False
-    return _joint_error(desk, q_equations, home.q).size <= LIVE_TOLERANCE
+    return _joint_error(movable, q_equations, home.q).size <= LIVE_TOLERANCE

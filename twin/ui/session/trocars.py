@@ -8,7 +8,7 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.spatial import Array
-from twin.ui.session.desk import Desk
+from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.timeline import Playback
 
 
@@ -34,14 +34,14 @@ class InTrocar:
     depth: float | None = None
 
 
-def in_trocars(desk: Desk, rcm: Array | None = None) -> tuple[InTrocar, ...]:
+def in_trocars(movable: MovableRobot, rcm: Array | None = None) -> tuple[InTrocar, ...]:
     """Return the instruments in their trocars.
 
     For a mechanism without trocars, return the instrument at `rcm`, the RCM (3,) in m in the base frame; None: no RCM.
     """
-    tip, axis = desk.shaft()
-    mechanism = desk.mechanism
-    now = desk.assembly
+    tip, axis = movable.shaft()
+    mechanism = movable.mechanism
+    now = movable.assembly
     if not mechanism.trocars:
         if rcm is None or not np.isfinite(rcm).all():
             return ()
@@ -51,7 +51,7 @@ def in_trocars(desk: Desk, rcm: Array | None = None) -> tuple[InTrocar, ...]:
         depth = float(-tip_to_rcm @ axis)
         return (InTrocar("", rcm, error, axis, tip, depth),)
     instruments = []
-    carries_tip = {joint.child for joint in mechanism.path(desk.tip_body)}
+    carries_tip = {joint.child for joint in mechanism.path(movable.tip_body)}
     for name, place in mechanism.trocar_places.items():
         error = now.worst_gap  # if the trocar closes a loop, its error is the loop gap
         shaft = axis

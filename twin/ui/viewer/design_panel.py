@@ -12,7 +12,7 @@ from twin.core.errors import AssemblyError, MechanismError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.model.joint_distance import distances, with_distance
-from twin.ui.session.desk import Desk, MoveResult
+from twin.ui.session.movable_robot import MovableRobot, MoveResult
 from twin.ui.session.readings import RobotReading, read
 from twin.ui.session.workspace_cloud import Cloud, WorkspaceChunk, WorkspaceJob, without_meshes
 from twin.ui.viewer import readout
@@ -37,7 +37,7 @@ class DesignPanel:
         self.gui = front.server.gui
         self._tab = tab
         self._handles: list = []
-        self._other: Desk | None = None
+        self._other: MovableRobot | None = None
         self._other_nodes: RobotNodes | None = None
         self._cloud = Cloud()
         self._points: list[np.ndarray] = []
@@ -58,11 +58,11 @@ class DesignPanel:
         self._handles = []
         a, gui = self.front.active, self.gui
         with self._tab:
-            if a.desk.kin is not None:
+            if a.movable.kin is not None:
                 self._equations(a)
             self._mechanism(a)
             self._compare(a)
-            if a.desk.kin is not None:
+            if a.movable.kin is not None:
                 self._workspace(a)
             self._note = gui.add_html("")
             self._handles.append(self._note)
@@ -70,18 +70,18 @@ class DesignPanel:
     # -- equations ------------------------------------------------------------------------------------
 
     def _equations(self, a: ShownRobot) -> None:
-        gui, desk = self.gui, a.desk
-        assert desk.kin is not None
+        gui, movable = self.gui, a.movable
+        assert movable.kin is not None
         folder = gui.add_folder("Equations")
         self._handles.append(folder)
         with folder:
-            for name, choices in desk.kin.choices.items():
+            for name, choices in movable.kin.choices.items():
                 if len(choices) < 2:
                     continue
-                buttons = gui.add_dropdown(name, choices, initial_value=desk.kin.variants[name])
+                buttons = gui.add_dropdown(name, choices, initial_value=movable.kin.variants[name])
                 buttons.on_update(self._chooser(a, name, buttons))
             names = []
-            for name, value in desk.kin.parameters.items():
+            for name, value in movable.kin.parameters.items():
                 if isinstance(value, float) and np.isfinite(value):
                     names.append(name)
             if names:
@@ -89,9 +89,9 @@ class DesignPanel:
 
     def _parameters(self, a: ShownRobot, names: list[str]) -> None:
         """Add the controls that change a parameter of the equations."""
-        gui, desk = self.gui, a.desk
-        assert desk.kin is not None
-        units = {parameter.name: parameter.unit for parameter in desk.kin.formula.parameters}
+        gui, movable = self.gui, a.movable
+        assert movable.kin is not None
+        units = {parameter.name: parameter.unit for parameter in movable.kin.formula.parameters}
         which = gui.add_dropdown("parameter", names)
         number = gui.add_number("value", 0.0, step=0.01)
         reset = gui.add_button("as published")
@@ -99,7 +99,7 @@ class DesignPanel:
         def choose(_: object = None) -> None:
             scale, sign = _DISPLAYED.get(units.get(which.value, ""), (1.0, ""))
             number.label = f"value [{sign}]" if sign else "value"
-            number.value = round(desk.kin.parameters[which.value] / scale, 6)  # type: ignore[union-attr]
+            number.value = round(movable.kin.parameters[which.value] / scale, 6)  # type: ignore[union-attr]
 
         def change(event: viser.GuiEvent) -> None:
             if event.client is None:
@@ -109,15 +109,15 @@ class DesignPanel:
             value = number.value * scale
 
             def go() -> None:
-                desk.change(parameters={name: value})
+                movable.change(parameters={name: value})
                 self._again(a)
 
             self._wish(go)
 
         def undo(_: object) -> None:
             def go() -> None:
-                desk.parameters.pop(which.value, None)
-                desk.change()
+                movable.parameters.pop(which.value, None)
+                movable.change()
                 choose()
                 self._again(a)
 
@@ -133,7 +133,7 @@ class DesignPanel:
             value = buttons.value
 
             def go() -> None:
-                a.desk.change(variants={name: value})
+                a.movable.change(variants={name: value})
                 self._again(a)
 
             self._wish(go)
@@ -143,8 +143,8 @@ class DesignPanel:
     # -- mechanism ------------------------------------------------------------------------------------
 
     def _mechanism(self, a: ShownRobot) -> None:
-        gui, desk = self.gui, a.desk
-        by_title = {f"{d.body}: {d.joint} to {d.other}": d for d in distances(desk.robot.mechanism)}
+        gui, movable = self.gui, a.movable
+        by_title = {f"{d.body}: {d.joint} to {d.other}": d for d in distances(movable.robot.mechanism)}
         if not by_title:
             return
         folder = gui.add_folder("Mechanism")
@@ -164,7 +164,7 @@ class DesignPanel:
 
             def go() -> None:
                 try:
-                    desk.redesign(with_distance(desk.robot.mechanism, d.joint, d.other, value))
+                    movable.redesign(with_distance(movable.robot.mechanism, d.joint, d.other, value))
                 except AssemblyError as error:
                     raise MechanismError(f"{d.joint} to {d.other} = {value / MM:g} mm: {error}") from error
                 self.front.rebuilt(a)
@@ -174,7 +174,7 @@ class DesignPanel:
 
         def undo(_: object) -> None:
             def go() -> None:
-                desk.redesign(desk.robot.mechanism)
+                movable.redesign(movable.robot.mechanism)
                 choose()
                 self.front.rebuilt(a)
                 self.front.panels.ghost(False)
@@ -199,12 +199,12 @@ class DesignPanel:
 
         def kept(_: object) -> None:
             def go() -> None:
-                other = Desk(a.desk.robot)
+                other = MovableRobot(a.movable.robot)
                 if other.kin is not None:
-                    other.change(a.desk.variants, a.desk.parameters)
-                if a.desk.mechanism is not a.desk.robot.mechanism:
-                    other.redesign(a.desk.mechanism)
-                other.move_joints(a.desk.assembly.q)
+                    other.change(a.movable.variants, a.movable.parameters)
+                if a.movable.mechanism is not a.movable.robot.mechanism:
+                    other.redesign(a.movable.mechanism)
+                other.move_joints(a.movable.assembly.q)
                 self._other = other
                 self._beside.disabled = False
                 self._beside.value = True
@@ -233,10 +233,10 @@ class DesignPanel:
 
         None if the mechanism is not edited, or if the unedited mechanism cannot be assembled at these joint values.
         """
-        if a.desk.mechanism is a.desk.robot.mechanism:
+        if a.movable.mechanism is a.movable.robot.mechanism:
             return None
         try:
-            return dict(a.desk.robot.reference().solve(a.desk.assembly.q).link_poses)
+            return dict(a.movable.robot.reference().solve(a.movable.assembly.q).link_poses)
         except AssemblyError:
             return None
 
@@ -244,10 +244,10 @@ class DesignPanel:
         """Show the readings of both designs in a table; design B is moved to the tool pose of design A."""
         if self._other is None or self._other_nodes is None:
             return
-        desk = self.front.active.desk
-        goal = desk.requested_pose
+        movable = self.front.active.movable
+        goal = movable.requested_pose
         if goal is None:
-            goal = desk.assembly.T_base_tool
+            goal = movable.assembly.T_base_tool
         moved = self._other.move_tool(goal)
         self._other_nodes.write(self._other.assembly.link_poses)
         b = read(self._other)
@@ -288,22 +288,22 @@ class DesignPanel:
             self._points = []
             self._condition = []
             self._of = a.name
-            desk = a.desk
-            assert desk.kin is not None
+            movable = a.movable
+            assert movable.kin is not None
             parameters = {}
-            for name, value in desk.kin.parameters.items():
-                if name in desk.parameters:
+            for name, value in movable.kin.parameters.items():
+                if name in movable.parameters:
                     parameters[name] = value
             job = WorkspaceJob(
                 a.source,
-                dict(desk.kin.variants),
+                dict(movable.kin.variants),
                 parameters,
-                desk.mechanism.limits,
-                desk.assembly.T_base_tool.copy(),
+                movable.mechanism.limits,
+                movable.assembly.T_base_tool.copy(),
                 edge.value * MM,
                 int(count.value.replace(" ", "")),
-                desk.solver.bounds,
-                without_meshes(desk.mechanism),
+                movable.solver.bounds,
+                without_meshes(movable.mechanism),
             )
             self._cloud.start(job)
 
@@ -345,10 +345,10 @@ class DesignPanel:
 
     def _again(self, a: ShownRobot) -> None:
         """Move the robot to the last requested tool pose again, because the equations have changed."""
-        goal = a.desk.requested_pose
+        goal = a.movable.requested_pose
         if goal is None:
-            goal = a.desk.assembly.T_base_tool
-        a.desk.move_tool(goal)
+            goal = a.movable.assembly.T_base_tool
+        a.movable.move_tool(goal)
         self.front.rebuilt(a)
 
 

@@ -19,9 +19,9 @@ from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.ui.session import readings, timeline
-from twin.ui.session.desk import Desk, MoveResult, start_of
 from twin.ui.session.feed import Feed
 from twin.ui.session.file_watch import RobotFileWatch
+from twin.ui.session.movable_robot import MovableRobot, MoveResult, start_of
 from twin.ui.session.posture_link import link_of, read_link
 from twin.ui.session.timeline import Clock, Planner, Playback
 from twin.ui.session.trocars import rcm_at
@@ -48,7 +48,7 @@ class ShownRobot:
     Attributes:
         name: displayed name.
         source: argument of `twin.load`; other processes load the robot with this argument.
-        desk: state of the robot.
+        movable: state of the robot.
         T_world_base: pose (4, 4) of the base in the scene.
         protocol: name or path of the protocol that was loaded last; None: the robot's default protocol.
         scale: factor on the displayed size.
@@ -57,7 +57,7 @@ class ShownRobot:
 
     name: str
     source: str
-    desk: Desk
+    movable: MovableRobot
     T_world_base: Array = field(default_factory=lambda: np.eye(4))
     protocol: str | None = None
     scale: float = 1.0
@@ -185,14 +185,14 @@ class Front(ViewerPage):
             self.clock.duration = feed.duration
         self.nodes: dict[str, RobotNodes] = {}
         for robot in robots:
-            poses = robot.desk.assembly.link_poses
-            self.nodes[robot.name] = RobotNodes(self.server, f"/{robot.name}", robot.desk.mechanism, poses)
+            poses = robot.movable.assembly.link_poses
+            self.nodes[robot.name] = RobotNodes(self.server, f"/{robot.name}", robot.movable.mechanism, poses)
         self.ghosts: dict[str, RobotNodes] = {}
         self.ghost_shown = False
         self.dragging = False
         self._plans: dict[str, Planner] = {}
         # robots that stay where they are when their next plan is ready, instead of going to its start
-        self._staying = {robot.name for robot in robots if start_of(robot.desk.robot)}
+        self._staying = {robot.name for robot in robots if start_of(robot.movable.robot)}
         self._watch: RobotFileWatch | None = None
         self._linked_time: float | None = None  # time of a link, until a protocol is planned
         self._reading_time = self.now
@@ -251,7 +251,7 @@ class Front(ViewerPage):
     def draw(self) -> None:
         """Show the present state of robots, deformables, trocars, shafts, the gizmo and the active robot's ghost."""
         for robot in self.robots:
-            self.nodes[robot.name].write(robot.desk.assembly.link_poses)
+            self.nodes[robot.name].write(robot.movable.assembly.link_poses)
         if self._fields is not None:
             error = self._fields.show(self.clock.time)
             if error:
@@ -269,7 +269,7 @@ class Front(ViewerPage):
 
     def _links_of(self, name: str) -> dict[str, Array]:
         robot = self._robot(name)
-        return {link: robot.T_world_base @ T for link, T in robot.desk.assembly.link_poses.items()}
+        return {link: robot.T_world_base @ T for link, T in robot.movable.assembly.link_poses.items()}
 
     def _robot(self, name: str) -> ShownRobot:
         robots = {robot.name: robot for robot in self.robots}
@@ -278,7 +278,7 @@ class Front(ViewerPage):
     def refresh(self) -> None:
         """Compute and show the readings of the active robot."""
         robot = self.active
-        reading = readings.read(robot.desk, rcm_at(robot.playback, self.clock.time))
+        reading = readings.read(robot.movable, rcm_at(robot.playback, self.clock.time))
         shown = reading.points if self.panels.equations_shown() else {}
         self.nodes[robot.name].equations(shown, reading.actual, reading.agrees, self.panels.exaggeration())
         self.panels.show(reading)
@@ -290,11 +290,11 @@ class Front(ViewerPage):
     def state(self) -> JsonObject:
         """Return pose of the tool, joint values and time, and the link that opens them again, as plain data."""
         robot = self.active
-        with robot.desk.lock:
-            q = robot.desk.assembly.q.copy()
-            T = robot.desk.assembly.T_base_tool.copy()
+        with robot.movable.lock:
+            q = robot.movable.assembly.q.copy()
+            T = robot.movable.assembly.T_base_tool.copy()
         joints = {}
-        for joint, value in zip(robot.desk.joints, q, strict=True):
+        for joint, value in zip(robot.movable.joints, q, strict=True):
             unit, scale = ("deg", DEG) if joint.is_angle else ("mm", MM)
             joints[joint.name] = {"value": float(value) / scale, "unit": unit}
         t = self.clock.time if robot.playback is not None else None
@@ -308,7 +308,7 @@ class Front(ViewerPage):
             },
             "time_s": t,
             "scale": robot.scale,
-            "link": link_of(robot.desk.joints, q, t),
+            "link": link_of(robot.movable.joints, q, t),
         }
 
     def follow_link(self, text: str) -> None:
@@ -318,14 +318,14 @@ class Front(ViewerPage):
             TwinError: the link has another form, or the posture cannot be reached.
         """
         robot = self.active
-        q, t = read_link(text, robot.desk.joints)
+        q, t = read_link(text, robot.movable.joints)
         self.clock.playing = False
         if robot.playback is None:
             self._staying.add(robot.name)  # a plan that is ready later does not move the robot
         self._linked_time = t
         self._seek_linked()
-        moved = robot.desk.move_joints(q)
-        robot.desk.clear_message()
+        moved = robot.movable.move_joints(q)
+        robot.movable.clear_message()
         if not moved.good:
             raise TwinError(f"the posture of the link is not reached: {moved.reason}")
 
@@ -341,10 +341,10 @@ class Front(ViewerPage):
             if robot.playback is None:
                 continue
             k = int(np.clip(round(self.clock.time * timeline.RATE), 0, len(robot.playback.t) - 1))
-            if robot.desk.edited and not robot.desk.model.redundant:
-                robot.desk.move_tool(robot.playback.Ts_base_tool[k])
+            if robot.movable.edited and not robot.movable.model.redundant:
+                robot.movable.move_tool(robot.playback.Ts_base_tool[k])
             else:
-                robot.desk.show(robot.desk.model.state(robot.playback.x[k]), robot.playback.Ts_base_tool[k])
+                robot.movable.show(robot.movable.model.state(robot.playback.x[k]), robot.playback.Ts_base_tool[k])
 
     def set_active(self, name: str) -> None:
         """Make a robot the active one."""
@@ -372,42 +372,42 @@ class Front(ViewerPage):
             if change is None:
                 return
             files = ", ".join(change.files)
-            if change.desk is None:
+            if change.movable is None:
                 self.panels.failed(robot, f"{files}: {change.error} The robot before this change stays.")
                 self.say(f"{files}: {change.error}", bad=True)
                 return
-            note = self.replace(robot, change.desk)
+            note = self.replace(robot, change.movable)
             self.say(f"{files} changed: {robot.name} is rebuilt{note}")
 
         self.after_frame.append(look)
 
-    def replace(self, robot: ShownRobot, desk: Desk) -> str:
+    def replace(self, robot: ShownRobot, movable: MovableRobot) -> str:
         """Show another build of a robot, in the same posture if it can take it; return a note if it cannot.
 
         The view stays. Changes of equations and parameters that were made in the page are made again.
         """
         note = ""
-        old = robot.desk
-        if [joint.name for joint in old.joints] != [joint.name for joint in desk.joints]:
+        old = robot.movable
+        if [joint.name for joint in old.joints] != [joint.name for joint in movable.joints]:
             note = "; it has other joints, so it stands at its start"
-        elif not desk.move_joints(old.assembly.q).good:
-            note = f"; it stands at its start: {desk.last_move.reason}"
-        desk.clear_message()
+        elif not movable.move_joints(old.assembly.q).good:
+            note = f"; it stands at its start: {movable.last_move.reason}"
+        movable.clear_message()
         if old.variants or old.parameters:
             try:
-                desk.change(old.variants, old.parameters)
+                movable.change(old.variants, old.parameters)
             except TwinError as error:
                 note += f"; the changes of its equations are gone: {error}"
-        robot.desk = desk
+        robot.movable = movable
         # its joint values are those of the build before
         robot.playback = None
-        if robot.protocol and _is_gone(desk.robot, robot.protocol):
+        if robot.protocol and _is_gone(movable.robot, robot.protocol):
             note += f"; its protocol {robot.protocol} has gone, so the default one is planned"
             robot.protocol = None
         self.scenery.forget(robot.name)
         with self.server.atomic():
             self.nodes[robot.name].remove()
-            nodes = RobotNodes(self.server, f"/{robot.name}", desk.mechanism, desk.assembly.link_poses)
+            nodes = RobotNodes(self.server, f"/{robot.name}", movable.mechanism, movable.assembly.link_poses)
             nodes.place(robot.T_world_base, robot.scale)
         self.nodes[robot.name] = nodes
         self.scenery.redraw(robot.name)
@@ -416,7 +416,7 @@ class Front(ViewerPage):
         if robot is self.active:
             self.panels.rebuild()
         self._staying.add(robot.name)
-        if desk.robot.files is not None and desk.robot.files.protocols():
+        if movable.robot.files is not None and movable.robot.files.protocols():
             self.load(robot, robot.protocol)
         else:
             self.clock.playing = False
@@ -426,7 +426,11 @@ class Front(ViewerPage):
         robot = self.active
         if robot.name not in self.ghosts:
             self.ghosts[robot.name] = RobotNodes(
-                self.server, f"/ghost_{robot.name}", robot.desk.mechanism, robot.desk.assembly.link_poses, ghost=BLUE
+                self.server,
+                f"/ghost_{robot.name}",
+                robot.movable.mechanism,
+                robot.movable.assembly.link_poses,
+                ghost=BLUE,
             )
         ghost = self.ghosts[robot.name]
         ghost.place(robot.T_world_base, robot.scale)
@@ -454,7 +458,7 @@ class Front(ViewerPage):
             if time.time() - first_picture > _DRAWN or self.now - begin > _NOBODY:
                 self.after_frame.remove(wait)
                 for robot in self.robots:
-                    if robot.desk.robot.files is not None and robot.desk.robot.files.protocols():
+                    if robot.movable.robot.files is not None and robot.movable.robot.files.protocols():
                         self.load(robot, robot.protocol)
 
         self.after_frame.append(wait)
@@ -481,7 +485,7 @@ class Front(ViewerPage):
             if not isinstance(planner.answer, Playback):
                 self.panels.failed(robot, str(planner.answer))
                 continue
-            if robot.desk.robot.files is not None:
+            if robot.movable.robot.files is not None:
                 try:
                     self._bind(robot, planner.protocol)
                 except TwinError as error:
@@ -505,15 +509,15 @@ class Front(ViewerPage):
         Raises:
             TwinError: the mechanism, which may have a changed design, cannot be assembled with these trocars.
         """
-        protocol = robot.desk.robot.protocol(name)
-        bound = robot.desk.robot.bound(protocol)
-        if bound is not robot.desk.robot:
-            q = robot.desk.assembly.q
-            robot.desk.bind(bound)
+        protocol = robot.movable.robot.protocol(name)
+        bound = robot.movable.robot.bound(protocol)
+        if bound is not robot.movable.robot:
+            q = robot.movable.assembly.q
+            robot.movable.bind(bound)
             if robot.name in self._staying:
-                robot.desk.move_joints(q)
-                robot.desk.clear_message()
-        robot.desk.use_tool_frame_of(protocol)
+                robot.movable.move_joints(q)
+                robot.movable.clear_message()
+        robot.movable.use_tool_frame_of(protocol)
 
     def _longest_motion(self) -> float:
         """Return the duration in s of the longest motion of the scene."""
@@ -538,7 +542,7 @@ class Front(ViewerPage):
             if event.phase == "start":
                 self.dragging = True
                 self.clock.playing = False
-                self.active.desk.remember()
+                self.active.movable.remember()
             wxyz = np.array(event.target.wxyz)
             position = np.array(event.target.position)
             self.continue_move("tool", lambda: self._tool_to(wxyz, position))
@@ -550,22 +554,22 @@ class Front(ViewerPage):
 
     def _let_go(self) -> None:
         self.wall.hide()
-        self.active.desk.clear_message()
+        self.active.movable.clear_message()
 
     def _tool_to(self, wxyz: Array, position: Array) -> MoveResult:
         node = self.nodes[self.active.name]
         R = spatial.matrix_from_quat_wxyz(np.asarray(node.root.wxyz)).T @ spatial.matrix_from_quat_wxyz(wxyz)
         u, _, vt = np.linalg.svd(R)  # nearest rotation: pages send rounded values
-        moved = self.active.desk.drag_tool(spatial.pose(u @ vt, node.to_base(position)))
+        moved = self.active.movable.drag_tool(spatial.pose(u @ vt, node.to_base(position)))
         if self.dragging and not moved.good and not moved.more:
-            self.wall.show(node.to_world(self.active.desk.assembly.T_base_tool[:3, 3]), position)
+            self.wall.show(node.to_world(self.active.movable.assembly.T_base_tool[:3, 3]), position)
         else:
             self.wall.hide()
         return moved
 
     def _gizmo_to_tool(self) -> None:
         node = self.nodes[self.active.name]
-        T = self.active.desk.assembly.T_base_tool
+        T = self.active.movable.assembly.T_base_tool
         self.gizmo.position = node.to_world(T[:3, 3])
         R = spatial.matrix_from_quat_wxyz(np.asarray(node.root.wxyz)) @ T[:3, :3]
         self.gizmo.wxyz = spatial.quat_from_matrix_wxyz(R)
@@ -585,18 +589,18 @@ class Front(ViewerPage):
 
         async def lead(event: viser.SceneNodeDragEvent) -> None:
             if event.phase == "start":
-                T_body_base = spatial.inverse(robot.desk.assembly.link_poses[body])
+                T_body_base = spatial.inverse(robot.movable.assembly.link_poses[body])
                 p_base = node.to_base(np.array(event.start_position))
-                robot.desk.remember()
+                robot.movable.remember()
                 grabbed[body] = (T_body_base @ np.append(p_base, 1.0))[:3]
                 self.clock.playing = False
-                self.ask("prepare", robot.desk.solver.prepare)
+                self.ask("prepare", robot.movable.solver.prepare)
             elif event.phase == "update" and body in grabbed:
                 target = node.to_base(np.array(event.end_position))
                 p = grabbed[body]
-                self.continue_move("point", lambda: robot.desk.move_point(body, p, target))
+                self.continue_move("point", lambda: robot.movable.move_point(body, p, target))
             elif event.phase == "end":
-                self.ask("settle", robot.desk.clear_message)
+                self.ask("settle", robot.movable.clear_message)
 
         return lead
 

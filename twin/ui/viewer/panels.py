@@ -82,7 +82,7 @@ class Panels:
         gui, front = self.gui, self.front
         self._protocols: dict[str, dict[str, str]] = {}
         for robot in front.robots:
-            self._protocols[robot.name] = protocols_of(robot.desk.robot, robot.protocol or None)
+            self._protocols[robot.name] = protocols_of(robot.movable.robot, robot.protocol or None)
         self._protocol = gui.add_dropdown("protocol", ["none"])
         self._list_protocols()
         self._state = gui.add_markdown("_not planned yet_")
@@ -160,8 +160,8 @@ class Panels:
         robot = self.front.active
         protocols = self._protocols[robot.name]
         loaded = robot.protocol
-        if not loaded and robot.desk.robot.files is not None:
-            loaded = robot.desk.robot.source.description.default_protocol
+        if not loaded and robot.movable.robot.files is not None:
+            loaded = robot.movable.robot.source.description.default_protocol
         names = list(protocols) or ["none"]
         selected = names[0]
         for name, source in protocols.items():
@@ -185,7 +185,7 @@ class Panels:
 
     def _undo(self) -> None:
         self.front.clock.playing = False
-        self.front.active.desk.undo()
+        self.front.active.movable.undo()
 
     def preparing(self, robot: ShownRobot, protocol: str | None) -> None:
         """Show that a protocol of a robot is being planned; None: its default protocol."""
@@ -238,10 +238,10 @@ class Panels:
         """Rebuild the panels for another active robot, or for another build of the active robot."""
         robot = self.front.active
         try:
-            self._protocols[robot.name] = protocols_of(robot.desk.robot, robot.protocol or None)
+            self._protocols[robot.name] = protocols_of(robot.movable.robot, robot.protocol or None)
         except TwinError:
             # a protocol that is being edited may be malformed; the error is shown when it is planned
-            self._protocols[robot.name] = protocols_of(robot.desk.robot, None)
+            self._protocols[robot.name] = protocols_of(robot.movable.robot, None)
         self._list_protocols()
         self._move()
         self.design.rebuild()
@@ -279,10 +279,10 @@ class Panels:
                 "Drag the **arrows** at the tool; **shift-drag** any link; or set a joint. "
                 "If the target cannot be reached, the robot stops and the reason is shown."
             )
-            postures = gui.add_dropdown("posture", robot.desk.postures or ("drawn",))
+            postures = gui.add_dropdown("posture", robot.movable.postures or ("drawn",))
             go = gui.add_button_group(" ", ("go", "keep here"))
             self._sliders += [note, postures, go]
-            for i, joint in enumerate(robot.desk.joints):
+            for i, joint in enumerate(robot.movable.joints):
                 scale = MM
                 unit = "mm"
                 low = -0.5
@@ -296,7 +296,7 @@ class Panels:
                     low, high = joint.limits
                 low /= scale
                 high /= scale
-                value = round(float(np.clip(robot.desk.assembly.q[i] / scale, low, high)), 2)
+                value = round(float(np.clip(robot.movable.assembly.q[i] / scale, low, high)), 2)
                 slider = gui.add_slider(f"{joint.name} [{unit}]", round(low, 2), round(high, 2), 0.01, value)
                 slider.on_update(self._mover(i, scale, slider))
                 self._joint.append(slider)
@@ -305,12 +305,12 @@ class Panels:
         def posture(_: object) -> None:
             if go.value == "go":
                 front.clock.playing = False
-                front.ask("posture", lambda: robot.desk.go_to_posture(postures.value))
-            elif len(robot.desk.postures) < MOST_POSTURES:
-                number = 1 + sum(name.startswith("kept") for name in robot.desk.postures)
+                front.ask("posture", lambda: robot.movable.go_to_posture(postures.value))
+            elif len(robot.movable.postures) < MOST_POSTURES:
+                number = 1 + sum(name.startswith("kept") for name in robot.movable.postures)
                 name = f"kept {number}"
-                robot.desk.keep(name)
-                postures.options = robot.desk.postures
+                robot.movable.keep(name)
+                postures.options = robot.movable.postures
                 postures.value = name
                 front.say(f"stored as '{name}'")
             else:
@@ -327,8 +327,8 @@ class Panels:
                 return
             front.clock.playing = False
             value = slider.value * scale
-            desk = front.active.desk
-            front.continue_move(f"joint {i}", lambda: desk.move_joint(i, value))
+            movable = front.active.movable
+            front.continue_move(f"joint {i}", lambda: movable.move_joint(i, value))
 
         return moved
 
@@ -356,22 +356,22 @@ class Panels:
         other = self.design.other_poses(robot)
         if other is not None:
             return other
-        desk = robot.desk
-        if desk.requested_pose is None:
-            return desk.assembly.link_poses
+        movable = robot.movable
+        if movable.requested_pose is None:
+            return movable.assembly.link_poses
         try:
-            return desk.model.solve_pose(desk.requested_pose, desk.assembly).link_poses
+            return movable.model.solve_pose(movable.requested_pose, movable.assembly).link_poses
         except AssemblyError:
             return None
 
     def show(self, reading: RobotReading) -> None:
         """Show the readings of the active robot, the time, and the curves."""
         front = self.front
-        desk = front.active.desk
+        movable = front.active.movable
         variants = []
-        if desk.kin is not None:
-            for equation, variant in desk.kin.variants.items():
-                if len(desk.kin.choices.get(equation, ())) > 1:
+        if movable.kin is not None:
+            for equation, variant in movable.kin.variants.items():
+                if len(movable.kin.choices.get(equation, ())) > 1:
                     variants.append(f"{equation}: {variant}")
         text = readout.table(reading, ", ".join(variants))
         if text != self._readout.content:
@@ -379,7 +379,7 @@ class Panels:
         headline = readout.headline(reading)
         if headline != self._headline.content:
             self._headline.content = headline
-        for slider, joint, q in zip(self._joint, desk.joints, desk.assembly.q, strict=True):
+        for slider, joint, q in zip(self._joint, movable.joints, movable.assembly.q, strict=True):
             scale = DEG if joint.is_angle else MM
             value = float(np.clip(round(q / scale, 2), slider.min, slider.max))
             # a slider that a user drags is not moved
@@ -408,7 +408,7 @@ class Panels:
             return
         joints = []
         angles = []
-        for joint in self.front.active.desk.joints:
+        for joint in self.front.active.movable.joints:
             joints.append(joint.name)
             angles.append(joint.is_angle)
         names, values = curves(playback, self._what.value, joints, angles)

@@ -36,7 +36,7 @@ class RecordPanel:
                     save.on_click(lambda _: front.ask("save", self._save))
                 load = gui.add_upload_button("Load a session", mime_type="application/json")
             handles.append(folder)
-            if front.local and a.desk.robot.files is not None:
+            if front.local and a.movable.robot.files is not None:
                 keep = gui.add_folder("Write into the robot's files", expand_by_default=False)
                 handles.append(keep)
                 with keep:
@@ -62,7 +62,7 @@ class RecordPanel:
 
     def _toggle(self) -> None:
         if self._record.label == "● Record":
-            self.session = RecordedSession.of(self.actor.desk.mechanism)
+            self.session = RecordedSession.of(self.actor.movable.mechanism)
             self._began = time.perf_counter()
             self._record.label = "■ Stop recording"
             self._replay.disabled = True
@@ -75,7 +75,7 @@ class RecordPanel:
         self._replayed = time.perf_counter()
 
     def _tick(self) -> None:
-        desk = self.actor.desk
+        movable = self.actor.movable
         if self.session is None:
             return
         if self._record.label != "● Record":
@@ -83,20 +83,20 @@ class RecordPanel:
             if len(self.session.moments) >= MOST:
                 self._toggle()
                 self.front.say(f"{MOST} states are recorded, the maximum of a session", bad=True)
-            elif not self.session.moments or not np.array_equal(self.session.moments[-1].q, desk.assembly.q):
-                self.session.add(now, desk.assembly.q, desk.assembly.T_base_tool)
+            elif not self.session.moments or not np.array_equal(self.session.moments[-1].q, movable.assembly.q):
+                self.session.add(now, movable.assembly.q, movable.assembly.T_base_tool)
         elif self._replayed is not None and self.session.moments:
             now = time.perf_counter() - self._replayed
             if now >= self.session.duration:
                 self._replayed = None
             session = self.session
-            self.front.ask("replay", lambda: desk.move_joints(session.at(session.moments[0].time + now)))
+            self.front.ask("replay", lambda: movable.move_joints(session.at(session.moments[0].time + now)))
 
     def _load(self, content: bytes) -> None:
         with Scratch() as folder:
             path = Path(folder) / "session.json"
             path.write_bytes(content)
-            self.session = RecordedSession.load(path, self.actor.desk.mechanism)
+            self.session = RecordedSession.load(path, self.actor.movable.mechanism)
         self._replay.disabled = False
         self.front.say(f"{len(self.session.moments)} states, {self.session.duration:.1f} s: press Replay")
 
@@ -109,18 +109,18 @@ class RecordPanel:
         self.front.say(f"written: {path}")
 
     def _save_posture(self) -> None:
-        files = self.actor.desk.robot.files
+        files = self.actor.movable.robot.files
         assert files is not None
         name, path = self._name.value, files.description
-        values = dict(zip([j.name for j in self.actor.desk.joints], self.actor.desk.assembly.q, strict=True))
+        values = dict(zip([j.name for j in self.actor.movable.joints], self.actor.movable.assembly.q, strict=True))
         self._when_told(f"posture '{identifier(name)}'", path, lambda: save_posture(path, name, values))
 
     def _save_phase(self) -> None:
-        robot, a = self.actor.desk.robot, self.actor
+        robot, a = self.actor.movable.robot, self.actor
         assert robot.files is not None
         protocol = robot.protocol(a.protocol)
-        T_tool_frame = a.desk.mechanism.frame_in_tool(protocol.frame)
-        name, T = self._name.value, a.desk.assembly.T_base_tool.copy()
+        T_tool_frame = a.movable.mechanism.frame_in_tool(protocol.frame)
+        name, T = self._name.value, a.movable.assembly.T_base_tool.copy()
         given = a.protocol or protocol.name
         path = Path(given) if given.endswith(".toml") else robot.files.protocol(given)
         self._when_told(f"phase '{identifier(name)}'", path, lambda: append_phase(path, name, T, T_tool_frame))

@@ -76,13 +76,13 @@ class Scenery:
 
     def _draw_parts(self, a: ShownRobot) -> None:
         """Draw what is drawn beside the measured bodies of a robot, such as belts and cables, if it has any."""
-        robot = a.desk.robot
+        robot = a.movable.robot
         if robot.files is None:
             return
-        drawn = drawn_parts(robot.files.description, [body.name for body in a.desk.mechanism.bodies])
+        drawn = drawn_parts(robot.files.description, [body.name for body in a.movable.mechanism.bodies])
         if drawn is None:
             return
-        self._drawn[a.name] = DrawnNodes(self.front.server, f"/{a.name}", drawn, a.desk.assembly.link_poses)
+        self._drawn[a.name] = DrawnNodes(self.front.server, f"/{a.name}", drawn, a.movable.assembly.link_poses)
         self._show_drawn()
 
     def _show_drawn(self) -> None:
@@ -149,11 +149,11 @@ class Scenery:
         """Draw trocars and shafts at the present poses; a shaft whose trocar error is 2 mm or more is not drawn."""
         for a in self.front.robots:
             if a.name in self._drawn:
-                self._drawn[a.name].follow(a.desk.assembly.link_poses)
+                self._drawn[a.name].follow(a.movable.assembly.link_poses)
         drawn: set[str] = set()
         if self._trail_shown:
             for a in self.front.robots:
-                trocars = in_trocars(a.desk, rcm_at(a.playback, self.front.clock.time))
+                trocars = in_trocars(a.movable, rcm_at(a.playback, self.front.clock.time))
                 for trocar in trocars:
                     drawn.add(self._draw_trocar(a, trocar, len(trocars) > 1))
         for key in self._lines.keys() - drawn:
@@ -335,7 +335,7 @@ class Scenery:
             if a.name in self._patients:
                 self._patients.pop(a.name).remove()
                 self._show_links(a, frozenset())
-            robot = a.desk.robot
+            robot = a.movable.robot
             if not visible or robot.files is None or not robot.files.protocols():
                 continue
             protocol = robot.protocol(a.protocol)
@@ -364,7 +364,7 @@ class Scenery:
         state = None
         if self._cut is not None:
             # a move replaces the assembly of a robot
-            states = [id(a.desk.assembly) for a in self.front.robots]
+            states = [id(a.movable.assembly) for a in self.front.robots]
             state = (*self._cut, *states)
         if state == self._cut_drawn:
             return
@@ -377,7 +377,7 @@ class Scenery:
                 axis, part = self._cut
                 normal[axis] = 1.0
                 point = node.box[0] + part * (node.box[1] - node.box[0])
-            node.section(a.desk.assembly.link_poses, point, normal)
+            node.section(a.movable.assembly.link_poses, point, normal)
 
     def look(self, view: str, client: viser.ClientHandle | None) -> None:
         """Move the camera of a browser to a preset view; if `client` is None, move the cameras of all browsers."""
@@ -400,13 +400,13 @@ class Scenery:
         """Return (camera position, target, up vector) of a preset view, each (3,) in m in the world frame."""
         a = self.front.active
         node = self.front.nodes[a.name]
-        tip, axis = a.desk.shaft()
+        tip, axis = a.movable.shaft()
         size = node.size * a.scale
         up = np.array([0.0, 0.0, 1.0])
         if view in OUTSIDE:
             return self.middle + self.size * OUTSIDE[view], self.middle, up
         if view == "endoscope":
-            lens, sight, above = (node.to_world(point) for point in a.desk.camera())
+            lens, sight, above = (node.to_world(point) for point in a.movable.camera())
             return lens, sight, (above - lens) / np.linalg.norm(above - lens)
         p = node.to_world(tip)
         if view == "microscope":

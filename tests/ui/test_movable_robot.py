@@ -26,8 +26,8 @@ from twin.core.errors import KinematicsError, MechanismError, TwinError
 from twin.core.units import MM
 from twin.model.joint_distance import kinematic_distances, with_distance
 from twin.ui.headset.playback import measured
-from twin.ui.session.desk import Desk, MoveResult
 from twin.ui.session.display_meshes import CREASE, behind, creased, looks
+from twin.ui.session.movable_robot import MovableRobot, MoveResult
 from twin.ui.session.readings import read
 from twin.ui.session.timeline import Clock, Playback, protocols_of
 from twin.ui.viewer import readout
@@ -38,18 +38,18 @@ ROBOTS = one_of_a_kind()
 
 
 @pytest.fixture(scope="module", params=ROBOTS)
-def any_desk(request):
-    return Desk(twin.load(request.param))
+def any_movable(request):
+    return MovableRobot(twin.load(request.param))
 
 
 @pytest.fixture
 def sils():
-    return Desk(twin.load("sils"))
+    return MovableRobot(twin.load("sils"))
 
 
-def home(desk):
-    desk.go_to_posture("home")
-    return desk
+def home(movable):
+    movable.go_to_posture("home")
+    return movable
 
 
 def to_the_end(move):
@@ -63,35 +63,35 @@ def to_the_end(move):
 # -- moving -------------------------------------------------------------------------------------------
 
 
-def test_the_tool_goes_where_it_is_dragged(any_desk, rng):
-    desk = home(any_desk)
-    six = len(desk.joints) >= 6 or desk.robot.name == "sher"  # SHER keeps its attitude with five
-    ways = leads(desk.robot)
+def test_the_tool_goes_where_it_is_dragged(any_movable, rng):
+    movable = home(any_movable)
+    six = len(movable.joints) >= 6 or movable.robot.name == "sher"  # SHER keeps its attitude with five
+    ways = leads(movable.robot)
     for _ in range(20):
-        T = desk.assembly.T_base_tool.copy()
+        T = movable.assembly.T_base_tool.copy()
         T[:3, 3] += ways @ rng.normal(0, 0.4 * MM, ways.shape[1])
-        moved = to_the_end(lambda: desk.move_tool(T))  # noqa: B023
+        moved = to_the_end(lambda: movable.move_tool(T))  # noqa: B023
         assert moved.good, moved.reason
-        reached = desk.assembly.T_base_tool
+        reached = movable.assembly.T_base_tool
         assert np.linalg.norm(reached[:3, 3] - T[:3, 3]) < 1e-7
         if six:
             assert spatial.rotation_angle(reached[:3, :3].T @ T[:3, :3]) < 1e-7
-        assert desk.assembly.worst_gap < 1e-9
+        assert movable.assembly.worst_gap < 1e-9
 
 
 @pytest.mark.slow
-def test_out_of_reach_keeps_the_last_good_pose_and_says_why(any_desk):
-    desk = home(any_desk)
-    before = desk.assembly
+def test_out_of_reach_keeps_the_last_good_pose_and_says_why(any_movable):
+    movable = home(any_movable)
+    before = movable.assembly
     T = before.T_base_tool.copy()
     T[:3, 3] += [3.0, 0, 0]
-    moved = to_the_end(lambda: desk.move_tool(T))
+    moved = to_the_end(lambda: movable.move_tool(T))
     assert not moved.good
     assert moved.reason
-    assert read(desk).reason == moved.reason
-    if desk.robot.name in ("sils", "pa10"):  # the others follow the hand as far as they can
-        assert desk.assembly is before
-    assert desk.assembly.worst_gap < 1e-9
+    assert read(movable).reason == moved.reason
+    if movable.robot.name in ("sils", "pa10"):  # the others follow the hand as far as they can
+        assert movable.assembly is before
+    assert movable.assembly.worst_gap < 1e-9
 
 
 def test_a_joint_stops_at_its_limit_and_names_it(sils):
@@ -105,25 +105,25 @@ def test_a_joint_stops_at_its_limit_and_names_it(sils):
 
 
 def test_a_limit_that_can_be_reached_is_reached():
-    desk = Desk(twin.load("pa10"))
-    moved = to_the_end(lambda: desk.move_joint(0, 99.0))
+    movable = MovableRobot(twin.load("pa10"))
+    moved = to_the_end(lambda: movable.move_joint(0, 99.0))
     assert "q1 = 5672" in moved.reason
     assert "limit of 177.000°" in moved.reason
-    assert desk.assembly.q[0] == pytest.approx(desk.mechanism.limits[0, 1])
+    assert movable.assembly.q[0] == pytest.approx(movable.mechanism.limits[0, 1])
 
 
-def test_any_point_of_a_link_can_be_led_and_the_loops_follow(any_desk):
-    desk = home(any_desk)
-    tool = desk.mechanism.frame(desk.mechanism.tool)
+def test_any_point_of_a_link_can_be_led_and_the_loops_follow(any_movable):
+    movable = home(any_movable)
+    tool = movable.mechanism.frame(movable.mechanism.tool)
     p = tool.T_body_frame[:3, 3]
-    ways = leads(desk.robot)
+    ways = leads(movable.robot)
     step = ways @ ways.T @ np.array([2, 1, -1]) * MM
-    target = (desk.assembly.link_poses[tool.body] @ np.append(p, 1.0))[:3] + step
+    target = (movable.assembly.link_poses[tool.body] @ np.append(p, 1.0))[:3] + step
     for _ in range(3):
-        desk.move_point(tool.body, p, target)
-    left = np.linalg.norm((desk.assembly.link_poses[tool.body] @ np.append(p, 1.0))[:3] - target)
+        movable.move_point(tool.body, p, target)
+    left = np.linalg.norm((movable.assembly.link_poses[tool.body] @ np.append(p, 1.0))[:3] - target)
     assert left < 1e-8
-    assert desk.assembly.worst_gap < 1e-9
+    assert movable.assembly.worst_gap < 1e-9
 
 
 def test_a_passive_link_moves_its_loop(sils):
@@ -163,11 +163,11 @@ def test_postures_are_kept_and_found_again(sils):
 # -- instruments --------------------------------------------------------------------------------------
 
 
-def test_equations_and_mechanism_agree_where_they_should(any_desk):
-    reading = read(home(any_desk))
+def test_equations_and_mechanism_agree_where_they_should(any_movable):
+    reading = read(home(any_movable))
     assert reading.agrees
     assert reading.residual[0] < 1e-8
-    assert len(reading.limits) == len(any_desk.joints)
+    assert len(reading.limits) == len(any_movable.joints)
     assert all(part is None or 0 <= part <= 1 for part in (limit.part for limit in reading.limits))
     assert "agree" in readout.table(reading)
     assert "DISAGREE" not in readout.table(reading)
@@ -221,15 +221,15 @@ def test_a_mechanism_that_is_redesigned_leaves_its_equations(sils):
 
 
 def test_a_stage_without_equations_can_be_moved(tmp_path):
-    desk = Desk(twin.load(twin.load("hibou").files.stage))
-    assert desk.kin is None
-    T = desk.assembly.T_base_tool.copy()
-    reading = read(desk)
+    movable = MovableRobot(twin.load(twin.load("hibou").files.stage))
+    assert movable.kin is None
+    T = movable.assembly.T_base_tool.copy()
+    reading = read(movable)
     assert [c[0] for c in reading.coordinates] == ["x", "y", "z", "rx", "ry", "rz"]
     assert reading.residual is None
     T[:3, 3] += [0, 0, 1 * MM]
-    desk.move_tool(T)
-    assert desk.assembly.T_base_tool[2, 3] == pytest.approx(T[2, 3], abs=1e-6)
+    movable.move_tool(T)
+    assert movable.assembly.T_base_tool[2, 3] == pytest.approx(T[2, 3], abs=1e-6)
 
 
 # -- the clock ----------------------------------------------------------------------------------------
@@ -341,31 +341,31 @@ def test_ctrl_c_leaves_nothing_behind():
 
 
 def test_the_desk_of_a_robot_with_its_trocar_elsewhere():
-    desk = Desk(twin.load("lapbot"))
-    robot = desk.robot.bound(desk.robot.protocol("other_port"))
-    desk.bind(robot)
-    np.testing.assert_allclose(desk.mechanism.trocar_at(), robot.protocol("other_port").trocars[""], atol=1e-12)
-    assert read(desk).agrees
-    assert not desk.edited
-    desk.mechanism = replace(desk.mechanism)
-    assert desk.edited
+    movable = MovableRobot(twin.load("lapbot"))
+    robot = movable.robot.bound(movable.robot.protocol("other_port"))
+    movable.bind(robot)
+    np.testing.assert_allclose(movable.mechanism.trocar_at(), robot.protocol("other_port").trocars[""], atol=1e-12)
+    assert read(movable).agrees
+    assert not movable.edited
+    movable.mechanism = replace(movable.mechanism)
+    assert movable.edited
 
 
 def test_new_trocars_keep_a_changed_design_and_forget_the_last_request():
-    desk = Desk(twin.load("lapbot"))
-    assert desk.move_tool(desk.assembly.T_base_tool).good
-    distance = kinematic_distances(desk.mechanism)[0]
+    movable = MovableRobot(twin.load("lapbot"))
+    assert movable.move_tool(movable.assembly.T_base_tool).good
+    distance = kinematic_distances(movable.mechanism)[0]
     ends = (distance.joint, distance.other)
     length = distance.distance + 1 * MM
-    desk.redesign(with_distance(desk.mechanism, *ends, length))
-    desk.last_move = MoveResult(False, "of the old trocar")
-    robot = desk.robot.bound(desk.robot.protocol("other_port"))
-    desk.bind(robot)
-    assert desk.requested_pose is None
-    assert desk.last_move.good
-    assert desk.edited
-    np.testing.assert_allclose(desk.mechanism.trocar_at(), robot.protocol("other_port").trocars[""], atol=1e-12)
-    now = [each.distance for each in kinematic_distances(desk.mechanism) if (each.joint, each.other) == ends]
+    movable.redesign(with_distance(movable.mechanism, *ends, length))
+    movable.last_move = MoveResult(False, "of the old trocar")
+    robot = movable.robot.bound(movable.robot.protocol("other_port"))
+    movable.bind(robot)
+    assert movable.requested_pose is None
+    assert movable.last_move.good
+    assert movable.edited
+    np.testing.assert_allclose(movable.mechanism.trocar_at(), robot.protocol("other_port").trocars[""], atol=1e-12)
+    now = [each.distance for each in kinematic_distances(movable.mechanism) if (each.joint, each.other) == ends]
     assert now == [pytest.approx(length)]
 
 
@@ -390,18 +390,18 @@ def test_a_protocol_file_with_the_name_of_another_protocol_is_refused(tmp_path, 
 
 @pytest.mark.parametrize("failing", ["kinematics", "assembly", "hand"])
 def test_a_robot_that_cannot_be_bound_leaves_the_desk_as_it_was(monkeypatch, failing):
-    desk = Desk(twin.load("hibou"))
-    before = dict(vars(desk))
+    movable = MovableRobot(twin.load("hibou"))
+    before = dict(vars(movable))
 
     def fail(*_: object) -> None:
         raise TwinError("no")
 
     robot = twin.load("hibou")
     where = {"kinematics": "api.Robot.kinematics", "assembly": "reference.ReferenceModel.solve"}
-    monkeypatch.setattr(f"twin.{where.get(failing, 'ui.session.desk.DragSolver')}", fail)
+    monkeypatch.setattr(f"twin.{where.get(failing, 'ui.session.movable_robot.DragSolver')}", fail)
     with pytest.raises(TwinError, match="no"):
-        desk.bind(robot)
-    assert all(vars(desk)[name] is value for name, value in before.items())
+        movable.bind(robot)
+    assert all(vars(movable)[name] is value for name, value in before.items())
 
 
 @pytest.mark.parametrize("worst", [0.0, 1e-16, 3e-13, 2e-11, 4e-9, 7e-7, 5e-5, 2e-3, 0.12])
@@ -421,39 +421,39 @@ def test_the_axis_of_an_rcm_error_has_labels_that_differ(worst):
 # -- no disagreement on a correct robot ---------------------------------------------------------------
 
 
-def turning(desk):
+def turning(movable):
     """Return the active angles that have more than half a turn, with both ends of their way."""
-    for i, (joint, (low, high)) in enumerate(zip(desk.joints, desk.mechanism.limits, strict=True)):
+    for i, (joint, (low, high)) in enumerate(zip(movable.joints, movable.mechanism.limits, strict=True)):
         if joint.is_angle and high - low > np.pi:
             yield i, low, high
 
 
-def test_a_joint_is_the_same_after_a_whole_turn(any_desk):
+def test_a_joint_is_the_same_after_a_whole_turn(any_movable):
     """Also beyond half a turn equations and mechanism agree; what differs by an angle is told in degrees."""
-    desk = home(any_desk)
-    for i, low, high in turning(desk):
+    movable = home(any_movable)
+    for i, low, high in turning(movable):
         for value in (0.97 * low, 0.97 * high):
-            home(desk)
-            to_the_end(lambda: desk.move_joint(i, value))  # noqa: B023
-            reading = read(desk)
-            assert reading.agrees, (desk.joints[i].name, value, reading.residual)
+            home(movable)
+            to_the_end(lambda: movable.move_joint(i, value))  # noqa: B023
+            reading = read(movable)
+            assert reading.agrees, (movable.joints[i].name, value, reading.residual)
             assert "DISAGREE" not in readout.table(reading)
 
 
-def test_every_residual_is_told_in_its_own_unit(any_desk):
+def test_every_residual_is_told_in_its_own_unit(any_movable):
     """Joint by joint, equations that are off by a known amount: millimetres of a slide, degrees of a turn."""
     from types import SimpleNamespace
 
     from twin.ui.session.readings import _joint_error
 
-    q = any_desk.assembly.q
-    for i, joint in enumerate(any_desk.joints):
+    q = any_movable.assembly.q
+    for i, joint in enumerate(any_movable.joints):
         off = q.copy()
         off[i] += 0.25
-        found = _joint_error(any_desk, off, q)
+        found = _joint_error(any_movable, off, q)
         assert (found.what, found.is_angle) == (f"joint {joint.name}", joint.is_angle)
         assert readout.amount(found) == ("14.324°" if joint.is_angle else "250.000 mm")
-        reading = replace(read(any_desk), residual=found, incomparable="")
+        reading = replace(read(any_movable), residual=found, incomparable="")
         assert readout.amount(found) in readout.table(reading)
         assert readout.amount(found) in differs(reading)
         state = measured(reading, None)
@@ -463,17 +463,17 @@ def test_every_residual_is_told_in_its_own_unit(any_desk):
     ] == pytest.approx(0.5)
 
 
-def mirrored_assembly(desk, rng):
+def mirrored_assembly(movable, rng):
     """Return another assembly with the tool where it is: by Newton's method on the pose from elsewhere, or None."""
-    T, now = desk.assembly.T_base_tool, desk.assembly
+    T, now = movable.assembly.T_base_tool, movable.assembly
     for _ in range(60):
-        x = desk.model.tree.integrate(now.x[None], rng.normal(0, 0.6, (1, desk.model.tree.model.nv)))[0]
-        found = desk.model.near_pose(x[None], T)
+        x = movable.model.tree.integrate(now.x[None], rng.normal(0, 0.6, (1, movable.model.tree.model.nv)))[0]
+        found = movable.model.near_pose(x[None], T)
         if not len(found):
             continue
-        state = desk.model.state(found[0])
+        state = movable.model.state(found[0])
         closed = state.worst_gap < 1e-9 and max(g[1] for g in state.gap.values()) < 1e-8
-        inside = all(low <= v <= high for v, (low, high) in zip(state.q, desk.mechanism.limits, strict=True))
+        inside = all(low <= v <= high for v, (low, high) in zip(state.q, movable.mechanism.limits, strict=True))
         if closed and inside and np.abs(state.T_base_tool - T).max() < 1e-9 and np.abs(state.q - now.q).max() > 0.02:
             return state
     return None
@@ -535,18 +535,18 @@ def test_a_joint_that_would_pass_another_on_its_rail_says_which(sils):
 
 
 @pytest.mark.slow
-def test_a_slider_ends_where_the_loops_end_whatever_its_speed(any_desk):
+def test_a_slider_ends_where_the_loops_end_whatever_its_speed(any_movable):
     """Each joint towards its limits, in one step and in eight: the same end, and closed."""
-    for i, (low, high) in enumerate(any_desk.mechanism.limits):
+    for i, (low, high) in enumerate(any_movable.mechanism.limits):
         for value in (low, high):
             ends = []
             for count in (1, 8):
-                q = home(any_desk).assembly.q[i]
+                q = home(any_movable).assembly.q[i]
                 for k in range(1, count + 1):
-                    moved = to_the_end(lambda k=k, q=q: any_desk.move_joint(i, q + (value - q) * k / count))  # noqa: B023
-                ends.append((any_desk.assembly.q[i], moved.reason.partition(" mm: ")[2]))
-                assert any_desk.assembly.worst_gap < 1e-9
-                assert moved.good == (abs(any_desk.assembly.q[i] - value) < 1e-12)
+                    moved = to_the_end(lambda k=k, q=q: any_movable.move_joint(i, q + (value - q) * k / count))  # noqa: B023
+                ends.append((any_movable.assembly.q[i], moved.reason.partition(" mm: ")[2]))
+                assert any_movable.assembly.worst_gap < 1e-9
+                assert moved.good == (abs(any_movable.assembly.q[i] - value) < 1e-12)
             assert ends[0][0] == pytest.approx(ends[1][0], abs=0.1 * MM)
             assert ends[0][1] == ends[1][1]
 

@@ -81,7 +81,7 @@ class MoveResult:
     more: bool = False
 
 
-class Desk:
+class MovableRobot:
     """State of a robot that can be moved by its tool, its joints or any point of a link.
 
     Attributes:
