@@ -16,7 +16,8 @@ from twin.checking.file_verdict import JudgedFile, JudgeJob, judge
 from twin.checking.pair_comparison import compare_two
 from twin.comparison.comparison_result import Comparison
 from twin.comparison.mimic import LinkError, MimicError
-from twin.comparison.pair import SidePair, compare_pair
+from twin.comparison.pair import compare_pair
+from twin.comparison.side_pair import SidePair
 from twin.core.errors import BudgetError
 from twin.exchange.xacro import Expanded, XacroSettings
 

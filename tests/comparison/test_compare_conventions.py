@@ -9,7 +9,7 @@ import pytest
 
 import twin
 from made import chains
-from twin.comparison.pair import SidePair
+from twin.comparison.side_pair import SidePair
 
 KINDS = ("base frame", "tool frame", "zero", "sign", "name", "zero")
 

@@ -19,9 +19,10 @@ from made.lanes import robots
 from made.mechanisms import four_bar
 from twin.comparison.joined import joined
 from twin.comparison.mechanism_side import from_mechanism
-from twin.comparison.pair import SidePair, compare_pair
+from twin.comparison.pair import compare_pair
 from twin.comparison.recut import recut
 from twin.comparison.side import Axis, RobotSide
+from twin.comparison.side_pair import SidePair
 from twin.core import assets
 from twin.core.spatial import Array
 from twin.exchange.formats.mjcf.write import write_mjcf

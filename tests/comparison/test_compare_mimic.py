@@ -115,7 +115,11 @@ def test_a_pin_that_is_open_along_its_line_disagrees_with_a_right_mimic(tmp_path
     file.write_text(text, encoding="utf-8")
     mimic = coupled(tmp_path / "finger.urdf")
     for sides in ((file, mimic), (mimic, file)):
-        (pair,) = twin.compare(*sides).pairs
+        result = twin.compare(*sides)
+        codes = [finding.code for finding in result.findings]
+        assert "compare.link" in codes
+        assert "compare.mimic" not in codes  # the couplings are right
+        (pair,) = result.pairs
         assert pair.mimic is not None
         assert pair.kinematics == "disagree"
         (item,) = pair.differences

@@ -360,6 +360,52 @@ def test_a_gear_in_the_equations_is_no_chain(robot: Path, tmp_path: Path) -> Non
     assert result.pairs[0].poses.computed
 
 
+INERTIAL = '<inertial pos="0 0 0" mass="0.01" diaginertia="1e-5 1e-5 1e-5"/>'
+
+
+def with_finger(file: Path, *, gap: float) -> Path:
+    """Write the arm as MJCF beside a parallelogram, whose pin is open along its line by `gap` in m."""
+    arm = ""
+    place = "0 0 0"
+    turn = 0.0
+    for i, (d, a, alpha) in enumerate(ROWS, 1):
+        arm += f'<body name="link{i}" pos="{place}" euler="{turn!r} 0 0">{INERTIAL}<joint name="q{i}" axis="0 0 1"/>'
+        place = f"{a:g} 0 {d:g}"
+        turn = float(np.radians(alpha))
+    arm += f'<site name="tool" pos="{place}" euler="{turn!r} 0 0"/>' + "</body>" * len(ROWS)
+    finger = f"""<body name="driver" pos="1 0 0">{INERTIAL}<joint name="drive" axis="0 1 0" range="-0.8 0.8"/>
+<body name="tip" pos="0.02 0 0.035">{INERTIAL}<joint name="tip_hinge" axis="0 1 0"/>
+<site name="on_tip" pos="-0.02 0 0.004"/></body></body>
+<body name="rocker" pos="0.98 0 0.004">{INERTIAL}<joint name="rocker_hinge" axis="0 1 0"/>
+<site name="on_rocker" pos="0.02 {gap} 0.035"/></body>"""
+    drives = "".join(f'<position joint="q{i}"/>' for i in range(1, len(ROWS) + 1))
+    file.write_text(
+        '<mujoco><compiler angle="radian" autolimits="true"/>'
+        f'<worldbody><body name="base">{INERTIAL}{arm}{finger}</body></worldbody>'
+        '<equality><connect name="pin" site1="on_tip" site2="on_rocker"/></equality>'
+        f"<actuator>{drives}</actuator></mujoco>",
+        encoding="utf-8",
+    )
+    return file
+
+
+def test_an_open_loop_beside_the_tool_disagrees_with_equations(robot: Path, tmp_path: Path) -> None:
+    side = f"{robot}@equations"
+    result = twin.compare(with_finger(tmp_path / "open.xml", gap=0.0005), side)
+    assert result.verdict == "disagree"
+    (item,) = result.pairs[0].differences
+    assert item.text.startswith("joint 'pin' does not close its loop")
+    assert item.shift == pytest.approx(0.0005, rel=1e-6)
+    # the poses of the tool agree all the same
+    assert "compare.poses" not in [finding.code for finding in result.findings]
+    result = twin.compare(with_finger(tmp_path / "closed.xml", gap=0.0), side)
+    assert result.verdict == "agree"
+    assert result.pairs[0].uncompared == ("drive", "tip_hinge", "rocker_hinge", "pin")
+    (finding,) = result.findings
+    assert finding.code == "compare.uncompared"
+    assert "'rocker_hinge'" in finding.message
+
+
 @pytest.mark.slow
 def test_inverse_equations_are_compared_by_the_poses_of_the_closed_loops() -> None:
     found = twin.compare("sils@equations", "sils").pairs[0]

@@ -28,7 +28,7 @@ from twin.api.comparison import compare
 from twin.api.judge import explain
 from twin.api.robot import load
 from twin.comparison.items import NumberEdit
-from twin.comparison.pair import SidePair
+from twin.comparison.side_pair import SidePair
 from twin.core.errors import TwinError
 from twin.exchange.read import read
 

@@ -9,12 +9,13 @@ from typing import ClassVar
 import numpy as np
 
 from twin.comparison.file_numbers import why_not_edited
+from twin.comparison.fit import ANGLE_PER_LENGTH
 from twin.comparison.items import ComparedItem, NumberEdit
 from twin.comparison.mimic import MimicError
-from twin.comparison.pair import SidePair
 from twin.comparison.poses import PoseFit
 from twin.comparison.properties import KINDS, Properties, PropertyRow
 from twin.comparison.side import RobotSide
+from twin.comparison.side_pair import SidePair
 from twin.core import spatial
 from twin.core.findings import Finding, disagreement, error, info, warning
 from twin.core.json_types import JsonObject
@@ -71,19 +72,23 @@ class Comparison(Result):
             yield error("compare.unexplained", where, text)
             return
         if pair.mimic is not None:
-            yield from _mimic_findings(pair.mimic, where, agrees=pair.agrees)
+            yield from _mimic_findings(pair.mimic, where, follows=self._mimic_follows(pair.mimic))
         convention = disagreement if self.strict else warning
         for item in pair.conventions:
             yield convention("compare.convention", where, _sentence(item.text), suggestion=_suggestion(item))
-        if pair.poses is not None and pair.kinematics == "disagree" and not pair.differences:
+        # what joint lines explain is told by them; an open loop explains no pose
+        explained = bool(pair.differences) and not pair.loops_alone
+        if pair.poses is not None and not pair.poses.agrees and pair.kinematics == "disagree" and not explained:
             text = f"The poses differ by up to {_remainder(pair.poses)} after the fit of base and tool frame."
             yield disagreement("compare.poses", where, text, when=where)
         for item in pair.differences:
-            assert pair.problem is not None
-            size = mm(item.shift) if item.shift > pair.problem.tolerance else deg(item.turn)
+            tolerance = self.tolerance if pair.problem is None else pair.problem.tolerance
+            size = mm(item.shift) if item.shift > tolerance else deg(item.turn)
             yield disagreement(
                 "compare.link", item.joint, _sentence(item.text), size, None, _suggestion(item), when=where, word=""
             )
+        if pair.uncompared:
+            yield info("compare.uncompared", where, _sentence(_uncompared_joints(pair.uncompared)))
         if pair.properties is None:
             return
         for row in pair.properties.rows:
@@ -92,6 +97,10 @@ class Comparison(Result):
                 text = f"{row.kind} of '{row.where}': {values}"
                 suggestion = " ".join(_edit_texts(row.edits, together=row.together))
                 yield disagreement(f"compare.{row.kind.replace(' ', '_')}", row.where, text, suggestion=suggestion)
+
+    def _mimic_follows(self, mimic: MimicError) -> bool:
+        """Return whether mimic joints place all links where the loops do."""
+        return mimic.is_within(self.tolerance, ANGLE_PER_LENGTH * self.tolerance)
 
     @property
     def alone(self) -> str | None:
@@ -136,16 +145,17 @@ class Comparison(Result):
     def text(self) -> Iterator[Part]:
         """Yield the verdict of each pair, its conventions, differences, edits and properties."""
         for pair in self.pairs:
-            yield from _pair_text(pair)
+            follows = pair.mimic is not None and self._mimic_follows(pair.mimic)
+            yield from _pair_text(pair, follows=follows)
         if self.alone is not None:
             yield f"\n{self.alone} stands alone: the other sides agree with each other."
         styles = {"agree": "bold green", "disagree": "bold red", "unchecked": "bold yellow"}
         yield Line(f"\n{self.word}.", styles[self.verdict])
 
 
-def _mimic_findings(mimic: MimicError, where: str, *, agrees: bool) -> Iterator[Finding]:
+def _mimic_findings(mimic: MimicError, where: str, *, follows: bool) -> Iterator[Finding]:
     """Yield what a comparison of mimic joints with loops says, and what it leaves out."""
-    if not agrees:
+    if not follows:
         size = mm(mimic.worst.distance)
         suggestion = "Close the loops in the format, or fit ratio and offset of the mimic joints to the stroke in use."
         text = _sentence(mimic.text()).removesuffix(".")
@@ -164,8 +174,27 @@ def _uncompared(mimic: MimicError) -> str:
     )
 
 
-def _pair_text(pair: SidePair) -> Iterator[Part]:
-    """Yield the verdict of a pair, its conventions, differences, edits and properties."""
+def _uncompared_joints(names: Sequence[str]) -> str:
+    """Return that joints beside the tool were not compared by poses."""
+    listed = _listed([f"'{name}'" for name in names])
+    if len(names) == 1:
+        return f"the place of joint {listed} was not compared: the pose of the tool does not depend on it"
+    return f"the places of joints {listed} were not compared: the pose of the tool does not depend on them"
+
+
+def _listed(texts: Sequence[str]) -> str:
+    """Return texts as a list for a sentence; only a few of many are named."""
+    listed = ", ".join(texts[:_NAMED])
+    if len(texts) > _NAMED:
+        listed += f" and {len(texts) - _NAMED} more"
+    return listed
+
+
+def _pair_text(pair: SidePair, *, follows: bool) -> Iterator[Part]:
+    """Yield the verdict of a pair, its conventions, differences, edits and properties.
+
+    `follows`: whether mimic joints, where they replace loops, place all links where the loops do.
+    """
     yield f"{pair.first.label}  ↔  {pair.second.label}: {_verdict(pair)}"
     for item in pair.conventions:
         yield f"  ▲ convention, {item.kind}: {item.text}"
@@ -177,12 +206,14 @@ def _pair_text(pair: SidePair) -> Iterator[Part]:
     for texts in pair.ties:
         yield f"  or, equally well: {'; '.join(texts)}"
     if pair.mimic is not None:
-        mark = "✔" if pair.agrees else "✖"
+        mark = "✔" if follows else "✖"
         yield f"  {mark} {pair.mimic.text()}"
         yield f"  the joints correspond only in part: {pair.mimic.part_text() or 'loops are open'}"
         yield f"  {_uncompared(pair.mimic)}"
     if pair.poses is not None:
         yield from _poses_text(pair.poses)
+        if pair.uncompared:
+            yield f"  {_uncompared_joints(pair.uncompared)}"
     elif pair.worst is not None and pair.differences:
         largest = pair.worst
         yield f"  largest difference of '{largest.frame}': {mm(largest.distance)} and {deg(largest.angle)}"
@@ -225,10 +256,7 @@ def _one_sided_text(rows: Sequence[PropertyRow]) -> Iterator[str]:
         names = [f"'{row.where}'" for row in rows if row.kind == kind and not row.stated]
         if not names:
             continue
-        listed = ", ".join(names[:_NAMED])
-        if len(names) > _NAMED:
-            listed += f" and {len(names) - _NAMED} more"
-        yield f"  {kind} of {listed}: not compared, because only one side states them"
+        yield f"  {kind} of {_listed(names)}: not compared, because only one side states them"
 
 
 def _poses_text(fit: PoseFit) -> Iterator[str]:
@@ -275,7 +303,7 @@ def _verdict(pair: SidePair) -> str:
     """Return the verdict on joints and links as text."""
     if pair.poses is not None and not pair.items:
         return "poses agree" if pair.agrees else "poses disagree"
-    if pair.mimic is not None:
+    if pair.mimic is not None and not pair.loops_alone:
         return "mimic joints follow the loops" if pair.agrees else "mimic joints do not follow the loops"
     texts = {
         "agree": "joints and links agree",
@@ -298,7 +326,8 @@ def _item_text(item: ComparedItem, pair: SidePair) -> Iterator[str]:
             word = "  or"
         if len(edits) > _SHOWN_EDITS:
             yield f"      and {len(edits) - _SHOWN_EDITS} more in {label}"
-    searched = not (why_not_edited(pair.first) and why_not_edited(pair.second))
+    # without joint lines, no text was read with another number
+    searched = pair.problem is not None and not (why_not_edited(pair.first) and why_not_edited(pair.second))
     if searched and not item.edits and item.moves_geometry:
         yield "      no edit of one number was found that removes this"
 

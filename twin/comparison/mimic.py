@@ -88,7 +88,7 @@ class MimicError:
         """The link with the largest distance."""
         return max(self.links, key=lambda link: link.distance)
 
-    def within(self, distance: float, angle: float) -> bool:
+    def is_within(self, distance: float, angle: float) -> bool:
         """Return whether no hinge or link is further away than a distance in m, or turned more than an angle in rad."""
         for _, apart in self.moved_hinges:
             if apart > distance:

@@ -9,6 +9,7 @@ import numpy as np
 
 from twin.comparison.coupled_motion import followed_of
 from twin.comparison.side import Axis, PoseRows, RobotSide, plain
+from twin.comparison.tool_path import path_to_tool
 from twin.core.errors import TwinError
 from twin.core.quantity import moved
 from twin.core.spatial import Array
@@ -138,6 +139,8 @@ def _moves_tool(side: RobotSide, name: str) -> bool:
     states = np.full((2, len(side.order)), np.nan)
     states[1, side.order.index(name)] = side.axes[side.index(name)].drawn + _PROBE
     at_rest, displaced = side.tool_poses(states)
+    if not np.isfinite(at_rest).all():
+        return False  # its loops are open wherever they stand: the rows will show it
     # where the loops open, the joint moves them, and the tool with them
     return bool(np.abs(displaced - at_rest).max() > _UNMOVED) or not np.isfinite(displaced).all()
 
@@ -157,17 +160,6 @@ def _driving(side: RobotSide) -> set[str]:
         for leader in np.flatnonzero(np.abs(ratios) > _WITHOUT_EFFECT):
             names.add(side.axes[leader].name)
     return names
-
-
-def path_to_tool(side: RobotSide) -> list[Axis]:
-    """Return the joints from the base to the tool."""
-    above = {axis.child: axis for axis in side.tree}
-    group, _ = side.frames[side.tool]
-    path = []
-    while group in above:
-        path.append(above[group])
-        group = above[group].parent
-    return path[::-1]
 
 
 def require_common_range(rows: PoseRows, q: Array, label: str, side: RobotSide) -> None:

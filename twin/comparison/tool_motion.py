@@ -8,8 +8,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from twin.comparison.coupled_motion import followed_of
-from twin.comparison.row_columns import path_to_tool
 from twin.comparison.side import ONE_COORDINATE, RobotSide, joint_motion
+from twin.comparison.tool_path import path_to_tool
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.spatial import Array

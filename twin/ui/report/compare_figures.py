@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin.comparison.comparison_result import Comparison
-from twin.comparison.pair import SidePair
 from twin.comparison.poses import PoseFit
 from twin.comparison.side import RobotSide
+from twin.comparison.side_pair import SidePair
 from twin.core import spatial
 from twin.core.quantity import deg, mm
 from twin.core.spatial import Array

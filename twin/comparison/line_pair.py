@@ -1,0 +1,127 @@
+"""The comparison of the joint lines of two sides, also of loops, and of mimic joints that replace loops."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from twin.comparison.edits import with_edits
+from twin.comparison.fit import ANGLE_PER_LENGTH, FitSolution, Problem
+from twin.comparison.items import items
+from twin.comparison.joined import joined
+from twin.comparison.link_motions import PlaceDifference
+from twin.comparison.links import differing_places, place_items
+from twin.comparison.loop_edits import loop_edits
+from twin.comparison.loop_gaps import differing_gaps, open_loops
+from twin.comparison.matching import Matching, match
+from twin.comparison.mimic import MimicError, mimic_error
+from twin.comparison.mimic_statements import mimic_conventions, mimic_properties
+from twin.comparison.posed import posed
+from twin.comparison.properties import compare
+from twin.comparison.property_edits import with_property_edits
+from twin.comparison.range import worst
+from twin.comparison.recut import recut
+from twin.comparison.rereading import remembering
+from twin.comparison.search import conventions, deviations
+from twin.comparison.side import RobotSide
+from twin.comparison.side_pair import Kinematics, SidePair
+from twin.core.errors import TwinError
+
+_TIES = 4
+"""Maximum number of other explanations that are told."""
+
+
+def compare_lines(first: RobotSide, second: RobotSide, tolerance: float) -> SidePair:
+    """Compare the joint lines of two sides."""
+    as_read = (first, second)
+    first = joined(as_read[0], as_read[1], tolerance)
+    second = recut(joined(as_read[1], as_read[0], tolerance), first)
+    try:
+        matching = match(first, second)
+    except TwinError:
+        mimic = mimic_error(first, second) or mimic_error(second, first)
+        if mimic is None:
+            raise
+        return _of_mimic(first, second, mimic, tolerance)
+    problem = Problem(remembering(first), remembering(second), matching, tolerance)
+    opened = differing_gaps(as_read, problem)
+    if opened:
+        return SidePair(first, second, "disagree", opened, (), None, None, problem, None)
+    solutions = conventions(problem)
+    if not solutions and first.looped:
+        # balls and bars between them have no coordinate that leads from one posture to another
+        in_posture = posed(problem)
+        if in_posture is not None:
+            problem = Problem(*in_posture, matching, tolerance)
+            solutions = conventions(problem)
+    if not solutions and first.looped:
+        explanations = differing_places(problem)
+        if explanations:
+            return _of_links(as_read, problem, explanations)
+    if not solutions:
+        solutions = deviations(problem)
+    if not solutions:
+        return SidePair(first, second, "unexplained", (), (), None, None, problem, None)
+    return _of_solutions(first, second, problem, matching, solutions)
+
+
+def _of_mimic(first: RobotSide, second: RobotSide, mimic: MimicError, tolerance: float) -> SidePair:
+    """Return the comparison of a linkage with a side whose mimic joints replace its loops."""
+    conventions = mimic_conventions(mimic, tolerance)
+    verdict: Kinematics = "agree after conventions" if conventions else "agree"
+    if not mimic.is_within(tolerance, ANGLE_PER_LENGTH * tolerance):
+        verdict = "disagree"
+    # the motion of the linkage follows one place of each joint: it says nothing about the other link of an open one
+    opened = [*open_loops(first, tolerance), *open_loops(second, tolerance)]
+    if opened:
+        verdict = "disagree"
+    properties = mimic_properties(mimic, linkage_first=first.looped)
+    told = (*opened, *conventions)
+    return SidePair(first, second, verdict, told, (), properties, None, None, None, mimic=mimic)
+
+
+def _of_links(
+    sides: tuple[RobotSide, RobotSide], problem: Problem, explanations: Sequence[Sequence[PlaceDifference]]
+) -> SidePair:
+    """Return the comparison of robots with loops of which some joints have other places on their links.
+
+    `sides` are the sides as they were read.
+    """
+    differences = tuple(place_items(problem, explanations[0]))
+    if len(differences) == 1:
+        differences = (differences[0].with_edits(loop_edits(sides, problem, explanations)),)
+    others = []
+    for places in explanations[1 : 1 + _TIES]:
+        others.append(tuple(item.text for item in place_items(problem, places)))
+    return SidePair(problem.first, problem.second, "disagree", differences, tuple(others), None, None, problem, None)
+
+
+def _of_solutions(
+    first: RobotSide, second: RobotSide, problem: Problem, matching: Matching, solutions: Sequence[FitSolution]
+) -> SidePair:
+    """Return the comparison by equally likely solutions, of which the first is told."""
+    best = solutions[0]
+    items_of_best = with_edits(problem, matching, best, items(problem, matching, best))
+    kinematics: Kinematics = "agree after conventions"
+    if best.unknowns.deviating:
+        kinematics = "disagree"
+    if not items_of_best:
+        kinematics = "agree"
+    told = tuple(item.text for item in items_of_best)
+    ties: list[tuple[str, ...]] = []
+    for other in solutions[1:]:
+        texts = tuple(item.text for item in items(problem, matching, other))
+        if texts not in ties and texts != told:
+            ties.append(texts)
+    largest = worst(problem, best)
+    properties = with_property_edits(problem, matching, best, compare(problem, best))
+    return SidePair(
+        first=first,
+        second=second,
+        kinematics=kinematics,
+        items=tuple(items_of_best),
+        ties=tuple(ties[:_TIES]),
+        properties=properties,
+        worst=largest,
+        problem=problem,
+        solution=best,
+    )
