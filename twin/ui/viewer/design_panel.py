@@ -56,21 +56,21 @@ class DesignPanel:
         for handle in self._handles:
             handle.remove()
         self._handles = []
-        a, gui = self.front.active, self.gui
+        robot, gui = self.front.active, self.gui
         with self._tab:
-            if a.movable.kin is not None:
-                self._equations(a)
-            self._mechanism(a)
-            self._compare(a)
-            if a.movable.kin is not None:
-                self._workspace(a)
+            if robot.movable.kin is not None:
+                self._equations(robot)
+            self._mechanism(robot)
+            self._compare(robot)
+            if robot.movable.kin is not None:
+                self._workspace(robot)
             self._note = gui.add_html("")
             self._handles.append(self._note)
 
     # -- equations ------------------------------------------------------------------------------------
 
-    def _equations(self, a: ShownRobot) -> None:
-        gui, movable = self.gui, a.movable
+    def _equations(self, robot: ShownRobot) -> None:
+        gui, movable = self.gui, robot.movable
         assert movable.kin is not None
         folder = gui.add_folder("Equations")
         self._handles.append(folder)
@@ -79,20 +79,20 @@ class DesignPanel:
                 if len(choices) < 2:
                     continue
                 buttons = gui.add_dropdown(name, choices, initial_value=movable.kin.variants[name])
-                buttons.on_update(self._chooser(a, name, buttons))
+                buttons.on_update(self._chooser(robot, name, buttons))
             names = []
             for name, value in movable.kin.parameters.items():
                 if isinstance(value, float) and np.isfinite(value):
                     names.append(name)
             if names:
-                self._parameters(a, sorted(names))
+                self._parameters(robot, sorted(names))
 
-    def _parameters(self, a: ShownRobot, names: list[str]) -> None:
+    def _parameters(self, robot: ShownRobot, choosable: list[str]) -> None:
         """Add the controls that change a parameter of the equations."""
-        gui, movable = self.gui, a.movable
+        gui, movable = self.gui, robot.movable
         assert movable.kin is not None
         units = {parameter.name: parameter.unit for parameter in movable.kin.formula.parameters}
-        which = gui.add_dropdown("parameter", names)
+        which = gui.add_dropdown("parameter", choosable)
         number = gui.add_number("value", 0.0, step=0.01)
         reset = gui.add_button("as published")
 
@@ -110,7 +110,7 @@ class DesignPanel:
 
             def go() -> None:
                 movable.change(parameters={name: value})
-                self._again(a)
+                self._again(robot)
 
             self._wish(go)
 
@@ -119,7 +119,7 @@ class DesignPanel:
                 movable.parameters.pop(which.value, None)
                 movable.change()
                 choose()
-                self._again(a)
+                self._again(robot)
 
             self._wish(go)
 
@@ -128,13 +128,13 @@ class DesignPanel:
         number.on_update(change)
         reset.on_click(undo)
 
-    def _chooser(self, a: ShownRobot, name: str, buttons: viser.GuiDropdownHandle):
+    def _chooser(self, robot: ShownRobot, name: str, buttons: viser.GuiDropdownHandle):
         def chosen(event: viser.GuiEvent) -> None:
             value = buttons.value
 
             def go() -> None:
-                a.movable.change(variants={name: value})
-                self._again(a)
+                robot.movable.change(variants={name: value})
+                self._again(robot)
 
             self._wish(go)
 
@@ -142,9 +142,12 @@ class DesignPanel:
 
     # -- mechanism ------------------------------------------------------------------------------------
 
-    def _mechanism(self, a: ShownRobot) -> None:
-        gui, movable = self.gui, a.movable
-        by_title = {f"{d.body}: {d.joint} to {d.other}": d for d in distances(movable.robot.mechanism)}
+    def _mechanism(self, robot: ShownRobot) -> None:
+        gui, movable = self.gui, robot.movable
+        by_title = {
+            f"{distance.body}: {distance.joint} to {distance.other}": distance
+            for distance in distances(movable.robot.mechanism)
+        }
         if not by_title:
             return
         folder = gui.add_folder("Mechanism")
@@ -160,14 +163,16 @@ class DesignPanel:
         def change(event: viser.GuiEvent) -> None:
             if event.client is None:
                 return
-            d, value = by_title[which.value], number.value * MM
+            distance, value = by_title[which.value], number.value * MM
 
             def go() -> None:
                 try:
-                    movable.redesign(with_distance(movable.robot.mechanism, d.joint, d.other, value))
+                    movable.redesign(with_distance(movable.robot.mechanism, distance.joint, distance.other, value))
                 except AssemblyError as error:
-                    raise MechanismError(f"{d.joint} to {d.other} = {value / MM:g} mm: {error}") from error
-                self.front.rebuilt(a)
+                    raise MechanismError(
+                        f"{distance.joint} to {distance.other} = {value / MM:g} mm: {error}"
+                    ) from error
+                self.front.rebuilt(robot)
                 self.front.panels.ghost(True)  # the ghost shows the unedited mechanism
 
             self._wish(go)
@@ -176,7 +181,7 @@ class DesignPanel:
             def go() -> None:
                 movable.redesign(movable.robot.mechanism)
                 choose()
-                self.front.rebuilt(a)
+                self.front.rebuilt(robot)
                 self.front.panels.ghost(False)
 
             self._wish(go)
@@ -188,7 +193,7 @@ class DesignPanel:
 
     # -- two designs ----------------------------------------------------------------------------------
 
-    def _compare(self, a: ShownRobot) -> None:
+    def _compare(self, robot: ShownRobot) -> None:
         gui = self.gui
         folder = gui.add_folder("Two designs")
         self._handles.append(folder)
@@ -199,13 +204,13 @@ class DesignPanel:
 
         def kept(_: object) -> None:
             def go() -> None:
-                other = MovableRobot(a.movable.robot)
-                if other.kin is not None:
-                    other.change(a.movable.variants, a.movable.parameters)
-                if a.movable.mechanism is not a.movable.robot.mechanism:
-                    other.redesign(a.movable.mechanism)
-                other.move_joints(a.movable.assembly.q)
-                self._other = other
+                design_b = MovableRobot(robot.movable.robot)
+                if design_b.kin is not None:
+                    design_b.change(robot.movable.variants, robot.movable.parameters)
+                if robot.movable.mechanism is not robot.movable.robot.mechanism:
+                    design_b.redesign(robot.movable.mechanism)
+                design_b.move_joints(robot.movable.assembly.q)
+                self._other = design_b
                 self._beside.disabled = False
                 self._beside.value = True
                 self._show_other(True)
@@ -216,7 +221,7 @@ class DesignPanel:
         self._beside.on_update(lambda e: e.client and self._wish(lambda: self._show_other(self._beside.value)))
 
     def _show_other(self, visible: bool) -> None:
-        a = self.front.active
+        robot = self.front.active
         if self._other_nodes is not None:
             self._other_nodes.remove()
             self._other_nodes = None
@@ -224,19 +229,19 @@ class DesignPanel:
             self._other_nodes = RobotNodes(
                 self.front.server, "/design_b", self._other.mechanism, self._other.assembly.link_poses, ghost=ORANGE
             )
-            box = self.front.nodes[a.name].box
-            aside = spatial.pose(p=[0.0, 1.15 * a.scale * float(box[1, 1] - box[0, 1]), 0.0])
-            self._other_nodes.place(aside @ a.T_world_base, a.scale)
+            box = self.front.nodes[robot.name].box
+            aside = spatial.pose(p=[0.0, 1.15 * robot.scale * float(box[1, 1] - box[0, 1]), 0.0])
+            self._other_nodes.place(aside @ robot.T_world_base, robot.scale)
 
-    def other_poses(self, a: ShownRobot) -> dict[str, Array] | None:
+    def other_poses(self, robot: ShownRobot) -> dict[str, Array] | None:
         """Return the link poses of the unedited mechanism at the present joint values, for a ghost.
 
         None if the mechanism is not edited, or if the unedited mechanism cannot be assembled at these joint values.
         """
-        if a.movable.mechanism is a.movable.robot.mechanism:
+        if robot.movable.mechanism is robot.movable.robot.mechanism:
             return None
         try:
-            return dict(a.movable.robot.reference().solve(a.movable.assembly.q).link_poses)
+            return dict(robot.movable.robot.reference().solve(robot.movable.assembly.q).link_poses)
         except AssemblyError:
             return None
 
@@ -248,15 +253,15 @@ class DesignPanel:
         goal = movable.requested_pose
         if goal is None:
             goal = movable.assembly.T_base_tool
-        moved = self._other.move_tool(goal)
+        move_to_goal = self._other.move_tool(goal)
         self._other_nodes.write(self._other.assembly.link_poses)
-        b = read(self._other)
+        reading_b = read(self._other)
         rows = [
             ("", "A (active)", "B (orange)"),
-            ("condition", _condition(reading), _condition(b)),
-            ("differs by", differs(reading), differs(b)),
+            ("condition", _condition(reading), _condition(reading_b)),
+            ("differs by", differs(reading), differs(reading_b)),
         ]
-        for limit, limit_b in zip(reading.limits, b.limits, strict=True):
+        for limit, limit_b in zip(reading.limits, reading_b.limits, strict=True):
             value = f"{limit.value:.3f} {limit.unit}"
             value_b = f"{limit_b.value:.3f} {limit_b.unit}"
             rows.append((limit.joint, value, value_b))
@@ -264,11 +269,11 @@ class DesignPanel:
         for row in rows:
             cells = "".join(f"<td style='padding:0 .6em 0 0'>{cell}</td>" for cell in row)
             html += f"<tr>{cells}</tr>"
-        self._table.content = f"<table style='font-size:12px;margin:0 .8em'>{html}</table>{refused(moved)}"
+        self._table.content = f"<table style='font-size:12px;margin:0 .8em'>{html}</table>{refused(move_to_goal)}"
 
     # -- workspace ------------------------------------------------------------------------------------
 
-    def _workspace(self, a: ShownRobot) -> None:
+    def _workspace(self, robot: ShownRobot) -> None:
         gui = self.gui
         folder = gui.add_folder("Workspace")
         self._handles.append(folder)
@@ -277,7 +282,9 @@ class DesignPanel:
                 "Reachable tool positions at the present orientation; **green**: well conditioned, **red**: badly "
                 "conditioned."
             )
-            edge = gui.add_number("half edge [mm]", round(250 * self.front.nodes[a.name].size) or 100, min=1, step=10)
+            edge = gui.add_number(
+                "half edge [mm]", round(250 * self.front.nodes[robot.name].size) or 100, min=1, step=10
+            )
             count = gui.add_dropdown("poses", ("100 000", "1 000 000"), initial_value="1 000 000")
             begin = gui.add_button("Compute workspace")
             stop = gui.add_button("Hide workspace")
@@ -287,15 +294,15 @@ class DesignPanel:
         def go() -> None:
             self._points = []
             self._condition = []
-            self._of = a.name
-            movable = a.movable
+            self._of = robot.name
+            movable = robot.movable
             assert movable.kin is not None
             parameters = {}
             for name, value in movable.kin.parameters.items():
                 if name in movable.parameters:
                     parameters[name] = value
             job = WorkspaceJob(
-                a.source,
+                robot.source,
                 dict(movable.kin.variants),
                 parameters,
                 movable.mechanism.limits,
@@ -309,7 +316,7 @@ class DesignPanel:
 
         def hide() -> None:
             self._cloud.cancel()
-            self.front.server.scene.remove_by_name(f"/{a.name}/workspace")
+            self.front.server.scene.remove_by_name(f"/{robot.name}/workspace")
             self._found.content = ""
 
         begin.on_click(lambda _: self._wish(go))
@@ -334,22 +341,22 @@ class DesignPanel:
         self._found.content = f"{_grouped(chunk.evaluated)} poses, **{_grouped(len(points))}** reachable"
         if not len(points):
             return
-        some = slice(None, None, max(1, len(points) // _SHOWN))
+        point_step = slice(None, None, max(1, len(points) // _SHOWN))
         self.front.server.scene.add_point_cloud(
-            f"/{self._of}/workspace", points[some], conditioned(condition[some]), point_size=0.002,
+            f"/{self._of}/workspace", points[point_step], conditioned(condition[point_step]), point_size=0.002,
             point_shape="circle", precision="float32",
         )  # fmt: skip
 
     def _wish(self, go) -> None:
         self.front.ask("design", go)
 
-    def _again(self, a: ShownRobot) -> None:
+    def _again(self, robot: ShownRobot) -> None:
         """Move the robot to the last requested tool pose again, because the equations have changed."""
-        goal = a.movable.requested_pose
+        goal = robot.movable.requested_pose
         if goal is None:
-            goal = a.movable.assembly.T_base_tool
-        a.movable.move_tool(goal)
-        self.front.rebuilt(a)
+            goal = robot.movable.assembly.T_base_tool
+        robot.movable.move_tool(goal)
+        self.front.rebuilt(robot)
 
 
 def _grouped(number: int) -> str:
@@ -373,11 +380,11 @@ def _condition(reading: RobotReading) -> str:
     return f"{reading.condition:.2f}"
 
 
-def refused(moved: MoveResult) -> str:
+def refused(move_to_goal: MoveResult) -> str:
     """Return an HTML text on why design B cannot reach the pose of design A; "" if it can."""
-    if moved.good:
+    if move_to_goal.good:
         return ""
-    text = f"Design B cannot reach the pose of design A and is shown at its nearest pose: {moved.reason}"
+    text = f"Design B cannot reach the pose of design A and is shown at its nearest pose: {move_to_goal.reason}"
     return f"<div style='color:#d62f2f;font-size:12px;margin:.4em .8em' data-b-refused>{escape(text)}</div>"
 
 

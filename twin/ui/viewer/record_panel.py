@@ -19,9 +19,9 @@ from twin.ui.viewer.keep import append_phase, identifier, save_posture
 class RecordPanel:
     """Controls below the joint sliders: record, replay, save and load a session; save a posture or a phase."""
 
-    def __init__(self, front: Front, a: ShownRobot, tab: viser.GuiTabHandle, handles: list) -> None:
+    def __init__(self, front: Front, robot: ShownRobot, tab: viser.GuiTabHandle, handles: list) -> None:
         self.front = front
-        self.actor = a
+        self.actor = robot
         self.session: RecordedSession | None = None
         self._began = 0.0
         self._replayed: float | None = None
@@ -36,7 +36,7 @@ class RecordPanel:
                     save.on_click(lambda _: front.ask("save", self._save))
                 load = gui.add_upload_button("Load a session", mime_type="application/json")
             handles.append(folder)
-            if front.local and a.movable.robot.files is not None:
+            if front.local and robot.movable.robot.files is not None:
                 keep = gui.add_folder("Write into the robot's files", expand_by_default=False)
                 handles.append(keep)
                 with keep:
@@ -79,18 +79,18 @@ class RecordPanel:
         if self.session is None:
             return
         if self._record.label != "● Record":
-            now = time.perf_counter() - self._began
+            elapsed = time.perf_counter() - self._began
             if len(self.session.moments) >= MOST:
                 self._toggle()
                 self.front.say(f"{MOST} states are recorded, the maximum of a session", bad=True)
             elif not self.session.moments or not np.array_equal(self.session.moments[-1].q, movable.assembly.q):
-                self.session.add(now, movable.assembly.q, movable.assembly.T_base_tool)
+                self.session.add(elapsed, movable.assembly.q, movable.assembly.T_base_tool)
         elif self._replayed is not None and self.session.moments:
-            now = time.perf_counter() - self._replayed
-            if now >= self.session.duration:
+            elapsed = time.perf_counter() - self._replayed
+            if elapsed >= self.session.duration:
                 self._replayed = None
             session = self.session
-            self.front.ask("replay", lambda: movable.move_joints(session.at(session.moments[0].time + now)))
+            self.front.ask("replay", lambda: movable.move_joints(session.at(session.moments[0].time + elapsed)))
 
     def _load(self, content: bytes) -> None:
         with Scratch() as folder:
@@ -121,8 +121,8 @@ class RecordPanel:
         protocol = robot.protocol(a.protocol)
         T_tool_frame = a.movable.mechanism.frame_in_tool(protocol.frame)
         name, T = self._name.value, a.movable.assembly.T_base_tool.copy()
-        given = a.protocol or protocol.name
-        path = Path(given) if given.endswith(".toml") else robot.files.protocol(given)
+        protocol_name = a.protocol or protocol.name
+        path = Path(protocol_name) if protocol_name.endswith(".toml") else robot.files.protocol(protocol_name)
         self._when_told(f"phase '{identifier(name)}'", path, lambda: append_phase(path, name, T, T_tool_frame))
 
     def _when_told(self, what: str, path: Path, write: Callable[[], None]) -> None:

@@ -74,15 +74,17 @@ class Scenery:
 
     # -- the instrument -------------------------------------------------------------------------------
 
-    def _draw_parts(self, a: ShownRobot) -> None:
+    def _draw_parts(self, robot: ShownRobot) -> None:
         """Draw what is drawn beside the measured bodies of a robot, such as belts and cables, if it has any."""
-        robot = a.movable.robot
-        if robot.files is None:
+        files = robot.movable.robot.files
+        if files is None:
             return
-        drawn = drawn_parts(robot.files.description, [body.name for body in a.movable.mechanism.bodies])
-        if drawn is None:
+        scenery_parts = drawn_parts(files.description, [body.name for body in robot.movable.mechanism.bodies])
+        if scenery_parts is None:
             return
-        self._drawn[a.name] = DrawnNodes(self.front.server, f"/{a.name}", drawn, a.movable.assembly.link_poses)
+        self._drawn[robot.name] = DrawnNodes(
+            self.front.server, f"/{robot.name}", scenery_parts, robot.movable.assembly.link_poses
+        )
         self._show_drawn()
 
     def _show_drawn(self) -> None:
@@ -100,8 +102,8 @@ class Scenery:
     def person(self, visible: bool) -> None:
         """Show or hide an adult beside the robots, for scale."""
         if visible and self._person is None:
-            left = np.array([-0.79, -0.61, 0.0])
-            foot = self.middle + (0.5 * self.size + 0.3) * left
+            towards_left = np.array([-0.79, -0.61, 0.0])
+            foot = self.middle + (0.5 * self.size + 0.3) * towards_left
             self._person = add_person(self.front.server, np.array([foot[0], foot[1], self._floor]))
         if self._person is not None:
             self._person.visible = visible
@@ -109,17 +111,17 @@ class Scenery:
     def trail(self, visible: bool) -> None:
         """Show or hide the tip path of each robot's protocol, and trocars and shafts."""
         self._trail_shown = visible
-        for a in self.front.robots:
-            for handle in self._trail.pop(a.name, []):
+        for robot in self.front.robots:
+            for handle in self._trail.pop(robot.name, []):
                 handle.remove()
-            if a.playback is None or not visible:
+            if robot.playback is None or not visible:
                 continue
-            tip = a.playback.tip[:: max(1, len(a.playback.t) // 600)]
+            tip = robot.playback.tip[:: max(1, len(robot.playback.t) // 600)]
             line = self.scene.add_line_segments(
-                f"/{a.name}/trail", np.stack([tip[:-1], tip[1:]], axis=1).astype(np.float32), BLUE,
+                f"/{robot.name}/trail", np.stack([tip[:-1], tip[1:]], axis=1).astype(np.float32), BLUE,
                 thickness=2.0, thickness_units="screen",
             )  # fmt: skip
-            self._trail[a.name] = [line]
+            self._trail[robot.name] = [line]
 
     def forget(self, robot: str) -> None:
         """Forget path, trocars, shafts, patient and section of a robot; they are removed with its scene nodes."""
@@ -147,37 +149,37 @@ class Scenery:
 
     def follow(self) -> None:
         """Draw trocars and shafts at the present poses; a shaft whose trocar error is 2 mm or more is not drawn."""
-        for a in self.front.robots:
-            if a.name in self._drawn:
-                self._drawn[a.name].follow(a.movable.assembly.link_poses)
-        drawn: set[str] = set()
+        for robot in self.front.robots:
+            if robot.name in self._drawn:
+                self._drawn[robot.name].follow(robot.movable.assembly.link_poses)
+        shown_keys: set[str] = set()
         if self._trail_shown:
-            for a in self.front.robots:
-                trocars = in_trocars(a.movable, rcm_at(a.playback, self.front.clock.time))
+            for robot in self.front.robots:
+                trocars = in_trocars(robot.movable, rcm_at(robot.playback, self.front.clock.time))
                 for trocar in trocars:
-                    drawn.add(self._draw_trocar(a, trocar, len(trocars) > 1))
-        for key in self._lines.keys() - drawn:
+                    shown_keys.add(self._draw_trocar(robot, trocar, len(trocars) > 1))
+        for key in self._lines.keys() - shown_keys:
             self._lines[key].visible = False
             self._balls[key].visible = False
 
-    def _draw_trocar(self, a: ShownRobot, trocar: InTrocar, several: bool) -> str:
+    def _draw_trocar(self, robot: ShownRobot, trocar: InTrocar, several: bool) -> str:
         """Draw a trocar and its shaft; return the key of their scene nodes. `several`: the robot has other trocars."""
-        key = a.name
+        key = robot.name
         suffix = ""
         if several:
-            key = f"{a.name}/{trocar.name}"
+            key = f"{robot.name}/{trocar.name}"
             suffix = f"_{trocar.name}"
-        size = self.front.nodes[a.name].size
+        size = self.front.nodes[robot.name].size
         tip = trocar.tip
         if tip is None:
             tip = trocar.place + 0.12 * size * trocar.axis
         ends = np.array([[tip, trocar.place - 0.12 * size * trocar.axis]], np.float32)
         if key not in self._lines:
             self._lines[key] = self.scene.add_line_segments(
-                f"/{a.name}/shaft_axis{suffix}", ends, ORANGE, thickness=2.0, thickness_units="screen"
+                f"/{robot.name}/shaft_axis{suffix}", ends, ORANGE, thickness=2.0, thickness_units="screen"
             )
             self._balls[key] = self.scene.add_icosphere(
-                f"/{a.name}/rcm{suffix}", 0.007 * size, ORANGE, cast_shadow=False
+                f"/{robot.name}/rcm{suffix}", 0.007 * size, ORANGE, cast_shadow=False
             )
         self._lines[key].points = ends
         self._balls[key].position = trocar.place
@@ -331,22 +333,22 @@ class Scenery:
         """
         self._patient_shown = visible
         missing = []
-        for a in self.front.robots:
-            if a.name in self._patients:
-                self._patients.pop(a.name).remove()
-                self._show_links(a, frozenset())
-            robot = a.movable.robot
-            if not visible or robot.files is None or not robot.files.protocols():
+        for robot in self.front.robots:
+            if robot.name in self._patients:
+                self._patients.pop(robot.name).remove()
+                self._show_links(robot, frozenset())
+            loaded = robot.movable.robot
+            if not visible or loaded.files is None or not loaded.files.protocols():
                 continue
-            protocol = robot.protocol(a.protocol)
-            patient = patient_of(robot, protocol, self._floor - float(a.T_world_base[2, 3]))
+            protocol = loaded.protocol(robot.protocol)
+            patient = patient_of(loaded, protocol, self._floor - float(robot.T_world_base[2, 3]))
             if patient is None:
-                missing.append(none_there(robot, protocol))
+                missing.append(none_there(loaded, protocol))
                 continue
-            self._patients[a.name] = RobotNodes(
-                self.front.server, f"/{a.name}/patient", patient.mechanism, patient.poses
+            self._patients[robot.name] = RobotNodes(
+                self.front.server, f"/{robot.name}/patient", patient.mechanism, patient.poses
             )
-            self._show_links(a, frozenset(patient.replaces))
+            self._show_links(robot, frozenset(patient.replaces))
         if missing:
             self.front.say(" ".join(missing))
 
@@ -364,7 +366,7 @@ class Scenery:
         state = None
         if self._cut is not None:
             # a move replaces the assembly of a robot
-            states = [id(a.movable.assembly) for a in self.front.robots]
+            states = [id(robot.movable.assembly) for robot in self.front.robots]
             state = (*self._cut, *states)
         if state == self._cut_drawn:
             return
@@ -388,34 +390,34 @@ class Scenery:
         inside = view == "endoscope"
         self._through_lens = inside
         self.front.gizmo.visible = self._gizmo_wanted and not inside  # it would cover the endoscope view
-        for c in clients:
-            with c.atomic():
-                c.camera.up_direction = up
-                c.camera.position = eye
-                c.camera.look_at = target
-                c.camera.fov = (ENDOSCOPE if inside else FIRST) * DEG
-                c.camera.near = 0.001 if inside else 0.01
+        for viewing_client in clients:
+            with viewing_client.atomic():
+                viewing_client.camera.up_direction = up
+                viewing_client.camera.position = eye
+                viewing_client.camera.look_at = target
+                viewing_client.camera.fov = (ENDOSCOPE if inside else FIRST) * DEG
+                viewing_client.camera.near = 0.001 if inside else 0.01
 
     def camera(self, view: str) -> tuple[Array, Array, Array]:
         """Return (camera position, target, up vector) of a preset view, each (3,) in m in the world frame."""
-        a = self.front.active
-        node = self.front.nodes[a.name]
-        tip, axis = a.movable.shaft()
-        size = node.size * a.scale
+        robot = self.front.active
+        node = self.front.nodes[robot.name]
+        tip, axis = robot.movable.shaft()
+        size = node.size * robot.scale
         up = np.array([0.0, 0.0, 1.0])
         if view in OUTSIDE:
             return self.middle + self.size * OUTSIDE[view], self.middle, up
         if view == "endoscope":
-            lens, sight, above = (node.to_world(point) for point in a.movable.camera())
+            lens, sight, above = (node.to_world(point) for point in robot.movable.camera())
             return lens, sight, (above - lens) / np.linalg.norm(above - lens)
-        p = node.to_world(tip)
+        tip_world = node.to_world(tip)
         if view == "microscope":
-            return p + 0.25 * size * up + 0.05 * size * np.array([1.0, -1.0, 0]), p, up
-        along = node.to_world(tip + axis) - p
+            return tip_world + 0.25 * size * up + 0.05 * size * np.array([1.0, -1.0, 0]), tip_world, up
+        along = node.to_world(tip + axis) - tip_world
         along /= np.linalg.norm(along)
         side = up
         # beside a vertical shaft, the vertical cannot be the upward direction of the picture
         if abs(along[2]) > 0.9:
             x_base = node.to_world(np.eye(3)[0]) - node.to_world(np.zeros(3))
             side = x_base / np.linalg.norm(x_base)
-        return p - 0.6 * size * along + 0.04 * size * side, p, side
+        return tip_world - 0.6 * size * along + 0.04 * size * side, tip_world, side
