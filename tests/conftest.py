@@ -161,9 +161,10 @@ def several_processors(monkeypatch):
 @pytest.fixture
 def no_plots(monkeypatch):
     """Write pages as without matplotlib: plots take most of the time of a short judgement."""
-    from twin.ui.report import files
 
-    monkeypatch.setattr(files, "drawable", lambda: False)
+    from twin.ui.report import report_folder
+
+    monkeypatch.setattr(report_folder, "drawable", lambda: False)
 
 
 @pytest.fixture(scope="module")

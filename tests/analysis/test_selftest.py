@@ -22,7 +22,7 @@ from twin.core import spatial
 from twin.core.findings import Finding
 from twin.core.provenance import Parameter
 from twin.core.units import MM
-from twin.ui.report.selftest import HEADING, with_selftest
+from twin.ui.report.selftest_score import HEADING, with_selftest
 
 
 @pytest.fixture(scope="module")

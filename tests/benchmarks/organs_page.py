@@ -32,9 +32,9 @@ sys.path.insert(0, str(HERE / "tests"))
 from made import headset_page, organs, streaming
 from twin import api
 from twin.cli import scene as scenes
-from twin.ui.headset import served
-from twin.ui.headset.files import page_files
+from twin.ui.headset import served_content
 from twin.ui.headset.scene_frame import unpack_scene
+from twin.ui.headset.server_files import page_files
 from ui.test_tissue_pages import Pressed
 
 BAR_HZ, BAR_MS = 59.0, 50.0
@@ -51,7 +51,7 @@ async def serve() -> None:
     For each line of input, it prints the time in s and the number of steps that the organs have done.
     """
     feed = Pressed()
-    shown = served.of_scene(replace(scenes.load(api.load_scene("vsrs")), feed=feed), False)
+    shown = served_content.of_scene(replace(scenes.load(api.load_scene("vsrs")), feed=feed), False)
     streaming.PAGE.update(page_files(HERE / "twin/ui/headset/web/dist", shown.preload) | dict(shown.late))
     async with streaming.serving(lambda: shown, plans=False) as s:
         print(s.port, flush=True)

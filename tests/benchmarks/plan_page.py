@@ -23,7 +23,7 @@ from made import headset_page as headset
 from made.console_page import console
 from made.dome_console import ABOVE, dome_console
 from twin.core.units import DEG, MM
-from twin.ui.session import plan_work
+from twin.ui.session import plan_jobs
 
 START = np.append([50 * DEG, 114 * DEG, 378 * MM, 0, -52 * DEG, 0], 0.0)
 """Joint values of the arm at the start of the scene."""
@@ -75,10 +75,10 @@ def on_the_page(folder: Path, way: list[float], plans: int, draws: bool, rest: f
 
 def alone(file: Path, goal: np.ndarray, plans: int) -> list[float]:
     """Return the processor times in s of plans from the start to a goal (n,), until the preview."""
-    room, out = plan_work.Room(1, str(file), "raven_left", {}), []
+    room, out = plan_jobs.Room(1, str(file), "raven_left", {}), []
     for seed in range(plans + 1):
         began = time.process_time()
-        next(plan_work.plan(plan_work.PlanJob(room, START, goal, 0.06, 45 * DEG, seed)))
+        next(plan_jobs.plan(plan_jobs.PlanJob(room, START, goal, 0.06, 45 * DEG, seed)))
         out.append(time.process_time() - began)
     return out[1:]  # the first one loads the shapes
 

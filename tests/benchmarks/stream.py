@@ -30,7 +30,7 @@ import numpy as np
 from websockets.asyncio.client import connect
 
 import twin
-from twin.ui.headset.protocol import RobotFrame, sevens, unpack
+from twin.ui.headset.stream_frames import RobotFrame, sevens, unpack
 from twin.ui.session.timeline import RATE, prepare
 
 BAR_MS = 50.0

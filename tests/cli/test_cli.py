@@ -68,9 +68,10 @@ def run(capsys, tmp_path, monkeypatch):
 @pytest.fixture
 def no_pictures(monkeypatch):
     """Write report.json only: plots and HTML take most of a short judgement's time."""
-    from twin.ui.report import files
 
-    monkeypatch.setattr(files, "write_report", _json_only)
+    from twin.ui.report import report_folder
+
+    monkeypatch.setattr(report_folder, "write_report", _json_only)
 
 
 def _json_only(report, folder, **_):

@@ -364,12 +364,12 @@ def test_formula_drives_joints_that_the_drawing_lacks(robot, refused):
 
 @pytest.fixture
 def no_pictures(monkeypatch):
-    from twin.ui.report import files
+    from twin.ui.report import report_folder
 
     def write(report, folder, **_):
         (folder / "report.json").write_text(report.to_json())
 
-    monkeypatch.setattr(files, "write_report", write)
+    monkeypatch.setattr(report_folder, "write_report", write)
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from made.json_schema import misfits
 from twin.cli import main
 from twin.cli.commands import HELP, doctor
 from twin.core.findings import EXIT_CODES
-from twin.ui.report import files
+from twin.ui.report import report_folder
 
 ROOT = Path(__file__).parents[2]
 SCHEMA = json.loads((ROOT / "docs/schemas/result.schema.json").read_text(encoding="utf-8"))
@@ -112,7 +112,7 @@ def test_every_command_is_here():
 @pytest.mark.parametrize("case", [pytest.param(c, marks=marks(c)) for c in DONE])
 def test_a_result_fits_its_schema(printed, no_plots, tmp_path, monkeypatch, case):
     kind, argv = DONE[case]
-    monkeypatch.setattr(files, "write_report", lambda report, folder, **_: None)  # plots take most of the time
+    monkeypatch.setattr(report_folder, "write_report", lambda report, folder, **_: None)  # plots take most of the time
     code, data = printed(*(_filled(a, tmp_path) for a in argv))
     assert data["schema"] == f"twin/{kind}/1"
     assert code == EXIT_CODES[data["verdict"]] or (kind, code) == ("tolerance", 0)

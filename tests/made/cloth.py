@@ -12,7 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from twin.simulation.frame import WorldFrame
-from twin.ui.session.feed import FieldSurface
+from twin.ui.session.deformable_feed import FieldSurface
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 RATE = 60.0
@@ -26,7 +26,7 @@ class Cloth:
     The first row begins at `corner` (3,) in m and extends along x; its two ends are fixed.
 
     Attributes:
-        surfaces, duration: see `twin.ui.session.feed.Feed`.
+        surfaces, duration: see `twin.ui.session.deformable_feed.Feed`.
         edges: (k, 2) indices of the vertices that each spring connects.
         rest: (k,) rest lengths of the springs in m.
     """

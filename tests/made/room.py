@@ -18,7 +18,7 @@ from made.cloth import Cloth
 from twin.cli import scene as scenes
 from twin.model.scene import load_scene
 from twin.ui.access.rules import AccessRules
-from twin.ui.headset import files, served
+from twin.ui.headset import served_content, server_files
 from twin.ui.headset.server import StreamServer
 from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.viewer.front import ShownRobot
@@ -33,8 +33,8 @@ def room(robot, cloth):
     """Return the data that a server needs for a robot or a scene with a cloth; call this in an event loop."""
     file = scenes.find(robot)
     if file is None:
-        return served.of_robot(twin.load(robot), robot, None, True, cloth)
-    return served.of_scene(replace(scenes.load(load_scene(file)), feed=cloth))
+        return served_content.of_robot(twin.load(robot), robot, None, True, cloth)
+    return served_content.of_scene(replace(scenes.load(load_scene(file)), feed=cloth))
 
 
 def viewed(robot, cloth, port):
@@ -48,7 +48,7 @@ def viewed(robot, cloth, port):
 async def serve(robot, port, cloth):
     """Serve until the process ends."""
     shown = room(robot, cloth)
-    own = files.page_files(Path(twin.ui.headset.__file__).parent / "web/dist", shown.preload) | shown.files
+    own = server_files.page_files(Path(twin.ui.headset.__file__).parent / "web/dist", shown.preload) | shown.files
     server = StreamServer(shown.live, shown.hello, own, AccessRules("127.0.0.1", port, False, lambda token: None))
     await server.start("127.0.0.1", port)
     await server.run()

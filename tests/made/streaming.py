@@ -14,7 +14,7 @@ from websockets.exceptions import ConnectionClosed
 
 from twin.ui.access.responses import File
 from twin.ui.access.rules import AccessRules
-from twin.ui.headset import served
+from twin.ui.headset import served_content
 from twin.ui.headset.recording import StreamRecording
 from twin.ui.headset.scene_frame import unpack_any
 from twin.ui.headset.server import StreamServer
@@ -40,7 +40,7 @@ class Planned:
 @asynccontextmanager
 async def serving(robot, host="127.0.0.1", source=None, record=None, plans=True, context=None):
     """Yield a server on a free port, with the attributes `server`, `port`, `twin`, `live`, `tokens` and `rules`."""
-    shown = robot() if callable(robot) else served.of_robot(robot, robot.name, None, plans)
+    shown = robot() if callable(robot) else served_content.of_robot(robot, robot.name, None, plans)
     of, recording = shown.live, None
     if record is not None:
         recording = StreamRecording(record, shown.name, shown.model_hash, of.links, of.joints, of.version)

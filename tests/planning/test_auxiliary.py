@@ -20,7 +20,7 @@ from twin.exchange.read.closing import close
 from twin.model.body import Body, Frame
 from twin.model.joint import Joint
 from twin.model.mechanism import Coupling, Mechanism
-from twin.ui.report.curves import joint_unit
+from twin.ui.report.plot_data import joint_unit
 from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.readings import read as instruments
 

@@ -17,7 +17,7 @@ from twin.planning.costs import COSTS
 from twin.planning.plan import plan
 from twin.planning.plan_result import Planned
 from twin.planning.rounds import UNITS, SearchRound, SearchRounds
-from twin.ui.report import rounds, write_report
+from twin.ui.report import search_figures, write_report
 from twin.ui.report.style import png
 
 ENDS = np.array([-1.1, 0.2, 0.1]), np.array([1.1, -0.2, -0.1])
@@ -57,7 +57,7 @@ def test_a_plan_has_the_rounds_of_each_search_and_its_files_are_the_same_each_ti
     assert first.rounds["to_w1"].times() != again.rounds["to_w1"].times()
     for file in ("trajectory.json", "trajectory.csv"):
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
-    assert png(rounds.figure("x", first.rounds)) == png(rounds.figure("x", again.rounds))
+    assert png(search_figures.figure("x", first.rounds)) == png(search_figures.figure("x", again.rounds))
 
 
 @pytest.mark.slow
@@ -82,7 +82,7 @@ def test_the_report_has_the_rounds_without_times_and_their_plot(tmp_path):
 
 @pytest.mark.parametrize("searches", [{"out": MANY}, {"home": ONE}, {"out": MANY, "again": MANY, "home": ONE}])
 def test_a_ring_marks_the_path_of_the_plan_and_nothing_is_cut_off(searches):
-    out = rounds.figure("Paths", searches)
+    out = search_figures.figure("Paths", searches)
     kinds = dict.fromkeys(s.cost for s in searches.values())
     assert [ax.get_ylabel() for ax in out.axes] == [
         {"length": "length [mm]", "length_and_stops": "length and stops"}[k] for k in kinds

@@ -34,8 +34,8 @@ from twin.ui.session.timeline import prepare
 from twin.ui.session.trocars import in_trocars
 from twin.ui.viewer import readout
 from twin.ui.viewer.front import ShownRobot
-from twin.ui.viewer.keep import _ends_inside
 from twin.ui.viewer.page import open_page
+from twin.ui.viewer.robot_file_edits import _ends_inside
 from twin.ui.viewer.server import serve
 from twin.usd.read import read_stage
 from twin.validation.stage_content import content

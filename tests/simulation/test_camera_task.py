@@ -31,7 +31,7 @@ from twin.simulation.tasks.align.camera_task import CameraView, in_picture, surf
 from twin.simulation.tasks.align.picture import ColouredSurface
 from twin.simulation.tasks.align.task import RECTANGLE
 from twin.ui.session.exercise import Exercise
-from twin.ui.session.scene_control import LiveConsole
+from twin.ui.session.live_console import LiveConsole
 
 VIEW = 70 * DEG
 

@@ -38,8 +38,8 @@ from twin.simulation.tasks.guide.guiding_surgeon import GuidingSurgeon
 from twin.simulation.tasks.guide.task import GuideTable
 from twin.simulation.tasks.guide.ways import Ways, _stations
 from twin.ui.session.exercise import Exercise
+from twin.ui.session.live_console import LiveConsole
 from twin.ui.session.loaded_scene import LoadedScene
-from twin.ui.session.scene_control import LiveConsole
 
 
 @pytest.fixture(scope="module")

@@ -293,7 +293,7 @@ def test_a_pulse_between_two_samples_is_measured():
 
 @pytest.mark.slow
 def test_the_switch_works_while_it_runs_and_the_session_knows(theatre, tmp_path, monkeypatch):
-    monkeypatch.setattr("twin.ui.session.scene_control._BUDGET", np.inf)
+    monkeypatch.setattr("twin.ui.session.live_console._BUDGET", np.inf)
     condition = randomised(7, 1)
     path = tmp_path / "hands.session"
     stream, sent = ConsoleStream(theatre, Exercise(session=path, condition=condition)), []

@@ -34,7 +34,7 @@ from twin.simulation.hazards.trainee import Reaction
 from twin.simulation.hazards.trends import HandTable, trends, with_cables, with_servo
 from twin.simulation.hazards.trends import load as load_trends
 from twin.simulation.machine.simulated_machine import LOCATIONS
-from twin.ui.report.files import write_result
+from twin.ui.report.report_folder import write_result
 
 TABLE = Path(__file__).parents[2] / "cad/raven_left/campaigns/table1.toml"
 HEAD = {"log": "twin-hazards", "version": 1, "robot": "r", "campaign": "c"}

@@ -453,7 +453,7 @@ def person(theatre, tmp_path_factory):
     """The file of a session of a person, through what `twin serve` runs."""
     path = tmp_path_factory.mktemp("person") / "hands.session"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("twin.ui.session.scene_control._BUDGET", np.inf)
+        patch.setattr("twin.ui.session.live_console._BUDGET", np.inf)
         stream = ConsoleStream(theatre, Exercise(session=path))
         stream.frame(0, 0.0)
         guide(stream, 1.1)
@@ -478,7 +478,7 @@ def test_the_hands_of_a_person_replay_in_another_process(person):
 
 
 def test_what_is_served_is_written_as_it_runs(bare_theatre, tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr("twin.ui.session.scene_control._BUDGET", np.inf)
+    monkeypatch.setattr("twin.ui.session.live_console._BUDGET", np.inf)
     monkeypatch.setattr(session_file, "CHUNK", 200)
     path = tmp_path / "hands.session"
     stream = ConsoleStream(bare_theatre, Exercise(session=path))
@@ -500,7 +500,7 @@ def test_what_is_served_is_written_as_it_runs(bare_theatre, tmp_path, monkeypatc
 
 
 def test_a_session_ends_at_its_maximum(tmp_path, bare_theatre, monkeypatch, caplog):
-    monkeypatch.setattr("twin.ui.session.scene_control._BUDGET", np.inf)
+    monkeypatch.setattr("twin.ui.session.live_console._BUDGET", np.inf)
     monkeypatch.setattr(session_file, "LONGEST", 0.1)
     stream = ConsoleStream(bare_theatre, Exercise(session=tmp_path / "a.session"))
     stream.frame(0, 0.0)

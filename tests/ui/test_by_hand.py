@@ -21,7 +21,7 @@ from twin.core.units import MM
 from twin.model.scene import load_scene
 from twin.simulation.controllers.pivot import CONE, SHALLOW, InstrumentPivot
 from twin.simulation.limits import JointLimits
-from twin.ui.headset import protocol as wire
+from twin.ui.headset import stream_frames as wire
 from twin.ui.headset.client_messages import FulcrumMessage, HandsMessage, RefusedError, ToolMessage
 from twin.ui.headset.console_stream import ConsoleStream
 from twin.ui.headset.scene_frame import unpack_scene
@@ -203,7 +203,7 @@ def test_a_scene_without_ports_and_tools_refuses_them(bare_theatre):
 @pytest.mark.nightly
 def test_organs_dent_under_an_instrument_that_a_hand_leads(scene, robots, monkeypatch):
     # on a busy machine the World would fall behind the hand, and take its motion for a jump
-    monkeypatch.setattr("twin.ui.session.scene_control._BUDGET", np.inf)
+    monkeypatch.setattr("twin.ui.session.live_console._BUDGET", np.inf)
     op = ConsoleStream(scenes.with_organs(LoadedScene(scene, robots)))
     feed = op.feed
     client = Client(op)

@@ -13,7 +13,7 @@ from twin.core import assets
 from twin.core.errors import TwinError
 from twin.core.units import MM
 from twin.ui.session.drawn_parts import FILE, drawn_parts, hanging, person, read_drawn
-from twin.ui.session.solids import SolidTable, check_solid, placed
+from twin.ui.session.drawn_solids import SolidTable, check_solid, placed
 
 FILES = sorted((assets.data_folder() / "cad").glob(f"*/{FILE}"))
 

@@ -19,8 +19,8 @@ from twin.simulation.machine.levels import Level
 from twin.simulation.machine.link import Address
 from twin.simulation.machine.machine_server import HOST, Server
 from twin.ui.headset.client_messages import DragMessage, GrabMessage, ReleaseMessage
-from twin.ui.headset.live import Live
-from twin.ui.headset.twin import Twin
+from twin.ui.headset.live_robot import LiveRobot
+from twin.ui.headset.live_scene import LiveScene
 from twin.ui.session.driven_machine import DrivenMachine
 from twin.ui.session.timeline import RATE, Clock
 
@@ -43,8 +43,8 @@ class Page:
         self.thread = threading.Thread(target=self.server.run, kwargs={"ends": self.ends.is_set})
         self.thread.start()
         driven = DrivenMachine(Address(HOST, self.server.port, self.server.state_port), parts)
-        self.twin = Twin(twin.load("sils"), "sils", None, False, Clock(), machine=driven)
-        self.live = Live([self.twin], self.twin.clock)
+        self.twin = LiveRobot(twin.load("sils"), "sils", None, False, Clock(), machine=driven)
+        self.live = LiveScene([self.twin], self.twin.clock)
         self.reference = self.twin.robot.reference()
         self.near = self.reference.solve(parts.home)
         self.begun = time.monotonic()
@@ -251,7 +251,7 @@ def test_a_machine_follows_only_a_drag():
     machine = Followed()
 
     async def play():
-        page = Twin(twin.load("sils"), "sils", None, False, Clock(), machine=machine)
+        page = LiveRobot(twin.load("sils"), "sils", None, False, Clock(), machine=machine)
         goal = page.movable.model.solve(page.movable.assembly.q, page.movable.assembly).T_base_tool
 
         def follows():

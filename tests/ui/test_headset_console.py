@@ -25,8 +25,8 @@ from twin.model.scene import load_scene
 from twin.simulation import console_scene
 from twin.simulation.controllers.camera import looking, view
 from twin.simulation.setup import Setup
-from twin.ui.headset import console_stream, served, server
-from twin.ui.headset import protocol as wire
+from twin.ui.headset import console_stream, served_content, server
+from twin.ui.headset import stream_frames as wire
 from twin.ui.headset.client_messages import (
     DragMessage,
     GrabMessage,
@@ -37,7 +37,7 @@ from twin.ui.headset.client_messages import (
 )
 from twin.ui.headset.console_stream import ConsoleStream
 from twin.ui.headset.scene_frame import pack_scene, unpack_scene
-from twin.ui.session import scene_control
+from twin.ui.session import live_console
 from twin.ui.session.timeline import RATE
 
 SIDES = ("right", "left")
@@ -106,7 +106,7 @@ class Hands:
 
 @pytest.fixture
 def hands(bare_theatre, monkeypatch):
-    monkeypatch.setattr(scene_control, "_BUDGET", np.inf)  # a busy machine does not make the World late
+    monkeypatch.setattr(live_console, "_BUDGET", np.inf)  # a busy machine does not make the World late
     op = ConsoleStream(bare_theatre)
     op.frame(0, 0.0)
     return Hands(op)
@@ -334,7 +334,7 @@ def hands_of(x, roll, number):
 
 def test_hands_come_through_the_stream_and_end_with_it(bare_theatre):
     async def go():
-        async with serving(lambda: served.of_console(bare_theatre)) as s:
+        async with serving(lambda: served_content.of_console(bare_theatre)) as s:
             async with joined(s.port) as peer:
                 assert peer.last("hello")["protocol"] == 2
                 await peer.until(lambda: len(peer.frames) > 3)  # the first tick may round joint values by 1e-16
@@ -366,10 +366,10 @@ def test_what_hands_change_is_sent_before_the_next_tick(bare_theatre, monkeypatc
     """With ticks that are 1000 s apart, only messages of the hands bring frames."""
     for module in (server, console_stream):
         monkeypatch.setattr(module, "RATE", 0.001)
-    monkeypatch.setattr(scene_control, "_BUDGET", np.inf)
+    monkeypatch.setattr(live_console, "_BUDGET", np.inf)
 
     async def go():
-        async with serving(lambda: served.of_console(bare_theatre)) as s, joined(s.port) as peer:
+        async with serving(lambda: served_content.of_console(bare_theatre)) as s, joined(s.port) as peer:
             start = peer.frames[-1].robots[0].q
             end = asyncio.get_running_loop().time() + 60
             for n in count():
@@ -486,7 +486,7 @@ def test_hands_are_heard_at_once_where_a_frame_takes_longer_than_the_time_betwee
     slow = Slow()
 
     async def go():
-        async with serving(lambda: served.of_console(bare_theatre), source=slow) as s, joined(s.port) as peer:
+        async with serving(lambda: served_content.of_console(bare_theatre), source=slow) as s, joined(s.port) as peer:
             pose = {"pose": [0, 0, 0, 0, 0, 0, 1], "grip": 0}
             for number in range(150):
                 await peer.say("hands", number=number, right=pose, left=pose, clutch=False, camera=False)

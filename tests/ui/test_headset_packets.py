@@ -22,10 +22,10 @@ from twin.simulation import console_scene
 from twin.simulation.controllers.console_equations import LARGEST, STIFFNESS
 from twin.simulation.controllers.tool_following import HandPace
 from twin.simulation.devices.packets import pack
-from twin.ui.headset import packet_socket, served
+from twin.ui.headset import packet_socket, served_content
 from twin.ui.headset.client_messages import RefusedError, parse_message
 from twin.ui.headset.console_stream import ConsoleStream
-from twin.ui.session import console_state, scene_control
+from twin.ui.session import console_state, live_console
 from twin.ui.session.timeline import RATE
 
 WORLD = console_scene.world
@@ -77,7 +77,7 @@ class Running:
 
 @pytest.fixture
 def running(bare_theatre, monkeypatch):
-    monkeypatch.setattr(scene_control, "_BUDGET", np.inf)  # a busy machine does not make the World late
+    monkeypatch.setattr(live_console, "_BUDGET", np.inf)  # a busy machine does not make the World late
     found = Running(ConsoleStream(bare_theatre))
     yield found
     found.op.close()
@@ -326,8 +326,8 @@ def session(running, ticks=700, delay=100, lost=0.05):
 
 @pytest.mark.slow
 def test_a_bad_network_makes_no_tool_jump_and_its_loss_is_shown(bare_theatre, monkeypatch):
-    monkeypatch.setattr(scene_control.console_scene, "world", lambda *a, **k: WORLD(*a, **{**k, "records": True}))
-    monkeypatch.setattr(scene_control, "_BUDGET", np.inf)
+    monkeypatch.setattr(live_console.console_scene, "world", lambda *a, **k: WORLD(*a, **{**k, "records": True}))
+    monkeypatch.setattr(live_console, "_BUDGET", np.inf)
     running = Running(ConsoleStream(bare_theatre))
     lost = session(running)
     state, recording = running.state, running.op.world.recording()
@@ -350,7 +350,7 @@ def test_through_the_server(bare_theatre):
     """A program at 1 kHz moves the hands through the running server; a page watches, and takes over when it ends."""
 
     async def go():
-        async with serving(lambda: served.of_console(bare_theatre, packets=("127.0.0.1", 0))) as s:
+        async with serving(lambda: served_content.of_console(bare_theatre, packets=("127.0.0.1", 0))) as s:
             pens = Pens(s.live.packets.socket.port)
             async with joined(s.port) as peer:
                 start = peer.frames[-1].robots[0].q
@@ -418,4 +418,4 @@ def test_wrong_options_are_named(arguments, text, capsys):
 
 def test_an_operation_that_cannot_listen_leaves_nothing_open(bare_theatre, running):
     with pytest.raises(TwinError, match="cannot listen for packets"):
-        served.of_console(bare_theatre, packets=("127.0.0.1", running.op.packets.socket.port))
+        served_content.of_console(bare_theatre, packets=("127.0.0.1", running.op.packets.socket.port))

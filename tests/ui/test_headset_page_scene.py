@@ -11,8 +11,8 @@ from made.cloth import Cloth
 from made.room import CLOTH
 from twin.cli import scene as scenes
 from twin.model.scene import load_scene
-from twin.ui.headset.protocol import pose_of
 from twin.ui.headset.scene_frame import LEVELS
+from twin.ui.headset.stream_frames import pose_of
 
 pytestmark = pytest.mark.browser
 SCENE = "vsrs"

@@ -25,13 +25,12 @@ from twin.core.errors import TwinError
 from twin.exchange.write.clip import home_poses
 from twin.model.scene import load_scene
 from twin.simulation.frame import WorldFrame
-from twin.ui.headset import protocol as wire
-from twin.ui.headset import scene_frame, served
-from twin.ui.headset import twin as live
-from twin.ui.headset.files import page_files
+from twin.ui.headset import live_robot, scene_frame, served_content
+from twin.ui.headset import stream_frames as wire
 from twin.ui.headset.replay import Replay
 from twin.ui.headset.scene_frame import pack_field, pack_scene, unpack_any, unpack_scene
-from twin.ui.session.feed import vertices_of
+from twin.ui.headset.server_files import page_files
+from twin.ui.session.deformable_feed import vertices_of
 from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.session.timeline import RATE, prepare
 
@@ -149,11 +148,11 @@ def planned(monkeypatch, playback):
         def __init__(self, robot, protocol):
             self.done, self.answer = True, playback[1] if robot == playback[0] else "it stays at home in this test"
 
-    monkeypatch.setattr(live, "Planner", OnlyOne)
+    monkeypatch.setattr(live_robot, "Planner", OnlyOne)
 
 
 def shown(scene, robots, props=None, plans=False, feed=None):
-    return lambda: served.of_scene(LoadedScene(scene, robots, props, feed), plans)
+    return lambda: served_content.of_scene(LoadedScene(scene, robots, props, feed), plans)
 
 
 @pytest.mark.slow
@@ -285,7 +284,10 @@ def test_a_robot_with_a_field_is_a_scene_and_one_alone_is_not(robots):
     robot = next(iter(robots.values()))
 
     async def go(feed, version):
-        async with serving(lambda: served.of_robot(robot, robot.name, None, False, feed)) as s, joined(s.port) as peer:
+        async with (
+            serving(lambda: served_content.of_robot(robot, robot.name, None, False, feed)) as s,
+            joined(s.port) as peer,
+        ):
             assert peer.last("hello")["protocol"] == s.live.version == version
             assert peer.raw[-1][:4] == (b"TWN1" if feed is None else b"TWN2")
             about = json.loads((await http(s.port, "GET /scene.json HTTP/1.1"))[2])
@@ -310,7 +312,10 @@ def test_a_field_that_breaks_is_told_once_and_the_robots_stay(robots, how, messa
 
     async def go():
         torn = Torn(n=4, duration=1.0)
-        async with serving(lambda: served.of_robot(robot, robot.name, None, False, torn)) as s, joined(s.port) as peer:
+        async with (
+            serving(lambda: served_content.of_robot(robot, robot.name, None, False, torn)) as s,
+            joined(s.port) as peer,
+        ):
             assert len(peer.frames[-1].fields[0]) == 16
             await peer.ask("seek", t=0.5)
             await peer.until(lambda: len(peer.frames[-1].fields[0]) == 0)

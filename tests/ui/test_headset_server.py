@@ -30,15 +30,14 @@ from twin.ui.access import connection as connections
 from twin.ui.access.rate_limits import Bucket, ConnectionCounter, counted_address
 from twin.ui.access.rules import AccessRules
 from twin.ui.headset import client as clients
-from twin.ui.headset import protocol as wire
-from twin.ui.headset import reach
+from twin.ui.headset import live_robot, reachable_points
 from twin.ui.headset import recording as recordings
 from twin.ui.headset import server as servers
-from twin.ui.headset import twin as live
+from twin.ui.headset import stream_frames as wire
 from twin.ui.headset.client_messages import RefusedError, SeekMessage, parse_message
-from twin.ui.headset.protocol import sevens
 from twin.ui.headset.recording import StreamRecording
 from twin.ui.headset.replay import Replay
+from twin.ui.headset.stream_frames import sevens
 from twin.ui.session import workspace_cloud
 from twin.ui.session.timeline import prepare
 
@@ -55,7 +54,7 @@ def playback():
 
 @pytest.fixture
 def planned(monkeypatch, playback):
-    monkeypatch.setattr(live, "Planner", Planned)
+    monkeypatch.setattr(live_robot, "Planner", Planned)
     monkeypatch.setattr(Planned, "playback", playback)
 
 
@@ -484,7 +483,7 @@ def test_the_workspace_comes_in_pieces_and_goes(sils, monkeypatch):
 
         close = cancel
 
-    monkeypatch.setattr(reach, "Cloud", Found)
+    monkeypatch.setattr(reachable_points, "Cloud", Found)
 
     async def go():
         async with serving(sils, plans=False) as s, joined(s.port) as peer:
@@ -1102,7 +1101,7 @@ def test_trocars_that_a_changed_design_does_not_fit_fail_the_plan_by_name(playba
         movable=SimpleNamespace(robot=None, bind=refused),
         robot=SimpleNamespace(protocol=lambda name: name, bound=lambda _: object()),
     )
-    live.Twin._take_plan(page)
+    live_robot.LiveRobot._take_plan(page)
     assert page._failed == "the loops cannot be closed"
     assert told == [f"{playback.protocol}: the loops cannot be closed"]
     assert page._track is before

@@ -12,7 +12,7 @@ import pytest
 
 from made import headset_page as headset
 from twin.ui.access.responses import POLICY
-from twin.ui.headset.files import page_files
+from twin.ui.headset.server_files import page_files
 from witness import environments
 
 ROOT = Path(__file__).parents[2]

@@ -13,7 +13,7 @@ import twin
 from twin.simulation.machine.link import Address
 from twin.simulation.machine.machine_server import HOST
 from twin.ui.headset.client_messages import PostureMessage, RefusedError, UndoMessage
-from twin.ui.headset.twin import Twin
+from twin.ui.headset.live_robot import LiveRobot
 from twin.ui.session import reconnection
 
 
@@ -37,7 +37,7 @@ class Still:
 
 def test_postures_and_undo_are_refused_where_a_machine_leads_and_undo_keeps_its_entry():
     async def play():
-        shown = Twin(twin.load("pa10"), "pa10", None, False, machine=Still())
+        shown = LiveRobot(twin.load("pa10"), "pa10", None, False, machine=Still())
         try:
             shown._before = [np.array(shown.movable.assembly.q) + 0.1]
             name = next(iter(shown.movable.postures))

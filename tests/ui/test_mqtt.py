@@ -15,7 +15,7 @@ import pytest
 from made.broker import Broker
 from made.streaming import joined, serving
 from twin.core.errors import TwinError
-from twin.ui.headset import mqtt, served
+from twin.ui.headset import mqtt, served_content
 from twin.ui.headset.mqtt import ScaleTopic
 
 TOPIC = "twin/davinci/scale"
@@ -63,7 +63,7 @@ async def tablet(port):
 
 
 def console(loaded, port):
-    return lambda: served.of_console(loaded, mqtt=("127.0.0.1", port))
+    return lambda: served_content.of_console(loaded, mqtt=("127.0.0.1", port))
 
 
 @pytest.mark.slow

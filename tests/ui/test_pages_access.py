@@ -147,7 +147,7 @@ def test_axe_finds_nothing_serious_in_a_report(browser, axe, verdict, tmp_path):
 
 
 def test_axe_finds_nothing_serious_in_the_page_of_a_workspace(browser, axe, tmp_path):
-    from twin.ui.report.files import write_result
+    from twin.ui.report.report_folder import write_result
 
     write_result(twin.workspace("sils", count=20_000), tmp_path, "sils")
     pages = list(tmp_path.rglob("*.html"))

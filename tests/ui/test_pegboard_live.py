@@ -26,13 +26,13 @@ from twin.simulation.tasks.transfer import rings
 from twin.simulation.tasks.transfer.task import Transfer, Transfers
 from twin.simulation.world import Recording
 from twin.simulation.world.signals import columns
-from twin.ui.headset import protocol as wire
+from twin.ui.headset import stream_frames as wire
 from twin.ui.headset.client_messages import RefusedError, parse_message
 from twin.ui.headset.console_stream import ConsoleStream
 from twin.ui.headset.scene_frame import unpack_scene
-from twin.ui.session import scene_control
+from twin.ui.session import live_console
 from twin.ui.session.exercise import Exercise
-from twin.ui.session.scene_control import HeldError, LiveConsole
+from twin.ui.session.live_console import HeldError, LiveConsole
 
 PEG = Peg("peg", np.array([0, 0, 0.025]), np.zeros(3), 2.8e-3)
 TASK = Transfers((Transfer(ring="ring", peg="peg"),))
@@ -167,7 +167,7 @@ def test_the_scoreboard_is_plain_data():
 
 @pytest.fixture(autouse=True)
 def no_budget(monkeypatch):
-    monkeypatch.setattr(scene_control, "_BUDGET", np.inf)  # a busy machine does not make the World late
+    monkeypatch.setattr(live_console, "_BUDGET", np.inf)  # a busy machine does not make the World late
 
 
 def hands(number, lift=0.0, grip=0.0):

@@ -31,10 +31,10 @@ from twin.simulation.session.file import read_session
 from twin.simulation.setup import Setup
 from twin.ui.headset.client_messages import RefusedError, parse_message
 from twin.ui.headset.console_stream import ConsoleStream
-from twin.ui.session import plan_mode, plan_work
+from twin.ui.session import plan_jobs, plan_mode
 from twin.ui.session.exercise import Exercise
-from twin.ui.session.plan_work import CheckedTarget, Clear, PlanJob, PlannedMotion, Proven, Room, TargetCheck
-from twin.ui.session.scene_control import HeldError, LiveConsole
+from twin.ui.session.live_console import HeldError, LiveConsole
+from twin.ui.session.plan_jobs import CheckedTarget, Clear, PlanJob, PlannedMotion, Proven, Room, TargetCheck
 
 ARM = "raven_left"
 
@@ -70,7 +70,7 @@ class Here:
 
 
 def quick(job):
-    """Yield as `plan_work.work` does, but a straight motion of 1.5 s up, without a search."""
+    """Yield as `plan_jobs.work` does, but a straight motion of 1.5 s up, without a search."""
     if isinstance(job, TargetCheck):
         if job.q is not None:
             yield CheckedTarget("")
@@ -227,7 +227,7 @@ def test_an_accepted_plan_is_followed_and_its_session_replays_without_planning(c
     assert T_last[:3, 3] == pytest.approx(goal[:3, 3], abs=0.1 * MM)
     shown = console.mode.ghost[(tool := console.console.members[ARM].mechanism.frame("tool")).body] @ tool.T_body_frame
     assert T_last == pytest.approx(shown, abs=1e-6), "the motion ends where the ghost is shown"
-    speeds = np.linalg.norm(np.diff(found.Ts[:, :3, 3], axis=0), axis=1) / plan_work.DT
+    speeds = np.linalg.norm(np.diff(found.Ts[:, :3, 3], axis=0), axis=1) / plan_jobs.DT
     assert speeds.max() < 0.0601
     console.ask("accept")
     console.until("off")
@@ -238,7 +238,7 @@ def test_an_accepted_plan_is_followed_and_its_session_replays_without_planning(c
     assert console.console.reading["hands"]["left"]["follows"], "the hand moves the arm again"
     recorder = console.console.recorder
     console.console.close()
-    monkeypatch.setattr(plan_work, "work", None)
+    monkeypatch.setattr(plan_jobs, "work", None)
     session = read_session(recorder.path)
     setup = Setup(scene, console.console.members, None, props, session.head.condition)
     ran = sessions.replay(session, setup, lambda what, part: None)
@@ -711,7 +711,7 @@ def room(scene, number=1):
 def test_the_work_yields_progress_motion_clearance_and_a_proven_bound(dome):
     scene = dome.scene
     start = np.append([50 * DEG, 114 * DEG, 378 * MM, 0, -52 * DEG, 0], 0.0)
-    pieces = list(plan_work.work(PlanJob(room(scene), start, above(), 0.06, 45 * DEG)))
+    pieces = list(plan_jobs.work(PlanJob(room(scene), start, above(), 0.06, 45 * DEG)))
     kinds = [type(p) for p in pieces]
     assert [k for k in dict.fromkeys(kinds) if k is not float] == [PlannedMotion, Clear, Proven]
     clear = np.concatenate([p.distance for p in pieces if isinstance(p, Clear)])
@@ -721,13 +721,13 @@ def test_the_work_yields_progress_motion_clearance_and_a_proven_bound(dome):
     found = next(p for p in pieces if isinstance(p, PlannedMotion))
     assert len(found.tree) > 10
     assert found.shown.shape[1:] == (len(found.links), 4, 4)
-    tool, ticks = (mechanism := twin.load(ARM).mechanism).frame(mechanism.tool), plan_work.SHOWN / plan_work.DT
+    tool, ticks = (mechanism := twin.load(ARM).mechanism).frame(mechanism.tool), plan_jobs.SHOWN / plan_jobs.DT
     pictures = found.shown[:-1, found.links.index(tool.body)] @ tool.T_body_frame
     assert pictures == pytest.approx(found.Ts[np.rint(ticks * np.arange(len(pictures))).astype(int)], abs=1e-9)
 
 
 def test_the_work_says_why_a_configuration_is_not_free(dome):
-    (checked,) = plan_work.work(
+    (checked,) = plan_jobs.work(
         TargetCheck(room(dome.scene), np.append([50 * DEG, 135 * DEG, 378 * MM, 0, -52 * DEG, 0], 0.0))
     )
     assert isinstance(checked, CheckedTarget)
@@ -742,14 +742,14 @@ def test_of_no_path_the_way_out_is_that_of_the_end_that_is_not_free(dome, monkey
     monkeypatch.setattr("twin.planning.obstacle_avoidance.around", none)
     job = PlanJob(room(dome.scene), above(), above(), 0.06, 45 * DEG)
     with pytest.raises(TwinError, match=rf"links collide; .*{way_out}, or another arm that is in the way"):
-        list(plan_work.work(job))
+        list(plan_jobs.work(job))
 
 
 @pytest.mark.slow
 def test_from_a_start_in_the_dome_the_arm_is_to_be_moved_and_not_the_target(dome):
     inside = np.append([50 * DEG, 135 * DEG, 378 * MM, 0, -52 * DEG, 0], 0.0)
     with pytest.raises(TwinError, match=r"at the start, .* move the arm, or another arm that is in the way"):
-        list(plan_work.work(PlanJob(room(dome.scene), inside, above(), 0.06, 45 * DEG)))
+        list(plan_jobs.work(PlanJob(room(dome.scene), inside, above(), 0.06, 45 * DEG)))
 
 
 def test_a_plan_that_is_no_longer_wanted_ends_at_once(dome, monkeypatch):
@@ -768,9 +768,9 @@ def test_a_plan_that_is_no_longer_wanted_ends_at_once(dome, monkeypatch):
     monkeypatch.setattr("twin.planning.obstacle_avoidance.around", endless)
     start = np.append([50 * DEG, 114 * DEG, 378 * MM, 0, -52 * DEG, 0], 0.0)
     asked = PlanJob(room(dome.scene), start, above(), 0.06, 45 * DEG)
-    plan_work.work(asked).close()  # before its first piece
+    plan_jobs.work(asked).close()  # before its first piece
     assert not begun
-    job = plan_work.work(asked)
+    job = plan_jobs.work(asked)
     while not begun or next(job) != 0.3:
         next(job)
     job.close()

@@ -17,7 +17,7 @@ from twin.simulation.setup import Setup
 from twin.simulation.tasks.procedure.procedure_guide import ProcedureGuide
 from twin.simulation.world import Block, World
 from twin.ui.session.exercise import Exercise
-from twin.ui.session.scene_control import LiveConsole
+from twin.ui.session.live_console import LiveConsole
 
 OPEN = 2 * HALF
 

@@ -9,7 +9,7 @@ from twin.core import findings
 from twin.core import format as fmt
 from twin.core.quantity import Quantity
 from twin.core.units import DEG
-from twin.ui.report import curves
+from twin.ui.report import plot_data
 
 
 def test_thinned_curves_keep_peaks_gaps_and_ends():
@@ -20,8 +20,8 @@ def test_thinned_curves_keep_peaks_gaps_and_ends():
         y[peak] = 9.0
         y[(peak + 3000) % 15000] = -9.0
         y[5000:5200] = np.nan if not 5000 <= peak < 5200 else 1.0
-        tt, yy = curves.thin(t, y)
-        assert len(tt) <= curves.POINTS
+        tt, yy = plot_data.thin(t, y)
+        assert len(tt) <= plot_data.POINTS
         assert (tt[0], tt[-1]) == (t[0], t[-1])
         assert np.all(np.diff(tt) > 0)
         assert t[peak] in tt[yy == 9.0]
@@ -29,7 +29,7 @@ def test_thinned_curves_keep_peaks_gaps_and_ends():
             continue
         assert np.isnan(yy[(tt > t[5010]) & (tt < t[5190])]).all()
         assert np.isnan(yy).any()
-    assert curves.thin(t[:50], t[:50])[0] is not None
+    assert plot_data.thin(t[:50], t[:50])[0] is not None
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,8 @@ import pytest
 
 from twin.core.findings import Finding
 from twin.core.result import Line, Result, TextTable
-from twin.ui.report.files import write_result
 from twin.ui.report.page import merged, render
+from twin.ui.report.report_folder import write_result
 
 
 @dataclass(frozen=True)

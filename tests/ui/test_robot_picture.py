@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from made import reports
-from twin.ui.report import files, plots, raster, robot_picture
+from twin.ui.report import plots, raster, report_folder, robot_picture
 
 
 def body(name, *meshes):
@@ -49,9 +49,9 @@ def test_a_picture_that_fails_leaves_the_report_and_is_named_in_it(tmp_path, mon
         raise ValueError("zero-size <array>")
 
     report = reports.make_report("disagree", 50)
-    monkeypatch.setattr(files, "drawable", lambda: False)  # plots take longer than all else
+    monkeypatch.setattr(report_folder, "drawable", lambda: False)  # plots take longer than all else
     monkeypatch.setattr(plots, "figures", lambda report: {})
-    written = files.write_report(report, tmp_path, ["html"], robot=fails)
+    written = report_folder.write_report(report, tmp_path, ["html"], robot=fails)
     page = written["html"].read_text("utf-8")
     assert "picture of the robot could not be drawn (ValueError: zero-size &lt;array&gt;)" in page
 

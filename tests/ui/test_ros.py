@@ -16,7 +16,7 @@ from twin.core import spatial
 from twin.core.units import MM
 from twin.ui.access.rules import AccessRules
 from twin.ui.headset.console_stream import ConsoleStream
-from twin.ui.session import scene_control
+from twin.ui.session import live_console
 from twin.ui.session.exercise import Exercise
 from twin.ui.session.timeline import RATE
 
@@ -63,7 +63,7 @@ async def running(scene, exercise=None):
 
 @pytest.fixture
 def scene(bare_theatre, monkeypatch):
-    monkeypatch.setattr(scene_control, "_BUDGET", np.inf)  # a busy machine does not make the World late
+    monkeypatch.setattr(live_console, "_BUDGET", np.inf)  # a busy machine does not make the World late
     return bare_theatre
 
 

@@ -15,7 +15,7 @@ from twin.cli import serving
 from twin.cli.command_line import parser
 from twin.core.errors import TwinError
 from twin.simulation.devices.given import HandState
-from twin.ui.headset import served
+from twin.ui.headset import served_content
 from twin.ui.headset.client_messages import RefusedError, parse_message
 from twin.ui.headset.console_stream import ConsoleStream
 from twin.ui.session.exercise import Exercise
@@ -89,7 +89,7 @@ def test_the_only_task_is_shown_with_options_that_determine_the_exercise_too(wor
     serving._require_compatible(args)
     scene = twin.load_scene(args.robot)
     exercises = []
-    monkeypatch.setattr(served, "of_console", lambda loaded, exercise, *more: exercises.append(exercise))
+    monkeypatch.setattr(served_content, "of_console", lambda loaded, exercise, *more: exercises.append(exercise))
     serving._at_console(args, LoadedScene(scene, {}, None), serving._choice(args, scene))()
     (exercise,) = exercises
     assert (None if exercise.task is None else exercise.task.name) == shown

@@ -17,11 +17,11 @@ from twin import api
 from twin.cli import scene as scenes
 from twin.core.units import MM, srgb
 from twin.simulation.frame import WorldFrame
-from twin.ui.headset import served
+from twin.ui.headset import served_content
 from twin.ui.headset.scene_frame import SceneFrame
-from twin.ui.session.feed import FieldSurface
+from twin.ui.session.deformable_feed import FieldSurface
 from twin.ui.session.movable_robot import MovableRobot
-from twin.ui.session.organs import OrganFeed
+from twin.ui.session.organ_feeds import OrganFeed
 from twin.ui.viewer.front import ShownRobot
 from twin.ui.viewer.page import open_page
 from twin.ui.viewer.server import serve
@@ -56,7 +56,10 @@ def test_organs_in_the_stream_follow_the_displayed_links():
     leaf = Leaf(robot)
 
     async def go():
-        async with serving(lambda: served.of_robot(robot, ROBOT, None, False, leaf)) as s, joined(s.port) as peer:
+        async with (
+            serving(lambda: served_content.of_robot(robot, ROBOT, None, False, leaf)) as s,
+            joined(s.port) as peer,
+        ):
             for posture in ("home", *robot.mechanism.postures):
                 if posture == "home":
                     continue
@@ -139,7 +142,7 @@ def test_two_pages_get_all_organs_at_60_hz_whole_and_in_time():
     assert count >= 2000
 
     async def go():
-        show = lambda: served.of_scene(loaded, False)  # noqa: E731
+        show = lambda: served_content.of_scene(loaded, False)  # noqa: E731
         async with serving(show, plans=False) as s, joined(s.port) as one, joined(s.port) as two:
             about = json.loads((await http(s.port, "GET /scene.json HTTP/1.1"))[2])
             assert [f["name"] for f in about["fields"]] == [t.name for t in feed.rods.tissues]

@@ -261,13 +261,13 @@ async def a_scene(folder: Path) -> None:
     from twin.cli import scene as scenes
     from twin.model.scene import load_scene
     from twin.ui.access.rules import AccessRules
-    from twin.ui.headset import served
+    from twin.ui.headset import served_content
     from twin.ui.headset.server import StreamServer
 
     scene = load_scene(scenes.find("vsrs"))
     name = scene.places[1].name
     port, cloth = free_port(), Cloth(n=5)
-    shown = served.of_scene(replace(scenes.load(scene), props=None, feed=cloth), False)
+    shown = served_content.of_scene(replace(scenes.load(scene), props=None, feed=cloth), False)
     server = StreamServer(shown.live, shown.hello, shown.files, AccessRules("127.0.0.1", port, False, lambda t: None))
     await server.start("127.0.0.1", port)
     running = asyncio.ensure_future(server.run())
@@ -381,11 +381,11 @@ async def our_own(folder: Path) -> None:
     import twin
     from twin.ui.access.responses import File
     from twin.ui.access.rules import AccessRules
-    from twin.ui.headset import served
+    from twin.ui.headset import served_content
     from twin.ui.headset.server import StreamServer
 
     port, tokens = free_port(), []
-    shown = served.of_robot(twin.load("sils"), "sils", None, plans=False)
+    shown = served_content.of_robot(twin.load("sils"), "sils", None, plans=False)
     about = shown.live.twins["sils"].description
     pages = {"/": File(b"<html></html>", "text/html; charset=utf-8")} | shown.files
     server = StreamServer(shown.live, shown.hello, pages, AccessRules("0.0.0.0", port, False, tokens.append))

@@ -19,7 +19,7 @@ from twin.core.errors import TwinError
 if TYPE_CHECKING:
     from twin.simulation.session.guided import GuidedPart
     from twin.simulation.session.trial_table import TrialTable
-    from twin.ui.headset.served import Served
+    from twin.ui.headset.served_content import ServedContent
     from twin.ui.session.forms import QuestionnaireForms
     from twin.ui.session.loaded_scene import LoadedScene
 
@@ -35,7 +35,7 @@ SET_ASIDE = "unfinished-"
 _READS = 0.2
 """Time in s in which the end of an input without lines, such as /dev/null, is seen."""
 
-ServePart = Callable[[str, Callable[[], "Served"], "Examiner"], None]
+ServePart = Callable[[str, Callable[[], "ServedContent"], "Examiner"], None]
 """Function that serves one part of the run until the examiner continues, or until Ctrl-C."""
 
 
@@ -251,10 +251,10 @@ def _served(
     folder: Path,
     forms: QuestionnaireForms | None,
     examiner: Examiner,
-) -> Callable[[], Served]:
+) -> Callable[[], ServedContent]:
     """Return the function that creates the content of a part; the examiner is told when an attempt has ended."""
     from twin.cli.commands.session import report
-    from twin.ui.headset import served
+    from twin.ui.headset import served_content
     from twin.ui.session.exercise import Exercise
 
     scene = replace(loaded.scene, title=part.heading)
@@ -265,4 +265,6 @@ def _served(
         session = _session(part, folder, args.participant)
     shown = scenes.with_organs(replace(loaded, scene=scene), task)
     exercise = Exercise(task, session, report, part.condition, forms=forms, ended=examiner.complete, guided=True)
-    return lambda: served.of_console(machines.connected(shown, []), exercise, args.packets, args.mqtt, args.mqtt_topic)
+    return lambda: served_content.of_console(
+        machines.connected(shown, []), exercise, args.packets, args.mqtt, args.mqtt_topic
+    )

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from twin.api.robot import Robot
     from twin.validation.result import Report
 
-_FILES = "twin.ui.report.files"
+_FILES = "twin.ui.report.report_folder"
 _PICTURE = "twin.ui.report.robot_picture"
-_SELFTEST = "twin.ui.report.selftest"
+_SELFTEST = "twin.ui.report.selftest_score"
 
 
 def write_report(report: Report, folder: Path, selftest: Path, robot: Robot) -> None:
@@ -32,5 +32,5 @@ def write_report(report: Report, folder: Path, selftest: Path, robot: Robot) -> 
 
 
 def write_result(result: Result, folder: Path, name: str = "") -> list[str]:
-    """Write a result into a folder, as `twin.ui.report.files.write_result`; return the names of page and picture."""
+    """Write a result into a folder as `report_folder.write_result` does; return the names of page and picture."""
     return import_module(_FILES).write_result(result, folder, name)

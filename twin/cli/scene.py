@@ -46,7 +46,7 @@ def with_organs(loaded: LoadedScene, task: ConsoleTask | None = None) -> LoadedS
     if not organs:
         return loaded
     from twin.simulation import tissue_scene
-    from twin.ui.session.organs import OrganFeed
+    from twin.ui.session.organ_feeds import OrganFeed
 
     links = {}
     for name, bodies in tissue_scene.touching(loaded.scene).items():

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from twin.ui.access.rules import AccessRules
     from twin.ui.headset.console_stream import ConsoleStream
     from twin.ui.headset.ros.bridge import RosBridge
-    from twin.ui.headset.served import Served
+    from twin.ui.headset.served_content import ServedContent
     from twin.ui.session.loaded_scene import LoadedScene
     from twin.ui.session.task_choice import TaskChoice
 
@@ -60,14 +60,14 @@ def serve(args: argparse.Namespace) -> int:
 def _serve_tasks(
     args: argparse.Namespace,
     name: str,
-    make: Callable[[], Served],
+    make: Callable[[], ServedContent],
     choice: TaskChoice,
     port: int,
     context: ssl.SSLContext | None,
 ) -> None:
     """Serve the tasks of a scene that pages start, one after the other, at one address and with one set of rules."""
 
-    def make_chosen() -> Served:
+    def make_chosen() -> ServedContent:
         try:
             return make()
         except TwinError as error:
@@ -102,7 +102,7 @@ def _part_server(args: argparse.Namespace, port: int, context: ssl.SSLContext | 
     """
     accesses: list[Access] = []
 
-    def serve_part(name: str, make: Callable[[], Served], examiner: guided.Examiner) -> None:
+    def serve_part(name: str, make: Callable[[], ServedContent], examiner: guided.Examiner) -> None:
         if not accesses:  # the first part
             accesses.append(_access(args, name, port, context))
         if asyncio.run(serve_until_stopped(args, name, make, port, context, examiner.begin, accesses[0])):
@@ -112,13 +112,13 @@ def _part_server(args: argparse.Namespace, port: int, context: ssl.SSLContext | 
     return serve_part
 
 
-def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served], TaskChoice | None]:
+def _what(args: argparse.Namespace) -> tuple[str, Callable[[], ServedContent], TaskChoice | None]:
     """Return (title, function to create the served object in the event loop, tasks that a page can start).
 
     Raises:
         TwinError: an argument is wrong.
     """
-    from twin.ui.headset import served
+    from twin.ui.headset import served_content
     from twin.ui.session.timeline import protocols_of
 
     plans = args.replay is None
@@ -131,7 +131,11 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served], TaskChoi
         robot = api.load(args.robot)
         protocols_of(robot, args.protocol)
         machine = machines.driven(robot, args.machine)
-        return robot.name, lambda: served.of_robot(robot, str(args.robot), args.protocol, plans, machine=machine), None
+        return (
+            robot.name,
+            lambda: served_content.of_robot(robot, str(args.robot), args.protocol, plans, machine=machine),
+            None,
+        )
     if args.protocol is not None:
         raise TwinError(f"{args.robot} is a scene: its file defines the protocol of each robot; omit the protocol")
     from twin.model.scene import load_scene
@@ -147,7 +151,7 @@ def _what(args: argparse.Namespace) -> tuple[str, Callable[[], Served], TaskChoi
         _refuse(args, _CONSOLE, text)
     text = f"{_OPTION} requires a console, which scene '{scene.name}' lacks: add a section [console] to {file.name}"
     _refuse(args, _CONSOLE, text)
-    return scene.name, lambda: served.of_scene(scenes.with_organs(loaded), plans), None
+    return scene.name, lambda: served_content.of_scene(scenes.with_organs(loaded), plans), None
 
 
 def _choice(args: argparse.Namespace, scene: Scene) -> TaskChoice | None:
@@ -181,7 +185,9 @@ def _first_task(args: argparse.Namespace, scene: Scene) -> str | None:
     return args.task
 
 
-def _at_console(args: argparse.Namespace, loaded: LoadedScene, choice: TaskChoice | None) -> Callable[[], Served]:
+def _at_console(
+    args: argparse.Namespace, loaded: LoadedScene, choice: TaskChoice | None
+) -> Callable[[], ServedContent]:
     """Return the function that starts the console of a scene, with the present task of `choice` if there is one.
 
     Raises:
@@ -192,7 +198,7 @@ def _at_console(args: argparse.Namespace, loaded: LoadedScene, choice: TaskChoic
     from twin.simulation.console_scene import console_of
     from twin.simulation.session.run import task_of
     from twin.simulation.session.trial_table import TrialTable
-    from twin.ui.headset import served
+    from twin.ui.headset import served_content
     from twin.ui.session.exercise import Exercise
     from twin.ui.session.forms import QuestionnaireForms
 
@@ -228,11 +234,11 @@ def _at_console(args: argparse.Namespace, loaded: LoadedScene, choice: TaskChoic
     connections = (args.packets, args.mqtt, args.mqtt_topic)
     if choice is None:
         shown = scenes.with_organs(loaded, task)
-        return lambda: served.of_console(machines.connected(shown, args.machine), exercise, *connections)
+        return lambda: served_content.of_console(machines.connected(shown, args.machine), exercise, *connections)
 
-    def of_choice() -> Served:
+    def of_choice() -> ServedContent:
         chosen = replace(exercise, task=choice.task, choice=choice)
-        return served.of_console(scenes.with_organs(loaded, choice.task), chosen, *connections)
+        return served_content.of_console(scenes.with_organs(loaded, choice.task), chosen, *connections)
 
     return of_choice
 
@@ -307,7 +313,7 @@ def _require_compatible(args: argparse.Namespace) -> None:
 async def serve_until_stopped(
     args: argparse.Namespace,
     name: str,
-    make: Callable[[], Served],
+    make: Callable[[], ServedContent],
     port: int,
     context: ssl.SSLContext | None,
     begun: Callable[[asyncio.Event], object] | None = None,
@@ -319,7 +325,7 @@ async def serve_until_stopped(
 
     `make` and `begun` are called in the event loop. `access`: that of an earlier server; None: a new one.
     """
-    from twin.ui.headset import files
+    from twin.ui.headset import server_files
     from twin.ui.headset.recording import StreamRecording
     from twin.ui.headset.replay import Replay
     from twin.ui.headset.server import StreamServer
@@ -344,7 +350,7 @@ async def serve_until_stopped(
                 Path(args.record), name, shown.model_hash, live.links, live.joints, live.version
             )
         web = Path(str(resources.files("twin.ui.headset"))) / "web" / "dist"
-        own = ChainMap(files.page_files(web, shown.preload) | shown.files, shown.late)
+        own = ChainMap(server_files.page_files(web, shown.preload) | shown.files, shown.late)
         address, rules = access or _access(args, name, port, context)
         server = StreamServer(source, shown.hello, own, rules, recording)
         server.stopping = stopping

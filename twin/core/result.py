@@ -44,7 +44,7 @@ class Result(ABC):
     """Base class of the results of commands and API functions.
 
     `twin <command> --json` prints `as_dict`. `twin.cli.show.finish` prints the text and returns the exit code of a
-    command; `twin.ui.report.files.write_result` writes the JSON file.
+    command; `twin.ui.report.report_folder.write_result` writes the JSON file.
 
     Attributes:
         judges: whether the result has a verdict; measurements and comparisons have no verdict.

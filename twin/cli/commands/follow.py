@@ -44,9 +44,9 @@ def run(args: argparse.Namespace) -> int:
         import asyncio
 
         from twin.cli.serving import serve_until_stopped
-        from twin.ui.headset import served
+        from twin.ui.headset import served_content
 
-        asyncio.run(serve_until_stopped(args, robot.name, lambda: served.of_mirror(mirror), port, None))
+        asyncio.run(serve_until_stopped(args, robot.name, lambda: served_content.of_mirror(mirror), port, None))
     finally:
         mirror.close()
     return 0

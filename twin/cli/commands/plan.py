@@ -99,9 +99,9 @@ def _drawn(what: str, searches: Mapping[str, SearchRounds], folder: Path) -> lis
     """Plot the path cost in each round of the path searches, if there are any; return the written file names."""
     if not searches:
         return []
-    from twin.ui.report import rounds, style
+    from twin.ui.report import search_figures, style
 
-    (folder / _COST).write_bytes(style.png(rounds.figure(f"Paths around obstacles · {what}", searches)))
+    (folder / _COST).write_bytes(style.png(search_figures.figure(f"Paths around obstacles · {what}", searches)))
     return [_COST]
 
 

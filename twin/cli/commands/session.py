@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
 def report(file: str, scene: str) -> bytes:
     """Return the page that `twin session FILE --scene SCENE --out FOLDER` writes."""
     from twin.core.atomic import Scratch
-    from twin.ui.report.files import write_result
+    from twin.ui.report.report_folder import write_result
 
     with Scratch() as folder:
         pages = write_result(_replayed(file, scene, lambda label, fraction: None), Path(folder))

@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     from twin.cli import show
     from twin.cli.chosen import device
     from twin.core import assets
-    from twin.ui.report.files import write_result
+    from twin.ui.report.report_folder import write_result
 
     if not args.vary:
         raise TwinError("--vary is required, for example --vary l_p=120..150mm; it may be given more than once")

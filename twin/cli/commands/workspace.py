@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     from twin.cli.chosen import device
     from twin.core import assets
     from twin.core.compute_device import computing_on
-    from twin.ui.report.files import write_result
+    from twin.ui.report.report_folder import write_result
 
     for name, value, least in (("--count", args.count, 1000), ("--turns", args.turns, 1)):
         if value < least:

@@ -28,7 +28,7 @@ from twin.simulation.devices.packets import Packets
 from twin.simulation.world.signal_kinds import ROBOT_Q
 from twin.ui.access.responses import File
 from twin.ui.access.rules import AccessRules
-from twin.ui.headset import protocol as wire
+from twin.ui.headset import stream_frames as wire
 from twin.ui.headset.client_messages import (
     ButtonMessage,
     ClientMessage,
@@ -50,14 +50,14 @@ from twin.ui.headset.hand_inputs import receive_hands
 from twin.ui.headset.mqtt import ScaleTopic
 from twin.ui.headset.packet_socket import UDP, PacketHands
 from twin.ui.headset.plan_documents import PlanDocuments
-from twin.ui.headset.posed import Posed
+from twin.ui.headset.pose_packing import PosePacker
 from twin.ui.headset.ros.bridge import RosBridge
 from twin.ui.headset.ros.hands import ROS
 from twin.ui.headset.ros.topics import ConsoleTopics
 from twin.ui.headset.scene_frame import pack_scene
 from twin.ui.session.exercise import NO_TASK, Exercise
+from twin.ui.session.live_console import HeldError, LiveConsole
 from twin.ui.session.loaded_scene import LoadedScene
-from twin.ui.session.scene_control import HeldError, LiveConsole
 from twin.ui.session.timeline import HEARTBEAT, RATE
 
 REPORT = "/report-{}.html"
@@ -122,7 +122,7 @@ class ConsoleStream(LiveConsole):
         if self.objects:
             bodies[wire.OBJECTS] = [item.name for item in self.objects]
             bases[wire.OBJECTS] = np.eye(4)
-        self._posed = Posed(bodies, bases)
+        self._posed = PosePacker(bodies, bases)
         self._tick = -1.0
         self._tick_of_frame = float(-HEARTBEAT)
         self._tick_of_deviations = float(-DEVIATIONS)

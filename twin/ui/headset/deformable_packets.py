@@ -11,7 +11,7 @@ from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.ui.headset.scene_frame import pack_field
-from twin.ui.session.feed import Feed, FollowingFeed, vertices_of
+from twin.ui.session.deformable_feed import Feed, FollowingFeed, vertices_of
 
 _NOTHING = pack_field(np.zeros((0, 3)))
 

@@ -17,7 +17,7 @@ from twin.model.body import Frame
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.model.scene import Place
-from twin.ui.headset.protocol import sevens
+from twin.ui.headset.stream_frames import sevens
 from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.patient import Patient, floor_of, none_there, patient_of
 from twin.ui.session.readings import LIVE_TOLERANCE

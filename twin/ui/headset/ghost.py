@@ -8,7 +8,7 @@ import numpy as np
 
 from twin.core.errors import KinematicsError, TwinError
 from twin.core.spatial import Array
-from twin.ui.headset import protocol as wire
+from twin.ui.headset import stream_frames as wire
 from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.timeline import Playback
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from twin.simulation.world.signal_kinds import HAND_FORCE
 from twin.ui.headset.packet_socket import UDP, PacketHands
 from twin.ui.headset.ros.hands import ROS, RosHands
-from twin.ui.session.scene_control import LiveConsole
+from twin.ui.session.live_console import LiveConsole
 
 _QUESTIONNAIRE = "a questionnaire, which is due on the page,"
 """Name of the holder of the hands, in messages to other devices, while a questionnaire is due."""

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from twin.core.json_types import JsonObject
-from twin.ui.headset.protocol import floats, sevens
+from twin.ui.headset.stream_frames import floats, sevens
+from twin.ui.session.plan_jobs import SHOWN
 from twin.ui.session.plan_mode import PlanMode, Preview
 from twin.ui.session.plan_view import curve
-from twin.ui.session.plan_work import SHOWN
 
 
 class PlanDocuments:

@@ -9,7 +9,7 @@ import numpy as np
 from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.sampling import spread
 from twin.core.spatial import Array
-from twin.ui.headset.protocol import pose_of
+from twin.ui.headset.stream_frames import pose_of
 from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.readings import RobotReading
 from twin.ui.session.timeline import Playback

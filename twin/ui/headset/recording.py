@@ -15,7 +15,7 @@ from pydantic_core import from_json, to_json
 
 from twin.core.assets import atomic_folder
 from twin.core.json_types import JsonObject
-from twin.ui.headset import protocol as wire
+from twin.ui.headset import stream_frames as wire
 from twin.ui.headset.client_messages import ClientMessage, RefusedError
 from twin.ui.session.timeline import RATE
 

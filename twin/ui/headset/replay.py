@@ -14,7 +14,7 @@ from twin.core.errors import TwinError
 from twin.core.foreign.text import read_text
 from twin.core.json_types import JsonObject
 from twin.schema import Table, first_mistake
-from twin.ui.headset import protocol as wire
+from twin.ui.headset import stream_frames as wire
 from twin.ui.headset.client_messages import ClientMessage, PlayMessage, RefusedError, SeekMessage
 from twin.ui.headset.scene_frame import unpack_scene
 from twin.ui.session.timeline import RATE

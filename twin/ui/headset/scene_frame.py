@@ -14,7 +14,7 @@ import numpy as np
 
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
-from twin.ui.headset import protocol as wire
+from twin.ui.headset import stream_frames as wire
 
 MAGIC = 0x324E5754
 """First four bytes of a scene's frame: "TWN2"."""

@@ -16,9 +16,9 @@ from twin.core import format as fmt
 from twin.core.findings import Finding, by_severity
 from twin.core.json_types import JsonObject
 from twin.core.provenance import DRAWING, Parameter
-from twin.ui.report import curves
-from twin.ui.report.answers import answers, not_judged, times_limit
-from twin.ui.report.matrix import PAIRS, label, pair_names
+from twin.ui.report import plot_data
+from twin.ui.report.first_screen import answers, not_judged, times_limit
+from twin.ui.report.residual_matrix import PAIRS, label, pair_names
 from twin.validation.cause import SIDES
 from twin.validation.repeat_commands import validate_command
 from twin.validation.result import Report, Residual, headline
@@ -190,13 +190,13 @@ def key_figures(report: Report) -> list[dict[str, str]]:
 
     The state is "good", "near", "bad" or "none". If the models disagree, the first number is that of the first cause.
     """
-    length = curves.duration(report)
+    length = plot_data.duration(report)
     phases = fmt.count(len(report.phases), "phase")
     numbers = [
         *_headline_figure(report),
-        _worst_figure("Tool position, A–B", curves.rows(report, "tool", "m", "A-B")),
-        _worst_figure("Tool rotation, A–B", curves.rows(report, "tool", "rad", "A-B")),
-        _worst_figure("Loop gap, B", curves.rows(report, "loop", "m", "B")),
+        _worst_figure("Tool position, A–B", plot_data.rows(report, "tool", "m", "A-B")),
+        _worst_figure("Tool rotation, A–B", plot_data.rows(report, "tool", "rad", "A-B")),
+        _worst_figure("Loop gap, B", plot_data.rows(report, "loop", "m", "B")),
         _rcm_figure(report),
         _clearance_figure(report),
         _key_figure("Duration", fmt.seconds(length), phases),
@@ -289,8 +289,8 @@ def _headline_figure(report: Report) -> list[dict[str, str]]:
 
 def _rcm_figure(report: Report) -> dict[str, str]:
     """Return the mechanism's RCM error (if unknown, the planned RCM error), with the limit from the protocol."""
-    rows = curves.rows(report, "rcm", "m")
-    planned = curves.pair(report, "rcm_error")
+    rows = plot_data.rows(report, "rcm", "m")
+    planned = plot_data.pair(report, "rcm_error")
     if rows:
         value = max(rows, key=_size).worst
     elif planned is not None:
@@ -298,7 +298,7 @@ def _rcm_figure(report: Report) -> dict[str, str]:
         value = float(np.nanmax(errors))
     else:
         return _key_figure("RCM error", fmt.NONE, "no RCM registered")
-    limit = curves.rcm_tolerance(report)
+    limit = plot_data.rcm_tolerance(report)
     note = "no tolerance"
     if limit:
         note = f"limit {fmt.quantity(limit, 'm')}"
@@ -320,7 +320,7 @@ def _size(row: Residual) -> float:
 
 
 def _clearance_figure(report: Report) -> dict[str, str]:
-    curve = curves.pair(report, "clearance", "clearance_t")
+    curve = plot_data.pair(report, "clearance", "clearance_t")
     if curve is None or curve[1].ndim != 1:
         return _key_figure("Minimum clearance", fmt.NONE, "not computed")
     t, distances = curve

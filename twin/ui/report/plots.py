@@ -12,9 +12,9 @@ from twin.core.format import quantity, seconds
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.ui.report import curves, rounds
-from twin.ui.report.convergence import convergence
-from twin.ui.report.matrix import residual_matrix
+from twin.ui.report import plot_data, search_figures
+from twin.ui.report.convergence_figures import convergence
+from twin.ui.report.residual_matrix import residual_matrix
 from twin.ui.report.style import (
     FIT,
     INK,
@@ -61,7 +61,7 @@ def active_joints(report: Report) -> Figure | None:
     series: list[tuple[Array, Array]] = []
     columns_of_series = []
     for key in ("q", "qd", "qdd"):
-        curve = curves.pair(report, key)
+        curve = plot_data.pair(report, key)
         if curve is None or curve[1].ndim != 2:
             return None
         series.append(curve)
@@ -71,7 +71,7 @@ def active_joints(report: Report) -> Figure | None:
     # joints without a name in the report are numbered
     for j in range(n - len(names)):
         names.append(f"q{j + 1}")
-    units = [curves.joint_unit(report, name) for name in names]
+    units = [plot_data.joint_unit(report, name) for name in names]
     columns = [unit for unit in ("m", "rad") if unit in units]
     figure, axes = panels(headline("Active joints", report), [1.75] * 3, len(columns))
     for c, unit in enumerate(columns):
@@ -85,7 +85,7 @@ def active_joints(report: Report) -> Figure | None:
             times, values = series[r]
             for j, name in enumerate(names):
                 if units[j] == unit:
-                    t, y = curves.thin(times, values[:, j] / factor)
+                    t, y = plot_data.thin(times, values[:, j] / factor)
                     ax.plot(t, y, label=name, **_line_style(j))
             ax.set_ylabel(f"{what} [{sign}{per}]")
         legend_above(axes[0][c])
@@ -97,15 +97,15 @@ def tool_motion(report: Report) -> Figure | None:
 
     Black dashed lines show the motion of the independent model, if the report contains it.
     """
-    if curves.pair(report, "p_tool") is None:
+    if plot_data.pair(report, "p_tool") is None:
         return None
     angular = _angles(report, "angles", "t")
     columns = 2 if angular else 1
     figure, axes = panels(headline("Tool motion", report), [1.75] * 3, columns)
     for r, (what, per) in enumerate(_RATES):
         key = "pva"[r]
-        linear = curves.pair(report, f"{key}_tool")
-        reference = curves.pair(report, f"{key}_tool_B", "t_coarse")
+        linear = plot_data.pair(report, f"{key}_tool")
+        reference = plot_data.pair(report, f"{key}_tool_B", "t_coarse")
         _draw_xyz(axes[r][0], linear, reference, "xyz", MM)
         axes[r][0].set_ylabel(f"{what} [mm{per}]")
     if angular:
@@ -133,7 +133,7 @@ def residuals(report: Report) -> Figure | None:
     for (ax,), group in zip(axes, groups, strict=True):
         limits = []
         for kind in group.kinds:
-            limit = curves.tolerance(report, kind, group.unit)
+            limit = plot_data.tolerance(report, kind, group.unit)
             if limit is not None:
                 limits.append(limit)
         absolute = [np.abs(y) for _, _, y in group.lines]
@@ -146,7 +146,7 @@ def residuals(report: Report) -> Figure | None:
             else:
                 style = _line_style(colored)
                 colored += 1
-            t_drawn, y_drawn = curves.thin(t, np.maximum(np.abs(y), floor), _NOISY)
+            t_drawn, y_drawn = plot_data.thin(t, np.maximum(np.abs(y), floor), _NOISY)
             ax.plot(t_drawn, y_drawn, label=name, **style)
         for limit in sorted(set(limits)):
             limit_line(ax, limit, f"tolerance {quantity(limit, group.unit)}")
@@ -170,16 +170,16 @@ class _ResidualGroup:
 def _residual_groups(report: Report) -> list[_ResidualGroup]:
     """Return the groups of residuals for which the report has curves."""
     positions: list[_Line] = []
-    tool = curves.pair(report, "residual_tool")
+    tool = plot_data.pair(report, "residual_tool")
     if tool is not None:
         positions.append(("tool", *tool))
-    positions += curves.named(report, "residual_point", "t_coarse")
+    positions += plot_data.named(report, "residual_point", "t_coarse")
     driven: dict[str, list[_Line]] = {"m": [], "rad": []}
-    for line in curves.named(report, "residual_driven", "t_coarse"):
-        unit = curves.joint_unit(report, line[0])
+    for line in plot_data.named(report, "residual_driven", "t_coarse"):
+        unit = plot_data.joint_unit(report, line[0])
         driven[unit].append(line)
     rotations: list[_Line] = []
-    rotation = curves.pair(report, "residual_rotation")
+    rotation = plot_data.pair(report, "residual_rotation")
     if rotation is not None:
         rotations.append(("tool", *rotation))
     groups = []
@@ -196,17 +196,17 @@ def _residual_groups(report: Report) -> list[_ResidualGroup]:
 
 def rcm(report: Report) -> Figure | None:
     """Draw the distance of the shaft axis from the registered RCM, and the maximum allowed distance."""
-    curve = curves.pair(report, "rcm_error")
+    curve = plot_data.pair(report, "rcm_error")
     if curve is None or curve[1].ndim != 1:
         return None
     t, y = curve
-    limit = curves.rcm_tolerance(report)
+    limit = plot_data.rcm_tolerance(report)
     figure, axes = panels(headline("RCM error", report), [2.0], 1, head=0.62)
     phase_bands(axes, report.phases)
     ax = axes[0][0]
     log_axis(ax, "m", [y], [limit] if limit else [])
     floor, _ = ax.get_ylim()
-    t_drawn, y_drawn = curves.thin(t, np.maximum(y, floor), _NOISY)
+    t_drawn, y_drawn = plot_data.thin(t, np.maximum(y, floor), _NOISY)
     ax.plot(t_drawn, y_drawn, color=PALETTE[0])
     limit_line(ax, limit, f"allowed {quantity(limit, 'm')}")
     k = int(np.nanargmax(y))
@@ -219,7 +219,7 @@ def rcm(report: Report) -> Figure | None:
 
 def fulcrum(report: Report) -> Figure | None:
     """Draw the sideways displacements of the tip and of a point of the outer shaft; the two have opposite signs."""
-    curve = curves.pair(report, "fulcrum")
+    curve = plot_data.pair(report, "fulcrum")
     if curve is None or curve[1].ndim != 2:
         return None
     t, displacements = curve
@@ -230,8 +230,8 @@ def fulcrum(report: Report) -> Figure | None:
     figure, axes = panels(headline("Fulcrum", report), [2.0], 1)
     ax = axes[0][0]
     ax.axhline(0, color=INK, lw=0.6)
-    ax.plot(*curves.thin(t, tip), color=PALETTE[0], label="tip")
-    ax.plot(*curves.thin(t, shaft), color=PALETTE[1], label=f"shaft, {OUTSIDE / MM:g} mm outside the trocar")
+    ax.plot(*plot_data.thin(t, tip), color=PALETTE[0], label="tip")
+    ax.plot(*plot_data.thin(t, shaft), color=PALETTE[1], label=f"shaft, {OUTSIDE / MM:g} mm outside the trocar")
     ax.set_ylabel("sideways [mm]")
     legend_above(ax)
     return _finish(figure, axes, report)
@@ -240,13 +240,13 @@ def fulcrum(report: Report) -> Figure | None:
 def margins(report: Report) -> Figure | None:
     """Draw over time: distance to the nearest joint limit, distances to the end of the reach, singularity measures."""
     groups: dict[str, list[_Line]] = {}
-    limit = curves.pair(report, "limit_margin")
+    limit = plot_data.pair(report, "limit_margin")
     if limit is not None and limit[1].ndim == 1:
         groups["joint limits"] = [("nearest joint", *limit)]
-    reach = list(curves.named(report, "reach"))
+    reach = list(plot_data.named(report, "reach"))
     if reach:
         groups["reach"] = reach
-    measures = list(curves.named(report, "singularity"))
+    measures = list(plot_data.named(report, "singularity"))
     if measures:
         groups["singularity"] = measures
     if not groups:
@@ -258,7 +258,7 @@ def margins(report: Report) -> Figure | None:
     phase_bands(axes, report.phases)
     for (ax,), (title, lines) in zip(axes, groups.items(), strict=True):
         if title == "singularity":
-            _draw_measures(ax, lines, curves.alarms(report))
+            _draw_measures(ax, lines, plot_data.alarms(report))
         else:
             _draw_distances(ax, lines)
             ax.set_ylabel(f"{title} [mm]")
@@ -268,7 +268,7 @@ def margins(report: Report) -> Figure | None:
 
 def clearance(report: Report) -> Figure | None:
     """Draw the minimum distance between two bodies over time; pairs of bodies that touch by design are excluded."""
-    curve = curves.pair(report, "clearance", "clearance_t")
+    curve = plot_data.pair(report, "clearance", "clearance_t")
     if curve is None or curve[1].ndim != 1:
         return None
     figure, axes = panels(headline("Minimum clearance", report), [1.8], 1, head=0.62)
@@ -287,7 +287,7 @@ def path_cost(report: Report) -> Figure | None:
             searches[phase.name] = phase.rounds
     if not searches:
         return None
-    return rounds.figure(headline("Paths around obstacles", report), searches)
+    return search_figures.figure(headline("Paths around obstacles", report), searches)
 
 
 PLOTS: dict[str, Callable[[Report], Figure | None]] = {
@@ -333,7 +333,7 @@ def _finish(figure: Figure, axes: list[list[Axes]], report: Report) -> Figure:
 
 def _angles(report: Report, key: str, times: str) -> list[tuple[Array, Array]] | None:
     """Return (t, values) of the series `key` of angles in rad, its rate and its second derivative; None: no curve."""
-    curve = curves.pair(report, key, times)
+    curve = plot_data.pair(report, key, times)
     if curve is None:
         return None
     t, angles = curve
@@ -355,12 +355,12 @@ def _draw_xyz(
     """Draw the three components of a vector over time, and above them, dashed, those of the independent model."""
     if line is not None and line[1].ndim == 2:
         for i, name in enumerate(names):
-            t, y = curves.thin(line[0], line[1][:, i] / factor)
+            t, y = plot_data.thin(line[0], line[1][:, i] / factor)
             ax.plot(t, y, color=XYZ[i], lw=1.8, label=name)
     if reference is not None and reference[1].ndim == 2:
         label = "mechanism (B)"
         for i in range(len(names)):
-            t, y = curves.thin(reference[0], reference[1][:, i] / factor, 400)
+            t, y = plot_data.thin(reference[0], reference[1][:, i] / factor, 400)
             ax.plot(t, y, color=INK, lw=1.0, ls=(0, (3, 3)), label=label)
             label = ""  # one entry of the legend for the three components
 
@@ -371,7 +371,7 @@ def _draw_distances(ax: Axes, lines: list[_Line]) -> None:
     for i, (name, t, y) in enumerate(lines):
         distance = y / MM
         scaled.append((name, t, distance))
-        t_drawn, distance_drawn = curves.thin(t, distance)
+        t_drawn, distance_drawn = plot_data.thin(t, distance)
         ax.plot(t_drawn, distance_drawn, label=name, **_line_style(i))
     _zero_based(ax, scaled)
     _mark_least(ax, scaled, lambda distance: quantity(distance * MM, "m"))
@@ -387,7 +387,7 @@ def _draw_measures(ax: Axes, lines: list[_Line], alarms: dict[str, float]) -> No
     # instead of a single grey curve, a sixth coloured one
     colored = len(relative) if len(relative) <= 6 else 5
     for i, (name, t, y) in enumerate(relative):
-        t_drawn, y_drawn = curves.thin(t, y)
+        t_drawn, y_drawn = plot_data.thin(t, y)
         if i < colored:
             ax.plot(t_drawn, y_drawn, label=name, zorder=2, **_line_style(i))
             continue

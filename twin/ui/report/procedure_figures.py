@@ -16,7 +16,7 @@ from twin.core.spatial import Array
 from twin.core.spoken import spoken
 from twin.core.units import MM
 from twin.simulation.world.signal_kinds import ORGAN_DEPTH, ORGAN_FREED, ORGAN_NODES, ROBOT_PULL, VESSEL_SEEN
-from twin.ui.report.curves import thin
+from twin.ui.report.plot_data import thin
 from twin.ui.report.style import GRID, INK, PALETTE, WIDTH, operator, styled
 
 if TYPE_CHECKING:

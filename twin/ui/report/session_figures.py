@@ -36,7 +36,7 @@ from twin.simulation.world.signal_kinds import (
     ROBOT_MEETS,
     ROBOT_TOUCHES,
 )
-from twin.ui.report.curves import thin
+from twin.ui.report.plot_data import thin
 from twin.ui.report.style import GRID, INK, NEAR, PALETTE, WIDTH, operator, sheet, styled
 
 if TYPE_CHECKING:

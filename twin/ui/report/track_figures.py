@@ -13,7 +13,7 @@ from twin.core.spatial import Array
 from twin.core.units import UM
 from twin.simulation.dynamics.computed_torque import TIP_LIMIT, Run
 from twin.simulation.dynamics.tracking_result import Tracking
-from twin.ui.report.curves import thin
+from twin.ui.report.plot_data import thin
 from twin.ui.report.style import INK, PALETTE, WIDTH, legend_beside, limit_line, phase_bands, sheet, styled
 from twin.validation.result import PhaseSummary
 

@@ -13,7 +13,7 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.simulation.hazards.trends import PUBLISHED, ScaleRow, Trends
 from twin.simulation.machine.motor_plant import TICK
-from twin.ui.report.curves import thin
+from twin.ui.report.plot_data import thin
 from twin.ui.report.style import INK, PALETTE, sheet, styled
 
 if TYPE_CHECKING:

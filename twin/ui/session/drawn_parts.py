@@ -20,7 +20,7 @@ from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.body import Body, Finish, Mesh
 from twin.schema import Identifier, Origin, Positive, Table, Vector, error_at, load_toml
-from twin.ui.session.solids import SolidTable, box, check_solid, placed, rod
+from twin.ui.session.drawn_solids import SolidTable, box, check_solid, placed, rod
 
 FILE = "scenery.toml"
 

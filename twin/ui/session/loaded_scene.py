@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism
     from twin.model.scene import Scene
     from twin.model.tissue import Tissue
-    from twin.ui.session.feed import Feed
+    from twin.ui.session.deformable_feed import Feed
 
 
 @dataclass(frozen=True)

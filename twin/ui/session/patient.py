@@ -19,7 +19,7 @@ from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.planning.protocol import Protocol
 from twin.schema import Identifier, Origin, Table, Vector, error_at, load_toml
-from twin.ui.session.solids import SolidTable, check_solid, placed, points_of, pose_of
+from twin.ui.session.drawn_solids import SolidTable, check_solid, placed, points_of, pose_of
 
 
 class PartTable(SolidTable):

@@ -19,8 +19,8 @@ from twin.simulation.controllers import camera
 from twin.simulation.controllers.jaw import GripParameters
 from twin.simulation.controllers.tool_following import SCALE
 from twin.simulation.devices.given import HandState
+from twin.ui.session.live_console import HeldError, LiveConsole
 from twin.ui.session.plan_view import RESTS
-from twin.ui.session.scene_control import HeldError, LiveConsole
 
 STEP = 0.02
 """Maximum translation in m of a handle in one call of `say`. The console could ignore a larger motion as a jump."""

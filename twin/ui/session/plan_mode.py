@@ -31,7 +31,7 @@ from twin.simulation.devices.plans import PlannedArm, Plans
 from twin.simulation.setup import Member
 from twin.simulation.world import World
 from twin.simulation.world.signal_kinds import ROBOT_ENCODER, ROBOT_PHASE, ROBOT_Q, ROBOT_TARGET
-from twin.ui.session.plan_work import CheckedTarget, Clear, PlanJob, PlannedMotion, Proven, Room, TargetCheck, work
+from twin.ui.session.plan_jobs import CheckedTarget, Clear, PlanJob, PlannedMotion, Proven, Room, TargetCheck, work
 
 PlanPhase = Literal["off", "aim", "plan", "preview", "run"]
 

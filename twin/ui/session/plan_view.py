@@ -9,8 +9,8 @@ import numpy as np
 from twin.core.json_types import JsonMapping
 from twin.core.spatial import Array
 from twin.core.units import MM
+from twin.ui.session.plan_jobs import SHOWN
 from twin.ui.session.plan_mode import PlanMode, PlanPhase, Preview
-from twin.ui.session.plan_work import SHOWN
 
 RESTS: tuple[PlanPhase, ...] = ("plan", "preview", "run")
 """Phases of planning mode in which the hands move neither an arm nor the target."""

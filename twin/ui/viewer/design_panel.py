@@ -17,7 +17,7 @@ from twin.ui.session.readings import RobotReading, read
 from twin.ui.session.workspace_cloud import Cloud, WorkspaceChunk, WorkspaceJob, without_meshes
 from twin.ui.viewer import readout
 from twin.ui.viewer.front import Front, ShownRobot
-from twin.ui.viewer.nodes import ORANGE, RobotNodes
+from twin.ui.viewer.robot_nodes import ORANGE, RobotNodes
 
 _SHOWN = 60_000
 """Maximum number of workspace points sent to a browser."""

@@ -16,8 +16,8 @@ from twin.ui.session.display_meshes import creased
 from twin.ui.session.drawn_faces import DrawnFace, StepDrawing
 from twin.ui.session.face_picker import FacePicker, PickedFace
 from twin.ui.viewer.loop import ViewerPage
-from twin.ui.viewer.nodes import BLUE, ORANGE
-from twin.ui.viewer.room import extent, furnish
+from twin.ui.viewer.robot_nodes import BLUE, ORANGE
+from twin.ui.viewer.surroundings import extent, furnish
 
 _LIFT = 4e-4
 """Distance by which a highlight is drawn in front of its face, as a fraction of the scene's size."""

@@ -19,17 +19,17 @@ from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.ui.session import readings, timeline
-from twin.ui.session.feed import Feed
+from twin.ui.session.deformable_feed import Feed
 from twin.ui.session.file_watch import RobotFileWatch
 from twin.ui.session.movable_robot import MovableRobot, MoveResult, start_of
 from twin.ui.session.posture_link import link_of, read_link
 from twin.ui.session.timeline import Clock, Planner, Playback
 from twin.ui.session.trocars import rcm_at
-from twin.ui.viewer.fields import FieldNodes
+from twin.ui.viewer.field_nodes import FieldNodes
+from twin.ui.viewer.limit_wall import LimitWall
 from twin.ui.viewer.loop import ViewerPage
-from twin.ui.viewer.nodes import BLUE, RobotNodes
+from twin.ui.viewer.robot_nodes import BLUE, RobotNodes
 from twin.ui.viewer.server import publish
-from twin.ui.viewer.wall import LimitWall
 
 _READ = 0.1
 """Minimum time in s between two updates of the readings; each update redraws the panels."""

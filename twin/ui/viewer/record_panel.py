@@ -13,7 +13,7 @@ from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
 from twin.ui.session.recorded_session import MOST, RecordedSession
 from twin.ui.viewer.front import Front, ShownRobot
-from twin.ui.viewer.keep import append_phase, identifier, save_posture
+from twin.ui.viewer.robot_file_edits import append_phase, identifier, save_posture
 
 
 class RecordPanel:

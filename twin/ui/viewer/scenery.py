@@ -19,8 +19,8 @@ from twin.ui.session.trocars import InTrocar, in_trocars, rcm_at
 from twin.ui.viewer import view_export
 from twin.ui.viewer.drawn_nodes import DrawnNodes, add_person
 from twin.ui.viewer.front import Front, ShownRobot
-from twin.ui.viewer.nodes import BLUE, ORANGE, RobotNodes
-from twin.ui.viewer.room import FIRST, OUTSIDE, corners, furnish
+from twin.ui.viewer.robot_nodes import BLUE, ORANGE, RobotNodes
+from twin.ui.viewer.surroundings import FIRST, OUTSIDE, corners, furnish
 
 VIEWS = (*OUTSIDE, "along the shaft", "endoscope", "microscope")
 ENDOSCOPE = 70

@@ -25,8 +25,8 @@ from twin.simulation.world.signal_kinds import ROBOT_COMMAND, ROBOT_ENCODER, ROB
 from twin.ui.headset.ros.hands import ROS, RosHands
 from twin.ui.headset.ros.operations import Float64, JointState, Joy, PoseStamped, checked_message
 from twin.ui.headset.ros.topic_table import InputTopic, OutputTopic, TopicTable
+from twin.ui.session.live_console import HeldError, LiveConsole
 from twin.ui.session.pens import Pens
-from twin.ui.session.scene_control import HeldError, LiveConsole
 
 _PRESSED = 1
 """Value of a pressed button in sensor_msgs/Joy."""

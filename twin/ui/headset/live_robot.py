@@ -19,8 +19,9 @@ from twin.core.spatial import Array
 from twin.model.scene import Place
 from twin.reference.states import Assembly
 from twin.ui.headset import description
-from twin.ui.headset import protocol as wire
+from twin.ui.headset import stream_frames as wire
 from twin.ui.headset.changed_distances import ChangedDistances
+from twin.ui.headset.client_hold import ClientHold, hold_of, move_of
 from twin.ui.headset.client_messages import (
     DistanceMessage,
     DragMessage,
@@ -34,10 +35,9 @@ from twin.ui.headset.client_messages import (
     WorkspaceMessage,
 )
 from twin.ui.headset.ghost import Ghost
-from twin.ui.headset.hold import ClientHold, hold_of, move_of
 from twin.ui.headset.playback import DisplayedState, StreamedPlayback, apart, measured, path, trocars
-from twin.ui.headset.reach import ReachablePoints
-from twin.ui.headset.worker import Worker
+from twin.ui.headset.reachable_points import ReachablePoints
+from twin.ui.headset.solver_thread import SolverThread
 from twin.ui.session import readings
 from twin.ui.session.driven_machine import DrivenMachine
 from twin.ui.session.movable_robot import UNDOS, MovableRobot, MoveResult, start_of
@@ -50,7 +50,7 @@ LOOK = 6
 """Number of ticks between two readings."""
 
 
-class Twin:
+class LiveRobot:
     """A robot that plays protocols and is moved by clients; see `ask`, `poll` and `state`.
 
     Attributes:
@@ -95,7 +95,9 @@ class Twin:
         self.opening = bool(start_of(robot))
         self.links = tuple(b.name for b in self.movable.mechanism.bodies)
         self.clock = Clock() if clock is None else clock
-        self._worker = Worker(lambda e: self._failure(f"internal error, {type(e).__name__}: {e}. Please report it."))
+        self._worker = SolverThread(
+            lambda e: self._failure(f"internal error, {type(e).__name__}: {e}. Please report it.")
+        )
         self._ghost = Ghost(self.movable)
         self._reach = ReachablePoints(self.movable, source)
         self._distances = ChangedDistances(self.movable)

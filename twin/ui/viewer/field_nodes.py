@@ -10,7 +10,7 @@ import viser
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.core.units import srgb
-from twin.ui.session.feed import Feed, FollowingFeed, vertices_of
+from twin.ui.session.deformable_feed import Feed, FollowingFeed, vertices_of
 
 
 class FieldNodes:

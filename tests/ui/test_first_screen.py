@@ -17,7 +17,7 @@ import twin
 from made import reports
 from twin.cli.cure import Cures
 from twin.ui.report import render_html
-from twin.ui.report.answers import answers
+from twin.ui.report.first_screen import answers
 from twin.ui.report.robot_picture import MOST_TRIANGLES, picture_of
 
 ROOT = Path(__file__).parents[2]

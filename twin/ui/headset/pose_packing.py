@@ -8,10 +8,10 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.spatial import Array
-from twin.ui.headset import protocol as wire
+from twin.ui.headset import stream_frames as wire
 
 
-class Posed:
+class PosePacker:
     """Link poses of several robots.
 
     Attributes:

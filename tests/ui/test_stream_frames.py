@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.ui.access import rate_limits as limits
-from twin.ui.headset import protocol as wire
 from twin.ui.headset import scene_frame, server
+from twin.ui.headset import stream_frames as wire
 from twin.ui.headset.client import STALL
 from twin.ui.headset.client_messages import (
     ERRORS,
@@ -27,7 +27,7 @@ from twin.ui.headset.client_messages import (
     RobotMessage,
     parse_message,
 )
-from twin.ui.headset.protocol import pack, pack_body, unpack
+from twin.ui.headset.stream_frames import pack, pack_body, unpack
 
 DOCS = (Path(__file__).parents[2] / "docs/stream.md").read_text(encoding="utf-8")
 EXAMPLES = [line for line in re.findall(r"```json\n(.*?)```", DOCS, re.DOTALL)[0].splitlines() if line]

@@ -34,7 +34,7 @@ from twin.planning.protocol import (
 from twin.planning.protocol.course import angles_of
 from twin.schema import Identifier, error_at
 from twin.ui.session.recorded_session import RecordedSession as RecordedSession
-from twin.ui.viewer.rewrite import rewrite
+from twin.ui.viewer.toml_edits import rewrite
 
 _DIGITS = {"mm": 6, "deg": 8}
 """Number of decimals of values in mm and in deg; the resolution is 1 nm, for angles 1 nm at a radius of 5 m."""

@@ -9,16 +9,16 @@ import numpy as np
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.simulation.world.signal_kinds import ROBOT_Q
-from twin.ui.headset import protocol as wire
+from twin.ui.headset import stream_frames as wire
 from twin.ui.headset.client_messages import ClientMessage, RefusedError, ReleaseMessage
 from twin.ui.headset.console_stream import DEVIATIONS
-from twin.ui.headset.posed import Posed
+from twin.ui.headset.pose_packing import PosePacker
 from twin.ui.headset.scene_frame import pack_scene
 from twin.ui.session.mirror import Mirror
 from twin.ui.session.timeline import HEARTBEAT
 
 
-class Mirrored:
+class MirroredMachine:
     """Source of a stream: a robot at the measured joint values of a machine, and a ghost at the desired joint values.
 
     Attributes:
@@ -36,7 +36,7 @@ class Mirrored:
         self.send: Callable[[JsonObject], object] = lambda document: None
         names = [body.name for body in mirror.robot.mechanism.bodies]
         robots = (mirror.name, mirror.ghost)
-        self._posed = Posed(dict.fromkeys(robots, names), dict.fromkeys(robots, np.eye(4)))
+        self._posed = PosePacker(dict.fromkeys(robots, names), dict.fromkeys(robots, np.eye(4)))
         self._seq = 0
         self._tick_of_frame = float(-HEARTBEAT)
         self._tick_of_deviations = float(-DEVIATIONS)

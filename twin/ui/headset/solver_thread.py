@@ -9,8 +9,8 @@ from collections.abc import Callable
 from typing import Any
 
 
-class Worker:
-    """Worker thread with a queue of jobs; a new job replaces a waiting job of the same kind, so that delays are short.
+class SolverThread:
+    """A worker thread with a queue of jobs; a new job replaces a waiting job of the same kind, to keep delays short.
 
     All methods must be called in the event loop. After the end of a job, the event loop calls the function `done` of
     this job with the job's result.

@@ -8,7 +8,7 @@ from typing import Any
 from twin.core.errors import unknown
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
-from twin.ui.headset import protocol as wire
+from twin.ui.headset import stream_frames as wire
 from twin.ui.headset.client_messages import (
     ClientMessage,
     DragMessage,
@@ -21,13 +21,13 @@ from twin.ui.headset.client_messages import (
     SpeedMessage,
 )
 from twin.ui.headset.deformable_packets import Bends
+from twin.ui.headset.live_robot import LiveRobot
 from twin.ui.headset.scene_frame import pack_scene
-from twin.ui.headset.twin import Twin
-from twin.ui.session.feed import Feed
+from twin.ui.session.deformable_feed import Feed
 from twin.ui.session.timeline import HEARTBEAT, RATE, Clock
 
 
-class Live:
+class LiveScene:
     """Source of a stream: robots that all clients can play and move.
 
     A single robot without a scene and without deformables is sent in version 1 of the stream protocol, everything else
@@ -41,7 +41,7 @@ class Live:
 
     replays = False
 
-    def __init__(self, twins: Sequence[Twin], clock: Clock, feed: Feed | None = None) -> None:
+    def __init__(self, twins: Sequence[LiveRobot], clock: Clock, feed: Feed | None = None) -> None:
         """Create the source for robots that use this clock."""
         self.twins = {t.name: t for t in twins}
         self.clock = clock
@@ -195,7 +195,7 @@ class Live:
             for twin in self.twins.values():
                 twin.let_go(client)
 
-    def _of(self, client: str, message: RobotMessage) -> Twin:
+    def _of(self, client: str, message: RobotMessage) -> LiveRobot:
         """Return the robot to which a request applies.
 
         Without a robot's name, a drag applies to the only robot that the client holds; other requests need the name if
@@ -234,10 +234,10 @@ class Live:
 
     # -- documents ------------------------------------------------------------------------------------
 
-    def _sender(self, twin: Twin) -> Callable[[JsonObject], object]:
+    def _sender(self, twin: LiveRobot) -> Callable[[JsonObject], object]:
         return lambda document: self.send(self._signed(twin, document))
 
-    def _signed(self, twin: Twin, document: JsonObject) -> JsonObject:
+    def _signed(self, twin: LiveRobot, document: JsonObject) -> JsonObject:
         """Return a document of a robot with the robot's name, which version 1 of the stream protocol lacks."""
         if self.alone:
             return document

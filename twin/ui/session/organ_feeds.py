@@ -16,7 +16,7 @@ from twin.simulation.frame import WorldFrame
 from twin.simulation.plants.tissue import Organs, Tool
 from twin.simulation.world import World
 from twin.simulation.world.signal_kinds import ORGAN_FREED, ORGAN_NODES
-from twin.ui.session.feed import FieldSurface
+from twin.ui.session.deformable_feed import FieldSurface
 
 _MOST_STEPS = 2
 """Maximum number of steps of the organs for each picture. Two steps make up for one late picture; more steps would make

@@ -23,22 +23,22 @@ from twin.model.trainer import MODEL
 from twin.simulation.tasks.align import task as alignment
 from twin.simulation.tasks.align.task import Alignment
 from twin.ui.access.responses import File
-from twin.ui.headset import files
-from twin.ui.headset import protocol as wire
+from twin.ui.headset import server_files
+from twin.ui.headset import stream_frames as wire
 from twin.ui.headset.description import assumptions, describe, numbers, pose
-from twin.ui.headset.drawn import drawn_of_robot, drawn_of_scene
-from twin.ui.headset.live import Live
-from twin.ui.headset.twin import Twin
+from twin.ui.headset.live_robot import LiveRobot
+from twin.ui.headset.live_scene import LiveScene
+from twin.ui.headset.scenery_files import drawn_of_robot, drawn_of_scene
+from twin.ui.session.deformable_feed import Feed, FieldSurface
 from twin.ui.session.driven_machine import DrivenMachine
 from twin.ui.session.exercise import NO_TASK, Exercise
-from twin.ui.session.feed import Feed, FieldSurface
 from twin.ui.session.loaded_scene import LoadedScene
 from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.timeline import Clock
 
 if TYPE_CHECKING:
     from twin.ui.headset.console_stream import ConsoleStream
-    from twin.ui.headset.mirrored import Mirrored
+    from twin.ui.headset.mirrored_machine import MirroredMachine
     from twin.ui.session.mirror import Mirror
 
 _ROBOTS = "robots/{}/"
@@ -55,7 +55,7 @@ Endpoint = tuple[str, int]
 
 
 @dataclass(frozen=True)
-class Served:
+class ServedContent:
     """Content of a server.
 
     Attributes:
@@ -67,7 +67,7 @@ class Served:
         late: files that appear while the server runs, by path.
     """
 
-    live: Live | ConsoleStream | Mirrored
+    live: LiveScene | ConsoleStream | MirroredMachine
     name: str
     model_hash: str
     files: dict[str, File]
@@ -88,33 +88,33 @@ def of_robot(
     plans: bool = True,
     feed: Feed | None = None,
     machine: DrivenMachine | None = None,
-) -> Served:
+) -> ServedContent:
     """Return the content for one robot, with the patients of its protocols; call this function in an event loop.
 
-    `robot`, `source`, `protocol`, `plans` and `machine` are arguments of `Twin`; `feed` is the source of deformables,
-    None: none.
+    `robot`, `source`, `protocol`, `plans` and `machine` are arguments of `LiveRobot`; `feed` is the source of
+    deformables, None: none.
     """
     from twin.exchange.formats.glb.write import glb_bytes
 
     clock = Clock()
-    twin = Twin(robot, source, protocol, plans, clock, machine=machine)
+    twin = LiveRobot(robot, source, protocol, plans, clock, machine=machine)
     about = twin.description
-    own = files.robot_files(glb_bytes(robot.mechanism), about)
+    own = server_files.robot_files(glb_bytes(robot.mechanism), about)
     patients = {}
     for name, patient in twin.patients.items():
         patients[name] = glb_bytes(patient.mechanism, (), patient.poses)
-    own |= files.patient_files(patients)
+    own |= server_files.patient_files(patients)
     scene = _describe(robot.name, about["title"], [{**about, "files": "", "ports": []}], feed)
     scene["model_hash"] = about["model_hash"]
     drawn = drawn_of_robot(robot)
     scene |= drawn.entries
     own |= drawn.files
-    own |= files.scene_file(scene)
-    live = Live([twin], clock, feed)
-    return Served(live, robot.name, about["model_hash"], own, ("robot.glb",))
+    own |= server_files.scene_file(scene)
+    live = LiveScene([twin], clock, feed)
+    return ServedContent(live, robot.name, about["model_hash"], own, ("robot.glb",))
 
 
-def of_scene(loaded: LoadedScene, plans: bool = True) -> Served:
+def of_scene(loaded: LoadedScene, plans: bool = True) -> ServedContent:
     """Return the content for a scene: robots at their places, and props; call this function in an event loop.
 
     `plans`: whether the robots plan and play their protocols.
@@ -122,8 +122,8 @@ def of_scene(loaded: LoadedScene, plans: bool = True) -> Served:
     clock = Clock()
     twins = []
     for place in loaded.scene.places:
-        twins.append(Twin(loaded.robots[place.name], place.robot, place.protocol, plans, clock, place))
-    live = Live(twins, clock, loaded.feed)
+        twins.append(LiveRobot(loaded.robots[place.name], place.robot, place.protocol, plans, clock, place))
+    live = LiveScene(twins, clock, loaded.feed)
     return _placed(loaded, live, [twin.description for twin in twins])
 
 
@@ -133,7 +133,7 @@ def of_console(
     packets: Endpoint | None = None,
     mqtt: Endpoint | None = None,
     topic: str | None = None,
-) -> Served:
+) -> ServedContent:
     """Return the content for a scene whose robots are controlled by its console; call this function in an event loop.
 
     Args:
@@ -175,14 +175,14 @@ def of_console(
     return _placed(LoadedScene(scene, robots, props, stream.feed), stream, about)
 
 
-def of_mirror(mirror: Mirror) -> Served:
+def of_mirror(mirror: Mirror) -> ServedContent:
     """Return the content for a mirrored machine: solid robot (measured joint values), ghost (desired joint values)."""
     from twin.exchange.formats.glb.write import glb_bytes
-    from twin.ui.headset.mirrored import Mirrored
+    from twin.ui.headset.mirrored_machine import MirroredMachine
 
     robot = mirror.robot
     glb = glb_bytes(robot.mechanism)
-    live = Mirrored(mirror)
+    live = MirroredMachine(mirror)
     own: dict[str, File] = {}
     robots = []
     preload = []
@@ -190,17 +190,17 @@ def of_mirror(mirror: Mirror) -> Served:
         folder = _ROBOTS.format(name)
         place = Place(name, robot.name, "", np.eye(4), {}, {}, {})
         about = describe(robot, MovableRobot(robot), {}, {}, place) | _FOLLOWS
-        own |= files.robot_files(glb, about, folder)
+        own |= server_files.robot_files(glb, about, folder)
         robots.append({**about, "files": folder, "ports": []})
         preload.append(f"{folder}robot.glb")
     described = _describe(mirror.name, f"{robots[0]['title']}: its machine", robots, None)
     described["machines"] = live.about_machines
     described["model_hash"] = _hash_of(described)
-    own |= files.scene_file(described)
-    return Served(live, mirror.name, described["model_hash"], own, tuple(preload))
+    own |= server_files.scene_file(described)
+    return ServedContent(live, mirror.name, described["model_hash"], own, tuple(preload))
 
 
-def _placed(loaded: LoadedScene, live: Live | ConsoleStream, about: Sequence[JsonObject]) -> Served:
+def _placed(loaded: LoadedScene, live: LiveScene | ConsoleStream, about: Sequence[JsonObject]) -> ServedContent:
     """Return the content for robots at their places; `about`: content of robot.json of each robot."""
     from twin.exchange.formats.glb.write import glb_bytes
 
@@ -210,14 +210,14 @@ def _placed(loaded: LoadedScene, live: Live | ConsoleStream, about: Sequence[Jso
     preload = []
     for place, about_robot in zip(scene.places, about, strict=True):
         folder = _ROBOTS.format(place.name)
-        own |= files.robot_files(glb_bytes(loaded.robots[place.name].mechanism), about_robot, folder)
+        own |= server_files.robot_files(glb_bytes(loaded.robots[place.name].mechanism), about_robot, folder)
         robots.append({**about_robot, "files": folder, "ports": _ports(place)})
         preload.append(f"{folder}robot.glb")
     described = _describe(scene.name, scene.title, robots, loaded.feed)
     described["cameras"] = _cameras(scene, loaded.robots)
     described["assumed"] = assumptions(scene.parameters)
     late: dict[str, File] = {}
-    if not isinstance(live, Live):
+    if not isinstance(live, LiveScene):
         late = live.files
         goal = goal_of(live.task, Alignment)
         if goal is not None:
@@ -229,12 +229,12 @@ def _placed(loaded: LoadedScene, live: Live | ConsoleStream, about: Sequence[Jso
         if machines is not None:
             described["machines"] = machines
         if live.objects:
-            own |= files.glb_file(_OBJECTS, glb_bytes(together(live.objects, wire.OBJECTS)))
+            own |= server_files.glb_file(_OBJECTS, glb_bytes(together(live.objects, wire.OBJECTS)))
             described["objects"] = {"file": _OBJECTS, "names": [item.name for item in live.objects]}
     props = loaded.props
     if props is not None:
         glb = glb_bytes(props)
-        own |= files.glb_file(_PROPS, glb)
+        own |= server_files.glb_file(_PROPS, glb)
         digest = hashlib.sha256(glb).hexdigest()
         described["props"] = {"name": props.name, "file": _PROPS, "sha256": digest}
         preload.append(_PROPS)
@@ -244,8 +244,8 @@ def _placed(loaded: LoadedScene, live: Live | ConsoleStream, about: Sequence[Jso
     drawn = drawn_of_scene(scene, solid, props)
     described |= drawn.entries
     own |= drawn.files
-    own |= files.scene_file(described)
-    return Served(live, scene.name, described["model_hash"], own, tuple(preload), late)
+    own |= server_files.scene_file(described)
+    return ServedContent(live, scene.name, described["model_hash"], own, tuple(preload), late)
 
 
 def _hash_of(described: JsonObject) -> str:

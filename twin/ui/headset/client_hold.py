@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.core.errors import unknown
-from twin.ui.headset import protocol as wire
+from twin.ui.headset import stream_frames as wire
 from twin.ui.headset.client_messages import DragMessage, GrabMessage, RefusedError
 from twin.ui.session.movable_robot import MovableRobot, MoveResult
 

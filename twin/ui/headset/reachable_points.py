@@ -6,7 +6,7 @@ import numpy as np
 
 from twin.core.json_types import JsonObject
 from twin.ui.headset.client_messages import RefusedError
-from twin.ui.headset.protocol import floats
+from twin.ui.headset.stream_frames import floats
 from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.workspace_cloud import Cloud, WorkspaceJob, without_meshes
 

@@ -48,11 +48,11 @@ from twin.simulation.world.signal_kinds import (
 )
 from twin.ui.session.attempt_report import AttemptReport
 from twin.ui.session.console_state import ConsoleState, ForcePeaks, log_changes
+from twin.ui.session.deformable_feed import Feed
 from twin.ui.session.exercise import NO_TASK, Exercise
-from twin.ui.session.feed import Feed
 from twin.ui.session.live_machines import LiveMachines
 from twin.ui.session.loaded_scene import LoadedScene
-from twin.ui.session.organs import WorldFeed
+from twin.ui.session.organ_feeds import WorldFeed
 from twin.ui.session.plan_mode import PlanMode
 from twin.ui.session.recorder import Recorder
 from twin.ui.session.task_choice import FIXING, judged

@@ -15,7 +15,7 @@ from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.model.scene import Scene
 from twin.ui.access.responses import File
-from twin.ui.headset import files
+from twin.ui.headset import server_files
 from twin.ui.session.drawn_parts import DrawnCable, DrawnParts, drawn_parts, person
 
 _FILE = "drawn.glb"
@@ -84,11 +84,11 @@ def _drawn(parts: Sequence[tuple[Owner, DrawnParts]]) -> DrawnFiles:
             finishes.append({"body": finish.body, "color": list(finish.color), "pattern": finish.pattern})
     figure = person()
     standing = [body for _, _, body in figure.bodies()]
-    contents = files.glb_file(_PERSON, _glb("person", standing))
+    contents = server_files.glb_file(_PERSON, _glb("person", standing))
     entries: JsonObject = {"person": {"file": _PERSON, "note": figure.note}}
     if parts:
         if bodies:
-            contents |= files.glb_file(_FILE, _glb("drawn", bodies))
+            contents |= server_files.glb_file(_FILE, _glb("drawn", bodies))
         entries["drawn"] = {
             "file": _FILE if bodies else None,
             "notes": notes,

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from twin.core import format as fmt
 from twin.core.findings import Finding
-from twin.ui.report import curves
-from twin.ui.report.matrix import PAIRS, label
+from twin.ui.report import plot_data
+from twin.ui.report.residual_matrix import PAIRS, label
 from twin.ui.report.robot_picture import RobotPicture
 from twin.validation.result import Report
 
@@ -186,7 +186,7 @@ def _missing(report: Report) -> Iterator[str]:
         yield "the USD stage"
     if "B-D" not in pairs:
         yield "the baked motion"
-    if curves.pair(report, "clearance", "clearance_t") is None:
+    if plot_data.pair(report, "clearance", "clearance_t") is None:
         yield "collisions"
     open_rows = sum(row.tolerance is None for row in report.residuals)
     if open_rows:
