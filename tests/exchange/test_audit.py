@@ -19,7 +19,7 @@ from made.lanes import contrasting
 from twin.cli import main
 from twin.core.errors import TwinError
 from twin.exchange.audit import audit, key_times
-from twin.exchange.audit.chain import ChainStep, along, fit
+from twin.exchange.audit.chain_poses import ChainStep, chain_end, solve_chain
 from twin.exchange.audit.poses import about, angle, from_seven, inverse, pose, quaternion, rotation, rpy, slerp, split
 from twin.exchange.audit.report import Ledger, finished
 from twin.exchange.formats import audited, family
@@ -233,9 +233,9 @@ def _fixed_axes(r, p, y):
 def test_values_of_a_ball_are_found_from_its_poses(rng):
     chain = [ChainStep(pose(about([1, 0, 0], 0.3), [0.1, 0.2, 0.3]), "turn", axis) for axis in np.eye(3)]
     q = rng.uniform(-1.2, 1.2, size=(3, 40))
-    goal = along(chain, list(q), 40)
-    found = fit(chain, [None, None, None], goal)
-    assert np.abs(along(chain, found, 40) - goal).max() < 1e-9
+    goal = chain_end(chain, list(q), 40)
+    found = solve_chain(chain, [None, None, None], goal)
+    assert np.abs(chain_end(chain, found, 40) - goal).max() < 1e-9
 
 
 @pytest.mark.slow

@@ -17,9 +17,9 @@ from twin.core.version import __version__
 from twin.exchange.audit import audit
 from twin.exchange.audit.bundle_claims import check_proof_clips
 from twin.exchange.audit.file_comparison import Reference, _check_missing, _check_silent
-from twin.exchange.audit.motion import Content, FileClip
+from twin.exchange.audit.file_content import Content, FileClip
 from twin.exchange.audit.poses import about, pose
-from twin.exchange.audit.proof import check_proof
+from twin.exchange.audit.proof_hashes import check_proof
 from twin.exchange.audit.proof_statements import _EXPORT_CODES, _repeats, check_statements
 from twin.exchange.audit.report import Ledger
 from twin.exchange.audit.sampled_states import CLIP

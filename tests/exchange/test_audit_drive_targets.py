@@ -107,7 +107,8 @@ def notes(joints: list[FileJoint], held: frozenset[str], target: float) -> list[
             UsdPhysics.DriveAPI.Apply(prim, "linear").CreateTargetPositionAttr(target)
     used = {joint.child for joint in joints}
     masses = {"a": FileMass(1.0, np.zeros(3)), "b": FileMass(2.0, np.zeros(3))}
-    physics = FilePhysics(("base", *sorted(used)), masses, joints=joints, held=held, gravity=GRAVITY, all_motors=True)
+    links = ("base", *sorted(used))
+    physics = FilePhysics(links, masses, joints=joints, fixed_to_world=held, gravity=GRAVITY, all_motors=True)
     ledger = Ledger("made.usda")
     check_drive_targets(stage, dict.fromkeys(physics.links, np.eye(4)), physics, 1.0, ledger, moving=False)
     return [(finding.severity, finding.message) for finding in ledger.found]

@@ -380,8 +380,8 @@ def test_samplers_between_their_keys(tmp_path):
     ],
 )
 def test_a_pose_halfway_between_keys_is_judged_by_place_and_by_rotation(aside, turn, said):
-    from twin.exchange.audit.file_comparison import Reference, compare
-    from twin.exchange.audit.motion import Content, FileClip
+    from twin.exchange.audit.file_comparison import Reference, compare_clips
+    from twin.exchange.audit.file_content import Content, FileClip
     from twin.exchange.audit.report import Ledger
 
     times, keys = np.array([0.0, 1.0]), np.tile(np.eye(4), (2, 1, 1))
@@ -390,7 +390,7 @@ def test_a_pose_halfway_between_keys_is_judged_by_place_and_by_rotation(aside, t
     middle[0, 0, 3] = aside
     clip = FileClip("swing", times, {"arm": keys}, middle={"arm": middle})
     ledger = Ledger("x.glb")
-    compare(
+    compare_clips(
         [Content(ledger, "glb", [clip])], {"swing": Reference(FileClip("swing", times, {"arm": keys}), "the track")}
     )
     rows = {c.check.split(": ")[1]: (c.worst, c.unit) for c in ledger.checks if "halfway" in c.check}

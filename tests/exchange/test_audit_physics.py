@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from twin.exchange.audit import audit
-from twin.exchange.audit.colors import apart, linear
-from twin.exchange.audit.compare_physics import compare_physics
-from twin.exchange.audit.mechanism_data import FileDrive, FileJoint, FilePhysics, along
-from twin.exchange.audit.motion import Content
+from twin.exchange.audit.colors import color_difference, linear
+from twin.exchange.audit.file_content import Content
+from twin.exchange.audit.mechanism_data import FileDrive, FileJoint, FilePhysics, motion_lines
+from twin.exchange.audit.physics_comparison import compare_physics
 from twin.exchange.audit.poses import about, inverse, pose
 from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.mjcf.write import write_mjcf
@@ -123,10 +123,10 @@ def test_three_turns_over_small_links_are_a_ball():
     step = [pose(p=[0, 0, 0])] * 2
     parts, inner = [], "arm"
     for i, (name, place) in enumerate(zip(("b_x", "b_y", "b_z"), (T, *step), strict=True)):
-        parts.append(FileJoint((name,), inner, f"small{i}", place, along("revolute", place, i)))
+        parts.append(FileJoint((name,), inner, f"small{i}", place, motion_lines("revolute", place, i)))
         inner = f"small{i}"
     parts.append(FileJoint(("b_body",), inner, "hand", inverse(back)))
-    (ball,) = FilePhysics(joints=parts).reduced({"arm", "hand"})
+    (ball,) = FilePhysics(joints=parts).joints_between({"arm", "hand"})
     assert ball.kind == "spherical"
     for link, place in (("arm", T), ("hand", back)):
         end = ball.end(link)
@@ -138,8 +138,9 @@ def test_three_turns_over_small_links_are_a_ball():
 @pytest.mark.parametrize("kind", ["revolute", "prismatic", "cylindrical"])
 def test_a_joint_seen_from_its_child_is_the_same(kind, turned):
     T_parent, T_child = pose(about([1, 2, 0], 0.5), [0.1, 0, 0.2]), pose(about([0, 1, 3], -0.9), [0, 0.3, 0.1])
-    joint = FileJoint(("j",), "b", "a", T_parent @ inverse(T_child), along(kind, T_parent), FileDrive((-1.0, 2.0)))
-    seen = joint.turned() if turned else joint
+    T = T_parent @ inverse(T_child)
+    joint = FileJoint(("j",), "b", "a", T, motion_lines(kind, T_parent), FileDrive((-1.0, 2.0)))
+    seen = joint.reversed() if turned else joint
     assert seen.kind == kind
     for link, T in (("b", T_parent), ("a", T_child)):
         end = seen.end(link)
@@ -153,10 +154,10 @@ def test_a_joint_seen_from_its_child_is_the_same(kind, turned):
 def test_a_slide_on_a_carrier_that_is_welded_is_a_slide():
     T = pose(about([1, 0, 0], 0.3), [0, 0.1, 0])
     parts = [
-        FileJoint(("s",), "base", "carrier", T, along("prismatic", T)),
+        FileJoint(("s",), "base", "carrier", T, motion_lines("prismatic", T)),
         FileJoint(("s_0",), "carrier", "block", pose(p=[0, 0, 0.2])),
     ]
-    (slide,) = FilePhysics(joints=parts).reduced({"base", "block"})
+    (slide,) = FilePhysics(joints=parts).joints_between({"base", "block"})
     assert (slide.kind, slide.parent, slide.child, slide.names) == ("prismatic", "base", "block", ("s", "s_0"))
 
 
@@ -165,15 +166,15 @@ def test_two_tied_points_are_a_pin_and_one_is_a_ball():
         return FileJoint((name,), "a", "b", tied=((np.array([0, 0, z]), np.array([1, 0, z])),))
 
     one, two = tie("p_0", 0.0), tie("p_1", 0.05)
-    assert [j.kind for j in FilePhysics(joints=[one, two]).reduced({"a", "b"})] == ["revolute"]
-    assert [j.kind for j in FilePhysics(joints=[one]).reduced({"a", "b"})] == ["spherical"]
+    assert [j.kind for j in FilePhysics(joints=[one, two]).joints_between({"a", "b"})] == ["revolute"]
+    assert [j.kind for j in FilePhysics(joints=[one]).joints_between({"a", "b"})] == ["spherical"]
 
 
 @pytest.mark.parametrize("order", [("usda", "tracks"), ("tracks", "mjcf")])
 def test_a_table_may_hold_a_ball_as_three_numbers(order):
     T = pose(p=[0.1, 0, 0])
-    ball = FileJoint(("b",), "arm", "hand", T, along("spherical", T))
-    said = {"tracks": [FileJoint((f"b_{a}",), "", "", kind_said="revolute") for a in "xyz"]}
+    ball = FileJoint(("b",), "arm", "hand", T, motion_lines("spherical", T))
+    said = {"tracks": [FileJoint((f"b_{a}",), "", "", stated_kind="revolute") for a in "xyz"]}
     contents = []
     for kind in order:
         physics = FilePhysics(("arm", "hand"), joints=said.get(kind, [ball]), complete=kind != "tracks")
@@ -184,7 +185,7 @@ def test_a_table_may_hold_a_ball_as_three_numbers(order):
 
 def test_a_table_may_hold_a_ball_of_a_scene_that_tells_no_kinds():
     """A GLB and tracks, handed over alone: the numbers of the ball are no joints that the GLB lacks."""
-    table = [FileJoint((n,), "", "", kind_said="revolute") for n in ("b_x", "b_y", "b_z", "other")]
+    table = [FileJoint((n,), "", "", stated_kind="revolute") for n in ("b_x", "b_y", "b_z", "other")]
     contents = []
     for kind, said in (("tracks", table), ("glb", [FileJoint(("b",), "", "hand")])):
         physics = FilePhysics(("arm", "hand"), joints=said)
@@ -209,7 +210,7 @@ def test_rounding_of_a_sum_that_is_zero_is_no_difference(other, codes):
 
 def test_colours_are_compared_by_area():
     red, blue = (0.8, 0.1, 0.1, 1.0), (0.1, 0.1, 0.8, 1.0)
-    assert apart({red: 0.3, blue: 0.7}, {blue: 0.7, red: 0.3}) == pytest.approx(0)
-    assert apart({red: 0.3, blue: 0.7}, {blue: 1.0}) == pytest.approx(0.3)
-    assert apart({red: 1.0}, {(0.81, 0.1, 0.1, 1.0): 1.0}) == pytest.approx(0)
+    assert color_difference({red: 0.3, blue: 0.7}, {blue: 0.7, red: 0.3}) == pytest.approx(0)
+    assert color_difference({red: 0.3, blue: 0.7}, {blue: 1.0}) == pytest.approx(0.3)
+    assert color_difference({red: 1.0}, {(0.81, 0.1, 0.1, 1.0): 1.0}) == pytest.approx(0)
     assert linear(np.array([0.0, 0.5, 1.0])) == pytest.approx([0, 0.21404, 1], abs=1e-5)

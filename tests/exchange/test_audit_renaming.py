@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from twin.exchange.audit.file_content import Content, FileClip, LinkShape
 from twin.exchange.audit.mechanism_data import FileFrame, FileJoint, FileMass, FileMotor, FilePhysics
-from twin.exchange.audit.motion import Content, FileClip, LinkShape
 from twin.exchange.audit.report import Ledger
 
 LINKS = {"old link": "link", "old base": "base"}
@@ -25,22 +25,22 @@ PHYSICS = {
     "shown": {"old link": True},
     "collides": {"old link": True},
     "assumed": frozenset({"old link"}),
-    "partly": frozenset({"old link"}),
+    "partly_shown": frozenset({"old link"}),
     "joints": [FileJoint(("old joint",), "old base", "old link", POSE)],
     "frames": {"tip": FileFrame("old link", POSE)},
     "points": {"tip": FileFrame("old link", POSE)},
-    "held": frozenset({"old base"}),
+    "fixed_to_world": frozenset({"old base"}),
     "trocars": frozenset({"old joint"}),
     "couplings": {"coupling": ({"old joint": 1.0}, 0.0)},
     "motors": {"motor": FileMotor({"old joint": 2.0}), "other motor": FileMotor()},
     "reductions": {"old joint": 2.0},
-    "floats": {"old link": 0.5},
+    "weight_shares": {"old link": 0.5},
     "postures": {"home": {"old joint": 0.1}},
 }
 """Fields of `FilePhysics` with names of links and joints."""
 
 NO_PHYSICS_NAMES = {
-    *("marks", "gravity", "medium", "self_collision", "tool", "couples_pairs", "all_motors", "opening", "robot"),
+    *("fully_listed", "gravity", "medium", "self_collision", "tool", "couples_pairs", "all_motors", "opening", "robot"),
     *("further", "contact", "programs", "complete"),
 }
 """Its other fields; what is declared beside all else is text of the file."""

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from twin.exchange.audit import poses
+from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.mechanism_data import FileJoint, FilePhysics, JointLine
-from twin.exchange.audit.motion import Content
 from twin.exchange.audit.report import Ledger
 from twin.exchange.audit.rest_poses import compare_joints
 from twin.exchange.audit.sampled_states import SampledStates
-from twin.exchange.audit.states import compare_states
+from twin.exchange.audit.state_comparison import compare_states
 
 X, Y, Z = np.eye(3)
 AT = np.array([0.1, 0.2, 0.3])
@@ -43,7 +43,7 @@ def test_any_position_that_a_chain_allows_agrees(name):
     T_zero = poses.pose(None, np.array([0.0, 0.0, 0.5]))
     joint = FileJoint(("chain",), "base", "link", T_zero, CHAINS[name])
     first, second = CHAINS[name]
-    assert at_rest(joint, first.moved(0.7) @ second.moved(-0.4) @ T_zero) == []
+    assert at_rest(joint, first.motion(0.7) @ second.motion(-0.4) @ T_zero) == []
 
 
 @pytest.mark.parametrize("name", ["two turns that meet beside their points", "a slide before a turn", "a cylinder"])
@@ -51,7 +51,7 @@ def test_a_position_beside_a_chain_is_reported(name):
     first, second = CHAINS[name]
     joint = FileJoint(("chain",), "base", "link", np.eye(4), CHAINS[name])
     beside = poses.pose(None, np.array([0.0, 1e-3, 0.0]))
-    assert at_rest(joint, beside @ first.moved(0.7) @ second.moved(-0.4)) == ["states.rest"]
+    assert at_rest(joint, beside @ first.motion(0.7) @ second.motion(-0.4)) == ["states.rest"]
 
 
 def test_a_pose_that_is_no_number_agrees_with_no_joint():
@@ -75,8 +75,8 @@ def test_a_joint_line_that_is_no_number_agrees_with_no_joint(is_number):
     q1 = np.array([0.0, 0.5])
     q2 = np.array([0.0, -0.3])
     first, second = truth.joints
-    T_0_1 = first.motions[0].moved(q1)
-    T_1_2 = second.motions[0].moved(q2) @ T_second
+    T_0_1 = first.motions[0].motion(q1)
+    T_1_2 = second.motions[0].motion(q2) @ T_second
     links = {"body 0": np.broadcast_to(np.eye(4), (2, 4, 4)), "body 1": T_0_1, "body 2": T_0_1 @ T_1_2}
     states = SampledStates({"q1": q1, "q2": q2}, links)
     T_file = T_second.copy()

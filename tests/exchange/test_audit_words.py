@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from twin.exchange.audit import audit
-from twin.exchange.audit.diagnose import why
+from twin.exchange.audit.pose_mistakes import mistake_behind
 from twin.exchange.audit.poses import about, pose
-from twin.exchange.audit.report import quantity, told_apart
+from twin.exchange.audit.report import distinguishable, quantity
 
 HERE = Path(__file__).parents[1]
 from made import bundle as base
@@ -40,15 +40,15 @@ def motion(k: int = 400) -> dict[str, np.ndarray]:
 def test_one_key_of_one_link_is_not_the_whole_robot(key):
     found, meant = motion(), motion()
     found["b"][key, 0, 3] += 1e-3
-    assert why(found, meant) == "only this link differs, at one key of 400"
+    assert mistake_behind(found, meant) == "only this link differs, at one key of 400"
 
 
 def test_a_displacement_of_all_is_the_whole_robot():
     meant = motion()
-    assert why({n: pose(p=[0.2, 0, 0]) @ T for n, T in meant.items()}, meant).startswith(
+    assert mistake_behind({n: pose(p=[0.2, 0, 0]) @ T for n, T in meant.items()}, meant).startswith(
         "the whole robot is moved by 200 mm"
     )
-    assert why(meant, meant) == ""
+    assert mistake_behind(meant, meant) == ""
 
 
 def drop_row(folder: Path, which: int) -> None:
@@ -72,7 +72,7 @@ def test_lengths_that_differ_are_told_with_digits_that_differ(tables):
     file.write_text("\n".join(text) + "\n")
     (told,) = [f.message for f in audit(tables).findings if f.code == "compare.times"]
     assert "the clip lasts 2.0004 s; in tracks/swing.json it lasts 2 s" in told
-    assert told_apart(17.07, 17.0700001) == ("17.07", "17.0700001")
+    assert distinguishable(17.07, 17.0700001) == ("17.07", "17.0700001")
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from pxr import Usd, UsdGeom
 
 from made import organs as made
 from twin.core.units import MM, UM
-from twin.exchange.audit.deformables import audit_bends
+from twin.exchange.audit.deformables import audit_deformables
 from twin.exchange.formats.glb.write import bends_glb
 from twin.exchange.write.clip import between_keys
 from twin.model.deformable import Bend
@@ -129,10 +129,10 @@ def exported(folder, bends):
 
 def test_audit_finds_nothing_in_what_was_written(bends, tmp_path):
     exported(tmp_path, bends)
-    (ledger,) = audit_bends(tmp_path)
+    (ledger,) = audit_deformables(tmp_path)
     assert not ledger.findings
     assert len(ledger.checks) == 4
-    assert audit_bends(tmp_path / "usd") == []
+    assert audit_deformables(tmp_path / "usd") == []
 
 
 def shifted(bend):
@@ -153,7 +153,7 @@ def shifted(bend):
 def test_audit_finds_seeded_faults(bends, tmp_path, fault, code):
     exported(tmp_path, bends)
     write_bends("organs", fault(bends), tmp_path / "usd/organs.usdc")
-    (ledger,) = audit_bends(tmp_path)
+    (ledger,) = audit_deformables(tmp_path)
     assert {f.code for f in ledger.findings} == {code}
 
 
@@ -161,8 +161,8 @@ def test_audit_finds_seeded_faults(bends, tmp_path, fault, code):
 def test_audit_finds_an_open_surface_and_a_broken_file(bends, tmp_path):
     torn = replace(bends[1], mesh=replace(bends[1].mesh, triangles=bends[1].mesh.triangles[1:]))
     exported(tmp_path, [bends[0], torn])
-    assert {f.code for f in audit_bends(tmp_path)[0].findings} == {"bend.open"}
+    assert {f.code for f in audit_deformables(tmp_path)[0].findings} == {"bend.open"}
     data = bends_glb("organs", bends)
     for k in range(0, len(data), len(data) // 40):
         (tmp_path / "organs.glb").write_bytes(data[:k])
-        assert {f.severity for f in audit_bends(tmp_path)[0].findings} >= {"error"}
+        assert {f.severity for f in audit_deformables(tmp_path)[0].findings} >= {"error"}

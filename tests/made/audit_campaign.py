@@ -32,7 +32,7 @@ from made import audit_fields_usd as fields_usd
 from made.audit_fields import FieldChange
 from twin.core.findings import Finding
 from twin.exchange import audit as auditing
-from twin.exchange.audit.folder import find
+from twin.exchange.audit.folder_files import find
 from twin.exchange.xacro import XacroSettings
 
 SINGLE = r"twin:(maxAcceleration|maxJerk|softLimits|tool|base)|twin/postures"

@@ -19,9 +19,9 @@ import twin.api.make
 import twin.exchange.audit as audits
 from twin.core.foreign import admit as admission
 from twin.core.foreign.admit import admit_together
-from twin.exchange.audit.context import Context
-from twin.exchange.audit.folder import FolderFiles
-from twin.exchange.audit.motion import Content
+from twin.exchange.audit.file_content import Content
+from twin.exchange.audit.folder_files import FolderFiles
+from twin.exchange.audit.reader_context import Context
 from twin.exchange.audit.report import AuditReport, Ledger, guarded
 from twin.exchange.formats import audited
 from twin.exchange.xacro import XacroSettings

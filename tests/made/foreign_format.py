@@ -47,7 +47,7 @@ def files(order):
 AUDIT = """
 import numpy as np
 
-from twin.exchange.audit.motion import Content
+from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.report import ReadError
 
 

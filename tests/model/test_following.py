@@ -12,8 +12,8 @@ from pxr import Sdf, Usd, UsdPhysics
 from made.loops import ALONG_X, mechanism
 from twin.core import spatial
 from twin.core.errors import SourceError
-from twin.exchange.audit.compare_physics import compare_physics, solved
-from twin.exchange.audit.motion import Content
+from twin.exchange.audit.file_content import Content
+from twin.exchange.audit.physics_comparison import compare_physics, solved
 from twin.exchange.audit.physics_truth import mechanism_physics
 from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.urdf.write import write_urdf

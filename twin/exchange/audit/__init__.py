@@ -1,19 +1,20 @@
 """Read exported files of robots and their motions, and report faults. The package shares no code with the writers.
 
-poses       quaternions and matrices, implemented independently of the writers
-motion      the common result of the readers: clips of link poses in the world frame
-context     what a reader may know beside its file; the readers are the modules `audit` in twin.exchange.formats
-physics     the mechanism data of a file, in one form for all formats
-stated      compare what files state about themselves: names, titles, rates
-sense       find physically impossible data in one file
-compare     compare the pose of every link at every key between files
-compare_physics    compare joints, drives, masses, frames, surfaces, colours between files and with the mechanism
-claims      check statements in the files: interpolation errors, assumed numbers, README.txt
-proof       check proof.json of a bundle; proof_statements: what it states beside the hashes
-states      compare files without motion with the mechanism at sampled_states: joint_assignment, then joint_lines
-rest_poses  compare the poses of a file at rest with the joints of the mechanism
-diagnose    find a common mistake that explains a difference
-scene       audit an exported scene: the folder of each robot, then the scene's stages against these folders
+poses                 quaternions and matrices, implemented independently of the writers
+file_content          the common result of the readers: clips of link poses in the world frame
+reader_context        what a reader may know beside its file; readers are the modules `audit` in twin.exchange.formats
+mechanism_data        the mechanism data of a file, in one form for all formats
+file_statements       compare what files state about themselves: names, titles, rates
+plausibility          find physically impossible data in one file
+file_comparison       compare the pose of every link at every key between files
+physics_comparison    compare joints, drives, masses, frames, surfaces, colours between files and with the mechanism
+bundle_claims         check statements in the files: interpolation errors, assumed numbers, README.txt
+proof_hashes          check proof.json of a bundle; proof_statements: what it states beside the hashes
+state_comparison      compare files without motion with the mechanism at sampled_states
+rest_poses            compare the poses of a file at rest with the joints of the mechanism
+pose_mistakes         find a common mistake that explains a difference
+scene_folder          audit an exported scene: the folder of each robot, then the scene's stages against these folders
+certificate           check a certificate of `twin prove`, without the prover
 """
 
 from __future__ import annotations
@@ -29,30 +30,30 @@ from twin.core.foreign.admit import admit_together
 from twin.core.foreign.budget import check_size
 from twin.core.json_types import JsonMapping
 from twin.exchange.audit.bundle_claims import check_claims, check_proof_clips, check_readme
-from twin.exchange.audit.compare_physics import compare_physics
-from twin.exchange.audit.context import Context
 from twin.exchange.audit.file_comparison import (
     Reference,
-    compare,
+    compare_clips,
     compare_hashes,
     compare_rest,
     compare_shapes,
     first_pose_of,
     references,
 )
-from twin.exchange.audit.folder import SCENE, FolderFiles, find
+from twin.exchange.audit.file_content import Content, check_names
+from twin.exchange.audit.file_statements import compare_stated
+from twin.exchange.audit.folder_files import SCENE, FolderFiles, find_files
 from twin.exchange.audit.mechanism_data import FilePhysics
-from twin.exchange.audit.motion import Content, check_names
 from twin.exchange.audit.parameter_claims import compare_parameters
+from twin.exchange.audit.physics_comparison import compare_physics
 from twin.exchange.audit.physics_truth import mechanism_physics
-from twin.exchange.audit.proof import check_proof
+from twin.exchange.audit.plausibility import check_sense
+from twin.exchange.audit.proof_hashes import check_proof
 from twin.exchange.audit.proof_statements import check_statements
+from twin.exchange.audit.reader_context import Context
 from twin.exchange.audit.report import MECHANISM, AuditReport, Check, Ledger, ReadError, finished, guarded
 from twin.exchange.audit.rest_poses import compare_joints
 from twin.exchange.audit.sampled_states import CLIP, SampledStates
-from twin.exchange.audit.sense import check_sense
-from twin.exchange.audit.stated import compare_stated
-from twin.exchange.audit.states import compare_states, same_names
+from twin.exchange.audit.state_comparison import compare_states, same_names
 from twin.exchange.format import Format, Holds
 from twin.exchange.formats import audited, leading
 from twin.exchange.xacro import XacroSettings
@@ -99,17 +100,19 @@ def audit(
         TwinError: the path does not exist, or has no file that can be audited.
     """
     path = Path(path)
-    tell = progress or _silent
-    given = xacro or XacroSettings()
+    report_progress = progress or _silent
+    xacro_settings = xacro or XacroSettings()
     if (path / SCENE).is_file():
         from twin.exchange.audit.scene_folder import audit_scene  # imports audits of formats, which import this package
 
-        contents, ledgers = audit_scene(path, lambda folder: _audited(folder, {}, None, None, tell, given))
+        contents, ledgers = audit_scene(
+            path, lambda folder: _audited(folder, {}, None, None, report_progress, xacro_settings)
+        )
     else:
         sampled: Callable[[], SampledStates] | None = None
         if states is not None:
             sampled = cache(states)  # they are computed at most once, and only if a file needs them
-        contents, ledgers = _audited(path, truth or {}, mechanism, sampled, tell, given)
+        contents, ledgers = _audited(path, truth or {}, mechanism, sampled, report_progress, xacro_settings)
     return finished(str(path), [content.as_facts() for content in contents], ledgers)
 
 
@@ -122,63 +125,80 @@ def _audited(
     truth: Truth,
     mechanism: Mechanism | None,
     states: Callable[[], SampledStates] | None,
-    tell: Progress,
+    report_progress: Progress,
     xacro: XacroSettings,
 ) -> tuple[list[Content], list[Ledger]]:
     """Read the files of one robot and compare the files with each other; return (contents, ledgers)."""
-    found = find(path)
+    folder_files = find_files(path)
     contents: list[Content] = []
     ledgers: list[Ledger] = []
-    for ledger, content in _read(found, tell, states, xacro):
+    for ledger, content in _read(folder_files, report_progress, states, xacro):
         ledgers.append(ledger)
         if content is not None:
             contents.append(content)
-    ledgers += _unrecognised(found)
+    ledgers += _unrecognised(folder_files)
     with np.errstate(all="ignore"):  # values that are not finite have already been reported
         declared = _declared(contents)
         for content in contents:
             content.known = declared or None
             check_names(content)
             check_sense(content, _gravity(contents, content, mechanism))
-        tell("compare", 0.9)
+        report_progress("compare", 0.9)
         refs = references(contents, truth)
         expected: FilePhysics | None = None
         if mechanism is not None:
             expected = mechanism_physics(mechanism)
         if states is not None and _has_sampled_states(contents):
             refs[CLIP] = Reference(states().clip(), MECHANISM)
-        compare(contents, refs)
-        strangers: list[Content] = []
+        compare_clips(contents, refs)
+        contents_with_other_names: list[Content] = []
         if expected is not None:
-            strangers = _compare_still(contents, expected, states)
+            contents_with_other_names = _compare_still(contents, expected, states)
         else:
             _compare_joints_between(contents)
         compare_rest(contents)
         compare_shapes(contents)
-        strange_files = {content.file for content in strangers}
-        familiar = [content for content in contents if content.file not in strange_files]
-        compare_physics(familiar, expected)
-        compare_physics(strangers)
+        # In files with other names, all parts of the mechanism would be missing: compare them with each other.
+        files_with_other_names = {content.file for content in contents_with_other_names}
+        contents_with_same_names = [content for content in contents if content.file not in files_with_other_names]
+        compare_physics(contents_with_same_names, expected)
+        compare_physics(contents_with_other_names)
         if expected is not None:
             _check_placed(contents, expected)
         _compare_statements(contents, mechanism)
-        read = {ledger.file for ledger in ledgers}
-        for file in found.readmes:
-            ledger = Ledger(found.name(file), "twin.exchange.audit readme", "1")
-            ledgers.append(ledger)
-            guarded(partial(check_readme, contents, read), file, ledger)
-        proven_hash = ""  # of the model, in the first proof.json that states it
-        for file in found.proofs:
-            ledger = Ledger(found.name(file), "sha256", "2")
-            ledgers.append(ledger)
-            proof = guarded(check_proof, file, ledger) or {}
-            check_proof_clips(proof, contents, ledger)
-            if proof:
-                own = [check for other in ledgers for check in other.checks]
-                guarded(partial(_check_statements, proof, contents, own), file, ledger)
-            proven_hash = proven_hash or str(proof.get("model_hash", ""))
+        _check_readmes(folder_files, contents, ledgers)
+        proven_hash = _check_proofs(folder_files, contents, ledgers)
         compare_hashes(contents, proven_hash)
     return contents, ledgers
+
+
+def _check_readmes(folder_files: FolderFiles, contents: Sequence[Content], ledgers: list[Ledger]) -> None:
+    """Compare each README.txt with the files that were read; its ledger is added to `ledgers`."""
+    files_read = {ledger.file for ledger in ledgers}
+    for file in folder_files.readmes:
+        ledger = Ledger(folder_files.name(file), "twin.exchange.audit readme", "1")
+        ledgers.append(ledger)
+        guarded(partial(check_readme, contents, files_read), file, ledger)
+
+
+def _check_proofs(folder_files: FolderFiles, contents: Sequence[Content], ledgers: list[Ledger]) -> str:
+    """Check each proof.json, whose ledger is added to `ledgers`; return the first hash of a model that one states.
+
+    `ledgers` must have those of all other files: a proof.json repeats the checks of the audit at the export.
+    """
+    proven_hash = ""
+    for file in folder_files.proofs:
+        ledger = Ledger(folder_files.name(file), "sha256", "2")
+        ledgers.append(ledger)
+        proof = guarded(check_proof, file, ledger) or {}
+        check_proof_clips(proof, contents, ledger)
+        if proof:
+            audit_checks: list[Check] = []
+            for audited_ledger in ledgers:
+                audit_checks += audited_ledger.checks
+            guarded(partial(_check_statements, proof, contents, audit_checks), file, ledger)
+        proven_hash = proven_hash or str(proof.get("model_hash", ""))
+    return proven_hash
 
 
 def _compare_statements(contents: Sequence[Content], mechanism: Mechanism | None) -> None:
@@ -192,18 +212,18 @@ def _compare_statements(contents: Sequence[Content], mechanism: Mechanism | None
 
 
 def _check_statements(
-    proof: JsonMapping, contents: Sequence[Content], own: Sequence[Check], file: Path, ledger: Ledger
+    proof: JsonMapping, contents: Sequence[Content], audit_checks: Sequence[Check], file: Path, ledger: Ledger
 ) -> None:
-    check_statements(proof, file.parent, contents, own, ledger)
+    check_statements(proof, file.parent, contents, audit_checks, ledger)
 
 
-def _unrecognised(found: FolderFiles) -> Iterator[Ledger]:
+def _unrecognised(folder_files: FolderFiles) -> Iterator[Ledger]:
     """Yield ledgers with a finding for each file that is not recognised, though a file of the same name is."""
-    for file, sibling, title in found.unrecognised:
-        ledger = Ledger(found.name(file), "twin.exchange.audit folder", "1")
+    for file, sibling, title in folder_files.unrecognised:
+        ledger = Ledger(folder_files.name(file), "twin.exchange.audit folder", "1")
         text = (
-            f"{found.name(file)} is not recognised as one of the {title}, although {found.name(sibling)} of the same "
-            "name is: the entry that names its schema is missing or wrong."
+            f"{folder_files.name(file)} is not recognised as one of the {title}, although "
+            f"{folder_files.name(sibling)} of the same name is: the entry that names its schema is missing or wrong."
         )
         ledger.wrong("file.unrecognised", text, suggestion="export the files again, together")
         yield ledger
@@ -232,20 +252,20 @@ def _compare_still(
 
     That is the rest pose of every file; in files without motion also sampled states.
     """
-    strangers = []
+    contents_with_other_names = []
     for content in contents:
         compare_joints(content, expected)
         if content.clips:
             continue
         physics = content.physics
-        named = set(content.rest)
+        link_names = set(content.rest)
         if physics is not None:
-            named |= set(physics.links)
-        if states is not None and not same_names(named, expected.links):
+            link_names |= set(physics.links)
+        if states is not None and not same_names(link_names, expected.links):
             compare_states(content, expected, states())
             if physics is not None and not same_names(physics.links, expected.links):
-                strangers.append(content)
-    return strangers
+                contents_with_other_names.append(content)
+    return contents_with_other_names
 
 
 def _compare_joints_between(contents: Sequence[Content]) -> None:
@@ -269,8 +289,8 @@ def _check_placed(contents: Sequence[Content], expected: FilePhysics) -> None:
         return
     placed = _placed(contents)
     for content in contents:
-        findings = content.ledger.findings
-        if content.file in placed or any(f.code == "audit.not_compared" for f in findings):
+        codes = {finding.code for finding in content.ledger.findings}
+        if content.file in placed or "audit.not_compared" in codes:
             continue
         text = (
             f"{content.file} could not be compared with {MECHANISM}: neither the names nor the structure of its links "
@@ -283,9 +303,10 @@ def _check_placed(contents: Sequence[Content], expected: FilePhysics) -> None:
 def _placed(contents: Sequence[Content]) -> set[str]:
     """Return the files whose geometry was compared with the mechanism, or with the clips of such a file."""
     placed = {content.file for content in contents if content.ledger.placed}
-    grown = True
-    while grown:
-        grown = False
+    # A file can be compared with one that is itself only compared with a placed one: repeat until none is added.
+    has_grown = True
+    while has_grown:
+        has_grown = False
         for content in contents:
             compared = {content.file}
             for check in content.ledger.checks:
@@ -293,19 +314,19 @@ def _placed(contents: Sequence[Content]) -> set[str]:
                     compared.add(check.against)
             if compared & placed and not compared <= placed:
                 placed |= compared
-                grown = True
+                has_grown = True
     return placed
 
 
 def _gravity(contents: Sequence[Content], content: Content, mechanism: Mechanism | None) -> list[np.ndarray]:
     """Return the gravity (3,) in m/s2 of the mechanism and of the files in other formats than that of `content`."""
-    stated = []
+    gravities = []
     if mechanism is not None:
-        stated.append(np.array(mechanism.gravity))
+        gravities.append(np.array(mechanism.gravity))
     for other in contents:
         if other.format != content.format and other.physics is not None and other.physics.gravity is not None:
-            stated.append(other.physics.gravity)
-    return stated
+            gravities.append(other.physics.gravity)
+    return gravities
 
 
 def key_times(path: str | Path, xacro: XacroSettings | None = None) -> dict[str, np.ndarray]:
@@ -316,12 +337,12 @@ def key_times(path: str | Path, xacro: XacroSettings | None = None) -> dict[str,
     Raises:
         TwinError: the path does not exist, or has no file that can be audited.
     """
-    found = find(Path(path))
-    tracks = _tracks(found)
+    folder_files = find_files(Path(path))
+    tracks = _tracks(folder_files)
     if tracks.files:  # tracks contain all key times and are fast to read
-        found = tracks
+        folder_files = tracks
     contents = []
-    for _, content in _read(found, _silent, None, xacro or XacroSettings()):
+    for _, content in _read(folder_files, _silent, None, xacro or XacroSettings()):
         if content is not None:
             contents.append(content)
     times = {}
@@ -330,37 +351,41 @@ def key_times(path: str | Path, xacro: XacroSettings | None = None) -> dict[str,
     return times
 
 
-def _tracks(found: FolderFiles) -> FolderFiles:
+def _tracks(folder_files: FolderFiles) -> FolderFiles:
     """Return the files whose values of joints no other file of their format has before them: the JSON tracks."""
     tracks: dict[str, list[Path]] = {}
     for format in audited():
         if Holds.COORDINATES in format.holds:
-            for file in found.files.get(format.name, []):
+            for file in folder_files.files.get(format.name, []):
                 variant = format.variant(file)
                 if variant is not None and leading(variant.name):
                     tracks.setdefault(format.name, []).append(file)
-    return FolderFiles(found.root, tracks)
+    return FolderFiles(folder_files.root, tracks)
 
 
 def _read(
-    found: FolderFiles, tell: Progress, states: Callable[[], SampledStates] | None, xacro: XacroSettings
+    folder_files: FolderFiles,
+    report_progress: Progress,
+    states: Callable[[], SampledStates] | None,
+    xacro: XacroSettings,
 ) -> Iterator[tuple[Ledger, Content | None]]:
     """Yield (ledger, content) for each file; content is None if the file could not be read."""
     jobs: list[tuple[Format, Path]] = []
     guarded_together: list[Path] = []
     for format in audited():
-        files = found.files.get(format.name, [])
-        jobs += [(format, file) for file in files]
+        files = folder_files.files.get(format.name, [])
+        for file in files:
+            jobs.append((format, file))
         if format.guard:
             guarded_together += files
     if guarded_together:
-        tell("test whether the stages can be opened", 0)
+        report_progress("test whether the stages can be opened", 0)
     context = Context(states=states, admitted=admit_together(guarded_together), xacro=xacro)
-    for i, (format, path) in enumerate(jobs):
-        name = found.name(path)
-        tell(f"read {name}", 0.9 * i / len(jobs))
+    for number, (format, path) in enumerate(jobs):
+        name = folder_files.name(path)
+        report_progress(f"read {name}", 0.9 * number / len(jobs))
         ledger = Ledger(name, code=format.code)
-        context.models = [file.stem for file in found.files[format.name]]
+        context.models = [file.stem for file in folder_files.files[format.name]]
         with np.errstate(all="ignore"):
             content = guarded(partial(_filled, format, context), path, ledger)
         if content is not None and content.is_track:

@@ -33,24 +33,23 @@ def audit_bounds(data: Mapping[str, Any], ledger: Ledger) -> None:
     Raises:
         ValueError, KeyError, TypeError, IndexError: the certificate was changed.
     """
-    known = _drawn(data["variables"])
-    if len(known) != len(data["variables"]):
+    variable_values = _random_values(data["variables"])
+    if len(variable_values) != len(data["variables"]):
         raise ValueError("two variables have one name")
     poses = []
     for side in data["sides"]:
         if "rows" in side:
             with np.errstate(all="ignore"):  # what is not a number exceeds the bound
-                values = _evaluated(side["rows"], known)
-            shared = sorted(known.keys() & side["joints"].keys())
+                row_values = _evaluated(side["rows"], variable_values)
+            shared = sorted(variable_values.keys() & side["joints"].keys())
             if shared:
                 raise ValueError(f"a side gives a value to {', '.join(shared)}, which is a variable")
-            known = known | {name: values[_place(i, values)] for name, i in side["joints"].items()}
-            entries = []
-            for row in side["pose"]:
-                entries.append([np.broadcast_to(values[_place(i, values)], STATES) for i in row])
-            poses.append(np.moveaxis(np.array(entries, float), -1, 0))
+            # A later side may be a chain of joints, whose values are those that these equations give.
+            for name, row_number in side["joints"].items():
+                variable_values[name] = _row_value(row_values, row_number)
+            poses.append(_pose_of_rows(side["pose"], row_values))
         else:
-            poses.append(_chain(side["chain"], known))
+            poses.append(_chain(side["chain"], variable_values))
     first, second = poses
     if first.shape != (STATES, 3, 4) or second.shape != (STATES, 3, 4):
         raise ValueError("a pose has not 3 rows of 4 numbers")
@@ -58,56 +57,74 @@ def audit_bounds(data: Mapping[str, Any], ledger: Ledger) -> None:
     # the norm of the difference of two rotations is 2 sqrt(2) sin(angle / 2)
     sine = np.linalg.norm(first[:, :, :3] - second[:, :, :3], axis=(1, 2)) / (2 * np.sqrt(2))
     angle = 2 * np.arcsin(np.minimum(sine, 1.0))
-    for what, unit, values, claimed in (
+    for description, unit, row_values, claimed in (
         ("origins of the tool", "m", distance, float(data["position_m"])),
         ("orientations of the tool", "rad", angle, float(data["rotation_rad"])),
     ):
-        largest = float(values.max())
-        ledger.row("bound", largest, unit, claimed, where=what)
+        largest = float(row_values.max())
+        ledger.row("bound", largest, unit, claimed, where=description)
         if not largest <= claimed + _ROUNDING:
-            text = f"the {what} differ by {largest:.6g} {unit} at a state, more than the bound {claimed:.6g} {unit}"
-            ledger.wrong("certificate.wrong", text, what)
-    ranges = [f"{v['name']} {v['low']:g} to {v['high']:g} m" for v in data["variables"] if not v["angle"]]
+            text = (
+                f"the {description} differ by {largest:.6g} {unit} at a state, more than the bound {claimed:.6g} {unit}"
+            )
+            ledger.wrong("certificate.wrong", text, description)
+    ranges = []
+    for variable in data["variables"]:
+        if not variable["angle"]:
+            ranges.append(f"{variable['name']} {variable['low']:g} to {variable['high']:g} m")
     text = f"{STATES} random states were compared, which proves no bound; docs/check_bounds.py proves it again"
     if ranges:
         text += f". The ranges of lengths are those of the certificate: {', '.join(ranges)}"
     ledger.add("certificate.samples", "info", text)
 
 
-def _drawn(variables: Sequence[Mapping[str, Any]]) -> dict[str, Array]:
+def _random_values(variables: Sequence[Mapping[str, Any]]) -> dict[str, Array]:
     """Return {variable: values (k,)} in m and rad; half of the lengths are at an end of their range."""
     generator = np.random.default_rng()  # no state that the author of a certificate could foresee
-    known = {}
+    variable_values = {}
     for variable in variables:
         if variable["angle"]:
-            known[variable["name"]] = generator.uniform(-np.pi, np.pi, STATES)
+            variable_values[variable["name"]] = generator.uniform(-np.pi, np.pi, STATES)
             continue
         low, high = float(variable["low"]), float(variable["high"])
         if not -np.inf < low <= high < np.inf:
             raise ValueError(f"the range of {variable['name']} is {low} to {high}")
         inside = generator.uniform(low, high, STATES)
+        # A bound of a length is often reached at an end of its range, where a uniform draw would hardly come.
         end = np.where(generator.random(STATES) < 0.5, low, high)
-        known[variable["name"]] = np.where(generator.random(STATES) < _WITH_CORNERS, end, inside)
-    return known
+        variable_values[variable["name"]] = np.where(generator.random(STATES) < _WITH_CORNERS, end, inside)
+    return variable_values
 
 
-def _place(i: int, values: Sequence[object]) -> int:
-    """Return the number of a row; raise an error if there is none."""
-    if not 0 <= i < len(values):
-        raise ValueError(f"there is no row {i}")
-    return i
+def _row_value(row_values: Sequence[Array], row_number: int) -> Array:
+    """Return the value of a row; ValueError if there is none: Python would count a negative number from the end."""
+    if not 0 <= row_number < len(row_values):
+        raise ValueError(f"there is no row {row_number}")
+    return row_values[row_number]
 
 
-def _evaluated(rows: Sequence[Sequence[Any]], known: Mapping[str, Array]) -> list[Array]:
+def _pose_of_rows(row_numbers: Sequence[Sequence[int]], row_values: Sequence[Array]) -> Array:
+    """Return the poses (k, 3, 4) at k states, of whose entries the numbers of the rows are given."""
+    pose_rows = []
+    for numbers in row_numbers:
+        entries = []
+        for number in numbers:
+            value = _row_value(row_values, number)
+            entries.append(np.broadcast_to(value, STATES))
+        pose_rows.append(entries)
+    return np.moveaxis(np.array(pose_rows, float), -1, 0)
+
+
+def _evaluated(rows: Sequence[Sequence[Any]], variable_values: Mapping[str, Array]) -> list[Array]:
     """Return the values of the operations of the equations."""
     values: list[Array] = []
     for name, *operands in rows:
         if name == "number":
             values.append(np.array(float(operands[0])))
         elif name == "variable":
-            values.append(known[operands[0]])
+            values.append(variable_values[operands[0]])
         else:
-            numbers = [values[_place(i, values)] for i in operands]
+            numbers = [_row_value(values, row_number) for row_number in operands]
             values.append(_OPERATIONS[name](*numbers))
     return values
 
@@ -122,16 +139,17 @@ _OPERATIONS = {
 }
 
 
-def _chain(steps: Sequence[Sequence[Any]], known: Mapping[str, Array]) -> Array:
+def _chain(steps: Sequence[Sequence[Any]], variable_values: Mapping[str, Array]) -> Array:
     """Return the poses (k, 3, 4) at the end of a chain of frames and joints."""
     pose = np.broadcast_to(np.eye(4), (STATES, 4, 4))
     for kind, value in steps:
         if kind in ("frame", "inverse"):
             step = np.eye(4)
             step[:3] = np.array(value, float)
-            step = np.linalg.inv(step) if kind == "inverse" else step
+            if kind == "inverse":
+                step = np.linalg.inv(step)
         elif kind in ("turn", "slide"):
-            step = _motion(kind, np.broadcast_to(known[value], STATES))
+            step = _motion(kind, np.broadcast_to(variable_values[value], STATES))
         else:
             raise ValueError(f"a step is {kind!r}")
         pose = pose @ step

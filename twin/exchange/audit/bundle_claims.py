@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -10,14 +11,14 @@ from typing import Any
 
 from twin.core.json_types import JsonMapping
 from twin.core.version import __version__
-from twin.exchange.audit.between import halved
+from twin.exchange.audit.file_content import Content, LinkShape
+from twin.exchange.audit.file_statements import ROBOT
+from twin.exchange.audit.interpolation_error import errors_at_every_second_key
 from twin.exchange.audit.mechanism_data import FileJoint, FilePhysics
-from twin.exchange.audit.motion import Content, LinkShape
 from twin.exchange.audit.named_parts import has_all_names, named_parts
 from twin.exchange.audit.parameter_claims import compare_assumed
 from twin.exchange.audit.readme_numbers import check_numbers
 from twin.exchange.audit.report import Ledger, Measured, quantity
-from twin.exchange.audit.stated import ROBOT
 from twin.exchange.conventions import CONVENTIONS, UNTRIED
 from twin.exchange.format import Holds
 from twin.exchange.formats import audited, holding, used
@@ -35,6 +36,12 @@ The ratio 4 is normal for a stage, whose stated error is measured with every sec
 
 _FLOOR = (1e-6, 1e-6, 1e-6)
 """Errors that rounded numbers can cause in an estimate: position in m, rotation in rad, joint gap in m."""
+
+_LONGEST_QUOTE = 60
+"""Number of characters from which a quoted line is cut."""
+
+_STATED_DIGITS = 1e-5
+"""Relative difference of a number in proof.json and the same number in a track: both have at least six digits."""
 
 _STATED = (
     ("between_position", "any point of a link between keys", "m"),
@@ -88,11 +95,11 @@ def _placed_joints(contents: Sequence[Content]) -> list[FileJoint]:
         physics = content.physics
         if physics is None or not _places(physics):
             continue
-        held = physics.held or frozenset()
+        world_links = physics.fixed_to_world or frozenset()
         joints = []
         for joint in physics.joints:
             # Joints on the world, such as trocars, may have a different position in each motion.
-            on_world = joint.tied and held & {joint.parent, joint.child}
+            on_world = joint.tied and world_links & {joint.parent, joint.child}
             if not on_world and not physics.trocars & set(joint.names):
                 joints.append(joint)
         return joints
@@ -101,14 +108,16 @@ def _placed_joints(contents: Sequence[Content]) -> list[FileJoint]:
 
 def _places(physics: FilePhysics) -> bool:
     """Return whether a file states all joints, and where they are."""
-    return physics.complete and any(j.T is not None or j.tied for j in physics.joints)
+    if not physics.complete:
+        return False
+    return any(joint.T is not None or joint.tied for joint in physics.joints)
 
 
 def _check_between(content: Content, shapes: Mapping[str, LinkShape], joints: Sequence[FileJoint]) -> None:
     """Compare the stated errors between keys with estimates from the keys."""
     if not content.clips:
         return
-    halved_errors = halved(content.clips[0], shapes, joints)
+    halved_errors = errors_at_every_second_key(content.clips[0], shapes, joints)
     if halved_errors is None:
         return
     for (key, text, unit), halved_error, floor in zip(_STATED, halved_errors, _FLOOR, strict=True):
@@ -133,21 +142,22 @@ def _check_between(content: Content, shapes: Mapping[str, LinkShape], joints: Se
 
 def _check_heads(table: Content, track: Content) -> None:
     """Report differences of the headers of a CSV and a JSON track."""
-    own = table.extra["data"]
-    other = track.extra["data"]
-    for key in dict.fromkeys((*other, *own)):
-        if key not in own:
+    table_head = table.extra["data"]
+    track_head = track.extra["data"]
+    for key in dict.fromkeys((*track_head, *table_head)):
+        if key not in table_head:
             text = f"the entry '{key}' is in {track.file}, but not in {table.file}."
-        elif key not in other:
+        elif key not in track_head:
             text = f"the entry '{key}' is in {table.file}, but not in {track.file}."
-        elif not _equal(own[key], other[key]):
-            text = f"'{key}' is {_short(own[key])}; in {track.file} it is {_short(other[key])}."
+        elif not _equal(table_head[key], track_head[key]):
+            text = f"'{key}' is {_short(table_head[key])}; in {track.file} it is {_short(track_head[key])}."
         else:
             continue
         table.ledger.wrong("claims.head", text, key, suggestion="write both files from one source")
 
 
 def _equal(a: Any, b: Any) -> bool:
+    """Return whether two values of headers are equal: numbers but for rounding, lists by entry, others as text."""
     if isinstance(a, list) and isinstance(b, list):
         return len(a) == len(b) and all(map(_equal, a, b))
     if isinstance(a, int | float) and isinstance(b, int | float):
@@ -183,7 +193,9 @@ def _check_assumed(contents: Sequence[Content], tracks: Sequence[Content]) -> No
         lines = content.extra["data"].get("assumed")
         if not isinstance(lines, list):
             continue
-        listed = {head(str(line)) for line in lines}
+        listed = set()
+        for line in lines:
+            listed.add(head(str(line)))
         lacking = []
         for name in stage.extra["assumed"]:
             if name not in listed and not name.startswith("drawing."):
@@ -274,11 +286,12 @@ def check_readme(contents: Sequence[Content], read: Collection[str], path: Path,
         return
     text = re.sub(r"[ \t]*\n[ \t]+", " ", raw)  # join wrapped lines
     for topic, pattern, expected in STATEMENTS:
-        found = re.search(pattern, text)
-        if found is None:
+        sentence_match = re.search(pattern, text)
+        if sentence_match is None:
             continue
-        stated = found.groups()
-        if tuple(word.lower() for word in stated) != expected:
+        stated = sentence_match.groups()
+        lower_case = tuple(map(str.lower, stated))
+        if lower_case != expected:
             message = f"README.txt states '{' / '.join(stated)}' for {topic}; the files have '{' / '.join(expected)}'."
             ledger.wrong("readme.convention", message, topic)
     _check_listed(path.parent, raw, contents, read, ledger)
@@ -325,9 +338,12 @@ def _check_export_findings(text: str, folder: Path, contents: Sequence[Content],
         left_out = _LEFT_OUT.fullmatch(line)
         if left_out is None:
             continue
-        strange = [name for name in left_out["names"].split(", ") if name not in names]
-        if strange and has_all_names(contents):
-            message = f"a finding of the export names '{strange[0]}', which no file has: '{_clipped(line)}'."
+        unknown_names = []
+        for name in left_out["names"].split(", "):
+            if name not in names:
+                unknown_names.append(name)
+        if unknown_names and has_all_names(contents):
+            message = f"a finding of the export names '{unknown_names[0]}', which no file has: '{_clipped(line)}'."
             ledger.wrong("readme.finding", message, "Findings of the export")
 
 
@@ -339,29 +355,37 @@ def _check_sentences(text: str, contents: Sequence[Content], ledger: Ledger) -> 
         if format.name in formats and use not in _plain(_section(text, "How to use it")):
             message = f"'How to use it' lacks the line of the {format.title}: '{_clipped(use)}'."
             ledger.wrong("readme.sentence", message, "How to use it")
-    uses = [_plain(format.use.removeprefix("- ")) for format in used()]
-    for title, known, all_needed in (
-        ("Conventions", [_plain(line.removeprefix("- ")) for line in CONVENTIONS], True),
-        ("How to use it", uses, False),
-        ("What has not been tested", [_plain(line.removeprefix("- ")) for line in UNTRIED], True),
+    uses = [format.use for format in used()]
+    for title, entries, all_needed in (
+        ("Conventions", CONVENTIONS, True),
+        ("How to use it", uses, False),  # each export has only some of the formats
+        ("What has not been tested", UNTRIED, True),
     ):
-        stated = []
-        for line in _section(text, title).splitlines():
-            if line.strip():
-                stated.append(_plain(line.removeprefix("- ")))
-        strange = [line for line in stated if line not in known]
-        if strange:
-            message = f"'{title}' has the line '{_clipped(strange[0])}'{_more(strange)}, which twin does not write."
+        expected_lines = _entry_lines(entries)
+        stated = _entry_lines(_section(text, title).splitlines())
+        unknown_lines = [line for line in stated if line not in expected_lines]
+        if unknown_lines:
+            first = _clipped(unknown_lines[0])
+            message = f"'{title}' has the line '{first}'{_more(unknown_lines)}, which twin does not write."
             ledger.wrong("readme.sentence", message, title)
-        missing = [line for line in known if line not in stated]
+        missing = [line for line in expected_lines if line not in stated]
         if missing and (all_needed or not stated):
             message = f"'{title}' lacks the line '{_clipped(missing[0])}'{_more(missing)}."
             ledger.wrong("readme.sentence", message, title)
 
 
+def _entry_lines(lines: Iterable[str]) -> list[str]:
+    """Return the lines of a list that are not blank, without the dash before them and with single spaces."""
+    entries = []
+    for line in lines:
+        if line.strip():
+            entries.append(_plain(line.removeprefix("- ")))
+    return entries
+
+
 def _check_listed(folder: Path, raw: str, contents: Sequence[Content], read: Collection[str], ledger: Ledger) -> None:
     """Report listed files that do not exist or are of no format, and motions that the listed files should play."""
-    place = ledger.file.removesuffix("README.txt")  # of the folder with the listed files, in the audited folder
+    folder_prefix = ledger.file.removesuffix("README.txt")  # of the folder with the listed files, in the audited folder
     rows = re.findall(r"^(\S+?)(?:, (\.\w+))?  +(.*)$", _section(raw, "What is where"), re.MULTILINE)
     for line in _section(raw, "What is where").splitlines():
         if line.startswith(" "):
@@ -369,28 +393,35 @@ def _check_listed(folder: Path, raw: str, contents: Sequence[Content], read: Col
             ledger.wrong("readme.file", message, "What is where")
     listed: set[str] = set()
     motions = _named_motions(contents)
-    for name, second_suffix, what in rows:
+    for name, second_suffix, description in rows:
         files = [name]
         if second_suffix:
             files.append(str(Path(name).with_suffix(second_suffix)))
-        listed |= {f"{place}{file}" for file in files}
         for file in files:
+            listed.add(f"{folder_prefix}{file}")
+            # The README.txt is written before the proof.json, which has its hash.
             if file != PROOF and not (folder / file).exists():
                 ledger.wrong("readme.file", f"README.txt lists '{file}', which does not exist.", file)
-            elif _is_audited(file) and f"{place}{file}" not in read:
+            elif _is_audited(file) and f"{folder_prefix}{file}" not in read:
                 message = f"README.txt lists '{file}', which no reader of the audit recognises."
                 ledger.wrong("readme.file", message, file)
-        playing = re.search(r"playing (\w+)", what)
+        playing = re.search(r"playing (\w+)", description)
         if playing is None or not motions:
             continue
         motion = playing[1]
-        if motion not in motions and not any(name.endswith(f"_{motion}") for name in motions):
+        if motion not in motions and not _ends_with_motion(motions, motion):
             message = f"README.txt states that '{name}' plays '{motion}', but the files have no such motion."
             ledger.wrong("readme.file", message, name)
+    listed_folders = tuple(name for name in listed if name.endswith("/"))
     for content in contents:
-        inside = any(content.file.startswith(name) for name in listed if name.endswith("/"))
-        if rows and content.file not in listed and f"{content.file}/" not in listed and not inside:
+        is_listed = content.file in listed or f"{content.file}/" in listed or content.file.startswith(listed_folders)
+        if rows and not is_listed:
             ledger.wrong("readme.file", f"README.txt does not list '{content.file}'.", content.file)
+
+
+def _ends_with_motion(names: Collection[str], motion: str) -> bool:
+    """Return whether one of the names is <robot>_<motion>, as other programs may name the motion of a stage."""
+    return any(name.endswith(f"_{motion}") for name in names)
 
 
 def _is_audited(file: str) -> bool:
@@ -433,20 +464,20 @@ def _check_motion(row: re.Match[str], track: Content, ledger: Ledger) -> None:
     name = row["name"]
     data = track.extra["data"]
     clip = track.clips[0]
-    for what, value, real in (
+    for description, value, real in (
         ("the duration in s", row["duration"], clip.duration),
         ("the number of keys", row["keys"], len(clip.times)),
         ("the key rate in Hz", row["rate"], data.get("rate")),
         ("the error between keys in um", row["position"], _times(data.get("between_position"), 1e6)),
-        ("the error between keys in degrees", row["rotation"], _times(data.get("between_rotation"), 57.29577951)),
+        ("the error between keys in degrees", row["rotation"], _times(data.get("between_rotation"), math.degrees(1.0))),
         ("the gap of joints in um", row["gap"], _times(data.get("joint_gap"), 1e6)),
     ):
         if not isinstance(real, int | float):
             continue
         digits = len(value.partition(".")[2])
-        rounding = 0.51 * 10.0**-digits  # half of the last digit
+        rounding = 0.51 * 10.0**-digits  # half of the last digit, and a little for numbers that are rounded twice
         if abs(float(value) - real) > rounding:
-            message = f"motion '{name}': {what} is {value}; in {track.file} it is {real:.{max(digits, 1)}f}."
+            message = f"motion '{name}': {description} is {value}; in {track.file} it is {real:.{max(digits, 1)}f}."
             ledger.wrong("readme.motion", message, name)
     title = str(data.get("title", row["title"]))
     if title != row["title"]:
@@ -454,7 +485,8 @@ def _check_motion(row: re.Match[str], track: Content, ledger: Ledger) -> None:
         ledger.wrong("readme.motion", message, name)
 
 
-def _times(value: Any, factor: float) -> Any:
+def _times(value: Any, factor: float) -> float | None:
+    """Return the product of a stated number and a factor; None if the file states no number."""
     if not isinstance(value, int | float):
         return None
     return value * factor
@@ -495,24 +527,25 @@ def _plain(text: str) -> str:
 
 def _without_protocols(line: str, protocols: Collection[str]) -> str:
     """Return a line "protocol, protocol: assumption" without its protocols; other lines are unchanged."""
-    front, colon, rest = line.partition(": ")
+    front, colon, assumption = line.partition(": ")
     if colon and set(front.split(", ")) <= set(protocols):
-        return rest
+        return assumption
     return line
 
 
 def _clipped(line: str) -> str:
-    if len(line) < 60:
+    """Return at most the first 57 characters of a line: a message should show which line it is, not repeat it."""
+    if len(line) < _LONGEST_QUOTE:
         return line
-    return f"{line[:57]}…"
+    return f"{line[: _LONGEST_QUOTE - 3]}…"
 
 
 def _section(text: str, title: str) -> str:
     """Return the lines below an underlined title, up to the next title."""
-    found = re.search(rf"^{title}[^\n]*\n-+\n(.*?)(?=^[^\n]+\n-{{3,}}\n|\Z)", text, re.MULTILINE | re.DOTALL)
-    if found is None:
+    section_match = re.search(rf"^{title}[^\n]*\n-+\n(.*?)(?=^[^\n]+\n-{{3,}}\n|\Z)", text, re.MULTILINE | re.DOTALL)
+    if section_match is None:
         return ""
-    return found[1]
+    return section_match[1]
 
 
 def check_proof_clips(proof: JsonMapping, contents: Iterable[Content], ledger: Ledger) -> None:
@@ -540,6 +573,6 @@ def _check_proof_clip(row: JsonMapping, track: Content, ledger: Ledger) -> None:
         stated = row.get(key)
         if not isinstance(real, int | float) or not isinstance(stated, int | float):
             continue
-        if abs(stated - real) > 1e-5 * abs(real):
+        if abs(stated - real) > _STATED_DIGITS * abs(real):
             text = f"clip '{row['protocol']}': {key} is {stated:g}; in {track.file} it is {real:g}."
             ledger.wrong("proof.clip", text, key)

@@ -110,6 +110,7 @@ def audit_certificate(
         elif data["schema"] == MOTION:
             ledger.tool = "Newton's method at random times"
             audit_motion_bounds(data, ledger)
+            # A determinant has no value to sample: that it is not 0 shows in the loops, which Newton's method closes.
             bounds = [bound for bound in data["bounds"] if bound["kind"] != "determinant"]
             if samples is None:
                 _judge_limits(str(data["protocol"]), bounds, ledger)
@@ -123,7 +124,9 @@ def audit_certificate(
             for motion in motions:
                 _judge_motion(motion, samples, ledger)
         elif motions:
-            count = sum(len(motion["proved"]) for motion in motions)
+            count = 0
+            for motion in motions:
+                count += len(motion["proved"])
             ledger.add("certificate.motions", "info", f"{count} bounds along protocols are not checked without --robot")
     except (ValueError, KeyError, TypeError, IndexError, AttributeError, ArithmeticError, RecursionError) as error:
         text = f"it cannot be checked, because it was changed or cut: {type(error).__name__}: {error}"
@@ -134,12 +137,14 @@ def audit_certificate(
 def _read(path: Path) -> dict[str, Any]:
     """Return the content of a certificate whose hash is that of its content."""
     data = json.loads(path.read_text(encoding="utf-8"))
-    known = (SCHEMA, BOUNDS, WORKSPACE, MOTION)
-    if data["schema"] not in known:
+    known_schemas = (SCHEMA, BOUNDS, WORKSPACE, MOTION)
+    if data["schema"] not in known_schemas:
         raise TwinError(
-            f"{path}: schema {data['schema']!r} is none of {', '.join(known)}: use the version of twin that wrote it"
+            f"{path}: schema {data['schema']!r} is none of {', '.join(known_schemas)}: use the version of twin that "
+            "wrote it"
         )
-    content = {key: value for key, value in data.items() if key != "sha256"}
+    content = dict(data)
+    del content["sha256"]
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
     if hashlib.sha256(text.encode("ascii")).hexdigest() != data["sha256"]:
         raise ValueError("its content does not have the SHA-256 that it states")
@@ -161,40 +166,59 @@ def _compare_files(proved: Mapping[str, str], files: Mapping[str, str], ledger: 
 def _judge(data: Mapping[str, Any], ledger: Ledger) -> None:
     """Add a row for each claim, and a finding for each that does not hold."""
     claims = data["claims"]
-    seen = [0] * len(claims)
+    states_within_reach = [0] * len(claims)
     largest = [0.0] * len(claims)
     wrong: dict[int, Decimal] = {}
     generator = random.SystemRandom()  # no state that the author of a certificate could foresee
     with localcontext(Context(prec=DIGITS)):
-        constants = {i: _constant(row) for i, row in enumerate(data["rows"]) if row[0] in ("number", "real")}
+        constants: dict[int, Bounded | None] = {}
+        for row_number, row in enumerate(data["rows"]):
+            if row[0] in ("number", "real"):
+                constants[row_number] = _constant(row)
         for _ in range(_MOST_STATES):
-            if min(seen) >= STATES:
+            if min(states_within_reach) >= STATES:
                 break
-            values = _values(data["rows"], constants, _drawn(data["ranges"], generator))
-            for k, claim in enumerate(claims):
-                reach = [values[_place(i, values)] for i in claim["reach"]]
-                zeros = [values[_place(i, values)] for i in claim["zero"]]
-                if None in zeros or any(margin is None or margin[0] < 0 for margin in map(_number, reach)):
+            state = _random_state(data["ranges"], generator)
+            values = _values(data["rows"], constants, state)
+            for claim_number, claim in enumerate(claims):
+                zeros = _judged_zeros(claim, values)
+                if zeros is None:
                     continue
-                numbers = [number for number in map(_number, zeros) if number is not None]
-                if any(not error <= LIMIT for _, error in numbers):
-                    continue
-                seen[k] += 1
-                for zero, error in numbers:
-                    largest[k] = max(largest[k], abs(float(zero)))
+                states_within_reach[claim_number] += 1
+                for zero, error in zeros:
+                    largest[claim_number] = max(largest[claim_number], abs(float(zero)))
                     if abs(zero) > Decimal(error):
-                        wrong[k] = max(wrong.get(k, zero), zero, key=abs)
-    for k, claim in enumerate(claims):
-        if not any(_depends(data["rows"], i) for i in claim["zero"]):
+                        wrong[claim_number] = max(wrong.get(claim_number, zero), zero, key=abs)
+    for claim_number, claim in enumerate(claims):
+        # A constant that is zero would hold at every state, whatever the equations are.
+        if not any(_depends(data["rows"], row_number) for row_number in claim["zero"]):
             raise ValueError(f"the claim {claim['name']} does not depend on the state")
         where = claim["name"]
-        if seen[k] < STATES:
-            text = f"only {seen[k]} of {_MOST_STATES} drawn states are within reach, {STATES} are needed"
+        count = states_within_reach[claim_number]
+        if count < STATES:
+            text = f"only {count} of {_MOST_STATES} drawn states are within reach, {STATES} are needed"
             ledger.add("certificate.out_of_reach", "error", text, where)
-        ledger.row("claim", largest[k], "", LIMIT, where=where)
-        if k in wrong:
-            text = f"it does not hold that {claim['claim']}: a number that must be zero is {wrong[k]:.3g}"
+        ledger.row("claim", largest[claim_number], "", LIMIT, where=where)
+        if claim_number in wrong:
+            text = f"it does not hold that {claim['claim']}: a number that must be zero is {wrong[claim_number]:.3g}"
             ledger.wrong("certificate.wrong", text, where)
+
+
+def _judged_zeros(claim: Mapping[str, Any], values: Sequence[Number]) -> list[Bounded] | None:
+    """Return the numbers that a claim says are zero; None where the state is out of reach, or they are too inexact."""
+    margins = _row_numbers(claim["reach"], values)
+    zeros: list[Bounded] = []
+    for zero in _row_numbers(claim["zero"], values):
+        if zero is None:
+            return None
+        zeros.append(zero)
+    for margin in margins:
+        if margin is None or margin[0] < 0:
+            return None
+    for _, error in zeros:
+        if not error <= LIMIT:  # also if the error is not a number
+            return None
+    return zeros
 
 
 def _judge_motion(motion: Mapping[str, Any], samples: MotionSampler, ledger: Ledger) -> None:
@@ -206,32 +230,36 @@ def _judge_motion(motion: Mapping[str, Any], samples: MotionSampler, ledger: Led
         ledger.add("certificate.motion", "error", f"{name}: its bounds cannot be checked: {error}", name)
         return
     worst = 0.0
-    missing = []
+    not_sampled = []
     _judge_limits(name, motion["proved"], ledger)
     for row in motion["proved"]:
-        what = f"{row['kind']} {row['value']}"
+        description = f"{row['kind']} {row['value']}"
         if ("at least" in row) == ("at most" in row):
-            raise ValueError(f"{name}: {what} has not either a lower or an upper bound")
+            raise ValueError(f"{name}: {description} has not either a lower or an upper bound")
         if (row["kind"], row["value"]) not in extremes:
             # every value that is proved is sampled: a value of another name would hide its bound
-            ledger.add("certificate.motion", "error", f"{name}: there is no {what} to sample", name)
+            ledger.add("certificate.motion", "error", f"{name}: there is no {description} to sample", name)
             continue
-        smallest, largest, unknown = extremes[row["kind"], row["value"]]
+        smallest, largest, unknown_count = extremes[row["kind"], row["value"]]
         if math.isnan(smallest):
-            missing.append(what)
+            not_sampled.append(description)
             continue
-        if unknown:
-            missing.append(f"{what} at {unknown} times")
-        beyond = float(row["at least"]) - smallest if "at least" in row else largest - float(row["at most"])
+        if unknown_count:
+            not_sampled.append(f"{description} at {unknown_count} times")
+        if "at least" in row:
+            sample = smallest
+            beyond = float(row["at least"]) - smallest
+        else:
+            sample = largest
+            beyond = largest - float(row["at most"])
         relative = beyond / max(1.0, abs(smallest), abs(largest))
         worst = max(worst, relative)
         if not relative <= SAMPLED:
-            sample = smallest if "at least" in row else largest
             text = f"{name}: {row['kind']} {row['value']}: a sample is {sample:.6g}, beyond its bound by {beyond:.3g}"
             ledger.wrong("certificate.wrong", text, name)
     ledger.row("protocol", worst, "", SAMPLED, where=name)
-    if missing:
-        ledger.add("certificate.motion", "info", f"{name}: not sampled: {', '.join(missing)}", name)
+    if not_sampled:
+        ledger.add("certificate.motion", "info", f"{name}: not sampled: {', '.join(not_sampled)}", name)
 
 
 def _judge_limits(name: str, rows: Sequence[Mapping[str, Any]], ledger: Ledger) -> None:
@@ -252,25 +280,33 @@ def _within_limit(row: Mapping[str, Any]) -> bool:
     return float(row["at most"]) <= limit
 
 
-def _place(i: int, values: Sequence[Number]) -> int:
-    """Return the number of a row; raise an error if there is none."""
-    if not 0 <= i < len(values):
-        raise ValueError(f"there is no row {i}")
-    return i
+def _row_numbers(row_numbers: Sequence[int], values: Sequence[Number]) -> list[Bounded | None]:
+    """Return the values of rows as numbers; ValueError if there is no such row.
+
+    Python would count a negative number of a row from the end.
+    """
+    numbers = []
+    for row_number in row_numbers:
+        if not 0 <= row_number < len(values):
+            raise ValueError(f"there is no row {row_number}")
+        numbers.append(_number(values[row_number]))
+    return numbers
 
 
 def _depends(rows: Sequence[Sequence[Any]], result: int) -> bool:
     """Return whether a row depends on the state."""
     waiting = [result]
-    seen: set[int] = set()
+    visited_rows: set[int] = set()
     while waiting:
-        i = waiting.pop()
-        if i in seen:
+        row_number = waiting.pop()
+        if row_number in visited_rows:
             continue
-        seen.add(i)
-        if rows[i][0] in ("input", "cosine", "sine"):
+        visited_rows.add(row_number)
+        if rows[row_number][0] in ("input", "cosine", "sine"):
             return True
-        waiting += [operand for operand in rows[i][1:] if isinstance(operand, int)]
+        for operand in rows[row_number][1:]:
+            if isinstance(operand, int):
+                waiting.append(operand)
     return False
 
 
@@ -281,47 +317,54 @@ def _number(value: Number) -> Bounded | None:
     return value
 
 
-def _drawn(ranges: Mapping[str, Any], generator: random.Random) -> dict[str, tuple[Bounded, Bounded]]:
+def _random_state(ranges: Mapping[str, Any], generator: random.Random) -> dict[str, tuple[Bounded, Bounded]]:
     """Return a random state: {name: (number, number), or cosine and sine of an angle}."""
     state = {}
     for name, (is_angle, low, high) in ranges.items():
         if not low < high:
             raise ValueError(f"the range of {name} is empty")
-        x = generator.uniform(low, high)
+        drawn_value = generator.uniform(low, high)
         if is_angle:
-            state[name] = _turn(x, round((low + high) / 2 / (math.pi / 6)))
+            middle = round((low + high) / 2 / (math.pi / 6))
+            state[name] = _cosine_and_sine(drawn_value, middle)
         else:
-            number = (Decimal(x), 0.0)
+            number = (Decimal(drawn_value), 0.0)
             state[name] = (number, number)
     return state
 
 
-def _turn(angle: float, middle: int) -> tuple[Bounded, Bounded]:
+def _cosine_and_sine(angle: float, middle: int) -> tuple[Bounded, Bounded]:
     """Return cosine and sine of an angle near one in rad, which is drawn around `middle` times 30 degrees."""
     # half the distance has a rational tangent; it is large near half a turn, which does no harm
     half = math.remainder(angle - middle * math.pi / 6, 2 * math.pi) / 2
-    t = Decimal(math.tan(half))
-    x, y = (1 - t * t) / (1 + t * t), 2 * t / (1 + t * t)
-    tall = Decimal(3).sqrt() / 2
-    quarter = [(Decimal(1), Decimal(0)), (tall, Decimal("0.5")), (Decimal("0.5"), tall)]
-    c, s = quarter[middle % 3]
-    for _ in range(middle // 3 % 4):
-        c, s = -s, c
-    return (c * x - s * y, _STEP), (s * x + c * y, _STEP)
+    tangent = Decimal(math.tan(half))
+    # The formulas of the half angle: with a rational tangent, both are exact but for the last digit.
+    distance_cosine = (1 - tangent * tangent) / (1 + tangent * tangent)
+    distance_sine = 2 * tangent / (1 + tangent * tangent)
+    root_3_half = Decimal(3).sqrt() / 2
+    first_quarter = [(Decimal(1), Decimal(0)), (root_3_half, Decimal("0.5")), (Decimal("0.5"), root_3_half)]
+    cosine, sine = first_quarter[middle % 3]
+    for _ in range(middle // 3 % 4):  # a quarter turn each
+        cosine, sine = -sine, cosine
+    turned_cosine = cosine * distance_cosine - sine * distance_sine
+    turned_sine = sine * distance_cosine + cosine * distance_sine
+    return (turned_cosine, _STEP), (turned_sine, _STEP)
 
 
 def _constant(row: Sequence[Any]) -> Bounded | None:
     """Return a constant, as "1/2*sqrt(3) + 5*sqrt(1)", or a real number without an exact form."""
     if row[0] == "real":
         number = Decimal(row[1])
-        return (number, 0.0) if number.is_finite() else None
+        if not number.is_finite():
+            return None
+        return number, 0.0
     total = Decimal(0)
     error = 0.0
     for word in row[1].split(" + "):
-        found = re.fullmatch(r"(-?\d+)(?:/(\d+))?\*sqrt\(([1236])\)", word)
-        if found is None:
+        term_match = re.fullmatch(r"(-?\d+)(?:/(\d+))?\*sqrt\(([1236])\)", word)
+        if term_match is None:
             raise ValueError(f"{word!r} is not a number")
-        numerator, denominator, radicand = found.groups()
+        numerator, denominator, radicand = term_match.groups()
         part = Decimal(numerator) / Decimal(denominator or 1) * Decimal(radicand).sqrt()
         total += part
         error += (abs(float(part)) + abs(float(total))) * _STEP
@@ -335,18 +378,21 @@ def _values(
 ) -> list[Number]:
     """Return the values of all rows at a state."""
     values: list[Number] = []
-    for i, row in enumerate(rows):
+    for row_number, row in enumerate(rows):
         name = row[0]
-        if i in constants:
-            values.append(constants[i])
+        if row_number in constants:
+            values.append(constants[row_number])
         elif name in ("input", "cosine"):
             values.append(state[row[1]][0])
         elif name == "sine":
             values.append(state[row[1]][1])
         else:
-            if any(not 0 <= operand < i for operand in row[1:]):
-                raise ValueError(f"row {i} needs a row that is not before it")
-            values.append(_result(name, [values[operand] for operand in row[1:]]))
+            operands = []
+            for operand in row[1:]:
+                if not 0 <= operand < row_number:
+                    raise ValueError(f"row {row_number} needs a row that is not before it")
+                operands.append(values[operand])
+            values.append(_result(name, operands))
     return values
 
 
@@ -356,12 +402,15 @@ def _result(name: str, operands: Sequence[Any]) -> Number:
         condition, first, second = operands
         if condition is None:
             return None
-        return first if condition else second
+        if condition:
+            return first
+        return second
     if None in operands:
         return None
     if name in _LOGIC:
         return _LOGIC[name](*operands)
-    return _OPERATIONS[name](*[_number(operand) for operand in operands])
+    numbers = map(_number, operands)
+    return _OPERATIONS[name](*numbers)
 
 
 def _add(a: Bounded, b: Bounded) -> Bounded:

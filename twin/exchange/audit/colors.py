@@ -33,26 +33,29 @@ class Palette:
 
     def shares(self) -> dict[str, dict[Rgba, float]]:
         """Return {link: {colour: fraction (0..1) of the link's area}}; links without area are omitted."""
-        out = {}
+        shares = {}
         for link, areas in self._areas.items():
             total = sum(areas.values())
             if total > 0:
-                out[link] = {color: area / total for color, area in areas.items()}
-        return out
+                shares[link] = {}
+                for color, area in areas.items():
+                    shares[link][color] = area / total
+        return shares
 
 
-def linear(shown: Array) -> Array:
-    """Return linear components (..., 3) of display values (sRGB)."""
-    c = np.asarray(shown, float)
-    dark = c / 12.92
-    bright = ((np.maximum(c, 0.0) + 0.055) / 1.055) ** 2.4
-    return np.where(c <= 0.04045, dark, bright)
+def linear(display_values: Array) -> Array:
+    """Return linear components (..., 3) of display values (sRGB), by IEC 61966-2-1."""
+    components = np.asarray(display_values, float)
+    dark = components / 12.92
+    # Where the components are dark, the power is computed too, and must be of no negative number.
+    bright = ((np.maximum(components, 0.0) + 0.055) / 1.055) ** 2.4
+    return np.where(components <= 0.04045, dark, bright)
 
 
 def display(linear: Array) -> Array:
-    """Return display values (sRGB) (..., 3) of linear components."""
-    c = np.maximum(np.asarray(linear, float), 0.0)
-    return np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055)
+    """Return display values (sRGB) (..., 3) of linear components, by IEC 61966-2-1."""
+    components = np.maximum(np.asarray(linear, float), 0.0)
+    return np.where(components <= 0.0031308, 12.92 * components, 1.055 * components ** (1 / 2.4) - 0.055)
 
 
 def surface_area(vertices: Array, triangles: Array) -> float:
@@ -64,33 +67,35 @@ def surface_area(vertices: Array, triangles: Array) -> float:
     return float(doubled.sum() / 2)
 
 
-def apart(one: Mapping[Rgba, float], other: Mapping[Rgba, float]) -> float:
+def color_difference(first_shares: Mapping[Rgba, float], second_shares: Mapping[Rgba, float]) -> float:
     """Return the fraction (0..1) of a link's surface area that has different colours in two files.
 
-    `one` and `other` are {linear colour: fraction of the link's area} in the first and in the second file.
+    `first_shares` and `second_shares` are {linear colour: fraction of the link's area} in the first and in the second
+    file.
     """
-    left = dict(other)
+    unmatched = dict(second_shares)
     matched = 0.0
-    for color, share in one.items():
-        for near in sorted(left, key=lambda c: _difference(c, color)):
-            if not _same(near, color) or share <= 0:
+    for color, share in first_shares.items():
+        # The nearest colours first: a colour that is farther off may be the counterpart of another one.
+        for candidate in sorted(unmatched, key=lambda c: _difference(c, color)):
+            if not _same(candidate, color) or share <= 0:
                 break
-            common = min(share, left[near])
-            left[near] -= common
+            common = min(share, unmatched[candidate])
+            unmatched[candidate] -= common
             share -= common
             matched += common
     return 1.0 - matched
 
 
-def _same(one: Rgba, other: Rgba) -> bool:
+def _same(first: Rgba, second: Rgba) -> bool:
     """Return whether two linear colours are equal, if one of them is rounded to eight bits, in either form."""
-    if _difference(one, other) <= SAME:
+    if _difference(first, second) <= SAME:
         return True
-    shown = (*display(np.array(one[:3])).tolist(), one[3])
-    other_shown = (*display(np.array(other[:3])).tolist(), other[3])
-    return _difference(shown, other_shown) <= SAME
+    displayed = (*display(np.array(first[:3])).tolist(), first[3])
+    other_displayed = (*display(np.array(second[:3])).tolist(), second[3])
+    return _difference(displayed, other_displayed) <= SAME
 
 
-def _difference(one: Rgba, other: Rgba) -> float:
+def _difference(first: Rgba, second: Rgba) -> float:
     """Return the largest difference between two components."""
-    return float(np.abs(np.subtract(one, other)).max())
+    return float(np.abs(np.subtract(first, second)).max())

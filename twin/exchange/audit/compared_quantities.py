@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 
 from twin.core.findings import Severity
 from twin.exchange.audit import poses
-from twin.exchange.audit.colors import apart
+from twin.exchange.audit.colors import color_difference
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import quantity
 
@@ -117,8 +117,8 @@ def _sense(a: tuple[Array, bool], b: tuple[Array, bool]) -> float:
 def _line(a: tuple[Array, Array | None], b: tuple[Array, Array | None]) -> float:
     """Return the distance in m from b's point to line a; if a or b has no direction, the distance of their points."""
     point, direction = a
-    other, other_direction = b
-    shift = other - point
+    other_point, other_direction = b
+    shift = other_point - point
     if direction is None or other_direction is None:
         return float(np.linalg.norm(shift))
     return float(np.linalg.norm(np.cross(direction, shift)))
@@ -142,8 +142,8 @@ def _surface(a: Array, b: Array) -> float:
     to_b = _nearest(a, b)
     to_a = _nearest(b, a)
     coinciding = min(np.mean(to_b < ALIKE), np.mean(to_a < ALIKE))
-    least = 0.2 if len(a) == len(b) else 0.7
-    if coinciding < least:
+    least_coinciding = 0.2 if len(a) == len(b) else 0.7
+    if coinciding < least_coinciding:
         return 0.0
     return float(max(to_b.max(), to_a.max()))
 
@@ -173,14 +173,14 @@ NOTHING = "nothing"
 
 
 @dataclass(frozen=True)
-class Compared:
+class ComparisonRule:
     """One compared quantity.
 
     Attributes:
-        apart: function that returns the difference between two values.
+        difference: function that returns the difference between two values.
         tolerance: maximum difference between equal values.
         unit: unit of the values, and of the difference if `relative` is False.
-        relative: whether `apart` returns a relative difference; messages then show the ratio.
+        relative: whether `difference` returns a relative difference; messages then show the ratio.
         severity: severity of a difference: a "warning" where the motion stays the same, or authors may choose.
         usual: the right value if any source states it, whatever the others state; None if there is no such value.
         by_majority: whether a difference is reported only if the mechanism, or two sources, state the other value.
@@ -188,7 +188,7 @@ class Compared:
             compared lacks its check, which is a finding; where only differences count, none is listed.
     """
 
-    apart: Callable[[Any, Any], float]
+    difference: Callable[[Any, Any], float]
     tolerance: float
     unit: str = ""
     relative: bool = False
@@ -199,90 +199,92 @@ class Compared:
 
     @property
     def unit_of_difference(self) -> str:
-        """Unit of what `apart` returns; "" for a relative difference."""
+        """Unit of what `difference` returns; "" for a relative difference."""
         if self.relative:
             return ""
         return self.unit
 
 
-QUANTITIES: Mapping[str, Compared] = {
-    "weighed": Compared(_word, 0.0),
-    "mass": Compared(_number, 1e-5, "kg", True),
-    "mass centre": Compared(_distance, 2e-6, "m"),
-    "inertia": Compared(_tensor, 1e-5, "", True),
-    "existence": Compared(_word, 0.0),
-    "name": Compared(_word, 0.0),
-    "kind": Compared(_word, 0.0),
-    "links": Compared(_word, 0.0),
-    "place": Compared(_line, 2e-6, "m"),
-    "axis": Compared(_sense, 1e-5),
-    "pose": Compared(_place, 5e-6, "m"),
-    "zero": Compared(_place, 5e-6, "m"),
-    "limits": Compared(_ends, 1e-5, "m or rad"),
-    "soft limits": Compared(_ends, 1e-5, "m or rad"),
-    "cone": Compared(_ends, 1e-5, "rad"),
-    "axis of its cone": Compared(_direction, 1e-5),
-    "driven": Compared(_word, 0.0),
-    "stiffness": Compared(_number, 1e-5, "N/m or N m/rad", True),
-    "damping": Compared(_number, 1e-5, "N s/m or N m s/rad", True),
-    "largest effort": Compared(_number, 1e-5, "N or N m", True),
-    "largest speed": Compared(_number, 1e-5, "m/s or rad/s", True),
-    "largest acceleration": Compared(_number, 1e-5, "m/s2 or rad/s2", True),
-    "largest jerk": Compared(_number, 1e-5, "m/s3 or rad/s3", True),
-    "frame pose": Compared(_place, 2e-6, "m"),
-    "point": Compared(_distance, 2e-6, "m"),
-    "link": Compared(_word, 0.0),
-    "shown": Compared(_word, 0.0),
-    "collides": Compared(_word, 0.0, is_check=False),
-    "surface": Compared(_surface, ALIKE, "m"),
-    "closed": Compared(_word, 0.0),
-    "colours": Compared(apart, SHARE),
-    "finish": Compared(apart, SHARE, severity="warning"),
-    "gravity": Compared(_distance, 1e-3, "m/s2"),
-    "medium": Compared(_passive, 1e-9, "(kg/m3, Pa s, wind in m/s)"),
-    "collisions of its own links": Compared(_word, 0.0),
-    "held": Compared(_word, 0.0),
-    "ratios": Compared(_distance, 1e-5),
-    "sum": Compared(_distance, 1e-6, "m or rad"),
-    "opening": Compared(_distance, 1e-7, "m or rad"),
-    "passive": Compared(_passive, 1e-9),
-    "law": Compared(_word, 0.0),
-    "breaks": Compared(_number, 1e-5, "N", True),
-    "weightless": Compared(_distance, 1e-9),
-    "reduction": Compared(_number, 1e-6, "", True),
-    "row": Compared(_row, 1e-6, "", True),
-    "robot": Compared(_name, 0.0, severity="warning", by_majority=True),
-    "name of the tool": Compared(_word, 0.0),
-    "coordinates": Compared(_coordinates, 1e-5, "m or rad", severity="warning"),
-    "range of control": Compared(_ends, 1e-5, "m or rad", severity="warning"),
-    "further declarations": Compared(_word, 0.0, usual=NOTHING),
-    "declarations of contact or look": Compared(_word, 0.0, severity="warning", usual=NOTHING),
-    "settings of single programs": Compared(_word, 0.0, severity="warning", usual=NOTHING),
-    "rotor inertia": Compared(_number, 1e-5, "kg m2 or kg", True),
+QUANTITIES: Mapping[str, ComparisonRule] = {
+    "weighed": ComparisonRule(_word, 0.0),
+    "mass": ComparisonRule(_number, 1e-5, "kg", True),
+    "mass centre": ComparisonRule(_distance, 2e-6, "m"),
+    "inertia": ComparisonRule(_tensor, 1e-5, "", True),
+    "existence": ComparisonRule(_word, 0.0),
+    "name": ComparisonRule(_word, 0.0),
+    "kind": ComparisonRule(_word, 0.0),
+    "links": ComparisonRule(_word, 0.0),
+    "place": ComparisonRule(_line, 2e-6, "m"),
+    "axis": ComparisonRule(_sense, 1e-5),
+    "pose": ComparisonRule(_place, 5e-6, "m"),
+    "zero": ComparisonRule(_place, 5e-6, "m"),
+    "limits": ComparisonRule(_ends, 1e-5, "m or rad"),
+    "soft limits": ComparisonRule(_ends, 1e-5, "m or rad"),
+    "cone": ComparisonRule(_ends, 1e-5, "rad"),
+    "axis of its cone": ComparisonRule(_direction, 1e-5),
+    "driven": ComparisonRule(_word, 0.0),
+    "stiffness": ComparisonRule(_number, 1e-5, "N/m or N m/rad", True),
+    "damping": ComparisonRule(_number, 1e-5, "N s/m or N m s/rad", True),
+    "largest effort": ComparisonRule(_number, 1e-5, "N or N m", True),
+    "largest speed": ComparisonRule(_number, 1e-5, "m/s or rad/s", True),
+    "largest acceleration": ComparisonRule(_number, 1e-5, "m/s2 or rad/s2", True),
+    "largest jerk": ComparisonRule(_number, 1e-5, "m/s3 or rad/s3", True),
+    "frame pose": ComparisonRule(_place, 2e-6, "m"),
+    "point": ComparisonRule(_distance, 2e-6, "m"),
+    "link": ComparisonRule(_word, 0.0),
+    "shown": ComparisonRule(_word, 0.0),
+    "collides": ComparisonRule(_word, 0.0, is_check=False),
+    "surface": ComparisonRule(_surface, ALIKE, "m"),
+    "closed": ComparisonRule(_word, 0.0),
+    "colours": ComparisonRule(color_difference, SHARE),
+    "finish": ComparisonRule(color_difference, SHARE, severity="warning"),
+    "gravity": ComparisonRule(_distance, 1e-3, "m/s2"),
+    "medium": ComparisonRule(_passive, 1e-9, "(kg/m3, Pa s, wind in m/s)"),
+    "collisions of its own links": ComparisonRule(_word, 0.0),
+    "held": ComparisonRule(_word, 0.0),
+    "ratios": ComparisonRule(_distance, 1e-5),
+    "sum": ComparisonRule(_distance, 1e-6, "m or rad"),
+    "opening": ComparisonRule(_distance, 1e-7, "m or rad"),
+    "passive": ComparisonRule(_passive, 1e-9),
+    "law": ComparisonRule(_word, 0.0),
+    "breaks": ComparisonRule(_number, 1e-5, "N", True),
+    "weightless": ComparisonRule(_distance, 1e-9),
+    "reduction": ComparisonRule(_number, 1e-6, "", True),
+    "row": ComparisonRule(_row, 1e-6, "", True),
+    "robot": ComparisonRule(_name, 0.0, severity="warning", by_majority=True),
+    "name of the tool": ComparisonRule(_word, 0.0),
+    "coordinates": ComparisonRule(_coordinates, 1e-5, "m or rad", severity="warning"),
+    "range of control": ComparisonRule(_ends, 1e-5, "m or rad", severity="warning"),
+    "further declarations": ComparisonRule(_word, 0.0, usual=NOTHING),
+    "declarations of contact or look": ComparisonRule(_word, 0.0, severity="warning", usual=NOTHING),
+    "settings of single programs": ComparisonRule(_word, 0.0, severity="warning", usual=NOTHING),
+    "rotor inertia": ComparisonRule(_number, 1e-5, "kg m2 or kg", True),
 }
 """Rule of comparison for each quantity of links, joints, frames, couplings, motors and the world."""
 
 
-def difference_text(subject: str, name: str, q: Compared, own: Any, right: Any, others: str) -> str:
+def difference_text(
+    subject: str, name: str, rule: ComparisonRule, own_value: Any, right_value: Any, others: str
+) -> str:
     """Return the finding that a value `own` of a file is not the value `right` in the files `others`."""
     if name == "existence":
-        if own:
+        if own_value:
             return f"{subject} is in this file, but not in {others}."
         return f"{subject} is missing; it is in {others}."
     if name in _SAID:
         phrases = _SAID[name]
-        return f"{subject} {phrases[bool(own)]}; in {others} it {phrases[bool(right)]}."
+        return f"{subject} {phrases[bool(own_value)]}; in {others} it {phrases[bool(right_value)]}."
     word = WORDS.get(name, name)
-    if q.relative and isinstance(own, int | float):
-        ratio = f" (x {own / right:.4g})" if right else ""
-        own_text = f"{own:.6g} {q.unit}".rstrip()
-        right_text = f"{right:.6g} {q.unit}".rstrip()
+    if rule.relative and isinstance(own_value, int | float):
+        ratio = f" (x {own_value / right_value:.4g})" if right_value else ""
+        own_text = f"{own_value:.6g} {rule.unit}".rstrip()
+        right_text = f"{right_value:.6g} {rule.unit}".rstrip()
         return f"{subject}: {word} is {own_text}; in {others} it is {right_text}{ratio}."
-    difference = q.apart(own, right)
+    difference = rule.difference(own_value, right_value)
     if name == "opening":
         return (
-            f"{subject} open by {quantity(own, 'm')} if 1 g pulls at them, by the parameters of the solver; in "
-            f"{others} by {quantity(right, 'm')}."
+            f"{subject} open by {quantity(own_value, 'm')} if 1 g pulls at them, by the parameters of the solver; in "
+            f"{others} by {quantity(right_value, 'm')}."
         )
     if name in ("mass centre", "place", "frame pose", "point", "pose", "zero"):
         return f"{subject}: {word} differs by {quantity(difference, 'm')} from {others}."
@@ -295,9 +297,9 @@ def difference_text(subject: str, name: str, q: Compared, own: Any, right: Any, 
     if name == "inertia":
         return f"{subject}: inertia differs from {others} by {100 * difference:.3g} %."
     if name == "axis":
-        return f"{subject}: axis is {_vector(own[0])}; in {others} it is {_vector(right[0])}."
-    right_text = f"{_plain(right)} {q.unit}".rstrip()
-    return f"{subject}: {word} is {_plain(own)}; in {others} it is {right_text}."
+        return f"{subject}: axis is {_vector(own_value[0])}; in {others} it is {_vector(right_value[0])}."
+    right_text = f"{_plain(right_value)} {rule.unit}".rstrip()
+    return f"{subject}: {word} is {_plain(own_value)}; in {others} it is {right_text}."
 
 
 _SAID = {

@@ -33,7 +33,7 @@ _TIMES = 16
 """Maximum number of time samples of each mesh, evenly distributed, at which the files are compared."""
 
 
-def audit_bends(folder: Path) -> list[Ledger]:
+def audit_deformables(folder: Path) -> list[Ledger]:
     """Check the deformables of an exported scene; return [ledger], or [] if organs.glb does not exist.
 
     The ledger contains the checks and the findings.
@@ -46,18 +46,18 @@ def audit_bends(folder: Path) -> list[Ledger]:
     try:
         admit(glb)
         file = open_gltf(glb, ledger)
-        shown = _Played(file)
+        glb_meshes = _Played(file)
         if usd.is_file():
-            broken = trouble(read_bytes(usd, "USD"))
-            if broken:
-                raise ValueError(f"{USD}: {broken}")
+            fault = trouble(read_bytes(usd, "USD"))
+            if fault:
+                raise ValueError(f"{USD}: {fault}")
             admit(usd)
-            _compare(shown, Usd.Stage.Open(str(usd)), ledger)
+            _compare(glb_meshes, Usd.Stage.Open(str(usd)), ledger)
         else:
             ledger.row("vertices against the points in USD", None, "m", TOLERANCE)
-        for name in shown.names:
-            shown.vertices(name, 0.0)
-            open_edges = _unpaired(shown.triangles(name))
+        for name in glb_meshes.names:
+            glb_meshes.vertices(name, 0.0)
+            open_edges = _unpaired(glb_meshes.triangles(name))
             ledger.row(f"edges of '{name}' that do not join two triangles", float(open_edges), "found", 0.0)
             if open_edges:
                 text = f"mesh '{name}' is not closed: {open_edges} edges do not join exactly two triangles."
@@ -106,30 +106,30 @@ class _Played:
     def vertices(self, name: str, t: float) -> Array:
         """Return the vertices (n, 3) in m, z up, of the mesh `name` at time t in s."""
         primitive = self._primitive(name)
-        v = self._file.accessor(primitive["attributes"]["POSITION"]).copy()
+        points = self._file.accessor(primitive["attributes"]["POSITION"]).copy()
         targets = primitive.get("targets", [])
         if targets and self._node[name] in self._keys:
             times, values = self._keys[self._node[name]]
-            for k, target in enumerate(targets):
-                weight = np.interp(t, times, values[:, k])
-                v += weight * self._file.accessor(target["POSITION"])
+            for number, target in enumerate(targets):
+                weight = np.interp(t, times, values[:, number])
+                points += weight * self._file.accessor(target["POSITION"])
         T = self._T[name]
-        return v @ T[:3, :3].T + T[:3, 3]
+        return points @ T[:3, :3].T + T[:3, 3]
 
 
-def _compare(shown: _Played, stage: Usd.Stage, ledger: Ledger) -> None:
+def _compare(glb_meshes: _Played, stage: Usd.Stage, ledger: Ledger) -> None:
     stage.Reload()  # USD keeps layers in memory, but the file may have changed
     rate = stage.GetTimeCodesPerSecond()
-    meshes = {p.GetName(): UsdGeom.Mesh(p) for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)}
-    for name in sorted({*shown.names} ^ {*meshes}):
+    usd_meshes = {p.GetName(): UsdGeom.Mesh(p) for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)}
+    for name in sorted({*glb_meshes.names} ^ {*usd_meshes}):
         text = f"deformable '{name}' is in only one of the files {GLB} and {USD}."
         ledger.wrong("bend.missing", text, name)
-    for name in shown.names:
-        if name not in meshes:
+    for name in glb_meshes.names:
+        if name not in usd_meshes:
             continue
-        worst, when = _largest_difference(shown, name, meshes[name], rate)
-        faces = np.array(meshes[name].GetFaceVertexIndicesAttr().Get()).reshape(-1, 3)
-        if not np.array_equal(faces, shown.triangles(name)):
+        worst, when = _largest_difference(glb_meshes, name, usd_meshes[name], rate)
+        faces = np.array(usd_meshes[name].GetFaceVertexIndicesAttr().Get()).reshape(-1, 3)
+        if not np.array_equal(faces, glb_meshes.triangles(name)):
             worst = np.inf
             when = "triangles"
         ledger.row(f"vertices of '{name}' against {USD}", worst, "m", TOLERANCE, where=name, when=when)
@@ -141,7 +141,7 @@ def _compare(shown: _Played, stage: Usd.Stage, ledger: Ledger) -> None:
             ledger.wrong("bend.vertices", text, name, size=Measured(worst, TOLERANCE, "m"), when=when)
 
 
-def _largest_difference(shown: _Played, name: str, mesh: UsdGeom.Mesh, rate: float) -> tuple[float, str]:
+def _largest_difference(glb_meshes: _Played, name: str, mesh: UsdGeom.Mesh, rate: float) -> tuple[float, str]:
     """Return (largest difference of a coordinate in m, time) of a mesh in both files; infinite for other counts."""
     points = mesh.GetPointsAttr()
     codes = points.GetTimeSamples()
@@ -149,10 +149,10 @@ def _largest_difference(shown: _Played, name: str, mesh: UsdGeom.Mesh, rate: flo
     when = ""
     if not codes:
         return worst, when
-    for k in spread(len(codes), _TIMES):
-        t = codes[k] / rate
-        expected = np.array(points.Get(codes[k]), float)
-        vertices = shown.vertices(name, t)
+    for sample in spread(len(codes), _TIMES):
+        t = codes[sample] / rate
+        expected = np.array(points.Get(codes[sample]), float)
+        vertices = glb_meshes.vertices(name, t)
         difference = np.inf
         if vertices.shape == expected.shape:
             difference = float(np.abs(vertices - expected).max())

@@ -7,13 +7,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.exchange.audit.between import midway
-from twin.exchange.audit.diagnose import why
-from twin.exchange.audit.motion import Content, FileClip, LinkShape, largest
+from twin.exchange.audit.file_content import Content, FileClip, LinkShape, largest
+from twin.exchange.audit.file_statements import ROBOT
+from twin.exchange.audit.interpolation_error import midway
+from twin.exchange.audit.pose_mistakes import mistake_behind
 from twin.exchange.audit.poses import Array, angle
-from twin.exchange.audit.report import MECHANISM, POSITION_TOL, ROTATION_TOL, Ledger, Measured, quantity, told_apart, um
+from twin.exchange.audit.report import (
+    MECHANISM,
+    POSITION_TOL,
+    ROTATION_TOL,
+    Ledger,
+    Measured,
+    distinguishable,
+    quantity,
+    um,
+)
 from twin.exchange.audit.sampled_states import CLIP
-from twin.exchange.audit.stated import ROBOT
 from twin.exchange.format import Holds
 from twin.exchange.formats import family, holding, motion_groups, rank
 
@@ -75,17 +84,17 @@ def _unnamed(content: Content) -> bool:
     return holding(content.format, Holds.UNNAMED_MOTION)
 
 
-def compare(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
+def compare_clips(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
     """Compare the clips of each file with the references, and report differences in the file's ledger."""
-    compared: dict[str, list[_Compared]] = {}
+    compared: dict[str, list[_ClipComparison]] = {}
     prefixes = _prefixes(contents, refs)
     for content in contents:
         for clip in content.clips:
             name = _counterpart(content, clip, refs, prefixes)
             if name is None:
                 if len(contents) > 1 and refs:
-                    known = ", ".join(sorted(refs))
-                    text = f"clip '{clip.name}' is in no other file; the known clips are {known}."
+                    known_clips = ", ".join(sorted(refs))
+                    text = f"clip '{clip.name}' is in no other file; the known clips are {known_clips}."
                     # A file that states its robot has the motions of the tracks beside it, and no others.
                     severity = "warning"
                     if ROBOT in content.stated and any(other.is_track for other in contents):
@@ -95,17 +104,17 @@ def compare(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
             ref = refs[name]
             if ref.source == content.file:
                 continue
-            before = len(content.ledger.found)
+            findings_before = len(content.ledger.found)
             _compare_clip(content, clip, ref, name)
-            agrees = len(content.ledger.found) == before
-            compared.setdefault(name, []).append(_Compared(content, clip, agrees))
+            agrees = len(content.ledger.found) == findings_before
+            compared.setdefault(name, []).append(_ClipComparison(content, clip, agrees))
     _blame(contents, refs, compared)
     _check_missing(contents, refs)
     _check_silent(contents, refs)
 
 
 @dataclass(frozen=True)
-class _Compared:
+class _ClipComparison:
     """A clip of a file, and whether it agrees with its reference."""
 
     content: Content
@@ -113,11 +122,11 @@ class _Compared:
     agrees: bool
 
 
-def _named(name: str, known: Mapping[str, object]) -> str | None:
+def _named(name: str, clip_names: Mapping[str, object]) -> str | None:
     """Return the known clip in the name of a stage, <robot>_<clip> or <robot>_<clip>_ar; None if no clip matches."""
     stem = name.removesuffix("_ar")
     longest: str | None = None
-    for clip in known:
+    for clip in clip_names:
         fits = stem == clip or stem.endswith(f"_{clip}")
         if clip and fits and (longest is None or len(clip) > len(longest)):
             longest = clip
@@ -176,14 +185,14 @@ def _score(clip: FileClip, ref: FileClip) -> float | None:
 
 def _compare_clip(content: Content, clip: FileClip, ref: Reference, name: str) -> None:
     """Compare key times, names of links, poses and joint values of a clip with its reference."""
-    own, others = _compare_times(content.ledger, clip, ref, name)
+    clip_keys, ref_keys = _compare_times(content.ledger, clip, ref, name)
     _compare_names(content, clip, ref, name)
     shared = [n for n in ref.clip.links if n in clip.links]
-    if not shared or not len(own):
+    if not shared or not len(clip_keys):
         return
-    _compare_poses(content.ledger, clip, ref, name, own, others)
-    _compare_joints(content, clip, ref, name, own, others)
-    if clip.middle and len(own) == len(clip.times) == len(ref.clip.times):
+    _compare_poses(content.ledger, clip, ref, name, clip_keys, ref_keys)
+    _compare_joints(content, clip, ref, name, clip_keys, ref_keys)
+    if clip.middle and len(clip_keys) == len(clip.times) == len(ref.clip.times):
         _compare_middle(content, clip, ref, name)
 
 
@@ -191,22 +200,22 @@ def _compare_times(ledger: Ledger, clip: FileClip, ref: Reference, name: str) ->
     """Compare the key times; return the indices of the keys of both clips at which their poses are compared."""
     times = clip.times
     expected = ref.clip.times
-    own, others = _common(times, expected)
+    clip_keys, ref_keys = _common(times, expected)
     longer = max(len(times), len(expected))
-    if len(own) < longer:
-        message = f"clip '{name}': {_times_apart(clip, ref, own, others)}."
-        ledger.wrong("compare.times", message, name, size=Measured(float(len(own)), float(longer)))
-    if len(own):
-        differences = np.abs(times[own] - expected[others])
-        k = int(np.argmax(differences))
+    if len(clip_keys) < longer:
+        message = f"clip '{name}': {_times_apart(clip, ref, clip_keys, ref_keys)}."
+        ledger.wrong("compare.times", message, name, size=Measured(float(len(clip_keys)), float(longer)))
+    if len(clip_keys):
+        differences = np.abs(times[clip_keys] - expected[ref_keys])
+        worst_key = int(np.argmax(differences))
         check = f"clip '{name}': key times against {ref.source}"
-        when = _at(times[own][k])
-        ledger.row(check, float(differences[k]), "s", TIME_TOL, when=when, against=ref.source)
-    shifted = len(times) == len(expected) and len(own) < len(others)
-    if shifted or len(own) < 2 < len(times):  # times differ: compare key by key
-        own = np.arange(min(len(times), len(expected)))
-        others = own
-    return own, others
+        when = _at(times[clip_keys][worst_key])
+        ledger.row(check, float(differences[worst_key]), "s", TIME_TOL, when=when, against=ref.source)
+    shifted = len(times) == len(expected) and len(clip_keys) < len(ref_keys)
+    if shifted or len(clip_keys) < 2 < len(times):  # times differ: compare key by key
+        clip_keys = np.arange(min(len(times), len(expected)))
+        ref_keys = clip_keys
+    return clip_keys, ref_keys
 
 
 def _compare_names(content: Content, clip: FileClip, ref: Reference, name: str) -> None:
@@ -219,20 +228,22 @@ def _compare_names(content: Content, clip: FileClip, ref: Reference, name: str) 
             content.ledger.wrong("compare.extra_link", f"clip '{name}': link '{link}' is not in {ref.source}.", link)
 
 
-def _compare_poses(ledger: Ledger, clip: FileClip, ref: Reference, name: str, own: Array, others: Array) -> None:
+def _compare_poses(
+    ledger: Ledger, clip: FileClip, ref: Reference, name: str, clip_keys: Array, ref_keys: Array
+) -> None:
     """Compare the poses of the links at the common keys, and report the links that differ, the farthest first."""
-    found = {}
-    expected = {}
+    clip_poses = {}
+    ref_poses = {}
     differences = {}
     for link, T in ref.clip.links.items():
         if link in clip.links:
-            found[link] = clip.links[link][own]
-            expected[link] = np.asarray(T)[others]
-            differences[link] = largest(found[link], expected[link])
-    times = clip.times[own]
+            clip_poses[link] = clip.links[link][clip_keys]
+            ref_poses[link] = np.asarray(T)[ref_keys]
+            differences[link] = largest(clip_poses[link], ref_poses[link])
+    times = clip.times[clip_keys]
     farthest = max(differences, key=lambda n: differences[n].distance)
     turned = max(differences, key=lambda n: differences[n].angle)
-    count = f"{len(differences)} links x {len(own)} keys"
+    count = f"{len(differences)} links x {len(clip_keys)} keys"
     distance = differences[farthest]
     angle = differences[turned]
     check = f"clip '{name}': position against {ref.source}, {count}"
@@ -248,7 +259,7 @@ def _compare_poses(ledger: Ledger, clip: FileClip, ref: Reference, name: str, ow
             wrong.append(link)
     if not wrong:
         return
-    reason = why(found, expected)
+    reason = mistake_behind(clip_poses, ref_poses)
     wrong.sort(key=lambda n: -differences[n].distance)
     for link in wrong:
         difference = differences[link]
@@ -267,22 +278,22 @@ def _compare_poses(ledger: Ledger, clip: FileClip, ref: Reference, name: str, ow
         ledger.wrong("compare.pose", message, link, size=size, when=_at(times[key]))
 
 
-def _times_apart(clip: FileClip, ref: Reference, own: Array, others: Array) -> str:
+def _times_apart(clip: FileClip, ref: Reference, clip_keys: Array, ref_keys: Array) -> str:
     """Return a message that states the durations if they differ, else the keys that only one of the clips has."""
     expected = ref.clip
     if abs(clip.duration - expected.duration) > TIME_TOL:
         ratio = clip.duration / expected.duration if expected.duration else float("nan")
-        duration, expected_duration = told_apart(clip.duration, expected.duration)
+        duration, expected_duration = distinguishable(clip.duration, expected.duration)
         return (
             f"the clip lasts {duration} s; in {ref.source} it lasts {expected_duration} s (ratio {ratio:.6g}); "
-            f"{len(own)} of the {len(clip.times)} key times are also in {ref.source}, which has {len(expected.times)} "
-            "key times"
+            f"{len(clip_keys)} of the {len(clip.times)} key times are also in {ref.source}, which has "
+            f"{len(expected.times)} key times"
         )
     parts = []
-    lacking = np.delete(expected.times, others)
+    lacking = np.delete(expected.times, ref_keys)
     if len(lacking):
         parts.append(f"keys of {ref.source} missing in this clip: {_keys(lacking)}")
-    surplus = np.delete(clip.times, own)
+    surplus = np.delete(clip.times, clip_keys)
     if len(surplus):
         parts.append(f"keys missing in {ref.source}: {_keys(surplus)}")
     return "; ".join(parts) + f" (both last {clip.duration:.6g} s)"
@@ -328,9 +339,11 @@ def _compare_middle(content: Content, clip: FileClip, ref: Reference, name: str)
         ledger.wrong("compare.between", text, link, size=size, when=when)
 
 
-def _compare_joints(content: Content, clip: FileClip, ref: Reference, name: str, own: Array, others: Array) -> None:
+def _compare_joints(
+    content: Content, clip: FileClip, ref: Reference, name: str, clip_keys: Array, ref_keys: Array
+) -> None:
     """Compare the joint values at the common keys (`own`, `others`) of a clip and its reference."""
-    times = clip.times[own]
+    times = clip.times[clip_keys]
     worst = 0.0
     where = ""
     when = ""
@@ -339,25 +352,23 @@ def _compare_joints(content: Content, clip: FileClip, ref: Reference, name: str,
         if joint not in clip.joints:
             continue
         count += 1
-        found = clip.joints[joint][own]
-        expected = values[others]
-        differences = np.abs(found - expected)
-        k = int(np.argmax(differences))
+        clip_values = clip.joints[joint][clip_keys]
+        ref_values = values[ref_keys]
+        differences = np.abs(clip_values - ref_values)
+        worst_key = int(np.argmax(differences))
         # Values of slides in files with few digits are rounded relative to their size.
         tolerance = max(ROTATION_TOL, 1e-6 * float(np.abs(values).max(initial=0.0)))
-        if differences[k] >= worst:
-            worst = float(differences[k])
+        if differences[worst_key] >= worst:
+            worst = float(differences[worst_key])
             where = joint
-            when = _at(times[k])
-        if not differences[k] <= tolerance:
-            value = float(found[k])
-            expected_value = float(expected[k])
-            hint = _hint_of_degrees(value, expected_value)
-            message = (
-                f"clip '{name}': joint '{joint}' is {value:.6g}; in {ref.source} it is {expected_value:.6g}.{hint}"
-            )
-            size = Measured(differences[k], tolerance)
-            content.ledger.wrong("compare.joint", message, joint, size=size, when=_at(times[k]))
+            when = _at(times[worst_key])
+        if not differences[worst_key] <= tolerance:
+            value = float(clip_values[worst_key])
+            ref_value = float(ref_values[worst_key])
+            hint = _hint_of_degrees(value, ref_value)
+            message = f"clip '{name}': joint '{joint}' is {value:.6g}; in {ref.source} it is {ref_value:.6g}.{hint}"
+            size = Measured(differences[worst_key], tolerance)
+            content.ledger.wrong("compare.joint", message, joint, size=size, when=_at(times[worst_key]))
     if not count:
         return
     text = f"clip '{name}': joint values against {ref.source}, {count} joints"
@@ -376,22 +387,22 @@ def _hint_of_degrees(value: float, expected: float) -> str:
     return ""
 
 
-def _common(a: Array, b: Array) -> tuple[Array, Array]:
+def _common(times: Array, other_times: Array) -> tuple[Array, Array]:
     """Return the indices (i, j) of the equal times in two increasing time arrays (k,) and (l,)."""
-    if len(a) == len(b) and np.all(np.abs(a - b) <= TIME_TOL):
-        every = np.arange(len(a))
+    if len(times) == len(other_times) and np.all(np.abs(times - other_times) <= TIME_TOL):
+        every = np.arange(len(times))
         return every, every
-    nearest = np.zeros(len(a), int)
-    if len(b) > 1:
-        after = np.clip(np.searchsorted(b, a), 1, len(b) - 1)
+    nearest = np.zeros(len(times), int)
+    if len(other_times) > 1:
+        after = np.clip(np.searchsorted(other_times, times), 1, len(other_times) - 1)
         before = after - 1
-        nearest = np.where(np.abs(b[before] - a) < np.abs(b[after] - a), before, after)
-    equal = np.abs(b[nearest] - a) <= TIME_TOL
+        nearest = np.where(np.abs(other_times[before] - times) < np.abs(other_times[after] - times), before, after)
+    equal = np.abs(other_times[nearest] - times) <= TIME_TOL
     return np.flatnonzero(equal), nearest[equal]
 
 
 def _blame(
-    contents: Sequence[Content], refs: Mapping[str, Reference], compared: Mapping[str, Sequence[_Compared]]
+    contents: Sequence[Content], refs: Mapping[str, Reference], compared: Mapping[str, Sequence[_ClipComparison]]
 ) -> None:
     """Report the reference file as wrong if all other files differ from the reference, but agree with each other."""
     sources: dict[str, Content] = {}
@@ -400,7 +411,7 @@ def _blame(
     for name, rows in compared.items():
         ref = refs[name]
         # Tracks are not counted: the JSON and the CSV track of a motion are written from the same numbers.
-        wrong: list[_Compared] = []
+        wrong: list[_ClipComparison] = []
         counted = 0
         for row in rows:
             if not row.agrees and not holding(row.content.format, Holds.COORDINATES):
@@ -498,15 +509,15 @@ def _check_missing(contents: Sequence[Content], refs: Mapping[str, Reference]) -
 
 def compare_rest(contents: Sequence[Content]) -> None:
     """Compare the rest poses of files, and report differences in each file's ledger."""
-    having = []
+    contents_at_rest = []
     for content in contents:
         # The links of a file with one motion may be at its start.
-        moved = content.clips and holding(content.format, Holds.ONE_MOTION)
-        if content.rest and content.declared and holding(content.format, Holds.REST) and not moved:
-            having.append(content)
-    having.sort(key=lambda c: rank(c.format))
-    for content in having[1:]:
-        _compare_rest_with(content, having[0])
+        is_at_start = content.clips and holding(content.format, Holds.ONE_MOTION)
+        if content.rest and content.declared and holding(content.format, Holds.REST) and not is_at_start:
+            contents_at_rest.append(content)
+    contents_at_rest.sort(key=lambda c: rank(c.format))
+    for content in contents_at_rest[1:]:
+        _compare_rest_with(content, contents_at_rest[0])
 
 
 def _compare_rest_with(content: Content, first: Content) -> None:
@@ -515,9 +526,9 @@ def _compare_rest_with(content: Content, first: Content) -> None:
     angles = {}
     for link, T in first.rest.items():
         if link in content.rest:
-            own = content.rest[link]
-            distances[link] = float(np.linalg.norm(own[:3, 3] - T[:3, 3]))
-            angles[link] = float(angle(own[:3, :3], T[:3, :3]))
+            own_pose = content.rest[link]
+            distances[link] = float(np.linalg.norm(own_pose[:3, 3] - T[:3, 3]))
+            angles[link] = float(angle(own_pose[:3, :3], T[:3, :3]))
     if not distances:
         return
     ledger = content.ledger
@@ -550,21 +561,21 @@ def first_pose_of(content: Content) -> str:
     return ""
 
 
-def _begins_with(clip: FileClip, rest: Mapping[str, Array]) -> bool:
+def _begins_with(clip: FileClip, rest_poses: Mapping[str, Array]) -> bool:
     """Return whether the first poses of a clip are those at rest."""
     for link, T in clip.links.items():
         first = T[:1]
-        if link in rest and not _agrees(first, rest[link][None]):
+        if link in rest_poses and not _agrees(first, rest_poses[link][None]):
             return False
     return True
 
 
 def compare_shapes(contents: Sequence[Content]) -> None:
     """Compare the bounding boxes and volumes of the links' meshes, and report differences in each file's ledger."""
-    having = [content for content in contents if content.shapes]
-    having.sort(key=lambda c: rank(c.format))
-    for content in having[1:]:
-        first = having[0]
+    contents_with_shapes = [content for content in contents if content.shapes]
+    contents_with_shapes.sort(key=lambda c: rank(c.format))
+    for content in contents_with_shapes[1:]:
+        first = contents_with_shapes[0]
         worst = 0.0
         where = ""
         for link, expected in first.shapes.items():
@@ -603,21 +614,23 @@ def _compare_shape(content: Content, link: str, expected: LinkShape, source: str
 
 def compare_hashes(contents: Sequence[Content], proof: str = "") -> None:
     """Report files whose model hash differs from the hash in proof.json; without a proof, from the most common hash."""
-    files: dict[str, dict[str, str]] = {}  # {hash: {format: a file of it}}: stages of one robot count as one source
+    files_by_hash: dict[
+        str, dict[str, str]
+    ] = {}  # {hash: {format: a file of it}}: stages of one robot count as one source
     for content in contents:
         if content.model_hash:
-            files.setdefault(content.model_hash, {})[family(content.format)] = content.file
-    if not files:
+            files_by_hash.setdefault(content.model_hash, {})[family(content.format)] = content.file
+    if not files_by_hash:
         return
-    expected = proof or max(files, key=lambda h: len(files[h]))
+    expected = proof or max(files_by_hash, key=lambda h: len(files_by_hash[h]))
     source = "proof.json"
-    if expected in files:
-        source = next(iter(files[expected].values()))
+    if expected in files_by_hash:
+        source = next(iter(files_by_hash[expected].values()))
     for content in contents:
         if not content.model_hash or content.model_hash == expected:
             continue
         text = f"the file was made from model {content.model_hash[:23]}…, but {source} from {expected[:23]}…."
-        if not proof and len(files[expected]) == len(files[content.model_hash]):
+        if not proof and len(files_by_hash[expected]) == len(files_by_hash[content.model_hash]):
             text += " One of the two models is wrong."
         content.ledger.wrong("compare.model_hash", text, "model_hash")
 

@@ -19,21 +19,21 @@ ONE_COORDINATE = ("revolute", "prismatic")
 
 def joint_assignments(physics: FilePhysics, truth: FilePhysics) -> list[dict[str, str]]:
     """Return assignments {joint of the file: joint of the mechanism}: the one by names, else those by structure."""
-    own = single_joints(physics)
-    others = single_joints(truth)
+    file_joints = single_joints(physics)
+    mechanism_joints = single_joints(truth)
     shared = {}
-    for name, joint in own.items():
-        if name in others and others[name].kind == joint.kind:
+    for name, joint in file_joints.items():
+        if name in mechanism_joints and mechanism_joints[name].kind == joint.kind:
             shared[name] = name
-    if len(shared) >= 2 and 2 * len(shared) >= len(own):
+    if len(shared) >= 2 and 2 * len(shared) >= len(file_joints):
         return [shared]
-    found: list[dict[str, str]] = []
+    assignments: list[dict[str, str]] = []
     for steps, assignment in enumerate(_by_structure(physics, truth)):
         if assignment:
-            found.append(assignment)
-        if len(found) == _MAX_ASSIGNMENTS or steps == _MAX_STEPS:
+            assignments.append(assignment)
+        if len(assignments) == _MAX_ASSIGNMENTS or steps == _MAX_STEPS:
             break
-    return found
+    return assignments
 
 
 def single_joints(physics: FilePhysics) -> dict[str, FileJoint]:
@@ -47,18 +47,18 @@ def single_joints(physics: FilePhysics) -> dict[str, FileJoint]:
 
 def rigid_parts(physics: FilePhysics) -> dict[str, str]:
     """Return {link: name of its rigid part}; fixed joints connect the links of a part."""
-    part = {link: link for link in physics.links}
+    part_of_link = {link: link for link in physics.links}
     for joint in physics.joints:
-        part.setdefault(joint.parent, joint.parent)
-        part.setdefault(joint.child, joint.child)
+        part_of_link.setdefault(joint.parent, joint.parent)
+        part_of_link.setdefault(joint.child, joint.child)
     for joint in physics.joints:
         if joint.kind == "fixed" and joint.parent and joint.child:
-            kept = part[joint.parent]
-            joined = part[joint.child]
-            for link, name in part.items():
-                if name == joined:
-                    part[link] = kept
-    return part
+            kept_part = part_of_link[joint.parent]
+            joined_part = part_of_link[joint.child]
+            for link, name in part_of_link.items():
+                if name == joined_part:
+                    part_of_link[link] = kept_part
+    return part_of_link
 
 
 def base_link(physics: FilePhysics) -> str:
@@ -66,7 +66,7 @@ def base_link(physics: FilePhysics) -> str:
 
     Without such links, this is the first link.
     """
-    for link in physics.held or ():
+    for link in physics.fixed_to_world or ():
         if link in physics.links:
             return link
     children = {joint.child for joint in physics.joints}
@@ -90,50 +90,50 @@ class _Edge:
 
 def _by_structure(physics: FilePhysics, truth: FilePhysics) -> Iterator[dict[str, str]]:
     """Yield the assignments by structure, each complete; {} for a step of the search without a result."""
-    own = rigid_parts(physics)
-    others = rigid_parts(truth)
-    start = own.get(base_link(physics), "")
-    edges = _outwards(physics, own, start)
+    file_parts = rigid_parts(physics)
+    mechanism_parts = rigid_parts(truth)
+    start = file_parts.get(base_link(physics), "")
+    edges = _outwards(physics, file_parts, start)
     singles = single_joints(truth)
-    if not edges or len(edges) != len(set(own.values())) - 1:
+    if not edges or len(edges) != len(set(file_parts.values())) - 1:
         return
 
-    def search(k: int, placed: dict[str, str], assignment: dict[str, str]) -> Iterator[dict[str, str]]:
+    def search(edge_number: int, placed: dict[str, str], assignment: dict[str, str]) -> Iterator[dict[str, str]]:
         """Assign the edges from number k on; `placed` is {part of the file: part of the mechanism}."""
-        if k == len(edges):
-            if set(placed.values()) == set(others.values()):
+        if edge_number == len(edges):
+            if set(placed.values()) == set(mechanism_parts.values()):
                 yield dict(assignment)
             else:
                 yield {}
             return
         yield {}
-        edge = edges[k]
-        near = placed[edge.near]
+        edge = edges[edge_number]
+        placed_part = placed[edge.near]
         for name, candidate in singles.items():
-            ends = (others[candidate.parent], others[candidate.child])
-            if candidate.kind != edge.joint.kind or near not in ends or name in assignment.values():
+            ends = (mechanism_parts[candidate.parent], mechanism_parts[candidate.child])
+            if candidate.kind != edge.joint.kind or placed_part not in ends or name in assignment.values():
                 continue
             first, second = ends
-            far = second if near == first else first
-            if far not in placed.values():
-                yield from search(k + 1, placed | {edge.far: far}, assignment | {edge.name: name})
+            opposite_part = second if placed_part == first else first
+            if opposite_part not in placed.values():
+                yield from search(edge_number + 1, placed | {edge.far: opposite_part}, assignment | {edge.name: name})
 
-    yield from search(0, {start: others.get(base_link(truth), "")}, {})
+    yield from search(0, {start: mechanism_parts.get(base_link(truth), "")}, {})
 
 
-def _outwards(physics: FilePhysics, part: Mapping[str, str], start: str) -> list[_Edge]:
+def _outwards(physics: FilePhysics, part_of_link: Mapping[str, str], start: str) -> list[_Edge]:
     """Return the joints of a tree from the part `start` outwards."""
     reached = {start}
     edges = []
     singles = single_joints(physics)
-    grown = True
-    while grown:
-        grown = False
+    has_grown = True
+    while has_grown:
+        has_grown = False
         for name, joint in singles.items():
-            near = part[joint.parent]
-            far = part[joint.child]
+            near = part_of_link[joint.parent]
+            far = part_of_link[joint.child]
             if near in reached and far not in reached:
                 edges.append(_Edge(name, joint, near, far))
                 reached.add(far)
-                grown = True
+                has_grown = True
     return edges

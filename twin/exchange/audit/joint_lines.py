@@ -89,18 +89,21 @@ def pair_differences(
 
     `signed` is whether the directions of the axes count: a file can have parent and child of a joint exchanged.
     """
-    own = single_joints(physics)
-    others = single_joints(truth)
+    file_joints = single_joints(physics)
+    mechanism_joints = single_joints(truth)
     values = joint_values(states, assignment)
     links = place_links(physics, values, states.count)
-    part = rigid_parts(physics)
-    names = [name for name in assignment if name in values and own[name].parent in links]
+    part_of_link = rigid_parts(physics)
+    names = [name for name in assignment if name in values and file_joints[name].parent in links]
     pairs = []
-    for i, k in combinations(range(len(names)), 2):
-        a = names[i]
-        b = names[k]
-        cosine, distance = _angles_and_distances(_lines(own[a], links), _lines(own[b], links))
-        expected_lines = _lines(others[assignment[a]], states.links), _lines(others[assignment[b]], states.links)
+    for first_number, second_number in combinations(range(len(names)), 2):
+        first = names[first_number]
+        second = names[second_number]
+        cosine, distance = _angles_and_distances(_lines(file_joints[first], links), _lines(file_joints[second], links))
+        expected_lines = (
+            _lines(mechanism_joints[assignment[first]], states.links),
+            _lines(mechanism_joints[assignment[second]], states.links),
+        )
         expected_cosine, expected_distance = _angles_and_distances(*expected_lines)
         if not signed:
             cosine = np.abs(cosine)
@@ -109,22 +112,33 @@ def pair_differences(
             expected_distance = np.abs(expected_distance)
         turned = np.abs(cosine - expected_cosine)
         shifted = np.zeros(states.count)
-        if "prismatic" not in (own[a].kind, own[b].kind):  # the line of a slide has no place
+        if "prismatic" not in (file_joints[first].kind, file_joints[second].kind):  # the line of a slide has no place
             shifted = np.abs(distance - expected_distance).max(axis=1)
-        at = int(np.argmax(shifted))
-        if shifted[at] <= LINE_TOL:
-            at = int(np.argmax(turned))
-            shown = _degrees(cosine[at])
-            expected = _degrees(expected_cosine[at])
+        worst_state = int(np.argmax(shifted))
+        if shifted[worst_state] <= LINE_TOL:
+            worst_state = int(np.argmax(turned))
+            file_value = _degrees(cosine[worst_state])
+            mechanism_value = _degrees(expected_cosine[worst_state])
         else:  # also if the distance is not a number
-            shown = float(np.abs(distance[at]).max())
-            expected = float(np.abs(expected_distance[at]).max())
-        parts_of_a = {part[own[a].parent], part[own[a].child]}
-        parts_of_b = {part[own[b].parent], part[own[b].child]}
-        rigid = bool(parts_of_a & parts_of_b)
+            file_value = float(np.abs(distance[worst_state]).max())
+            mechanism_value = float(np.abs(expected_distance[worst_state]).max())
+        parts_of_first = {part_of_link[file_joints[first].parent], part_of_link[file_joints[first].child]}
+        parts_of_second = {part_of_link[file_joints[second].parent], part_of_link[file_joints[second].child]}
+        rigid = bool(parts_of_first & parts_of_second)
         distance_off = or_infinite(shifted.max())
         cosine_off = or_infinite(turned.max())
-        pairs.append(JointPair(a, b, distance_off, cosine_off, shown, expected, rigid, k - i))
+        pairs.append(
+            JointPair(
+                first,
+                second,
+                distance_off,
+                cosine_off,
+                file_value,
+                mechanism_value,
+                rigid,
+                second_number - first_number,
+            )
+        )
     return pairs
 
 
@@ -147,14 +161,14 @@ def _lines(joint: FileJoint, links: Mapping[str, Array]) -> tuple[Array, Array]:
     return R @ line.point + T[:, :3, 3], R @ line.direction
 
 
-def _angles_and_distances(one: tuple[Array, Array], two: tuple[Array, Array]) -> tuple[Array, Array]:
+def _angles_and_distances(first: tuple[Array, Array], second: tuple[Array, Array]) -> tuple[Array, Array]:
     """Return (cosines of the angles (k,), distances (k, 2) in m) of two lines at k states.
 
     The first distance is signed, by the side on which one line passes the other; it is zero for parallel lines. The
     second is the distance of parallel lines; it is zero for other lines.
     """
-    point, direction = one
-    other_point, other_direction = two
+    point, direction = first
+    other_point, other_direction = second
     between = other_point - point
     cosine = np.sum(direction * other_direction, axis=1)
     normal = np.cross(direction, other_direction)
@@ -170,20 +184,20 @@ def place_links(physics: FilePhysics, values: Mapping[str, Array], count: int) -
     """Return {link: T_base_link (k, 4, 4)} of the links that joints with known values (k,) connect with the base."""
     base = base_link(physics)
     placed = {base: np.broadcast_to(np.eye(4), (count, 4, 4))}
-    grown = True
-    while grown:
-        grown = False
+    has_grown = True
+    while has_grown:
+        has_grown = False
         for joint in physics.joints:
             if joint.T is None:
                 continue
             # A file may lead from the base outwards by the child of a joint.
-            for outward in (joint, joint.turned()):
+            for outward in (joint, joint.reversed()):
                 if outward.parent not in placed or outward.child in placed:
                     continue
                 T = _relative(outward, values)
                 if T is not None:
                     placed[outward.child] = placed[outward.parent] @ T
-                    grown = True
+                    has_grown = True
     return placed
 
 
@@ -193,13 +207,13 @@ def _relative(joint: FileJoint, values: Mapping[str, Array]) -> Array | None:
         return joint.T
     if joint.kind not in ONE_COORDINATE or len(joint.names) != 1 or joint.names[0] not in values:
         return None
-    return joint.motions[0].moved(values[joint.names[0]]) @ joint.T
+    return joint.motions[0].motion(values[joint.names[0]]) @ joint.T
 
 
 def joint_values(states: SampledStates, assignment: Mapping[str, str]) -> dict[str, Array]:
     """Return {joint of the file: values (k,)} for the joints that are assigned to joints with known values."""
     values = {}
-    for name, other in assignment.items():
-        if other in states.joints:
-            values[name] = states.joints[other]
+    for name, mechanism_joint in assignment.items():
+        if mechanism_joint in states.joints:
+            values[name] = states.joints[mechanism_joint]
     return values

@@ -35,14 +35,14 @@ TOOL = "(tool)"
 """Name of the tool frame for all formats, because tracks do not state its name."""
 
 
-def renamed(names: Collection[str], new: Mapping[str, str]) -> tuple[str, ...]:
+def renamed(names: Collection[str], new_names: Mapping[str, str]) -> tuple[str, ...]:
     """Return names after renaming by {old: new}; other names stay."""
-    return tuple(new.get(name, name) for name in names)
+    return tuple(new_names.get(name, name) for name in names)
 
 
-def keyed(values: Mapping[str, _Value], new: Mapping[str, str]) -> dict[str, _Value]:
+def with_new_keys(values: Mapping[str, _Value], new_names: Mapping[str, str]) -> dict[str, _Value]:
     """Return values by name after renaming by {old: new}; other names stay."""
-    return {new.get(name, name): value for name, value in values.items()}
+    return {new_names.get(name, name): value for name, value in values.items()}
 
 
 @dataclass(frozen=True)
@@ -74,16 +74,16 @@ class JointLine:
     point: Array
     direction: Array
 
-    def seen(self, T: Array, sign: float = 1.0) -> JointLine:
+    def transformed(self, T: Array, sign: float = 1.0) -> JointLine:
         """Return the line transformed by the pose T (4, 4), with its direction multiplied by `sign`."""
         return JointLine(self.kind, T[:3, :3] @ self.point + T[:3, 3], sign * T[:3, :3] @ self.direction)
 
-    def moved(self, q: Array | float) -> Array:
+    def motion(self, q: Array | float) -> Array:
         """Return the motion (..., 4, 4) of the child, in the parent's frame, for q (...) in m or rad."""
         if self.kind == "slide":
             return poses.pose(None, np.multiply.outer(q, self.direction))
-        there = poses.pose(None, self.point)
-        return there @ poses.pose(poses.about(self.direction, q)) @ poses.inverse(there)
+        T_at_point = poses.pose(None, self.point)
+        return T_at_point @ poses.pose(poses.about(self.direction, q)) @ poses.inverse(T_at_point)
 
 
 @dataclass(frozen=True)
@@ -165,10 +165,10 @@ class FileMotor:
         """Return the motor after renaming joints by {old: new}."""
         if self.row is None:
             return self
-        return replace(self, row=keyed(self.row, joints))
+        return replace(self, row=with_new_keys(self.row, joints))
 
 
-def felt(motors: Mapping[str, FileMotor], joint: str) -> tuple[float, float] | None:
+def drive_of_motors(motors: Mapping[str, FileMotor], joint: str) -> tuple[float, float] | None:
     """Return (stiffness, damping) at a joint due to the drives of its motors; None if no motor moves the joint.
 
     All other joints are assumed to be fixed. Each motor contributes its stiffness and damping, both multiplied by the
@@ -176,14 +176,14 @@ def felt(motors: Mapping[str, FileMotor], joint: str) -> tuple[float, float] | N
     """
     stiffness = 0.0
     damping = 0.0
-    moved = False
+    has_motor = False
     for motor in motors.values():
         if motor.row and joint in motor.row:
             factor = motor.row[joint]
             stiffness += factor * factor * (motor.stiffness or 0.0)
             damping += factor * factor * (motor.damping or 0.0)
-            moved = True
-    if not moved:
+            has_motor = True
+    if not has_motor:
         return None
     return stiffness, damping
 
@@ -200,7 +200,7 @@ class FileJoint:
         drive: limits and drive of the joint.
         tied: for each tie, (point in the parent's frame, same point in the child's frame), both (3,) in m; empty
             unless the file states the joint only by ties (MJCF connect).
-        kind_said: kind of the joint, if the file states a kind but no axis (tracks, GLB); else "".
+        stated_kind: kind of the joint, if the file states a kind but no axis (tracks, GLB); else "".
     """
 
     names: tuple[str, ...]
@@ -210,7 +210,7 @@ class FileJoint:
     motions: tuple[JointLine, ...] = ()
     drive: FileDrive = FileDrive()
     tied: tuple[tuple[Array, Array], ...] = ()
-    kind_said: str = ""
+    stated_kind: str = ""
 
     def renamed(self, links: Mapping[str, str], joints: Mapping[str, str]) -> FileJoint:
         """Return the joint after renaming links and joints by {old: new}."""
@@ -220,8 +220,8 @@ class FileJoint:
     @property
     def kind(self) -> str:
         """Fixed, revolute, prismatic, cylindrical, spherical, free, "chain of ..." (other motions), or "" (unknown)."""
-        if self.kind_said:
-            return self.kind_said
+        if self.stated_kind:
+            return self.stated_kind
         if self.tied:
             return _kind_of_ties(self.tied)
         if self.T is None:
@@ -248,7 +248,7 @@ class FileJoint:
             return None
         turns, _ = _turns_and_slides(self.motions)
         if self.kind == "spherical":
-            center = meeting(turns)
+            center = meeting_point(turns)
             if not at_parent:
                 center = _moved(center, poses.inverse(self.T))
             return center, None
@@ -257,10 +257,10 @@ class FileJoint:
             # In a cylindrical joint, both lines are the same; the axis of a turn has a place, that of a slide has none.
             line = turns[-1]
         if link == self.child:
-            line = line.seen(poses.inverse(self.T))
+            line = line.transformed(poses.inverse(self.T))
         return line.point, sign * line.direction
 
-    def turned(self) -> FileJoint:
+    def reversed(self) -> FileJoint:
         """Return the joint with parent and child exchanged; the signs of its coordinates do not change."""
         tied = [(on_child, on_parent) for on_parent, on_child in self.tied]
         drive = replace(self.drive, cone_axis=None)  # it is known in the frame of the other link
@@ -271,7 +271,7 @@ class FileJoint:
         motions = []
         for line in reversed(self.motions):
             # Seen from the child, the parent moves the other way: the same coordinate needs the opposite direction.
-            motions.append(line.seen(T_child_parent, -1.0))
+            motions.append(line.transformed(T_child_parent, -1.0))
         return replace(exchanged, T=T_child_parent, motions=tuple(motions))
 
 
@@ -298,16 +298,17 @@ class FilePhysics:
         collides: {link: whether its meshes collide}: True where a file has a shape of the link that collides, False
             where it shows a mesh whose collider is disabled, and nothing else of the link collides.
         assumed: links whose mass is unknown: the file states an assumed mass, because the format requires a mass.
-        partly: links whose shapes do not show the whole link, as the file states or because they are for display only
-            or not all read: their masses are not judged by them.
+        partly_shown: links whose shapes do not show the whole link, as the file states or because they are for display
+            only or not all read: their masses are not judged by them.
         frames: {name: named frame}.
         points: {name: named point}, as frames with the axes of the link. A frame may have the name of a point.
-        marks: "frame", "point": those of which `frames` or `points` contains all that the robot has.
+        fully_listed: "frame", "point": those of which `frames` or `points` contains all that the robot has.
         gravity: (3,) in m/s2 in a world with z up; None if not stated.
         medium: (density in kg/m3, viscosity in Pa s, wind x, y, z in m/s) of what the robot moves in; zeros where no
             force acts on it, as in formats that cannot hold a medium; None if not stated.
         self_collision: whether links of the robot may collide with each other; None if not stated.
-        held: links that a joint fixes directly to the world; None if the format cannot state that a link is fixed.
+        fixed_to_world: links that a joint fixes directly to the world; None if the format cannot state that a link is
+            fixed.
         tool: name of the frame that protocols move; "" if not stated.
         trocars: names of the trocar joints; the protocol determines their positions.
         couplings: {name: ({joint: factor}, constant)}; the sum of factor times joint coordinate is the constant. None
@@ -317,7 +318,7 @@ class FilePhysics:
         reductions: {joint: motor coordinate / joint coordinate} of the transmissions of one joint; None if a file has
             no transmissions.
         all_motors: whether `motors` contains all motors with transmissions.
-        floats: {link: share of its weight that is compensated}, 0 without compensation; None if not stated.
+        weight_shares: {link: share of its weight that is compensated}, 0 without compensation; None if not stated.
         opening: length in m (angle in rad) by which the loops open if gravity pulls at them; None if not stated.
         robot: name of the robot; "" if not stated.
         postures: {name: {driven joint: coordinate in m or rad}}; None if not stated.
@@ -333,15 +334,15 @@ class FilePhysics:
     shown: Mapping[str, bool] = field(default_factory=dict)
     collides: Mapping[str, bool] = field(default_factory=dict)
     assumed: frozenset[str] = frozenset()
-    partly: frozenset[str] = frozenset()
+    partly_shown: frozenset[str] = frozenset()
     joints: list[FileJoint] = field(default_factory=list)
     frames: dict[str, FileFrame] = field(default_factory=dict)
     points: dict[str, FileFrame] = field(default_factory=dict)
-    marks: frozenset[str] = frozenset()
+    fully_listed: frozenset[str] = frozenset()
     gravity: Array | None = None
     medium: tuple[float, ...] | None = None
     self_collision: bool | None = None
-    held: frozenset[str] | None = None
+    fixed_to_world: frozenset[str] | None = None
     tool: str = ""
     trocars: frozenset[str] = frozenset()
     couplings: Mapping[str, tuple[Mapping[str, float], float]] | None = None
@@ -349,7 +350,7 @@ class FilePhysics:
     motors: Mapping[str, FileMotor] | None = None
     all_motors: bool = False
     reductions: Mapping[str, float] | None = None
-    floats: Mapping[str, float] | None = None
+    weight_shares: Mapping[str, float] | None = None
     opening: float | None = None
     robot: str = ""
     postures: Mapping[str, Mapping[str, float]] | None = None
@@ -361,54 +362,54 @@ class FilePhysics:
     def rename(self, links: Mapping[str, str], joints: Mapping[str, str]) -> None:
         """Rename links and joints by {old: new}; other names stay, as do the texts of what is declared beside them."""
         self.links = renamed(self.links, links)
-        self.masses = keyed(self.masses, links)
-        self.shown = keyed(self.shown, links)
-        self.collides = keyed(self.collides, links)
+        self.masses = with_new_keys(self.masses, links)
+        self.shown = with_new_keys(self.shown, links)
+        self.collides = with_new_keys(self.collides, links)
         self.assumed = frozenset(renamed(self.assumed, links))
-        self.partly = frozenset(renamed(self.partly, links))
+        self.partly_shown = frozenset(renamed(self.partly_shown, links))
         self.joints[:] = [joint.renamed(links, joints) for joint in self.joints]
         self.frames = {name: frame.renamed(links) for name, frame in self.frames.items()}
         self.points = {name: point.renamed(links) for name, point in self.points.items()}
-        if self.held is not None:
-            self.held = frozenset(renamed(self.held, links))
+        if self.fixed_to_world is not None:
+            self.fixed_to_world = frozenset(renamed(self.fixed_to_world, links))
         self.trocars = frozenset(renamed(self.trocars, joints))
         if self.couplings is not None:
             couplings: dict[str, tuple[Mapping[str, float], float]] = {}
             for name, (row, total) in self.couplings.items():
-                couplings[name] = (keyed(row, joints), total)
+                couplings[name] = (with_new_keys(row, joints), total)
             self.couplings = couplings
         if self.motors is not None:
             self.motors = {name: motor.renamed(joints) for name, motor in self.motors.items()}
         if self.reductions is not None:
-            self.reductions = keyed(self.reductions, joints)
-        if self.floats is not None:
-            self.floats = keyed(self.floats, links)
+            self.reductions = with_new_keys(self.reductions, joints)
+        if self.weight_shares is not None:
+            self.weight_shares = with_new_keys(self.weight_shares, links)
         if self.postures is not None:
-            self.postures = {name: keyed(coordinates, joints) for name, coordinates in self.postures.items()}
+            self.postures = {name: with_new_keys(coordinates, joints) for name, coordinates in self.postures.items()}
 
-    def still(self, known: Collection[str]) -> frozenset[str] | None:
+    def immobile_links(self, known_links: Collection[str]) -> frozenset[str] | None:
         """Return the links of `known` that cannot move in the world; None if the format cannot state it.
 
         They are the links of `held`, and all links that fixed joints connect with them. A link named "world" is not
         among them: some formats have it as a link of its own, MJCF has it as the world itself.
         """
-        if self.held is None:
+        if self.fixed_to_world is None:
             return None
         fixed = []
-        for joint in self.reduced({WORLD, *known}):
+        for joint in self.joints_between({WORLD, *known_links}):
             if joint.kind == "fixed":
                 fixed.append({joint.parent, joint.child})
-        still = {WORLD, *self.held}
-        grown = True
-        while grown:
-            grown = False
+        immobile_links = {WORLD, *self.fixed_to_world}
+        has_grown = True
+        while has_grown:
+            has_grown = False
             for ends in fixed:
-                if ends & still and not ends <= still:
-                    still |= ends
-                    grown = True
-        return frozenset(still & set(known)) - {WORLD}
+                if ends & immobile_links and not ends <= immobile_links:
+                    immobile_links |= ends
+                    has_grown = True
+        return frozenset(immobile_links & set(known_links)) - {WORLD}
 
-    def reduced(self, known: Collection[str]) -> list[FileJoint]:
+    def joints_between(self, known_links: Collection[str]) -> list[FileJoint]:
         """Return the joints between links of `known`.
 
         A link outside `known` with two joints is removed, and its two joints become one joint; if the pose of one of
@@ -417,12 +418,12 @@ class FilePhysics:
         If a file states joints by ties (`FileJoint.tied`), all ties between the same two links become one joint.
         """
         joints = [joint for joint in self.joints if not joint.tied]
-        if WORLD not in known:
+        if WORLD not in known_links:
             joints = _onto_base(joints)
         pending: list[str] = []
         for joint in joints:
             for link in (joint.parent, joint.child):
-                if link and link not in known and link not in pending:
+                if link and link not in known_links and link not in pending:
                     pending.append(link)
         while pending:
             link = _next_removed(pending, joints)
@@ -448,19 +449,19 @@ class FilePhysics:
             joined.append(replace(group[0], names=tuple(names), tied=tuple(points)))
         return joined
 
-    def added(self, known: Collection[str]) -> list[FileJoint]:
+    def added_joints(self, known_links: Collection[str]) -> list[FileJoint]:
         """Return the movable joints of links outside `known` that are heavier than a helper and have no other joint.
 
         `reduced` leaves out the joints of all links with one joint, because some formats need helpers: links almost
         without mass that only split a joint or close a loop. A heavier link is none, so that its joint is an addition.
         """
         added: list[FileJoint] = []
-        for joint in self._of_heavy_ends(known).values():
+        for joint in self._of_heavy_ends(known_links).values():
             if joint.names and joint.kind not in ("", "fixed"):
                 added.append(joint)
         return added
 
-    def loads(self, known: Collection[str]) -> list[str]:
+    def load_links(self, known_links: Collection[str]) -> list[str]:
         """Return the links outside `known` that are a load: fixed to one other link, with a mass, or without any joint.
 
         Where a format divides a link, the masses of its parts are those of no link of the others either.
@@ -468,26 +469,26 @@ class FilePhysics:
         loads: list[str] = []
         if self.complete and self.joints:
             for link in self.links:
-                if link not in known and not _at(link, self.joints):
+                if link not in known_links and not _at(link, self.joints):
                     loads.append(link)
-        for link, joint in self._of_heavy_ends(known).items():
+        for link, joint in self._of_heavy_ends(known_links).items():
             if joint.kind == "fixed":
                 loads.append(link)
         return loads
 
-    def _of_heavy_ends(self, known: Collection[str]) -> dict[str, FileJoint]:
+    def _of_heavy_ends(self, known_links: Collection[str]) -> dict[str, FileJoint]:
         """Return {link: its joint} of the links outside `known` that are heavier than a helper and have one joint."""
-        whole = 0.0
+        total_mass = 0.0
         for mass in self.masses.values():
-            whole += mass.mass
-        found: dict[str, FileJoint] = {}
+            total_mass += mass.mass
+        end_joints: dict[str, FileJoint] = {}
         for link, mass in self.masses.items():
-            if link in known or not mass.mass > _HELPER * whole:
+            if link in known_links or not mass.mass > _HELPER * total_mass:
                 continue
             joints = _at(link, self.joints)
             if len(joints) == 1:
-                found[link] = joints[0]
-        return found
+                end_joints[link] = joints[0]
+        return end_joints
 
 
 def _at(link: str, joints: Collection[FileJoint]) -> list[FileJoint]:
@@ -521,9 +522,9 @@ def _without(link: str, joints: list[FileJoint]) -> list[FileJoint]:
     if first.T is None or second.T is None:
         return others
     if first.child != link:
-        first = first.turned()
+        first = first.reversed()
     if second.parent != link:
-        second = second.turned()
+        second = second.reversed()
     return [*others, _chained(first, second)]
 
 
@@ -532,16 +533,16 @@ def _onto_base(joints: list[FileJoint]) -> list[FileJoint]:
     mount = _mount(joints)
     if mount is None:
         return joints
-    base = mount.turned()
-    moved = []
+    base = mount.reversed()
+    mounted_joints = []
     for joint in joints:
         if joint is mount:
             continue
         if joint.parent == WORLD and joint.T is not None:
-            moved.append(_chained(base, joint))
+            mounted_joints.append(_chained(base, joint))
         else:
-            moved.append(joint)
-    return moved
+            mounted_joints.append(joint)
+    return mounted_joints
 
 
 def _mount(joints: list[FileJoint]) -> FileJoint | None:
@@ -563,7 +564,7 @@ def _chained(first: FileJoint, second: FileJoint) -> FileJoint:
         drive = replace(second.drive, cone_axis=None)  # the parent is another one
     motions = list(first.motions)
     for line in second.motions:
-        motions.append(line.seen(first.T))
+        motions.append(line.transformed(first.T))
     names = first.names + second.names
     return FileJoint(names, first.parent, second.child, first.T @ second.T, tuple(motions), drive)
 
@@ -571,13 +572,13 @@ def _chained(first: FileJoint, second: FileJoint) -> FileJoint:
 def _kind_of_ties(tied: tuple[tuple[Array, Array], ...]) -> str:
     """Return the kind of a joint of tied points: one point is a ball, two are a hinge, three or more are fixed."""
     first, _ = tied[0]
-    apart = 0
+    distant_points = 0
     for point, _ in tied[1:]:
         if np.linalg.norm(point - first) > _APART:
-            apart += 1
-    if apart == 0:
+            distant_points += 1
+    if distant_points == 0:
         return "spherical"
-    if apart == 1:
+    if distant_points == 1:
         return "revolute"
     return "fixed"
 
@@ -616,7 +617,7 @@ def _meet(turns: list[JointLine]) -> bool:
     directions = [line.direction for line in turns]
     if not abs(np.linalg.det(directions)) > 1e-3:
         return False
-    point = meeting(turns)
+    point = meeting_point(turns)
     for line in turns:
         moment = np.cross(line.direction, point - line.point)
         if not np.linalg.norm(moment) < _SAME:
@@ -624,7 +625,7 @@ def _meet(turns: list[JointLine]) -> bool:
     return True
 
 
-def meeting(lines: Collection[JointLine]) -> Array:
+def meeting_point(lines: Collection[JointLine]) -> Array:
     """Return the point (3,) in m with the minimum sum of squared distances from the lines."""
     A = np.zeros((3, 3))
     b = np.zeros(3)
@@ -648,7 +649,7 @@ def unit(v: Array) -> Array:
     return v
 
 
-def along(kind: str, T: Array, axis: int = 2) -> tuple[JointLine, ...]:
+def motion_lines(kind: str, T: Array, axis: int = 2) -> tuple[JointLine, ...]:
     """Return the lines along or about which a joint moves, in the parent's frame; () if `kind` has no lines.
 
     T (4, 4) is the pose T_parent_joint of the joint's frame; `axis` 0, 1 or 2 is the x, y or z axis of this frame.

@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 
 from twin.core.foreign.budget import check_size
 from twin.exchange.audit.colors import surface_area
-from twin.exchange.audit.motion import LinkShape
+from twin.exchange.audit.file_content import LinkShape
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError
 
@@ -72,16 +72,16 @@ def _measured(points: bytes, faces: bytes) -> tuple[LinkShape, bool]:
     nearly_closed = closed
     if not closed:
         nearly_closed, _ = edges(weld_near(vertices, triangles))
-    unique, place = np.unique(triangles, return_inverse=True)
-    used = vertices[unique]
+    unique, new_indices = np.unique(triangles, return_inverse=True)
+    used_vertices = vertices[unique]
     shape = LinkShape(
-        used.min(axis=0),
-        used.max(axis=0),
+        used_vertices.min(axis=0),
+        used_vertices.max(axis=0),
         signed_volume(vertices, triangles),
         closed,
         nearly_closed,
-        used,
-        place.reshape(-1, 3),
+        used_vertices,
+        new_indices.reshape(-1, 3),
         surface_area(vertices, triangles),
     )
     return shape, mixed
@@ -93,15 +93,17 @@ def _check_normals(ledger: Ledger, where: str, vertices: Array, triangles: Array
     errors = np.abs(lengths - 1)
     finite = np.isfinite(lengths)
     if not np.all(finite) or np.max(errors) > NORMAL_TOL:
-        k = int(np.argmax(np.where(finite, errors, np.inf)))
-        text = f"mesh '{where}': a normal has length {lengths[k]:.4g}, not 1."
-        ledger.wrong(f"{code}.normal", text, where, size=Measured(lengths[k], 1.0), suggestion="normalise the normals")
+        worst = int(np.argmax(np.where(finite, errors, np.inf)))
+        text = f"mesh '{where}': a normal has length {lengths[worst]:.4g}, not 1."
+        ledger.wrong(
+            f"{code}.normal", text, where, size=Measured(lengths[worst], 1.0), suggestion="normalise the normals"
+        )
         return
     areas = _doubled_areas(vertices, triangles)
     total = float(np.linalg.norm(areas, axis=1).sum())
     corner_normals = normals.reshape(-1, 3, 3)
-    along = np.einsum("ij,ikj->ik", areas, corner_normals)
-    against = float(-along[along < 0].sum() / 3)  # each triangle has three corners
+    projections = np.einsum("ij,ikj->ik", areas, corner_normals)
+    against = float(-projections[projections < 0].sum() / 3)  # each triangle has three corners
     if total > 0 and against > AGAINST * total:
         share = against / total
         text = (
@@ -110,13 +112,13 @@ def _check_normals(ledger: Ledger, where: str, vertices: Array, triangles: Array
         )
         ledger.wrong(f"{code}.normals_against", text, where, size=Measured(share, AGAINST))
         return
-    reversed_points = _reversed(triangles, areas, along)
+    reversed_points = _reversed(triangles, areas, projections)
     if reversed_points:
         text = f"mesh '{where}': the normals of {reversed_points} points are against all faces around them: dark spots."
         ledger.add(f"{code}.normal_reversed", "warning", text, where, size=float(reversed_points))
 
 
-def _reversed(triangles: Array, areas: Array, along: Array) -> int:
+def _reversed(triangles: Array, areas: Array, projections: Array) -> int:
     """Return the number of points whose normals are more than 120 degrees from the normals of all their faces.
 
     `areas` (m, 3) are vectors along the normals of the triangles, `along` (m, 3) their products with the normals of the
@@ -124,7 +126,7 @@ def _reversed(triangles: Array, areas: Array, along: Array) -> int:
     """
     size = np.linalg.norm(areas, axis=1)
     counted = size > 1e-6 * size.sum()
-    cosines = along[counted] / size[counted, None]
+    cosines = projections[counted] / size[counted, None]
     corners = triangles[counted]
     nearest = np.full(int(triangles.max()) + 1, -np.inf)
     np.maximum.at(nearest, corners.ravel(), cosines.ravel())
@@ -154,13 +156,13 @@ def weld_near(vertices: Array, triangles: Array) -> Array:
     Formats round points differently, so that two points are one point in one format only. Merging more points never
     opens a closed mesh.
     """
-    points, place = np.unique(vertices, axis=0, return_inverse=True)
+    points, point_of_vertex = np.unique(vertices, axis=0, return_inverse=True)
     tree = KDTree(points, balanced_tree=False, compact_nodes=False)
     pairs = tree.query_pairs(NEAR, output_type="ndarray")
     ones = np.ones(len(pairs))
     graph = coo_matrix((ones, (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
     _, merged = connected_components(graph, directed=False)
-    return merged[place.ravel()][triangles]
+    return merged[point_of_vertex.ravel()][triangles]
 
 
 def edges(triangles: Array) -> tuple[bool, bool]:
@@ -173,10 +175,10 @@ def edges(triangles: Array) -> tuple[bool, bool]:
     b = triangles[:, 1]
     c = triangles[:, 2]
     proper = (a != b) & (b != c) & (a != c)
-    t = triangles[proper].astype(np.int64)
-    if not len(t):
+    kept_triangles = triangles[proper].astype(np.int64)
+    if not len(kept_triangles):
         return False, False
-    pairs = np.vstack([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
+    pairs = np.vstack([kept_triangles[:, [0, 1]], kept_triangles[:, [1, 2]], kept_triangles[:, [2, 0]]])
     # One number for each directed edge, and one for its opposite.
     n = int(pairs.max()) + 1
     forward = pairs[:, 0] * n + pairs[:, 1]

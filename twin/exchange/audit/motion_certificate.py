@@ -52,53 +52,59 @@ def audit_motion_bounds(data: Mapping[str, Any], ledger: Ledger) -> None:
     _require_tiles(pieces, len(phases))
     for joint in data["mechanism"]["tree"]:
         # other programs place the child by the inverse, this one by the frame itself
-        off = np.abs(_frame(joint["child_in_joint"]) @ _frame(joint["on_child"]) - np.eye(4)).max()
-        if not off <= CLOSED:
+        off_prediction = np.abs(_frame(joint["child_in_joint"]) @ _frame(joint["on_child"]) - np.eye(4)).max()
+        if not off_prediction <= CLOSED:
             raise ValueError(f"the two frames of joint {joint['name']} on its child are not inverse to one another")
-    chosen = np.sort(generator.integers(0, len(pieces), TIMES))
-    s = np.zeros(TIMES)
+    chosen_pieces = np.sort(generator.integers(0, len(pieces), TIMES))
+    path_values = np.zeros(TIMES)
     x = np.zeros((TIMES, sum(len(_PARTS[joint["type"]]) for joint in data["mechanism"]["tree"])))
     slopes = np.zeros(x.shape)
     squares = np.zeros(TIMES)
-    phase = np.array([pieces[k][0] for k in chosen])
+    phase = np.array([pieces[k][0] for k in chosen_pieces])
     driven = list(data["mechanism"]["driven"])
     passive = [i for i in range(x.shape[1]) if i not in driven]
-    bodies = pieces[0][3] is not None
-    for k in np.unique(chosen).tolist():
-        own = chosen == k
-        number, a, b, series, _ = pieces[k]
-        s[own] = generator.uniform(a, b, own.sum())
-        path = np.array(phases[number]["series"], float).T
-        x[np.ix_(own, driven)] = np.polynomial.chebyshev.chebval(2 * s[own] - 1, path).T
+    has_bodies = pieces[0][3] is not None
+    for piece_number in np.unique(chosen_pieces).tolist():
+        in_piece = chosen_pieces == piece_number
+        phase_number, begin, end, series, _ = pieces[piece_number]
+        path_values[in_piece] = generator.uniform(begin, end, in_piece.sum())
+        path = np.array(phases[phase_number]["series"], float).T
+        x[np.ix_(in_piece, driven)] = np.polynomial.chebyshev.chebval(2 * path_values[in_piece] - 1, path).T
         derivative = 2 * np.polynomial.chebyshev.chebder(path)
-        slopes[np.ix_(own, driven)] = np.polynomial.chebyshev.chebval(2 * s[own] - 1, derivative).T
-        squares[own] = np.interp(s[own], phases[number]["grid"], np.square(phases[number]["rates"]))
+        slopes[np.ix_(in_piece, driven)] = np.polynomial.chebyshev.chebval(2 * path_values[in_piece] - 1, derivative).T
+        squares[in_piece] = np.interp(
+            path_values[in_piece], phases[phase_number]["grid"], np.square(phases[phase_number]["rates"])
+        )
         if series is not None and passive:
-            local = (2 * s[own] - a - b) / (b - a)
-            x[np.ix_(own, passive)] = np.polynomial.polynomial.polyval(local, np.array(series, float).T).T
+            local = (2 * path_values[in_piece] - begin - end) / (end - begin)
+            x[np.ix_(in_piece, passive)] = np.polynomial.polynomial.polyval(local, np.array(series, float).T).T
     sampled = _Sampled(data["mechanism"], data["path"], phase, x, slopes, np.sqrt(squares))
-    if bodies:
+    if has_bodies:
         predicted = x.copy()
         with np.errstate(all="ignore"):
             sampled.close(passive)
-        off = np.abs(sampled.x - predicted).max(initial=0.0)
-        _row(ledger, "predictions", float(off), _NEAR, "the joint values are far from those predicted", "rad")
+        off_prediction = np.abs(sampled.x - predicted).max(initial=0.0)
+        _row(
+            ledger, "predictions", float(off_prediction), _NEAR, "the joint values are far from those predicted", "rad"
+        )
         gap = np.abs(sampled.gaps).max(initial=0.0)
         _row(ledger, "loops", float(gap), CLOSED, "a loop does not close", "m")
     for bound in data["bounds"]:
-        _judge(bound, sampled, bodies, ledger)
+        _judge(bound, sampled, has_bodies, ledger)
 
 
 def _require_tiles(pieces: Sequence[Sequence[Any]], phases: int) -> None:
     """Raise an error unless the pieces of each phase follow one another from 0 to 1, and all phases have some."""
     phase, end = -1, 1.0
-    for k, (number, first, last, *_) in enumerate(pieces):
+    for piece_number, (number, first, last, *_) in enumerate(pieces):
         if end == 1.0 and first == 0.0 and number == phase + 1:
             phase = number
         elif number != phase or first != end:
-            raise ValueError(f"piece {k} does not begin where the one before it ends: a part of the path is left out")
+            raise ValueError(
+                f"piece {piece_number} does not begin where the one before it ends: a part of the path is left out"
+            )
         if not first < last <= 1.0:
-            raise ValueError(f"piece {k} goes from {first} to {last}")
+            raise ValueError(f"piece {piece_number} goes from {first} to {last}")
         end = last
     if (phase + 1, end) != (phases, 1.0):
         raise ValueError(f"its pieces end at {end} of phase {phase + 1}, not at the end of phase {phases}")
@@ -145,9 +151,9 @@ class _Sampled:
         """Return the derivatives (k, rows, columns) of the gaps by the passive coordinates."""
         columns = []
         for i in passive:
-            moved = self.x.astype(np.complex128)
-            moved[:, i] += 1j * _STEP
-            columns.append(self.place(moved)[0].imag / _STEP)
+            stepped = self.x.astype(np.complex128)
+            stepped[:, i] += 1j * _STEP
+            columns.append(self.place(stepped)[0].imag / _STEP)
         self.gaps = self.place(self.x.astype(np.complex128))[0].real
         return np.stack(columns, axis=2) if columns else np.zeros((*self.gaps.shape, 0))
 
@@ -190,11 +196,11 @@ def _motion(part: str, value: Numbers) -> Numbers:
     if part == "s":
         T[:, 2, 3] = value
         return T
-    k = {"x": 0, "y": 1}.get(part, 2)
-    i, j = (k + 1) % 3, (k + 2) % 3
-    T[:, i, i] = T[:, j, j] = np.cos(value)
-    T[:, j, i] = np.sin(value)
-    T[:, i, j] = -T[:, j, i]
+    axis = {"x": 0, "y": 1}.get(part, 2)
+    second, third = (axis + 1) % 3, (axis + 2) % 3
+    T[:, second, second] = T[:, third, third] = np.cos(value)
+    T[:, third, second] = np.sin(value)
+    T[:, second, third] = -T[:, third, second]
     return T
 
 
@@ -210,14 +216,14 @@ def _gaps(kind: str, T: Numbers) -> list[Numbers]:
     return rows
 
 
-def _judge(bound: Mapping[str, Any], sampled: _Sampled, bodies: bool, ledger: Ledger) -> None:
+def _judge(bound: Mapping[str, Any], sampled: _Sampled, has_bodies: bool, ledger: Ledger) -> None:
     """Add the row of a bound, and a finding if a sample is beyond it."""
     name = f"{bound['kind']} {bound['value']}"
     if bound["kind"] == _NOT_SAMPLED:
         return  # that it is not 0 shows in the loops, which Newton's method closes
     if ("at least" in bound) == ("at most" in bound):
         raise ValueError(f"{name} has not either a lower or an upper bound")
-    if not bodies and "weights" not in bound:
+    if not has_bodies and "weights" not in bound:
         raise ValueError(f"{name} rests on the bodies, which have no prediction")
     values = _values(bound, sampled)
     if not len(values):
@@ -267,13 +273,15 @@ def _margins(values: Reals, limits: Sequence[float | None]) -> Reals:
 def _distances(bound: Mapping[str, Any], sampled: _Sampled) -> Reals:
     """Return the distances of the shaft from the RCM in the phases that have one."""
     _, T = sampled.place(sampled.x.astype(np.complex128))
-    found = []
-    for k, phase in enumerate(sampled.path["phases"]):
-        own = sampled.phase == k
-        if phase["rcm"] is not None and phase["enforced"] == (bound["value"] == "enforced") and own.any():
-            axis = T[own, :3, :3].real @ np.array(sampled.path["shaft"], float)
-            found.append(np.linalg.norm(np.cross(T[own, :3, 3].real - np.array(phase["rcm"], float), axis), axis=1))
-    return np.concatenate(found) if found else np.zeros(0)
+    distances = []
+    for phase_number, phase in enumerate(sampled.path["phases"]):
+        in_phase = sampled.phase == phase_number
+        if phase["rcm"] is not None and phase["enforced"] == (bound["value"] == "enforced") and in_phase.any():
+            axis = T[in_phase, :3, :3].real @ np.array(sampled.path["shaft"], float)
+            distances.append(
+                np.linalg.norm(np.cross(T[in_phase, :3, 3].real - np.array(phase["rcm"], float), axis), axis=1)
+            )
+    return np.concatenate(distances) if distances else np.zeros(0)
 
 
 def _row(ledger: Ledger, what: str, value: float, limit: float, text: str, unit: str) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from twin.exchange.audit.motion import Content
+from twin.exchange.audit.file_content import Content
 from twin.exchange.format import Holds
 from twin.exchange.formats import holding
 

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from twin.core.provenance import EARLIER, Parameter
-from twin.exchange.audit.motion import Content
+from twin.exchange.audit.file_content import Content
+from twin.exchange.audit.file_statements import ROBOT
 from twin.exchange.audit.report import MECHANISM, Ledger, Measured
-from twin.exchange.audit.stated import ROBOT
 
 PARAMETERS = "parameters"
 """Key of the parameters of a stage in `Content.extra`: {name: {value, shown, unit, provenance, note}}."""
@@ -70,26 +70,26 @@ def _compare(
     for field in ("provenance", "unit", "shown", "value"):
         if field not in row or field not in expected:
             continue
-        own = row[field]
-        right = expected[field]
+        value = row[field]
+        expected_value = expected[field]
         size: Measured | None = None
         if field == "provenance":
-            differs = EARLIER.get(own, own) != right
+            differs = EARLIER.get(value, value) != expected_value
         elif field == "unit":
-            differs = own != right
+            differs = value != expected_value
         else:
-            differs = not _is_close(own, right, tolerance)
-            if isinstance(own, int | float):
-                size = Measured(own, right)
+            differs = not _is_close(value, expected_value, tolerance)
+            if isinstance(value, int | float):
+                size = Measured(value, expected_value)
         if differs:
             words = {"provenance": "the provenance", "unit": "the unit", "shown": "the number", "value": "the value"}
-            text = f"parameter '{name}' has {words[field]} {own}; in {source} it is {right}."
+            text = f"parameter '{name}' has {words[field]} {value}; in {source} it is {expected_value}."
             ledger.wrong("claims.parameter", text, name, size=size, suggestion="export the files again")
             return
 
 
-def _is_close(own: Any, right: float, tolerance: float) -> bool:
+def _is_close(value: Any, number: float, tolerance: float) -> bool:
     """Return whether a value is the number `right` within a relative tolerance; a text is never close."""
-    if not isinstance(own, int | float):
+    if not isinstance(value, int | float):
         return False
-    return own == right or abs(own - right) <= tolerance * max(abs(own), abs(right))
+    return value == number or abs(value - number) <= tolerance * max(abs(value), abs(number))

@@ -17,8 +17,8 @@ from twin.exchange.audit.mechanism_data import (
     FileMass,
     FileMotor,
     FilePhysics,
-    along,
-    felt,
+    drive_of_motors,
+    motion_lines,
 )
 
 if TYPE_CHECKING:
@@ -54,10 +54,10 @@ def mechanism_physics(mechanism: Mechanism) -> FilePhysics:
         joints=_joints(mechanism, motors),
         frames=frames,
         points=points,
-        marks=frozenset({"frame", "point"}),
+        fully_listed=frozenset({"frame", "point"}),
         gravity=np.array(mechanism.gravity),
         medium=EMPTY,
-        held=frozenset({mechanism.base}),
+        fixed_to_world=frozenset({mechanism.base}),
         tool=mechanism.tool,
         trocars=frozenset(mechanism.trocars),
         couplings=couplings,
@@ -68,7 +68,7 @@ def mechanism_physics(mechanism: Mechanism) -> FilePhysics:
         postures=mechanism.postures,
         further={},
         programs={},
-        floats=dict.fromkeys(links, 0.0),
+        weight_shares=dict.fromkeys(links, 0.0),
         complete=True,
     )
 
@@ -104,7 +104,7 @@ def _joints(mechanism: Mechanism, motors: Mapping[str, FileMotor]) -> list[FileJ
     joints = []
     for joint in mechanism.joints:
         T = joint.T_parent_joint @ poses.inverse(joint.T_child_joint)
-        motions = along(joint.type, joint.T_parent_joint)
+        motions = motion_lines(joint.type, joint.T_parent_joint)
         drive = _drive(mechanism, joint.name, motors)
         joints.append(FileJoint((joint.name,), joint.parent, joint.child, T, motions, drive))
     return joints
@@ -126,7 +126,7 @@ def _drive(mechanism: Mechanism, name: str, motors: Mapping[str, FileMotor]) -> 
         stiffness = joint.drive.stiffness
         damping = joint.drive.damping
         effort = joint.drive.max_effort
-    by_motors = felt(motors, joint.name)
+    by_motors = drive_of_motors(motors, joint.name)
     if by_motors is not None:
         stiffness, damping = by_motors
         effort = None

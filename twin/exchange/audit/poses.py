@@ -32,11 +32,11 @@ def rotation(xyzw: ArrayLike) -> Array:
 def cross_matrix(v: ArrayLike) -> Array:
     """Return the skew-symmetric matrices K (..., 3, 3) of v (..., 3), with K u = v x u."""
     v = np.asarray(v, float)
-    out = np.zeros((*v.shape[:-1], 3, 3))
+    matrices = np.zeros((*v.shape[:-1], 3, 3))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        out[..., i, j] = -v[..., k]
-        out[..., j, i] = v[..., k]
-    return out
+        matrices[..., i, j] = -v[..., k]
+        matrices[..., j, i] = v[..., k]
+    return matrices
 
 
 def about(axis: ArrayLike, angle: ArrayLike) -> Array:
@@ -52,11 +52,11 @@ def pose(R: ArrayLike | None = None, p: ArrayLike | None = None) -> Array:
     R = np.eye(3) if R is None else np.asarray(R, float)
     p = np.zeros(3) if p is None else np.asarray(p, float)
     shape = np.broadcast_shapes(R.shape[:-2], p.shape[:-1])
-    out = np.zeros((*shape, 4, 4))
-    out[..., :3, :3] = R
-    out[..., :3, 3] = p
-    out[..., 3, 3] = 1.0
-    return out
+    T = np.zeros((*shape, 4, 4))
+    T[..., :3, :3] = R
+    T[..., :3, 3] = p
+    T[..., 3, 3] = 1.0
+    return T
 
 
 def from_seven(rows: ArrayLike) -> Array:
@@ -102,12 +102,12 @@ def slerp(a: Array, b: Array, u: Array) -> Array:
     b = np.where(cosine < 0, -b, b)
     half = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
     sine = np.sin(half)
-    near = sine < 1e-6  # equal quaternions: the arc has no direction, and its chord is exact enough
-    sine = np.where(near, 1.0, sine)
+    nearly_equal = sine < 1e-6  # equal quaternions: the arc has no direction, and its chord is exact enough
+    sine = np.where(nearly_equal, 1.0, sine)
     u = np.asarray(u)[:, None]
     chord = (1 - u) * a + u * b
     arc = (np.sin((1 - u) * half) * a + np.sin(u * half) * b) / sine
-    return np.where(near, chord, arc)
+    return np.where(nearly_equal, chord, arc)
 
 
 def rpy(angles: ArrayLike) -> Array:
@@ -124,16 +124,16 @@ def quaternion(R: ArrayLike) -> Array:
     R = np.asarray(R, float)
     K = np.zeros((*R.shape[:-2], 4, 4))
     trace = np.trace(R, axis1=-2, axis2=-1)
-    for i in range(3):
-        j = (i + 1) % 3
-        k = (i + 2) % 3
-        K[..., i, i] = 1 + 2 * R[..., i, i] - trace
-        symmetric = R[..., i, j] + R[..., j, i]
-        K[..., i, j] = symmetric
-        K[..., j, i] = symmetric
-        antisymmetric = R[..., k, j] - R[..., j, k]
-        K[..., i, 3] = antisymmetric
-        K[..., 3, i] = antisymmetric
+    for first in range(3):
+        second = (first + 1) % 3
+        k = (first + 2) % 3
+        K[..., first, first] = 1 + 2 * R[..., first, first] - trace
+        symmetric = R[..., first, second] + R[..., second, first]
+        K[..., first, second] = symmetric
+        K[..., second, first] = symmetric
+        antisymmetric = R[..., k, second] - R[..., second, k]
+        K[..., first, 3] = antisymmetric
+        K[..., 3, first] = antisymmetric
     K[..., 3, 3] = 1 + trace
     diagonal = np.einsum("...ii->...i", K)
     best = np.argmax(diagonal, axis=-1)

@@ -12,11 +12,11 @@ from typing import Any
 
 from twin.core.json_types import JsonMapping
 from twin.core.version import __version__
-from twin.exchange.audit.motion import Content
+from twin.exchange.audit.file_content import Content
+from twin.exchange.audit.file_statements import ROBOT
 from twin.exchange.audit.named_parts import has_all_names, named_parts
 from twin.exchange.audit.report import MECHANISM, Check, Ledger
 from twin.exchange.audit.sampled_states import CLIP
-from twin.exchange.audit.stated import ROBOT
 
 _KINDS: Mapping[str, type] = {
     "robot": str,
@@ -152,12 +152,12 @@ def _check_kinds(proof: JsonMapping, ledger: Ledger) -> bool:
 
 
 def _check_doubled(key: str, rows: Sequence[JsonMapping], ledger: Ledger) -> None:
-    seen = set()
+    texts = set()
     for row in rows:
         text = json.dumps(row, sort_keys=True)
-        if text in seen:
+        if text in texts:
             ledger.wrong("proof.doubled", f"'{key}' in proof.json has an entry twice: {text[:80]}….", key)
-        seen.add(text)
+        texts.add(text)
 
 
 def _check_origin(proof: JsonMapping, folder: Path, contents: Sequence[Content], ledger: Ledger) -> None:
@@ -272,13 +272,13 @@ def _is_number(value: Any) -> bool:
 
 def _check_rows(proof: JsonMapping, ledger: Ledger) -> None:
     """Report checks and findings that are malformed, contradict themselves, or are of files that are not listed."""
-    known = {f"clip {row.get('protocol')}" for row in proof["clips"]}
+    known_files = {f"clip {row.get('protocol')}" for row in proof["clips"]}
     for row in proof["files"]:
         file = Path(str(row.get("file")))
-        known |= {file.as_posix(), *(folder.as_posix() for folder in file.parents)}
+        known_files |= {file.as_posix(), *(folder.as_posix() for folder in file.parents)}
     for row in proof["checks"]:
         name = str(row.get("check"))
-        fault = _fault_of_check(row, known)
+        fault = _fault_of_check(row, known_files)
         if fault:
             ledger.wrong("proof.check", f"the check '{name[:80]}' in proof.json {fault}.", "checks")
     for row in proof["findings"]:
@@ -296,7 +296,7 @@ def _check_rows(proof: JsonMapping, ledger: Ledger) -> None:
                 ledger.wrong("proof.finding", text, "findings")
 
 
-def _fault_of_check(row: JsonMapping, known: set[str]) -> str:
+def _fault_of_check(row: JsonMapping, known_files: set[str]) -> str:
     for key in ("check", "file", "tool"):
         if not isinstance(row.get(key), str) or not row[key]:
             return f"has no '{key}'"
@@ -305,7 +305,7 @@ def _fault_of_check(row: JsonMapping, known: set[str]) -> str:
             return f"has no text '{key}'"
     if row["tool"] != _WRITER and not isinstance(row.get("against"), str):
         return "has no text 'against'"
-    if row["file"] not in known:
+    if row["file"] not in known_files:
         return f"is of '{row['file']}', which is neither a listed file nor a clip"
     for key in ("worst", "tolerance"):
         if key not in row or not (row[key] is None or _is_number(row[key])):
@@ -348,10 +348,10 @@ def _check_budgets(proof: JsonMapping, ledger: Ledger) -> None:
         ledger.wrong("proof.check", f"proof.json has the check '{check}' of '{name}', which is no clip's.", "checks")
 
 
-def _same(one: Any, other: Any) -> bool:
-    if not _is_number(one) or not _is_number(other):
-        return one is None and other is None
-    return abs(one - other) <= _DIGITS * max(abs(one), abs(other))
+def _same(first: Any, second: Any) -> bool:
+    if not _is_number(first) or not _is_number(second):
+        return first is None and second is None
+    return abs(first - second) <= _DIGITS * max(abs(first), abs(second))
 
 
 def _check_repeated(
@@ -363,26 +363,26 @@ def _check_repeated(
     compares with the mechanism; an audit without a mechanism compares with other files instead. `tracks` are those
     among the other files.
     """
-    own: dict[_CheckKey, list[Check]] = {}
+    checks_by_key: dict[_CheckKey, list[Check]] = {}
     for check in checks:
         if check.file != ledger.file:
-            own.setdefault((check.check, check.file, check.against), []).append(check)
+            checks_by_key.setdefault((check.check, check.file, check.against), []).append(check)
     stated: set[_CheckKey] = set()
     for row in rows:
         key = (str(row.get("check")), str(row.get("file")), str(row.get("against", "")))
         stated.add(key)
-        same = own.get(key, [])
-        if not same and row.get("tool") != _WRITER and not key[2]:
+        same_checks = checks_by_key.get(key, [])
+        if not same_checks and row.get("tool") != _WRITER and not key[2]:
             text = f"proof.json has the check '{key[0][:80]}' of '{key[1]}', which this audit does not have."
             ledger.wrong("proof.check", text, "checks", suggestion="export again")
-        elif same and not any(_repeats(row, check) for check in same):
-            check = same[0]
+        elif same_checks and not any(_repeats(row, check) for check in same_checks):
+            check = same_checks[0]
             text = (
                 f"the check '{check.check[:80]}' of {check.file} is stated as {_shown(row)}; this audit has "
                 f"{_shown(check.as_dict())}."
             )
             ledger.wrong("proof.check", text, check.file, suggestion="export again")
-    for name, file, against in own:
+    for name, file, against in checks_by_key:
         # Drawn states are compared only if a mechanism is given to the audit, values of joints only if none is.
         if name.startswith(f"clip '{CLIP}'") or ": joint values against " in name:
             continue

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.mechanism_data import FileMotor
-from twin.exchange.audit.motion import Content
 from twin.exchange.audit.report import Ledger, Measured
 
 _BUDGETS = re.compile(
@@ -67,16 +67,16 @@ def _check_matrix(name: str, equations: str, motors: Mapping[str, FileMotor], le
         matrix[joint] = {}
         for term in _TERM.finditer(terms):
             matrix[joint][term["motor"]] = float(term["factor"].replace(" ", ""))
-    named = list(dict.fromkeys(motor for factors in matrix.values() for motor in factors))
+    motor_names = list(dict.fromkeys(motor for factors in matrix.values() for motor in factors))
     rows: dict[str, Mapping[str, float]] = {}
-    for motor in named:
+    for motor in motor_names:
         if motor in motors and motors[motor].row is not None:
             rows[motor] = motors[motor].row or {}
-    if not rows or len(named) != len(matrix):
+    if not rows or len(motor_names) != len(matrix):
         return  # no file has these motors, or they are not as many as their joints
-    M = np.array([[matrix[joint].get(motor, 0.0) for motor in named] for joint in matrix])
-    inverse = np.array([[rows.get(motor, {}).get(joint, 0.0) for joint in matrix] for motor in named])
-    error = float(np.abs(M @ inverse - np.eye(len(named))).max())
+    matrix_of_motors = np.array([[matrix[joint].get(motor, 0.0) for motor in motor_names] for joint in matrix])
+    inverse = np.array([[rows.get(motor, {}).get(joint, 0.0) for joint in matrix] for motor in motor_names])
+    error = float(np.abs(matrix_of_motors @ inverse - np.eye(len(motor_names))).max())
     if not error <= _DIGITS:
         message = f"README.txt has other factors for the transmission '{name}' than the files: '{equations[:60]}…'."
         ledger.wrong("readme.transmission", message, name, size=Measured(error, _DIGITS))

@@ -26,7 +26,7 @@ ROTATION_TOL = 1e-4
 MECHANISM = "the mechanism"
 """Name of the expected mechanism as a source of values."""
 
-MOST = 5
+MOST_FINDINGS = 5
 """Maximum number of findings with the same code in one file; the last finding states how many were omitted."""
 
 
@@ -118,13 +118,13 @@ class AuditReport(Result):
             titles = ("check", "worst in", "worst", "tolerance", "where", "when", "")
             yield TextTable(titles, list(map(_row, checks)))
             yield ""
-        shown = 0
-        for found in by_severity(self.findings):
-            if everything or found.severity != "info":
-                shown += 1
-                yield found
-        counts = self._counts(len(self.findings) - shown)
-        if shown:
+        shown_count = 0
+        for reported in by_severity(self.findings):
+            if everything or reported.severity != "info":
+                shown_count += 1
+                yield reported
+        counts = self._counts(len(self.findings) - shown_count)
+        if shown_count:
             counts = f"\n{counts}"
         yield counts
 
@@ -270,9 +270,9 @@ class Ledger:
         when: str = "",
         suggestion: str = "",
     ) -> None:
-        """Add a finding, with the file's name before `where`; only the first `MOST` findings of each code are kept."""
+        """Add a finding, with the file's name before `where`; of each code, only the first `MOST_FINDINGS` are kept."""
         self._count[code] += 1
-        if self._count[code] > MOST:
+        if self._count[code] > MOST_FINDINGS:
             return
         place = self.file
         if where and where != self.file:
@@ -285,9 +285,9 @@ class Ledger:
         advice = suggestion or ADVICE.get(code) or ADVICE.get(code.partition(".")[2], "")
         self.found.append(finding(severity, code, place, message, measured, bound, advice, when=when, word=""))
 
-    def wrong(self, code: str, message: str, where: str = "", **more: Any) -> None:
+    def wrong(self, code: str, message: str, where: str = "", **options: Any) -> None:
         """Add a finding of severity "disagreement"; for the arguments see `add`."""
-        self.add(code, "disagreement", message, where, **more)
+        self.add(code, "disagreement", message, where, **options)
 
     def row(
         self,
@@ -311,23 +311,23 @@ class Ledger:
         number = None  # JSON has no number for an infinite deviation
         if worst is not None and math.isfinite(worst):
             number = float(worst)
-        says: Verdict = "agree" if fits else "disagree"
+        check_verdict: Verdict = "agree" if fits else "disagree"
         source = (self.file, self.tool, self.version)
-        self.checks.append(Check(check, *source, number, unit, tolerance, says, where, when, against))
+        self.checks.append(Check(check, *source, number, unit, tolerance, check_verdict, where, when, against))
 
     @property
     def findings(self) -> list[Finding]:
-        """Return the findings, at most `MOST` with the same code; the last finding states how many were omitted."""
-        out = list(self.found)
+        """Return the findings, at most `MOST_FINDINGS` with the same code; the last states how many were omitted."""
+        findings = list(self.found)
         for code, count in self._count.items():
-            if count > MOST:
+            if count > MOST_FINDINGS:
                 last = 0
-                for i, found in enumerate(out):
-                    if found.code == code:
+                for i, recorded in enumerate(findings):
+                    if recorded.code == code:
                         last = i
-                more = f"{out[last].message} And {count - MOST} more of this kind."
-                out[last] = replace(out[last], message=more)
-        return out
+                message = f"{findings[last].message} And {count - MOST_FINDINGS} more of this kind."
+                findings[last] = replace(findings[last], message=message)
+        return findings
 
 
 _STRANGE = (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, MemoryError)
@@ -384,7 +384,7 @@ def quantity(value: float, unit: str, digits: int = 4) -> str:
     return f"{value:.{digits}g} {unit}"
 
 
-def told_apart(a: float, b: float) -> tuple[str, str]:
+def distinguishable(a: float, b: float) -> tuple[str, str]:
     """Return two numbers as text with enough digits, at least four, to show that they differ."""
     digits = 4
     while digits < 16 and f"{a:.{digits}g}" == f"{b:.{digits}g}":

@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from twin.exchange.audit import poses
+from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.joint_lines import ANGLE_TOL, LINE_TOL, or_infinite
-from twin.exchange.audit.mechanism_data import FileJoint, FilePhysics, JointLine, meeting
-from twin.exchange.audit.motion import Content
+from twin.exchange.audit.mechanism_data import FileJoint, FilePhysics, JointLine, meeting_point
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import MECHANISM, ROTATION_TOL, quantity
-from twin.exchange.audit.states import same_names
+from twin.exchange.audit.state_comparison import same_names
 from twin.exchange.format import Holds
 from twin.exchange.formats import holding
 
@@ -31,8 +31,8 @@ def compare_joints(content: Content, truth: FilePhysics, source: str = MECHANISM
     distances = {}
     angles = {}
     for joint in truth.joints:
-        moved = truth.trocars & set(joint.names)  # each protocol has its own positions of trocars
-        if {joint.parent, joint.child} <= set(links) and not moved:
+        has_moved_trocar = truth.trocars & set(joint.names)  # each protocol has its own positions of trocars
+        if {joint.parent, joint.child} <= set(links) and not has_moved_trocar:
             name = f"{joint.parent} to {joint.child}"  # fixed joints may have no name
             if joint.names:
                 name = joint.names[0]
@@ -74,7 +74,7 @@ def _misfit(joint: FileJoint, links: Mapping[str, Array]) -> tuple[float | None,
     T = poses.inverse(zero) @ links[joint.child]
     R = T[:, :3, :3]
     to_child = poses.inverse(joint.T)
-    lines = [line.seen(to_child) for line in joint.motions]
+    lines = [line.transformed(to_child) for line in joint.motions]
     turns = [line for line in lines if line.kind == "turn"]
     angle = 0.0
     if len(turns) == 1:
@@ -97,7 +97,7 @@ def _unturned_point(turns: Sequence[JointLine]) -> Array | None:
     """Return a point (3,) in m that turns do not move, because it is on all of their lines; None without one."""
     if not turns:
         return np.zeros(3)
-    for point in (turns[0].point, meeting(turns)):
+    for point in (turns[0].point, meeting_point(turns)):
         distances = [np.linalg.norm(np.cross(line.direction, point - line.point)) for line in turns]
         if max(distances) <= LINE_TOL:
             return point
@@ -123,10 +123,10 @@ def _slide_directions(lines: Sequence[JointLine]) -> list[Array]:
     for line in lines:
         if line.kind != "slide":
             continue
-        rest = line.direction
+        remainder = line.direction
         for direction in directions:
-            rest = rest - (rest @ direction) * direction
-        size = np.linalg.norm(rest)
+            remainder = remainder - (remainder @ direction) * direction
+        size = np.linalg.norm(remainder)
         if size > ANGLE_TOL:  # else it is a direction of the slides before
-            directions.append(rest / size)
+            directions.append(remainder / size)
     return directions

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.exchange.audit.motion import FileClip
+from twin.exchange.audit.file_content import FileClip
 from twin.exchange.audit.poses import Array
 
 CLIP = "drawn joint states"

@@ -14,10 +14,10 @@ from pxr import Tf, Usd
 
 from twin.core.foreign.admit import admit
 from twin.core.foreign.budget import check_size
-from twin.exchange.audit.deformables import audit_bends
+from twin.exchange.audit.deformables import audit_deformables
 from twin.exchange.audit.file_comparison import references
-from twin.exchange.audit.folder import SCENE
-from twin.exchange.audit.motion import Content
+from twin.exchange.audit.file_content import Content
+from twin.exchange.audit.folder_files import SCENE
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import POSITION_TOL, Ledger, Measured, ReadError, guarded, quantity
 from twin.exchange.format import Holds
@@ -72,7 +72,7 @@ def audit_scene(folder: Path, audited: Callable[[Path], Audited]) -> Audited:
             ledger.row("objects", float(len(objects)), "found")
         for stage in sorted((folder / "usd").glob("*.usda")):
             ledgers.append(_audit_stage(stage, robots))
-    ledgers += audit_bends(folder)
+    ledgers += audit_deformables(folder)
     return contents, ledgers
 
 
@@ -86,16 +86,16 @@ def _places(folder: Path, ledger: Ledger) -> Iterator[tuple[str, str, Array, Pat
         text = f"the list of robots is missing or malformed: {type(error).__name__}, {error}."
         ledger.add("scene.unreadable", "error", text)
         return
-    for name, protocol, rows_of_T, own in rows:
+    for name, protocol, rows_of_T, folder_name in rows:
         try:
             T = np.array(rows_of_T, float)
         except (ValueError, TypeError):
             T = np.zeros(0)
-        path = folder / own
+        path = folder / folder_name
         if not _is_pose(T):
             ledger.add("scene.pose", "error", f"robot '{name}': T_world_base is not a pose (4, 4).", name)
         elif not os.path.isdir(path) or not path.resolve().is_relative_to(folder.resolve()):  # noqa: PTH112 - any name
-            ledger.add("scene.folder", "error", f"robot '{name}': the scene has no folder '{own}'.", name)
+            ledger.add("scene.folder", "error", f"robot '{name}': the scene has no folder '{folder_name}'.", name)
         else:
             yield name, protocol, T, path
 
@@ -133,12 +133,12 @@ def _shown(contents: Sequence[Content], protocol: str, T_world_base: Array) -> S
     for name, ref in references(contents, {}).items():
         if protocol and (name == protocol or name.endswith(f"_{protocol}")):
             return SceneRobot(T_world_base, ref.clip.times, ref.clip.links)
-    still = [content for content in contents if content.links and content.rest]
-    still.sort(key=lambda c: not holding(c.format, Holds.ALL_MOTIONS))
+    contents_at_rest = [content for content in contents if content.links and content.rest]
+    contents_at_rest.sort(key=lambda c: not holding(c.format, Holds.ALL_MOTIONS))
     links = {}
-    if still and not protocol:
-        for link in still[0].links or ():
-            links[link] = still[0].rest[link][None]
+    if contents_at_rest and not protocol:
+        for link in contents_at_rest[0].links or ():
+            links[link] = contents_at_rest[0].rest[link][None]
     return SceneRobot(T_world_base, np.zeros(1), links)
 
 
@@ -151,15 +151,15 @@ def _audit_stage(path: Path, robots: Mapping[str, SceneRobot]) -> Ledger:
 def _compare_stage(robots: Mapping[str, SceneRobot], path: Path, ledger: Ledger) -> None:
     admit(path)
     try:
-        public = [f for f in run_usd_validators(path) if f.severity != "info"]
+        public_findings = [f for f in run_usd_validators(path) if f.severity != "info"]
         worst, where, when = deviation(path, robots)
     except (Tf.ErrorException, RuntimeError) as error:
         reason = str(error).strip().splitlines()[-1]
         text = f"OpenUSD cannot read the stage: {reason[:200]}"
         raise ReadError(text, "usd.unreadable") from error
-    for f in public:
-        ledger.add(f.code, f.severity, f.message, f.where)
-    ledger.row("public validators", float(len(public)), "found", 0.0)
+    for public_finding in public_findings:
+        ledger.add(public_finding.code, public_finding.severity, public_finding.message, public_finding.where)
+    ledger.row("public validators", float(len(public_findings)), "found", 0.0)
     check = "links in the world frame, compared with the robots' files"
     ledger.row(check, worst, "m", POSITION_TOL, where=where, when=when)
     if not worst <= POSITION_TOL:
@@ -189,7 +189,7 @@ def deviation(stage: Path, robots: Mapping[str, SceneRobot]) -> tuple[float, str
         keys = sorted({0, len(robot.times) // 2, last})
         if not robot.links:
             return np.inf, f"link poses in the files of {name}", ""
-        codes = [Usd.TimeCode(float(robot.times[k] * rate)) for k in keys]
+        codes = [Usd.TimeCode(float(robot.times[key] * rate)) for key in keys]
         for link, poses in robot.links.items():
             prim = opened.GetPrimAtPath(root.AppendChild(name).AppendChild(link))
             if not prim:

@@ -46,14 +46,14 @@ def audit_workspace(data: Mapping[str, Any], ledger: Ledger) -> None:
         ValueError, KeyError, TypeError, IndexError: the certificate was changed.
     """
     generator = np.random.default_rng()  # no point that the author of a certificate could foresee
-    p, joints = _drawn(data, generator)
+    points, joints = _drawn(data, generator)
     tolerance = float(data["tolerance_m"])
     if not 0 <= tolerance < math.inf:
         raise ValueError(f"the tolerance of lengths is {tolerance} m")
-    _audit_at(data, ledger, p, joints)
+    _audit_at(data, ledger, points, joints)
     if tolerance:
-        rows = _determining(data, p, joints)
-        _audit_at(_displaced(data, tolerance, generator), ledger, p, joints, rows, _play(data, tolerance))
+        rows = _determining(data, points, joints)
+        _audit_at(_displaced(data, tolerance, generator), ledger, points, joints, rows, _play(data, tolerance))
 
 
 def _drawn(data: Mapping[str, Any], generator: np.random.Generator) -> tuple[Reals, Reals]:
@@ -81,7 +81,7 @@ def _displaced(data: Mapping[str, Any], tolerance: float, generator: np.random.G
 
     Equal frames are displaced equally, because one joint can be on several paths; the tool's frame is not displaced.
     """
-    moved: dict[str, Reals] = {}
+    displaced_frames: dict[str, Reals] = {}
     closures = []
     for closure in data["closures"]:
         paths = []
@@ -91,11 +91,11 @@ def _displaced(data: Mapping[str, Any], tolerance: float, generator: np.random.G
                 if step[0] not in ("frame", "inverse"):
                     continue
                 key = str(step[1])
-                if key not in moved:
+                if key not in displaced_frames:
                     frames = np.tile(np.array(step[1], float), (POINTS, 1, 1))
                     frames[:, :, 3] += generator.uniform(-tolerance, tolerance, (POINTS, 3))
-                    moved[key] = frames
-                step[1] = moved[key]
+                    displaced_frames[key] = frames
+                step[1] = displaced_frames[key]
             paths.append({**path, "steps": steps})
         closures.append({**closure, "paths": paths})
     return {**data, "closures": closures}
@@ -112,33 +112,33 @@ def _play(data: Mapping[str, Any], tolerance: float) -> float:
     return max(frames) * math.sqrt(3) * tolerance
 
 
-def _determining(data: Mapping[str, Any], p: Reals, joints: Reals) -> list[int]:
+def _determining(data: Mapping[str, Any], points: Reals, joints: Reals) -> list[int]:
     """Return the numbers of conditions that determine the joints, as many as there are joints.
 
     The others follow from them with the lengths of the CAD. They are chosen at the first point, each with the largest
     part of its derivatives that those before it do not have.
     """
     x: Numbers = joints[:1].astype(np.complex128)
-    J = _by_joints(data, x, _tool(data["orientation"], p[:1]), range(len(data["joints"])))[0]
+    J = _by_joints(data, x, _tool(data["orientation"], points[:1]), range(len(data["joints"])))[0]
     if len(J) < J.shape[1]:
         raise ValueError(f"{len(J)} conditions cannot determine {J.shape[1]} joints")
     chosen: list[int] = []
-    rest = J.copy()
+    remaining = J.copy()
     for _ in range(J.shape[1]):
-        sizes = np.linalg.norm(rest, axis=1)
-        k = int(np.argmax(sizes))
-        if sizes[k] < _SMALLEST:
+        sizes = np.linalg.norm(remaining, axis=1)
+        largest = int(np.argmax(sizes))
+        if sizes[largest] < _SMALLEST:
             raise ValueError("the conditions do not determine the joints")
-        chosen.append(k)
-        direction = rest[k] / sizes[k]
-        rest = rest - np.outer(rest @ direction, direction)
+        chosen.append(largest)
+        direction = remaining[largest] / sizes[largest]
+        remaining = remaining - np.outer(remaining @ direction, direction)
     return sorted(chosen)
 
 
 def _audit_at(
     data: Mapping[str, Any],
     ledger: Ledger,
-    p: Reals,
+    points: Reals,
     joints: Reals,
     rows: list[int] | None = None,
     play: float = 0.0,
@@ -149,36 +149,36 @@ def _audit_at(
     the conditions that follow from others may have a gap of `play` m.
     """
     x: Numbers = joints.astype(np.complex128)
-    tool = _tool(data["orientation"], p)
+    tool = _tool(data["orientation"], points)
     names = data["joints"]
     with np.errstate(all="ignore"):
         for _ in range(_STEPS):
-            F, _ = _conditions(data, x, tool)
+            residuals, _ = _conditions(data, x, tool)
             J = _by_joints(data, x, tool, range(len(names)))
             if rows is not None:
-                F = F[:, rows]
+                residuals = residuals[:, rows]
                 J = J[:, rows]
-            x = x - np.asarray((np.linalg.pinv(J) @ F.real[..., None])[..., 0], np.complex128)
-        F, cosines = _conditions(data, x, tool)
+            x = x - np.asarray((np.linalg.pinv(J) @ residuals.real[..., None])[..., 0], np.complex128)
+        residuals, cosines = _conditions(data, x, tool)
     if rows is None:
-        rows = list(range(F.shape[1]))
-    _largest(ledger, "loops", "m", np.abs(F.real[:, rows]).max(axis=1), CLOSED, "a loop does not close", p)
+        rows = list(range(residuals.shape[1]))
+    _largest(ledger, "loops", "m", np.abs(residuals.real[:, rows]).max(axis=1), CLOSED, "a loop does not close", points)
     if play:
-        gaps = np.abs(F.real).max(axis=1)
-        _largest(ledger, "loops", "m", gaps, CLOSED + play, "a loop that follows from others does not close", p)
+        gaps = np.abs(residuals.real).max(axis=1)
+        _largest(ledger, "loops", "m", gaps, CLOSED + play, "a loop that follows from others does not close", points)
     distance = np.abs(x.real - joints).max(axis=1)
-    _largest(ledger, "predictions", "rad", distance, _NEAR, "the joint values are far from those predicted", p)
-    _audit_limits(data, ledger, p, x, cosines)
+    _largest(ledger, "predictions", "rad", distance, _NEAR, "the joint values are far from those predicted", points)
+    _audit_limits(data, ledger, points, x, cosines)
     passive = [i for i, active in enumerate(data["active"]) if not active]
     J = np.concatenate([_by_joints(data, x, tool, passive), _by_tool(data, x, tool)], axis=2)[:, rows]
     smallest = np.linalg.svd(J, compute_uv=False)[:, -1] if J.shape[1] >= J.shape[2] else np.zeros(POINTS)
     # a quotient below 1 is regular
     quotient = np.asarray(_SMALLEST / smallest, np.float64)
-    _largest(ledger, "derivatives", "", quotient, 1.0, "the tool can move while the joints are at rest", p)
+    _largest(ledger, "derivatives", "", quotient, 1.0, "the tool can move while the joints are at rest", points)
 
 
 def _audit_limits(
-    data: Mapping[str, Any], ledger: Ledger, p: Reals, x: Numbers, cosines: Sequence[tuple[Numbers, float]]
+    data: Mapping[str, Any], ledger: Ledger, points: Reals, x: Numbers, cosines: Sequence[tuple[Numbers, float]]
 ) -> None:
     """Add the rows and findings of limits of joints and of cones."""
     names = data["joints"]
@@ -186,26 +186,26 @@ def _audit_limits(
     for limit in data["limits"]:
         total = sum(weight * x.real[:, names.index(name)] for name, weight in limit["weights"].items())
         excess.append(limit["least"] - np.broadcast_to(total, POINTS))
-    _largest(ledger, "limits", "m", np.max(excess, axis=0), CLOSED, "a limit of joints is exceeded", p)
+    _largest(ledger, "limits", "m", np.max(excess, axis=0), CLOSED, "a limit of joints is exceeded", points)
     missing = [np.zeros(POINTS), *(least - cosine.real for cosine, least in cosines)]
-    _largest(ledger, "cones", "", np.max(missing, axis=0), CLOSED, "a joint is turned over, or beyond its cone", p)
+    _largest(ledger, "cones", "", np.max(missing, axis=0), CLOSED, "a joint is turned over, or beyond its cone", points)
 
 
-def _largest(ledger: Ledger, what: str, unit: str, values: Reals, limit: float, text: str, p: Reals) -> None:
+def _largest(ledger: Ledger, what: str, unit: str, values: Reals, limit: float, text: str, points: Reals) -> None:
     """Add the row of the largest value (k,) and, if it is above the limit or no number, a finding with its point."""
     values = np.where(np.isfinite(values), values, np.inf)
     place = int(np.argmax(values))
     ledger.row("workspace", float(values[place]), unit, limit, where=what)
     if not values[place] <= limit:
-        at = ", ".join(f"{1e3 * entry:.6g}" for entry in p[place])
+        at = ", ".join(f"{1e3 * entry:.6g}" for entry in points[place])
         ledger.wrong("certificate.wrong", f"{text} at {at} mm: {values[place]:.3g}, at most {limit:g}", what)
 
 
-def _tool(orientation: Sequence[Sequence[float]], p: Reals) -> Numbers:
+def _tool(orientation: Sequence[Sequence[float]], points: Reals) -> Numbers:
     """Return poses (k, 4, 4) of the tool at positions (k, 3) in m."""
-    T = np.zeros((len(p), 4, 4), complex)
+    T = np.zeros((len(points), 4, 4), complex)
     T[:, :3, :3] = np.array(orientation, float)
-    T[:, :3, 3] = p
+    T[:, :3, 3] = points
     T[:, 3, 3] = 1
     return T
 
@@ -260,9 +260,9 @@ def _by_joints(data: Mapping[str, Any], x: Numbers, tool: Numbers, numbers: Sequ
     """Return the derivatives (k, rows, columns) of the conditions by some coordinates."""
     columns = []
     for i in numbers:
-        moved = x.real.astype(np.complex128)
-        moved[:, i] += 1j * _STEP
-        columns.append(_conditions(data, moved, tool)[0].imag / _STEP)
+        stepped = x.real.astype(np.complex128)
+        stepped[:, i] += 1j * _STEP
+        columns.append(_conditions(data, stepped, tool)[0].imag / _STEP)
     if not columns:
         return np.zeros((*_conditions(data, x, tool)[0].shape, 0))
     return np.stack(columns, axis=2)
@@ -272,14 +272,14 @@ def _by_tool(data: Mapping[str, Any], x: Numbers, tool: Numbers) -> Reals:
     """Return the derivatives (k, rows, 6) by shifts and turns of the tool about its origin, along the axes of base."""
     columns = []
     for axis in range(3):
-        moved = tool.copy()
-        moved[:, axis, 3] += 1j * _STEP
-        columns.append(_conditions(data, x.real.astype(np.complex128), moved)[0].imag / _STEP)
+        stepped_tool = tool.copy()
+        stepped_tool[:, axis, 3] += 1j * _STEP
+        columns.append(_conditions(data, x.real.astype(np.complex128), stepped_tool)[0].imag / _STEP)
     for axis in range(3):
         second, third = (axis + 1) % 3, (axis + 2) % 3
-        moved = tool.copy()
+        stepped_tool = tool.copy()
         # the velocity of each axis of the tool is the cross product of the unit vector with it
-        moved[:, second, :3] -= 1j * _STEP * tool[:, third, :3]
-        moved[:, third, :3] += 1j * _STEP * tool[:, second, :3]
-        columns.append(_conditions(data, x.real.astype(np.complex128), moved)[0].imag / _STEP)
+        stepped_tool[:, second, :3] -= 1j * _STEP * tool[:, third, :3]
+        stepped_tool[:, third, :3] += 1j * _STEP * tool[:, second, :3]
+        columns.append(_conditions(data, x.real.astype(np.complex128), stepped_tool)[0].imag / _STEP)
     return np.stack(columns, axis=2)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from twin.core.foreign.archive import check_zip
 from twin.core.foreign.budget import check_size
-from twin.exchange.audit.context import Context
-from twin.exchange.audit.motion import Content
+from twin.exchange.audit.file_content import Content
+from twin.exchange.audit.reader_context import Context
 from twin.exchange.audit.report import Ledger, Measured
 from twin.exchange.formats.usd.audit import read_layer
 from twin.exchange.formats.usd.audit.checks import version

@@ -7,12 +7,12 @@ from pathlib import Path
 
 from twin.core.foreign.admit import admit
 from twin.exchange.audit import poses
-from twin.exchange.audit.context import Context
+from twin.exchange.audit.file_content import Content, check_poses
+from twin.exchange.audit.file_statements import ROBOT
 from twin.exchange.audit.mechanism_data import FileFrame, FileJoint, FileMass, FilePhysics
-from twin.exchange.audit.motion import Content, check_poses
 from twin.exchange.audit.poses import Array
+from twin.exchange.audit.reader_context import Context
 from twin.exchange.audit.report import Ledger
-from twin.exchange.audit.stated import ROBOT
 from twin.exchange.formats.glb.audit.asset import check_asset, check_node_extras, record_clip_extras
 from twin.exchange.formats.glb.audit.clips import Clips
 from twin.exchange.formats.glb.audit.container import open_gltf
@@ -129,7 +129,7 @@ def _physics(nodes: list[Node], world: list[Array], ledger: Ledger) -> FilePhysi
             shown[owner.name] = True
         if node.is_link:
             if extras.get("whole") is False:
-                physics.partly |= {node.name}
+                physics.partly_shown |= {node.name}
             if isinstance(extras.get("mass"), int | float):
                 physics.masses[node.name] = FileMass(float(extras["mass"]))
             joints = extras.get("joints")

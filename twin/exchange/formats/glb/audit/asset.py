@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 
 from twin.core.json_types import JsonObject
-from twin.exchange.audit.motion import Content
+from twin.exchange.audit.file_content import Content
+from twin.exchange.audit.file_statements import ROBOT
 from twin.exchange.audit.report import Ledger
-from twin.exchange.audit.stated import ROBOT
 from twin.exchange.formats.glb.audit.container import Gltf
 from twin.exchange.formats.glb.audit.nodes import Node
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
-from twin.exchange.audit.motion import FileClip, check_quaternions, check_times
+from twin.exchange.audit.file_content import FileClip, check_quaternions, check_times
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError
 from twin.exchange.formats.glb.audit.container import Gltf, is_index

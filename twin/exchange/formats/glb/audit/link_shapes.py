@@ -10,8 +10,8 @@ import numpy as np
 from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
 from twin.exchange.audit.colors import Palette, Rgba, surface_area
+from twin.exchange.audit.file_content import LinkShape
 from twin.exchange.audit.meshes import check_mesh, joined
-from twin.exchange.audit.motion import LinkShape
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.glb.audit.container import Gltf

@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
-from twin.exchange.audit.motion import UNIT_TOL
+from twin.exchange.audit.file_content import UNIT_TOL
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Measured, ReadError
 from twin.exchange.formats.glb.audit.container import Gltf

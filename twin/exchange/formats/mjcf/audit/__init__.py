@@ -16,9 +16,9 @@ import mujoco
 from twin.core.foreign.admit import admit
 from twin.exchange.audit import poses
 from twin.exchange.audit.comment_statements import assumed_masses, partly_shown
-from twin.exchange.audit.context import Context, played
-from twin.exchange.audit.motion import Content, FileClip
+from twin.exchange.audit.file_content import Content, FileClip
 from twin.exchange.audit.poses import Array
+from twin.exchange.audit.reader_context import Context, played
 from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.mjcf.audit.claims import check_claims
 from twin.exchange.formats.mjcf.audit.further import further
@@ -30,7 +30,7 @@ from twin.exchange.formats.mjcf.audit.track_poses import play_track
 
 
 class MjcfTree:
-    """The joint tree of an MJCF file, which gives its poses along tracks (`twin.exchange.audit.context.JointTree`)."""
+    """The joint tree of an MJCF file, which gives its poses along tracks (see `reader_context.JointTree`)."""
 
     def __init__(self, file: MujocoFile, content: Content, ledger: Ledger) -> None:
         self.content = content
@@ -78,7 +78,7 @@ def content_of(file: MujocoFile, ledger: Ledger) -> Content:
     physics.collides = _colliding(m)
     physics.robot = _robot_name(file.spec)
     physics.assumed = assumed_masses(file.path)
-    physics.partly = partly_shown(file.path) | _partly_read(m)
+    physics.partly_shown = partly_shown(file.path) | _partly_read(m)
     content.physics = physics
     return content
 

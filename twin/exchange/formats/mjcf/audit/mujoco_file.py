@@ -8,7 +8,7 @@ from xml.etree import ElementTree as ET
 
 import mujoco
 
-from twin.exchange.audit.motion import LinkShape
+from twin.exchange.audit.file_content import LinkShape
 from twin.exchange.audit.report import Ledger, ReadError
 from twin.exchange.audit.xml_root import parse_xml
 from twin.exchange.formats.mjcf.audit.shapes import link_shapes

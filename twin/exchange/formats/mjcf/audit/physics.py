@@ -18,7 +18,7 @@ from twin.exchange.audit.mechanism_data import (
     FileMotor,
     FilePhysics,
     JointLine,
-    felt,
+    drive_of_motors,
 )
 from twin.exchange.audit.poses import Array
 
@@ -54,7 +54,7 @@ def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> FilePhysi
     out.medium = EMPTY
     if m.opt.density or m.opt.viscosity:  # without them, wind has no effect
         out.medium = (m.opt.density, m.opt.viscosity, *m.opt.wind.tolist())
-    out.floats = {name: float(m.body_gravcomp[i]) for name, i in bodies.items()}
+    out.weight_shares = {name: float(m.body_gravcomp[i]) for name, i in bodies.items()}
     out.motors = _motors(m)
     out.all_motors = True
     out.shown = {name: bool(m.body_geomnum[i]) for name, i in bodies.items() if i}  # the world has floors and walls
@@ -72,7 +72,7 @@ def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> FilePhysi
     for name, i in bodies.items():
         if i == 0 or (m.body_parentid[i] == 0 and not m.body_jntnum[i]):
             held.add(name)
-    out.held = frozenset(held)
+    out.fixed_to_world = frozenset(held)
     out.joints += _ties(m, names)
     _read_sites(m, names, out)
     out.opening = _opening(m)
@@ -103,9 +103,9 @@ def _joint(m: mujoco.MjModel, body: int, names: list[str], drives: list[FileDriv
         if drives[j].driven:
             driven.append(drives[j])
         for line in _motions(m, j):
-            motions.append(line.seen(T))
+            motions.append(line.transformed(T))
     if len(own) == 1 and m.jnt_type[first] in (HINGE, SLIDE):  # a body is placed at `ref`, not at zero
-        T = motions[0].moved(-float(m.qpos0[m.jnt_qposadr[first]])) @ T
+        T = motions[0].motion(-float(m.qpos0[m.jnt_qposadr[first]])) @ T
     drive = FileDrive()
     if len(own) == 1:
         drive = drives[first]
@@ -129,11 +129,11 @@ def _read_sites(m: mujoco.MjModel, names: list[str], out: FilePhysics) -> None:
         body = names[m.site_bodyid[s]]
         if label.startswith(POINT):
             out.points[label.removeprefix(POINT)] = FileFrame(body, poses.pose(None, T[:3, 3]))
-            out.marks |= {"point"}
+            out.fully_listed |= {"point"}
             continue
         out.frames[label.removeprefix(MARK)] = FileFrame(body, T)
         if label.startswith(MARK):
-            out.marks |= {"frame"}
+            out.fully_listed |= {"frame"}
 
 
 def _opening(m: mujoco.MjModel) -> float | None:
@@ -289,7 +289,7 @@ def _drives(m: mujoco.MjModel, motors: dict[str, FileMotor]) -> list[FileDrive]:
         )
         a = acting.get(j)
         if a is None:
-            gains = felt(motors, m.joint(j).name)
+            gains = drive_of_motors(motors, m.joint(j).name)
             stiffness, damping = gains or (None, None)
             drive = FileDrive(limits, gains is not None, stiffness, damping)
             out.append(replace(drive, passive=passive, breaks=np.inf))

@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 
 from twin.exchange.audit import poses
+from twin.exchange.audit.file_content import LinkShape
 from twin.exchange.audit.mesh_files import named_mesh, placed_shape
 from twin.exchange.audit.meshes import joined
-from twin.exchange.audit.motion import LinkShape
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, ReadError
 

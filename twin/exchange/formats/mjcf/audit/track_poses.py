@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 
 from twin.exchange.audit import poses
-from twin.exchange.audit.chain import ChainStep, fit
+from twin.exchange.audit.chain_poses import ChainStep, solve_chain
+from twin.exchange.audit.file_content import FileClip
 from twin.exchange.audit.mechanism_data import WORLD
-from twin.exchange.audit.motion import FileClip
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, um
 from twin.exchange.formats.mjcf.audit.model_checks import gap_of, opening
@@ -106,7 +106,7 @@ class TrackCoordinates:
             T_parent_body = self._relative_pose(body)
             if T_parent_body is None:
                 return
-            stated = fit(steps, stated, T_parent_body)
+            stated = solve_chain(steps, stated, T_parent_body)
         for j in joints:
             own = [q for q, owner in zip(stated, owners, strict=True) if owner == j and q is not None]
             self._set_joint(j, own, qpos)

@@ -19,12 +19,12 @@ import numpy as np
 from twin.core.foreign.admit import admit
 from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
-from twin.exchange.audit.context import Context
+from twin.exchange.audit.file_content import Content, FileClip, check_poses, check_quaternions, check_rate, check_times
+from twin.exchange.audit.file_statements import ROBOT
 from twin.exchange.audit.mechanism_data import TOOL, FileDrive, FileFrame, FileJoint, FilePhysics
-from twin.exchange.audit.motion import Content, FileClip, check_poses, check_quaternions, check_rate, check_times
 from twin.exchange.audit.poses import Array
+from twin.exchange.audit.reader_context import Context
 from twin.exchange.audit.report import Ledger, Measured, ReadError
-from twin.exchange.audit.stated import ROBOT
 from twin.exchange.formats.tracks.audit.rcm import check_rcm
 from twin.exchange.formats.tracks.audit.schema_file import check_schema
 
@@ -364,7 +364,7 @@ def _physics(data: JsonObject, links: list[str], joints: list[str]) -> FilePhysi
             limits = (low, high)
         driven = bool(active[i]) if i < len(active) else None
         kind = str(kinds[i]) if i < len(kinds) else ""
-        physics.joints.append(FileJoint((name,), "", "", drive=FileDrive(limits, driven), kind_said=kind))
+        physics.joints.append(FileJoint((name,), "", "", drive=FileDrive(limits, driven), stated_kind=kind))
     names = data.get("frame_names", [])
     owners = data.get("frame_links", [])
     sevens = np.array(data.get("frames_local", []), float)
@@ -372,7 +372,7 @@ def _physics(data: JsonObject, links: list[str], joints: list[str]) -> FilePhysi
         for name, link, seven in zip(names, owners, sevens.reshape(-1, 7), strict=True):
             physics.frames[str(name)] = FileFrame(str(link), poses.from_seven(seven))
         if names:
-            physics.marks = frozenset({"frame"})
+            physics.fully_listed = frozenset({"frame"})
     tool = np.array(data.get("tool_frame", []), float)
     if tool.shape == (7,):
         physics.frames[TOOL] = FileFrame(str(data.get("tool_link", "")), poses.from_seven(tool))

@@ -15,7 +15,7 @@ import numpy as np
 
 from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
-from twin.exchange.audit.motion import FileClip
+from twin.exchange.audit.file_content import FileClip
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import POSITION_TOL, Ledger, Measured, quantity, um
 

@@ -14,6 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from twin.exchange.audit import poses
+from twin.exchange.audit.file_content import Content
+from twin.exchange.audit.file_statements import ROBOT
 from twin.exchange.audit.mechanism_data import (
     TOOL,
     FileDrive,
@@ -21,12 +23,10 @@ from twin.exchange.audit.mechanism_data import (
     FileJoint,
     FileMass,
     FilePhysics,
-    along,
+    motion_lines,
 )
-from twin.exchange.audit.motion import Content
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger
-from twin.exchange.audit.stated import ROBOT
 from twin.exchange.formats.unity.audit.shipped import PACKAGE, meta_difference
 
 _PACKAGE = "com.twin.player"
@@ -229,7 +229,7 @@ def _joints(tables: Mapping[str, list[str]], links: tuple[str, ...]) -> list[Fil
         if kinds[i] in _SINGLE:
             low, high = limits[i].tolist()
             drive = FileDrive((low, high), active[i] >= 0 and driven[active[i]] == name)
-        motions = along(kinds[i], T_parent_joint)
+        motions = motion_lines(kinds[i], T_parent_joint)
         joints.append(FileJoint((name,), links[parents[i]], links[children[i]], T_parent_child, motions, drive))
     return joints
 

@@ -16,16 +16,16 @@ import numpy as np
 from twin.core.errors import BudgetError, SourceError, TwinError
 from twin.core.foreign.admit import admit
 from twin.exchange.audit import poses
-from twin.exchange.audit.chain import ChainStep, along, fit
+from twin.exchange.audit.chain_poses import ChainStep, chain_end, solve_chain
 from twin.exchange.audit.colors import Palette, Rgba, linear
 from twin.exchange.audit.comment_statements import assumed_masses, partly_shown
-from twin.exchange.audit.context import Context, played
+from twin.exchange.audit.file_content import Content, FileClip, LinkShape
 from twin.exchange.audit.mechanism_data import FileDrive, FileJoint, FileMass, FileMotor, FilePhysics, JointLine, unit
-from twin.exchange.audit.mechanism_data import along as lines_of
+from twin.exchange.audit.mechanism_data import motion_lines as lines_of
 from twin.exchange.audit.mesh_files import mesh_path, named_mesh, placed_shape
 from twin.exchange.audit.meshes import joined
-from twin.exchange.audit.motion import Content, FileClip, LinkShape
 from twin.exchange.audit.poses import Array
+from twin.exchange.audit.reader_context import Context, played
 from twin.exchange.audit.report import Ledger, Measured, ReadError
 from twin.exchange.audit.xml_root import parse_xml
 from twin.exchange.formats.urdf.audit.closures import CLOSED, PLAYED, FileClosures, check_gap, read_closures
@@ -126,7 +126,7 @@ class Urdf:
         self.content.physics = self._physics(masses, moving)
         self.content.physics.robot = root.get("name", "")
         self.content.physics.assumed = assumed_masses(path)
-        self.content.physics.partly = partly_shown(path) | _partly_read(root)
+        self.content.physics.partly_shown = partly_shown(path) | _partly_read(root)
         self.content.physics.motors = _motors(root)
         self.content.physics.reductions = _reductions(root, moving)
         self.content.physics.programs = program_settings(root)
@@ -220,7 +220,7 @@ class Urdf:
         """Return the pose (1, 4, 4) of a link in the frame of the root at joint values; other joints are at zero."""
         path = self._path(link, self.root)
         q = [np.array([values.get(joint.name, 0.0)]) for joint in path]
-        return along(_steps(path), q, 1)
+        return chain_end(_steps(path), q, 1)
 
     def _path(self, link: str, stop: str) -> list[UrdfJoint]:
         """Return the joints on the path from the ancestor `stop` to the link `link`, starting at `stop`."""
@@ -248,8 +248,8 @@ class Urdf:
             values: list[Array | None] = [joint.values(clip) for joint in path]
             # Values that the track lacks are computed from the pose of the link in the track.
             goal = poses.inverse(clip.links.get(upper, placed[upper])) @ clip.links[name]
-            values = fit(_steps(path), values, goal)
-            placed[name] = placed[upper] @ along(_steps(path), values, count)
+            values = solve_chain(_steps(path), values, goal)
+            placed[name] = placed[upper] @ chain_end(_steps(path), values, count)
         for pair in self.closures.pairs:
             self._close(pair, placed, clip)
         links = {link: T for link, T in placed.items() if link in clip.links}
@@ -274,10 +274,10 @@ class Urdf:
         ends.sort(key=_moving_joints)
         (still, fixed), (upper, path) = ends
         count = len(clip.times)
-        T_still = placed[still] @ along(_steps(fixed), [joint.values(clip) for joint in fixed], count)
+        T_still = placed[still] @ chain_end(_steps(fixed), [joint.values(clip) for joint in fixed], count)
         goal = poses.inverse(placed[upper]) @ T_still
-        values = fit(_steps(path), [joint.values(clip) for joint in path], goal)
-        T_other = placed[upper] @ along(_steps(path), values, count)
+        values = solve_chain(_steps(path), [joint.values(clip) for joint in path], goal)
+        T_other = placed[upper] @ chain_end(_steps(path), values, count)
         check_gap(pair, T_still, T_other, f"clip '{clip.name}'", PLAYED, self._ledger)
 
     def _parents_first(self) -> list[str]:

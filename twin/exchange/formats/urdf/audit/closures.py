@@ -17,7 +17,7 @@ import numpy as np
 from twin.core.foreign.text import read_text
 from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
-from twin.exchange.audit.mechanism_data import FileJoint, along
+from twin.exchange.audit.mechanism_data import FileJoint, motion_lines
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, quantity
 
@@ -53,7 +53,7 @@ class FileClosures:
         """Return the loop closures as joints between their two links."""
         out = []
         for a, b, kind in self.pairs:
-            out.append(FileJoint((_named(a, b),), a, b, np.eye(4), along(kind, np.eye(4))))
+            out.append(FileJoint((_named(a, b),), a, b, np.eye(4), motion_lines(kind, np.eye(4))))
         return out
 
 

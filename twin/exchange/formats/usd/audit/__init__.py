@@ -20,13 +20,13 @@ from twin.core.foreign.budget import check_size
 from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
 from twin.exchange.audit.colors import Palette, Rgba
-from twin.exchange.audit.compare_physics import solved
-from twin.exchange.audit.context import Context
+from twin.exchange.audit.file_content import Content, FileClip, LinkShape, check_poses
 from twin.exchange.audit.mechanism_data import FilePhysics
 from twin.exchange.audit.meshes import check_mesh, joined
-from twin.exchange.audit.motion import Content, FileClip, LinkShape, check_poses
 from twin.exchange.audit.parameter_claims import PARAMETERS
+from twin.exchange.audit.physics_comparison import solved
 from twin.exchange.audit.poses import Array
+from twin.exchange.audit.reader_context import Context
 from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity, um
 from twin.exchange.formats.usd.audit.checks import check_usd, version
 from twin.exchange.formats.usd.audit.declared import check_declared, check_primvars

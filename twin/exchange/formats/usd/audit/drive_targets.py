@@ -189,9 +189,9 @@ def _efforts(rest: Mapping[str, Array], physics: FilePhysics, gravity: Array) ->
     Raises:
         _UndeterminedError: no link is held, or no or several sets of efforts hold the robot.
     """
-    if not physics.held:
+    if not physics.fixed_to_world:
         raise _UndeterminedError("no joint holds a link of the robot in the world")
-    links = [link for link in physics.links if link not in physics.held]
+    links = [link for link in physics.links if link not in physics.fixed_to_world]
     columns = {link: 6 * k for k, link in enumerate(links)}
     joints = [joint for joint in physics.joints if joint.parent in rest or joint.child in rest]
     first = 6 * len(links)
@@ -206,7 +206,7 @@ def _efforts(rest: Mapping[str, Array], physics: FilePhysics, gravity: Array) ->
         mass = physics.masses.get(link)
         if mass is None or mass.center is None:
             continue
-        share = 1.0 - (physics.floats or {}).get(link, 0.0)
+        share = 1.0 - (physics.weight_shares or {}).get(link, 0.0)
         force = share * mass.mass * gravity
         center = rest[link][:3, :3] @ mass.center + rest[link][:3, 3]
         power[column : column + 3] = np.cross(center, force)
@@ -251,7 +251,7 @@ def _allowed(
         T_parent = _placed(joint.parent, rest)
         if T_parent is not None:
             for k, line in enumerate(joint.motions):
-                row[:, rates[joint.names[0]] + k] = -_screw(line.seen(T_parent))
+                row[:, rates[joint.names[0]] + k] = -_screw(line.transformed(T_parent))
         rows.append(row)
     for ratios, _ in (physics.couplings or {}).values():
         row = np.zeros((1, count))

@@ -18,7 +18,7 @@ from twin.exchange.audit.mechanism_data import (
     FileMass,
     FileMotor,
     FilePhysics,
-    along,
+    motion_lines,
 )
 from twin.exchange.audit.poses import Array
 from twin.exchange.formats.usd.audit.declared import further_declarations, is_ours
@@ -47,7 +47,7 @@ def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: s
             out.further, out.contact = further_declarations(stage)
             out.programs = {}
             out.postures = _postures(robot)
-            out.marks = frozenset({"frame", "point"})
+            out.fully_listed = frozenset({"frame", "point"})
         _add_tool(out, robot)
     kilograms = float(UsdPhysics.GetStageKilogramsPerUnit(stage))
     paths = set(names)
@@ -59,13 +59,13 @@ def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: s
         if mass is not None:
             out.masses[name] = mass
         if not _shows_all(prim, paths):
-            out.partly |= {name}
+            out.partly_shown |= {name}
         weightless = prim.GetAttribute("physxRigidBody:disableGravity").Get()
         floats[name] = float(bool(weightless))
         # Physics does not move a kinematic body, as if it were fixed to the world.
         if UsdPhysics.RigidBodyAPI(prim).GetKinematicEnabledAttr().Get():
             held.add(name)
-    out.floats = floats
+    out.weight_shares = floats
     links = set(names.values())
     behind: set[str] = set()  # joints behind transmissions, whose motors have the efforts
     for motor in (out.motors or {}).values():
@@ -84,7 +84,7 @@ def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: s
             out.joints.append(joint)
         elif prim.IsA(UsdPhysics.Scene):
             out.gravity = _gravity(UsdPhysics.Scene(prim), meters, up)
-    out.held = frozenset(held)
+    out.fixed_to_world = frozenset(held)
     cache = UsdGeom.XformCache()
     for body in bodies:
         for prim in Usd.PrimRange(body):
@@ -206,7 +206,7 @@ def _joint(prim: Usd.Prim, names: dict[str, str], meters: float, kilograms: floa
         return None
     kind, axis = kind_and_axis(prim)
     T_parent_child = T_parent_joint @ poses.inverse(T_child_joint)
-    motions = along(kind, T_parent_joint, axis)
+    motions = motion_lines(kind, T_parent_joint, axis)
     drive = _drive(prim, kind, meters, kilograms)
     if drive.cone is not None and np.isfinite(max(drive.cone)):
         drive = replace(drive, cone_axis=T_parent_joint[:3, axis].copy())

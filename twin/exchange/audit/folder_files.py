@@ -50,22 +50,24 @@ class FolderFiles:
         return path.relative_to(self.root).as_posix()
 
 
-def find(path: Path) -> FolderFiles:
+def find_files(path: Path) -> FolderFiles:
     """Return the files to audit: the file at a path, or the files in the folder at the path.
 
     Raises:
         TwinError: the path does not exist, or has no file that can be audited.
     """
     if path.is_file():
-        out = FolderFiles(path.parent)
-        _sort(out, [path], alone=True)
-        if not out.count:
-            known = ", ".join(_shown(format) for format in audited() if format.variants)
-            raise TwinError(f"{path}: a file of this kind cannot be audited; supported are {known} and proof.json.")
-        return out
+        folder_files = FolderFiles(path.parent)
+        _sort(folder_files, [path], is_single=True)
+        if not folder_files.count:
+            known_suffixes = ", ".join(_shown(format) for format in audited() if format.variants)
+            raise TwinError(
+                f"{path}: a file of this kind cannot be audited; supported are {known_suffixes} and proof.json."
+            )
+        return folder_files
     if not path.is_dir():
         raise TwinError(f"{path}: the file or folder does not exist")
-    out = FolderFiles(path)
+    folder_files = FolderFiles(path)
     files = []
     for file in sorted(path.rglob("*")):
         if file.is_file() and not _hidden(file.relative_to(path)):
@@ -75,17 +77,17 @@ def find(path: Path) -> FolderFiles:
                 check_size(file, syntax)
         if len(files) > MOST_FILES:
             raise TwinError(f"{path} contains more than {MOST_FILES} files: give the folder of one export")
-    wholes = _wholes(files)
+    folder_formats = _wholes(files)
     whole_folders: list[Path] = []
-    for format, folders in wholes:
-        out.files[format.name] = folders
+    for format, folders in folder_formats:
+        folder_files.files[format.name] = folders
         whole_folders += folders
     single = [file for file in files if not _within(file, whole_folders)]
-    _sort(out, single, alone=False)
-    if not out.count:
-        known = ", ".join(format.title for format in audited())
-        raise TwinError(f"{path}: the folder has no file that can be audited ({known})")
-    return out
+    _sort(folder_files, single, is_single=False)
+    if not folder_files.count:
+        known_suffixes = ", ".join(format.title for format in audited())
+        raise TwinError(f"{path}: the folder has no file that can be audited ({known_suffixes})")
+    return folder_files
 
 
 def _hidden(path: Path) -> bool:
@@ -106,7 +108,7 @@ def _shown(format: Format) -> str:
 
 def _wholes(files: Sequence[Path]) -> list[tuple[Format, list[Path]]]:
     """Return (format, folders) for each format whose folders are audited as one; a folder in another is part of it."""
-    wholes = []
+    folder_formats = []
     for format in audited():
         if not format.marker:
             continue
@@ -114,62 +116,62 @@ def _wholes(files: Sequence[Path]) -> list[tuple[Format, list[Path]]]:
         for file in files:
             if file.name == format.marker and format.accepts(file):
                 folders.append(file.parent)
-        outer = []
+        outer_folders = []
         for folder in folders:
             # The working directory "." is its own parent: only other folders can contain a folder.
             others = set(folders) - {folder}
             if others.isdisjoint(folder.parents):
-                outer.append(folder)
-        wholes.append((format, outer))
-    return wholes
+                outer_folders.append(folder)
+        folder_formats.append((format, outer_folders))
+    return folder_formats
 
 
-def _sort(out: FolderFiles, files: Sequence[Path], alone: bool) -> None:
+def _sort(folder_files: FolderFiles, files: Sequence[Path], is_single: bool) -> None:
     """Add files to `out`. A file that is audited alone has the format of its suffix, even if it is damaged."""
     formats = audited()
     by_format: dict[str, list[tuple[int, Path]]] = {}
-    strangers: list[Path] = []
+    unmatched: list[Path] = []
     for file in files:
-        if file.name == "README.txt" and not alone:
-            out.readmes.append(file)
+        if file.name == "README.txt" and not is_single:
+            folder_files.readmes.append(file)
             continue
         if file.name == "proof.json":
-            out.proofs.append(file)
+            folder_files.proofs.append(file)
             continue
-        format = _format_of(file, formats, alone)
+        format = _format_of(file, formats, is_single)
         if format is None:
-            strangers.append(file)
+            unmatched.append(file)
         else:
             variant = format.variant(file)
             if variant is not None:
                 by_format.setdefault(format.name, []).append((variant.rank, file))
     for format in formats:
-        rows = by_format.get(format.name, [])
-        rows.sort(key=lambda row: row[0])  # by rank alone, so that files of one rank stay in the order of their names
-        chosen = format.outermost([file for _, file in rows])
+        ranked = by_format.get(format.name, [])
+        ranked.sort(key=lambda row: row[0])  # by rank alone, so that files of one rank stay in the order of their names
+        chosen = format.outermost([file for _, file in ranked])
         if chosen:
-            out.files[format.name] = chosen
-            out.unrecognised += _unrecognised(format, strangers, chosen)
+            folder_files.files[format.name] = chosen
+            folder_files.unrecognised += _unrecognised(format, unmatched, chosen)
 
 
 def _unrecognised(
-    format: Format, strangers: Sequence[Path], chosen: Sequence[Path]
+    format: Format, unmatched: Sequence[Path], chosen: Sequence[Path]
 ) -> Iterator[tuple[Path, Path, str]]:
     """Yield (file, file of the same name, title) of files that have a suffix of a format, but not its contents."""
     by_stem = {file.with_suffix(""): file for file in chosen}
-    for file in strangers:
+    for file in unmatched:
         sibling = by_stem.get(file.with_suffix(""))
         if sibling is not None and format.variant(file) is not None:
             yield file, sibling, format.title
 
 
-def _format_of(file: Path, formats: Sequence[Format], alone: bool) -> Format | None:
-    first: Format | None = None
+def _format_of(file: Path, formats: Sequence[Format], is_single: bool) -> Format | None:
+    format_of_suffix: Format | None = None
     for format in formats:
         if format.variant(file) is None:
             continue
         if format.accepts(file):
             return format
-        if first is None:
-            first = format
-    return first if alone else None
+        if format_of_suffix is None:
+            format_of_suffix = format
+    return format_of_suffix if is_single else None

@@ -21,6 +21,21 @@ _STEP = 1e-6
 _GOOD = 1e-5
 """Residual in m and rad below which a solution is accepted; rounding of poses causes residuals of this size."""
 
+_MAX_ITERATIONS = 30
+"""Maximum number of Gauss-Newton steps from one starting point."""
+
+_CONVERGED = 1e-12
+"""Largest entry, in m and rad, of a Gauss-Newton step after which the iteration has converged."""
+
+_LONGEST_STEP = 0.5
+"""Largest entry in m and rad of a Gauss-Newton step: longer ones leave the range where the linearisation holds."""
+
+_DAMPING = 1e-12
+"""Number added to the diagonal of the normal equations: a joint without influence would make them singular."""
+
+_START_VALUES = (0.0, 1.3, -1.3)
+"""Values of free joints from which a search starts, in rad or m: the middle, and about 75 degrees to both sides."""
+
 _TRIES = 24
 """Maximum number of starting points for keys at which the iteration did not converge."""
 
@@ -51,33 +66,35 @@ class ChainStep:
         return self.fixed @ poses.pose(None, np.asarray(q)[:, None] * direction)
 
 
-def along(links: Sequence[ChainStep], q: Sequence[Array | None], count: int) -> Array:
+def chain_end(steps: Sequence[ChainStep], values: Sequence[Array | None], count: int) -> Array:
     """Return the poses (k, 4, 4) of the end of a chain relative to the start of the chain.
 
-    `q` contains, for each step, the joint values (k,) in rad or m, or None for a step without a joint. `count` is k.
+    `values` contains, for each step, the joint values (k,) in rad or m, or None for a step without a joint. `count` is
+    k.
     """
-    T = np.broadcast_to(np.eye(4), (count, 4, 4))
-    for link, value in zip(links, q, strict=True):
-        T = T @ link.poses(value)
-    return T
+    T_start_end = np.broadcast_to(np.eye(4), (count, 4, 4))
+    for step, step_values in zip(steps, values, strict=True):
+        T_start_end = T_start_end @ step.poses(step_values)
+    return T_start_end
 
 
-def fit(links: Sequence[ChainStep], given: Sequence[Array | None], goal: Array) -> list[Array | None]:
+def solve_chain(steps: Sequence[ChainStep], known_values: Sequence[Array | None], goal: Array) -> list[Array | None]:
     """Compute the joint values (k,), in rad or m, for which the end of a chain has the poses `goal` (k, 4, 4).
 
-    Joint values that are None in `given` are computed with Gauss-Newton for all keys at once. Keys that do not
+    Joint values that are None in `known_values` are computed with Gauss-Newton for all keys at once. Keys that do not
     converge are restarted from the solution of a neighbouring key. If a goal cannot be reached, the best result is
     returned. The later comparison of poses detects the remaining error.
     """
     count = len(goal)
-    free = []
-    for i, (link, values) in enumerate(zip(links, given, strict=True)):
-        if values is None and link.kind != "fixed":
-            free.append(i)
-    if not free:
-        return list(given)
-    q, errors = _descend(links, given, free, np.zeros((len(free), count)), goal)
-    starts = iter(product((0.0, 1.3, -1.3), repeat=min(len(free), 3)))
+    free_steps = []
+    for number, (step, step_values) in enumerate(zip(steps, known_values, strict=True)):
+        if step_values is None and step.kind != "fixed":
+            free_steps.append(number)
+    if not free_steps:
+        return list(known_values)
+    q, errors = _descend(steps, known_values, free_steps, np.zeros((len(free_steps), count)), goal)
+    # Only the first three free joints start elsewhere: they have more combinations than tries already.
+    starts = iter(product(_START_VALUES, repeat=min(len(free_steps), 3)))
     for attempt in range(_TRIES):
         unsolved = errors > _GOOD
         if not unsolved.any():
@@ -88,55 +105,59 @@ def fit(links: Sequence[ChainStep], given: Sequence[Array | None], goal: Array) 
             nearest = solved[np.clip(following, 0, len(solved) - 1)]
             begin = q[:, nearest]
         else:
-            begin = np.zeros((len(free), int(unsolved.sum())))
+            begin = np.zeros((len(free_steps), int(unsolved.sum())))
             start = next(starts, None)
             if start is None:
                 break
             begin[: len(start)] = np.array(start)[:, None]
-        rows = [None if values is None else values[unsolved] for values in given]
-        tried, new_errors = _descend(links, rows, free, begin, goal[unsolved])
+        rows: list[Array | None] = []
+        for step_values in known_values:
+            rows.append(None if step_values is None else step_values[unsolved])
+        new_q, new_errors = _descend(steps, rows, free_steps, begin, goal[unsolved])
         better = new_errors < errors[unsolved]
-        q[:, unsolved] = np.where(better, tried, q[:, unsolved])
+        q[:, unsolved] = np.where(better, new_q, q[:, unsolved])
         errors[unsolved] = np.where(better, new_errors, errors[unsolved])
-    out = list(given)
-    for row, i in enumerate(free):
-        out[i] = q[row]
-    return out
+    joint_values = list(known_values)
+    for row, number in enumerate(free_steps):
+        joint_values[number] = q[row]
+    return joint_values
 
 
 def _descend(
-    links: Sequence[ChainStep], given: Sequence[Array | None], free: list[int], q: Array, goal: Array
+    steps: Sequence[ChainStep], known_values: Sequence[Array | None], free_steps: list[int], q: Array, goal: Array
 ) -> tuple[Array, Array]:
     """Return (values (f, k) of the free joints after Gauss-Newton from q (f, k), residuals (k,) in m and rad)."""
-    values = list(given)
+    values = list(known_values)
 
     def residual(x: Array) -> Array:
         """Return the differences (k, 6) in position and rotation of the end of the chain from its goals."""
-        for row, i in enumerate(free):
+        for row, i in enumerate(free_steps):
             values[i] = x[row]
-        T = along(links, values, x.shape[1])
-        E = np.swapaxes(goal[:, :3, :3], 1, 2) @ T[:, :3, :3]
-        xyzw = poses.quaternion(E)  # |vector part| = sin(angle / 2) increases up to 180 deg; sin(angle) does not
+        T = chain_end(steps, values, x.shape[1])
+        relative_rotation = np.swapaxes(goal[:, :3, :3], 1, 2) @ T[:, :3, :3]
+        xyzw = poses.quaternion(
+            relative_rotation
+        )  # |vector part| = sin(angle / 2) increases up to 180 deg; sin(angle) does not
         sign = np.where(xyzw[:, 3:] < 0, -1.0, 1.0)
         turn = 2 * xyzw[:, :3] * sign
         shift = T[:, :3, 3] - goal[:, :3, 3]
         return np.concatenate([shift, turn], axis=1)
 
-    unit = np.eye(len(free))
-    r = residual(q)
-    for _ in range(30):
+    unit = np.eye(len(free_steps))
+    residuals = residual(q)
+    for _ in range(_MAX_ITERATIONS):
         columns = []
-        for j in range(len(free)):
-            moved = residual(q + _STEP * unit[:, j, None])
-            columns.append((moved - r) / _STEP)
+        for j in range(len(free_steps)):
+            shifted_residuals = residual(q + _STEP * unit[:, j, None])
+            columns.append((shifted_residuals - residuals) / _STEP)
         J = np.stack(columns, axis=2)
         J_transposed = np.swapaxes(J, 1, 2)
-        A = J_transposed @ J + 1e-12 * unit  # a joint without influence would make A singular
-        step = np.linalg.solve(A, J_transposed @ r[..., None])[..., 0]
-        size = np.abs(step).max(axis=1, keepdims=True)
-        shortened = step * np.minimum(1.0, 0.5 / np.maximum(size, 1e-30))  # at most 0.5 rad or m
+        normal_matrix = J_transposed @ J + _DAMPING * unit
+        newton_step = np.linalg.solve(normal_matrix, J_transposed @ residuals[..., None])[..., 0]
+        size = np.abs(newton_step).max(axis=1, keepdims=True)
+        shortened = newton_step * np.minimum(1.0, _LONGEST_STEP / np.maximum(size, 1e-30))  # 1e-30: not by zero
         q = q - shortened.T
-        r = residual(q)
-        if size.max() < 1e-12:
+        residuals = residual(q)
+        if size.max() < _CONVERGED:
             break
-    return q, np.linalg.norm(r, axis=1)
+    return q, np.linalg.norm(residuals, axis=1)

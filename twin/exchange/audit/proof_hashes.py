@@ -16,16 +16,16 @@ SCHEMA = "twin-proof"
 
 def check_proof(path: Path, ledger: Ledger) -> JsonObject:
     """Report differences between a proof.json and the files in its folder; return its JSON data, {} if malformed."""
-    doubled: list[str] = []
+    doubled_keys: list[str] = []
     try:
-        data = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=partial(_object, doubled))
+        data = json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=partial(_object, doubled_keys))
     except (OSError, UnicodeDecodeError, ValueError, RecursionError) as error:
         ledger.add("proof.unreadable", "error", f"the file's JSON cannot be read: {str(error)[:120]}.")
         return {}
     if not isinstance(data, dict) or data.get("schema") != SCHEMA or data.get("version") != 1:
         ledger.add("proof.schema", "error", f'the file does not contain "schema": "{SCHEMA}" and "version": 1.')
         return {}
-    for key in doubled:
+    for key in doubled_keys:
         ledger.wrong("proof.doubled", f"proof.json has an object with the entry '{key}' twice.", key)
     rows = data.get("files")
     if not _are_files(rows):
@@ -33,30 +33,30 @@ def check_proof(path: Path, ledger: Ledger) -> JsonObject:
         return {}
     folder = path.parent
     listed = {path.name}
-    wrong = 0
+    wrong_count = 0
     for row in rows:
         if row["file"] in listed:
             ledger.wrong("proof.doubled", f"proof.json lists '{row['file']}' twice, or itself.", row["file"])
         listed.add(row["file"])
-        wrong += not _fits(folder, row, ledger)
+        wrong_count += not _fits(folder, row, ledger)
     present = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
     for name in sorted(present - listed):
         if not any(part.startswith(".") for part in Path(name).parts):
             text = f"'{name}' is in the folder, but not listed in proof.json."
             ledger.add("proof.unlisted", "warning", text, name, suggestion="export again, or remove the file")
-    ledger.row(f"hashes of {len(rows)} files", float(wrong), "differ", 0.0, against="proof.json")
+    ledger.row(f"hashes of {len(rows)} files", float(wrong_count), "differ", 0.0, against="proof.json")
     if data.get("verdict") != "agree":
         text = f"the verdict in proof.json is '{data.get('verdict')}': the audit at the export found a fault."
         ledger.wrong("proof.verdict", text, "verdict")
     return data
 
 
-def _object(doubled: list[str], pairs: list[tuple[str, Any]]) -> JsonObject:
+def _object(doubled_keys: list[str], pairs: list[tuple[str, Any]]) -> JsonObject:
     """Return a JSON object; entries that it has twice are added to `doubled`: readers differ in which one they take."""
     entries: JsonObject = {}
     for key, value in pairs:
         if key in entries:
-            doubled.append(key)
+            doubled_keys.append(key)
         entries[key] = value
     return entries
 

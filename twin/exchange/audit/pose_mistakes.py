@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from twin.exchange.audit import poses
-from twin.exchange.audit.motion import largest
+from twin.exchange.audit.file_content import largest
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import quantity
 
@@ -23,73 +23,73 @@ _LOOKS = 20
 """Number of evenly distributed keys at which a mistake is tested, in addition to the keys with the largest errors."""
 
 
-def why(found: Mapping[str, Array], meant: Mapping[str, Array]) -> str:
+def mistake_behind(file_poses: Mapping[str, Array], expected_poses: Mapping[str, Array]) -> str:
     """Return a description of the mistake that causes wrong poses; "" if no known mistake explains the poses.
 
     `found` contains the poses (k, 4, 4) of each link in the file, `meant` the expected poses.
     """
-    names = [name for name in found if name in meant]
+    names = [name for name in file_poses if name in expected_poses]
     if not names:
         return ""
-    looks = _looks(found, meant, names)
-    found_poses = []
-    meant_poses = []
+    tested_keys = _looks(file_poses, expected_poses, names)
+    file_samples = []
+    expected_samples = []
     for name in names:
-        found_poses.append(found[name][looks])
-        meant_poses.append(meant[name][looks])
-    F = np.stack(found_poses)
-    M = np.stack(meant_poses)
-    if not (np.all(np.isfinite(F)) and np.all(np.isfinite(M))):
+        file_samples.append(file_poses[name][tested_keys])
+        expected_samples.append(expected_poses[name][tested_keys])
+    tested = np.stack(file_samples)
+    expected = np.stack(expected_samples)
+    if not (np.all(np.isfinite(tested)) and np.all(np.isfinite(expected))):
         return ""
-    wrong = [i for i in range(len(names)) if not _same(F[i], M[i])]
+    wrong = [i for i in range(len(names)) if not _same(tested[i], expected[i])]
     if not wrong:
         return ""
     for text, mistake in _mistakes():
-        if _same(F[wrong], mistake(M[wrong])):  # other links (a base at the origin) may agree by chance
+        if _same(tested[wrong], mistake(expected[wrong])):  # other links (a base at the origin) may agree by chance
             return text
     for i, j in combinations(wrong, 2):
-        if _same(F[i], M[j]) and _same(F[j], M[i]):
+        if _same(tested[i], expected[j]) and _same(tested[j], expected[i]):
             return f"links '{names[i]}' and '{names[j]}' are swapped"
-    whole = F[:, :1] @ poses.inverse(M[:, :1])  # displacement of each link at the first key
-    displacement = whole[:1]
-    if _same(F, displacement @ M):
+    displacements = tested[:, :1] @ poses.inverse(expected[:, :1])  # displacement of each link at the first key
+    displacement = displacements[:1]
+    if _same(tested, displacement @ expected):
         T = displacement[0, 0]
         distance = float(np.linalg.norm(T[:3, 3]))
         turn = np.degrees(float(poses.angle(T[:3, :3], np.eye(3))))
         return f"the whole robot is moved by {quantity(distance, 'm')} and rotated by {turn:.4g} deg"
     if len(wrong) == 1:
         name = names[wrong[0]]
-        return _at_few_keys(found[name], meant[name], looks)
+        return _at_few_keys(file_poses[name], expected_poses[name], tested_keys)
     return ""
 
 
-def _looks(found: Mapping[str, Array], meant: Mapping[str, Array], names: Sequence[str]) -> Array:
+def _looks(file_poses: Mapping[str, Array], expected_poses: Mapping[str, Array], names: Sequence[str]) -> Array:
     """Return the keys at which mistakes are tested: evenly distributed ones, and those with the largest errors."""
-    last = len(found[names[0]]) - 1
+    last = len(file_poses[names[0]]) - 1
     keys = set(np.linspace(0, last, _LOOKS).astype(int).tolist())
     for name in names:  # because only one key may be wrong
-        difference = largest(found[name], meant[name])
+        difference = largest(file_poses[name], expected_poses[name])
         keys |= {difference.distance_key, difference.angle_key}
     return np.array(sorted(keys))
 
 
-def _at_few_keys(found: Array, meant: Array, looks: Array) -> str:
+def _at_few_keys(file_poses: Array, expected_poses: Array, tested_keys: Array) -> str:
     """Return that only this link differs, if it does so at few of its keys; else ""."""
-    if not _count_wrong(found[looks], meant[looks]) < len(looks) / 2:
+    if not _count_wrong(file_poses[tested_keys], expected_poses[tested_keys]) < len(tested_keys) / 2:
         return ""
-    count = len(found)
-    wrong = _count_wrong(found, meant)
+    count = len(file_poses)
+    wrong = _count_wrong(file_poses, expected_poses)
     if wrong > max(2, count // 10):
         return ""
     keys = "one key" if wrong == 1 else f"{wrong} keys"
     return f"only this link differs, at {keys} of {count}"
 
 
-def _count_wrong(found: Array, meant: Array) -> int:
+def _count_wrong(file_poses: Array, expected_poses: Array) -> int:
     """Return at how many keys the poses (k, 4, 4) differ."""
     wrong = 0
-    for k in range(len(found)):
-        if not _same(found[[k]], meant[[k]]):
+    for key in range(len(file_poses)):
+        if not _same(file_poses[[key]], expected_poses[[key]]):
             wrong += 1
     return wrong
 
@@ -97,7 +97,7 @@ def _count_wrong(found: Array, meant: Array) -> int:
 def _mistakes() -> list[tuple[str, Callable[[Array], Array]]]:
     up = poses.pose(poses.R_Z_UP_Y_UP)
     down = poses.inverse(up)
-    out: list[tuple[str, Callable[[Array], Array]]] = [
+    mistakes: list[tuple[str, Callable[[Array], Array]]] = [
         ("the up axis is wrong: z up is read as y up", lambda M: up @ M),
         ("the up axis is wrong: y up is read as z up", lambda M: down @ M),
         ("quaternions are written w, x, y, z and read x, y, z, w", _reordered([3, 0, 1, 2])),
@@ -108,10 +108,10 @@ def _mistakes() -> list[tuple[str, Callable[[Array], Array]]]:
         flip = np.eye(4)
         flip[axis, axis] = -1
         text = f"the frame is mirrored (left-handed): {name} has the opposite sign"
-        out.append((text, _mirrored(flip)))
+        mistakes.append((text, _mirrored(flip)))
     for factor, text in _FACTORS.items():
-        out.append((text, _scaled(factor)))
-    return out
+        mistakes.append((text, _scaled(factor)))
+    return mistakes
 
 
 def _mirrored(flip: Array) -> Callable[[Array], Array]:

@@ -15,10 +15,10 @@ from dataclasses import replace
 import numpy as np
 
 from twin.exchange.audit import poses
+from twin.exchange.audit.file_content import Content, largest
 from twin.exchange.audit.joint_assignment import base_link, joint_assignments
 from twin.exchange.audit.joint_lines import ANGLE_TOL, LINE_TOL, JointPair, joint_values, pair_differences, place_links
 from twin.exchange.audit.mechanism_data import FilePhysics
-from twin.exchange.audit.motion import Content, largest
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import MECHANISM, POSITION_TOL, ROTATION_TOL, um
 from twin.exchange.audit.sampled_states import SampledStates
@@ -53,8 +53,8 @@ def compare_states(content: Content, truth: FilePhysics, states: SampledStates) 
     # The assignment with the smallest of the largest differences; of equal ones the first.
     _, pairs, assignment = min(compared, key=lambda c: c[0])
     ledger = content.ledger
-    how = "by name" if by_name else "by structure"
-    kind = f"of joints (assigned {how}) against {MECHANISM}, {len(assignment)} joints x {states.count} states"
+    assigned_by = "by name" if by_name else "by structure"
+    kind = f"of joints (assigned {assigned_by}) against {MECHANISM}, {len(assignment)} joints x {states.count} states"
     pair = max(pairs, key=lambda p: p.distance)
     ledger.row(f"distances {kind}", pair.distance, "m", LINE_TOL, where=pair.names, against=MECHANISM)
     pair = max(pairs, key=lambda p: p.cosine)
@@ -91,34 +91,34 @@ def _take_names(content: Content, assignment: Mapping[str, str], truth: FilePhys
     bodies = _bodies_of_links(links, truth, states)
     if len(bodies) < len(truth.links):
         lacking = [body for body in truth.links if body not in bodies.values()]
-        more = ""
+        others_text = ""
         if len(lacking) > 1:
-            more = f" and {len(lacking) - 1} more"
+            others_text = f" and {len(lacking) - 1} more"
         text = (
             f"{content.file}: the joints agree with {MECHANISM}, but no link has the frame of '{lacking[0]}'"
-            f"{more}: masses, shapes and limits are not compared."
+            f"{others_text}: masses, shapes and limits are not compared."
         )
         content.ledger.add("audit.not_compared", "error", text, lacking[0], suggestion="give links the robot's names")
         return
-    by_ends = {}
+    joint_of_ends = {}
     for joint in truth.joints:
-        by_ends[frozenset((joint.parent, joint.child))] = joint.names[0]
+        joint_of_ends[frozenset((joint.parent, joint.child))] = joint.names[0]
     joints = dict(assignment)
     for joint in physics.joints:
         ends = frozenset((bodies.get(joint.parent, ""), bodies.get(joint.child, "")))
-        if len(joint.names) == 1 and not joint.tied and ends in by_ends:
-            joints.setdefault(joint.names[0], by_ends[ends])
+        if len(joint.names) == 1 and not joint.tied and ends in joint_of_ends:
+            joints.setdefault(joint.names[0], joint_of_ends[ends])
     content.rename(bodies, joints)
     # The joints of links without a body have no counterpart by name: in a URDF, two such links join the ends of a loop.
     named = {"", *truth.links}
     for i, joint in enumerate(physics.joints):
         if not {joint.parent, joint.child} <= named:
             physics.joints[i] = replace(joint, names=())
-    renamed = []
+    renamed_links = []
     for link, body in bodies.items():
         if link != body:
-            renamed.append(f"{link} is {body}")
-    text = f"links have other names than in {MECHANISM}: {', '.join(renamed)}."
+            renamed_links.append(f"{link} is {body}")
+    text = f"links have other names than in {MECHANISM}: {', '.join(renamed_links)}."
     content.ledger.add("states.names", "info", text)
 
 

@@ -13,12 +13,18 @@ from itertools import product
 import numpy as np
 
 from twin.exchange.audit import poses
+from twin.exchange.audit.file_content import FileClip, LinkShape
 from twin.exchange.audit.mechanism_data import FileJoint
-from twin.exchange.audit.motion import FileClip, LinkShape
 from twin.exchange.audit.poses import Array
 
+_MIDDLE_TOL = 1e-6
+"""Difference in s of the two intervals beside a key up to which they are equal but for rounding."""
 
-def halved(
+_MIN_REMOVED_KEYS = 3
+"""Minimum number of removed keys for an estimate: the largest error of fewer says little about the other intervals."""
+
+
+def errors_at_every_second_key(
     clip: FileClip, shapes: Mapping[str, LinkShape], joints: Sequence[FileJoint]
 ) -> tuple[float, float, float] | None:
     """Remove every second key, and return the maximum interpolation errors at the removed keys.
@@ -33,26 +39,28 @@ def halved(
     removed = np.arange(1, len(times) - 1, 2)
     if len(removed):
         # Only keys in the middle between their neighbours, where `midway` gives the interpolated poses.
-        offset = times[removed + 1] + times[removed - 1] - 2 * times[removed]
-        removed = removed[np.abs(offset) < 1e-6]
-    if len(removed) < 3:
+        off_middle = times[removed + 1] + times[removed - 1] - 2 * times[removed]
+        removed = removed[np.abs(off_middle) < _MIDDLE_TOL]
+    if len(removed) < _MIN_REMOVED_KEYS:
         return None
     interpolated = {}
     position = 0.0
     rotation = 0.0
     for name, T in clip.links.items():
-        drawn = midway(T[removed - 1], T[removed + 1])
+        interpolated_poses = midway(T[removed - 1], T[removed + 1])
         expected = T[removed]
-        interpolated[name] = drawn
-        difference = drawn - expected
+        interpolated[name] = interpolated_poses
+        difference = interpolated_poses - expected
         for corner in _corners(shapes.get(name)):
             shift = difference[:, :3, :3] @ corner + difference[:, :3, 3]
             distance = float(np.linalg.norm(shift, axis=1).max())
             position = max(position, distance)
-        angle = float(poses.angle(drawn[:, :3, :3], expected[:, :3, :3]).max())
+        angle = float(poses.angle(interpolated_poses[:, :3, :3], expected[:, :3, :3]).max())
         rotation = max(rotation, angle)
-    gap = max((gap_of(joint, interpolated) for joint in joints), default=0.0)
-    return position, rotation, gap
+    largest_gap = 0.0
+    for joint in joints:
+        largest_gap = max(largest_gap, gap_of(joint, interpolated))
+    return position, rotation, largest_gap
 
 
 def _corners(shape: LinkShape | None) -> Array:
@@ -83,14 +91,14 @@ def gap_of(joint: FileJoint, links: Mapping[str, Array]) -> float:
     at_child = joint.end(joint.child)
     if at_parent is None or at_child is None or joint.kind.startswith(("chain", "free")):
         return 0.0
-    A = links[joint.parent]
-    B = links[joint.child]
+    T_parent = links[joint.parent]
+    T_child = links[joint.child]
     point, direction = at_parent
     point_of_child, _ = at_child
-    position = A[:, :3, :3] @ point + A[:, :3, 3]
-    position_of_child = B[:, :3, :3] @ point_of_child + B[:, :3, 3]
+    position = T_parent[:, :3, :3] @ point + T_parent[:, :3, 3]
+    position_of_child = T_child[:, :3, :3] @ point_of_child + T_child[:, :3, 3]
     gap = position_of_child - position
     if joint.kind in ("prismatic", "cylindrical") and direction is not None:
-        along = A[:, :3, :3] @ direction
+        along = T_parent[:, :3, :3] @ direction
         gap = gap - np.sum(gap * along, axis=1, keepdims=True) * along
     return float(np.linalg.norm(gap, axis=1).max())

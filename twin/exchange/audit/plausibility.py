@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from twin.exchange.audit.file_content import Content, LinkShape
 from twin.exchange.audit.mechanism_data import FileDrive, FileMass
-from twin.exchange.audit.motion import Content, LinkShape
 from twin.exchange.audit.report import Ledger, Measured, quantity
 
 DENSEST = 23_000.0
@@ -51,15 +51,15 @@ def check_sense(content: Content, gravity: Sequence[np.ndarray] = ()) -> None:
     before = len(ledger.found)
     for link, mass in physics.masses.items():
         _check_mass(ledger, link, mass)
-        known = np.isfinite(mass.mass) and mass.mass > 0 and link not in physics.assumed
-        if known and link in content.shapes:
-            _check_extent(ledger, link, mass, content.shapes[link], link not in physics.partly)
+        has_known_mass = np.isfinite(mass.mass) and mass.mass > 0 and link not in physics.assumed
+        if has_known_mass and link in content.shapes:
+            _check_extent(ledger, link, mass, content.shapes[link], link not in physics.partly_shown)
     for joint in physics.joints:
         if joint.names:
             _check_drive(ledger, joint.names[-1], joint.drive)
     if physics.gravity is not None:
-        meant = any(np.linalg.norm(physics.gravity - other) < SAME_GRAVITY for other in gravity)
-        _check_gravity(ledger, physics.gravity, meant)
+        is_stated_elsewhere = any(np.linalg.norm(physics.gravity - other) < SAME_GRAVITY for other in gravity)
+        _check_gravity(ledger, physics.gravity, is_stated_elsewhere)
     if physics.masses or physics.joints:
         wrong = [f for f in ledger.found[before:] if f.severity != "info"]
         ledger.row("masses, drives, gravity: physically possible", float(len(wrong)), "found", 0.0)
@@ -91,11 +91,11 @@ def _check_mass(ledger: Ledger, link: str, mass: FileMass) -> None:
             wrong("inertia_impossible", text, float(moments[2]), "kg m2", float(moments[0] + moments[1]))
 
 
-def _check_extent(ledger: Ledger, link: str, mass: FileMass, shape: LinkShape, whole: bool) -> None:
+def _check_extent(ledger: Ledger, link: str, mass: FileMass, shape: LinkShape, is_whole_link: bool) -> None:
     """Report a mass that does not fit the size of a link's shape; a note if the shape is not the `whole` link."""
 
     def wrong(code: str, text: str, size: float, unit: str, limit: float) -> None:
-        if whole:
+        if is_whole_link:
             ledger.wrong(f"physics.{code}", f"link '{link}': {text}.", link, size=Measured(size, limit, unit))
             return
         text = f"link '{link}': {text}; these shapes do not show the whole link."
@@ -107,10 +107,10 @@ def _check_extent(ledger: Ledger, link: str, mass: FileMass, shape: LinkShape, w
     diagonal = shape.diagonal
     if mass.center is not None:
         outside = np.maximum(shape.low - mass.center, mass.center - shape.high)
-        away = float(np.linalg.norm(np.maximum(outside, 0.0)))
-        if away > OUTSIDE * diagonal:
-            text = f"the centre of mass is {quantity(away, 'm')} outside the bounding box of the link's meshes"
-            wrong("mass_centre_outside", text, away, "m", OUTSIDE * diagonal)
+        distance = float(np.linalg.norm(np.maximum(outside, 0.0)))
+        if distance > OUTSIDE * diagonal:
+            text = f"the centre of mass is {quantity(distance, 'm')} outside the bounding box of the link's meshes"
+            wrong("mass_centre_outside", text, distance, "m", OUTSIDE * diagonal)
     if mass.inertia is not None and diagonal > 0:
         moments = np.linalg.eigvalsh((mass.inertia + mass.inertia.T) / 2)
         largest = max(moments[2], 0.0)
@@ -161,18 +161,18 @@ def _check_drive(ledger: Ledger, joint: str, drive: FileDrive) -> None:
             ledger.wrong("physics.drive_negative", text, joint, size=Measured(value, 0.0))
 
 
-def _check_gravity(ledger: Ledger, gravity: np.ndarray, meant: bool) -> None:
+def _check_gravity(ledger: Ledger, gravity: np.ndarray, is_stated_elsewhere: bool) -> None:
     size = float(np.linalg.norm(gravity))
     if size == 0.0:
         ledger.add("physics.gravity", "info", "gravity is zero.", "gravity")
         return
-    shown = ", ".join(f"{g:g}" for g in gravity)
-    if meant:
+    components = ", ".join(f"{g:g}" for g in gravity)
+    if is_stated_elsewhere:
         if abs(gravity[2] + 9.81) > SAME_GRAVITY or size > 9.9:
-            ledger.add("physics.gravity", "info", f"gravity is ({shown}) m/s2, as stated elsewhere.", "gravity")
+            ledger.add("physics.gravity", "info", f"gravity is ({components}) m/s2, as stated elsewhere.", "gravity")
         return
     if not gravity[2] < -0.999 * size:
-        text = f"gravity is ({shown}) m/s2 in a world with z up, but must point down (-z)."
+        text = f"gravity is ({components}) m/s2 in a world with z up, but must point down (-z)."
         ledger.wrong("physics.gravity", text, "gravity", suggestion="gravity along -z: (0, 0, -9.81)")
     elif not GRAVITY[0] <= size <= GRAVITY[1]:
         # Gravity of other planets is allowed.

@@ -16,13 +16,16 @@ import numpy as np
 
 from twin.core.json_types import JsonMapping
 from twin.exchange.audit.colors import Rgba
-from twin.exchange.audit.compared_quantities import NOTHING, QUANTITIES, WORDS, Compared, difference_text
+from twin.exchange.audit.compared_quantities import NOTHING, QUANTITIES, WORDS, ComparisonRule, difference_text
+from twin.exchange.audit.file_content import Content, LinkShape
 from twin.exchange.audit.mechanism_data import TOOL, WORLD, FileJoint, FilePhysics
-from twin.exchange.audit.motion import Content, LinkShape
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import MECHANISM, Ledger, Measured
 from twin.exchange.format import Holds
 from twin.exchange.formats import family, family_rank, holding, leading, trust
+
+_MECHANISM_FORMAT = "truth"
+"""`View.format` of the given mechanism, which is no file."""
 
 _GEOMETRY = ("place", "axis", "pose", "zero")
 """Quantities that show where the joints of a robot are."""
@@ -51,7 +54,7 @@ class View:
         shapes: {link: shape of its meshes}.
         colors: {link: {colour (linear rgba): fraction of the link's area}}.
         finishes: the same for metallic and roughness, see `Content`.
-        said: {(subject, quantity): value in the file}, with keys such as ("joint 'j1'", "limits").
+        values: {(subject, quantity): value in the file}, with keys such as ("joint 'j1'", "limits").
     """
 
     file: str
@@ -61,7 +64,7 @@ class View:
     shapes: Mapping[str, LinkShape] = field(default_factory=dict)
     colors: Mapping[str, Mapping[Rgba, float]] = field(default_factory=dict)
     finishes: Mapping[str, Mapping[Rgba, float]] = field(default_factory=dict)
-    said: dict[tuple[str, str], Any] = field(default_factory=dict)
+    values: dict[tuple[str, str], Any] = field(default_factory=dict)
 
     @property
     def family(self) -> str:
@@ -69,19 +72,19 @@ class View:
         return family(self.format)
 
     @property
-    def expected(self) -> bool:
+    def is_mechanism(self) -> bool:
         """Whether these are the data of the given mechanism."""
-        return self.format == "truth"
+        return self.format == _MECHANISM_FORMAT
 
     def holds(self, what: Holds) -> bool:
         """Return whether files of this format contain something."""
         return holding(self.format, what)
 
-    def say(self, subject: str, values: JsonMapping) -> None:
+    def state(self, subject: str, values: JsonMapping) -> None:
         """Store the values {quantity: value} of a subject; None means that the file does not state the value."""
         for name, value in values.items():
             if value is not None:
-                self.said[subject, name] = value
+                self.values[subject, name] = value
 
 
 def compare_physics(contents: Sequence[Content], truth: FilePhysics | None = None) -> None:
@@ -104,7 +107,7 @@ def compare_physics(contents: Sequence[Content], truth: FilePhysics | None = Non
             )
             views.append(view)
     if truth is not None:
-        views.append(View(MECHANISM, "truth", None, truth))
+        views.append(View(MECHANISM, _MECHANISM_FORMAT, None, truth))
     views.sort(key=_trust)
     if len(views) < 2:
         return
@@ -112,7 +115,7 @@ def compare_physics(contents: Sequence[Content], truth: FilePhysics | None = Non
     _check_transmissions(views)
     worst: dict[str, dict[str, tuple[float, str]]] = {}
     for subject, name in _keys(views):
-        stating = [view for view in views if (subject, name) in view.said]
+        stating = [view for view in views if (subject, name) in view.values]
         if len(stating) > 1:
             _compare_values(subject, name, stating, worst)
     others = "the other files"
@@ -123,11 +126,12 @@ def compare_physics(contents: Sequence[Content], truth: FilePhysics | None = Non
         if view.ledger is None:
             continue
         for name, (difference, subject) in worst.get(view.file, {}).items():
-            q = QUANTITIES[name]
+            rule = QUANTITIES[name]
             check = f"{WORDS.get(name, name)} against {others}"
             finite = min(difference, 1e300)  # JSON has no infinity
-            fits = True if q.severity == "warning" else None  # a warning is no disagreement
-            view.ledger.row(check, finite, q.unit_of_difference, q.tolerance, where=subject, fits=fits, against=others)
+            fits = True if rule.severity == "warning" else None  # a warning is no disagreement
+            unit = rule.unit_of_difference
+            view.ledger.row(check, finite, unit, rule.tolerance, where=subject, fits=fits, against=others)
 
 
 def _state_all(views: Sequence[View], contents: Sequence[Content]) -> None:
@@ -137,13 +141,13 @@ def _state_all(views: Sequence[View], contents: Sequence[Content]) -> None:
             if content.file == view.file:
                 declared = content.declared or ()
                 view.physics.links = tuple(dict.fromkeys((*declared, *view.physics.links)))
-    known = _known_links(views)
-    canonical = _canonical(views, known)
-    movable = set()
+    known_links = _known_links(views)
+    canonical = _canonical(views, known_links)
+    trocars = set()
     for view in views:
-        movable |= view.physics.trocars
+        trocars |= view.physics.trocars
     for view in views:
-        _state(view, canonical, known, movable, views)
+        _state(view, canonical, known_links, trocars, views)
         if view.holds(Holds.JOINT_TREE) and _is_for_one_motion(view, views):
             _forget_held_places(view)
     _state_absent_declarations(views)
@@ -153,9 +157,9 @@ def _state_all(views: Sequence[View], contents: Sequence[Content]) -> None:
         for subject, name in keys:
             if name != "existence" or not subject.startswith(listed):
                 continue
-            if view.physics.couples_pairs and _couples_more(subject, views):
+            if view.physics.couples_pairs and _couples_more_than_two(subject, views):
                 continue
-            view.said.setdefault((subject, name), False)
+            view.values.setdefault((subject, name), False)
 
 
 _FURTHER = {
@@ -177,15 +181,17 @@ def _state_absent_declarations(views: Sequence[View]) -> None:
             if declared is None:
                 continue
             for subject in sorted(subjects):
-                fields = [f"{name} {value}" for name, value in declared.get(subject, {}).items()]
-                view.say(subject, {quantity: ", ".join(fields) or NOTHING})
+                fields = []
+                for name, value in declared.get(subject, {}).items():
+                    fields.append(f"{name} {value}")
+                view.state(subject, {quantity: ", ".join(fields) or NOTHING})
 
 
 def _keys(views: Sequence[View]) -> list[tuple[str, str]]:
     """Return (subject, quantity) of all values that files state, in the order of the files."""
     keys: dict[tuple[str, str], None] = {}
     for view in views:
-        keys |= dict.fromkeys(view.said)
+        keys |= dict.fromkeys(view.values)
     return list(keys)
 
 
@@ -204,19 +210,19 @@ def _forget_held_places(view: View) -> None:
     A file for a single motion has other trocar positions; its `play` checks whether the loops close.
     """
     physics = view.physics
-    held = physics.held
-    if not held:  # links that no joint moves
+    fixed_links = physics.fixed_to_world
+    if not fixed_links:  # links that no joint moves
         children = {joint.child for joint in physics.joints}
-        held = set(physics.links) - children
-    endings = tuple(f" on '{link}'" for link in held)
-    for subject, name in list(view.said):
+        fixed_links = set(physics.links) - children
+    endings = tuple(f" on '{link}'" for link in fixed_links)
+    for subject, name in list(view.values):
         if name == "place" and subject.endswith(endings):
-            del view.said[subject, name]
+            del view.values[subject, name]
 
 
 def _listed_kinds(physics: FilePhysics) -> tuple[str, ...]:
     """Return the first words of the subjects of which a file states all that the robot has."""
-    kinds = list(physics.marks)
+    kinds = list(physics.fully_listed)
     if physics.complete:
         kinds += ["joint", "body"]
         if physics.all_motors:
@@ -226,11 +232,11 @@ def _listed_kinds(physics: FilePhysics) -> tuple[str, ...]:
     return tuple(kinds)
 
 
-def _couples_more(subject: str, views: Sequence[View]) -> bool:
+def _couples_more_than_two(subject: str, views: Sequence[View]) -> bool:
     """Return whether a subject is, in one of the files, a coupling of more than two joints."""
     if not subject.startswith("coupling"):
         return False
-    return any(len(view.said.get((subject, "links"), ())) > 2 for view in views)
+    return any(len(view.values.get((subject, "links"), ())) > 2 for view in views)
 
 
 def _check_transmissions(views: Sequence[View]) -> None:
@@ -244,7 +250,7 @@ def _check_transmissions(views: Sequence[View]) -> None:
         others = [other for other in views if other is not view]
         driven = _driven(view.physics.joints, others)
         if driven:
-            sources = _listed(others)
+            sources = _file_names(others)
             names = ", ".join(sorted(driven))
             text = f"the file has no transmissions; in {sources} the driven joints are {names}."
             severity = "disagreement" if len(views) > 2 else "warning"
@@ -261,7 +267,7 @@ def _driven(joints: Sequence[FileJoint], views: Sequence[View]) -> set[str]:
             continue
         name = joint.names[0]
         for view in views:
-            if view.said.get((f"joint '{name}'", "driven")):
+            if view.values.get((f"joint '{name}'", "driven")):
                 driven.add(name)
     return driven
 
@@ -276,15 +282,19 @@ def _known_links(views: Sequence[View]) -> set[str]:
     then their links count, without those that are auxiliary.
     """
     links: set[str] = set()
-    exact: list[View] = []
+    exact_views: list[View] = []
     for view in views:
         links.update(view.physics.links)
-        if view.physics.links and (view.expected or view.holds(Holds.LINKS)):
-            exact.append(view)
-    if exact:
-        return set(min(exact, key=_order).physics.links)
+        if view.physics.links and (view.is_mechanism or view.holds(Holds.LINKS)):
+            exact_views.append(view)
+    if exact_views:
+        return set(min(exact_views, key=_source_rank).physics.links)
     stating = [view for view in views if view.physics.links]
-    return {link for link in links if not _is_auxiliary(link, stating)}
+    proper_links = set()
+    for link in links:
+        if not _is_auxiliary(link, stating):
+            proper_links.add(link)
+    return proper_links
 
 
 def _is_auxiliary(link: str, views: Sequence[View]) -> bool:
@@ -295,31 +305,34 @@ def _is_auxiliary(link: str, views: Sequence[View]) -> bool:
     if all(link in view.physics.links for view in views):
         return False
     for view in views:
-        joints = [joint for joint in view.physics.joints if link in (joint.parent, joint.child)]
-        if link in view.physics.links and len(joints) < 2:
+        joint_count = 0
+        for joint in view.physics.joints:
+            joint_count += link in (joint.parent, joint.child)
+        if link in view.physics.links and joint_count < 2:
             return False
         mass = view.physics.masses.get(link)
-        if link in view.shapes or view.physics.shown.get(link) or (mass is not None and mass.mass > _LIGHT):
+        has_weight = mass is not None and mass.mass > _LIGHT
+        if link in view.shapes or view.physics.shown.get(link) or has_weight:
             return False
     return True
 
 
-def _order(view: View) -> int:
+def _source_rank(view: View) -> int:
     """Return the smallest rank of the files in the format of a source, 0 for the mechanism."""
-    if view.expected:
+    if view.is_mechanism:
         return 0
     return family_rank(view.format)
 
 
-def _canonical(views: Sequence[View], known: set[str]) -> dict[str, FileJoint]:
+def _canonical(views: Sequence[View], known_links: set[str]) -> dict[str, FileJoint]:
     """Return {name: joint} for the joints between known links; each joint is from the first file that has it."""
     canonical: dict[str, FileJoint] = {}
-    prefixes, coordinates = _names_of_coordinates(views, known)
+    prefixes, coordinates = _names_of_coordinates(views, known_links)
     # Files with a tree of joints come last, because they may divide joints.
     for view in sorted(views, key=lambda v: v.holds(Holds.JOINT_TREE)):
-        for joint in view.physics.reduced(known):
+        for joint in view.physics.joints_between(known_links):
             ends = {joint.parent, joint.child}
-            if not ends <= known | {""} or not joint.names or _match(joint, canonical, view):
+            if not ends <= known_links | {""} or not joint.names or _matching_name(joint, canonical, view):
                 continue
             first = joint.names[0]
             if view.holds(Holds.COORDINATES) and (first.startswith(prefixes) or first in coordinates):
@@ -330,14 +343,14 @@ def _canonical(views: Sequence[View], known: set[str]) -> dict[str, FileJoint]:
     return canonical
 
 
-def _names_of_coordinates(views: Sequence[View], known: set[str]) -> tuple[tuple[str, ...], set[str]]:
+def _names_of_coordinates(views: Sequence[View], known_links: set[str]) -> tuple[tuple[str, ...], set[str]]:
     """Return (prefixes, names) by which a track may name the single coordinates of joints in other files."""
     prefixes = []
     names = set()
     for view in views:
         if view.holds(Holds.COORDINATES):
             continue
-        for joint in view.physics.reduced(known):
+        for joint in view.physics.joints_between(known_links):
             if not joint.names:
                 continue
             stem = _stem(joint)
@@ -360,7 +373,7 @@ def _stem(joint: FileJoint) -> str:
     if not others:
         return re.sub(r"_\d+$", "", first)
     short = min(joint.names, key=len)
-    if _parts(joint, short):
+    if _are_parts(joint, short):
         return short
     common = first
     for name in others:
@@ -369,43 +382,43 @@ def _stem(joint: FileJoint) -> str:
     return common.rstrip("_") or short
 
 
-def _match(joint: FileJoint, canonical: Mapping[str, FileJoint], view: View) -> str:
+def _matching_name(joint: FileJoint, canonical: Mapping[str, FileJoint], view: View) -> str:
     """Return the name of the reference joint with the same name or the same links as a joint; "" if there is none."""
     if joint.names:
         for name in (joint.names[0], _stem(joint)):
             if name in canonical:
                 return name
         if len(joint.names) > 1 or view.holds(Holds.COORDINATES):
-            whole = _divided(joint, canonical)
-            if whole:
-                return whole
+            divided_name = _divided_name(joint, canonical)
+            if divided_name:
+                return divided_name
     if not joint.parent:
         return ""
     ends = {joint.parent, joint.child}
-    taken = _names(view.physics.joints)
+    names_in_file = _joint_and_part_names(view.physics.joints)
     candidates = []
-    for name, other in canonical.items():
-        if {other.parent, other.child} == ends and name not in taken:
+    for name, candidate in canonical.items():
+        if {candidate.parent, candidate.child} == ends and name not in names_in_file:
             candidates.append(name)
     if len(candidates) != 1:  # none, or several between the same two links
         return ""
     return candidates[0]
 
 
-def _divided(joint: FileJoint, canonical: Mapping[str, FileJoint]) -> str:
+def _divided_name(joint: FileJoint, canonical: Mapping[str, FileJoint]) -> str:
     """Return the longest name of a reference joint whose parts are all parts of a joint; "" if there is none.
 
     Tracks have the coordinates of a ball as separate joints, each with one name.
     """
     longest = ""
-    for name, other in canonical.items():
-        divisible = len(joint.names) > 1 or other.kind not in _SINGLE
-        if divisible and _parts(joint, name) and len(name) > len(longest):
+    for name, candidate in canonical.items():
+        divisible = len(joint.names) > 1 or candidate.kind not in _SINGLE
+        if divisible and _are_parts(joint, name) and len(name) > len(longest):
             longest = name
     return longest
 
 
-def _names(joints: Sequence[FileJoint]) -> set[str]:
+def _joint_and_part_names(joints: Sequence[FileJoint]) -> set[str]:
     """Return the names of the parts of joints, and of the joints without their parts."""
     names = set()
     for joint in joints:
@@ -414,51 +427,51 @@ def _names(joints: Sequence[FileJoint]) -> set[str]:
     return names
 
 
-def _parts(joint: FileJoint, name: str) -> bool:
+def _are_parts(joint: FileJoint, name: str) -> bool:
     """Return whether all names of a joint are those of parts of the joint `name`, such as <name>_x."""
     return all(part == name or part.startswith(f"{name}_") for part in joint.names)
 
 
 def _state(
-    view: View, canonical: Mapping[str, FileJoint], known: set[str], movable: set[str], views: Sequence[View]
+    view: View, canonical: Mapping[str, FileJoint], known_links: set[str], trocars: set[str], views: Sequence[View]
 ) -> None:
     physics = view.physics
-    still = physics.still(known)
-    _state_links(view, known, still)
-    _state_joints(view, canonical, known, movable)
+    immobile_links = physics.immobile_links(known_links)
+    _state_links(view, known_links, immobile_links)
+    _state_joints(view, canonical, known_links, trocars)
     frames = dict(physics.frames)
     if physics.tool in frames:
         frames.setdefault(TOOL, frames[physics.tool])
     for name, frame in frames.items():
         if name == TOOL:
-            view.say("the tool frame", {"link": frame.link, "frame pose": frame.T})
+            view.state("the tool frame", {"link": frame.link, "frame pose": frame.T})
         else:
-            view.say(f"frame '{name}'", {"existence": True, "link": frame.link, "frame pose": frame.T})
+            view.state(f"frame '{name}'", {"existence": True, "link": frame.link, "frame pose": frame.T})
     for name, point in physics.points.items():
-        view.say(f"point '{name}'", {"existence": True, "link": point.link, "point": point.T[:3, 3]})
+        view.state(f"point '{name}'", {"existence": True, "link": point.link, "point": point.T[:3, 3]})
     if physics.robot and not _is_for_one_motion(view, views):
-        view.say("the robot", {"robot": physics.robot})
+        view.state("the robot", {"robot": physics.robot})
     for name, coordinates in (physics.postures or {}).items():
-        view.say(f"posture '{name}'", {"coordinates": coordinates})
+        view.state(f"posture '{name}'", {"coordinates": coordinates})
     if physics.postures is not None and physics.tool:
-        view.say("the robot", {"name of the tool": physics.tool})
+        view.state("the robot", {"name of the tool": physics.tool})
     world = {
         "gravity": physics.gravity,
         "medium": physics.medium,
         "collisions of its own links": physics.self_collision,
     }
-    view.say("the world", world)
-    if still is not None:
-        view.say("the world", {"held": tuple(sorted(still))})
-    view.say("the loops", {"opening": physics.opening})
+    view.state("the world", world)
+    if immobile_links is not None:
+        view.state("the world", {"held": tuple(sorted(immobile_links))})
+    view.state("the loops", {"opening": physics.opening})
     for name, (ratios, total) in solved(physics.couplings or {}).items():
         joints = tuple(sorted(ratios))
         numbers = np.array([ratios[joint] for joint in joints])
-        view.say(f"coupling of '{name}'", {"existence": True, "links": joints, "ratios": numbers, "sum": total})
+        view.state(f"coupling of '{name}'", {"existence": True, "links": joints, "ratios": numbers, "sum": total})
     for name, motor in (physics.motors or {}).items():
         subject = f"motor '{name}'"
         if physics.all_motors:
-            view.say(subject, {"existence": True})
+            view.state(subject, {"existence": True})
         values = {
             "row": motor.row,
             "kind": motor.kind,
@@ -470,46 +483,46 @@ def _state(
             "damping": motor.damping,
             "law": motor.law,
         }
-        view.say(subject, values)
+        view.state(subject, values)
 
 
-def _state_joints(view: View, canonical: Mapping[str, FileJoint], known: set[str], movable: set[str]) -> None:
+def _state_joints(view: View, canonical: Mapping[str, FileJoint], known_links: set[str], trocars: set[str]) -> None:
     """State the joints between known links, and which of the reference joints a file lacks."""
     physics = view.physics
-    found = set()
+    matched_names = set()
     nameless = 0
-    for joint in physics.reduced(known):
+    for joint in physics.joints_between(known_links):
         ends = {joint.parent, joint.child}
-        if not ends <= known | {""}:
+        if not ends <= known_links | {""}:
             continue
-        name = _match(joint, canonical, view)
+        name = _matching_name(joint, canonical, view)
         if name:
-            found.add(name)
-            _state_joint(view, name, joint, canonical[name], name in movable)
+            matched_names.add(name)
+            _state_joint(view, name, joint, canonical[name], name in trocars)
         elif not joint.names:
             nameless += 1
         elif joint.kind != "fixed" or joint.tied:
-            view.say(f"joint '{_stem(joint)}'", {"existence": True})
+            view.state(f"joint '{_stem(joint)}'", {"existence": True})
     # A GLB states only names of joints, an MJCF has no names for fixed joints.
     names_only = []
     for name, joint in canonical.items():
-        if name not in found and not joint.kind and not joint.parent:
+        if name not in matched_names and not joint.kind and not joint.parent:
             names_only.append(name)
     if len(names_only) <= nameless:
-        found.update(names_only)
+        matched_names.update(names_only)
         for name in names_only:
-            view.say(f"joint '{name}'", {"existence": True})
-    for link in physics.loads(known):
-        view.say(f"body '{link}'", {"existence": True})
-    for joint in physics.added(known):
-        view.say(f"joint '{_stem(joint)}'", {"existence": True})
+            view.state(f"joint '{name}'", {"existence": True})
+    for link in physics.load_links(known_links):
+        view.state(f"body '{link}'", {"existence": True})
+    for joint in physics.added_joints(known_links):
+        view.state(f"joint '{_stem(joint)}'", {"existence": True})
     for name, joint in canonical.items():
         bare = joint.kind == "fixed" and not joint.parent
-        if name not in found and not bare and _lists(view, joint):
-            view.say(f"joint '{name}'", {"existence": False})
+        if name not in matched_names and not bare and _would_list(view, joint):
+            view.state(f"joint '{name}'", {"existence": False})
 
 
-def _lists(view: View, joint: FileJoint) -> bool:
+def _would_list(view: View, joint: FileJoint) -> bool:
     """Return whether a file would contain a joint if it belonged to the robot."""
     if view.physics.complete:
         return True
@@ -531,77 +544,79 @@ def solved(couplings: Mapping[str, tuple[Mapping[str, float], float]]) -> dict[s
     joints = sorted(coupled)
     rows = np.zeros((len(couplings), len(joints) + 1))
     for row, (ratios, total) in zip(rows, couplings.values(), strict=True):
-        row[:-1] = [ratios.get(joint, 0.0) for joint in joints]
+        for joint, ratio in ratios.items():
+            row[joints.index(joint)] = ratio
         row[-1] = total
     usable = np.isfinite(rows).all(axis=1) & rows[:, :-1].any(axis=1)
     rows = rows[usable]
     if not len(rows):
         return {}
+    # Gauss-Jordan elimination with partial pivoting; rows that depend on others are zero and stay below the pivots.
     rows /= np.abs(rows[:, :-1]).max(axis=1, keepdims=True)
-    out: dict[str, tuple[dict[str, float], float]] = {}
-    done = 0
-    for k in range(len(joints)):
-        if done == len(rows):
+    couplings_by_first_joint: dict[str, tuple[dict[str, float], float]] = {}
+    pivot_count = 0
+    for column in range(len(joints)):
+        if pivot_count == len(rows):
             break
-        pivot = done + int(np.argmax(np.abs(rows[done:, k])))
-        if abs(rows[pivot, k]) <= _ZERO:
+        pivot = pivot_count + int(np.argmax(np.abs(rows[pivot_count:, column])))
+        if abs(rows[pivot, column]) <= _ZERO:
             continue
-        rows[[done, pivot]] = rows[[pivot, done]]
-        rows[done] /= rows[done, k]
-        others = np.arange(len(rows)) != done
-        rows[others] -= rows[others, k, None] * rows[done]
-        done += 1
-    for row in rows[:done]:
+        rows[[pivot_count, pivot]] = rows[[pivot, pivot_count]]
+        rows[pivot_count] /= rows[pivot_count, column]
+        others = np.arange(len(rows)) != pivot_count
+        rows[others] -= rows[others, column, None] * rows[pivot_count]
+        pivot_count += 1
+    for row in rows[:pivot_count]:
         ratios = {}
         for joint, ratio in zip(joints, row[:-1], strict=True):
             if abs(ratio) > _ZERO:
                 ratios[joint] = float(ratio)
         first = next(iter(ratios))
-        out[first] = (ratios, float(row[-1]))
-    return out
+        couplings_by_first_joint[first] = (ratios, float(row[-1]))
+    return couplings_by_first_joint
 
 
-def _state_links(view: View, known: set[str], still: frozenset[str] | None) -> None:
-    """State shapes, colours and masses of the links that are `known`; `still` are those that cannot move."""
+def _state_links(view: View, known_links: set[str], immobile_links: frozenset[str] | None) -> None:
+    """State shapes, colours and masses of the known links; `immobile_links` are those that cannot move."""
     physics = view.physics
     for link in dict.fromkeys((*physics.shown, *view.shapes)):
-        if link in known:
-            view.say(f"link '{link}'", {"shown": physics.shown.get(link, True)})
+        if link in known_links:
+            view.state(f"link '{link}'", {"shown": physics.shown.get(link, True)})
     for link, collides in physics.collides.items():
-        if link in known:
-            view.say(f"link '{link}'", {"collides": collides})
+        if link in known_links:
+            view.state(f"link '{link}'", {"collides": collides})
     for link, shape in view.shapes.items():
-        if link in known:
-            view.say(f"link '{link}'", {"surface": shape.points})
+        if link in known_links:
+            view.state(f"link '{link}'", {"surface": shape.points})
             # Whether a mesh is closed counts only if the rounding of its points has no influence on it.
             if shape.closed == shape.nearly_closed:
-                view.say(f"link '{link}'", {"closed": shape.closed})
+                view.state(f"link '{link}'", {"closed": shape.closed})
     for link, shares in view.colors.items():
-        if link in known:
-            view.say(f"link '{link}'", {"colours": shares})
+        if link in known_links:
+            view.state(f"link '{link}'", {"colours": shares})
     for link, shares in view.finishes.items():
-        if link in known:
-            view.say(f"link '{link}'", {"finish": shares})
-    for link, share in (physics.floats or {}).items():
-        if link in known:
-            view.say(f"link '{link}'", {"weightless": share})
+        if link in known_links:
+            view.state(f"link '{link}'", {"finish": shares})
+    for link, share in (physics.weight_shares or {}).items():
+        if link in known_links:
+            view.state(f"link '{link}'", {"weightless": share})
     for link, mass in physics.masses.items():
-        if link in known:
+        if link in known_links:
             if link not in physics.assumed:
-                view.say(f"link '{link}'", {"weighed": True})
-            view.say(f"link '{link}'", {"mass": mass.mass, "mass centre": mass.center, "inertia": mass.inertia})
+                view.state(f"link '{link}'", {"weighed": True})
+            view.state(f"link '{link}'", {"mass": mass.mass, "mass centre": mass.center, "inertia": mass.inertia})
     if view.holds(Holds.MASSES) and physics.masses:
-        weightless = (known & set(physics.links)) - set(physics.masses) - {WORLD}
-        if still is not None:  # the mass of a link that cannot move has no influence
-            weightless -= still
+        weightless = (known_links & set(physics.links)) - set(physics.masses) - {WORLD}
+        if immobile_links is not None:  # the mass of a link that cannot move has no influence
+            weightless -= immobile_links
         for link in sorted(weightless):
-            view.say(f"link '{link}'", {"weighed": False})
+            view.state(f"link '{link}'", {"weighed": False})
 
 
-def _state_joint(view: View, name: str, joint: FileJoint, canonical: FileJoint, movable: bool) -> None:
+def _state_joint(view: View, name: str, joint: FileJoint, canonical: FileJoint, is_trocar: bool) -> None:
     subject = f"joint '{name}'"
     identity: dict[str, Any] = {"existence": True}
-    if not joint.kind_said or joint.names == canonical.names:  # else one coordinate of a ball joint, in a track
+    if not joint.stated_kind or joint.names == canonical.names:  # else one coordinate of a ball joint, in a track
         if joint.names:
             identity["name"] = _stated_name(name, joint)
         if joint.kind:
@@ -610,23 +625,23 @@ def _state_joint(view: View, name: str, joint: FileJoint, canonical: FileJoint, 
         identity["links"] = tuple(sorted((joint.parent, joint.child)))
     elif joint.child and canonical.parent and joint.child not in (canonical.parent, canonical.child):
         identity["links"] = (joint.child,)  # the file states one of the two links, and it is neither
-    view.say(subject, identity)
+    view.state(subject, identity)
     if joint.parent and not joint.kind.startswith(("chain", "free")):
         for link in (joint.parent, joint.child):
             end = joint.end(link)
             if end is not None:
-                _state_line(view, f"{subject} on '{link}'", joint, end, movable)
+                _state_line(view, f"{subject} on '{link}'", joint, end, is_trocar)
     posed = joint.kind in ("fixed", *_SINGLE) and not joint.tied
-    if posed and joint.T is not None and joint.parent and not movable:
+    if posed and joint.T is not None and joint.parent and not is_trocar:
         # Files may exchange parent and child: the pose is that from the first link in alphabetical order.
         ordered = joint
         if joint.parent >= joint.child:
-            ordered = joint.turned()
+            ordered = joint.reversed()
         quantity = "pose" if joint.kind == "fixed" else "zero"
-        view.say(subject, {quantity: ordered.T})
+        view.state(subject, {quantity: ordered.T})
     if joint.kind == "spherical":
-        view.say(subject, {"cone": joint.drive.cone})
-        view.say(f"{subject} on '{joint.parent}'", {"axis of its cone": joint.drive.cone_axis})
+        view.state(subject, {"cone": joint.drive.cone})
+        view.state(f"{subject} on '{joint.parent}'", {"axis of its cone": joint.drive.cone_axis})
     if joint.kind in _SINGLE:
         drive = joint.drive
         if joint.tied:  # a tie is between points, and has no coordinate of its own
@@ -647,16 +662,16 @@ def _state_joint(view: View, name: str, joint: FileJoint, canonical: FileJoint, 
             "largest acceleration": drive.acceleration,
             "largest jerk": drive.jerk,
         }
-        view.say(subject, values)
+        view.state(subject, values)
 
 
 def _stated_name(name: str, joint: FileJoint) -> str:
     """Return the reference's name of a joint if the joint has it too, also in the names of its parts; else its own."""
-    odd = _odd_tie(name, joint)
-    if odd:
-        return odd
+    odd_name = _odd_tie(name, joint)
+    if odd_name:
+        return odd_name
     stem = _stem(joint)
-    divided = len(joint.names) > 1 and _parts(joint, name)
+    divided = len(joint.names) > 1 and _are_parts(joint, name)
     if name in joint.names or name == stem or divided:
         return name
     return stem
@@ -669,24 +684,27 @@ def _odd_tie(name: str, joint: FileJoint) -> str:
     """
     if not joint.tied:
         return ""
-    numbered = [part for part in joint.names if re.fullmatch(rf"{re.escape(name)}_\d+", part)]
-    if not numbered:
-        return ""
+    part_name = re.compile(rf"{re.escape(name)}_\d+")
+    other_names = []
     for part in joint.names:
-        if part not in numbered:
-            return part
+        if part_name.fullmatch(part) is None:
+            other_names.append(part)
+    if len(other_names) == len(joint.names):
+        return ""
+    if other_names:
+        return other_names[0]
     if len(joint.names) < len(joint.tied):
         return f"{', '.join(joint.names)} and a tie without a name"
     return ""
 
 
-def _state_line(view: View, subject: str, joint: FileJoint, end: tuple[Array, Array | None], movable: bool) -> None:
+def _state_line(view: View, subject: str, joint: FileJoint, end: tuple[Array, Array | None], is_trocar: bool) -> None:
     """State the place and the direction of a joint's axis on one of its links."""
     _, direction = end
-    if joint.kind != "prismatic" and not movable:  # a slide has a direction, but no place
-        view.say(subject, {"place": end})
+    if joint.kind != "prismatic" and not is_trocar:  # a slide has a direction, but no place
+        view.state(subject, {"place": end})
     if direction is not None:
-        view.say(subject, {"axis": (direction, not joint.tied)})
+        view.state(subject, {"axis": (direction, not joint.tied)})
 
 
 def _reduction(physics: FilePhysics, joint: FileJoint) -> float | None:
@@ -720,47 +738,48 @@ def _compare_values(
 
     `worst` gets the largest difference of each file and quantity: {file: {quantity: (difference, subject)}}.
     """
-    q = QUANTITIES[name]
+    rule = QUANTITIES[name]
     key = (subject, name)
-    groups = _groups(key, q, views)
-    right = max(groups, key=_weight)
-    if q.usual is not None:
+    groups = _groups(key, rule, views)
+    right_group = max(groups, key=_weight)
+    if rule.usual is not None:
         for group in groups:
-            if group[0].said[key] == q.usual:
-                right = group
-    reference = right[0]
-    expected = any(view.expected for view in views)
-    if q.by_majority and not expected and len(_families(right)) < 2:
+            if group[0].values[key] == rule.usual:
+                right_group = group
+    reference = right_group[0]
+    with_mechanism = any(view.is_mechanism for view in views)
+    if rule.by_majority and not with_mechanism and len(_families(right_group)) < 2:
         return
     for view in views:
-        if view.ledger is not None and expected:
+        if view.ledger is not None and with_mechanism:
             view.ledger.placed |= name in _GEOMETRY
-        difference = q.apart(reference.said[key], view.said[key])
+        difference = rule.difference(reference.values[key], view.values[key])
         row = worst.setdefault(view.file, {})
-        if q.is_check and (name not in row or difference > row[name][0]):
+        if rule.is_check and (name not in row or difference > row[name][0]):
             row[name] = (difference, subject)
-        if view in right or view.ledger is None:
+        if view in right_group or view.ledger is None:
             continue
-        others = _listed(right)
-        text = difference_text(subject, name, q, view.said[key], reference.said[key], others)
-        if len(_families(right)) == 1 and not reference.expected:
+        others = _file_names(right_group)
+        text = difference_text(subject, name, rule, view.values[key], reference.values[key], others)
+        if len(_families(right_group)) == 1 and not reference.is_mechanism:
             text += " One of the two statements is wrong."
         advice = "find out which file is wrong: `twin audit --robot NAME` compares every file with the mechanism"
-        if reference.expected:
+        if reference.is_mechanism:
             advice = "export the file again; if its value is the right one, correct the robot"
         value: float | None = None
         if np.isfinite(difference):
             value = difference
-        size = Measured(value, q.tolerance, q.unit_of_difference)
-        view.ledger.add(f"physics.{name.replace(' ', '_')}", q.severity, text, subject, suggestion=advice, size=size)
+        size = Measured(value, rule.tolerance, rule.unit_of_difference)
+        code = f"physics.{name.replace(' ', '_')}"
+        view.ledger.add(code, rule.severity, text, subject, suggestion=advice, size=size)
 
 
-def _groups(key: tuple[str, str], q: Compared, views: Sequence[View]) -> list[list[View]]:
+def _groups(key: tuple[str, str], rule: ComparisonRule, views: Sequence[View]) -> list[list[View]]:
     """Return the files in groups: each agrees with the first of its group."""
     groups: list[list[View]] = []
     for view in views:
         for group in groups:
-            if q.apart(group[0].said[key], view.said[key]) <= q.tolerance:
+            if rule.difference(group[0].values[key], view.values[key]) <= rule.tolerance:
                 group.append(view)
                 break
         else:
@@ -774,7 +793,7 @@ def _families(views: Sequence[View]) -> set[str]:
 
 
 def _trust(view: View) -> int:
-    if view.expected:
+    if view.is_mechanism:
         return 0
     return trust(view.format)
 
@@ -782,15 +801,16 @@ def _trust(view: View) -> int:
 def _weight(group: Sequence[View]) -> tuple[bool, int, int]:
     """Return what decides which group is right: the mechanism, the number of sources, the trust in its first file."""
     families = _families(group)
-    return "truth" in families, len(families), -min(map(_trust, group))
+    # Negative: of groups with as many sources, the one with the most trusted file, whose number is the smallest.
+    return _MECHANISM_FORMAT in families, len(families), -min(map(_trust, group))
 
 
-def _listed(views: Sequence[View]) -> str:
+def _file_names(views: Sequence[View]) -> str:
     """Return the names of files as text; of more than three, the first two and the number of the others."""
-    shown = [view.file for view in views]
-    if len(shown) > 3:
-        shown = [*shown[:2], f"{len(views) - 2} more"]
-    *first, last = shown
+    names = [view.file for view in views]
+    if len(names) > 3:
+        names = [*names[:2], f"{len(views) - 2} more"]
+    *first, last = names
     if not first:
         return last
     return f"{', '.join(first)} and {last}"

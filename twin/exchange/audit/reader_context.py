@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
-from twin.exchange.audit.motion import Content, FileClip
+from twin.exchange.audit.file_content import Content, FileClip
 from twin.exchange.audit.report import Ledger
 from twin.exchange.audit.sampled_states import SampledStates
-from twin.exchange.audit.states import same_names
+from twin.exchange.audit.state_comparison import same_names
 from twin.exchange.xacro import XacroSettings
 
 
@@ -57,9 +57,9 @@ def _plays(stem: str, clip: str, models: Sequence[str]) -> bool:
     model of its own, the models without a clip in their names are used.
     """
     names = {f"{model}_{clip}" for model in models}
-    own = names & set(models)
-    if own:
-        return stem in own
+    models_of_clip = names & set(models)
+    if models_of_clip:
+        return stem in models_of_clip
     return not stem.startswith(tuple(f"{model}_" for model in models))
 
 

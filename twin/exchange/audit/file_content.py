@@ -13,7 +13,7 @@ import numpy as np
 
 from twin.core.json_types import JsonObject
 from twin.exchange.audit.colors import Rgba
-from twin.exchange.audit.mechanism_data import FilePhysics, keyed, renamed
+from twin.exchange.audit.mechanism_data import FilePhysics, renamed, with_new_keys
 from twin.exchange.audit.poses import Array, angle
 from twin.exchange.audit.report import Ledger, Measured
 from twin.exchange.format import Holds
@@ -89,8 +89,10 @@ class FileClip:
 
     def renamed(self, links: Mapping[str, str], joints: Mapping[str, str]) -> FileClip:
         """Return the motion after renaming links and joints by {old: new}."""
-        middle = keyed(self.middle, links)
-        return replace(self, links=keyed(self.links, links), joints=keyed(self.joints, joints), middle=middle)
+        middle = with_new_keys(self.middle, links)
+        return replace(
+            self, links=with_new_keys(self.links, links), joints=with_new_keys(self.joints, joints), middle=middle
+        )
 
     @property
     def duration(self) -> float:
@@ -139,12 +141,12 @@ class Content:
     def rename(self, links: Mapping[str, str], joints: Mapping[str, str]) -> None:
         """Rename links and joints by {old: new}; other names stay, as does what the file states as text."""
         self.clips[:] = [clip.renamed(links, joints) for clip in self.clips]
-        self.rest = keyed(self.rest, links)
+        self.rest = with_new_keys(self.rest, links)
         if self.declared is not None:
             self.declared = renamed(self.declared, links)
-        self.shapes = keyed(self.shapes, links)
-        self.colors = keyed(self.colors, links)
-        self.finishes = keyed(self.finishes, links)
+        self.shapes = with_new_keys(self.shapes, links)
+        self.colors = with_new_keys(self.colors, links)
+        self.finishes = with_new_keys(self.finishes, links)
         if self.physics is not None:
             self.physics.rename(links, joints)
 
@@ -199,14 +201,17 @@ def check_times(ledger: Ledger, times: Array, clip: str, code: str) -> bool:
         return False
     steps = np.diff(times)
     if len(steps) and np.min(steps) <= 0:
-        k = int(np.argmin(steps))
-        text = f"clip '{clip}': key {k + 1} at {times[k + 1]:.6g} s does not come after key {k} at {times[k]:.6g} s."
+        key = int(np.argmin(steps))
+        text = (
+            f"clip '{clip}': key {key + 1} at {times[key + 1]:.6g} s does not come after key {key} at "
+            f"{times[key]:.6g} s."
+        )
         ledger.wrong(
             f"{code}.times",
             text,
             clip,
-            size=Measured(steps[k], 0.0, "s"),
-            when=f"key {k + 1}",
+            size=Measured(steps[key], 0.0, "s"),
+            when=f"key {key + 1}",
             suggestion="times must increase strictly",
         )
         return False
@@ -225,23 +230,23 @@ def check_rate(ledger: Ledger, times: Array, stated: float, clip: str) -> None:
         ledger.wrong("tracks.rate", f"clip '{clip}': rate {stated:g} Hz must be above 0.", clip)
         return
     inner = steps[:-1] if len(steps) > 1 else steps
-    off = np.abs(inner * stated - 1)
-    k = int(np.argmax(off))
-    worst = float(off[k])
+    off_rate = np.abs(inner * stated - 1)
+    key = int(np.argmax(off_rate))
+    worst = float(off_rate[key])
     if len(steps) > 1 and steps[-1] * stated > 1 + 1e-3:
-        k = len(steps) - 1
+        key = len(steps) - 1
         worst = float(steps[-1] * stated - 1)
     if worst > 1e-3:
         text = (
-            f"clip '{clip}': the stated rate is {stated:g} Hz, but keys {k} and {k + 1} are {steps[k]:.6g} s apart "
-            f"({1 / steps[k]:.6g} Hz)."
+            f"clip '{clip}': the stated rate is {stated:g} Hz, but keys {key} and {key + 1} are {steps[key]:.6g} s "
+            f"apart ({1 / steps[key]:.6g} Hz)."
         )
         ledger.wrong(
             "tracks.rate",
             text,
             clip,
-            size=Measured(1 / steps[k], stated, "Hz"),
-            when=f"t = {times[k]:.4g} s",
+            size=Measured(1 / steps[key], stated, "Hz"),
+            when=f"t = {times[key]:.4g} s",
             suggestion="state the actual rate of the keys",
         )
     ledger.row("stated rate against key times", worst, "1", 1e-3, where=clip)
@@ -266,20 +271,22 @@ def check_quaternions(
         ledger.wrong(f"{code}.finite", text, where)
         return
     size = np.linalg.norm(xyzw, axis=1)
-    k = int(np.argmax(np.abs(size - 1)))
-    if abs(size[k] - 1) > UNIT_TOL:
-        text = f"{where}: a quaternion has length {size[k]:.6g}, not 1: players normalise it, scale the node, or fail."
-        ledger.wrong(f"{code}.quaternion", text, where, size=Measured(size[k], 1.0), when=f"t = {times[k]:.4g} s")
+    key = int(np.argmax(np.abs(size - 1)))
+    if abs(size[key] - 1) > UNIT_TOL:
+        text = (
+            f"{where}: a quaternion has length {size[key]:.6g}, not 1: players normalise it, scale the node, or fail."
+        )
+        ledger.wrong(f"{code}.quaternion", text, where, size=Measured(size[key], 1.0), when=f"t = {times[key]:.4g} s")
         return
     if not blended:
         return
     dots = np.sum(xyzw[1:] * xyzw[:-1], axis=1)
     flips = np.flatnonzero(dots < 0).tolist()
     if flips:
-        k = flips[0]
+        key = flips[0]
         text = (
-            f"{where}: the quaternion changes sign {len(flips)} times, first between {times[k]:.4g} and "
-            f"{times[k + 1]:.4g} s"
+            f"{where}: the quaternion changes sign {len(flips)} times, first between {times[key]:.4g} and "
+            f"{times[key + 1]:.4g} s"
         )
         severity = "disagreement"
         if shorter:
@@ -292,20 +299,20 @@ def check_quaternions(
         else:
             text += ": players that interpolate components (Unity) rotate the link by up to 180 deg."
         count = Measured(float(len(flips)), 0.0)
-        ledger.add(f"{code}.quaternion_sign", severity, text, where, size=count, when=f"t = {times[k]:.4g} s")
+        ledger.add(f"{code}.quaternion_sign", severity, text, where, size=count, when=f"t = {times[key]:.4g} s")
     turn = 2 * np.arccos(np.clip(np.abs(dots) / (size[1:] * size[:-1]), 0, 1))
     if len(turn) and np.max(turn) > MAX_STEP:
-        k = int(np.argmax(turn))
+        key = int(np.argmax(turn))
         text = (
-            f"{where} rotates by {np.degrees(turn[k]):.4g} deg between {times[k]:.4g} and {times[k + 1]:.4g} s; "
+            f"{where} rotates by {np.degrees(turn[key]):.4g} deg between {times[key]:.4g} and {times[key + 1]:.4g} s; "
             "above 180 deg, players rotate backwards."
         )
         ledger.wrong(
             f"{code}.step",
             text,
             where,
-            size=Measured(float(np.degrees(turn[k])), float(np.degrees(MAX_STEP)), "deg"),
-            when=f"t = {times[k]:.4g} s",
+            size=Measured(float(np.degrees(turn[key])), float(np.degrees(MAX_STEP)), "deg"),
+            when=f"t = {times[key]:.4g} s",
         )
 
 
@@ -315,10 +322,12 @@ def check_poses(ledger: Ledger, clip: FileClip, code: str) -> None:
         if not np.all(np.isfinite(T)):
             ledger.wrong(f"{code}.finite", f"clip '{clip.name}': the pose of link '{name}' is not finite.", name)
             continue
-        away = np.linalg.norm(T[:, :3, 3], axis=1)
-        if len(away) and np.max(away) > FAR:
+        distances = np.linalg.norm(T[:, :3, 3], axis=1)
+        if len(distances) and np.max(distances) > FAR:
+            farthest = float(np.max(distances))
+            time = clip.times[int(np.argmax(distances))]
             text = (
-                f"clip '{clip.name}': link '{name}' is {np.max(away):.4g} m from the origin: the numbers look like "
+                f"clip '{clip.name}': link '{name}' is {farthest:.4g} m from the origin: the numbers look like "
                 "millimetres, but the file is in metres."
             )
             ledger.add(
@@ -326,8 +335,8 @@ def check_poses(ledger: Ledger, clip: FileClip, code: str) -> None:
                 "warning",
                 text,
                 name,
-                size=Measured(float(np.max(away)), FAR, "m"),
-                when=f"t = {clip.times[int(np.argmax(away))]:.4g} s",
+                size=Measured(farthest, FAR, "m"),
+                when=f"t = {time:.4g} s",
                 suggestion="check the unit",
             )
 
