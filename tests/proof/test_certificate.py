@@ -192,7 +192,7 @@ def test_the_audit_draws_angles_from_their_whole_range(tmp_path, capsys):
 @pytest.mark.parametrize("middle", range(-6, 7))
 def test_the_audit_turns_by_multiples_of_30_degrees(middle):
     for angle in (middle * math.pi / 6 + 0.4, middle * math.pi / 6 - 3.0):
-        (cosine, _), (sine, _) = audit_of_certificates._turn(angle, middle)
+        (cosine, _), (sine, _) = audit_of_certificates._cosine_and_sine(angle, middle)
         assert float(cosine) == pytest.approx(math.cos(angle), abs=1e-12)
         assert float(sine) == pytest.approx(math.sin(angle), abs=1e-12)
 
