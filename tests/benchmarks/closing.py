@@ -15,7 +15,7 @@ import numpy as np
 
 import twin
 from twin.reference import ReferenceModel
-from twin.reference.closing import Closing
+from twin.reference.loop_closing import Closing
 
 SINGLE = 40
 """Number of the states that are also solved singly."""

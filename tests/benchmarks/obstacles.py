@@ -19,7 +19,7 @@ from twin.api.scene_obstacles import obstacles_in_base
 from twin.planning.fmt import FmtSearch
 from twin.planning.obstacle_avoidance import shortcuts
 from twin.reference.follower import Follower
-from twin.reference.space import JointSpace
+from twin.reference.joint_space import JointSpace
 
 ROOT = Path(__file__).resolve().parents[2]
 CLEARANCE = 2e-3

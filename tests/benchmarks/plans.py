@@ -39,8 +39,8 @@ from twin.planning.obstacle_avoidance import around
 from twin.planning.smooth import line
 from twin.planning.timing import time_path
 from twin.reference import ReferenceModel
-from twin.reference.pairs import Still
-from twin.reference.space import JointSpace
+from twin.reference.collision_pairs import Obstacle
+from twin.reference.joint_space import JointSpace
 
 CLEARANCE, CUBE, MOMENTS, INNER, TOUCH = 2 * MM, 50 * MM, 400, 50, 0.01 * MM
 ROBOTS = {"raven_left": ("dome", 0.6), "pa10": ("vsrs", 1.0), "davinci_psm": ("davinci", 0.4), "sils": (None, 0.4)}
@@ -204,7 +204,7 @@ class Problem:
                 if way is None:
                     continue
                 block = cube(self.model.collect(way).Ts_base_tool[16, :3, 3])
-                still = Still(block[0], block[1], block[2])
+                still = Obstacle(block[0], block[1], block[2])
                 space = JointSpace(lambda: self.model, CLEARANCE, around=lambda s=still: [s])
                 if not space.free(q).all():
                     continue

@@ -23,7 +23,7 @@ from twin.exchange.read.folder import write_folder
 from twin.model.body import Body, Frame, Mesh
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
-from twin.reference.clearance import apart
+from twin.reference.clearance import unjointed_pairs
 
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
 
@@ -277,7 +277,7 @@ def test_a_body_that_the_import_inserted_is_no_gap_between_parent_and_child(tmp_
     path.write_text(UNIVERSAL)
     m = close(read(path, root="world", guarded=False)).mechanism
     assert m.body("leg_after_x").meshes == ()
-    pairs = {frozenset((a.body, b.body)) for a, b in apart(m)}
+    pairs = {frozenset((a.body, b.body)) for a, b in unjointed_pairs(m)}
     # parent and child overlap at their joint; the free body is connected with nothing
     assert pairs == {frozenset(p) for p in (("frame", "tip"), ("frame", "top"), ("leg", "top"), ("tip", "top"))}
 
@@ -289,7 +289,7 @@ def test_arms_on_a_base_without_shape_can_collide():
     frames = (Frame("tool", "arm0", np.eye(4)),)
     rest = {b.name: np.eye(4) for b in bodies}
     m = Mechanism("two", "base", tuple(bodies), tuple(arms), frames, tool="tool", rest=rest)
-    assert [(a.body, b.body) for a, b in apart(m)] == [("arm0", "arm1")]
+    assert [(a.body, b.body) for a, b in unjointed_pairs(m)] == [("arm0", "arm1")]
 
 
 # --------------------------------------------------------------------------------------------------- flat shapes

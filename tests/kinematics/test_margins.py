@@ -42,7 +42,7 @@ def rows_of(formula, model, run):
 
 
 def judged(formula, model, run):
-    from twin.reference.boundary import Boundary
+    from twin.reference.margin_zeros import Boundary
 
     return {(r.name, r.kind): r for r in Boundary(model, rows_of(formula, model, run), run.x).judge()}
 

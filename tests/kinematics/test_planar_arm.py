@@ -15,8 +15,8 @@ from twin.kinematics import compile_formula
 from twin.kinematics.margins import Margins
 from twin.model.joint import Joint
 from twin.reference import ReferenceModel
-from twin.reference.boundary import Boundary, Judged, disagreements
 from twin.reference.degeneracy import Degeneracy
+from twin.reference.margin_zeros import Boundary, Judged, disagreements
 from twin.validation.cause import side
 
 A, B = 0.3, 0.2

@@ -13,9 +13,9 @@ from twin.core.units import MM
 from twin.model.body import Body, Frame
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
-from twin.reference import ReferenceModel, bounds
-from twin.reference.pairs import Still
-from twin.reference.space import JointSpace
+from twin.reference import ReferenceModel, distance_bounds
+from twin.reference.collision_pairs import Obstacle
+from twin.reference.joint_space import JointSpace
 
 CLEARANCE = 5 * MM
 DENSE = np.linspace(0.0, 1.0, 1001)
@@ -38,15 +38,15 @@ def arm(count=3):
 
 def post(x, y, size=0.06, touches=frozenset()):
     """Return a square post at (x, y) in m as an obstacle."""
-    return Still(
+    return Obstacle(
         "room/post", Body("post", (box("post", [0, 0, 0], [size, size, 0.2]),)), spatial.pose(p=[x, y, 0]), touches
     )
 
 
 def coarse_grids(monkeypatch):
     """Let grids have a tenth of their nodes, and keep none: a full one takes seconds where none is kept on disk."""
-    monkeypatch.setattr(bounds, "_GRID_NODES", 40_000)
-    monkeypatch.setattr(bounds, "_kept", lambda kind, triangles, make: make())
+    monkeypatch.setattr(distance_bounds, "_GRID_NODES", 40_000)
+    monkeypatch.setattr(distance_bounds, "_cached_arrays", lambda kind, triangles, make: make())
 
 
 def space_of(mechanism, *stills, clearance=CLEARANCE, **more):

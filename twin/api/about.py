@@ -235,7 +235,7 @@ def info(robot: Robot, progress: Progress = silent) -> Info:
     Raises:
         TwinError: the robot's description, CAD, stage or equations are malformed.
     """
-    from twin.reference.regular import singular_home
+    from twin.reference.regularity import singular_home
 
     progress("read CAD", 0.0)
     mechanism = robot.mechanism

@@ -687,7 +687,7 @@ class Robot:
         """Return the limits, the equations (if the robot has any) and the mechanism, for planning."""
         from twin.planning.trajectory import without_equations
         from twin.reference.follower import Follower
-        from twin.reference.space import JointSpace
+        from twin.reference.joint_space import JointSpace
 
         follower = Follower(self.reference)
 

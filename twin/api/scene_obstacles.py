@@ -11,12 +11,12 @@ from twin.core.spatial import Array
 
 if TYPE_CHECKING:
     from twin.model.scene import Scene
-    from twin.reference.pairs import Still
+    from twin.reference.collision_pairs import Obstacle
 
 
 def obstacles_in_base(
     scene: str, robot: str, load: Callable[[str], Any], poses: Mapping[str, Mapping[str, Array]] | None = None
-) -> list[Still]:
+) -> list[Obstacle]:
     """Return the bodies of the props and of the other robots of a scene, with poses in one robot's base frame.
 
     `scene` is the name of a built-in scene, or the path of a scene.toml or of its folder. `load` returns the robot of a
@@ -32,10 +32,10 @@ def obstacles_in_base(
     return _load_obstacles(loaded, {own.name: ""}, own.T_world_base, load, poses or {})
 
 
-def obstacles_in_world(scene: Scene, names: Sequence[str], load: Callable[[str], Any]) -> list[Still]:
+def obstacles_in_world(scene: Scene, names: Sequence[str], load: Callable[[str], Any]) -> list[Obstacle]:
     """Return the bodies of the props and of the other robots of a scene, with poses in the world frame.
 
-    `names` are the names of the planned robots, which are not obstacles. In the result, `Still.touches` lists the
+    `names` are the names of the planned robots, which are not obstacles. In the result, `Obstacle.touches` lists the
     bodies of planned robots that may touch the obstacle, named as in `twin.model.joined`. `load` returns the robot of a
     given name.
     """
@@ -49,7 +49,7 @@ def _load_obstacles(
     T_world_base: Array,
     load: Callable[[str], Any],
     poses: Mapping[str, Mapping[str, Array]],
-) -> list[Still]:
+) -> list[Obstacle]:
     """Load the props and the robots that are not in `own`, as obstacles; see `twin.reference.obstacles`."""
     from twin.cad.build import read_props
     from twin.reference.obstacles import obstacles

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from twin.planning.protocol import Protocol
     from twin.planning.rounds import SearchRounds
     from twin.planning.trajectory import Keep
-    from twin.reference.space import JointSpace
+    from twin.reference.joint_space import JointSpace
 
 _STILL = 1e-9
 """Change in m or rad below which a joint counts as not moved."""
@@ -219,7 +219,7 @@ class _Plan:
         """
         from twin.model.joined import joined, owners
         from twin.reference import ReferenceModel
-        from twin.reference.space import JointSpace
+        from twin.reference.joint_space import JointSpace
 
         names = [arm.name for arm in self.arms]
         parts = _placed(self.arms[:count])

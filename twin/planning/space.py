@@ -1,4 +1,4 @@
-"""Interface of the space in which a path is searched; `twin.reference.space.JointSpace` implements it."""
+"""Interface of the space in which a path is searched; `twin.reference.joint_space.JointSpace` implements it."""
 
 from __future__ import annotations
 

@@ -5,15 +5,15 @@ The model is built from a `Mechanism` alone, and shares no code with the equatio
 The modules:
 
 - the mechanism as numbers: `tree`, `loops`, `pose_residuals`; `newton` closes the loops
-- states: `model` and `states`, at joint values or tool poses; `assembling` for loops that are open in the CAD,
-  `regular` and `singular_departure` for singular states, `closing` for many states at once
+- states: `model` and `states`, at joint values or tool poses; `assembly` for loops that are open in the CAD,
+  `regularity` and `singular_departure` for singular states, `loop_closing` for many states at once
 - motions: `follower`, `continuation`, `sample_continuation`, `target_continuation`
 - ranks and rates: `mobility`, `loop_rates`, `conditioning`, `degeneracy`
-- checks of equations and drawing: `boundary` with `newton_walks` (reach margins and singularity measures),
+- checks of equations and drawing: `margin_zeros` with `newton_walks` (reach margins and singularity measures),
   `joint_range` (states all over the range), `mating` (joints of the CAD), `sensitivity` (rounded frames)
 - forces: `inertia`, `dynamics`, `holding_efforts`
-- distances: `clearance` along a motion and its proof, `clearance_certificate`; for a search of paths, `space` with
-  `pairs`, `obstacles` and `travel`, and `bounds` with `lookup`
+- distances: `clearance` along a motion and its proof, `clearance_certificate`; for a search of paths, `joint_space`
+  with `collision_pairs`, `obstacles` and `relative_motion`, and `distance_bounds` with `distance_lookup`
 """
 
 from twin.reference.mobility import Mobility

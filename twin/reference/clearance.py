@@ -26,7 +26,7 @@ class Clearance:
     """Minimum clearances at the samples of a motion.
 
     Attributes:
-        distance: (k,) in m, minimum clearance between bodies that are not jointed (see `apart`); 0 if two collide.
+        distance: (k,) in m, minimum clearance of all `unjointed_pairs`; 0 if two bodies collide.
         pair: (k,) names of the two nearest bodies.
         contacts: (sample, part, part) of each collision between non-mating parts of jointed bodies.
     """
@@ -88,9 +88,11 @@ def _hull(vertices: Array) -> coal.Convex:
     from scipy.spatial import ConvexHull
 
     hull = ConvexHull(vertices)
-    place = {int(k): i for i, k in enumerate(hull.vertices)}
+    # scipy numbers the corners as in `vertices`, coal as in `points`
+    place: dict[int, int] = {}
     points = coal.StdVec_Vec3s()
     for k in hull.vertices:
+        place[int(k)] = len(place)
         points.append(vertices[k])
     # coal requires triangles with outward normals; in scipy, only `equations` has these normals
     simplices = hull.simplices.copy()
@@ -117,14 +119,17 @@ def clearance(
         link_poses: T_base_body (k, 4, 4) by name of the body.
         progress: called with the fraction done.
     """
-    distance, pair = _track(apart(mechanism), link_poses, progress)
+    distance, pair = _track(unjointed_pairs(mechanism), link_poses, progress)
     contacts = _contacts(mechanism, _jointed(mechanism), link_poses)
     return Clearance(distance, pair, contacts)
 
 
-def apart(mechanism: Mechanism) -> list[tuple[Shape, Shape]]:
+def unjointed_pairs(mechanism: Mechanism) -> list[tuple[Shape, Shape]]:
     """Return all pairs of shapes whose bodies no joint connects, directly or over bodies without shape."""
-    shapes = [Shape(b.name, b.name, b.meshes) for b in mechanism.bodies if b.meshes]
+    shapes = []
+    for body in mechanism.bodies:
+        if body.meshes:
+            shapes.append(Shape(body.name, body.name, body.meshes))
     jointed = _jointed(mechanism)
     pairs = []
     for a, b in combinations(shapes, 2):
@@ -139,18 +144,22 @@ def _jointed(mechanism: Mechanism) -> set[frozenset[str]]:
     An import inserts such bodies: between two hinges of one body, or for a link that only holds a frame. A free joint
     connects nothing. The base is no part of a chain: it holds bodies that are apart.
     """
-    direct = [frozenset((j.parent, j.child)) for j in mechanism.joints if j.type != "free"]
+    connected = []
+    for joint in mechanism.joints:
+        if joint.type != "free":
+            connected.append(frozenset((joint.parent, joint.child)))
     for body in mechanism.bodies:
         if body.meshes or body.name == mechanism.base:
             continue
-        own_pairs = [pair for pair in direct if body.name in pair]
+        own_pairs = [pair for pair in connected if body.name in pair]
+        # with one neighbour the body ends a chain, with three or more its neighbours move against each other
         if len(own_pairs) != 2:
             continue
-        beyond = (own_pairs[0] | own_pairs[1]) - {body.name}
-        direct = [pair for pair in direct if pair not in own_pairs]
-        if len(beyond) == 2:
-            direct.append(beyond)
-    return set(direct)
+        neighbours = (own_pairs[0] | own_pairs[1]) - {body.name}
+        connected = [pair for pair in connected if pair not in own_pairs]
+        if len(neighbours) == 2:
+            connected.append(neighbours)
+    return set(connected)
 
 
 def between(
@@ -177,13 +186,13 @@ def between(
         for body, T in links.items():
             poses[f"{owner}/{body}"] = T
     clearances = {}
-    for m, n in combinations(mechanisms, 2):
+    for first_owner, second_owner in combinations(mechanisms, 2):
         pairs = []
-        for a, b in product(shapes[m], shapes[n]):
+        for a, b in product(shapes[first_owner], shapes[second_owner]):
             if frozenset((a.name, b.name)) not in touching:
                 pairs.append((a, b))
         distance, pair = _track(pairs, poses, None)
-        clearances[m, n] = Clearance(distance, pair, ())
+        clearances[first_owner, second_owner] = Clearance(distance, pair, ())
     return clearances
 
 
@@ -193,7 +202,8 @@ def _contacts(
     """Return (sample, part, part) of collisions of jointed bodies; parts that mate or touch in the CAD are skipped."""
     mating = set()
     for joint in mechanism.joints:
-        mating.update(frozenset(pair) for pair in combinations(joint.mating, 2))
+        for part, partner in combinations(joint.mating, 2):
+            mating.add(frozenset((part, partner)))
     contacts = []
     for pair in sorted(jointed, key=sorted):
         a, b = sorted(pair)
@@ -202,31 +212,39 @@ def _contacts(
         rest_a = mechanism.rest.get(a, link_poses[a][0])
         rest_b = mechanism.rest.get(b, link_poses[b][0])
         T_drawn = spatial.inverse(rest_a) @ rest_b
-        parts_a = [Shape(mesh.name, a, [mesh]) for mesh in mechanism.body(a).meshes]
-        parts_b = [Shape(mesh.name, b, [mesh]) for mesh in mechanism.body(b).meshes]
-        for q in parts_b:
-            corners = q.corners_in(T_a_b)
-            drawn = q.corners_in(T_drawn[None])
-            drawn_low = drawn[0].min(axis=0)
-            drawn_high = drawn[0].max(axis=0)
-            from_drawn = _largest_shift(corners, drawn)
-            for p in parts_a:
-                own = p.corners_in(np.eye(4)[None])[0]
-                gap = box_gap(own.min(axis=0), own.max(axis=0), drawn_low, drawn_high)
-                if from_drawn.max() < gap or frozenset((p.name, q.name)) in mating:
+        parts_a = _part_shapes(mechanism, a)
+        parts_b = _part_shapes(mechanism, b)
+        for part_b in parts_b:
+            corners_b = part_b.corners_in(T_a_b)
+            corners_drawn = part_b.corners_in(T_drawn[None])
+            drawn_low = corners_drawn[0].min(axis=0)
+            drawn_high = corners_drawn[0].max(axis=0)
+            from_drawn = _largest_shift(corners_b, corners_drawn)
+            for part_a in parts_a:
+                corners_a = part_a.corners_in(np.eye(4)[None])[0]
+                gap = box_gap(corners_a.min(axis=0), corners_a.max(axis=0), drawn_low, drawn_high)
+                if from_drawn.max() < gap or frozenset((part_a.name, part_b.name)) in mating:
                     continue
-                gap = distance_between(p, q, np.eye(4), T_drawn)
+                gap = distance_between(part_a, part_b, np.eye(4), T_drawn)
                 if gap <= TOUCHING:
                     continue
                 k = 0
                 travel = from_drawn
                 while travel[k:].max() >= gap > 0:
                     k += int(np.argmax(travel[k:] >= gap))  # before this sample, b has moved too little to touch a
-                    gap = distance_between(p, q, np.eye(4), T_a_b[k])
-                    travel = _largest_shift(corners, corners[k])
+                    gap = distance_between(part_a, part_b, np.eye(4), T_a_b[k])
+                    travel = _largest_shift(corners_b, corners_b[k])
                 if gap <= 0:
-                    contacts.append((k * _JOINTED_INTERVAL, p.name, q.name))
+                    contacts.append((k * _JOINTED_INTERVAL, part_a.name, part_b.name))
     return tuple(contacts)
+
+
+def _part_shapes(mechanism: Mechanism, body: str) -> list[Shape]:
+    """Return a shape for each mesh of a body, so that parts can be named and tested one by one."""
+    shapes = []
+    for mesh in mechanism.body(body).meshes:
+        shapes.append(Shape(mesh.name, body, [mesh]))
+    return shapes
 
 
 def _largest_shift(corners: Array, before: Array) -> Array:

@@ -2,8 +2,8 @@
 
 The path is given with stations: states on it with closed loops, between which the motion of each coordinate is bounded.
 In an interval of s, the distance of a pair is at least the distance in the middle of the interval minus the largest
-possible approach (`travel`) in half of the interval. Intervals are halved until this bound is at most `within` below
-the smallest distance found.
+possible approach (`relative_motion`) in half of the interval. Intervals are halved until this bound is at most `within`
+below the smallest distance found.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import numpy as np
 from twin.core.errors import MechanismError
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.reference.closing import Closing
-from twin.reference.pairs import CollisionPairs
+from twin.reference.collision_pairs import CollisionPairs
+from twin.reference.loop_closing import Closing
 
 _FAR = 100 * MM
 """Distance in m up to which lower bounds are computed, as long as no exact distance is known."""
@@ -32,8 +32,8 @@ class Stations:
         closing: closes the loops of the mechanism.
         s: (k,) values of s at the stations.
         X: (k, nq) configurations at the stations.
-        fine: (m,) values of s from 0 to 1 for `moved`.
-        moved: (m, nv) in m or rad, upper bound of the path length of each coordinate from s = 0 to each s in `fine`.
+        fine: (m,) values of s from 0 to 1 for `travel`.
+        travel: (m, nv) in m or rad, upper bound of the path length of each coordinate from s = 0 to each s in `fine`.
     """
 
     path: Callable[[Array], Array]
@@ -41,7 +41,7 @@ class Stations:
     s: Array
     X: Array
     fine: Array
-    moved: Array
+    travel: Array
 
     def at(self, s: Array) -> Array | None:
         """Return configurations (k, nq) of the path at s (k,); None if the loops do not close."""
@@ -59,17 +59,17 @@ class Stations:
 
     def ahead(self, s: Array, width: float) -> Array:
         """Return upper bounds (k, nv) of each coordinate's motion from s (k,), within width / 2 on either side of s."""
-        low = self._moved_until(s - 0.5 * width)
-        middle = self._moved_until(s)
-        high = self._moved_until(s + 0.5 * width)
+        low = self._travel_until(s - 0.5 * width)
+        middle = self._travel_until(s)
+        high = self._travel_until(s + 0.5 * width)
         return np.maximum(high - middle, middle - low)
 
-    def _moved_until(self, s: Array) -> Array:
-        """Return `moved` (k, nv) at s (k,), interpolated between the values of `fine`."""
+    def _travel_until(self, s: Array) -> Array:
+        """Return `travel` (k, nv) at s (k,), interpolated between the values of `fine`."""
         i = np.clip(np.searchsorted(self.fine, s, side="right") - 1, 0, len(self.fine) - 2)
         part = (s - self.fine[i]) / (self.fine[i + 1] - self.fine[i])
-        increase = self.moved[i + 1] - self.moved[i]
-        return self.moved[i] + part[:, None] * increase
+        increase = self.travel[i + 1] - self.travel[i]
+        return self.travel[i] + part[:, None] * increase
 
 
 @dataclass(frozen=True)
@@ -89,9 +89,9 @@ class Certificate:
     bodies: tuple[str, str]
 
 
-def nearest(found: Iterable[Certificate]) -> Certificate:
+def nearest(certificates: Iterable[Certificate]) -> Certificate:
     """Combine certificates for different pairs on one path into one; without certificates, distances are infinite."""
-    every = [Certificate(np.inf, np.inf, 0.0, ("", "")), *found]
+    every = [Certificate(np.inf, np.inf, 0.0, ("", "")), *certificates]
     smallest = min(every, key=lambda c: c.found)
     # the proven bound and the smallest distance may be those of different pairs
     proven = min(c.proven for c in every)
@@ -99,12 +99,12 @@ def nearest(found: Iterable[Certificate]) -> Certificate:
 
 
 def certify(
-    seen: Stations, pairs: CollisionPairs, which: np.ndarray, within: float, check: Callable[[], None]
+    stations: Stations, pairs: CollisionPairs, which: np.ndarray, within: float, check: Callable[[], None]
 ) -> Certificate:
     """Return the smallest distance, with a proven lower bound, of the pairs `which` (n,) along a path.
 
     Args:
-        seen: the path with its stations.
+        stations: the path with its stations.
         pairs: all pairs of bodies.
         which: (n,) indices of the pairs whose distance is bounded.
         within: accepted difference in m between the smallest distance found and the bound.
@@ -126,18 +126,18 @@ def certify(
         width = 0.5**level
         places, row = np.unique(place, return_inverse=True)
         middles = (places + 0.5) * width
-        X = seen.at(middles)
+        X = stations.at(middles)
         if X is None:
             raise MechanismError("the loops of the mechanism do not close along the path")
-        motion = seen.ahead(middles, width)
+        motion = stations.ahead(middles, width)
         poses, approaches = pairs.around(X, motion)
         ahead = approaches[row, pair]
         bound = pairs.gaps(poses, row, pair)
-        near = np.flatnonzero(bound - ahead < smallest - within)
+        candidate_rows = np.flatnonzero(bound - ahead < smallest - within)
         # the distance that excludes a pair; while no exact distance is known, `_FAR` replaces it
-        wanted = np.minimum(smallest, _FAR) - within + ahead[near]
-        closer, *_ = pairs.bounds.at(poses, row[near], pair[near], wanted)
-        bound[near] = np.maximum(bound[near], closer)
+        excluding_distance = np.minimum(smallest, _FAR) - within + ahead[candidate_rows]
+        closer, *_ = pairs.bounds.at(poses, row[candidate_rows], pair[candidate_rows], excluding_distance)
+        bound[candidate_rows] = np.maximum(bound[candidate_rows], closer)
         # nearest first: a small exact distance excludes many of the following pairs
         for i in np.argsort(bound - ahead, kind="stable"):
             excluded = not bound[i] - ahead[i] < smallest - within
@@ -150,7 +150,8 @@ def certify(
             if bound[i] < smallest:
                 smallest = float(bound[i])
                 s_smallest = float(middles[row[i]])
-                names = tuple(pairs.shapes[j].name for j in pairs.rows[pair[i]])
+                a, b = pairs.rows[pair[i]]
+                names = (pairs.shapes[a].name, pairs.shapes[b].name)
         lower = bound - ahead
         unproven = lower < smallest - within
         proven = min(proven, float(lower[~unproven].min(initial=np.inf)))
@@ -161,4 +162,4 @@ def certify(
         level += 1
     # bodies that overlap have the distance 0
     proven = max(min(proven, smallest), 0.0)
-    return Certificate(proven, smallest, s_smallest, (names[0], names[1]))
+    return Certificate(proven, smallest, s_smallest, names)

@@ -35,11 +35,10 @@ def conditioning(model: ReferenceModel, states: Array, length: float) -> Conditi
     poses, J = tree.update(states, closing_only=True)
     tool = tree.tool_jacobian(poses, J) @ gain
     tool = np.concatenate([tool[:, :3] / length, tool[:, 3:]], axis=1)
-    slides = np.array([not j.is_angle for j in active])
-    unit = np.where(slides, length, 1.0)  # rates of sliding joints in units of `length`
+    unit = np.where(tree.are_angles, 1.0, length)  # rates of sliding joints in units of `length`
     tool = unit * tool
-    auxiliary = mechanism.auxiliary
-    tool = tool[..., [j not in auxiliary for j in active]]  # a jaw never moves the tool
+    moves_tool = [joint not in mechanism.auxiliary for joint in active]
+    tool = tool[..., moves_tool]  # a jaw never moves the tool
     values = np.linalg.svd(tool, compute_uv=False)
     largest = values[:, 0]
     smallest = values[:, -1]

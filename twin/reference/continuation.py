@@ -39,8 +39,8 @@ class LoopContinuation:
         self.X = np.zeros((0, model.tree.model.nq))
         self._q = np.zeros((0, 0))
         self._gain = np.zeros((0, 0, 0))  # of the last step
-        self._half = np.zeros((0, 0, 0))  # half of its change in the last step
-        self._give = np.zeros((0, 0, 0))
+        self._half_change = np.zeros((0, 0, 0))  # half of its change in the last step
+        self._pseudoinverse = np.zeros((0, 0, 0))
 
     def motion(self, q: Array, qd: Array, qdd: Array) -> tuple[Array, Array, Array]:
         """Continue to joint values q (k, n); return V, dV/dt (k, nv) and G (k, nv, n) as `ReferenceModel.motion` does.
@@ -55,7 +55,7 @@ class LoopContinuation:
         """
         if not len(self.X):
             self._begin(q)
-        X, solved = self._near(q)
+        X, is_solved = self._near(q)
         model = self._model
         tree = model.tree
         loops = tree.loops
@@ -63,46 +63,46 @@ class LoopContinuation:
         T0, T = loops.relative(poses)
         r, A = loops.evaluate_at(X, T0, T, J)
         # a row whose Jacobian is not yet accurate is corrected once more before
-        rough = _open(r)
-        if rough.any():
-            X[rough] = self._moved(X[rough], self._give[rough], r[rough])
+        is_rough = _open(r)
+        if is_rough.any():
+            X[is_rough] = self._moved(X[is_rough], self._pseudoinverse[is_rough], r[is_rough])
             poses, J = tree.update(X, closing_only=True)
             T0, T = loops.relative(poses)
             r, A = loops.evaluate_at(X, T0, T, J)
-        far = _open(r)
-        if far.any():
-            X[far] = model.follow(self.X[far], q[far])
+        is_open = _open(r)
+        if is_open.any():
+            X[is_open] = model.follow(self.X[is_open], q[is_open])
             poses, J = tree.update(X, closing_only=True)
             T0, T = loops.relative(poses)
             r, A = loops.evaluate_at(X, T0, T, J)
-        give = self._pseudoinverses(A)
-        self.X = self._moved(X, give, r)
-        gain = loop_rates.gains_of(tree, A, give)
-        self._half = (gain - self._gain) / 2
-        self._half[solved | far] = 0.0
+        pseudoinverse = self._pseudoinverses(A)
+        self.X = self._moved(X, pseudoinverse, r)
+        gain = loop_rates.gains_of(tree, A, pseudoinverse)
+        self._half_change = (gain - self._gain) / 2
+        self._half_change[is_solved | is_open] = 0.0
         self._q = np.array(q, float)
-        self._give = give
+        self._pseudoinverse = pseudoinverse
         self._gain = gain
         V = _times(gain, qd)
-        change = _times(gain, qdd)
+        Vd = _times(gain, qdd)
         twists, biases = tree.motions(J, V)
         drift = loops.drift(T0, T, twists, biases)
-        change[:, tree.passive] -= _times(give, drift)
-        return V, change, gain
+        Vd[:, tree.passive] -= _times(pseudoinverse, drift)
+        return V, Vd, gain
 
     def _begin(self, q: Array) -> None:
         """Solve the states at q (k, n) from home."""
         model = self._model
         self.X = np.array([model.solve(row).x for row in q])
         _, A = model.loops_only(self.X, np.arange(len(q)))
-        self._give = loop_rates.pseudoinverse_of(model.tree, A)
-        self._gain = loop_rates.gains_of(model.tree, A, self._give)
-        self._half = np.zeros_like(self._gain)
+        self._pseudoinverse = loop_rates.pseudoinverse_of(model.tree, A)
+        self._gain = loop_rates.gains_of(model.tree, A, self._pseudoinverse)
+        self._half_change = np.zeros_like(self._gain)
         self._q = np.array(q, float)
 
     def _near(self, q: Array) -> tuple[Array, np.ndarray]:
         """Return states (k, nq) at q (k, n), and (k,) bool: whether Newton's method solved a row; else predicted."""
-        steps = _times(self._gain + self._half, q - self._q)
+        steps = _times(self._gain + self._half_change, q - self._q)
         X = self._model.tree.step(self.X, steps)
         solved = np.maximum.reduce(np.abs(steps), axis=1, initial=0.0) > _LONGEST_PREDICTED_STEP
         if solved.any():
@@ -122,19 +122,19 @@ class LoopContinuation:
             inverses = np.asarray(np.linalg.inv(squares), float)
         except np.linalg.LinAlgError:  # at least one row has dependent columns
             return loop_rates.pseudoinverse_of(self._model.tree, A)
-        give = inverses @ Pt
-        give += (np.eye(P.shape[2]) - give @ P) @ give
+        pseudoinverse = inverses @ Pt
+        pseudoinverse += (np.eye(P.shape[2]) - pseudoinverse @ P) @ pseudoinverse
         condition = _size(squares) * _size(inverses)
         poor = ~(condition <= _LARGEST_CONDITION)  # NaN counts as poor
         if poor.any():
-            give[poor] = loop_rates.pseudoinverse_of(self._model.tree, A[poor])
-        return give
+            pseudoinverse[poor] = loop_rates.pseudoinverse_of(self._model.tree, A[poor])
+        return pseudoinverse
 
-    def _moved(self, X: Array, give: Array, r: Array) -> Array:
+    def _moved(self, X: Array, pseudoinverse: Array, r: Array) -> Array:
         """Return configurations X (k, nq) with passive joints moved against the residuals r (k, m)."""
         tree = self._model.tree
         steps = np.zeros((len(X), tree.model.nv))
-        steps[:, tree.passive] = -_times(give, r)
+        steps[:, tree.passive] = -_times(pseudoinverse, r)
         return tree.step(X, steps)
 
 

@@ -60,26 +60,26 @@ class Degeneracy:
         tool = self.tool(states)
         positions = tool[:, :3]
         self.positional = _regular_rank(_values(positions), _RANK_TOLERANCE) == self.freedom
-        _, values = self._raw(states)
+        _, values = self._motions_and_values(states)
         # the singular value that vanishes first at a degenerate state: the smallest one that is regularly not 0
-        self._at: list[int] = []
-        self._usual: list[float] = []
+        self._critical_column: list[int] = []
+        self._usual_value: list[float] = []
         for s in values:
             last = max(_regular_rank(s, _RANK_TOLERANCE) - 1, 0)
             usual = 1.0
             if s.size:
                 usual = float(np.median(s[:, last]))
-            self._at.append(last)
-            self._usual.append(usual)
+            self._critical_column.append(last)
+            self._usual_value.append(usual)
 
     def of(self, states: Array) -> Array:
         """Return the distances (k, 3) from degeneracy: about 1 at usual states, 0 at a degenerate state.
 
         Columns: additional dimensions of the null space, driven joints at rest (type II), tool at rest (type I).
         """
-        _, values = self._raw(states)
+        _, values = self._motions_and_values(states)
         columns = []
-        for s, last, usual in zip(values, self._at, self._usual, strict=True):
+        for s, last, usual in zip(values, self._critical_column, self._usual_value, strict=True):
             distance = np.ones(len(states))
             if s.size:
                 distance = s[:, last] / usual
@@ -91,7 +91,7 @@ class Degeneracy:
 
         Divided by `scale`, the steps of a state are orthonormal.
         """
-        steps, _ = self._raw(states, motions_only=True)
+        steps, _ = self._motions_and_values(states, motions_only=True)
         return steps
 
     def tool(self, states: Array) -> Array:
@@ -127,7 +127,7 @@ class Degeneracy:
         output = np.concatenate(rows, axis=1)
         return A * self.scale, output * self.scale, poses
 
-    def _raw(self, states: Array, motions_only: bool = False) -> tuple[Array, list[Array]]:
+    def _motions_and_values(self, states: Array, motions_only: bool = False) -> tuple[Array, list[Array]]:
         """Return the `motions`, and the singular values (k, n) of loops, drives and tool along these motions."""
         A, output, _ = self._jacobians(states)
         nv = A.shape[2]

@@ -82,23 +82,26 @@ class Dynamics:
         self._pin = pin.Model(self._tree.model)
         self._pin.gravity.linear = np.asarray(gravity, float)
         self._data = self._pin.createData()
-        self._places = np.array([self._tree.configuration[j.name] for j in m.active], int)
+        self._active_places = self._tree.active_places
         nv = self._pin.nv
         self._upper = np.triu(np.ones((nv, nv)), 1) + 0.5 * np.eye(nv)  # half of the diagonal; see `_tree_mass`
-        self._tied = bool(m.loops)  # couplings alone are linear: their gain is constant
-        self.friction = self._given("friction", friction)
-        rotor_inertia = {a.name: a.rotor_inertia or 0.0 for a in m.actuators}
+        self._has_loops = bool(m.loops)  # couplings alone are linear: their gain is constant
+        self.friction = self._per_joint("friction", friction)
+        rotor_inertia: dict[str, float] = {}
+        for actuator in m.actuators:
+            rotor_inertia[actuator.name] = actuator.rotor_inertia or 0.0
+        # a motor without an actuator in the description has no known rotor
         motors = np.array([rotor_inertia.get(name, 0.0) for name in m.motor_names])
         T_inverse = m.motors(np.eye(self.n)).T
         rotors = T_inverse.T @ (motors[:, None] * T_inverse)
-        self.rotor = rotors + np.diag(self._given("rotor", rotor))
+        self.rotor = rotors + np.diag(self._per_joint("rotor", rotor))
 
     @property
     def n(self) -> int:
         """Number of active joints."""
         return len(self.mechanism.active)
 
-    def _given(self, name: str, values: ArrayLike) -> Array:
+    def _per_joint(self, name: str, values: ArrayLike) -> Array:
         """Return one value of a parameter for each active joint, (n,)."""
         values = np.asarray(values, float)
         if values.ndim == 0:
@@ -120,16 +123,16 @@ class Dynamics:
         if isinstance(at, Assembly):
             return at.x
         q = checked_joint_values(self.mechanism, np.asarray(at, float))
-        if self._tied:
+        if self._has_loops:
             return self.model.solve(q).x
         x = self._home.copy()
-        x[self._followers] += self._follow @ (q - x[self._places])
-        x[self._places] = q
+        x[self._followers] += self._follow @ (q - x[self._active_places])
+        x[self._active_places] = q
         return x
 
     def near(self, q: ArrayLike, before: State | None = None) -> State:
         """Return the state at q (n,); loops are closed starting from the assembly `before`, if given, or from home."""
-        if not self._tied:
+        if not self._has_loops:
             return np.asarray(q, float)
         seed = None
         if isinstance(before, Assembly):
@@ -139,12 +142,12 @@ class Dynamics:
     def tools(self, q: ArrayLike) -> Array:
         """Return T_base_tool (k, 4, 4) for joint values q (k, n) along a motion."""
         q = checked_joint_motion(self.mechanism, np.asarray(q, float))
-        if self._tied:
+        if self._has_loops:
             return self.model.run(q).Ts_base_tool
         X = np.tile(self._home, (len(q), 1))
-        change = q - X[:, self._places]
+        change = q - X[:, self._active_places]
         X[:, self._followers] += change @ self._follow.T
-        X[:, self._places] = q
+        X[:, self._active_places] = q
         poses, _ = self._tree.update(X, closing_only=True)
         return self._tree.tool(poses)
 
@@ -202,16 +205,16 @@ class Dynamics:
         potential = float(pin.computePotentialEnergy(self._pin, self._data, x))
         return bodies + rotors, potential
 
-    def _inverse_at(self, x: Array, V: Array, change: Array, G: Array, qd: Array, qdd: Array) -> Array:
-        """Return the joint efforts (n,) for velocities V and accelerations `change` (nv,) of the tree, with gain G."""
-        tree_efforts = np.array(pin.rnea(self._pin, self._data, x, V, change))
+    def _inverse_at(self, x: Array, V: Array, Vd: Array, G: Array, qd: Array, qdd: Array) -> Array:
+        """Return the joint efforts (n,) for velocities V and accelerations Vd (nv,) of the tree, with gain G."""
+        tree_efforts = np.array(pin.rnea(self._pin, self._data, x, V, Vd))
         return G.T @ tree_efforts + self.rotor @ qdd + self.friction * qd
 
     # -- internals ---------------------------------------------------------------------------------------
 
     def _gain(self, x: Array) -> Array:
         """Return G (nv, n): velocities of the tree per rate of each active joint."""
-        if not self._tied:
+        if not self._has_loops:
             return self._scatter
         return self.model.gains(x[None])[0]
 
@@ -229,24 +232,24 @@ class Dynamics:
 
     def _newton_euler(self, x: Array, qd: Array, qdd: Array) -> Array:
         """Return the efforts (n,) at rates qd (n,) and accelerations qdd (n,), without rotors and friction."""
-        if not self._tied:
+        if not self._has_loops:
             G = self._scatter
             V = G @ qd
-            change = G @ qdd
+            Vd = G @ qdd
         else:
             Vs, changes, Gs = self.model.motion(x[None], qd[None], qdd[None])
             V = Vs[0]
-            change = changes[0]
+            Vd = changes[0]
             G = Gs[0]
-        tree_efforts = np.array(pin.rnea(self._pin, self._data, x, V, change))
+        tree_efforts = np.array(pin.rnea(self._pin, self._data, x, V, Vd))
         return G.T @ tree_efforts
 
     def _determined(self, at: State) -> Array:
         """Return the configuration of a state; raise an error if a passive joint outside the loops moves a mass."""
-        if self._idle:
+        if self._undetermined_joint:
             raise MechanismError(
-                f"{self.mechanism.name}: no drive and no loop determines the motion of {self._idle}, which moves a "
-                "mass: drive the joint, make it fixed, or add the missing loop"
+                f"{self.mechanism.name}: no drive and no loop determines the motion of {self._undetermined_joint}, "
+                "which moves a mass: drive the joint, make it fixed, or add the missing loop"
             )
         return self.configuration(at)
 
@@ -266,7 +269,9 @@ class Dynamics:
         """Configuration indices of the passive joints that couplings move."""
         followers = []
         for coupling in self._tree.loops.couplings:
-            followers += [place for place in coupling.places if place not in self._places]
+            for place in coupling.places:
+                if place not in self._active_places:
+                    followers.append(place)
         return np.unique(followers).astype(int)
 
     @cached_property
@@ -275,10 +280,11 @@ class Dynamics:
         column: dict[int, int] = {}
         for coupling in self._tree.loops.couplings:
             column |= zip(coupling.places, coupling.columns, strict=True)
-        return self._scatter[[column[place] for place in self._followers]]
+        columns = [column[place] for place in self._followers]
+        return self._scatter[columns]
 
     @cached_property
-    def _idle(self) -> str:
+    def _undetermined_joint(self) -> str:
         """A passive joint, as text, that can move a mass at home with all active joints at rest; "" if none can."""
         passive = self._tree.passive
         if not len(passive):
@@ -294,8 +300,11 @@ class Dynamics:
         contribution = np.abs(N).sum(axis=1) * np.diag(M)
         column = passive[int(np.argmax(contribution))]
         # the joint of this velocity index is the last one that begins at or before the index
-        number = max(j for j in range(1, self._pin.njoints) if self._pin.joints[j].idx_v <= column)
-        return f"joint '{self._pin.names[number]}'"
+        last = 1
+        for number in range(1, self._pin.njoints):
+            if self._pin.joints[number].idx_v <= column:
+                last = number
+        return f"joint '{self._pin.names[last]}'"
 
 
 class SharedLoops:
@@ -312,9 +321,9 @@ class SharedLoops:
         """
         self._models = models
         first = models[0]
-        if first._idle:
+        if first._undetermined_joint:
             first._determined(first._home)  # raises
-        self._continuation = LoopContinuation(first.model) if first._tied else None
+        self._continuation = LoopContinuation(first.model) if first._has_loops else None
 
     def efforts(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Return joint efforts (k, n) for joint values q, rates qd and accelerations qdd (k, n), a row for each model.
@@ -329,11 +338,11 @@ class SharedLoops:
             X = np.array([first.configuration(row) for row in q])
             G = np.broadcast_to(first._scatter, (len(q), *first._scatter.shape))
             V = qd @ first._scatter.T
-            change = qdd @ first._scatter.T
+            Vd = qdd @ first._scatter.T
         else:
-            V, change, G = self._continuation.motion(q, qd, qdd)
+            V, Vd, G = self._continuation.motion(q, qd, qdd)
             X = self._continuation.X
         efforts = []
         for i, model in enumerate(self._models):
-            efforts.append(model._inverse_at(X[i], V[i], change[i], G[i], qd[i], qdd[i]))
+            efforts.append(model._inverse_at(X[i], V[i], Vd[i], G[i], qd[i], qdd[i]))
         return np.array(efforts)

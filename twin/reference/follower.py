@@ -68,21 +68,21 @@ class Follower:
         x = start
         T_before = self.model.collect(start[None]).Ts_base_tool[0]
         for k, T in enumerate(Ts):
-            done = 0.0
+            fraction = 0.0
             step = 1.0
-            while done < 1.0:
-                ahead = min(1.0, done + step)
+            while fraction < 1.0:
+                ahead = min(1.0, fraction + step)
                 target = between(T_before, T, ahead)
                 new = self._state_at(x, target, directions, p_tool)
                 if new is not None:
                     x = new
-                    done = ahead
+                    fraction = ahead
                     step = 2 * step
                     continue
                 step /= 2
                 if step < 0.5**_MOST_HALVINGS:
                     best = self.model.state(x)
-                    text = _stopped(best.T_base_tool, Ts, k, directions, p_tool)
+                    text = _stop_text(best.T_base_tool, Ts, k, directions, p_tool)
                     raise AssemblyError(text, best, best.worst_gap)
             states.append(x)
             T_before = T
@@ -124,7 +124,7 @@ class Follower:
         run = model.collect(X)
         if not converged[0] or model.jumps(x[None], X)[0] > MODE_JUMP:
             return None
-        deviation = missed(run.Ts_base_tool[0], T, p_tool)[directions]
+        deviation = pose_difference(run.Ts_base_tool[0], T, p_tool)[directions]
         gap = run.gaps[0, :, 0].max(initial=0.0)
         misfit = max(gap, np.abs(deviation).max())
         if misfit < GAP_TOLERANCE:
@@ -132,11 +132,11 @@ class Follower:
         return None
 
 
-def _stopped(T: Array, Ts: Array, sample: int, directions: np.ndarray, p_tool: Array) -> str:
+def _stop_text(T: Array, Ts: Array, sample: int, directions: np.ndarray, p_tool: Array) -> str:
     """Return, as text, how far the tool, stopped at T (4, 4), is from the pose of a sample and from the end of Ts."""
 
     def distance(goal: Array) -> str:
-        deviation = missed(T, goal, p_tool) * directions
+        deviation = pose_difference(T, goal, p_tool) * directions
         shift_mm = np.linalg.norm(deviation[:3]) / MM
         turn_deg = np.linalg.norm(deviation[3:]) / DEG
         return f"{shift_mm:.3g} mm and {turn_deg:.3g} deg"
@@ -150,7 +150,7 @@ def _stopped(T: Array, Ts: Array, sample: int, directions: np.ndarray, p_tool: A
     return f"{text}. The tool stops {distance(Ts[sample])} before {part}, {to_end} before its end"
 
 
-def missed(T: Array, goal: Array, p_tool: Array) -> Array:
+def pose_difference(T: Array, goal: Array, p_tool: Array) -> Array:
     """Return the difference (6,) in base of two tool poses: shift of the point p_tool in m, rotation vector in rad."""
     R = T[:3, :3]
     R_goal = goal[:3, :3]

@@ -28,6 +28,7 @@ from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.model.inertia import Inertia
+from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.schema import Identifier, NotNegative, Positive, Sourced, Table, Vector, at, error_at, load_toml
@@ -97,9 +98,9 @@ class _Solid(Table):
 
     @model_validator(mode="after")
     def _possible(self) -> _Solid:
-        bad = _inertia(self).violations()
-        if bad:
-            raise at("tensor", "; ".join(bad))
+        violations = _inertia(self).violations()
+        if violations:
+            raise at("tensor", "; ".join(violations))
         return self
 
 
@@ -173,11 +174,11 @@ def weighed(table: Inertias, mechanism: Mechanism, *, instrument: bool = True) -
     if instrument and table.instrument is not None:
         links[-1] = links[-1] + _inertia(table.instrument)
     poses = ReferenceModel(mechanism).solve(np.zeros(len(mechanism.active))).link_poses
-    moved = {j.name: j.child for j in mechanism.tree}
+    body_of_joint = {joint.name: joint.child for joint in mechanism.tree}
     inertias = {}
     frames = _frames(table, mechanism, poses)
     for link, inertia, T_base_link in zip(table.link, links, frames, strict=True):
-        body_name = moved[link.joint]
+        body_name = body_of_joint[link.joint]
         T_body_link = spatial.inverse(poses[body_name]) @ T_base_link
         inertias[body_name] = inertia.seen_from(T_body_link)
     bodies = []
@@ -188,18 +189,15 @@ def weighed(table: Inertias, mechanism: Mechanism, *, instrument: bool = True) -
 
 def _frames(table: Inertias, mechanism: Mechanism, poses: dict[str, Array]) -> list[Array]:
     """Return T_base_link (4, 4) of each link with all joints at zero; see the module docstring."""
-    known = {j.name: j for j in mechanism.tree if len(j.free_axes) == 1}
-    lines, named = [], []
+    single_axis_joints = {joint.name: joint for joint in mechanism.tree if len(joint.free_axes) == 1}
+    axes: list[tuple[Array, Array]] = []
+    named_frames: list[Array | None] = []
     for link in table.link:
-        if link.joint not in known:
-            raise MechanismError(f"inertia.toml: {unknown('joint with one coordinate', link.joint, known)}")
-        joint = known[link.joint]
-        for key, units in _UNITS.items():
-            entry = getattr(link, key)
-            if entry is not None and entry.unit != units[not joint.is_angle]:
-                raise MechanismError(
-                    f"inertia.toml: {key} of {joint.name} is in {entry.unit}, but the joint is {joint.type}"
-                )
+        if link.joint not in single_axis_joints:
+            text = unknown("joint with one coordinate", link.joint, single_axis_joints)
+            raise MechanismError(f"inertia.toml: {text}")
+        joint = single_axis_joints[link.joint]
+        _require_units(link, joint)
         T = poses[joint.parent] @ joint.T_parent_joint
         if link.frame is None and abs(T[0, 2]) > _AXIS_TOLERANCE:
             raise MechanismError(
@@ -207,29 +205,58 @@ def _frames(table: Inertias, mechanism: Mechanism, poses: dict[str, Array]) -> l
                 f"zero; the error is {np.arcsin(abs(T[0, 2])) / DEG:.3g} deg, "
                 "so the link frame of inertia.toml is ambiguous"
             )
-        named.append(_named(link, mechanism, joint.child, poses))
-        lines.append((T[:3, 3], T[:3, 2]))
-    out, before = [], poses[mechanism.base][:3, 3]
-    for i, (p, z) in enumerate(lines):
-        toward, along = lines[i + 1] if i + 1 < len(lines) else (before, z)
-        across = along - (along @ z) * z
-        step = (toward - p) @ z
+        named_frames.append(_named(link, mechanism, joint.child, poses))
+        axes.append((T[:3, 3], T[:3, 2]))
+    origins = _link_origins(axes, poses[mechanism.base][:3, 3])
+    frames = []
+    for (_, z), origin, named_frame in zip(axes, origins, named_frames, strict=True):
+        if named_frame is None:
+            named_frame = spatial.pose(spatial.frame_from_axes(z, [1.0, 0.0, 0.0]), origin)
+        frames.append(named_frame)
+    return frames
+
+
+def _require_units(link: Link, joint: Joint) -> None:
+    """Raise an error if a number of a link has the unit of the other type of joint, revolute or prismatic."""
+    for key, units in _UNITS.items():
+        entry = getattr(link, key)
+        if entry is not None and entry.unit != units[not joint.is_angle]:
+            raise MechanismError(
+                f"inertia.toml: {key} of {joint.name} is in {entry.unit}, but the joint is {joint.type}"
+            )
+
+
+def _link_origins(axes: list[tuple[Array, Array]], p_base: Array) -> list[Array]:
+    """Return the origin (3,) of each link frame: the point of its joint axis nearest to the next axis.
+
+    `axes` are (point (3,), direction (3,)) of the joint axes in base; `p_base` (3,) is the origin of the base.
+    """
+    origins = []
+    origin = p_base
+    for i, (p, z) in enumerate(axes):
+        if i + 1 < len(axes):
+            p_next, z_next = axes[i + 1]
+        else:
+            # as if the next axis were parallel: the origin is then the point nearest to the previous one
+            p_next = origin
+            z_next = z
+        across = z_next - (z_next @ z) * z
         if np.linalg.norm(across) > _AXIS_TOLERANCE:
             # the axes are not parallel: the origin is the foot of the common normal
-            step -= (along @ z) * ((toward - p) @ across) / (across @ across)
+            step = (p_next - p) @ z
+            step -= (z_next @ z) * ((p_next - p) @ across) / (across @ across)
         else:
-            step = (before - p) @ z
-        before = p + step * z
-        given = named[i]
-        out.append(given if given is not None else spatial.pose(spatial.frame_from_axes(z, [1.0, 0.0, 0.0]), before))
-    return out
+            step = (origin - p) @ z
+        origin = p + step * z
+        origins.append(origin)
+    return origins
 
 
 def _named(link: Link, mechanism: Mechanism, body: str, poses: dict[str, Array]) -> Array | None:
     """Return T_base_frame (4, 4) of the frame that a link names; None: the link names no frame."""
     if link.frame is None:
         return None
-    frames = {f.name: f for f in mechanism.frames if f.body == body}
+    frames = {frame.name: frame for frame in mechanism.frames if frame.body == body}
     if link.frame not in frames:
         raise MechanismError(
             f"inertia.toml: link of {link.joint}: {unknown(f'frame of body {body}', link.frame, frames)}"
@@ -238,15 +265,20 @@ def _named(link: Link, mechanism: Mechanism, body: str, poses: dict[str, Array])
 
 
 def _inertia(solid: _Solid) -> Inertia:
+    """Return the inertia of a link or instrument about its mass centre; products that are not given are zero."""
     tensor = np.diag(solid.tensor.value[:3])
-    for (i, j), product in zip(((0, 1), (0, 2), (1, 2)), solid.tensor.value[3:], strict=False):
-        tensor[i, j] = tensor[j, i] = product
+    products = solid.tensor.value[3:]
+    for (i, j), product in zip(((0, 1), (0, 2), (1, 2)), products, strict=False):
+        tensor[i, j] = product
+        tensor[j, i] = product
     return Inertia(solid.mass.value, np.array(solid.centre.value), tensor)
 
 
 def parameters(table: Inertias) -> Iterator[Parameter]:
     """Yield every number of the file with its provenance."""
-    solids: list[tuple[str, Link | Instrument]] = [(link.joint, link) for link in table.link]
+    solids: list[tuple[str, Link | Instrument]] = []
+    for link in table.link:
+        solids.append((link.joint, link))
     if table.instrument is not None:
         solids.append(("instrument", table.instrument))
     for owner, solid in solids:

@@ -15,7 +15,7 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.core.units import ROUNDING
 from twin.model.mechanism import Mechanism
-from twin.reference.closing import Closing
+from twin.reference.loop_closing import Closing
 from twin.reference.model import ReferenceModel
 from twin.reference.states import SolvedSamples
 
@@ -31,8 +31,11 @@ _CORNER_INSET = 1e-3
 _UNLIMITED_HALF_RANGE = {True: np.pi, False: 0.1}
 """Half width of the range of a joint without limits, in rad (angles) and m (lengths), about its rest value."""
 
-_LONGEST_STEP = {True: 0.2, False: 0.04}
-"""Largest step of a driven joint on a line, in rad (angles) and m (lengths)."""
+_LONGEST_TURN = 0.2
+"""Largest step in rad of a driven angle on a line."""
+
+_LONGEST_SLIDE = 0.04
+"""Largest step in m of a driven slide on a line."""
 
 _MODE_JUMP = 1.0
 """Largest change (m, rad) of any coordinate in one step; a larger change means another assembly mode."""
@@ -76,12 +79,12 @@ def joint_range(model: ReferenceModel, count: int = STATES) -> JointRange:
     return JointRange(model.collect(states), low, high)
 
 
-def ends(mechanism: Mechanism, rest: Array) -> tuple[Array, Array]:
+def ends(mechanism: Mechanism, q_rest: Array) -> tuple[Array, Array]:
     """Return the lower and the upper end (n,) of the range of each driven joint."""
-    half = np.array([_UNLIMITED_HALF_RANGE[j.is_angle] for j in mechanism.active])
+    half = np.array([_UNLIMITED_HALF_RANGE[joint.is_angle] for joint in mechanism.active])
     low, high = mechanism.limits.T
-    low = np.where(np.isfinite(low), low, rest - half)
-    high = np.where(np.isfinite(high), high, rest + half)
+    low = np.where(np.isfinite(low), low, q_rest - half)
+    high = np.where(np.isfinite(high), high, q_rest + half)
     return low, high
 
 
@@ -118,16 +121,15 @@ def _along_lines(model: ReferenceModel, closing: Closing, home: Array, targets: 
 
     From each line, the last possible state and one between are returned.
     """
-    active = model.mechanism.active
     q0 = model.collect(home[None]).q[0]
-    stride = np.array([_LONGEST_STEP[j.is_angle] for j in active])
+    stride = np.where(model.tree.are_angles, _LONGEST_TURN, _LONGEST_SLIDE)
     change = targets - q0
     steps = max(1, int(np.ceil(np.max(np.abs(change) / stride))))
     ahead = change / steps
     X = np.tile(home, (len(targets), 1))
     sign = closing.signs(home[None])
     moving = np.arange(len(targets))
-    passed: list[list[Array]] = [[home] for _ in targets]
+    states_of_line: list[list[Array]] = [[home] for _ in targets]
     for step in range(1, steps + 1):
         new, possible = closing.near(X[moving], q0 + step * ahead[moving])
         possible &= closing.change(X[moving], new) <= _MODE_JUMP
@@ -136,13 +138,13 @@ def _along_lines(model: ReferenceModel, closing: Closing, home: Array, targets: 
         moving = moving[possible]
         X[moving] = new[possible]
         for line in moving:
-            passed[line].append(X[line].copy())
+            states_of_line[line].append(X[line].copy())
         if not len(moving):
             break
     rng = np.random.default_rng(1)
     last = []
     between = []
-    for line in passed:
+    for line in states_of_line:
         last.append(line[-1])
         between.append(line[rng.integers(len(line))])
     return np.array(last + between)

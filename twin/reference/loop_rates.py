@@ -65,21 +65,21 @@ def motion(tree: Tree, X: Array, qd: Array, qdd: Array) -> tuple[Array, Array, A
     inverse = pseudoinverse_of(tree, A)
     gain = gains_of(tree, A, inverse)
     V = np.einsum("kij,kj->ki", gain, qd)
-    change = np.einsum("kij,kj->ki", gain, qdd)
+    Vd = np.einsum("kij,kj->ki", gain, qdd)
     if tree.loops.names:
         # the loops stay closed only if the passive joints also cancel dA/dt V
         drift, _ = tree.drift(X, V)
-        change[:, tree.passive] -= np.einsum("kij,kj->ki", inverse, drift)
-    return V, change, gain
+        Vd[:, tree.passive] -= np.einsum("kij,kj->ki", inverse, drift)
+    return V, Vd, gain
 
 
 def tool_motion(tree: Tree, X: Array, qd: Array, qdd: Array) -> tuple[Array, Array]:
     """Return tool twists and accelerations (k, 6) at configurations X (k, nq); see `ReferenceModel.rates`."""
-    V, change, _ = motion(tree, X, qd, qdd)
+    V, Vd, _ = motion(tree, X, qd, qdd)
     _, J = jacobians(tree, X)
     _, drift = tree.drift(X, V)
     twists = np.einsum("kij,kj->ki", J, V)
-    accelerations = np.einsum("kij,kj->ki", J, change) + drift
+    accelerations = np.einsum("kij,kj->ki", J, Vd) + drift
     return twists, accelerations
 
 

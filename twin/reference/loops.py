@@ -64,22 +64,25 @@ class Loops:
     ) -> None:
         self.joints = joints
         self.couplings = couplings
-        loop_names = (j.name for j in joints)
-        coupling_names = (c.name for c in couplings)
-        self.names = (*loop_names, *coupling_names)
+        names = []
         ids = []
         Ts_0 = []
         Ts_1 = []
         full = []
         locked = []
         for joint in joints:
+            names.append(joint.name)
             parent_id, T_id_parent = body[joint.parent]
             child_id, T_id_child = body[joint.child]
             ids.append((parent_id, child_id))
             Ts_0.append(T_id_parent @ joint.T_parent_joint)
             Ts_1.append(T_id_child @ joint.T_child_joint)
             full.append(joint.type in ("fixed", "prismatic"))
-            locked += [axis not in joint.free_axes for axis in range(6)]
+            for axis in range(6):
+                locked.append(axis not in joint.free_axes)
+        for coupling in couplings:
+            names.append(coupling.name)
+        self.names = tuple(names)
         self._ids = np.array(ids, int).reshape(-1, 2)
         self.joint_numbers = set(self._ids.reshape(-1).tolist())
         self._T0 = _stack(Ts_0)
@@ -88,7 +91,7 @@ class Loops:
         moved_0 = mask[self._ids[:, 0]]
         moved_1 = mask[self._ids[:, 1]]
         self._mask = (moved_1 - moved_0)[:, None, :]
-        self._full = np.array(full, bool)
+        self._locks_rotation = np.array(full, bool)
         self._locked = np.array(locked, bool)
         # Each loop has six possible rows, of which the locked ones remain; each coupling adds one row at the end.
         loop_of_row = np.repeat(np.arange(len(joints)), 6)[self._locked]
@@ -176,11 +179,12 @@ class Loops:
         rows[:, :, :3] = changes[:, :, 0]
         rows[:, :, 3] = -changes[:, :, 1, 1]  # see `_residual`
         rows[:, :, 4] = changes[:, :, 1, 0]
-        if self._full.any():
-            columns = T[:, self._full, :3, :3].swapaxes(-1, -2)  # the axes of frame 1, row by row
-            w = w[:, self._full]
-            column_changes = cross_products(c[:, self._full], columns) + cross_products(w, cross_products(w, columns))
-            rows[:, self._full, 3:], _ = sine_of_rotation(column_changes.swapaxes(-1, -2))
+        if self._locks_rotation.any():
+            columns = T[:, self._locks_rotation, :3, :3].swapaxes(-1, -2)  # the axes of frame 1, row by row
+            w = w[:, self._locks_rotation]
+            column_changes = cross_products(c[:, self._locks_rotation], columns)
+            column_changes = column_changes + cross_products(w, cross_products(w, columns))
+            rows[:, self._locks_rotation, 3:], _ = sine_of_rotation(column_changes.swapaxes(-1, -2))
         rows[:, :, 3:] *= LENGTH_SCALE
         rows = rows.reshape(k, 6 * count)[:, self._locked]
         if not self.couplings:
@@ -220,14 +224,14 @@ class Loops:
         turn[..., 1, 1] = zz
         turn[..., 0, 2] = -zx
         turn[..., 1, 2] = -zy
-        if self._full.any():
-            sine, change = sine_of_rotation(R[:, self._full])
-            residual[:, self._full, 3:] = sine
-            turn[:, self._full] = change
+        if self._locks_rotation.any():
+            sine, change = sine_of_rotation(R[:, self._locks_rotation])
+            residual[:, self._locks_rotation, 3:] = sine
+            turn[:, self._locks_rotation] = change
         cosine = self._cosine(R)
         beyond = cosine < 0  # 90 degrees
         if beyond.any():
-            sine, change = _grown(residual[beyond, 3:], turn[beyond], cosine[beyond])
+            sine, change = _continued_beyond_right_angle(residual[beyond, 3:], turn[beyond], cosine[beyond])
             residual[beyond, 3:] = sine
             turn[beyond] = change
         residual[..., 3:] *= LENGTH_SCALE
@@ -239,7 +243,7 @@ class Loops:
         yy = T[..., 1, 1]
         zz = T[..., 2, 2]
         trace = xx + yy + zz
-        return np.where(self._full, 0.5 * (trace - 1), zz)
+        return np.where(self._locks_rotation, 0.5 * (trace - 1), zz)
 
     def gaps(self, X: Array, poses: Array) -> Array:
         """Return the gaps (k, names, 2): offset in m and rotation in rad in the locked directions; couplings last."""
@@ -257,7 +261,7 @@ class Loops:
         if not self.couplings:
             return gaps
         error = np.abs(self._sums(X))
-        is_angle = np.array([c.angle for c in self.couplings])
+        is_angle = np.array([coupling.angle for coupling in self.couplings])
         coupled = np.stack([error * ~is_angle, error * is_angle], axis=-1)
         return np.concatenate([gaps, coupled], axis=1)
 
@@ -283,7 +287,7 @@ def sine_of_rotation(R: Array) -> tuple[Array, Array]:
     return sine, 0.5 * (trace * np.eye(3) - R)
 
 
-def _grown(sine: Array, turn: Array, cosine: Array) -> tuple[Array, Array]:
+def _continued_beyond_right_angle(sine: Array, turn: Array, cosine: Array) -> tuple[Array, Array]:
     """Return axis times (2 - sine) for angles beyond 90°, and its derivative with respect to the rotation.
 
     `sine` (n, 3) is the axis times the sine of the angle, `turn` (n, 3, 3) its derivative, and `cosine` (n,) the cosine

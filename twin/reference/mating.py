@@ -39,15 +39,15 @@ def mates(mechanism: Mechanism) -> list[Mate]:
     They are mating parts; if these are farther apart than `LOOSE`, the parent's part may be any of its parts.
     """
     found_mates = []
-    rest = mechanism.rest
+    rest_poses = mechanism.rest
     for joint in mechanism.joints:
         parent_parts = _mating_parts(mechanism, joint, joint.parent)
         child_parts = _mating_parts(mechanism, joint, joint.child)
         if not parent_parts or not child_parts:
             continue
-        if joint.parent not in rest or joint.child not in rest:
+        if joint.parent not in rest_poses or joint.child not in rest_poses:
             continue
-        T_parent_child = spatial.inverse(rest[joint.parent]) @ rest[joint.child]
+        T_parent_child = spatial.inverse(rest_poses[joint.parent]) @ rest_poses[joint.child]
         mate = _nearest(joint.name, parent_parts, child_parts, T_parent_child)
         if mate.apart > LOOSE:
             # At rest, the joint may be at an end stop, where the child touches another part of the parent.
@@ -63,10 +63,10 @@ def _nearest(joint: str, parent_parts: list[Mesh], child_parts: list[Mesh], T_pa
         for child_part in child_parts:
             a = Shape(parent_part.name, "", [parent_part])
             b = Shape(child_part.name, "", [child_part])
-            apart = distance_between(a, b, np.eye(4), T_parent_child)
-            candidates.append(Mate(joint, (a.name, b.name), apart))
+            distance = distance_between(a, b, np.eye(4), T_parent_child)
+            candidates.append(Mate(joint, (a.name, b.name), distance))
     return min(candidates, key=lambda mate: mate.apart)
 
 
 def _mating_parts(mechanism: Mechanism, joint: Joint, body: str) -> list[Mesh]:
-    return [m for m in mechanism.body(body).meshes if m.name in joint.mating]
+    return [mesh for mesh in mechanism.body(body).meshes if mesh.name in joint.mating]

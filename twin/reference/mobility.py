@@ -77,7 +77,7 @@ def count(A: Array, loops: Loops, passive: Index) -> Mobility:
     repeated = {}
     for i, name in enumerate(loops.names):
         axes = loops.row_axis[repeats & (loops.row_loop == i)]
-        repeated[name] = tuple(AXES[a] for a in axes)
+        repeated[name] = tuple(AXES[axis] for axis in axes)
 
     freedom = A.shape[1] - rank
     redundancy = len(A) - rank

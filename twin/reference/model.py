@@ -56,7 +56,6 @@ class ReferenceModel:
         self.mechanism = mechanism
         self.tree = Tree(mechanism)
         self._continuation = TargetContinuation(self.tree)
-        self._are_angles = np.array([joint.is_angle for joint in mechanism.active], bool)
 
     # -- one state ------------------------------------------------------------------------------------
 
@@ -148,7 +147,7 @@ class ReferenceModel:
         """
         q = np.asarray(q, float)
         start = self._start(seed)
-        stride = np.where(self._are_angles, _INDEPENDENT_TURN, _INDEPENDENT_SLIDE)
+        stride = np.where(self.tree.are_angles, _INDEPENDENT_TURN, _INDEPENDENT_SLIDE)
         blocks = []
         for first in range(0, len(q), BLOCK):
             goal = q[first : first + BLOCK]
@@ -218,7 +217,7 @@ class ReferenceModel:
         count = len(self.mechanism.active)
         if not count:
             return 0
-        size = np.where(self._are_angles, _NEARBY_TURN, _NEARBY_SLIDE)
+        size = np.where(self.tree.are_angles, _NEARBY_TURN, _NEARBY_SLIDE)
         displacements = np.random.default_rng(0).uniform(-1, 1, (_NEARBY_STATES, count))
         steps = np.vstack([np.zeros(count), size * displacements])
         home = np.tile(self._home, (len(steps), 1))
@@ -335,7 +334,7 @@ def checked_joint_values(mechanism: Mechanism, q: Array) -> Array:
         MechanismError: q has the wrong length or is not finite.
     """
     q = np.asarray(q, float)
-    names = [j.name for j in mechanism.active]
+    names = [joint.name for joint in mechanism.active]
     if q.shape != (len(names),):
         raise MechanismError(f"q has shape {q.shape}; expected ({len(names)},) for {', '.join(names)}")
     if not np.all(np.isfinite(q)):
@@ -351,7 +350,7 @@ def checked_joint_motion(mechanism: Mechanism, q: Array) -> Array:
         MechanismError: q has the wrong shape or is not finite; the message names the sample.
     """
     q = np.asarray(q, float)
-    names = [j.name for j in mechanism.active]
+    names = [joint.name for joint in mechanism.active]
     if q.ndim != 2 or q.shape[1] != len(names):
         raise MechanismError(f"q has shape {q.shape}; expected (k, {len(names)}) for {', '.join(names)}")
     if not len(q):

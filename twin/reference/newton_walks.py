@@ -194,25 +194,25 @@ def _turn_from_singularities(motions: Degeneracy, states: Array, N: Array, log_g
     N (w, nv, freedom) are the motions at the states (w, nq); `log_gradient` (w, freedom) is the gradient of the
     logarithm of the function; `steps` (w, freedom) are the original steps.
     """
-    near = np.flatnonzero(motions.of(states).min(axis=1) < _SINGULARITY_DISTANCE)
-    if not len(near):
+    near_rows = np.flatnonzero(motions.of(states).min(axis=1) < _SINGULARITY_DISTANCE)
+    if not len(near_rows):
         return steps
 
     def log_distance(states: Array) -> Array:
         smallest = motions.of(states).min(axis=1)
         return np.log(np.maximum(smallest, _MIN_DISTANCE))[:, None]
 
-    only_row = np.zeros(len(near), np.intp)
-    distance_gradient = _gradients(motions, log_distance, states[near], N[near], only_row)
+    only_row = np.zeros(len(near_rows), np.intp)
+    distance_gradient = _gradients(motions, log_distance, states[near_rows], N[near_rows], only_row)
     steepness = np.linalg.norm(distance_gradient, axis=1)
     away = distance_gradient / np.maximum(steepness, _TINY)[:, None]
-    does_not_vanish = steepness > _STEEPER * np.linalg.norm(log_gradient[near], axis=1)
-    step = steps[near]
+    does_not_vanish = steepness > _STEEPER * np.linalg.norm(log_gradient[near_rows], axis=1)
+    step = steps[near_rows]
     step_away = np.sum(step * away, axis=1)
     missing = _AWAY_SHARE * np.linalg.norm(step, axis=1) - np.minimum(step_away, 0)
     push = np.where(does_not_vanish, missing, 0.0)
     modified = steps.copy()
-    modified[near] = step + push[:, None] * away
+    modified[near_rows] = step + push[:, None] * away
     return modified
 
 
@@ -225,8 +225,8 @@ def _gradients(motions: Degeneracy, values: Values, states: Array, N: Array, row
     centres = np.repeat(states, freedom, axis=0)
     ahead = tree.integrate(centres, steps)
     behind = tree.integrate(centres, -steps)
-    both = np.concatenate([ahead, behind])
+    shifted = np.concatenate([ahead, behind])
     rows = np.tile(np.repeat(row, freedom), 2)
-    both_values = values(both)[np.arange(2 * count), rows]
-    quotients = (both_values[:count] - both_values[count:]) / (2 * _DIFFERENCE_STEP)
+    shifted_values = values(shifted)[np.arange(2 * count), rows]
+    quotients = (shifted_values[:count] - shifted_values[count:]) / (2 * _DIFFERENCE_STEP)
     return quotients.reshape(w, freedom)

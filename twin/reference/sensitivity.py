@@ -132,8 +132,8 @@ def _effect(
         offset = R0t @ (v + np.cross(w, T1[:3, 3] - p))
         turn = R0t @ w
         row = sign * np.concatenate([offset, LENGTH_SCALE * turn])
-        locked = [axis for axis in range(6) if axis not in loop.free_axes]
-        rows.append(row[locked])
+        locked_axes = [axis for axis in range(6) if axis not in loop.free_axes]
+        rows.append(row[locked_axes])
     rows.append(np.zeros(len(loops.couplings)))  # couplings have no frames
     return direct - give @ np.concatenate(rows)
 
@@ -141,11 +141,11 @@ def _effect(
 def _outboard(model: ReferenceModel, joint: Joint) -> set[str]:
     """Return the bodies moved by a tree joint; empty for a loop joint."""
     tree = model.mechanism.tree
-    children = {j.name: j.child for j in tree}
+    children = {other.name: other.child for other in tree}
     if joint.name not in children:
         return set()
     bodies = {children[joint.name]}
-    for j in tree:  # parents come first
-        if j.parent in bodies:
-            bodies.add(j.child)
+    for other in tree:  # parents come first
+        if other.parent in bodies:
+            bodies.add(other.child)
     return bodies

@@ -19,13 +19,13 @@ _STEPS_PER_SPREAD = 4
 """Number of random steps per standard deviation."""
 
 
-def depart(tree: Tree, x: Array, move: Callable[[Array], Array], way: Callable[[Array], float]) -> Array | None:
+def depart(tree: Tree, x: Array, move: Callable[[Array], Array], distance_of: Callable[[Array], float]) -> Array | None:
     """Return the best state that `move` reaches after random steps from x; None if no valid state is reached.
 
     x (nq,) is the configuration at which a continuation is stuck. `move` moves starts (k, nq) to the target and returns
-    the states (k, nq). `way` returns the distance of a state from x; infinity if the state is invalid. The best state
-    has the smallest excess over joint limits; among equal states, the nearest to x is best. The random steps are the
-    same in every call.
+    the states (k, nq). `distance_of` returns the distance of a state from x; infinity if the state is invalid. The best
+    state has the smallest excess over joint limits; among equal states, the nearest to x is best. The random steps are
+    the same in every call.
     """
     if not len(tree.passive) or not tree.loops.names:
         return None
@@ -34,10 +34,10 @@ def depart(tree: Tree, x: Array, move: Callable[[Array], Array], way: Callable[[
     for i, new in enumerate(X):
         if not np.isfinite(new).all():
             continue
-        distance = way(new)
+        distance = distance_of(new)
         if np.isfinite(distance):
             # rounded, so that rounding errors of the excess do not outweigh the distance
-            excess = round(breach(tree, new), 6)
+            excess = round(limit_excess(tree, new), 6)
             reached.append((excess, distance, i))
     if not reached:
         return None
@@ -64,7 +64,7 @@ def scattered(tree: Tree, x: Array, columns: Index, spreads: Sequence[float], tr
     return tree.integrate(starts, steps)
 
 
-def breach(tree: Tree, x: Array) -> float:
+def limit_excess(tree: Tree, x: Array) -> float:
     """Return by how much (sum over joints, rad and m) a configuration exceeds joint limits; 0 within all limits."""
     total = 0.0
     for joint in tree.mechanism.tree:

@@ -91,8 +91,8 @@ class TargetContinuation:
 
     def jumps(self, X0: Array, X1: Array) -> Array:
         """Return the largest change (k,) in m or rad of any coordinate between configurations (k, nq)."""
-        moved = [pin.difference(self.tree.model, a, b) for a, b in zip(X0, X1, strict=True)]
-        changes = np.abs(np.array(moved).reshape(len(X0), -1))
+        differences = [pin.difference(self.tree.model, a, b) for a, b in zip(X0, X1, strict=True)]
+        changes = np.abs(np.array(differences).reshape(len(X0), -1))
         return changes.max(axis=1, initial=0.0)
 
     def unwound(self, x: Array, q: Array, turns: Callable[[Array], Array] = np.trunc) -> Array:

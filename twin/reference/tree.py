@@ -49,6 +49,7 @@ class Tree:
         quaternions: configuration index of the first of the four numbers of each quaternion.
         active, passive: velocity indices of the active joints, in the order of q, and of all others.
         active_places: configuration indices of the active joints, in the order of q.
+        are_angles: (n,) bool, whether each active joint is an angle, in the order of q.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -73,8 +74,14 @@ class Tree:
                 self.coordinate[joint.name] = joint_model.idx_v
                 # This index differs from the velocity index after a spherical joint (4 numbers, 3 rates).
                 self.configuration[joint.name] = joint_model.idx_q
-        self.active = np.array([self.coordinate[j.name] for j in mechanism.active], int)
-        self.active_places = np.array([self.configuration[j.name] for j in mechanism.active], int)
+        count = len(mechanism.active)
+        self.active = np.zeros(count, int)
+        self.active_places = np.zeros(count, int)
+        self.are_angles = np.zeros(count, bool)
+        for i, joint in enumerate(mechanism.active):
+            self.active[i] = self.coordinate[joint.name]
+            self.active_places[i] = self.configuration[joint.name]
+            self.are_angles[i] = joint.is_angle
         self.passive = np.setdiff1d(np.arange(self.model.nv), self.active)
         self._mask = self._support_masks()
         tool = mechanism.frame(mechanism.tool)
@@ -158,15 +165,15 @@ class Tree:
         The key is the argument `closing_only` of `update`. Copying all views at once takes half the time of copying the
         poses one by one.
         """
-        out = {}
+        views_of = {}
         for closing_only, numbers in ((True, self._closing), (False, self._all)):
             views = []
             for number in numbers:
                 T = self.data.oMi[number]
                 views.append(T.rotation)
                 views.append(T.translation[:, None])
-            out[closing_only] = views
-        return out
+            views_of[closing_only] = views
+        return views_of
 
     def _coupled(self) -> tuple[Coupled, ...]:
         couplings = []

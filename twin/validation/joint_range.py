@@ -23,8 +23,8 @@ from twin.formula.contract import arguments
 from twin.kinematics import Kinematics, compile_formula
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel, SolvedSamples
-from twin.reference.closing import Closing
 from twin.reference.joint_range import JointRange, joint_range
+from twin.reference.loop_closing import Closing
 from twin.validation.equations_comparison import EquationsComparison
 from twin.validation.result import Residual
 from twin.validation.rows import Tolerances, rotation_vectors

@@ -1,6 +1,6 @@
 """Margins along a path: joint limits, reach, singularity measures, and conditioning of the mechanism's Jacobians.
 
-The margins of the equations are also checked with the mechanism, see `twin.reference.boundary`.
+The margins of the equations are also checked with the mechanism, see `twin.reference.margin_zeros`.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from twin.kinematics.margins import Margins
 from twin.model.mechanism import Mechanism
 from twin.planning.trajectory import MotorLimits, PathKinematics, Trajectory
 from twin.reference import ReferenceModel, SolvedSamples
-from twin.reference.boundary import Boundary, disagreements, summary
 from twin.reference.conditioning import conditioning
 from twin.reference.loops import LENGTH_SCALE
+from twin.reference.margin_zeros import Boundary, disagreements, summary
 from twin.validation.equations_comparison import EquationsComparison
 from twin.validation.rows import SampleClock, Tolerances
 

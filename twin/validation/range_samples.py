@@ -21,8 +21,8 @@ from twin.kinematics import Kinematics
 from twin.kinematics.closed_loops import ClosedStates, LoopSolver
 from twin.kinematics.closed_loops.passive_limits import PassiveCheck
 from twin.reference import ReferenceModel
-from twin.reference.closing import Closing
 from twin.reference.joint_range import JointRange, draws, ends, within_limits
+from twin.reference.loop_closing import Closing
 from twin.validation.joint_range import SLACK, beyond_reach, range_errors, reads_orientation
 from twin.validation.range_samples_result import CONFIRMED, JudgedStage, RangeSamples
 from twin.validation.rows import Tolerances

@@ -24,7 +24,7 @@ from twin.kinematics.point_search import PointSolutions, PointSolver, point_solv
 from twin.kinematics.solve import TOLERANCE as SOLVED
 from twin.kinematics.solve import descend
 from twin.reference import ReferenceModel
-from twin.reference.closing import Closing
+from twin.reference.loop_closing import Closing
 from twin.validation.case import Case
 from twin.validation.equations_comparison import EquationsComparison
 from twin.validation.result import Residual

@@ -18,9 +18,9 @@ from twin.exchange.read.start import inside, shown, started
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
-from twin.reference.assembling import CLOSED, assemble, closes_alone, is_closed, settle
-from twin.reference.regular import SINGULAR, Regularity, closed_beside, regularity
-from twin.reference.singular_departure import breach
+from twin.reference.assembly import CLOSED, assemble, closes_alone, is_closed, settle
+from twin.reference.regularity import SINGULAR, Regularity, closed_beside, regularity
+from twin.reference.singular_departure import limit_excess
 from twin.reference.states import Assembly
 
 _UNREAD = ("import.unread", "import.schema", "import.plugin", "import.inactive")
@@ -145,7 +145,7 @@ def _home(model: ReferenceModel, keys: Mapping[str, Mapping[str, float]]) -> tup
         return drawn, []
     for key, values in keys.items():
         state = settle(model, values)
-        if state is None or breach(model.tree, state.x) >= _IN:
+        if state is None or limit_excess(model.tree, state.x) >= _IN:
             continue
         if not regularity(model, [state.x])[0].singular:
             return state, [note("home", f"{reason}: home is key frame '{key}', with its loops closed.", key)]
@@ -166,7 +166,7 @@ def _less_singular(model: ReferenceModel, drawn: Assembly, margin: float) -> tup
     """
     best = drawn.x
     for _ in range(_ROUNDS):
-        within = [x for x in closed_beside(model, best) if breach(model.tree, x) < _IN]
+        within = [x for x in closed_beside(model, best) if limit_excess(model.tree, x) < _IN]
         # `best` comes first, because all ranks are compared with the ranks near the first state.
         graded = regularity(model, [best, *within])[1:]
         nearby_best: Array | None = None

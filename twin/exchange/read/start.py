@@ -15,9 +15,9 @@ from twin.exchange.read.source import Imported, motion, note, warning
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
-from twin.reference.assembling import is_closed
+from twin.reference.assembly import is_closed
 from twin.reference.newton import minimise
-from twin.reference.singular_departure import breach
+from twin.reference.singular_departure import limit_excess
 from twin.reference.states import Assembly
 
 _MARGIN = 1e-3
@@ -79,7 +79,7 @@ def inside(model: ReferenceModel, state: Assembly) -> Assembly | None:
     Joints outside their limits are moved inside, then the loops are closed again, until both hold: alternating
     projections. The driven joints move only if the passive joints alone cannot do it.
     """
-    if breach(model.tree, state.x) <= _INSIDE:
+    if limit_excess(model.tree, state.x) <= _INSIDE:
         return state
     all_columns = np.arange(model.tree.model.nv)
     for columns in (model.tree.passive, all_columns):
@@ -89,7 +89,7 @@ def inside(model: ReferenceModel, state: Assembly) -> Assembly | None:
             x = states[0]
             if not np.isfinite(x).all():  # Newton's method diverged
                 break
-            if breach(model.tree, x) <= _INSIDE:
+            if limit_excess(model.tree, x) <= _INSIDE:
                 found = model.state(x)
                 if is_closed(found):
                     return found

@@ -313,7 +313,7 @@ def _make(room: Room) -> _Arm:
     from twin.api.scene_obstacles import obstacles_in_base
     from twin.kinematics.closed_loops.placing import LinkPoses
     from twin.reference import ReferenceModel
-    from twin.reference.space import JointSpace
+    from twin.reference.joint_space import JointSpace
 
     scene = _scene(room.scene)
     robots = {place.name: place.robot for place in scene.places}

@@ -18,7 +18,7 @@ from twin.formula.scalar import Value
 from twin.kinematics import compile_formula
 from twin.kinematics.margins import Margins
 from twin.reference import ReferenceModel
-from twin.reference.boundary import Boundary, Judged
+from twin.reference.margin_zeros import Boundary, Judged
 from twin.validation.explain.equation_steps import Step
 from twin.validation.explain.row_deviations import Judge, worst
 from twin.validation.explain.suspects import passed

@@ -16,7 +16,7 @@ from twin.core.spatial import Array
 from twin.formula.contract import Formula
 from twin.formula.variant_choice import choose
 from twin.reference import ReferenceModel
-from twin.reference.boundary import Judged
+from twin.reference.margin_zeros import Judged
 from twin.validation.explain.coverage import check_margins, coverage, unvalued
 from twin.validation.explain.drawing import Corrected, correct, drawing
 from twin.validation.explain.equation_steps import Tolerance

@@ -10,7 +10,7 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.core.units import display_unit
-from twin.reference.boundary import Judged
+from twin.reference.margin_zeros import Judged
 from twin.validation.explain.candidate import Candidate, GroupResult
 from twin.validation.explain.equation_steps import RowKey, RowPlace
 from twin.validation.explain.explanation_data import WrongRow

@@ -14,9 +14,9 @@ from twin.core.units import DEG, MM
 from twin.model.body import Body
 from twin.planning.obstacle_avoidance import around
 from twin.reference import ReferenceModel
+from twin.reference.collision_pairs import Obstacle
+from twin.reference.joint_space import JointSpace
 from twin.reference.obstacles import obstacles
-from twin.reference.pairs import Still
-from twin.reference.space import JointSpace
 from twin.simulation.setup import Setup
 
 _STEP = 8 * MM
@@ -70,7 +70,7 @@ class Ways:
         # the jaws of an instrument do not move its tool
         return float(fractions[~member.kin.auxiliary].min())
 
-    def obstacles(self, robot: str, q: Mapping[str, Array], objects: Mapping[str, Array]) -> list[Still]:
+    def obstacles(self, robot: str, q: Mapping[str, Array], objects: Mapping[str, Array]) -> list[Obstacle]:
         """Return the obstacles of an arm (other robots, props, objects) in its base; for the arguments, see `plan`."""
         T_world_base = self._places[robot].T_world_base
         poses: dict[str, dict[str, Array]] = {}
@@ -87,7 +87,7 @@ class Ways:
         for item in self._scene.objects:
             if item.name in objects:
                 body = Body(item.name, (item.mesh(),))
-                stills.append(Still(item.name, body, T_base_world @ objects[item.name]))
+                stills.append(Obstacle(item.name, body, T_base_world @ objects[item.name]))
         return stills
 
     def plan(

@@ -2,11 +2,11 @@
 
 A path q(s) is checked as a whole, not at sampled points. In the middle of an interval of s, the distance of a pair of
 bodies is tested. Two bodies cannot collide in the interval if this distance exceeds the possible approach of the two
-bodies in half of the interval (`travel`); otherwise the interval is halved.
+bodies in half of the interval (`relative_motion`); otherwise the interval is halved.
 
-For most intervals, bounds of the distance are sufficient (`pairs`). If the bounds are not sufficient and the remaining
-motion is small, coal tests whether the meshes are nearer than this motion. The test is much faster than a computation
-of the distance.
+For most intervals, bounds of the distance are sufficient (`collision_pairs`). If the bounds are not sufficient and the
+remaining motion is small, coal tests whether the meshes are nearer than this motion. The test is much faster than a
+computation of the distance.
 """
 
 from __future__ import annotations
@@ -23,16 +23,22 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM, ROUNDING, display_unit
 from twin.model.mechanism import Mechanism
 from twin.reference.clearance_certificate import Certificate, Stations, certify, nearest
-from twin.reference.closing import Closing
+from twin.reference.collision_pairs import SEARCHED, CollisionPairs, Obstacle
 from twin.reference.joint_range import within_limits
+from twin.reference.loop_closing import Closing
 from twin.reference.model import ReferenceModel
-from twin.reference.pairs import SEARCHED, CollisionPairs, Still
 
 _ANGLE_LENGTH = 0.1
 """Length in m that is equivalent to 1 rad in comparisons of paths."""
 
-_STATION_STEP = {True: 0.1, False: 0.02}
-"""Motion of a driven joint (rad if an angle, else m) between two stations (states with closed, tested loops)."""
+_STATION_TURN = 0.1
+"""Motion in rad of a driven angle between two stations (states with closed, tested loops)."""
+
+_STATION_SLIDE = 0.02
+"""Motion in m of a driven slide between two stations."""
+
+_COARSE_INTERVALS = 64
+"""Number of intervals of a path by which its length is estimated."""
 
 _INTERVALS = 512
 """Number of intervals of a path; the speed assumed in one is `_SPEED_FACTOR` times the larger speed at its ends."""
@@ -86,7 +92,7 @@ class JointSpace:
         clearance: float,
         *,
         keep: Keep | None = None,
-        around: Callable[[], Sequence[Still]] | None = None,
+        around: Callable[[], Sequence[Obstacle]] | None = None,
         arms: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         """Define the space of a mechanism; nothing is computed yet.
@@ -133,7 +139,7 @@ class JointSpace:
 
     @cached_property
     def _pairs(self) -> CollisionPairs:
-        obstacles: Sequence[Still] = ()
+        obstacles: Sequence[Obstacle] = ()
         if self._around is not None:
             obstacles = self._around()
         return CollisionPairs(self._model, obstacles, self.clearance, self._arms)
@@ -173,7 +179,7 @@ class JointSpace:
     def leads(self) -> np.ndarray:
         """(n,) bool: whether each driven joint can move the tool."""
         mechanism = self._model.mechanism
-        return np.array([j not in mechanism.auxiliary for j in mechanism.active], bool)
+        return np.array([joint not in mechanism.auxiliary for joint in mechanism.active], bool)
 
     @cached_property
     def _scales(self) -> tuple[Array, Array]:
@@ -225,9 +231,9 @@ class JointSpace:
             # all included pairs in all states of the block
             states = np.repeat(np.arange(len(X)), len(included))
             pair = np.tile(included, len(X))
-            near = self._pairs.gaps(poses, states, pair) < most
-            states = states[near]
-            pair = pair[near]
+            is_near = self._pairs.gaps(poses, states, pair) < most
+            states = states[is_near]
+            pair = pair[is_near]
             enough = np.full(len(pair), most)
             low, _ = self._pairs.bounds.at(poses, states, pair, enough, fine=SEARCHED)
             np.minimum.at(bounds, first + states, low)
@@ -255,10 +261,10 @@ class JointSpace:
 
     def free_along(self, path: Callable[..., Array]) -> bool:
         """Return whether a path q(s), s from 0 to 1, is free of collisions; see `twin.planning.path.Path`."""
-        seen = self._stations(path)
-        if seen is None:
+        stations = self._stations(path)
+        if stations is None:
             return False
-        return self._clear(seen)
+        return self._clear(stations)
 
     def why(self, q: Array) -> str:
         """Return why joint values q (n,) are not free, with numbers; "" if they are free."""
@@ -283,17 +289,18 @@ class JointSpace:
         pairs = self._pairs
         poses = pairs.poses(x[None])
         every = np.arange(len(pairs))
-        near = pairs.gaps(poses, 0 * every, every) < pairs.required
+        is_near = pairs.gaps(poses, 0 * every, every) < pairs.required
         worst = ""
         most = 0.0
-        for pair in np.flatnonzero(near):
+        for pair in np.flatnonzero(is_near):
             distance = pairs.distance(int(pair), poses[0])
             required = float(pairs.required[pair])
             lacking = required - distance
             if lacking <= most:
                 continue
             most = lacking
-            names = " and ".join(pairs.shapes[i].name for i in pairs.rows[pair])
+            a, b = pairs.rows[pair]
+            names = f"{pairs.shapes[a].name} and {pairs.shapes[b].name}"
             worst = f"{names} are {distance / MM:.2f} mm apart (required: {required / MM:.3g} mm)"
             if distance <= 0:
                 worst = f"{names} collide (required: {required / MM:.3g} mm apart)"
@@ -370,17 +377,17 @@ class JointSpace:
         return self._closing.placed(q)
 
     def _count(self, path: Callable[..., Array]) -> int:
-        """Return the number of stations of a path; between them, no driven joint moves more than `_STATION_STEP`."""
-        coarse = path(np.linspace(0.0, 1.0, 65))
+        """Return the number of stations of a path; between them, no driven joint moves more than its step."""
+        coarse = path(np.linspace(0.0, 1.0, _COARSE_INTERVALS + 1))
         strides = np.abs(np.diff(coarse, axis=0)) / self._steps
-        # 64 times the longest stride is at least the length of the path
-        intervals = int(np.ceil(64 * strides.max(initial=0.0)))
+        # this many times the longest stride is at least the length of the path
+        intervals = int(np.ceil(_COARSE_INTERVALS * strides.max(initial=0.0)))
         return max(intervals + 1, 2)
 
     @property
     def _steps(self) -> Array:
-        """`_STATION_STEP` (n,) of each driven joint."""
-        return np.array([_STATION_STEP[j.is_angle] for j in self._model.mechanism.active])
+        """Largest motion (n,) in rad or m of each driven joint between two stations."""
+        return np.where(self._model.tree.are_angles, _STATION_TURN, _STATION_SLIDE)
 
     def _stations(self, path: Callable[..., Array]) -> Stations | None:
         """Return the stations of a path; None if limits are exceeded, a state is not allowed, or the loops open."""
@@ -413,31 +420,31 @@ class JointSpace:
         fastest = np.maximum(speeds[1:], speeds[:-1])
         cells = factor * fastest * np.diff(speeds_at)[:, None]
         start = np.zeros((1, cells.shape[1]))
-        moved = np.concatenate([start, np.cumsum(cells, axis=0)])
-        return Stations(path, self._closing, s, X, speeds_at, moved)
+        travel = np.concatenate([start, np.cumsum(cells, axis=0)])
+        return Stations(path, self._closing, s, X, speeds_at, travel)
 
     def _same(self, x: Array, q: Array) -> bool:
         """Return whether x is in the assembly mode of the state stored for q; if none is stored, store x."""
-        known = self._closing.known(q)
-        if known is None:
+        x_known = self._closing.known(q)
+        if x_known is None:
             self._closing.keep(q[None], x[None])
             return True
-        a, b = self._pairs.poses(np.array([x, known]))
+        a, b = self._pairs.poses(np.array([x, x_known]))
         shifts = np.linalg.norm(a[:, :3, 3] - b[:, :3, 3], axis=1)
         return float(shifts.max(initial=0.0)) < _SAME_POSITION
 
     # -- distances ------------------------------------------------------------------------------------
 
-    def _clear(self, seen: Stations) -> bool:
+    def _clear(self, stations: Stations) -> bool:
         """Return whether all pairs have the required distance at the tested s, and half of this distance at all s."""
-        if len(self._pairs) and self._pairs.near(seen.X).any():
+        if len(self._pairs) and self._pairs.near(stations.X).any():
             return False
 
         def at(path: np.ndarray, s: Array) -> Array | None:
-            return seen.at(s)
+            return stations.at(s)
 
         def ahead(path: np.ndarray, s: Array, width: float) -> Array:
-            return seen.ahead(s, width)
+            return stations.ahead(s, width)
 
         (clear,) = self._clear_each(1, at, ahead)
         return bool(clear)
@@ -488,10 +495,10 @@ class JointSpace:
             unsure = np.flatnonzero(pairs.gaps(poses, row, pair) < margin)
             low, high = pairs.bounds.at(poses, row[unsure], pair[unsure], margin[unsure], required[unsure], fine)
             if exact:
-                near = high < required[unsure]
+                is_near = high < required[unsure]
             else:
-                near = pairs.seem_near(X, poses, row[unsure], pair[unsure], low, high, is_clear[paths])
-            is_clear[path[unsure[near]]] = False
+                is_near = pairs.seem_near(X, poses, row[unsure], pair[unsure], low, high, is_clear[paths])
+            is_clear[path[unsure[is_near]]] = False
             unsure = unsure[(low < margin[unsure]) & is_clear[path[unsure]]]
             if not exact:
                 split = unsure[approach[unsure] > _SEARCH_MOTION].tolist()
@@ -508,15 +515,23 @@ class JointSpace:
                         x = X[row[i]]
                         is_clear[path[i]] = not pairs.closer(p, x[None], T[None])[0]
                         continue
-                    undecided = margin[i] > _MESH_MARGIN * required[i] or pairs.celled(p)
-                    if undecided or pairs.nearer(p, T, float(margin[i])):
+                    if self._is_undecided_by_meshes(p, T, float(margin[i])):
                         split.append(i)
-            unsure = np.array([i for i in split if is_clear[path[i]]], int)
+            unsure = np.array(split, int)
+            unsure = unsure[is_clear[path[unsure]]]  # a path that was found too near needs no further test
             path = np.repeat(path[unsure], halves)
             pair = np.repeat(pair[unsure], halves)
             place = (place[unsure, None] * halves + np.arange(halves)).ravel()
             level += _HALVINGS_AT_ONCE
         return is_clear
+
+    def _is_undecided_by_meshes(self, pair: int, poses: Array, margin: float) -> bool:
+        """Return whether the meshes at shape poses (shapes, 4, 4) do not show that a pair is `margin` in m apart."""
+        pairs = self._pairs
+        # coal is slow for a large margin, and for close meshes: shorter intervals need a smaller one
+        if margin > _MESH_MARGIN * float(pairs.required[pair]) or pairs.celled(pair):
+            return True
+        return pairs.nearer(pair, poses, margin)
 
     def free_each(self, a: Array, b: Array) -> np.ndarray:
         """Return (m,) bool: whether the straight paths from a (m, n) to b (m, n), with free ends, are probably free.
@@ -556,7 +571,10 @@ class JointSpace:
         strides = np.abs(b - a) / self._steps
         counts = np.ceil(strides.max(axis=1)).astype(int) + 1
         path = np.repeat(np.arange(len(a)), counts + 1)
-        s = np.concatenate([np.linspace(0.0, 1.0, n + 1) for n in counts])
+        parameters = []
+        for intervals in counts:
+            parameters.append(np.linspace(0.0, 1.0, intervals + 1))
+        s = np.concatenate(parameters)
         q = a[path] + s[:, None] * (b - a)[path]
         allowed = self._allowed(self._placed(q), q)
         is_allowed[path[~allowed]] = False
@@ -588,8 +606,8 @@ class JointSpace:
 
         def until(path: np.ndarray, s: Array) -> Array:
             i = np.minimum((s * intervals).astype(int), count - 2)
-            rest = (s * intervals - i)[:, None]
-            return (1 - rest) * moved[path, i] + rest * moved[path, i + 1]
+            part = (s * intervals - i)[:, None]
+            return (1 - part) * moved[path, i] + part * moved[path, i + 1]
 
         def at(path: np.ndarray, s: Array) -> Array:
             i = np.minimum((s * intervals).astype(int), count - 2)
@@ -617,7 +635,7 @@ class JointSpace:
     # -- the certificate ------------------------------------------------------------------------------
 
     def certify(self, path: Callable[..., Array], within: float = 0.5 * MM) -> Certificate:
-        """Return a proven lower bound of the distance between bodies along a whole path (`certificate.certify`).
+        """Return a proven lower bound of the distance between bodies along a whole path (`clearance_certificate`).
 
         Pairs of bodies of the mechanism that are nearer than twice the clearance in the rest poses are not included:
         for them, `free_along` requires half of their distance in the rest poses.
@@ -640,8 +658,8 @@ class JointSpace:
         Raises:
             MechanismError: as in `certify`.
         """
-        seen = self._stations(path)
-        if seen is None:
+        stations = self._stations(path)
+        if stations is None:
             raise MechanismError(
                 "the path exceeds joint limits, has states that the additional test excludes, "
                 "or the loops of the mechanism do not close along it"
@@ -654,5 +672,5 @@ class JointSpace:
             groups.setdefault(name, []).append(int(k))
         certificates = {}
         for name, which in groups.items():
-            certificates[name] = certify(seen, pairs, np.array(which), within, self._check)
+            certificates[name] = certify(stations, pairs, np.array(which), within, self._check)
         return certificates

@@ -22,11 +22,11 @@ from twin.planning.fmt import FmtSearch
 from twin.planning.obstacle_avoidance import around
 from twin.planning.smooth import line
 from twin.reference import ReferenceModel
-from twin.reference.bounds import Bounds, balls_of, grid_of
 from twin.reference.clearance import Shape
+from twin.reference.collision_pairs import CollisionPairs
+from twin.reference.distance_bounds import Bounds, balls_of, grid_of
 from twin.reference.follower import Follower
-from twin.reference.pairs import CollisionPairs
-from twin.reference.space import JointSpace
+from twin.reference.joint_space import JointSpace
 
 
 def ball_of(radius, count):
@@ -117,7 +117,7 @@ def test_nearer_agrees_with_the_exact_distance_at_every_margin():
 @pytest.mark.slow
 def test_a_damaged_cache_is_made_again(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr("twin.reference.bounds._GRID_NODES", 1000)
+    monkeypatch.setattr("twin.reference.distance_bounds._GRID_NODES", 1000)
     triangles = Shape("rod", "rod", [SHAPES["rod"]()]).triangles
     first, grid = balls_of(triangles), grid_of(triangles)
     files = sorted((tmp_path / "twin" / "distances").glob("*.npz"))

@@ -9,6 +9,7 @@ import numpy as np
 
 from twin.core.spatial import Array, Index
 from twin.model.mechanism import Mechanism
+from twin.reference.loops import LENGTH_SCALE
 from twin.reference.model import ReferenceModel
 from twin.reference.newton import minimise
 from twin.reference.singular_departure import scattered
@@ -32,16 +33,16 @@ def assemble(model: ReferenceModel) -> Assembly:
     """
     tree = model.tree
     best = model.home()
-    drawn = tree.start(model.mechanism.rest)
-    every = np.arange(tree.model.nv)
-    for columns in (tree.passive, every):
-        near_drawn = scattered(tree, drawn, columns, _SPREADS, _STARTS_PER_SPREAD)
-        # The drawn poses alone come first: in most CAD, they suffice.
-        for starts in (drawn[None], near_drawn):
+    x_rest = tree.start(model.mechanism.rest)
+    every_column = np.arange(tree.model.nv)
+    for columns in (tree.passive, every_column):
+        near_rest = scattered(tree, x_rest, columns, _SPREADS, _STARTS_PER_SPREAD)
+        # The rest poses alone come first: in most CAD, they suffice.
+        for starts in (x_rest[None], near_rest):
             if is_closed(best):
                 return best
-            candidate = _nearest(model, starts, columns, drawn)
-            # among equal gaps, that at the driven joints as drawn stays: a loop that cannot be closed moves nothing
+            candidate = _nearest(model, starts, columns, x_rest)
+            # among equal gaps, that at the drawn driven joints stays: a loop that cannot be closed moves nothing
             if candidate is not None and not _as_small(_misfit(best), _misfit(candidate)):
                 best = candidate
     return best
@@ -52,15 +53,19 @@ def closes_alone(mechanism: Mechanism, loop: str) -> tuple[float, float]:
 
     Infinite if no start leads to finite values.
     """
-    others = {j.name for j in mechanism.loops} - {loop}
-    joints = tuple(j for j in mechanism.joints if j.name not in others)
-    alone = replace(mechanism, joints=joints, couplings=())
+    other_loops = {joint.name for joint in mechanism.loops} - {loop}
+    joints = []
+    for joint in mechanism.joints:
+        if joint.name not in other_loops:
+            joints.append(joint)
+    # a coupling could hold the joints apart, so that the gap would not be that of the loop alone
+    alone = replace(mechanism, joints=tuple(joints), couplings=())
     model = ReferenceModel(alone)
-    every = np.arange(model.tree.model.nv)
-    drawn = model.tree.start(mechanism.rest)
-    near_drawn = scattered(model.tree, drawn, every, _SPREADS, _STARTS_PER_SPREAD)
-    starts = np.concatenate([drawn[None], near_drawn])
-    nearest = _nearest(model, starts, every, drawn)
+    every_column = np.arange(model.tree.model.nv)
+    x_rest = model.tree.start(mechanism.rest)
+    near_rest = scattered(model.tree, x_rest, every_column, _SPREADS, _STARTS_PER_SPREAD)
+    starts = np.concatenate([x_rest[None], near_rest])
+    nearest = _nearest(model, starts, every_column, x_rest)
     if nearest is None:
         return np.inf, np.inf
     return nearest.gap[loop]
@@ -77,8 +82,8 @@ def settle(model: ReferenceModel, values: Mapping[str, float]) -> Assembly | Non
         if name in tree.configuration:
             place = tree.configuration[name]
             start[place] = value
-    every = np.arange(tree.model.nv)
-    for columns in (tree.passive, every):
+    every_column = np.arange(tree.model.nv)
+    for columns in (tree.passive, every_column):
         nearest = _nearest(model, start[None], columns, start)
         if nearest is not None and is_closed(nearest):
             return nearest
@@ -97,30 +102,39 @@ def is_closed(state: Assembly) -> bool:
 
 
 def _misfit(state: Assembly) -> float:
-    """Return the sum of the gaps, in m with 1 rad as 0.1 m; 0 if all loops are closed."""
+    """Return the sum of the gaps, in m with 1 rad as `LENGTH_SCALE`; 0 if all loops are closed."""
     if is_closed(state):
         return 0.0
-    return sum(offset + 0.1 * tilt for offset, tilt in state.gap.values())
+    sizes = []
+    for offset, tilt in state.gap.values():
+        sizes.append(offset + LENGTH_SCALE * tilt)
+    return sum(sizes)
 
 
-def _as_small(misfit: float, other: float) -> bool:
+def _as_small(misfit: float, other_misfit: float) -> bool:
     """Return whether a misfit is at most as large as another, up to rounding; only 0 (closed) is as small as 0."""
-    if other == 0.0:
+    if other_misfit == 0.0:
         return misfit == 0.0
-    return misfit <= other + CLOSED[0]
+    return misfit <= other_misfit + CLOSED[0]
 
 
-def _nearest(model: ReferenceModel, starts: Array, columns: Index, drawn: Array) -> Assembly | None:
-    """Return the assembly with the smallest gaps reached from `starts`; if some are equal, the nearest to `drawn`.
+def _nearest(model: ReferenceModel, starts: Array, columns: Index, x_rest: Array) -> Assembly | None:
+    """Return the assembly with the smallest gaps reached from `starts`; if some are equal, the nearest to `x_rest`.
 
     None if no start leads to finite values.
     """
     X, _ = minimise(model.tree, starts, model.loops_only, columns)
     finite = np.isfinite(X).all(axis=1)
-    states = [model.state(x) for x in X[finite]]
-
-    misfits = [_misfit(state) for state in states]
+    assemblies = []
+    misfits = []
+    for x in X[finite]:
+        assembly = model.state(x)
+        assemblies.append(assembly)
+        misfits.append(_misfit(assembly))
     smallest = min(misfits, default=0.0)
     # of a loop that cannot be closed, every start leaves the same gap, in which only the rounding differs
-    equal = [state for state, misfit in zip(states, misfits, strict=True) if _as_small(misfit, smallest)]
-    return min(equal, key=lambda state: float(np.linalg.norm(state.x - drawn)), default=None)
+    equal = []
+    for assembly, misfit in zip(assemblies, misfits, strict=True):
+        if _as_small(misfit, smallest):
+            equal.append(assembly)
+    return min(equal, key=lambda assembly: float(np.linalg.norm(assembly.x - x_rest)), default=None)

@@ -1,7 +1,8 @@
 """The pairs of bodies that could collide while a mechanism moves among obstacles, with tests of their distance.
 
 The tests, from cheap to expensive, use boxes along the axes of base; bounds from balls and a grid of distances
-(`bounds`), for many states at once; convex hulls; the meshes, by coal, for pairs that the bounds do not decide.
+(`distance_bounds`), for many states at once; convex hulls; the meshes, by coal, for pairs that the bounds do not
+decide.
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.body import Body
-from twin.reference.bounds import Bounds
-from twin.reference.clearance import TOUCHING, Shape, apart, distance_between, placed
+from twin.reference.clearance import TOUCHING, Shape, distance_between, placed, unjointed_pairs
+from twin.reference.distance_bounds import Bounds
 from twin.reference.model import ReferenceModel
-from twin.reference.travel import Levers, Reach
+from twin.reference.relative_motion import Levers, Reach
 
 _HULL_DISTANCE_ERROR = 1e-5
 """Maximum excess in m of a computed hull distance over the true distance."""
@@ -33,7 +34,7 @@ _MOST_STORED_TURNS = 3
 
 
 @dataclass(frozen=True)
-class Still:
+class Obstacle:
     """A body at rest (an obstacle): name "owner/body", body with its meshes, pose T_base_body (4, 4).
 
     `touches` names the bodies of the mechanism that touch the obstacle intentionally.
@@ -61,7 +62,7 @@ class CollisionPairs:
     def __init__(
         self,
         model: ReferenceModel,
-        stills: Sequence[Still],
+        obstacles: Sequence[Obstacle],
         clearance: float,
         arms: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
@@ -69,7 +70,7 @@ class CollisionPairs:
 
         Args:
             model: the mechanism's model.
-            stills: the obstacles.
+            obstacles: the obstacles.
             clearance: required distance in m. For two bodies of the mechanism, at most half of their distance in the
                 rest poses is required.
             arms: name of the arm of each body, for a mechanism made by `twin.model.joined`. Two bodies of different
@@ -77,9 +78,9 @@ class CollisionPairs:
         """
         self._tree = model.tree
         self._clearance = clearance
-        neighbours = apart(model.mechanism)
-        stills = [s for s in stills if s.body.meshes]
-        own_shapes = self._own_shapes(model, neighbours, bool(stills))
+        neighbours = unjointed_pairs(model.mechanism)
+        obstacles = [obstacle for obstacle in obstacles if obstacle.body.meshes]
+        own_shapes = self._own_shapes(model, neighbours, bool(obstacles))
         self.shapes = list(own_shapes.values())
         numbers = []
         Ts = []
@@ -87,17 +88,17 @@ class CollisionPairs:
             number, T_joint_body = self._tree.body(name)
             numbers.append(number)
             Ts.append(T_joint_body)
-        for still in stills:
-            self.shapes.append(Shape(still.name, still.name, still.body.meshes))
+        for obstacle in obstacles:
+            self.shapes.append(Shape(obstacle.name, obstacle.name, obstacle.body.meshes))
             numbers.append(0)
-            Ts.append(still.T_base_body)
+            Ts.append(obstacle.T_base_body)
         self._numbers = np.array(numbers, int)
         self._Ts = np.array(Ts).reshape(-1, 4, 4)
 
-        moves = [self._tree.moves(n) for n in self._numbers]
+        moves = [self._tree.moves(number) for number in self._numbers]
         rows: list[tuple[int, int]] = []
         required: list[float] = []
-        for a, b, distance in self._possible_pairs(model, neighbours, stills, arms, len(own_shapes)):
+        for a, b, distance in self._possible_pairs(model, neighbours, obstacles, arms, len(own_shapes)):
             # two bodies that the same coordinates move are at rest relative to each other
             if (moves[a] != moves[b]).any():
                 rows.append((a, b))
@@ -125,7 +126,7 @@ class CollisionPairs:
         self._half = np.array(diagonals).reshape(-1, 3) / 2
         self._middle = np.array(sums).reshape(-1, 3) / 2
         self._radii = np.linalg.norm(self._half, axis=1)
-        self.bounds = Bounds([s.triangles for s in self.shapes], self.rows)
+        self.bounds = Bounds([shape.triangles for shape in self.shapes], self.rows)
         self._cells: dict[tuple[int, ...], bool] = {}
         self._turns = self._few_turns(moves)
 
@@ -146,7 +147,7 @@ class CollisionPairs:
         self,
         model: ReferenceModel,
         neighbours: Sequence[tuple[Shape, Shape]],
-        stills: Sequence[Still],
+        obstacles: Sequence[Obstacle],
         arms: Mapping[str, str],
         count: int,
     ) -> Iterator[tuple[int, int, float]]:
@@ -154,21 +155,21 @@ class CollisionPairs:
 
         `count` is the number of the mechanism's own shapes; the arguments are those of the class.
         """
-        row = {s.name: i for i, s in enumerate(self.shapes)}
+        row = {shape.name: i for i, shape in enumerate(self.shapes)}
         home = model.home().link_poses
         for a, b in neighbours:
             required = self._clearance
             if arms.get(a.name) == arms.get(b.name):
-                drawn = distance_between(a, b, home[a.body], home[b.body])
-                if drawn <= TOUCHING:
+                rest_distance = distance_between(a, b, home[a.body], home[b.body])
+                if rest_distance <= TOUCHING:
                     continue
-                required = min(required, drawn / 2)
+                required = min(required, rest_distance / 2)
             yield row[a.name], row[b.name], required
-        for still in stills:
+        for obstacle in obstacles:
             for i in range(count):
                 # bodies at rest cannot approach an obstacle
-                if self._numbers[i] and self.shapes[i].name not in still.touches:
-                    yield i, row[still.name], self._clearance
+                if self._numbers[i] and self.shapes[i].name not in obstacle.touches:
+                    yield i, row[obstacle.name], self._clearance
 
     def _few_turns(self, moves: Sequence[Array]) -> dict[int, tuple[np.ndarray, Array]]:
         """Return the pairs whose relative pose depends on few rotations: (velocity indices, edges of a cell in rad)."""
@@ -289,8 +290,10 @@ class CollisionPairs:
             moving, edges = self._turns[pair]
             numbers = np.rint(X[:, moving] / edges).astype(int)
             cells, row = np.unique(numbers, axis=0, return_inverse=True)
-            free = [self._free_cell(pair, tuple(cell), X[0]) for cell in cells.tolist()]
-            undecided = ~np.array(free, bool)[row.ravel()]
+            is_free = np.zeros(len(cells), bool)
+            for i, cell in enumerate(cells.tolist()):
+                is_free[i] = self._free_cell(pair, tuple(cell), X[0])
+            undecided = ~is_free[row.ravel()]
         is_closer = np.zeros(len(X), bool)
         for k in np.flatnonzero(undecided):
             is_closer[k] = self.nearer(pair, poses[k], required)
@@ -330,8 +333,8 @@ class CollisionPairs:
             k = int(states[i])
             if not possible[k]:
                 continue
-            near = self.closer(int(pairs[i]), X[[k]], poses[[k]])
-            seems_near[i] = near[0]
+            is_near = self.closer(int(pairs[i]), X[[k]], poses[[k]])
+            seems_near[i] = is_near[0]
             possible[k] = not seems_near[i]
         return seems_near
 
@@ -355,8 +358,8 @@ class CollisionPairs:
         low, high = self.bounds.at(poses, states, pairs, required, required, fine)
         is_near[states[high < required]] = True
         if not exact:
-            near = self.seem_near(X, poses, states, pairs, low, high, ~is_near)
-            is_near[states[near]] = True
+            seems_near = self.seem_near(X, poses, states, pairs, low, high, ~is_near)
+            is_near[states[seems_near]] = True
             return is_near
         unknown = low < required
         for pair in np.unique(pairs[unknown]):

@@ -57,26 +57,28 @@ class Regularity:
 def regularity(model: ReferenceModel, states: Sequence[Array]) -> list[Regularity]:
     """Return the regularity of closed states (nq,); `usual` is the largest rank at these states and near the first."""
     beside = closed_beside(model, states[0])
-    every = [_values(model, x) for x in (*states, *beside)]
+    singular_values = []
     ranks = []
-    for s in every:
+    for x in (*states, *beside):
+        values = _values(model, x)
         rank = 0
-        if len(s):
+        if len(values):
             # if all values are rounding errors, the rank is 0
-            flat = max(_RELATIVE_ZERO * s[0], _ROUNDING)
-            rank = int((s > flat).sum())
+            smallest = max(_RELATIVE_ZERO * values[0], _ROUNDING)
+            rank = int((values > smallest).sum())
+        singular_values.append(values)
         ranks.append(rank)
     usual = max(ranks)
-    of_states = []
+    regularities = []
     for i in range(len(states)):
-        s = every[i]
+        values = singular_values[i]
         margin = 1.0
-        if usual and s[0] <= _ROUNDING:  # the rank falls to 0: there is no value to divide by
+        if usual and values[0] <= _ROUNDING:  # the rank falls to 0: there is no value to divide by
             margin = 0.0
         elif usual:
-            margin = float(s[usual - 1] / s[0])
-        of_states.append(Regularity(ranks[i], usual, margin))
-    return of_states
+            margin = float(values[usual - 1] / values[0])
+        regularities.append(Regularity(ranks[i], usual, margin))
+    return regularities
 
 
 def singular_home(model: ReferenceModel, home: Array) -> list[Finding]:

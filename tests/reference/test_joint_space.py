@@ -26,10 +26,10 @@ from twin.planning.protocol import load_protocol
 from twin.planning.rounds import UNITS
 from twin.planning.smooth import line
 from twin.reference import ReferenceModel
+from twin.reference.collision_pairs import Obstacle
 from twin.reference.follower import Follower
-from twin.reference.pairs import Still
-from twin.reference.space import JointSpace
-from twin.reference.travel import Reach
+from twin.reference.joint_space import JointSpace
+from twin.reference.relative_motion import Reach
 
 ROOT = Path(__file__).parents[2]
 
@@ -250,7 +250,7 @@ def test_a_closed_loop_meets_what_stands_in_the_way_of_a_passive_body(monkeypatc
     centre = np.concatenate([m.vertices for m in passive.meshes]).mean(axis=0)
     free = space_of(mechanism, clearance=MM)
     assert free.free_between(q[0], q[-1]) or not free.free(q).all()
-    ball = Still("room/ball", Body("ball", (box("ball", [0, 0, 0], [0.03] * 3),)), middle @ spatial.pose(p=centre))
+    ball = Obstacle("room/ball", Body("ball", (box("ball", [0, 0, 0], [0.03] * 3),)), middle @ spatial.pose(p=centre))
     blocked = space_of(mechanism, ball, clearance=MM)
     assert passive.name in blocked.why(q[30])
     assert not blocked.free_between(q[0], q[-1])
@@ -439,7 +439,7 @@ def test_free_phases_of_robots_go_around_a_post_and_are_judged_right(tmp_path, n
         middle = straight.q[len(straight.t) // 2]
         tip = ReferenceModel(robot.mechanism).run(np.array([straight.q[0], middle])).Ts_base_tool[-1] @ T
         size = POSTS[name]
-        still = Still("room/post", Body("post", (box("post", [0, 0, 0], [size] * 3),)), spatial.pose(p=tip[:3, 3]))
+        still = Obstacle("room/post", Body("post", (box("post", [0, 0, 0], [size] * 3),)), spatial.pose(p=tip[:3, 3]))
 
         def space(scene, clearance, keep, still=still):
             return JointSpace(lambda: follower.model, clearance, keep=keep, around=lambda: [still])

@@ -14,9 +14,9 @@ from twin.core.units import MM
 from twin.model.joined import joined
 from twin.planning.smooth import line
 from twin.reference import ReferenceModel
-from twin.reference.assembling import settle
-from twin.reference.closing import Closing
-from twin.reference.pairs import CollisionPairs
+from twin.reference.assembly import settle
+from twin.reference.collision_pairs import CollisionPairs
+from twin.reference.loop_closing import Closing
 
 
 @cache
@@ -113,7 +113,7 @@ def test_states_of_connections_follow_the_paths():
 
 def test_a_certain_state_is_kept_for_ever_and_found_again_at_rounded_values(monkeypatch):
     """Otherwise the end of a path is compared with nothing, so that any assembly mode is accepted there."""
-    monkeypatch.setattr("twin.reference.closing._MOST_STORED_STATES", 50)
+    monkeypatch.setattr("twin.reference.loop_closing._MOST_STORED_STATES", 50)
     closing, rng = closing_of("four_bar"), np.random.default_rng(0)
     home = model("four_bar").home().q
     sure, _ = closing.states(home[None] + 0.1)

@@ -34,7 +34,7 @@ class Reach:
         self._tree = tree
         model = tree.model
         self._fixed = np.zeros((len(pairs), model.nv))
-        # (configuration index of a slide, mask (pairs, nv) of affected rho)
+        # (Pinocchio number of a slide, mask (pairs, nv) of affected rho)
         self._slides: list[tuple[int, Array]] = []
         adds: dict[int, Array] = {}
         for number in range(1, model.njoints):
@@ -50,7 +50,7 @@ class Reach:
                     self._fill(row, j, number, vertices, adds)
         for number, affected in adds.items():
             if affected.any():
-                self._slides.append((model.joints[number].idx_q, affected))
+                self._slides.append((number, affected))
 
     def _above(self, number: int) -> list[int]:
         """Return the joint `number` and all joints between this joint and the base."""
@@ -81,7 +81,9 @@ class Reach:
             first = model.jointPlacements[between[0]].translation
             if joint.nv == 1:
                 first = first[:2]
-            offsets = [np.linalg.norm(model.jointPlacements[k].translation) for k in between[1:]]
+            offsets = []
+            for k in between[1:]:
+                offsets.append(np.linalg.norm(model.jointPlacements[k].translation))
             rho = np.linalg.norm(first)
             rho += sum(offsets)
             rho += np.linalg.norm(vertices, axis=1).max(initial=0.0)
@@ -102,10 +104,9 @@ class Reach:
         """
         joints = self._tree.model.joints
         bounds = self._fixed.copy()
-        for place, affected in self._slides:
-            # the last joint with this index: the base, joint 0, may have the index of joint 1
-            number = int(np.flatnonzero([j.idx_q == place for j in joints])[-1])
-            extension = np.abs(X[:, place]).max() + ahead[joints[number].idx_v]
+        for number, affected in self._slides:
+            slide = joints[number]
+            extension = np.abs(X[:, slide.idx_q]).max() + ahead[slide.idx_v]
             bounds += affected * extension
         return bounds
 
@@ -138,8 +139,11 @@ class Levers:
         last_shared = model.njoints - 1 - np.argmax(shared[:, ::-1], axis=1)
         highest = np.where(shared.any(axis=1), last_shared, 0)
         self._joints, self._bodies = np.nonzero(above.T)
-        self._columns = np.array([j.idx_v for j in model.joints])
-        self._balls = np.array([j.shortname() == _BALL for j in model.joints])
+        self._columns = np.zeros(model.njoints, int)
+        self._balls = np.zeros(model.njoints, bool)
+        for number, joint in enumerate(model.joints):
+            self._columns[number] = joint.idx_v
+            self._balls[number] = joint.shortname() == _BALL
         # by joint: the pairs whose last common joint it is, its rows in `_joints`, and whether it rotates
         self._pairs: list[np.ndarray] = []
         self._moved: list[np.ndarray] = []
@@ -153,8 +157,11 @@ class Levers:
     @staticmethod
     def possible(tree: Tree) -> bool:
         """Return whether every joint of a tree is a rotation about z, a translation along z, or a ball joint."""
-        kinds = {tree.model.joints[n].shortname() for n in range(1, tree.model.njoints)}
-        return kinds <= {"JointModelRZ", "JointModelPZ", _BALL}
+        # joint 0 is the base, which has no type
+        for joint in list(tree.model.joints)[1:]:
+            if joint.shortname() not in ("JointModelRZ", "JointModelPZ", _BALL):
+                return False
+        return True
 
     def bounds(self, joints: Array, centres: Array, radii: Array, moved: Array) -> Array:
         """Return bounds (pairs, k) in m of the relative motion of each pair.

@@ -130,21 +130,22 @@ class Boundary:
         self.model = model
         self.stated = stated
         self._error = error
-        some = states[spread(len(states), _MOST_STARTS)]
-        run = model.collect(some)
-        self._given = run
-        self.motions = Degeneracy(model, some)
-        self._whole = bool(stated.valid(run, True).any())  # False: passive joints are wrong; reported elsewhere
-        good = stated.valid(run, self._whole)
-        self._drawn = some[good]
-        self._are_reach = np.array([kind == "reach" for kind in stated.kinds])
-        self._why = ""  # why nothing can be judged
-        if not good.any():
-            self._why = "there is no state at which the equations agree with the joint values"
+        sampled_states = states[spread(len(states), _MOST_STARTS)]
+        run = model.collect(sampled_states)
+        self._start_samples = run
+        self.motions = Degeneracy(model, sampled_states)
+        # False: the passive joints of the equations are wrong, which is reported elsewhere
+        self._checks_passive = bool(stated.valid(run, True).any())
+        is_valid = stated.valid(run, self._checks_passive)
+        self._starts = sampled_states[is_valid]
+        self._are_reach = np.array(stated.kinds, str) == "reach"
+        self._no_result_reason = ""  # why nothing can be judged
+        if not is_valid.any():
+            self._no_result_reason = "there is no state at which the equations agree with the joint values"
             return
-        far = _random_states(self.motions, self._valid, self._drawn, seed=0)
-        self._pool = np.concatenate([self._drawn, far])
-        self._values = self._at(self._pool)
+        random_states = _random_states(self.motions, self._valid, self._starts, seed=0)
+        self._pool = np.concatenate([self._starts, random_states])
+        self._values = self._values_at(self._pool)
         self._size = _usual_sizes(self._values)
         # A measure goes through zero as the square root of a margin, and so does its error.
         error_of_measures = np.sqrt(error / LENGTH_SCALE) * self._size
@@ -153,22 +154,22 @@ class Boundary:
     def judge(self) -> list[Judged]:
         """Return the result for each row (margin, measure or aspect)."""
         rows = range(len(self.stated.names))
-        if self._why:
-            return [self._row(i, "not judged", self._why) for i in rows]
+        if self._no_result_reason:
+            return [self._result(i, "not judged", self._no_result_reason) for i in rows]
         judged: dict[int, Judged] = {}
         undecided = []
         for i in rows:
-            result = self._plain(i)
+            result = self._at_known_states(i)
             if result is None:
                 undecided.append(i)
             else:
                 judged[i] = result
-        judged |= self._walked(undecided)
+        judged |= self._by_walks(undecided)
         return [judged[i] for i in rows]
 
     # -- checks at known states -------------------------------------------------------------------------------
 
-    def _plain(self, i: int) -> Judged | None:
+    def _at_known_states(self, i: int) -> Judged | None:
         """Check value, sign and dimension of row i at the known states; return None if these checks do not decide."""
         values = self._values[:, i]
         kind = self.stated.kinds[i]
@@ -176,30 +177,30 @@ class Boundary:
         if not is_finite.all():
             state = self._pool[int(np.argmin(is_finite))]
             text = "the value is undefined at a state that the mechanism can reach"
-            return self._row(i, "disagrees", text, state)
+            return self._result(i, "disagrees", text, state)
         if kind == "aspect":
-            return self._aspect(i)
+            return self._judge_aspect(i)
         if kind == "reach" and values.min() < -self._error:
             k = int(np.argmin(values))
             text = f"the value is {values[k] / MM:.4g} mm (out of reach) at a state that the mechanism can reach"
-            return self._row(i, "disagrees", text, self._pool[k], float(-values[k] / MM), "mm")
+            return self._result(i, "disagrees", text, self._pool[k], float(-values[k] / MM), "mm")
         if np.ptp(values) <= _EQUAL_VALUES * np.abs(values).max():
-            return self._constant(i, float(values[0]))
+            return self._judge_constant(i, float(values[0]))
         return self._wrong_dimension(i)
 
-    def _aspect(self, i: int) -> Judged:
+    def _judge_aspect(self, i: int) -> Judged:
         """Return whether the values of aspect i confirm its preferred sign in the working range."""
         preferred = self.stated.preferred[i]
-        drawn = self._values[: len(self._drawn), i]
-        signed = drawn * preferred
+        start_values = self._values[: len(self._starts), i]
+        signed = start_values * preferred
         with_sign = np.sum(np.maximum(signed, 0))
         with_other_sign = np.sum(np.maximum(-signed, 0))
         if with_sign >= _SMALLEST_SIGN_RATIO * with_other_sign:
             text = f"the values in the working range confirm the preferred sign {preferred:+d}"
-            return self._row(i, "agrees", text)
+            return self._result(i, "agrees", text)
         k = int(np.argmin(signed))
-        text = f"the value is {drawn[k]:.4g} in the working range; the preferred sign is {preferred:+d}"
-        return self._row(i, "disagrees", text, self._pool[k], float(abs(drawn[k])))
+        text = f"the value is {start_values[k]:.4g} in the working range; the preferred sign is {preferred:+d}"
+        return self._result(i, "disagrees", text, self._pool[k], float(abs(start_values[k])))
 
     def _wrong_dimension(self, i: int) -> Judged | None:
         """Return the result of row i if it is no length, or no number without unit; None if its dimension is right.
@@ -220,32 +221,33 @@ class Boundary:
         deviation = np.abs(larger - values * factor)
         k = int(np.argmax(deviation))
         has_right_dimension = deviation[k] <= _EQUAL_VALUES * np.abs(values).max()
-        if has_right_dimension or not self.stated.homogeneous(self._given, _LENGTH_FACTOR):
+        if has_right_dimension or not self.stated.homogeneous(self._start_samples, _LENGTH_FACTOR):
             return None
         before = f"{values[k] / unit_size:.4g} {unit}".rstrip()  # a measure has no unit
         after = f"{larger[k] / unit_size:.4g} {unit}".rstrip()
         change = f"multiplying all lengths by {_LENGTH_FACTOR:g} changes it from {before} to {after}"
         text = f"the row is not a {what}: {change}"
-        return self._row(i, "disagrees", text, self._pool[k], float(deviation[k] / unit_size), unit)
+        return self._result(i, "disagrees", text, self._pool[k], float(deviation[k] / unit_size), unit)
 
-    def _constant(self, i: int, value: float) -> Judged:
+    def _judge_constant(self, i: int, value: float) -> Judged:
         """Return the result of row i, which has one value at all known states."""
         if not self._are_reach[i]:
             text = f"the value is {value:.4g} at all states, so the row does not mark a singularity"
-            return self._row(i, "disagrees", text, size=abs(value))
-        poses = self._beyond()
+            return self._result(i, "disagrees", text, size=abs(value))
+        poses = self._unreachable_poses()
         if not len(poses):
             text = f"the value is {value / MM:.4g} mm at all states, so the row does not measure reach"
-            return self._row(i, "disagrees", text, size=value / MM, unit="mm")
+            return self._result(i, "disagrees", text, size=value / MM, unit="mm")
         accepted = self.stated.refuses(poses)[:, i] >= 0
         if accepted.any():
             text = f"the row accepts {int(accepted.sum())} of {len(poses)} poses that the mechanism cannot reach"
-            return self._row(i, "disagrees", text, size=float(accepted.sum()))
-        return self._row(i, "agrees", f"the row rejects all {len(poses)} tested poses that the mechanism cannot reach")
+            return self._result(i, "disagrees", text, size=float(accepted.sum()))
+        text = f"the row rejects all {len(poses)} tested poses that the mechanism cannot reach"
+        return self._result(i, "agrees", text)
 
-    def _beyond(self) -> Array:
+    def _unreachable_poses(self) -> Array:
         """Return unreachable tool poses (k, 4, 4) near reachable ones; empty if there are six degrees of freedom."""
-        X = self._drawn
+        X = self._starts
         if self.motions.freedom >= 6:
             return np.zeros((0, 4, 4))
         twists = self.motions.tool(X)
@@ -265,7 +267,7 @@ class Boundary:
 
     # -- checks at the ends of walks -----------------------------------------------------------------------------------
 
-    def _walked(self, rows: list[int]) -> dict[int, Judged]:
+    def _by_walks(self, rows: list[int]) -> dict[int, Judged]:
         """Return {row: result} of rows that are zero at no known state, by walks to zeros."""
         if not rows:
             return {}
@@ -274,12 +276,12 @@ class Boundary:
         count = len(self._pool)
         starts = [order[0], order[count // 4]]
         walks = [self._seek(rows, starts, aside=False, valid=self._valid, seed=0)]
-        lacking = [i for i in rows if not len(self._zeros(i, walks))]
+        lacking = self._without_zero(rows, walks)
         if lacking:
             # again from other states, turned away from singularities
             starts = [order[0], order[count // 20], order[count // 2]]
             walks.append(self._seek(lacking, starts, aside=True, valid=self._valid, seed=1))
-            lacking = [i for i in lacking if not len(self._zeros(i, walks))]
+            lacking = self._without_zero(lacking, walks)
         beyond = []
         if lacking:
             # at last through states of other assembly modes
@@ -301,15 +303,27 @@ class Boundary:
         # rows of `chosen`: the picks of one row after the other, as in `row`
         chosen = np.array(picks)[:, rows].T.ravel()
         are_aside = np.full(len(row), aside)
-        return walk_to_zeros(self.motions, self._at, valid, self._pool[chosen], row, are_aside, self._size, seed)
+        return walk_to_zeros(self.motions, self._values_at, valid, self._pool[chosen], row, are_aside, self._size, seed)
 
     def _zeros(self, i: int, walks: list[Walks]) -> Array:
         """Return the states (k, nq) at which walks (sequences of Newton steps) found a zero of row i."""
-        ends = np.concatenate([w.states[w.ended == "zero"] for w in walks])
-        if not len(ends):
-            return ends
-        values = np.abs(self._at(ends)[:, i])
-        return ends[values <= NEARLY * self._size[i]]
+        ends = []
+        for walk in walks:
+            ends.append(walk.states[walk.ended == "zero"])
+        # a walk to the zero of another row may also have ended at a zero of this one
+        candidates = np.concatenate(ends)
+        if not len(candidates):
+            return candidates
+        values = np.abs(self._values_at(candidates)[:, i])
+        return candidates[values <= NEARLY * self._size[i]]
+
+    def _without_zero(self, rows: list[int], walks: list[Walks]) -> list[int]:
+        """Return those of the rows of which no walk found a zero."""
+        lacking = []
+        for i in rows:
+            if not len(self._zeros(i, walks)):
+                lacking.append(i)
+        return lacking
 
     def _degenerate(self, i: int, zeros: Array) -> Mask:
         """Return (k,) bool: whether the mechanism is degenerate at zeros (k, nq) of row i, within the error of lengths.
@@ -318,26 +332,26 @@ class Boundary:
         zero, a degenerate state is therefore searched; the row must be zero there within its own error.
         """
         is_degenerate = self.motions.of(zeros).min(axis=1) <= _DEGENERATE_SHARE
-        rest = np.flatnonzero(~is_degenerate)
-        if len(rest):
+        regular_rows = np.flatnonzero(~is_degenerate)
+        if len(regular_rows):
             walks = walk_to_zeros(
                 self.motions,
                 self._distance_from_degeneracy,
                 _anywhere,
-                zeros[rest],
-                row=np.zeros(len(rest), np.intp),
-                aside=np.zeros(len(rest), bool),
+                zeros[regular_rows],
+                row=np.zeros(len(regular_rows), np.intp),
+                aside=np.zeros(len(regular_rows), bool),
                 size=np.ones(1),
             )
             ends = walks.states
             ends_degenerate = self.motions.of(ends).min(axis=1) <= _DEGENERATE_SHARE
-            values = self._at(ends)
+            values = self._values_at(ends)
             is_zero = np.abs(values[:, i]) <= self._row_error[i]
             # A measure has no value beyond the reach that the equations state.
             reach = values[:, self._are_reach]
             is_just_beyond = ((reach < 0) & (reach >= -self._error)).any(axis=1)
             is_undefined = np.isnan(values[:, i]) & is_just_beyond
-            is_degenerate[rest] = ends_degenerate & (is_undefined | is_zero)
+            is_degenerate[regular_rows] = ends_degenerate & (is_undefined | is_zero)
         return np.asarray(is_degenerate, bool)
 
     def _distance_from_degeneracy(self, states: Array) -> Array:
@@ -352,11 +366,12 @@ class Boundary:
                 zeros_beyond = self._zeros(i, beyond)
                 if len(zeros_beyond) and self._degenerate(i, zeros_beyond).any():
                     text = "the row is zero where the mechanism is degenerate, in another assembly mode"
-                    return self._row(i, "agrees", text)
-            return self._unfound(i, walks)
+                    return self._result(i, "agrees", text)
+            return self._without_result(i, walks)
         is_regular = ~self._degenerate(i, zeros)
         if not is_regular.any():
-            return self._row(i, "agrees", f"the row is zero where the mechanism is degenerate, at {len(zeros)} states")
+            text = f"the row is zero where the mechanism is degenerate, at {len(zeros)} states"
+            return self._result(i, "agrees", text)
         smallest = np.where(is_regular, self.motions.of(zeros).min(axis=1), 0.0)
         k = int(np.argmax(smallest))
         what = "the mechanism can move further"
@@ -367,18 +382,18 @@ class Boundary:
                     "the row is zero where the mechanism is regular; the formula's own inverse is singular there and "
                     "does not describe the mechanism"
                 )
-                return self._row(i, "not judged", text, zeros[k])
+                return self._result(i, "not judged", text, zeros[k])
         share = f"the smallest singular value is {100 * min(smallest[k], 1):.2g} % of its usual value"
         text = f"the row is zero at a state where {what}: {share}"
-        return self._row(i, "disagrees", text, zeros[k], float(smallest[k]))
+        return self._result(i, "disagrees", text, zeros[k], float(smallest[k]))
 
     def _inverse_is_singular(self, states: Array) -> bool:
         """Return whether the formula's own inverse is singular at all given states."""
-        usual = float(np.median(self.stated.fails(self._given)))
+        usual = float(np.median(self.stated.fails(self._start_samples)))
         rates = self.stated.fails(self.model.collect(states))
         return bool((rates > _SINGULAR_RATE * usual).all())
 
-    def _unfound(self, i: int, walks: list[Walks]) -> Judged:
+    def _without_result(self, i: int, walks: list[Walks]) -> Judged:
         """Return the result of row i, of which no walk found a zero, at the state with its smallest value."""
         ends = []
         for walk in walks:
@@ -387,36 +402,36 @@ class Boundary:
         value, gradient_norm, x = min(ends, key=lambda end: end[0])
         if not self._are_reach[i]:
             text = f"the row was zero at no tested state; its smallest absolute value was {value:.4g}"
-            return self._row(i, "not judged", text, x)
+            return self._result(i, "not judged", text, x)
         size_mm = f"{value / MM:.4g} mm"
         is_flat = gradient_norm < _FLAT_GRADIENT * max(value, self._size[i])
         distance_of_tool = self.motions.of(x[None])[0, KINDS.index("tool")]
         if is_flat and distance_of_tool < _DEGENERATE_SHARE:
             if value <= self._error:
-                return self._row(i, "agrees", f"the mechanism reaches its limit where the margin is {size_mm}")
+                return self._result(i, "agrees", f"the mechanism reaches its limit where the margin is {size_mm}")
             other_margins = self._are_reach.copy()
             other_margins[i] = False
-            is_near_zero = np.abs(self._at(x[None])[0]) < _NEAR_ZERO * self._size
+            is_near_zero = np.abs(self._values_at(x[None])[0]) < _NEAR_ZERO * self._size
             if not is_near_zero[other_margins].any():
                 text = (
                     f"the mechanism reaches its limit at a state where the margin is {size_mm}, not 0, and no other "
                     "margin is near 0"
                 )
-                return self._row(i, "disagrees", text, x, value / MM, "mm")
+                return self._result(i, "disagrees", text, x, value / MM, "mm")
         text = f"the row was zero at no tested state; its smallest absolute value was {size_mm}"
-        return self._row(i, "not judged", text, x)
+        return self._result(i, "not judged", text, x)
 
     # -- helpers ----------------------------------------------------------------------------------------
 
-    def _at(self, states: Array) -> Array:
+    def _values_at(self, states: Array) -> Array:
         """Return the values (k, rows) of all rows at configurations (k, nq)."""
         return self.stated.values(self.model.collect(states))
 
     def _valid(self, states: Array) -> Mask:
         """Return (k,) bool: whether the equations reproduce each of the configurations (k, nq)."""
-        return self.stated.valid(self.model.collect(states), self._whole)
+        return self.stated.valid(self.model.collect(states), self._checks_passive)
 
-    def _row(
+    def _result(
         self, i: int, status: Status, why: str, x: Array | None = None, size: float | None = None, unit: str = ""
     ) -> Judged:
         """Return the result of row i; `x` (nq,) is the configuration that is its example."""

@@ -15,9 +15,10 @@ from twin import cli
 from twin.core.errors import AssemblyError
 from twin.exchange.read import read
 from twin.exchange.read.closing import close
-from twin.reference import ReferenceModel, regular
-from twin.reference.regular import regularity
-from twin.reference.singular_departure import breach
+from twin.reference import ReferenceModel
+from twin.reference import regularity as regularity_module
+from twin.reference.regularity import regularity
+from twin.reference.singular_departure import limit_excess
 
 KNEES = Path(__file__).parents[1] / "data/regular/knees.xml"
 SIT = '<keyframe><key name="sit" qpos="-0.1 0.505 -1.011 -0.2 0.72 -1.44"/></keyframe>'
@@ -46,8 +47,8 @@ def test_stretched_knees_are_singular_and_the_robots_are_not(drawn):
 @pytest.mark.parametrize("value", [0.0, 1e-17])
 def test_a_jacobian_that_vanishes_is_singular(monkeypatch, value):
     values = {0: np.full(2, value), 1: np.ones(2)}
-    monkeypatch.setattr(regular, "closed_beside", lambda model, x: [1])
-    monkeypatch.setattr(regular, "_values", lambda model, x: values[x])
+    monkeypatch.setattr(regularity_module, "closed_beside", lambda model, x: [1])
+    monkeypatch.setattr(regularity_module, "_values", lambda model, x: values[x])
     found = regularity(None, [0])[0]
     assert (found.rank, found.usual, found.margin, found.singular) == (0, 2, 0, True)
 
@@ -59,7 +60,7 @@ def test_a_walk_leaves_a_singular_start_within_the_limits(drawn, joint, step):
     q = step * (np.arange(2) == joint)
     state = drawn.solve(q)
     assert state.worst_gap < 1e-9
-    assert breach(drawn.tree, state.x) < 1e-9  # the knee bends to the side on which it may
+    assert limit_excess(drawn.tree, state.x) < 1e-9  # the knee bends to the side on which it may
     if step < -1e-3:  # along samples a gap of less than a millimetre counts as closed
         run = drawn.run(np.linspace(0, 1, 50)[:, None] * q)
         assert run.gaps[..., 0].max() < 1e-3
@@ -78,7 +79,7 @@ def test_home_is_a_regular_state_beside_a_singular_one(drawn):
     home = model.home()
     assert home.worst_gap < 1e-9
     assert regularity(model, [home.x])[0].margin > 0.05
-    assert breach(model.tree, home.x) < 1e-6
+    assert limit_excess(model.tree, home.x) < 1e-6
     for i in range(2):
         for step in (-0.02, -0.005, 0.005):
             model.solve(home.q + step * (np.arange(2) == i), home)

@@ -1,4 +1,4 @@
-"""The loop of `bounds` as machine code: balls of one surface looked up in the distance grid of the other.
+"""The loop of `distance_bounds` as machine code: balls of one surface looked up in the distance grid of the other.
 
 One call handles many items; an item is a pair of shapes in a state. The balls of a shape are in the order of a
 depth-first search. Each ball has the index of the first ball after its own smaller balls. The search therefore requires
@@ -23,7 +23,7 @@ BALL = 5
 
 GRID = 20
 """Count of numbers that describe a grid: first node (3), cell, 1/cell, index of the last node (3), strides (2), index
-of the first value, box of the surface (6), error, known, far (see `bounds.Grid`)."""
+of the first value, box of the surface (6), error, known, far (see `distance_bounds.DistanceGrid`)."""
 
 PAIR = 6
 """Count of numbers that describe a pair: count of all shapes, then five indices: shape with the grid, shape with the
@@ -84,10 +84,10 @@ class _Writer:
         return self.b.gep(pointer, [offset], source_etype=kind)
 
     def dot(self, a: list[ir.Value], b: list[ir.Value]) -> ir.Value:
-        out = self.b.fmul(a[0], b[0])
+        total = self.b.fmul(a[0], b[0])
         for x, y in zip(a[1:], b[1:], strict=True):
-            out = self.b.fadd(out, self.b.fmul(x, y))
-        return out
+            total = self.b.fadd(total, self.b.fmul(x, y))
+        return total
 
     def size(self, v: list[ir.Value]) -> ir.Value:
         return self.intrinsic("sqrt", self.dot(v, v))
@@ -112,7 +112,7 @@ class _LookupKernel:
         self.module = ir.Module("lookup")
         kind = ir.FunctionType(ir.VoidType(), [_INT, _INT, _POINTER, _POINTER, _POINTER])
         self.function = ir.Function(self.module, kind, "kernel")
-        self.begin, self.end, given, results, _ = self.function.args
+        self.begin, self.end, arguments, results, _ = self.function.args
         names = ("entry", "item", "body", "ball", "opened", "skipped", "leaf", "inner", "stored", "done")
         self.blocks: dict[str, ir.Block] = {}
         for name in names:
@@ -122,7 +122,7 @@ class _LookupKernel:
         arrays = ("poses", "states", "pairs", "enough", "reject", "fine", "table", "grids", "values", "balls")
         self.data: dict[str, ir.Value] = {}
         for i, name in enumerate(arrays):
-            self.data[name] = self.w.at(given, i, _POINTER)
+            self.data[name] = self.w.at(arguments, i, _POINTER)
         self.lows = self.w.at(results, 0, _POINTER)
         self.highs = self.w.at(results, 1, _POINTER)
 
@@ -172,7 +172,10 @@ class _LookupKernel:
         self.R = []
         for r in range(3):
             axis = _column(G, r)
-            self.R.append([w.dot(axis, _column(B, c)) for c in range(3)])
+            row_of_R = []
+            for c in range(3):
+                row_of_R.append(w.dot(axis, _column(B, c)))
+            self.R.append(row_of_R)
         self.t = []
         for r in range(3):
             self.t.append(w.dot(_column(G, r), off))
@@ -192,7 +195,7 @@ class _LookupKernel:
         self.small = w.at(data["fine"], self.i)
         # with `fine`, bounds are coarse anyway: a lower bound close to the upper bound is sufficient
         is_coarse = b.fcmp_ordered(">", self.small, _number(0.0))
-        self.kept_part = b.select(is_coarse, _number(_SUFFICIENT_SHARE), _number(1.0))
+        self.sufficient_share = b.select(is_coarse, _number(_SUFFICIENT_SHARE), _number(1.0))
         b.branch(self.blocks["ball"])
 
     def _begin_ball(self) -> None:
@@ -215,10 +218,10 @@ class _LookupKernel:
         b = self.b
         w = self.w
         b.position_at_end(self.blocks["opened"])
-        own = w.shifted(self.data["balls"], self.n, BALL)
-        centre = w.numbers(own, 3)
-        self.radius = w.at(own, 3)
-        self.after = b.fptosi(w.at(own, 4), _INT)
+        record = w.shifted(self.data["balls"], self.n, BALL)
+        centre = w.numbers(record, 3)
+        self.radius = w.at(record, 3)
+        self.after = b.fptosi(w.at(record, 4), _INT)
         self.p = []
         for r in range(3):
             turned = w.dot(self.R[r], centre)
@@ -228,7 +231,7 @@ class _LookupKernel:
         for k in range(3):
             length = b.fsub(self.p[k], self.start[k])
             self.steps.append(b.fmul(length, self.cells_per_length))
-        self.value, self.way = self._bound(self._nodes("rint"))
+        self.value, self.node_distance = self._bound(self._nodes("rint"))
         zero = _number(0.0)
         outside = []
         for k in range(3):
@@ -236,10 +239,10 @@ class _LookupKernel:
             above = b.fsub(self.p[k], self.box_high[k])
             outside.append(w.most(w.most(below, above), zero))
         beyond = w.size(outside)
-        self.proven = w.most(b.fsub(self.value, self.way), beyond)
+        self.proven = w.most(b.fsub(self.value, self.node_distance), beyond)
         self.next_ball = b.add(self.n, ir.Constant(_INT, 1))
         self.low_here = b.fsub(self.proven, self.radius)
-        limit = w.least(w.least(self.low, self.enough), b.fmul(self.high, self.kept_part))
+        limit = w.least(w.least(self.low, self.enough), b.fmul(self.high, self.sufficient_share))
         b.cbranch(b.fcmp_ordered(">=", self.low_here, limit), self.blocks["skipped"], self.blocks["leaf"])
 
     def _skip_ball(self) -> None:
@@ -252,7 +255,7 @@ class _LookupKernel:
         """Lower the upper bound; refine a ball without smaller balls or with a small radius."""
         b = self.b
         b.position_at_end(self.blocks["leaf"])
-        self.high_here = self.w.least(self.high, self._upper(self.value, self.way))
+        self.high_here = self.w.least(self.high, self._upper(self.value, self.node_distance))
         self.blocks["fine"] = self.function.append_basic_block("fine")
         is_last = b.icmp_signed("==", self.after, self.next_ball)
         is_small = b.fcmp_ordered("<=", self.radius, self.small)
@@ -307,8 +310,8 @@ class _LookupKernel:
         zero = _number(0.0)
         b.position_at_end(self.blocks["stored"])
         rejected = b.fcmp_ordered("<", self.high, self.reject)
-        kept = b.select(rejected, zero, self.w.most(self.low, zero))
-        b.store(kept, b.gep(self.lows, [self.i], source_etype=_DOUBLE))
+        stored_low = b.select(rejected, zero, self.w.most(self.low, zero))
+        b.store(stored_low, b.gep(self.lows, [self.i], source_etype=_DOUBLE))
         b.store(self.high, b.gep(self.highs, [self.i], source_etype=_DOUBLE))
         following = b.add(self.i, ir.Constant(_INT, 1))
         self.i.add_incoming(following, self.blocks["stored"])
@@ -319,9 +322,9 @@ class _LookupKernel:
     def _bound(self, node: list[ir.Value]) -> tuple[ir.Value, ir.Value]:
         """Return (stored distance at a node, distance of the ball's centre from the node)."""
         b = self.b
-        whole = [b.fptosi(x, _INT) for x in node]
-        row = b.add(b.mul(whole[0], self.strides[0]), b.mul(whole[1], self.strides[1]))
-        place = b.add(row, whole[2])
+        index = [b.fptosi(x, _INT) for x in node]
+        row = b.add(b.mul(index[0], self.strides[0]), b.mul(index[1], self.strides[1]))
+        place = b.add(row, index[2])
         value = b.fpext(self.w.at(self.values, place, _FLOAT), _DOUBLE)
         offsets = []
         for k in range(3):
@@ -381,7 +384,7 @@ def look_up(
     """
     low = np.zeros(len(states))
     high = np.zeros(len(states))
-    given = [
+    arguments = [
         np.ascontiguousarray(poses, np.float64),
         np.ascontiguousarray(states, np.int64),
         np.ascontiguousarray(pairs, np.int64),
@@ -393,7 +396,7 @@ def look_up(
         values,
         balls,
     ]
-    inputs = _addresses(given)
+    inputs = _addresses(arguments)
     outputs = _addresses([low, high])
     kernel, _ = _kernel()
     kernel(0, len(states), inputs, outputs, None)

@@ -3,8 +3,9 @@
 The first surface is covered by balls. For the second surface, a grid in the frame of this surface stores lower bounds
 of the distance from the surface. For a ball, let v be the stored value at its centre, and r its radius. The distance of
 the surfaces is at least the minimum of v - r over all balls. As each ball contains a part of the first surface, the
-distance is also at most v + r plus the error of v, for any ball. A look-up (`lookup`) takes nanoseconds; computing the
-distance of two meshes takes up to a millisecond. Grids and balls depend on the surface only and are kept on disk.
+distance is also at most v + r plus the error of v, for any ball. A look-up (`distance_lookup`) takes nanoseconds;
+computing the distance of two meshes takes up to a millisecond. Grids and balls depend on the surface only and are kept
+on disk.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from twin.core.cache import cache_folder
 from twin.core.errors import OutputError
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.reference.lookup import BALL, GRID, PAIR, look_up
+from twin.reference.distance_lookup import BALL, GRID, PAIR, look_up
 
 _GRID_NODES = 400_000
 """Approximate number of grid nodes in the bounding box of a surface; this number determines the edge of a cell."""
@@ -112,43 +113,46 @@ def balls(triangles: Array) -> Array:
         pieces = pieces[order]
         number = number[order]
         parts, first, sizes = np.unique(number, return_index=True, return_counts=True)
-        of = np.repeat(np.arange(len(parts)), sizes)  # the row in `parts` of each piece
+        part_of_piece = np.repeat(np.arange(len(parts)), sizes)  # the row in `parts` of each piece
         low = np.minimum.reduceat(pieces.min(axis=1), first)
         high = np.maximum.reduceat(pieces.max(axis=1), first)
         middle = (low + high) / 2
-        off = np.linalg.norm(pieces - middle[of][:, None], axis=2).max(axis=1)
-        radii = np.maximum.reduceat(off, first)
+        distances = np.linalg.norm(pieces - middle[part_of_piece][:, None], axis=2).max(axis=1)
+        radii = np.maximum.reduceat(distances, first)
         for part, centre, radius in zip(parts.tolist(), middle, radii, strict=True):
             ball_of_piece[part] = (*centre, radius * (1 + 1e-9))
         if depth == _MOST_HALVINGS:
             break
-        halved = ((radii > small) & (sizes > 1))[of]
+        halved = ((radii > small) & (sizes > 1))[part_of_piece]
         if not halved.any():
             break
-        side = _halves(pieces, first, sizes, of, np.argmax(high - low, axis=1))
+        side = _halves(pieces, first, sizes, part_of_piece, np.argmax(high - low, axis=1))
         pieces = pieces[halved]
         number = (2 * number + side)[halved]
     return _depth_first(ball_of_piece)
 
 
-def _halves(pieces: Array, first: np.ndarray, sizes: np.ndarray, of: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return (k,) bool: the half of its part for each of the pieces (k, 3, 3), along the part's longest axis.
+def _halves(
+    pieces: Array, first: np.ndarray, sizes: np.ndarray, part_of_piece: np.ndarray, axis: np.ndarray
+) -> np.ndarray:
+    """Return (k,) bool: whether each of the pieces (k, 3, 3) is in the second half of its part, along its longest axis.
 
-    Part i has `sizes[i]` pieces, from `first[i]`, and the longest axis `axis[i]`; `of` (k,) is the part of each piece.
+    Part i has `sizes[i]` pieces, from `first[i]`, and the longest axis `axis[i]`; `part_of_piece` (k,) is the part of
+    each piece.
     """
     centres = pieces.mean(axis=1)
-    places = np.take_along_axis(centres, axis[of][:, None], axis=1)[:, 0]
+    places = np.take_along_axis(centres, axis[part_of_piece][:, None], axis=1)[:, 0]
     least = np.minimum.reduceat(places, first)
     most = np.maximum.reduceat(places, first)
-    side = places > ((least + most) / 2)[of]
-    even = (least == most)[of]  # all centres in one place: halved by index
-    index = np.arange(len(pieces)) - first[of]
-    later = index >= (sizes[of] + 1) // 2
+    side = places > ((least + most) / 2)[part_of_piece]
+    even = (least == most)[part_of_piece]  # all centres in one place: halved by index
+    index = np.arange(len(pieces)) - first[part_of_piece]
+    later = index >= (sizes[part_of_piece] + 1) // 2
     side[even] = later[even]
     return side
 
 
-def _depth_first(made: dict[int, tuple[float, ...]]) -> Array:
+def _depth_first(ball_of_number: dict[int, tuple[float, ...]]) -> Array:
     """Return the rows (n, 5) of balls, {number: centre and radius}, in depth-first order; see `balls`."""
     rows: list[tuple[float, ...]] = []
     after: list[int] = []
@@ -160,10 +164,11 @@ def _depth_first(made: dict[int, tuple[float, ...]]) -> Array:
             after[closes] = len(rows)
             continue
         waiting.append((0, len(rows)))
-        rows.append(made[part])
+        rows.append(ball_of_number[part])
         after.append(0)
-        halves = (2 * part + 1, 2 * part)
-        waiting += [(half, -1) for half in halves if half in made]
+        for half in (2 * part + 1, 2 * part):
+            if half in ball_of_number:
+                waiting.append((half, -1))
     return np.column_stack([np.array(rows), after])
 
 
@@ -214,10 +219,10 @@ class DistanceGrid:
         # a piece's centre is within half a cell's diagonal of its node; its points are within `spread` of its centre
         values = np.maximum(steps * cell - np.sqrt(3) / 2 * cell - spread, 0.0)
         # near the surface: distance from the nearest centre minus `spread`; the centre is a point of the surface
-        near = np.argwhere(steps <= _ACCURATE_CELLS)
+        band_nodes = np.argwhere(steps <= _ACCURATE_CELLS)
         tree = KDTree(middles, balanced_tree=False, compact_nodes=False)
-        distance, _ = tree.query(start + near * cell, workers=1)
-        values[tuple(near.T)] = np.maximum(distance - spread, 0.0)
+        distance, _ = tree.query(start + band_nodes * cell, workers=1)
+        values[tuple(band_nodes.T)] = np.maximum(distance - spread, 0.0)
         # values of nodes beyond the band are at least `known`
         known = max(_ACCURATE_CELLS * cell - np.sqrt(3) / 2 * cell - spread, 0.0)
         far = np.sqrt(3) * cell + spread + 1e-6
@@ -232,30 +237,30 @@ def grid_of(triangles: Array) -> DistanceGrid:
     def make() -> dict[str, np.ndarray]:
         grid = DistanceGrid.of(triangles)
         bounds = [grid.error, grid.known, grid.far]
-        rest = np.concatenate([grid.start, [grid.cell], grid.low, grid.high, bounds])
-        return {"values": grid.values, "rest": rest}
+        numbers = np.concatenate([grid.start, [grid.cell], grid.low, grid.high, bounds])
+        return {"values": grid.values, "rest": numbers}
 
-    arrays = _kept("grid", triangles, make)
-    rest = arrays["rest"]
+    arrays = _cached_arrays("grid", triangles, make)
+    numbers = arrays["rest"]
     return DistanceGrid(
         arrays["values"],
-        start=rest[:3],
-        cell=rest[3],
-        low=rest[4:7],
-        high=rest[7:10],
-        error=rest[10],
-        known=rest[11],
-        far=rest[12],
+        start=numbers[:3],
+        cell=numbers[3],
+        low=numbers[4:7],
+        high=numbers[7:10],
+        error=numbers[10],
+        known=numbers[11],
+        far=numbers[12],
     )
 
 
 def balls_of(triangles: Array) -> Array:
     """Return `balls(triangles)`, from the cache if they are there."""
-    arrays = _kept("balls", triangles, lambda: {"balls": balls(triangles)})
+    arrays = _cached_arrays("balls", triangles, lambda: {"balls": balls(triangles)})
     return arrays["balls"]
 
 
-def _kept(kind: str, triangles: Array, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+def _cached_arrays(kind: str, triangles: Array, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
     """Return named arrays from the user's cache folder; if they are not there, make them and store them there.
 
     The key is a hash of the triangles. Arrays of a file that cannot be read are made again; a cache that cannot be
@@ -270,8 +275,9 @@ def _kept(kind: str, triangles: Array, make: Callable[[], dict[str, np.ndarray]]
         content = BytesIO((folder / name).read_bytes())
         with np.load(content, allow_pickle=False) as file:
             arrays = dict(file)
-        stored_sum = bytes(arrays["sum"])
-        if _checksum({key: arrays[key] for key in arrays if key != "sum"}) == stored_sum:
+        stored_sum = bytes(arrays.pop("sum"))
+        # an archive can be complete and its content wrong: a damaged grid would prove wrong distances
+        if _checksum(arrays) == stored_sum:
             return arrays
     arrays = make()
     checksum = np.frombuffer(_checksum(arrays), np.uint8)
@@ -288,8 +294,10 @@ def _kept(kind: str, triangles: Array, make: Callable[[], dict[str, np.ndarray]]
 
 def _checksum(arrays: dict[str, np.ndarray]) -> bytes:
     """Return the SHA-256 of the bytes of all arrays, in the order of their names."""
-    content = b"".join(arrays[key].tobytes() for key in sorted(arrays))
-    return hashlib.sha256(content).digest()
+    digest = hashlib.sha256()
+    for key in sorted(arrays):
+        digest.update(arrays[key].tobytes())
+    return digest.digest()
 
 
 class Bounds:
@@ -305,8 +313,11 @@ class Bounds:
             triangles: (k, 3, 3) of each shape, in its own frame.
             pairs: (pairs, 2) indices of two shapes.
         """
-        cells = np.array([_cell(t) for t in triangles])
-        radii = np.array([_radius(t) for t in triangles])
+        cells = np.zeros(len(triangles))
+        radii = np.zeros(len(triangles))
+        for i, corners in enumerate(triangles):
+            cells[i] = _cell(corners)
+            radii[i] = _radius(corners)
         a, b = pairs.T
         swapped = cells[a] / 2 + radii[b] > cells[b] / 2 + radii[a]
         self._pairs = np.where(swapped[:, None], pairs[:, ::-1], pairs)
@@ -315,7 +326,7 @@ class Bounds:
         # by index of the shape: the row of its grid; the first row of its balls, and the row after the last
         self._grid: dict[int, int] = {}
         self._cover: dict[int, tuple[int, int]] = {}
-        # the numbers that the machine code reads; see `lookup`
+        # the numbers that the machine code reads; see `distance_lookup`
         self._grids = np.zeros((0, GRID))
         self._balls = np.zeros((0, BALL))
         self._values = np.zeros(0, np.float32)

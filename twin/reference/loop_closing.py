@@ -33,11 +33,14 @@ _MOST_NEWTON_STEPS = 8
 _MODE_JUMP = 0.5
 """Largest change (m, rad) of a coordinate between stations; a larger change means another assembly mode."""
 
-_CERTAIN_STEP = {True: 0.1, False: 0.02}
-"""Step of a driven joint (rad if an angle, else m) from a known state, if the assembly mode must be certain."""
+_CERTAIN_TURN = 0.1
+"""Step in rad of a driven angle from a known state, if the assembly mode must be certain."""
+
+_CERTAIN_SLIDE = 0.02
+"""Step in m of a driven slide from a known state, if the assembly mode must be certain."""
 
 _STEP_DIVISORS = (1, 8)
-"""Divisors of `_CERTAIN_STEP`, in the order of trial: near a singularity, passive joints need small steps."""
+"""Divisors of the certain steps, in the order of trial: near a singularity, passive joints need small steps."""
 
 _STATIONS_IN_ORDER = 8
 """Number of stations of a path at which loops are closed one by one; the other stations are closed in batches."""
@@ -66,14 +69,13 @@ class Closing:
         self._model = model
         self._tree = tree
         self._weights = weights
-        self._driven = np.array([tree.configuration[j.name] for j in model.mechanism.active], int)
         self.linear = self._coupled()
-        self._stride = np.array([_CERTAIN_STEP[j.is_angle] for j in model.mechanism.active])
+        self._stride = np.where(tree.are_angles, _CERTAIN_TURN, _CERTAIN_SLIDE)
         # the known states: joint values, configurations, and whether each was reached in small steps
         self._q = np.zeros((0, len(weights)))
         self._x = np.zeros((0, tree.model.nq))
-        self._sure = np.zeros(0, bool)
-        self._row: dict[bytes, int] = {}  # rounded joint values -> row of the state
+        self._in_small_steps = np.zeros(0, bool)
+        self._row_of_key: dict[bytes, int] = {}  # rounded joint values -> row of the state
 
     def _coupled(self) -> tuple[Array, Array] | None:
         """Return `linear`: the couplings, solved for the passive joints."""
@@ -89,14 +91,14 @@ class Closing:
         for i, coupling in enumerate(couplings):
             rows[i, coupling.columns] = coupling.ratios
             totals[i] = coupling.total
-        P = rows[:, passive]
-        if len(rows) != len(passive) or np.linalg.matrix_rank(P) < len(passive):
+        passive_columns = rows[:, passive]
+        if len(rows) != len(passive) or np.linalg.matrix_rank(passive_columns) < len(passive):
             return None
         G = np.zeros((nv, len(active)))
         G[active] = np.eye(len(active))
-        G[passive] = -np.linalg.solve(P, rows[:, active])
+        G[passive] = -np.linalg.solve(passive_columns, rows[:, active])
         x0 = np.zeros(nv)
-        x0[passive] = np.linalg.solve(P, totals)
+        x0[passive] = np.linalg.solve(passive_columns, totals)
         return G, x0
 
     def placed(self, q: Array) -> Array:
@@ -120,76 +122,79 @@ class Closing:
         if not len(self._q):
             home = self._model.home()
             self.keep(home.q[None], home.x[None])
-        rows = np.array([self._row.get(key, -1) for key in _keys(q)], int)
+        rows = np.array([self._row_of_key.get(key, -1) for key in _keys(q)], int)
         X = self._x[rows]
         is_closed = np.ones(len(q), bool)
         unknown = rows < 0
-        new = np.flatnonzero(unknown | (thorough & ~self._sure[rows]))
+        new = np.flatnonzero(unknown | (thorough & ~self._in_small_steps[rows]))
         if not len(new):
             return X, is_closed
         usable = np.arange(len(self._q))
         divisors = (0,)  # one step only
         if thorough:
-            usable = np.flatnonzero(self._sure)
+            usable = np.flatnonzero(self._in_small_steps)
             divisors = _STEP_DIVISORS
-        known = KDTree(self._q[usable] * self._weights)
-        _, nearest = known.query(q[new] * self._weights, p=np.inf)
-        near = usable[nearest]
+        known_states = KDTree(self._q[usable] * self._weights)
+        _, nearest = known_states.query(q[new] * self._weights, p=np.inf)
+        nearest_rows = usable[nearest]
         is_closed[new] = False
         for divisor in divisors:
-            strides = np.abs(q[new] - self._q[near]) / self._stride
+            strides = np.abs(q[new] - self._q[nearest_rows]) / self._stride
             steps = int(np.ceil(divisor * strides.max(initial=0.0)))
-            walked, closes = self._walk(near, q[new], max(steps, 1), small=thorough)
+            walked, closes = self._walk(nearest_rows, q[new], max(steps, 1), small=thorough)
             reached = new[closes]
-            self.keep(q[reached], walked[closes], sure=thorough)
+            self.keep(q[reached], walked[closes], in_small_steps=thorough)
             X[reached] = walked[closes]
             is_closed[reached] = True
             new = new[~closes]
-            near = near[~closes]
+            nearest_rows = nearest_rows[~closes]
         return X, is_closed
 
-    def keep(self, q: Array, X: Array, *, sure: bool = True) -> None:
-        """Store configurations X (k, nq) at q (k, n) as known states; `sure`: whether small steps reached X."""
+    def keep(self, q: Array, X: Array, *, in_small_steps: bool = True) -> None:
+        """Store configurations X (k, nq) at q (k, n) as known states.
+
+        `in_small_steps`: whether X was reached in small steps, so that its assembly mode is certain.
+        """
         first = len(self._q)
         for i, key in enumerate(_keys(q)):
-            self._row[key] = first + i
+            self._row_of_key[key] = first + i
         self._q = np.concatenate([self._q, q])
         self._x = np.concatenate([self._x, X])
-        self._sure = np.append(self._sure, np.full(len(q), sure))
+        self._in_small_steps = np.append(self._in_small_steps, np.full(len(q), in_small_steps))
 
     def _drop_old(self) -> None:
         """Drop the older half of the states that were not reached in small steps, if there are too many."""
-        unsure = np.flatnonzero(~self._sure)
+        unsure = np.flatnonzero(~self._in_small_steps)
         if len(unsure) <= _MOST_STORED_STATES:
             return
         older = unsure[: len(unsure) // 2]
-        kept = np.setdiff1d(np.arange(len(self._q)), older)
-        self._q = self._q[kept]
-        self._x = self._x[kept]
-        self._sure = self._sure[kept]
-        self._row = {key: i for i, key in enumerate(_keys(self._q))}
+        remaining_rows = np.setdiff1d(np.arange(len(self._q)), older)
+        self._q = self._q[remaining_rows]
+        self._x = self._x[remaining_rows]
+        self._in_small_steps = self._in_small_steps[remaining_rows]
+        self._row_of_key = {key: i for i, key in enumerate(_keys(self._q))}
 
     def known(self, q: Array) -> Array | None:
         """Return the stored configuration (nq,) at joint values q (n,); None if none is stored."""
         (key,) = _keys(np.asarray(q, float)[None])
-        row = self._row.get(key)
+        row = self._row_of_key.get(key)
         if row is None:
             return None
         return self._x[row]
 
-    def _walk(self, known: np.ndarray, q1: Array, steps: int, *, small: bool) -> tuple[Array, np.ndarray]:
+    def _walk(self, start_rows: np.ndarray, q1: Array, steps: int, *, small: bool) -> tuple[Array, np.ndarray]:
         """Return (configurations (k, nq) at q1, (k,) bool: whether the loops close without a change of the mode).
 
-        `known` (k,) are the rows of the known states from which the walk starts. With `small`, no coordinate may change
-        by more than `_MODE_JUMP` in any step.
+        `start_rows` (k,) are the rows of the known states from which the walks start. With `small`, no coordinate may
+        change by more than `_MODE_JUMP` in any step.
         """
         # several walks may start from one known state: its rates are computed once
-        rows, of = np.unique(known, return_inverse=True)
-        gain = self.rates(self._x[rows])[of]
-        sign = self.signs(self._x[rows])[of]
-        X = self._x[known]
-        q0 = self._q[known]
-        is_closed = np.ones(len(known), bool)
+        rows, row_of_walk = np.unique(start_rows, return_inverse=True)
+        gain = self.rates(self._x[rows])[row_of_walk]
+        sign = self.signs(self._x[rows])[row_of_walk]
+        X = self._x[start_rows]
+        q0 = self._q[start_rows]
+        is_closed = np.ones(len(start_rows), bool)
         for i in range(1, steps + 1):
             walking = np.flatnonzero(is_closed)
             if not len(walking):
@@ -214,8 +219,8 @@ class Closing:
         `enough` is the accepted sum of squares of the loop gaps in m2; None: the level of rounding errors.
         """
         X = X.copy()
-        X[:, self._driven] = q
         tree = self._tree
+        X[:, tree.active_places] = q
         if enough is None:
             new, is_closed = minimise(tree, X, self._loops, tree.passive, _MOST_NEWTON_STEPS, integrate=tree.step)
         else:
@@ -364,11 +369,11 @@ class Closing:
         while len(solved) < len(q):
             check()
             gap = np.diff(solved) > 1
-            left = solved[:-1][gap]
-            right = solved[1:][gap]
-            middle = (left + right) // 2
-            part = (middle - left) / (right - left)
-            guess = self.between(X[left], X[right], part)
+            lower = solved[:-1][gap]
+            upper = solved[1:][gap]
+            middle = (lower + upper) // 2
+            part = (middle - lower) / (upper - lower)
+            guess = self.between(X[lower], X[upper], part)
             X[middle], closes = self.near(guess, q[middle])
             if not closes.all():
                 return None
