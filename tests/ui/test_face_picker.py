@@ -50,7 +50,7 @@ def pick(picker, body, face):
     for number, (owner, part) in enumerate(picker.drawing.placed_parts()):
         for index, drawn in enumerate(part.drawn):
             if owner == body and drawn is not None and _equal(drawn, face):
-                return picker.pick(*ray_to(part, index), shown=[number])
+                return picker.pick(*ray_to(part, index), visible_parts=[number])
     raise AssertionError(f"body '{body}' has no such face")
 
 
@@ -144,9 +144,9 @@ def test_picked_faces_stay_once_in_the_list_and_have_free_names(alone):
     picker = FacePicker(alone)
     body, part = next(iter(alone.placed_parts()))
     planes = [k for k, face in enumerate(part.drawn) if face is not None and face.kind == "plane"]
-    first = picker.pick(*ray_to(part, planes[0]), shown=[0])
-    second = picker.pick(*ray_to(part, planes[1]), shown=[0])
-    assert picker.pick(*ray_to(part, planes[0]), shown=[0]) is first
+    first = picker.pick(*ray_to(part, planes[0]), visible_parts=[0])
+    second = picker.pick(*ray_to(part, planes[1]), visible_parts=[0])
+    assert picker.pick(*ray_to(part, planes[0]), visible_parts=[0]) is first
     assert [face.name for face in picker.picked] == ["face_1", "face_2"]
     assert picker.current is first
     with pytest.raises(TwinError, match="another picked face of body"):
@@ -171,7 +171,7 @@ def test_a_cone_shows_its_geometry_and_says_why_it_has_no_toml():
     for number, (_, part) in enumerate(drawing.placed_parts()):
         for index, face in enumerate(part.drawn):
             if face is not None and face.kind == "cone":
-                picked = picker.pick(*ray_to(part, index), shown=[number])
+                picked = picker.pick(*ray_to(part, index), visible_parts=[number])
                 assert picked.drawn.index == index
                 facts = dict(picked.facts())
                 assert facts["kind"] == "cone"

@@ -166,7 +166,7 @@ class Connection(ServerConnection):
 
     def _read_head(self, data: bytes) -> None:
         self._head += data
-        head, end, rest = self._head.partition(b"\r\n\r\n")
+        head, end, body = self._head.partition(b"\r\n\r\n")
         line = head.partition(b"\r\n")[0]
         if len(line) > _TARGET_BYTES + 100:
             return self._refuse(HTTPStatus.REQUEST_URI_TOO_LONG)
@@ -186,7 +186,7 @@ class Connection(ServerConnection):
             return self._refuse(HTTPStatus.METHOD_NOT_ALLOWED, Allow="GET, HEAD")
         if minor != b"1":
             return self._refuse(HTTPStatus.HTTP_VERSION_NOT_SUPPORTED)
-        if rest:  # a body, or a frame before the handshake, which no valid client sends
+        if body:  # a body, or a frame before the handshake, which no valid client sends
             return self._refuse(HTTPStatus.BAD_REQUEST)
         if self._deadline is not None:
             self._deadline.cancel()

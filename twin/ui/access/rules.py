@@ -59,8 +59,8 @@ class AccessRules:
         self.token = secrets.token_urlsafe(18)
         self._announce(self.token)
 
-    def accepts_host(self, host: str | None, own: str) -> bool:
-        """Return whether a Host header contains a name of this server, or the connection's local address `own`.
+    def accepts_host(self, host: str | None, own_host: str) -> bool:
+        """Return whether a Host header contains a name of this server, or the connection's local address `own_host`.
 
         This check prevents DNS rebinding: an attack in which the host name of another site resolves to this machine.
         """
@@ -70,7 +70,7 @@ class AccessRules:
             return False
         if name is None:
             return False
-        own_without_zone = own.partition("%")[0]  # fe80::1%eth0
+        own_without_zone = own_host.partition("%")[0]  # fe80::1%eth0
         return name in self._names or name == own_without_zone
 
     @staticmethod

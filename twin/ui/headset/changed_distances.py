@@ -28,13 +28,13 @@ class ChangedDistances:
         """Return name, drawn value and range in m of each distance."""
         entries: list[JsonObject] = []
         for distance in self._distances:
-            drawn = distance.distance
+            drawn_distance = distance.distance
             entries.append(
                 {
                     "name": f"{distance.body}: {distance.joint} to {distance.other}",
-                    "drawn": drawn,
-                    "lower": (1 - _RANGE) * drawn,
-                    "upper": (1 + _RANGE) * drawn,
+                    "drawn": drawn_distance,
+                    "lower": (1 - _RANGE) * drawn_distance,
+                    "upper": (1 + _RANGE) * drawn_distance,
                 }
             )
         return entries
@@ -47,23 +47,23 @@ class ChangedDistances:
 
         Return why the mechanism cannot be assembled with it, in which case nothing is changed; "" if it can.
         """
-        wanted = dict(self.values)
+        new_values = dict(self.values)
         what = "the mechanism as drawn"
         if index is None:
-            wanted = {}
+            new_values = {}
         elif value is None:
-            wanted.pop(index, None)
+            new_values.pop(index, None)
         else:
-            wanted[index] = value
+            new_values[index] = value
             distance = self._distances[index]
             what = f"{distance.body}, {distance.joint} to {distance.other} = {value / MM:g} mm"
         mechanism = self._movable.robot.mechanism
         try:
-            for i, length in wanted.items():
+            for i, length in new_values.items():
                 distance = self._distances[i]
                 mechanism = with_distance(mechanism, distance.joint, distance.other, length)
             self._movable.redesign(mechanism)
         except TwinError as error:
             return f"{what}: {error}"
-        self.values = wanted
+        self.values = new_values
         return ""

@@ -269,13 +269,13 @@ class ConsoleStream(LiveConsole):
         if self.ros is not None:
             self.ros.send()
         row = self.state_row()
-        moved = self._shown is None or not np.array_equal(row, self._shown)
-        if moved:
+        has_moved = self._shown is None or not np.array_equal(row, self._shown)
+        if has_moved:
             self._shown = row
             self._look()
         self._bends.follow(lambda: self._links, passed, self.world.t)
         bends = self._bends.packed
-        if not moved and bends is self._sent_bends and tick - self._tick_of_frame < HEARTBEAT:
+        if not has_moved and bends is self._sent_bends and tick - self._tick_of_frame < HEARTBEAT:
             return None
         self._tick_of_frame = tick
         self._sent_bends = bends
@@ -366,12 +366,12 @@ class ConsoleStream(LiveConsole):
             self.release(client)
             return
         try:
-            known = self._apply(client, message)
+            is_known = self._apply(client, message)
         except HeldError as error:
             raise RefusedError("held", str(error)) from None
         except TwinError as error:
             raise RefusedError("refused", str(error)) from None
-        if not known:
+        if not is_known:
             raise RefusedError("refused", "only the hands of the console control these robots: send `hands`")
 
     def _apply(self, client: str, message: ClientMessage) -> bool:

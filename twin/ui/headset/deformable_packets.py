@@ -51,11 +51,11 @@ class Bends:
         if not isinstance(self.feed, FollowingFeed) or self._error:
             return
         try:
-            moved = self.feed.follow(links(), passed)
+            has_moved = self.feed.follow(links(), passed)
         except Exception as error:  # an error in deformables must not stop the robots
             self._fail(error)
             return
-        if moved:
+        if has_moved:
             self.at(t)
 
     def at(self, t: float) -> None:

@@ -41,8 +41,8 @@ def describe(
     """
     from twin.exchange.write.clip import model_hash
 
-    m = movable.mechanism
-    tool = m.frame(m.tool)
+    mechanism = movable.mechanism
+    tool = mechanism.frame(mechanism.tool)
     title = ""
     default = ""
     if robot.files is not None:
@@ -57,7 +57,7 @@ def describe(
         default = place.protocol_name
         name = place.name
         T_world_base = place.T_world_base
-    order = [j.name for j in m.active]
+    order = [j.name for j in mechanism.active]
     return {
         "schema": "twin-robot",
         "version": 1,
@@ -65,12 +65,12 @@ def describe(
         "title": title,
         "model_hash": model_hash(robot.mechanism),
         "frame": "z-up right-handed",
-        "base": m.base,
-        "links": [b.name for b in m.bodies],
-        "joints": [_joint(j, order) for j in m.joints],
+        "base": mechanism.base,
+        "links": [b.name for b in mechanism.bodies],
+        "joints": [_joint(j, order) for j in mechanism.joints],
         "tool": {"link": tool.body, "T_link_tool": pose(tool.T_body_frame)},
-        "frames": [_frame(f) for f in m.frames],
-        "points": _points(m),
+        "frames": [_frame(f) for f in mechanism.frames],
+        "points": _points(mechanism),
         "protocols": _protocols(robot, protocols, default),
         "postures": list(movable.postures),
         "variants": _variants(movable),
@@ -78,7 +78,7 @@ def describe(
         "live_tolerance": LIVE_TOLERANCE,
         "has_workspace": movable.kin is not None and movable.kin.closed_inverse,
         "scenery": scenery,
-        "assumed": assumptions([*_equations(movable), *m.parameters]),
+        "assumed": assumptions([*_equations(movable), *mechanism.parameters]),
         "T_world_base": pose(T_world_base),
     }
 
@@ -111,20 +111,20 @@ def _protocols(robot: Robot, protocols: Mapping[str, str], default: str) -> list
     return entries
 
 
-def _joint(j: Joint, order: list[str]) -> JsonObject:
-    unit = {"revolute": "rad", "prismatic": "m"}.get(j.type)
-    low, high = j.limits or (None, None)
+def _joint(joint: Joint, order: list[str]) -> JsonObject:
+    unit = {"revolute": "rad", "prismatic": "m"}.get(joint.type)
+    low, high = joint.limits or (None, None)
     return {
-        "name": j.name,
-        "type": j.type,
+        "name": joint.name,
+        "type": joint.type,
         "unit": unit,
         "lower": low,
         "upper": high,
-        "active": j.active,
-        "index": order.index(j.name) if j.active else None,
-        "parent": j.parent,
-        "link": j.child,
-        "axis": {"origin": numbers(j.T_parent_joint[:3, 3]), "direction": numbers(j.T_parent_joint[:3, 2])},
+        "active": joint.active,
+        "index": order.index(joint.name) if joint.active else None,
+        "parent": joint.parent,
+        "link": joint.child,
+        "axis": {"origin": numbers(joint.T_parent_joint[:3, 3]), "direction": numbers(joint.T_parent_joint[:3, 2])},
     }
 
 

@@ -98,10 +98,10 @@ class Ghost:
             Ts = kin.forward_many(playback.q[rows], playback.Ts_base_tool[rows])
         except KinematicsError:
             Ts = np.full((len(playback.q[rows]), 4, 4), np.nan)
-        good = np.asarray(np.isfinite(Ts).all(axis=(1, 2)))
-        track[rows][good] = wire.sevens(Ts[good])
+        is_solved = np.asarray(np.isfinite(Ts).all(axis=(1, 2)))
+        track[rows][is_solved] = wire.sevens(Ts[is_solved])
         self._solved = rows.stop
-        if good[-1]:
+        if is_solved[-1]:
             self._failures = 0
         else:
             self._failures += 1
@@ -124,12 +124,12 @@ class Ghost:
         """Return the ghost's tool pose (7,) at the joint values of the robot; None without a ghost or a solution."""
         if self.name is None or self._kin is None:
             return None
-        now = self._movable.assembly
+        assembly = self._movable.assembly
         start = time.monotonic()
         if start < self._next:
             return None
         try:
-            return wire.sevens(self._kin.forward(now.q, now.T_base_tool))
+            return wire.sevens(self._kin.forward(assembly.q, assembly.T_base_tool))
         except KinematicsError:
             end = time.monotonic()
             self._next = end + _PATIENCE * (end - start)

@@ -482,15 +482,15 @@ class LiveRobot:
             return
         # the job runs later, when these attributes may have changed
         track = self._track
-        k = self._sample
+        sample = self._sample
         time = self.clock.time
         movable = self.movable
 
         def job() -> RobotReading:
             if track is None:
                 return readings.read(movable)
-            if k is not None:
-                movable.show(movable.model.state(track.playback.x[k]), track.playback.Ts_base_tool[k])
+            if sample is not None:
+                movable.show(movable.model.state(track.playback.x[sample]), track.playback.Ts_base_tool[sample])
             return readings.read(movable, rcm_at(track.playback, time))
 
         def done(reading: RobotReading) -> None:
@@ -500,8 +500,8 @@ class LiveRobot:
         if self._ghost.wanting:
             self._worker.ask("ghost", self._ghost.more, self._more_ghost)
 
-    def _more_ghost(self, more: bool) -> None:
-        if not more:
+    def _more_ghost(self, is_incomplete: bool) -> None:
+        if not is_incomplete:
             return
         if self._ghost.wanting:
             self._worker.ask("ghost", self._ghost.more, self._more_ghost)

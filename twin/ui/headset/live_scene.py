@@ -121,13 +121,13 @@ class LiveScene:
         seq = self._seq
         self._seq += 1
         robots = []
-        held = False
+        is_held = False
         for twin in twins:
             robots.append(twin.frame(seq, server_time))
-            held = held or twin.holder is not None
+            is_held = is_held or twin.holder is not None
         if self.alone:
             return robots[0]
-        flags = wire.PLAYING * self.clock.playing | wire.HELD * held
+        flags = wire.PLAYING * self.clock.playing | wire.HELD * is_held
         return pack_scene(seq, server_time, self.clock.time, flags, robots, self._bends.packed)
 
     def _links(self) -> dict[str, dict[str, Array]]:

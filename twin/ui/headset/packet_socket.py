@@ -201,16 +201,16 @@ class PacketHands:
         """Return port, senders at time t in s, and numbers of lost and ignored packets, as an entry of `state`."""
         device = self.socket.device
         senders: dict[str, str | None] = {}
-        lost: dict[str, int] = {}
+        lost_packets: dict[str, int] = {}
         for hand, name in enumerate(device.hands):
             sender = self.socket.sender(hand, t)
             senders[name] = None if sender is None else _text(sender)
-            lost[name] = int(signals[HAND_LOST.of(name)][0])
+            lost_packets[name] = int(signals[HAND_LOST.of(name)][0])
         ignored = int(signals[DEVICE_IGNORED.of(device.device)][0])
         return {
             "port": self.socket.port,
             "from": senders,
-            "lost": lost,
+            "lost": lost_packets,
             "ignored": ignored + self.socket.refused,
         }
 

@@ -96,14 +96,14 @@ def unpack_scene(data: bytes) -> SceneFrame:
         end = at + wire.size_of(data[at:])
         parts.append(wire.unpack(data[at:end]))
         at = end
-    for k in range(fields):
+    for field in range(fields):
         if len(data) < at + _BOX.size:
-            raise TwinError(f"frame of a scene: {len(data)} bytes; field {k} begins at byte {at} and is truncated")
+            raise TwinError(f"frame of a scene: {len(data)} bytes; field {field} begins at byte {at} and is truncated")
         n, *box = _BOX.unpack_from(data, at)
         at += _BOX.size
         end = at + 6 * n + (-6 * n) % 4
         if n > VERTICES or len(data) < end:
-            raise TwinError(f"frame of a scene: {len(data)} bytes; field {k} with {n} vertices ends at byte {end}")
+            raise TwinError(f"frame of a scene: {len(data)} bytes; field {field} with {n} vertices ends at byte {end}")
         levels = np.frombuffer(data, "<u2", 3 * n, at).reshape(n, 3)
         low = np.array(box[:3], np.float32)
         step = np.array(box[3:], np.float32)

@@ -49,9 +49,9 @@ def drawn_of_scene(scene: Scene, robots: Mapping[str, Robot], props: Mechanism |
     """Return what is drawn in a scene and beside its robots, with the person; errors as of `drawn_of_robot`."""
     parts: list[tuple[Owner, DrawnParts]] = []
     bodies = () if props is None else [body.name for body in props.bodies]
-    own = drawn_parts(scene.file, (), bodies)
-    if own is not None:
-        parts.append((None, own))
+    scene_parts = drawn_parts(scene.file, (), bodies)
+    if scene_parts is not None:
+        parts.append((None, scene_parts))
     for name, robot in robots.items():
         own_parts = _parts_of(robot)
         if own_parts is not None:
@@ -71,16 +71,16 @@ def _drawn(parts: Sequence[tuple[Owner, DrawnParts]]) -> DrawnFiles:
     cables: list[JsonObject] = []
     finishes: list[JsonObject] = []
     notes: list[str] = []
-    for owner, drawn in parts:
-        if drawn.note not in notes:
-            notes.append(drawn.note)
-        for link, pattern, body in drawn.bodies():
+    for owner, parts_of_owner in parts:
+        if parts_of_owner.note not in notes:
+            notes.append(parts_of_owner.note)
+        for link, pattern, body in parts_of_owner.bodies():
             name = f"drawn{len(bodies)}"
             meshes = tuple(replace(mesh, name=f"{name}_{mesh.name}") for mesh in body.meshes)
             bodies.append(Body(name, meshes))
             nodes.append({"node": name, "robot": owner, "link": link or None, "pattern": pattern})
-        cables += [_cable(owner, cable) for cable in drawn.cables]
-        for finish in drawn.finishes:
+        cables += [_cable(owner, cable) for cable in parts_of_owner.cables]
+        for finish in parts_of_owner.finishes:
             finishes.append({"body": finish.body, "color": list(finish.color), "pattern": finish.pattern})
     figure = person()
     standing = [body for _, _, body in figure.bodies()]

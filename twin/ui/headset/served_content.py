@@ -99,19 +99,19 @@ def of_robot(
     clock = Clock()
     twin = LiveRobot(robot, source, protocol, plans, clock, machine=machine)
     about = twin.description
-    own = server_files.robot_files(glb_bytes(robot.mechanism), about)
+    files = server_files.robot_files(glb_bytes(robot.mechanism), about)
     patients = {}
     for name, patient in twin.patients.items():
         patients[name] = glb_bytes(patient.mechanism, (), patient.poses)
-    own |= server_files.patient_files(patients)
+    files |= server_files.patient_files(patients)
     scene = _describe(robot.name, about["title"], [{**about, "files": "", "ports": []}], feed)
     scene["model_hash"] = about["model_hash"]
-    drawn = drawn_of_robot(robot)
-    scene |= drawn.entries
-    own |= drawn.files
-    own |= server_files.scene_file(scene)
+    scenery = drawn_of_robot(robot)
+    scene |= scenery.entries
+    files |= scenery.files
+    files |= server_files.scene_file(scene)
     live = LiveScene([twin], clock, feed)
-    return ServedContent(live, robot.name, about["model_hash"], own, ("robot.glb",))
+    return ServedContent(live, robot.name, about["model_hash"], files, ("robot.glb",))
 
 
 def of_scene(loaded: LoadedScene, plans: bool = True) -> ServedContent:
@@ -183,21 +183,21 @@ def of_mirror(mirror: Mirror) -> ServedContent:
     robot = mirror.robot
     glb = glb_bytes(robot.mechanism)
     live = MirroredMachine(mirror)
-    own: dict[str, File] = {}
+    files: dict[str, File] = {}
     robots = []
     preload = []
     for name in (mirror.name, mirror.ghost):
         folder = _ROBOTS.format(name)
         place = Place(name, robot.name, "", np.eye(4), {}, {}, {})
         about = describe(robot, MovableRobot(robot), {}, {}, place) | _FOLLOWS
-        own |= server_files.robot_files(glb, about, folder)
+        files |= server_files.robot_files(glb, about, folder)
         robots.append({**about, "files": folder, "ports": []})
         preload.append(f"{folder}robot.glb")
     described = _describe(mirror.name, f"{robots[0]['title']}: its machine", robots, None)
     described["machines"] = live.about_machines
     described["model_hash"] = _hash_of(described)
-    own |= server_files.scene_file(described)
-    return ServedContent(live, mirror.name, described["model_hash"], own, tuple(preload))
+    files |= server_files.scene_file(described)
+    return ServedContent(live, mirror.name, described["model_hash"], files, tuple(preload))
 
 
 def _placed(loaded: LoadedScene, live: LiveScene | ConsoleStream, about: Sequence[JsonObject]) -> ServedContent:
@@ -205,12 +205,12 @@ def _placed(loaded: LoadedScene, live: LiveScene | ConsoleStream, about: Sequenc
     from twin.exchange.formats.glb.write import glb_bytes
 
     scene = loaded.scene
-    own: dict[str, File] = {}
+    files: dict[str, File] = {}
     robots = []
     preload = []
     for place, about_robot in zip(scene.places, about, strict=True):
         folder = _ROBOTS.format(place.name)
-        own |= server_files.robot_files(glb_bytes(loaded.robots[place.name].mechanism), about_robot, folder)
+        files |= server_files.robot_files(glb_bytes(loaded.robots[place.name].mechanism), about_robot, folder)
         robots.append({**about_robot, "files": folder, "ports": _ports(place)})
         preload.append(f"{folder}robot.glb")
     described = _describe(scene.name, scene.title, robots, loaded.feed)
@@ -229,23 +229,23 @@ def _placed(loaded: LoadedScene, live: LiveScene | ConsoleStream, about: Sequenc
         if machines is not None:
             described["machines"] = machines
         if live.objects:
-            own |= server_files.glb_file(_OBJECTS, glb_bytes(together(live.objects, wire.OBJECTS)))
+            files |= server_files.glb_file(_OBJECTS, glb_bytes(together(live.objects, wire.OBJECTS)))
             described["objects"] = {"file": _OBJECTS, "names": [item.name for item in live.objects]}
     props = loaded.props
     if props is not None:
         glb = glb_bytes(props)
-        own |= server_files.glb_file(_PROPS, glb)
+        files |= server_files.glb_file(_PROPS, glb)
         digest = hashlib.sha256(glb).hexdigest()
         described["props"] = {"name": props.name, "file": _PROPS, "sha256": digest}
         preload.append(_PROPS)
     described["model_hash"] = _hash_of(described)
     # what is only drawn does not change the hash of the geometry
     solid = {place.name: loaded.robots[place.name] for place in scene.places if not place.name.endswith(MODEL)}
-    drawn = drawn_of_scene(scene, solid, props)
-    described |= drawn.entries
-    own |= drawn.files
-    own |= server_files.scene_file(described)
-    return ServedContent(live, scene.name, described["model_hash"], own, tuple(preload), late)
+    scenery = drawn_of_scene(scene, solid, props)
+    described |= scenery.entries
+    files |= scenery.files
+    files |= server_files.scene_file(described)
+    return ServedContent(live, scene.name, described["model_hash"], files, tuple(preload), late)
 
 
 def _hash_of(described: JsonObject) -> str:

@@ -145,9 +145,9 @@ def near_signs(sevens: Array, last: Array | None) -> Array:
         return sevens
     # a quaternion and its negative are the same rotation; the nearer one has a positive scalar product
     products = np.sum(sevens[:, 3:] * last[:, 3:], axis=1)
-    near = sevens.copy()
-    near[products < 0, 3:] *= -1
-    return near
+    near_sevens = sevens.copy()
+    near_sevens[products < 0, 3:] *= -1
+    return near_sevens
 
 
 def still(robots: Iterable[str]) -> JsonObject:

@@ -32,10 +32,10 @@ def figure(contract: Contract) -> Figure:
         variant = contract.variants.get(name, "?")
         readings.append(f"{name}={variant}")
     drawing = sheet(f"{contract.console}: {', '.join(readings)}", 4.2)
-    left, right = drawing.subplots(1, 2)
+    left_axes, right_axes = drawing.subplots(1, 2)
     drawing.subplots_adjust(left=0.08, right=0.97, top=0.84, bottom=0.13, wspace=0.28)
-    _draw_clauses(left, by_equation)
-    _draw_drift(right, contract.path)
+    _draw_clauses(left_axes, by_equation)
+    _draw_drift(right_axes, contract.path)
     return drawing
 
 

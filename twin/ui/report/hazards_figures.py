@@ -71,9 +71,9 @@ def _peaks(ax: Axes, campaign: Hazards) -> None:
     _legend(ax, loc="lower left", bbox_to_anchor=(0, 1.0), borderaxespad=0.3, ncols=2, markerscale=6.6 / size)
 
 
-def _peaks_of_class(ax: Axes, k: int, rows: Sequence[JsonMapping], size: float) -> None:
+def _peaks_of_class(ax: Axes, class_number: int, rows: Sequence[JsonMapping], size: float) -> None:
     """Draw the peak deviations of the sessions of a class in row k, as points of a size in points."""
-    y = k + 0.3 * np.sin(2.4 * np.arange(len(rows)))  # equal values lie beside each other
+    y = class_number + 0.3 * np.sin(2.4 * np.arange(len(rows)))  # equal values lie beside each other
     stopped = np.zeros(len(rows), bool)
     peaks = np.zeros(len(rows))
     for i, row in enumerate(rows):
@@ -81,7 +81,7 @@ def _peaks_of_class(ax: Axes, k: int, rows: Sequence[JsonMapping], size: float) 
         peaks[i] = max(row["peak"], _LEAST)
     parts = ((~stopped, PALETTE[0], "not stopped"), (stopped, PALETTE[1], "stopped by a check"))
     for part, color, text in parts:
-        label = text if k == 0 else None  # one entry of the legend for all classes
+        label = text if class_number == 0 else None  # one entry of the legend for all classes
         ax.plot(peaks[part], y[part], "o", ms=size, alpha=0.5, color=color, mew=0, label=label)
 
 
@@ -103,8 +103,8 @@ def _roc(ax: Axes, campaign: Hazards) -> None:
         ax.plot([false], [detected], "o", color=color, ms=6, clip_on=False, zorder=4)
     if campaign.roc:
         # each limit is used without and with the checks: its text comes once
-        used = dict.fromkeys(curve.used for curve in campaign.roc)
-        ax.plot([], [], "o", color=INK, ms=6, label=f"limit in use, {' or '.join(used)}")
+        used_thresholds = dict.fromkeys(curve.used for curve in campaign.roc)
+        ax.plot([], [], "o", color=INK, ms=6, label=f"limit in use, {' or '.join(used_thresholds)}")
     detections = []
     for row in campaign.rows:
         if dangerous(row):

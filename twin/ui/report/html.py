@@ -364,20 +364,20 @@ def _groups(report: Report) -> list[JsonObject]:
     groups = []
     for pair in pair_names(report):
         rows = []
-        bad = 0
+        problem_count = 0
         judged = 0
         for row in report.residuals:
             if row.pair != pair:
                 continue
             rows.append(row)
-            bad += not row.agrees
+            problem_count += not row.agrees
             judged += row.tolerance is not None
         title, short = PAIRS.get(pair, (pair, pair))
         group = {
             "pair": short,
             "title": _capitalised(title),
             "rows": _by_cause(rows),
-            "bad": bad,
+            "bad": problem_count,
             "judged": judged,
         }
         groups.append(group)
@@ -408,14 +408,14 @@ def _aliases(row: Residual) -> set[str]:
 
 def _parameters(report: Report) -> list[tuple[str, list[Parameter]]]:
     """Return (title, parameters) of two groups: CAD, and all others. Assumed parameters are first in each group."""
-    drawn = []
+    figures = []
     others = []
     for parameter in sorted(report.parameters, key=lambda p: _ORIGINS.index(p.provenance)):
         if parameter.name.startswith(DRAWING):
-            drawn.append(parameter)
+            figures.append(parameter)
         else:
             others.append(parameter)
-    return [("Equations, limits, protocol", others), ("Dimensions of the CAD", drawn)]
+    return [("Equations, limits, protocol", others), ("Dimensions of the CAD", figures)]
 
 
 def _parameter_value(p: Parameter) -> str:
@@ -428,20 +428,20 @@ def _when(row: Residual) -> str:
     return fmt.seconds(row.t)
 
 
-def _bar(f: Finding, beside: Iterable[Finding] = ()) -> dict[str, float] | None:
+def _bar(finding: Finding, beside: Iterable[Finding] = ()) -> dict[str, float] | None:
     """Return the positions, 0 to 100, of a finding's size and limit on a linear bar; None without size or limit.
 
     The bar ends at the largest of these values: the size, twice the limit, and the sizes of the findings `beside` in
     the same unit.
     """
-    if f.size is None or not f.limit or not math.isfinite(f.size):
+    if finding.size is None or not finding.limit or not math.isfinite(finding.size):
         return None
-    size = abs(f.size)
-    limit = abs(f.limit)
+    size = abs(finding.size)
+    limit = abs(finding.limit)
     full = max(size, 2 * limit)
-    for other in beside:
-        if other.size is not None and other.unit == f.unit and math.isfinite(other.size):
-            full = max(full, abs(other.size))
+    for other_finding in beside:
+        if other_finding.size is not None and other_finding.unit == finding.unit and math.isfinite(other_finding.size):
+            full = max(full, abs(other_finding.size))
     return {"size": round(100 * size / full, 1), "limit": round(100 * limit / full, 1)}
 
 

@@ -41,14 +41,14 @@ def figure(operated: Operated) -> Figure:
 
     Insertions are shaded; if an insertion misses its goal, its name is red. A bar shows when the pedal is up.
     """
-    shown = operated.trials[:_SHOWN]
-    height = 1.0 + 2.2 * len(shown)
+    shown_trials = operated.trials[:_SHOWN]
+    height = 1.0 + 2.2 * len(shown_trials)
     title = f"{operated.robot}, {operated.protocol}: "
     title += "remaining distance of the simulated operator (hand and tremor ASSUMED)"
     drawing = sheet(title, height)
-    axes = drawing.subplots(len(shown), 1, squeeze=False, sharex=True)[:, 0]
+    axes = drawing.subplots(len(shown_trials), 1, squeeze=False, sharex=True)[:, 0]
     drawing.subplots_adjust(left=0.09, right=0.86, top=1 - 0.62 / height, bottom=0.5 / height, hspace=0.28)
-    for ax, trial in zip(axes, shown, strict=True):
+    for ax, trial in zip(axes, shown_trials, strict=True):
         _draw_insertions(ax, trial, operated.goals)
         t = trial.record.t
         # the axis is logarithmic: 0 would not be drawn

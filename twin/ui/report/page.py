@@ -26,10 +26,10 @@ def render(result: Result, name: str, figure: Figure | None = None) -> str:
     first, *parts = merged(result.text())
     if isinstance(first, str):
         # the first line of the text is its title
-        title, _, rest = first.partition("\n")
-        rest = rest.strip("\n")
-        if rest.strip():
-            parts.insert(0, rest)
+        title, _, body = first.partition("\n")
+        body = body.strip("\n")
+        if body.strip():
+            parts.insert(0, body)
     picture = None
     if figure is not None:
         picture = Markup(style.svg(figure, name, title))

@@ -20,14 +20,14 @@ def thin(t: Array, y: Array, points: int = POINTS) -> tuple[Array, Array]:
     each interval, and the first and the last sample of the curve. t (k,) are increasing times; y (k,) is NaN where the
     curve has a gap. `points` is at least 16.
     """
-    k = len(y)
-    if k <= points:
+    count = len(y)
+    if count <= points:
         return t, y
     has_gaps = bool(np.isnan(y).any())
     kept_of_interval = 3 if has_gaps else 2
     # two of the points are the ends of the curve
     intervals = (points - 2) // kept_of_interval
-    bounds = np.linspace(0, k, intervals + 1).astype(int)
+    bounds = np.linspace(0, count, intervals + 1).astype(int)
     starts = bounds[:-1, None]
     ends = bounds[1:, None]
     width = int(np.diff(bounds).max())
@@ -39,11 +39,11 @@ def thin(t: Array, y: Array, points: int = POINTS) -> tuple[Array, Array]:
     lowest = np.where(missing, np.inf, values).argmin(axis=1)
     highest = np.where(missing, -np.inf, values).argmax(axis=1)
     interval = np.arange(intervals)
-    kept = [np.array([0, k - 1]), rows[interval, lowest], rows[interval, highest]]
+    chosen_rows = [np.array([0, count - 1]), rows[interval, lowest], rows[interval, highest]]
     if has_gaps:
         first_missing = missing.argmax(axis=1)
-        kept.append(rows[interval, first_missing])
-    index = np.unique(np.concatenate(kept))
+        chosen_rows.append(rows[interval, first_missing])
+    index = np.unique(np.concatenate(chosen_rows))
     return t[index], y[index]
 
 

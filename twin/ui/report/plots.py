@@ -102,18 +102,18 @@ def tool_motion(report: Report) -> Figure | None:
     angular = _angles(report, "angles", "t")
     columns = 2 if angular else 1
     figure, axes = panels(headline("Tool motion", report), [1.75] * 3, columns)
-    for r, (what, per) in enumerate(_RATES):
-        key = "pva"[r]
+    for row, (what, per) in enumerate(_RATES):
+        key = "pva"[row]
         linear = plot_data.pair(report, f"{key}_tool")
         reference = plot_data.pair(report, f"{key}_tool_B", "t_coarse")
-        _draw_xyz(axes[r][0], linear, reference, "xyz", MM)
-        axes[r][0].set_ylabel(f"{what} [mm{per}]")
+        _draw_xyz(axes[row][0], linear, reference, "xyz", MM)
+        axes[row][0].set_ylabel(f"{what} [mm{per}]")
     if angular:
         references = _angles(report, "angles_B", "t_coarse") or [None] * 3
-        for r, what in enumerate(("angle", "angle rate", "second derivative")):
-            _, per = _RATES[r]
-            _draw_xyz(axes[r][1], angular[r], references[r], "ψθφ", DEG)
-            axes[r][1].set_ylabel(f"{what} [°{per}]")
+        for row, what in enumerate(("angle", "angle rate", "second derivative")):
+            _, per = _RATES[row]
+            _draw_xyz(axes[row][1], angular[row], references[row], "ψθφ", DEG)
+            axes[row][1].set_ylabel(f"{what} [°{per}]")
     for ax in axes[0]:
         legend_above(ax)
     return _finish(figure, axes, report)
@@ -307,13 +307,13 @@ PLOTS: dict[str, Callable[[Report], Figure | None]] = {
 
 def figures(report: Report) -> dict[str, Figure]:
     """Return the plots for which the report contains data, by name, in the order of `PLOTS`."""
-    drawn = {}
+    curve_names = {}
     with styled():
         for name, draw in PLOTS.items():
             figure = draw(report)
             if figure is not None:
-                drawn[name] = figure
-    return drawn
+                curve_names[name] = figure
+    return curve_names
 
 
 def _line_style(i: int) -> JsonObject:

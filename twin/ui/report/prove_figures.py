@@ -132,8 +132,8 @@ def _draw_rcm(ax: Axes, motion: ProvedMotion) -> None:
         ax.axhline(claim.limit, color=UNFIT, lw=0.8)
     top = max(claim.high for claim in claims)
     top = max(top, claims[0].limit)
-    shown = [value for value in _TICKS if value <= 10 * top]
-    log_ticks(ax, shown, lambda value: quantity(value, "m"))
+    ticks = [value for value in _TICKS if value <= 10 * top]
+    log_ticks(ax, ticks, lambda value: quantity(value, "m"))
     ax.set_title("shaft, " + " and ".join(claim.name for claim in claims), fontsize=8.5, loc="left", pad=3)
 
 

@@ -135,9 +135,9 @@ def _drawn(places: Array, depth: Array, triangles: np.ndarray, lit: np.ndarray, 
         x = np.clip(spots[:, 0].astype(np.int64), 0, width - 1)
         y = np.clip(spots[:, 1].astype(np.int64), 0, height - 1)
         pixel = y * width + x
-        seen = np.flatnonzero(z < nearest[pixel])
+        nearest_points = np.flatnonzero(z < nearest[pixel])
         # far ones first, so that the nearest point of a pixel is written last
-        order = seen[np.argsort(-z[seen], kind="stable")]
+        order = nearest_points[np.argsort(-z[nearest_points], kind="stable")]
         pixels[pixel[order]] = lit[begin + of_point[order]]
         nearest[pixel[order]] = z[order]
     return pixels.reshape(height, width, 3)

@@ -124,7 +124,7 @@ def write_result(result: Result, folder: Path, name: str = "") -> list[str]:
     data.write_text(result.to_json() + "\n", encoding="utf-8")
     result.write(folder)
     page = folder / f"{name}.html"
-    shown = [page.name]
+    written = [page.name]
     figure = None
     if result.kind in _PICTURES and drawable():
         module = import_module(f"twin.ui.report.{result.kind.replace('-', '_')}_figures")
@@ -132,6 +132,6 @@ def write_result(result: Result, folder: Path, name: str = "") -> list[str]:
     if figure is not None:
         picture = folder / f"{name}.png"
         picture.write_bytes(png(figure))
-        shown.append(picture.name)
+        written.append(picture.name)
     page.write_text(render(result, name, figure), encoding="utf-8")
-    return shown
+    return written

@@ -104,13 +104,13 @@ def residual_matrix(report: Report) -> Figure | None:
     row_height = 0.21
     head = 0.92
     foot = 0.5
-    left = 2.0
+    left_margin = 2.0
     right = 0.2
     total_height = head + row_height * len(names) + foot
     figure = Figure(figsize=(WIDTH, total_height))
-    wide = 1 - (left + right) / WIDTH
+    wide = 1 - (left_margin + right) / WIDTH
     tall = row_height * len(names) / total_height
-    ax = figure.add_axes((left / WIDTH, 0.42 / total_height, wide, tall))
+    ax = figure.add_axes((left_margin / WIDTH, 0.42 / total_height, wide, tall))
     for y, name in enumerate(names):
         for x, pair in enumerate(pairs):
             row = table[name].get(pair)
@@ -142,8 +142,8 @@ def _worst_of_cells(residuals: Iterable[Residual]) -> dict[str, dict[str, Residu
     table: dict[str, dict[str, Residual]] = {}
     for residual in residuals:
         cells = table.setdefault(label(residual), {})
-        other = cells.get(residual.pair)
-        if other is None or residual.worst > other.worst:
+        cell = cells.get(residual.pair)
+        if cell is None or residual.worst > cell.worst:
             cells[residual.pair] = residual
     return table
 

@@ -55,13 +55,13 @@ def distances(
     top, below = drawing.subplots(2, 1, sharex=True, gridspec_kw=spaces)
     names = [row.name for row in rows]
     longest = max(map(len, names))
-    left = max(0.09, 0.025 + 0.0075 * longest)  # room for the names
-    drawing.subplots_adjust(left=left, right=0.8, top=1 - 0.5 / height, bottom=0.5 / height)
+    left_margin = max(0.09, 0.025 + 0.0075 * longest)  # room for the names
+    drawing.subplots_adjust(left=left_margin, right=0.8, top=1 - 0.5 / height, bottom=0.5 / height)
     for k, ((a, b), distance) in enumerate(pairs.items()):
         repetition, color = divmod(k, len(PALETTE))
         style = _STYLES[repetition % len(_STYLES)]
-        shown = np.maximum(distance / MM, LEAST)
-        top.plot(t, shown, style, color=PALETTE[color], label=f"{a} - {b}")
+        shown_distances = np.maximum(distance / MM, LEAST)
+        top.plot(t, shown_distances, style, color=PALETTE[color], label=f"{a} - {b}")
     required_mm = required / MM
     top.axhline(required_mm, color=UNFIT, linestyle="--", linewidth=0.9)
     top.annotate(

@@ -92,17 +92,17 @@ def figure(session: ConsoleSession) -> Figure:
     return drawing
 
 
-def _view(ax: Axes, i: int, session: ConsoleSession, arms: list[tuple[str, str]]) -> None:
+def _view(ax: Axes, view: int, session: ConsoleSession, arms: list[tuple[str, str]]) -> None:
     """Draw the upper left (i = 0) or upper right (i = 1) panel."""
-    if session.training and i == 1:
+    if session.training and view == 1:
         _deviation(ax, session)
         return
     outcome = session.outcome
     if not isinstance(outcome, AlignOutcome):
-        title, x, y = _VIEWS[i]
+        title, x, y = _VIEWS[view]
         _paths(ax, session, arms, title, x, y)
         return
-    if i == 0:
+    if view == 0:
         _picture(ax, outcome.aligned, outcome.required)
     else:
         _angle(ax, session, outcome.aligned, outcome.required)
@@ -114,11 +114,11 @@ def _speeds(ax: Axes, session: ConsoleSession, arms: list[tuple[str, str]]) -> N
         speed = movement.speed(session.arms[name].tip, session.ran.kept.dt) / MM
         t, y = thin(session.t, speed, _POINTS)
         ax.plot(t, y, color=color, lw=0.8)
-    rest = movement.RESTS / MM
-    ax.axhline(rest, color=INK, lw=0.6, ls=(0, (5, 2)))
+    rest_radius = movement.RESTS / MM
+    ax.axhline(rest_radius, color=INK, lw=0.6, ls=(0, (5, 2)))
     ax.annotate(
         "at rest",
-        (1, rest),
+        (1, rest_radius),
         (0, 2),
         xycoords=("axes fraction", "data"),
         textcoords="offset points",
@@ -161,8 +161,8 @@ def _deviation(ax: Axes, session: ConsoleSession) -> None:
     """Draw the machines' deviation from their models over time, the cue's limit, and times of rehearsal and replay."""
     colors = {TrainerPhase.REHEARSE: GRID, TrainerPhase.REPLAY: NEAR}
     for k, machine in enumerate(session.training):
-        times, shown = thin(machine.t, machine.deviation / MM, _POINTS)
-        ax.plot(times, shown, color=PALETTE[(2 + k) % len(PALETTE)], lw=0.9)
+        times, shown_deviation = thin(machine.t, machine.deviation / MM, _POINTS)
+        ax.plot(times, shown_deviation, color=PALETTE[(2 + k) % len(PALETTE)], lw=0.9)
         for step in machine.steps:
             if step.phase in colors:
                 ax.axvspan(step.begin, step.end, color=colors[step.phase], alpha=0.4, lw=0)
@@ -277,9 +277,9 @@ def _bands(ax: Axes, session: ConsoleSession, arms: list[tuple[str, str]], rows:
         grip = log[HAND_GRIP.of(hand)][:, 0]
         span = float(np.ptp(grip))
         opening = (grip - grip.min()) / max(span, 1e-9)
-        times, shown = thin(t, opening, _POINTS)
+        times, shown_opening = thin(t, opening, _POINTS)
         # the y axis points down
-        ax.plot(times, len(names) + 0.35 - 0.7 * shown, color=_color(arms, hand), lw=1.0)
+        ax.plot(times, len(names) + 0.35 - 0.7 * shown_opening, color=_color(arms, hand), lw=1.0)
         names.append(f"{hand} grip, {span / DEG:.0f}°")
     ax.set_yticks(range(len(names)), names)
     ax.set_ylim(len(names) - 0.4, -0.6)

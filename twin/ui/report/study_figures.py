@@ -65,27 +65,27 @@ def figure(ranks: Ranks) -> Figure:
 
 def _boxes(ax: Axes, samples: dict[str, Array], name: str, colors: Mapping[str, str], letters: int) -> None:
     """Draw a box plot and the values of each sample; up to `letters` letters fit on a line below the axes."""
-    drawn = {}
+    scatter_names = {}
     for sample, values in samples.items():
         if len(values):
-            drawn[sample] = values
+            scatter_names[sample] = values
     ax.boxplot(
-        list(drawn.values()),
+        list(scatter_names.values()),
         widths=0.5,
         showfliers=False,
         medianprops={"color": INK, "lw": 1.4},
         boxprops={"color": INK},
     )
-    places = range(1, len(drawn) + 1)
+    places = range(1, len(scatter_names) + 1)
     labels = []
-    for place, (sample, values) in zip(places, drawn.items(), strict=True):
+    for place, (sample, values) in zip(places, scatter_names.items(), strict=True):
         group = sample
         if sample not in colors:
             # a sample of one of several sessions
             group, _, _ = sample.rpartition(", session ")
         x = place + 0.12 * np.sin(2.4 * np.arange(len(values)))  # equal values lie beside each other
         ax.plot(x, values, "o", ms=4, alpha=0.7, color=colors[group])
-        lines = textwrap.wrap(sample, max(letters // len(drawn), 6))
+        lines = textwrap.wrap(sample, max(letters // len(scatter_names), 6))
         lines.append(f"n = {len(values)}")
         labels.append("\n".join(lines))
     ax.set_xticks(places, labels, fontsize=7.5)
@@ -101,12 +101,12 @@ def _course(ax: Axes, ranks: Ranks, name: str, colors: Mapping[str, str]) -> Non
     groups = np.array(users.groups)
     sessions = np.array(users.sessions, float)
     for group, color in colors.items():
-        known = (groups == group) & np.isfinite(values)
-        ax.plot(sessions[known], values[known], "o", ms=4, alpha=0.5, color=color)
-        numbers = np.unique(sessions[known])
+        has_value = (groups == group) & np.isfinite(values)
+        ax.plot(sessions[has_value], values[has_value], "o", ms=4, alpha=0.5, color=color)
+        numbers = np.unique(sessions[has_value])
         medians = []
         for number in numbers:
-            in_session = known & (sessions == number)
+            in_session = has_value & (sessions == number)
             medians.append(np.median(values[in_session]))
         ax.plot(numbers, medians, color=color, lw=1.2, label=group)
     ax.set_title("median over sessions", loc="left", fontsize=9)

@@ -335,14 +335,14 @@ def mark(ax: Axes, t: float, value: float, text: str, color: str = INK, below: b
     side.
     """
     ax.plot([t], [value], "o", ms=6, mfc="none", mec=color, mew=1.2, zorder=4, clip_on=False)
-    left, right = ax.get_xlim()
+    low, high = ax.get_xlim()
     # in points; text to the right of a ring at the y axis must not cross the axis
     horizontal = "left"
     dx = -4
-    if t > left + 0.7 * (right - left):
+    if t > low + 0.7 * (high - low):
         horizontal = "right"
         dx = 4
-    elif t <= left + 0.01 * (right - left):
+    elif t <= low + 0.01 * (high - low):
         dx = 8
     # as a fraction of the height of the axes
     pixel = ax.transData.transform((t, value))
@@ -436,9 +436,9 @@ def svg(figure: Figure, name: str, label: str) -> str:
     from markupsafe import escape
 
     buffer = io.StringIO()
-    nothing = {"Date": None, "Creator": None, "Format": None, "Type": None}
+    no_metadata = {"Date": None, "Creator": None, "Format": None, "Type": None}
     with styled(name):
-        figure.savefig(buffer, format="svg", metadata=nothing)
+        figure.savefig(buffer, format="svg", metadata=no_metadata)
     text = buffer.getvalue()
     text = text[text.index("<svg") :]
     # of the element, only its view box is kept: width and height are those of the page

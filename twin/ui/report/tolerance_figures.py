@@ -48,11 +48,11 @@ def _largest(contributors: list[JsonObject]) -> list[JsonObject]:
         return contributors
     position = 0
     rotation = 0
-    for other in others:
-        position += other["position"]
-        rotation += other["rotation"]
-    rest = {"what": f"{len(others)} others", "position": position, "rotation": rotation}
-    return [*contributors[:_SHOWN], rest]
+    for component in others:
+        position += component["position"]
+        rotation += component["rotation"]
+    others_row = {"what": f"{len(others)} others", "position": position, "rotation": rotation}
+    return [*contributors[:_SHOWN], others_row]
 
 
 def _draw_states(ax: Axes, states: list[JsonObject], required: float | None) -> None:

@@ -46,13 +46,13 @@ def figure(result: Tracking) -> Figure:
         total += above + tall
     total += foot
     drawing = sheet(title, total)
-    left = 0.86
-    wide = WIDTH - left - 1.75
+    label_x = 0.86
+    wide = WIDTH - label_x - 1.75
     axes = []
     bottom = 0.0
     for above, tall in panels:
         bottom += above + tall
-        axes.append(drawing.add_axes((left / WIDTH, 1 - bottom / total, wide / WIDTH, tall / total)))
+        axes.append(drawing.add_axes((label_x / WIDTH, 1 - bottom / total, wide / WIDTH, tall / total)))
     _errors(axes[0], result.runs)
     _efforts(axes[1], result, worst)
     for ax in axes[:2]:
@@ -84,14 +84,14 @@ def _efforts(ax: Axes, result: Tracking, run: Run) -> None:
     """Draw the running mean of the efforts and, in pale colours, the efforts at every tick, with encoder noise."""
     largest = 0.0
     for i, row in enumerate(result.efforts):
-        whole = row.limit or row.peak or 1.0  # without a stated limit, percent of the peak
+        full_scale = row.limit or row.peak or 1.0  # without a stated limit, percent of the peak
         reference = "limit" if row.limit else "peak"
-        percent = 100 * run.effort[:, i] / whole
+        percent = 100 * run.effort[:, i] / full_scale
         color = PALETTE[i % len(PALETTE)]
         t, y = thin(run.t, percent)
         ax.plot(t, y, color=color, lw=0.5, alpha=0.3)
         t, y = thin(run.t, _mean(percent))
-        ax.plot(t, y, color=color, lw=1.1, label=f"{row.joint}, {reference} {whole:g} {row.unit}")
+        ax.plot(t, y, color=color, lw=1.1, label=f"{row.joint}, {reference} {full_scale:g} {row.unit}")
         largest = max(largest, np.abs(percent).max())
     if largest > 60:  # else the limits would compress the curves
         for side in (-100, 100):

@@ -107,8 +107,8 @@ def _cut(reached: np.ndarray, values: Array) -> tuple[int, int, int]:
     """Return the indices (3,) of the cell in which the sections intersect: the most central of the best 10 %."""
     if not reached.any():
         return (0, 0, 0)
-    good = reached & (np.nan_to_num(values) >= np.nanquantile(values, 0.9))
-    cells = np.argwhere(good)
+    best = reached & (np.nan_to_num(values) >= np.nanquantile(values, 0.9))
+    cells = np.argwhere(best)
     middle = np.median(cells, axis=0)
     distances = ((cells - middle) ** 2).sum(axis=1)
     i, j, k = cells[np.argmin(distances)].tolist()
@@ -143,5 +143,5 @@ def _draw_sizes(ax: Axes, values: Array, cell: float, **style: Any) -> None:
     if not count:
         ax.plot([], [], **style)
         return
-    shown = spread(count, 400)  # the page contains all points
-    ax.plot(ordered[shown], cell * (count - shown), **style)
+    shown_points = spread(count, 400)  # the page contains all points
+    ax.plot(ordered[shown_points], cell * (count - shown_points), **style)

@@ -71,11 +71,15 @@ def vertices_of(frame: WorldFrame, name: str, surface: FieldSurface) -> Array:
     """
     if name not in frame.fields:
         raise TwinError(f"field '{name}' is missing in the frame at t = {frame.t:g} s")
-    v = np.asarray(frame.fields[name], float)
+    vertices = np.asarray(frame.fields[name], float)
     needed = int(np.max(surface.triangles, initial=-1)) + 1
-    if v.ndim != 2 or v.shape[1] != 3 or len(v) < needed:
-        raise TwinError(f"field '{name}': the vertices have the shape {v.shape}; the triangles need ({needed}, 3)")
-    if not np.isfinite(v).all():
-        bad = int(np.count_nonzero(~np.isfinite(v).all(axis=1)))
-        raise TwinError(f"field '{name}': {bad} of {len(v)} vertices are not finite at t = {frame.t:g} s")
-    return v
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) < needed:
+        raise TwinError(
+            f"field '{name}': the vertices have the shape {vertices.shape}; the triangles need ({needed}, 3)"
+        )
+    if not np.isfinite(vertices).all():
+        invalid_count = int(np.count_nonzero(~np.isfinite(vertices).all(axis=1)))
+        raise TwinError(
+            f"field '{name}': {invalid_count} of {len(vertices)} vertices are not finite at t = {frame.t:g} s"
+        )
+    return vertices

@@ -81,12 +81,12 @@ class DragSolver:
         self._last = (assembly, body, p_body, grip)
         return assembly, dragged
 
-    def joints(self, now: Assembly, q: Array) -> tuple[Assembly, Dragged]:
+    def joints(self, assembly: Assembly, q: Array) -> tuple[Assembly, Dragged]:
         """Move the active joints towards q (n,) in m or rad; return (new assembly, result), as `point` does."""
-        dragged = self.dragger.move_joints(now.q, self._unknowns(now), q, SECONDS)
-        return self._closed(now, dragged), dragged
+        dragged = self.dragger.move_joints(assembly.q, self._unknowns(assembly), q, SECONDS)
+        return self._closed(assembly, dragged), dragged
 
-    def tools(self, now: Assembly, q: Array) -> list[Array]:
+    def tools(self, assembly: Assembly, q: Array) -> list[Array]:
         """Return the tool pose (4, 4) at q (n,) for each initial guess from which the loops can be closed.
 
         The initial guesses are the home state, the present state, and the present state dragged to q.
@@ -95,19 +95,19 @@ class DragSolver:
         poses = []
         with contextlib.suppress(AssemblyError, MechanismError):
             poses.append(dragger.solver.forward(q))
-        u_now = self._unknowns(now)
-        u_dragged = dragger.move_joints(now.q, u_now, q, SECONDS).u
+        u_now = self._unknowns(assembly)
+        u_dragged = dragger.move_joints(assembly.q, u_now, q, SECONDS).u
         for guess in (u_now, u_dragged):
             u = dragger.solver.close(q, guess)
             if u is not None:
                 poses.append(dragger.solver.pose(q, u))
         return poses
 
-    def _closed(self, now: Assembly, dragged: Dragged) -> Assembly:
+    def _closed(self, assembly: Assembly, dragged: Dragged) -> Assembly:
         """Return the assembly of the independent model, solved with the compiled result as initial guess."""
-        if np.array_equal(dragged.q, now.q):
-            return now
-        x = now.x.copy()
+        if np.array_equal(dragged.q, assembly.q):
+            return assembly
+        x = assembly.x.copy()
         tree = self.model.tree
         for joint, value in zip(self.mechanism.active, dragged.q, strict=True):
             x[tree.configuration[joint.name]] = value
@@ -118,12 +118,12 @@ class DragSolver:
             if passive.joint.type in _WITH_QUATERNION:
                 state = np.append(state[:-4], np.roll(state[-4:], -1))  # Pinocchio stores quaternions as x, y, z, w
             x[self._coordinates(passive.name, len(state))] = state
-        return self.model.solve(dragged.q, replace(now, x=x))
+        return self.model.solve(dragged.q, replace(assembly, x=x))
 
-    def _unknowns(self, now: Assembly) -> Array:
+    def _unknowns(self, assembly: Assembly) -> Array:
         parts = []
         for passive in self.dragger.solver.equations.passive:
-            state = now.x[self._coordinates(passive.name, passive.state.numel())]
+            state = assembly.x[self._coordinates(passive.name, passive.state.numel())]
             if passive.joint.type in _WITH_QUATERNION:
                 state = np.append(state[:-4], np.roll(state[-4:], 1))
             parts.append(state)

@@ -117,17 +117,17 @@ class StepDrawing:
         except TwinError as error:
             self.note = f"{beside.name} is not used, the names are those of the STEP: {error}"
             return
-        used: set[int] = set()
+        used_parts: set[int] = set()
         parts: dict[str, list[Part]] = {}
-        for body, own in named.items():
-            used.update(id(part) for part in own)
-            if own:
-                parts[body] = own
+        for body, body_parts in named.items():
+            used_parts.update(id(part) for part in body_parts)
+            if body_parts:
+                parts[body] = body_parts
         # parts that no body of the description has are shown, too
-        for node, own in self.parts.items():
-            rest = [part for part in own if id(part) not in used]
-            if rest:
-                parts.setdefault(node, []).extend(rest)
+        for node, body_parts in self.parts.items():
+            remaining_parts = [part for part in body_parts if id(part) not in used_parts]
+            if remaining_parts:
+                parts.setdefault(node, []).extend(remaining_parts)
         self.parts = parts
         self.tolerance = loaded.tolerance
         self.source = beside
@@ -142,17 +142,17 @@ class StepDrawing:
         """Yield (name of the body, part) for each part."""
         yield from self._faces
 
-    def meet(self, origin: Array, direction: Array, shown: Collection[int] | None = None) -> DrawnFace | None:
+    def meet(self, origin: Array, direction: Array, visible_parts: Collection[int] | None = None) -> DrawnFace | None:
         """Return the face that a ray meets first; None if it meets none.
 
         Args:
             origin: (3,) start of the ray in m, in drawn coordinates.
             direction: (3,) direction of the ray.
-            shown: numbers, in the order of `placed_parts`, of the parts that the ray can meet; None: all.
+            visible_parts: numbers, in the order of `placed_parts`, of the parts that the ray can meet; None: all.
         """
         chosen = np.arange(len(self._owner))
-        if shown is not None:
-            chosen = np.flatnonzero(np.isin(self._owner, list(shown)))
+        if visible_parts is not None:
+            chosen = np.flatnonzero(np.isin(self._owner, list(visible_parts)))
         first = _first_triangle(self._corners[chosen], origin, direction)
         if first is None:
             return None
@@ -160,8 +160,8 @@ class StepDrawing:
         at = int(self._owner[triangle])
         body, part = self._faces[at]
         index = int(part.face_of_triangle[triangle - self._first[at]])
-        own = part.triangles[part.face_of_triangle == index]
-        return DrawnFace(body, part, index, own)
+        face_triangles = part.triangles[part.face_of_triangle == index]
+        return DrawnFace(body, part, index, face_triangles)
 
     def names_in(self, body: str) -> dict[str, Face]:
         """Return the faces that the description already names on a body, by name.

@@ -155,53 +155,55 @@ def read_drawn(path: Path, bodies: Iterable[str], props: Iterable[str] = ()) -> 
     _check_links(path, table, list(bodies))
     _check_finishes(path, table, list(props))
     meshes: dict[tuple[str, Pattern], list[Mesh]] = {}
-    for k, part in enumerate(table.part):
-        check_solid(path, ("part", k), part)
+    for number, part in enumerate(table.part):
+        check_solid(path, ("part", number), part)
         points, triangles = placed(part)
         r, g, b, a = (*part.color, 1.0)[:4]
         mesh = Mesh(part.name, points, triangles, (r, g, b, a), Finish("", 0.0, 0.6))
         meshes.setdefault((part.link or "", part.pattern), []).append(mesh)
-    for k, belt in enumerate(table.belt):
-        _check_belt(path, k, belt)
+    for number, belt in enumerate(table.belt):
+        _check_belt(path, number, belt)
         meshes.setdefault((belt.link, "plain"), []).extend(_belt(belt))
     note = f"{table.title}, drawn and not measured ({table.provenance}): {table.note}"
     return DrawnParts(meshes, tuple(table.cable), tuple(table.finish), note)
 
 
-def _check_links(path: Path, table: SceneryFile, known: list[str]) -> None:
+def _check_links(path: Path, table: SceneryFile, bodies: list[str]) -> None:
     """Raise an error if a name occurs twice, or if something refers to a body that does not exist."""
     names: set[str] = set()
     for section in ("part", "belt", "cable"):
-        for k, item in enumerate(getattr(table, section)):
+        for number, item in enumerate(getattr(table, section)):
             if item.name in names:
-                raise error_at(path, (section, k, "name"), f"'{item.name}' is the name of two drawn parts")
+                raise error_at(path, (section, number, "name"), f"'{item.name}' is the name of two drawn parts")
             names.add(item.name)
             if section == "cable":
                 links = [end.link for end in item.ends]
             else:
                 links = [item.link]
             for link in links:
-                if known and link is None:
-                    raise error_at(path, (section, k), f"'{item.name}' needs the key link: the body that carries it")
-                if link is not None and link not in known:
-                    raise error_at(path, (section, k), unknown("body", link, known))
+                if bodies and link is None:
+                    raise error_at(
+                        path, (section, number), f"'{item.name}' needs the key link: the body that carries it"
+                    )
+                if link is not None and link not in bodies:
+                    raise error_at(path, (section, number), unknown("body", link, bodies))
 
 
-def _check_finishes(path: Path, table: SceneryFile, known: list[str]) -> None:
+def _check_finishes(path: Path, table: SceneryFile, props: list[str]) -> None:
     """Raise an error if a finish is of a body that the props do not have."""
     for k, finish in enumerate(table.finish):
-        if finish.body not in known:
-            raise error_at(path, ("finish", k, "body"), unknown("body of the props", finish.body, known))
+        if finish.body not in props:
+            raise error_at(path, ("finish", k, "body"), unknown("body of the props", finish.body, props))
 
 
-def _check_belt(path: Path, k: int, belt: BeltTable) -> None:
+def _check_belt(path: Path, number: int, belt: BeltTable) -> None:
     along = np.subtract(belt.to_mm, belt.from_mm)
     axis = np.array(belt.axis)
     if np.linalg.norm(axis) < 1e-9 or np.linalg.norm(along) < 2 * belt.radius_mm:
         text = f"the pulleys of '{belt.name}' are closer than their diameter, or axis is zero"
-        raise error_at(path, ("belt", k, "to_mm"), text)
+        raise error_at(path, ("belt", number, "to_mm"), text)
     if abs(along @ axis) > 1e-6 * np.linalg.norm(along) * np.linalg.norm(axis):
-        raise error_at(path, ("belt", k, "axis"), f"{list(belt.axis)} is not at right angles to the belt")
+        raise error_at(path, ("belt", number, "axis"), f"{list(belt.axis)} is not at right angles to the belt")
 
 
 def _belt(belt: BeltTable) -> list[Mesh]:
@@ -216,13 +218,15 @@ def _belt(belt: BeltTable) -> list[Mesh]:
     across = np.cross(axis, along)
     R = np.column_stack([along, axis, across])
     meshes = []
-    for k, side in enumerate((-1, 1)):
+    for number, side in enumerate((-1, 1)):
         middle = 0.5 * (start + end) + side * (radius - 0.5 * _STRAND) * across
         points, triangles = box(np.array([length, width, _STRAND]))
-        meshes.append(Mesh(f"{belt.name}_strand{k}", points @ R.T + middle, triangles, _BLACK, Finish("", 0.0, 0.8)))
-    for k, centre in enumerate((start, end)):
+        meshes.append(
+            Mesh(f"{belt.name}_strand{number}", points @ R.T + middle, triangles, _BLACK, Finish("", 0.0, 0.8))
+        )
+    for number, centre in enumerate((start, end)):
         ends = np.array([centre - 0.5 * width * axis, centre + 0.5 * width * axis])
-        meshes.append(_rod(f"{belt.name}_pulley{k}", ends, 2 * (radius - _STRAND), _STEEL))
+        meshes.append(_rod(f"{belt.name}_pulley{number}", ends, 2 * (radius - _STRAND), _STEEL))
     if belt.motor_mm is not None:
         diameter, extent = (value * MM for value in belt.motor_mm)
         face = start + 0.5 * width * axis
@@ -235,16 +239,16 @@ def _rod(name: str, ends: Array, diameter: float, color: tuple[float, float, flo
     return Mesh(name, points, triangles, color, Finish("", 0.6, 0.4))
 
 
-def hanging(a: Array, b: Array, length: float, count: int = 13) -> Array:
+def hanging(start: Array, end: Array, length: float, count: int = 13) -> Array:
     """Return points (count, 3) of a cable of a length in m that hangs between two points: a parabola.
 
     The sag is that of a shallow parabola of this length, at most half of the length.
     """
-    chord = float(np.linalg.norm(b - a))
+    chord = float(np.linalg.norm(end - start))
     sag = 0.0
     if length > chord:
         excess = length - chord
         sag = min(float(np.sqrt(3 / 8 * chord * excess)) + 0.25 * excess, 0.5 * length)
     t = np.linspace(0, 1, count)[:, None]
     up = np.array([0.0, 0.0, 1.0])
-    return (1 - t) * a + t * b - 4 * t * (1 - t) * sag * up
+    return (1 - t) * start + t * end - 4 * t * (1 - t) * sag * up

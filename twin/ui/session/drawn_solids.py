@@ -163,15 +163,15 @@ def limb(line: Array, widths: Array) -> Points:
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     rings = []
     across = spatial.unit_across(directions[0])
-    for k, (centre, radius, axis) in enumerate(zip(centres, radii, directions, strict=True)):
+    for number, (centre, radius, axis) in enumerate(zip(centres, radii, directions, strict=True)):
         # the ring keeps its angle about the axis from point to point
         across = across - axis * (axis @ across)
         across /= np.linalg.norm(across)
         other = np.cross(axis, across)
-        if k == 0:
+        if number == 0:
             rings += _cap(centre, radius, -axis, across, other)[::-1]
         rings.append(_ring(centre, radius, across, other))
-        if k == len(centres) - 1:
+        if number == len(centres) - 1:
             rings += _cap(centre, radius, axis, across, other)
     return _skin(rings)
 
@@ -208,23 +208,23 @@ def _cap(centre: Array, radius: float, axis: Array, across: Array, other: Array)
 
 def _skin(rings: Sequence[Array]) -> Points:
     """Return the surface through rings of equal numbers of points, closed at both ends."""
-    n = len(rings[0])
+    ring_points = len(rings[0])
     first_centre = rings[0].mean(axis=0)
     last_centre = rings[-1].mean(axis=0)
     points = np.concatenate([*rings, first_centre[None], last_centre[None]])
     # indices in a ring: of each point, and of the next point around the ring
-    k = np.arange(n)
-    after = (k + 1) % n
+    first = np.arange(ring_points)
+    after = (first + 1) % ring_points
     faces = []
     for i in range(len(rings) - 1):
-        lower = i * n
-        upper = lower + n
-        faces.append(np.column_stack([lower + k, lower + after, upper + after]))
-        faces.append(np.column_stack([lower + k, upper + after, upper + k]))
-    centre = np.full(n, len(rings) * n)
-    last = (len(rings) - 1) * n
-    faces.append(np.column_stack([centre, after, k]))
-    faces.append(np.column_stack([centre + 1, last + k, last + after]))
+        lower = i * ring_points
+        upper = lower + ring_points
+        faces.append(np.column_stack([lower + first, lower + after, upper + after]))
+        faces.append(np.column_stack([lower + first, upper + after, upper + first]))
+    centre = np.full(ring_points, len(rings) * ring_points)
+    last = (len(rings) - 1) * ring_points
+    faces.append(np.column_stack([centre, after, first]))
+    faces.append(np.column_stack([centre + 1, last + first, last + after]))
     return points, np.concatenate(faces).astype(np.int32)
 
 

@@ -64,11 +64,11 @@ class DrivenMachine:
         self._left = False
         self._stale = False
 
-    def advance(self, passed: float, goal: Array | None, held: bool) -> None:
+    def advance(self, passed: float, goal: Array | None, is_held: bool) -> None:
         """Send the packets of `passed` s: towards a pose (4, 4) of the tool; None: the pedal is up.
 
-        `held`: whether a client holds the robot. If the machine was stopped or disconnected meanwhile, the pedal stays
-        up.
+        `is_held`: whether a client holds the robot. If the machine was stopped or disconnected meanwhile, the pedal
+        stays up.
         After a pause of the page, packets are left out: if they were sent late and faster, so would the tool move.
         """
         if self._link.reader.problem:
@@ -77,7 +77,7 @@ class DrivenMachine:
         if self._left:
             self._left = False
             self._stale = True
-        if not held:
+        if not is_held:
             self._stale = False
         if self._stale:
             goal = None

@@ -63,24 +63,24 @@ class PickedFace:
     def facts(self) -> list[tuple[str, str]]:
         """Return (what, value) of the face's geometry, as text with units."""
         face = self.drawn.geometry
-        known = [("kind", self.kind), ("body", self.drawn.body), ("part", self.drawn.part.name)]
+        rows = [("kind", self.kind), ("body", self.drawn.body), ("part", self.drawn.part.name)]
         if self.known_as:
-            known.append(("in the TOML", ", ".join(self.known_as)))
+            rows.append(("in the TOML", ", ".join(self.known_as)))
         if face is None:
-            return known
+            return rows
         place = f"({_numbers(in_mm(face.point))}) mm"
         towards = _pointed(self.drawn, face)
         direction = f"({_numbers(towards.tolist())})"
         if face.kind == "plane":
-            known += [("outward normal", direction), ("middle of the face", place)]
+            rows += [("outward normal", direction), ("middle of the face", place)]
         elif face.kind == "sphere":
-            known += [("radius", _millimetres(face.radius)), ("centre", place)]
+            rows += [("radius", _millimetres(face.radius)), ("centre", place)]
         elif face.kind == "cone":
             angle = f"{face.half_angle / DEG:.6g}°"
-            known += [("half angle", angle), ("axis", direction), ("apex", place)]
+            rows += [("half angle", angle), ("axis", direction), ("apex", place)]
         else:
-            known += [("radius", _millimetres(face.radius)), ("axis", direction), ("centre", place)]
-        return known
+            rows += [("radius", _millimetres(face.radius)), ("axis", direction), ("centre", place)]
+        return rows
 
 
 class FacePicker:
@@ -97,12 +97,12 @@ class FacePicker:
         self.picked: list[PickedFace] = []
         self.current: PickedFace | None = None
 
-    def pick(self, origin: Array, direction: Array, shown: Collection[int] | None = None) -> PickedFace | None:
+    def pick(self, origin: Array, direction: Array, visible_parts: Collection[int] | None = None) -> PickedFace | None:
         """Pick the face that a ray meets first, and make it the current one; a face picked before stays one entry.
 
         The arguments are those of `StepDrawing.meet`. Return None if the ray meets no face; then nothing changes.
         """
-        face_met = self.drawing.meet(origin, direction, shown)
+        face_met = self.drawing.meet(origin, direction, visible_parts)
         if face_met is None:
             return None
         for old in self.picked:
@@ -118,19 +118,19 @@ class FacePicker:
         if face is None:
             reason = "a free-form face has neither axis nor centre; pick a plane, a cylinder or a sphere"
             return PickedFace(face_met, self._free_name(face_met.body, "surface"), None, reason, ())
-        known = []
-        for name, other in self.drawing.names_in(face_met.body).items():
-            if other is face:
-                known.append(name)
+        named = []
+        for name, named_face in self.drawing.names_in(face_met.body).items():
+            if named_face is face:
+                named.append(name)
         body = face_met.body
         parts = self.drawing.parts[body]
         direction = _pointed(face_met, face)
         try:
             feature = naming_feature(body, face, direction, face_met.part.name, parts, self.drawing.tolerance)
         except CadError as error:
-            return PickedFace(face_met, self._free_name(body, face.kind), None, str(error), tuple(known))
+            return PickedFace(face_met, self._free_name(body, face.kind), None, str(error), tuple(named))
         name = self._free_name(body, _suggested(face_met, face))
-        return PickedFace(face_met, name, feature, "", tuple(known))
+        return PickedFace(face_met, name, feature, "", tuple(named))
 
     def _free_name(self, body: str, word: str) -> str:
         """Return WORD_NUMBER with the least number that neither the description nor a picked face of the body has."""
@@ -154,8 +154,8 @@ class FacePicker:
         if not _NAME.fullmatch(name):
             raise TwinError(f"'{name}' is no name: use lower-case letters, digits and underscores, a letter first")
         body = self.current.drawn.body
-        for other in self.picked:
-            if other is not self.current and other.drawn.body == body and other.name == name:
+        for picked_face in self.picked:
+            if picked_face is not self.current and picked_face.drawn.body == body and picked_face.name == name:
                 raise TwinError(f"another picked face of body '{body}' is called '{name}': choose another name")
         if name in self.drawing.taken_names(body):
             raise TwinError(f"the description has a feature '{name}' of body '{body}': choose another name")
@@ -179,13 +179,13 @@ class FacePicker:
         """Return the tables [feature.BODY] of all picked faces, in the order of the bodies; "" if none can be named."""
         lines: list[str] = []
         for body in self.drawing.parts:
-            own = [face for face in self.picked if face.drawn.body == body and face.feature is not None]
-            if not own:
+            faces = [face for face in self.picked if face.drawn.body == body and face.feature is not None]
+            if not faces:
                 continue
             if lines:
                 lines.append("")
             lines.append(f"[feature.{body}]")
-            for face in own:
+            for face in faces:
                 assert face.feature is not None
                 values = rows(face.feature.model_dump(exclude_none=True))
                 lines.append(f"{face.name} = {{ {', '.join(values)} }} # {one_line(face.kind)}")

@@ -47,18 +47,18 @@ class QuestionnaireForms:
         Raises:
             TwinError: there is no such questionnaire.
         """
-        known = {key.name: key for key in keys()}
+        questionnaires = {key.name: key for key in keys()}
         for name in (*before, *after):
-            if name not in known:
-                raise TwinError(unknown("questionnaire", name, known))
+            if name not in questionnaires:
+                raise TwinError(unknown("questionnaire", name, questionnaires))
         self._trials = trials
         self._one_row = one_row
         self._first = trials.trial + 1
-        self._after = [known[name] for name in after]
-        self._used = {name: known[name] for name in (*before, *after)}
+        self._after = [questionnaires[name] for name in after]
+        self._used = {name: questionnaires[name] for name in (*before, *after)}
         self.due: list[tuple[When, Key]] = []
         for name in before:
-            self.due.append(("before", known[name]))
+            self.due.append(("before", questionnaires[name]))
 
     def finish(self) -> None:
         """Ask for the questionnaires after an attempt."""

@@ -409,8 +409,8 @@ class LiveConsole:
         dt = self.world.dt
         end = time.monotonic() + _BUDGET
         self._owed += passed
-        wanted = int(self._owed / dt + 1e-6)  # a whole number of steps may be a rounding error too small
-        remaining = wanted
+        step_count = int(self._owed / dt + 1e-6)  # a whole number of steps may be a rounding error too small
+        remaining = step_count
         try:
             while remaining > 0:
                 steps = min(remaining, self._chunk)
@@ -423,7 +423,7 @@ class LiveConsole:
             self._stopped = str(error)
             logging.getLogger(__name__).error("the World has stopped: %s", error)
         self._after_steps(remaining > 0)
-        simulated = (wanted - remaining) * dt
+        simulated = (step_count - remaining) * dt
         self._owed = min(self._owed - simulated, _OWED)
         weight = min(1.0, passed) / _MEAN_TIME
         self._rate += weight * (simulated / passed - self._rate)

@@ -145,9 +145,9 @@ class MovableRobot:
         direction is -y. Without this frame, the camera is at the tip of the shaft.
         """
         frame = self.mechanism.frame(self._frame)
-        for other in self.mechanism.frames:
-            if other.name == ENDOSCOPE:
-                frame = other
+        for candidate in self.mechanism.frames:
+            if candidate.name == ENDOSCOPE:
+                frame = candidate
                 break
         T = self.assembly.link_poses[frame.body] @ frame.T_body_frame
         lens = T[:3, 3]

@@ -77,12 +77,12 @@ class OrganFeed:
             steps = max(steps, 1)
             self._is_first = False
         self._due_steps = max(self._due_steps - steps, 0.0)
-        moved = False
+        has_moved = False
         for _ in range(steps):
-            moved |= self.organs.step(poses)
-        if moved:
+            has_moved |= self.organs.step(poses)
+        if has_moved:
             self._fields = {name: self.organs.vertices(name) for name in self.surfaces}
-        return moved
+        return has_moved
 
     def at(self, t: float) -> WorldFrame:
         """Return the present vertices as a frame of time `t` in s."""
@@ -123,9 +123,9 @@ class WorldFeed:
         """Return whether a vertex has moved since the last call."""
         signals = self._world().signals
         values = b"".join(signals[name].tobytes() for name in self._signals)
-        moved = values != self._shown
+        has_moved = values != self._shown
         self._shown = values
-        return moved
+        return has_moved
 
     def at(self, t: float) -> WorldFrame:
         """Return the present vertices as a frame of time `t` in s."""

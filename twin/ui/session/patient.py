@@ -95,9 +95,9 @@ def patient_of(robot: Robot, protocol: Protocol, floor: float) -> Patient | None
     if place is None:
         return None
     folder = assets.data_folder() / "cad" / "patients"
-    known = sorted(path.stem for path in folder.glob("*.toml"))
-    if place.body not in known:
-        raise TwinError(f"protocol '{protocol.name}': {unknown('patient', place.body, known)}")
+    file_names = sorted(path.stem for path in folder.glob("*.toml"))
+    if place.body not in file_names:
+        raise TwinError(f"protocol '{protocol.name}': {unknown('patient', place.body, file_names)}")
     table = read_patient(folder / f"{place.body}.toml")
     if place.port not in table.port:
         raise TwinError(f"protocol '{protocol.name}', patient {table.name}: {unknown('port', place.port, table.port)}")
@@ -174,16 +174,16 @@ def read_patient(path: Path) -> PatientFile:
     """
     table = load_toml(path, PatientFile)
     names = [part.name for part in table.part]
-    for k, part in enumerate(table.part):
+    for number, part in enumerate(table.part):
         if names.count(part.name) > 1:
-            raise error_at(path, ("part", k, "name"), f"two parts are named '{part.name}'")
-        check_solid(path, ("part", k), part)
+            raise error_at(path, ("part", number, "name"), f"two parts are named '{part.name}'")
+        check_solid(path, ("part", number), part)
         if part.floor and part.shape not in ("box", "dome"):
             raise error_at(
-                path, ("part", k, "floor"), f"a {part.shape} cannot be on the floor: only a box or a dome can"
+                path, ("part", number, "floor"), f"a {part.shape} cannot be on the floor: only a box or a dome can"
             )
         if part.port is not None and part.port not in table.port:
-            raise error_at(path, ("part", k, "port"), unknown("port", part.port, table.port))
+            raise error_at(path, ("part", number, "port"), unknown("port", part.port, table.port))
     for name, port in table.port.items():
         for opened in port.opens:
             if opened not in names:

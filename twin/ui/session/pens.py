@@ -65,8 +65,8 @@ class Pen:
     @property
     def arrived(self) -> bool:
         """Whether the requested motion of this handle has been sent to the console completely."""
-        moved = np.array_equal(self.p, self.at) and np.array_equal(self.R, self.turned)
-        return moved and self.grip == self.gripped
+        is_unmoved = np.array_equal(self.p, self.at) and np.array_equal(self.R, self.turned)
+        return is_unmoved and self.grip == self.gripped
 
     def rest(self) -> None:
         """Cancel the part of the requested motion that has not been sent to the console."""
@@ -296,27 +296,27 @@ class Pens:
     def _shift_both(self, displacement: Array, turn: Array) -> None:
         """Move both hands so that the scene moves by `displacement` (3,) and by the part of `turn` about z."""
         right = self.pens["right"]
-        left = self.pens["left"]
-        middle = (right.p + left.p) / 2 + displacement / self._drag.scale
-        half = (right.p - left.p) / 2
+        left_pen = self.pens["left"]
+        middle = (right.p + left_pen.p) / 2 + displacement / self._drag.scale
+        half = (right.p - left_pen.p) / 2
         half = spatial.rotation_z(spatial.angle_about_z(turn)) @ half
         right.p = middle + half
-        left.p = middle - half
+        left_pen.p = middle - half
 
     def _towards_aim(self, aim: _Aim, mode: str) -> None:
         right = self.pens["right"]
-        left = self.pens["left"]
-        now = self.console.camera_at
+        left_pen = self.pens["left"]
+        camera_pose = self.console.camera_at
         if aim.at is None:
             if mode != "camera":
-                for pen in (right, left):
+                for pen in (right, left_pen):
                     pen.rest()  # the hands do not move until the pedal has taken effect
                 return
-            aim.at = now.copy()
+            aim.at = camera_pose.copy()
             aim.right = right.at.copy()
-            aim.left = left.at.copy()
-        right.p, left.p = camera.hands(aim.at, aim.wanted, aim.right, aim.left, self._drag)
-        if np.allclose(now, aim.wanted, rtol=0, atol=1e-7):
+            aim.left = left_pen.at.copy()
+        right.p, left_pen.p = camera.hands(aim.at, aim.wanted, aim.right, aim.left, self._drag)
+        if np.allclose(camera_pose, aim.wanted, rtol=0, atol=1e-7):
             self._aim = None
-            for pen in (right, left):
+            for pen in (right, left_pen):
                 pen.rest()

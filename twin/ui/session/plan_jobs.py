@@ -226,8 +226,8 @@ def plan(
     s = _timed(path, arm, job)
     q = path(s)
     times: Array = np.arange(len(s), dtype=np.float64) * DT
-    names, shown = _shown_links(arm, q)
-    yield PlannedMotion(arm.kin.forward_many(q), shown, names, _tips(arm, trees))
+    names, link_poses = _shown_links(arm, q)
+    yield PlannedMotion(arm.kin.forward_many(q), link_poses, names, _tips(arm, trees))
     for part in np.array_split(spread(len(s), _PLACES), _PLACES // _POINTS_A_PIECE):
         check()
         distances = np.zeros(len(part))

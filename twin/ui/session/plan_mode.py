@@ -357,17 +357,17 @@ class PlanMode:
             self._move_ghost(target)
         if not self.ready or self._checks:
             return
-        now = self._world().t
+        world_time = self._world().t
         if self._tested is None or not np.array_equal(self._tested, self._q):
             self._tested = self._q
             self._checks = True
-            self._rest_began = now
+            self._rest_began = world_time
             self._ahead = None
             self._stream.start(TargetCheck(self._require_room(), self._q))
             return
         if self._ahead is not None or self._error is not None or self.blocked:
             return
-        if now - self._rest_began > _REST:
+        if world_time - self._rest_began > _REST:
             start = self._q_of(self.robot)
             if np.abs(self._q - start).max() >= _SAME:
                 self._ahead = _Ahead(self._plan(start))
@@ -441,10 +441,10 @@ class PlanMode:
         else:
             self._tell(self.plans.why, True)
 
-    def _tell(self, text: str, bad: bool) -> None:
+    def _tell(self, text: str, is_error: bool) -> None:
         """Set the message on how planning mode has ended."""
         self.message = text
-        self.is_error = bad
+        self.is_error = is_error
         self._message_time = self._world().t
 
     # -- what surrounds the arm -----------------------------------------------------------------------
@@ -513,10 +513,10 @@ class PlanMode:
         }
 
 
-def _near(T: Array, other: Array, length: float, angle: float) -> bool:
-    """Return whether two poses (4, 4) are within a distance in m and an angle in rad; False if `other` is empty."""
-    if not len(other):
+def _near(T: Array, T_other: Array, length: float, angle: float) -> bool:
+    """Return whether two poses (4, 4) are within a distance in m and an angle in rad; False if `T_other` is empty."""
+    if not len(T_other):
         return False
-    if np.linalg.norm(T[:3, 3] - other[:3, 3]) > length:
+    if np.linalg.norm(T[:3, 3] - T_other[:3, 3]) > length:
         return False
-    return float(spatial.rotation_angle(T[:3, :3] @ other[:3, :3].T)) <= angle
+    return float(spatial.rotation_angle(T[:3, :3] @ T_other[:3, :3].T)) <= angle

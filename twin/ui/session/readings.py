@@ -120,43 +120,43 @@ def read(movable: MovableRobot, rcm: Array | None = None) -> RobotReading:
     """Return the readings at the robot's state; without trocars, `rcm` (3,) is the RCM in m in the base frame."""
     with movable.lock:
         kin = movable.kin
-        now = movable.assembly
+        assembly = movable.assembly
         requested = movable.requested_pose
         joints = movable.joints
         # a move that continues has not failed
         reason = "" if movable.last_move.more else movable.last_move.reason
         trocars = in_trocars(movable, rcm)
-    T = now.T_base_tool
+    T = assembly.T_base_tool
     limits = []
-    for joint, value in zip(joints, now.q, strict=True):
+    for joint, value in zip(joints, assembly.q, strict=True):
         scale, unit = _display(joint.is_angle)
         low, high = joint.limits or (-np.inf, np.inf)
         limits.append(JointReading(joint.name, float(value) / scale, unit, low / scale, high / scale))
     if kin is None:
         coordinates = _pose_coordinates(T)
-        return RobotReading(coordinates, tuple(limits), now.worst_gap, trocars=trocars, reason=reason)
+        return RobotReading(coordinates, tuple(limits), assembly.worst_gap, trocars=trocars, reason=reason)
     if kin.closed_inverse:
         states = {"Ts": T[None]}
     else:
-        states = {"qs": now.q[None]}
+        states = {"qs": assembly.q[None]}
     points = {}
     actual = {}
     # a redundant arm has no unique posture for a tool pose, so points cannot be compared
     if not movable.model.redundant:
         for name, positions in kin.points_many(**states).items():
             points[name] = positions[0]
-            if name in now.points:
-                actual[name] = now.points[name]
-    residual, incomparable = _residual(movable, now, points, actual, requested)
+            if name in assembly.points:
+                actual[name] = assembly.points[name]
+    residual, incomparable = _residual(movable, assembly, points, actual, requested)
     if incomparable:
         points = {}
         actual = {}
     return RobotReading(
         coordinates=_formula_coordinates(kin, T),
         limits=tuple(limits),
-        gap=now.worst_gap,
+        gap=assembly.worst_gap,
         branch=str(kin.branch(**states)[0]),
-        condition=_condition(kin, T, now.q),
+        condition=_condition(kin, T, assembly.q),
         singular=_singularities(kin, states),
         trocars=trocars,
         residual=residual,
@@ -218,7 +218,11 @@ def _singularities(kin: Kinematics, states: dict[str, Array]) -> tuple[tuple[str
 
 
 def _residual(
-    movable: MovableRobot, now: Assembly, points: dict[str, Array], actual: dict[str, Array], requested: Array | None
+    movable: MovableRobot,
+    assembly: Assembly,
+    points: dict[str, Array],
+    actual: dict[str, Array],
+    requested: Array | None,
 ) -> tuple[EquationDeviation, str]:
     """Return (residual, incomparable), the values of these attributes of `RobotReading`.
 
@@ -230,8 +234,8 @@ def _residual(
     """
     kin = movable.kin
     assert kin is not None
-    q = now.q
-    T = now.T_base_tool
+    q = assembly.q
+    T = assembly.T_base_tool
     to_request = _request_errors(requested, T)
     errors = _point_errors(points, actual)
     if movable.model.redundant:
@@ -248,7 +252,7 @@ def _residual(
         return _largest(to_request), _BEYOND_EQUATIONS
     errors.append(_joint_error(movable, q_equations, q))
     if _largest(errors).size > LIVE_TOLERANCE and _agree_at_home(movable):
-        nearest = _nearest_mode(movable, now, q_equations)
+        nearest = _nearest_mode(movable, assembly, q_equations)
         if nearest is not None and nearest.size <= LIVE_TOLERANCE:
             return _largest([nearest, *to_request]), _ASSEMBLY_MODES_DIFFER
         if not _has_value(kin, q):
@@ -256,11 +260,11 @@ def _residual(
     return _largest(errors + to_request), ""
 
 
-def _nearest_mode(movable: MovableRobot, now: Assembly, q: Array) -> EquationDeviation | None:
+def _nearest_mode(movable: MovableRobot, assembly: Assembly, q: Array) -> EquationDeviation | None:
     """Return the smallest tool error of the assembly modes of the mechanism at q (n,); None if it cannot be closed."""
     nearest: EquationDeviation | None = None
-    for T_tool in movable.solver.tools(now, q):
-        error = _pose_error(T_tool, now.T_base_tool)
+    for T_tool in movable.solver.tools(assembly, q):
+        error = _pose_error(T_tool, assembly.T_base_tool)
         if nearest is None or error.size < nearest.size:
             nearest = error
     return nearest

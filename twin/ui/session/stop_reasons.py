@@ -67,17 +67,17 @@ def _violated_gaps(mechanism: Mechanism, bounds: Sequence[Bound], q: Array, join
             continue
         lower, upper = bound.name.split()
         if joint.name == lower:
-            other = upper
+            opposite = upper
             side = "below"
         elif joint.name == upper:
-            other = lower
+            opposite = lower
             side = "above"
         else:
             continue
         value = shown(joint, float(q[names.index(joint.name)]))
-        position = shown(joint, float(q[names.index(other)]))
+        position = shown(joint, float(q[names.index(opposite)]))
         rail = _rail(mechanism, lower, upper)
-        least = f"at least {bound.least / MM:.3f} mm {side} {other} = {position} ({rail})"
+        least = f"at least {bound.least / MM:.3f} mm {side} {opposite} = {position} ({rail})"
         texts.append(f"{joint.name} = {value} must stay {least}")
     return texts
 

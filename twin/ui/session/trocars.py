@@ -41,7 +41,7 @@ def in_trocars(movable: MovableRobot, rcm: Array | None = None) -> tuple[InTroca
     """
     tip, axis = movable.shaft()
     mechanism = movable.mechanism
-    now = movable.assembly
+    assembly = movable.assembly
     if not mechanism.trocars:
         if rcm is None or not np.isfinite(rcm).all():
             return ()
@@ -53,14 +53,14 @@ def in_trocars(movable: MovableRobot, rcm: Array | None = None) -> tuple[InTroca
     instruments = []
     carries_tip = {joint.child for joint in mechanism.path(movable.tip_body)}
     for name, place in mechanism.trocar_places.items():
-        error = now.worst_gap  # if the trocar closes a loop, its error is the loop gap
+        error = assembly.worst_gap  # if the trocar closes a loop, its error is the loop gap
         shaft = axis
-        held = mechanism.shaft_through(name)
-        if held is not None:
-            T = now.link_poses[held.body] @ held.T_body_frame
+        is_held = mechanism.shaft_through(name)
+        if is_held is not None:
+            T = assembly.link_poses[is_held.body] @ is_held.T_body_frame
             shaft = T[:3, 2]
             error = float(spatial.point_to_line(place, T[:3, 3], shaft))
-        has_tip = held is not None and held.body in carries_tip
+        has_tip = is_held is not None and is_held.body in carries_tip
         if has_tip or len(mechanism.trocars) == 1:
             depth = float(np.linalg.norm(place - tip))
             instruments.append(InTrocar(name, place, error, axis, tip, depth))

@@ -117,15 +117,15 @@ def evaluate(job: WorkspaceJob) -> Iterator[WorkspaceChunk]:
         last = min(first + CHUNK, job.count)
         Ts = poses(job, first, last)
         inside, inverse, *_ = kernel(Ts.reshape(-1, 16).T)
-        good = inside[0] > 0
-        reached += int(good.sum())
+        is_reached = inside[0] > 0
+        reached += int(is_reached.sum())
         if last == job.count and not reached:
             solved = np.isfinite(kin.inverse_many(Ts)[:, 0]).any()
             why = "within the joint limits" if solved else "reachable"
             raise KinematicsError(f"{kin.formula.name}: none of {job.count} positions is {why} with this orientation.")
         with np.errstate(divide="ignore"):
-            condition = 1 / inverse[0, good]
-        yield WorkspaceChunk(Ts[good, :3, 3].astype(np.float32), condition.astype(np.float32), last, job.count)
+            condition = 1 / inverse[0, is_reached]
+        yield WorkspaceChunk(Ts[is_reached, :3, 3].astype(np.float32), condition.astype(np.float32), last, job.count)
 
 
 def without_meshes(mechanism: Mechanism) -> Mechanism:

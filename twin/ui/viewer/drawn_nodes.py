@@ -22,13 +22,13 @@ class DrawnNodes:
         note: text that says what is drawn, and that it is not measured.
     """
 
-    def __init__(self, server: viser.ViserServer, path: str, drawn: DrawnParts, poses: Mapping[str, Array]) -> None:
-        self.note = drawn.note
+    def __init__(self, server: viser.ViserServer, path: str, parts: DrawnParts, poses: Mapping[str, Array]) -> None:
+        self.note = parts.note
         self._cables: list[tuple[DrawnCable, viser.LineSegmentsHandle]] = []
         self._meshes: list[viser.MeshHandle] = []
-        for link, _, body in drawn.bodies():
+        for link, _, body in parts.bodies():
             self._meshes += _add(server, f"{path}/{link}", body)
-        for cable in drawn.cables:
+        for cable in parts.cables:
             r, g, b = (round(255 * units.srgb(value)) for value in cable.color)
             handle = server.scene.add_line_segments(
                 f"{path}/cable_{cable.name}", _line(cable, poses), (r, g, b), thickness=cable.diameter_mm * MM

@@ -73,13 +73,13 @@ class FacePage(ViewerPage):
     def _draw_parts(self, drawing: StepDrawing) -> None:
         scene = self.server.scene
         scene.add_frame("/step", show_axes=False)
-        for k, (body, part) in enumerate(drawing.placed_parts()):
+        for number, (body, part) in enumerate(drawing.placed_parts()):
             vertices, triangles = creased(part.vertices, part.triangles)
             red, green, blue = (round(255 * units.srgb(value)) for value in part.color_rgba[:3])
             opacity = part.color_rgba[3]
             # the names of the nodes are those of links of a robot, so that the page names a body under the mouse
             handle = scene.add_mesh_simple(
-                f"/step/{body}/mesh{k}",
+                f"/step/{body}/mesh{number}",
                 vertices.astype(np.float32),
                 triangles,
                 color=(red, green, blue),
@@ -96,8 +96,8 @@ class FacePage(ViewerPage):
         self.ask("pick", lambda: self._pick(origin, direction))
 
     def _pick(self, origin: Array, direction: Array) -> None:
-        shown = [k for k, body in enumerate(self._bodies) if body not in self._hidden]
-        if self.picker.pick(origin, direction, shown) is not None:
+        visible_parts = [k for k, body in enumerate(self._bodies) if body not in self._hidden]
+        if self.picker.pick(origin, direction, visible_parts) is not None:
             self._show()
 
     def _hide_body(self) -> None:
@@ -131,8 +131,8 @@ class FacePage(ViewerPage):
                     )
                     self._marks.append(line)
 
-    def _highlight(self, path: str, drawn: DrawnFace, color: tuple[int, int, int]) -> viser.MeshHandle:
-        corners = drawn.part.vertices[drawn.triangles]
+    def _highlight(self, path: str, face: DrawnFace, color: tuple[int, int, int]) -> viser.MeshHandle:
+        corners = face.part.vertices[face.triangles]
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
         lifted = corners + _LIFT * self._size * normals[:, None]
@@ -216,8 +216,8 @@ def _axis_line(face: PickedFace) -> Array | None:
     radius = 0.0
     if face.drawn.geometry is not None:
         radius = face.drawn.geometry.radius
-    more = max(0.5 * (high - low), 2 * radius)
-    return np.array([point + (low - more) * direction, point + (high + more) * direction])
+    margin = max(0.5 * (high - low), 2 * radius)
+    return np.array([point + (low - margin) * direction, point + (high + margin) * direction])
 
 
 def _notes(drawing: StepDrawing) -> str:

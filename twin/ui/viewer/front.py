@@ -279,8 +279,8 @@ class Front(ViewerPage):
         """Compute and show the readings of the active robot."""
         robot = self.active
         reading = readings.read(robot.movable, rcm_at(robot.playback, self.clock.time))
-        shown = reading.points if self.panels.equations_shown() else {}
-        self.nodes[robot.name].equations(shown, reading.actual, reading.agrees, self.panels.exaggeration())
+        shown_points = reading.points if self.panels.equations_shown() else {}
+        self.nodes[robot.name].equations(shown_points, reading.actual, reading.agrees, self.panels.exaggeration())
         self.panels.show(reading)
         self.scenery.update()
         publish(self.server, self.state())
@@ -324,10 +324,10 @@ class Front(ViewerPage):
             self._staying.add(robot.name)  # a plan that is ready later does not move the robot
         self._linked_time = t
         self._seek_linked()
-        moved = robot.movable.move_joints(q)
+        result = robot.movable.move_joints(q)
         robot.movable.clear_message()
-        if not moved.good:
-            raise TwinError(f"the posture of the link is not reached: {moved.reason}")
+        if not result.good:
+            raise TwinError(f"the posture of the link is not reached: {result.reason}")
 
     def _seek_linked(self) -> None:
         if self._linked_time is None or self.clock.duration <= 0:
@@ -560,12 +560,12 @@ class Front(ViewerPage):
         node = self.nodes[self.active.name]
         R = spatial.matrix_from_quat_wxyz(np.asarray(node.root.wxyz)).T @ spatial.matrix_from_quat_wxyz(wxyz)
         u, _, vt = np.linalg.svd(R)  # nearest rotation: pages send rounded values
-        moved = self.active.movable.drag_tool(spatial.pose(u @ vt, node.to_base(position)))
-        if self.dragging and not moved.good and not moved.more:
+        result = self.active.movable.drag_tool(spatial.pose(u @ vt, node.to_base(position)))
+        if self.dragging and not result.good and not result.more:
             self.wall.show(node.to_world(self.active.movable.assembly.T_base_tool[:3, 3]), position)
         else:
             self.wall.hide()
-        return moved
+        return result
 
     def _gizmo_to_tool(self) -> None:
         node = self.nodes[self.active.name]

@@ -32,12 +32,12 @@ class LimitWall:
 
     def show(self, tool: Array, hand: Array) -> None:
         """Place the disc at the tool (3,), across the way to the hand (3,), both in m in the world frame."""
-        way = hand - tool
-        distance = float(np.linalg.norm(way))
+        offset = hand - tool
+        distance = float(np.linalg.norm(offset))
         if distance < LEAST:
             self.hide()
             return
-        z = way / distance
+        z = offset / distance
         # any direction across z serves, because the disc is round
         x = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
         R = spatial.frame_from_axes(z, x)[:3, :3]

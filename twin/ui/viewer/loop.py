@@ -55,14 +55,14 @@ class ViewerPage(ABC):
             self._wishes.pop(kind, None)
             self._wishes[kind] = wish
 
-    def repeat(self, kind: str, more: Callable[[], bool]) -> None:
-        """Store a request `more`, which is repeated in each frame until it returns False.
+    def repeat(self, kind: str, step: Callable[[], bool]) -> None:
+        """Store a request `step`, which is repeated in each frame until it returns False.
 
         A new request of the same kind ends the repetition, too.
         """
 
         def wish() -> None:
-            if more():
+            if step():
                 with self._lock:
                     self._wishes.setdefault(kind, wish)
 

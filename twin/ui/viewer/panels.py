@@ -282,7 +282,7 @@ class Panels:
             postures = gui.add_dropdown("posture", robot.movable.postures or ("drawn",))
             go = gui.add_button_group(" ", ("go", "keep here"))
             self._sliders += [note, postures, go]
-            for i, joint in enumerate(robot.movable.joints):
+            for index, joint in enumerate(robot.movable.joints):
                 scale = MM
                 unit = "mm"
                 low = -0.5
@@ -296,9 +296,9 @@ class Panels:
                     low, high = joint.limits
                 low /= scale
                 high /= scale
-                value = round(float(np.clip(robot.movable.assembly.q[i] / scale, low, high)), 2)
+                value = round(float(np.clip(robot.movable.assembly.q[index] / scale, low, high)), 2)
                 slider = gui.add_slider(f"{joint.name} [{unit}]", round(low, 2), round(high, 2), 0.01, value)
-                slider.on_update(self._mover(i, scale, slider))
+                slider.on_update(self._mover(index, scale, slider))
                 self._joint.append(slider)
                 self._sliders.append(slider)
 
@@ -319,7 +319,7 @@ class Panels:
         go.on_click(posture)
         self.record = RecordPanel(front, robot, self._move_tab, self._sliders)
 
-    def _mover(self, i: int, scale: float, slider: viser.GuiSliderHandle) -> Callable[[viser.GuiEvent], None]:
+    def _mover(self, index: int, scale: float, slider: viser.GuiSliderHandle) -> Callable[[viser.GuiEvent], None]:
         front = self.front
 
         def moved(event: viser.GuiEvent) -> None:
@@ -328,7 +328,7 @@ class Panels:
             front.clock.playing = False
             value = slider.value * scale
             movable = front.active.movable
-            front.continue_move(f"joint {i}", lambda: movable.move_joint(i, value))
+            front.continue_move(f"joint {index}", lambda: movable.move_joint(index, value))
 
         return moved
 
@@ -353,9 +353,9 @@ class Panels:
         If the mechanism is edited, the ghost is the unedited mechanism at the same joint values. Otherwise, the ghost
         is the mechanism at the requested tool pose.
         """
-        other = self.design.other_poses(robot)
-        if other is not None:
-            return other
+        ghost_poses = self.design.other_poses(robot)
+        if ghost_poses is not None:
+            return ghost_poses
         movable = robot.movable
         if movable.requested_pose is None:
             return movable.assembly.link_poses
@@ -419,9 +419,9 @@ class Panels:
         rows = np.where(np.isfinite(rows), rows, 0.0)  # the plot cannot show NaN
         low = float(rows.min())
         high = float(rows.max())
-        now = np.full(len(t), low)  # a separate curve that is a vertical line at the clock's time
-        now[k] = max(high, low + LEAST_SPAN)
-        data = (t, *rows, now)
+        clock_time = np.full(len(t), low)  # a separate curve that is a vertical line at the clock's time
+        clock_time[k] = max(high, low + LEAST_SPAN)
+        data = (t, *rows, clock_time)
         key = (self._what.value, self.front.active.name, playback)
         if self._plot is not None and not force and key == self._plotted:
             self._plot.data = data

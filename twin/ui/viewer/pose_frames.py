@@ -70,11 +70,11 @@ class FrameWriter:
             raise ValueError(
                 f"poses of {n} nodes must be ({n}, 3) and ({n}, 4), not {positions.shape} and {wxyzs.shape}"
             )
-        moved = _differ(positions, [node.position for node in self._nodes])
+        has_moved = _differ(positions, [node.position for node in self._nodes])
         turned = _differ(wxyzs, [node.wxyz for node in self._nodes])
         with self._server.atomic():  # no other update is sent in between
             for i, node in enumerate(self._nodes):
-                if moved[i]:
+                if has_moved[i]:
                     node.move(positions[i])
                 if turned[i]:
                     node.turn(wxyzs[i])

@@ -115,8 +115,8 @@ def _nearest_limit(limits: Sequence[JointReading]) -> str | None:
             nearest, least = limit, margin
     if nearest is None:
         return None
-    left = min(nearest.value - nearest.low, nearest.high - nearest.value)
-    return f"nearest limit: {escape(nearest.joint)}, {max(left, 0.0):.1f} {nearest.unit} left"
+    distance = min(nearest.value - nearest.low, nearest.high - nearest.value)
+    return f"nearest limit: {escape(nearest.joint)}, {max(distance, 0.0):.1f} {nearest.unit} left"
 
 
 def _agreement(reading: RobotReading, residual: EquationDeviation) -> tuple[str, str]:
@@ -229,11 +229,11 @@ def _bar(limit: JointReading) -> str:
         color = _BAD
     elif margin < 0.1:
         color = _WARN
-    left = 100 * np.clip(part, 0, 1)
+    percent = 100 * np.clip(part, 0, 1)
     bar = (
         f"<span title='{limit.low:g} .. {limit.high:g} {limit.unit}' style='position:relative;height:6px;"
         f"background:#8884;border-radius:3px'><span style='position:absolute;"
-        f"left:calc({left:.2f}% - 3px);top:-2px;width:6px;height:10px;border-radius:2px;"
+        f"left:calc({percent:.2f}% - 3px);top:-2px;width:6px;height:10px;border-radius:2px;"
         f"background:{color}'></span></span>"
     )
     return f"{name}{bar}{value}"

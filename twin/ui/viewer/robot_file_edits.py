@@ -67,18 +67,18 @@ def save_posture(description: Path, name: str, values: Mapping[str, float], *, r
             NaN or outside its limits, or the file was already invalid.
         OutputError: the file cannot be written.
     """
-    d = descriptions.load(description)
-    references.check(description, d)
-    if name in d.posture and not replace:
+    description_data = descriptions.load(description)
+    references.check(description, description_data)
+    if name in description_data.posture and not replace:
         raise error_at(
             description, ("posture", name), "a posture of that name exists; choose another name, or replace it"
         )
-    shown = _in_file_units(description, d, name, values)
+    file_values = _in_file_units(description, description_data, name, values)
 
     def check(fresh: Path) -> None:
         references.check(fresh, descriptions.load(fresh))
 
-    rewrite(description, [("posture", name, shown)], check)
+    rewrite(description, [("posture", name, file_values)], check)
 
 
 def append_phase(protocol: Path, name: str, T_base_tool: Array, T_tool_frame: Array) -> None:
@@ -97,23 +97,22 @@ def append_phase(protocol: Path, name: str, T_base_tool: Array, T_tool_frame: Ar
         TwinError: T_base_tool is not a pose.
         OutputError: the file cannot be written.
     """
-    p = load_protocol(protocol)
+    loaded = load_protocol(protocol)
     T = np.asarray(T_base_tool, float)
     if not spatial.is_pose(T, 1e-6):
         raise TwinError(f"{protocol}: waypoint '{name}': T_base_tool is not a rigid pose: {T.tolist()}")
-    if name in p.waypoints:
+    if name in loaded.waypoints:
         raise error_at(protocol, ("waypoints", name), "a waypoint of that name exists; choose another name")
-    taken = [phase.name for phase in p.phases]
-    if name in taken:
-        raise error_at(protocol, ("phases", taken.index(name)), f"there is a phase '{name}'; choose another name")
-    if _ends_inside(p):
-        text = (
-            f"the instrument is in the patient after the last phase, '{taken[-1]}': add a retraction to depth 0 first"
-        )
-        raise error_at(protocol, ("phases", len(taken) - 1), text)
+    phase_names = [phase.name for phase in loaded.phases]
+    if name in phase_names:
+        raise error_at(protocol, ("phases", phase_names.index(name)), f"there is a phase '{name}'; choose another name")
+    if _ends_inside(loaded):
+        last = phase_names[-1]
+        text = f"the instrument is in the patient after the last phase, '{last}': add a retraction to depth 0 first"
+        raise error_at(protocol, ("phases", len(phase_names) - 1), text)
     waypoint = {
         "position_mm": _rounded((T @ T_tool_frame)[:3, 3] / MM, "mm"),
-        "angles_deg": _rounded(angles_of(T[:3, :3], p.rotation, _last_angles(p)) / DEG, "deg"),
+        "angles_deg": _rounded(angles_of(T[:3, :3], loaded.rotation, _last_angles(loaded)) / DEG, "deg"),
         "provenance": "ASSUMED",
         "note": "chosen by hand in the viewer",
     }
@@ -145,15 +144,17 @@ def _ends_inside(p: Protocol) -> bool:
     return inside
 
 
-def _in_file_units(path: Path, d: descriptions.Description, name: str, values: Mapping[str, float]) -> dict[str, float]:
+def _in_file_units(
+    path: Path, description: descriptions.Description, name: str, values: Mapping[str, float]
+) -> dict[str, float]:
     """Return a posture as it is written to the file: rounded values in mm or deg; a key is a joint's name and unit."""
     keys = {}
-    for joint_spec in d.joint:
+    for joint_spec in description.joint:
         if joint_spec.active:
             unit = references.UNITS.get(joint_spec.type, "mm")
             keys[joint_spec.name] = f"{joint_spec.name}_{unit}"
     limits = {}
-    for limit in d.limit:
+    for limit in description.limit:
         for joint in limit.joints:
             limits[joint] = limit
     for joint in values:

@@ -169,14 +169,14 @@ class RobotNodes:
             exaggerated: factor by which the differences between `points` and `actual` are drawn larger.
         """
         owner = {point.name: point.body for point in self._mechanism.points}
-        drawn: dict[str, Array] = {}
+        shown_points: dict[str, Array] = {}
         for name, position in points.items():
             if name in owner and name in actual and np.isfinite(position).all():
-                drawn[name] = actual[name] + exaggerated * (position - actual[name])
+                shown_points[name] = actual[name] + exaggerated * (position - actual[name])
         ends = []
-        for a, b in combinations(drawn, 2):
+        for a, b in combinations(shown_points, 2):
             if owner[a] == owner[b]:
-                ends.append([drawn[a], drawn[b]])
+                ends.append([shown_points[a], shown_points[b]])
         if not ends:
             if self._equations is not None:
                 self._equations.visible = False
@@ -199,16 +199,16 @@ class RobotNodes:
         None, the whole robot is shown. `poses` are the link poses T_base_body (4, 4).
         """
         for (body, (vertices, triangles, *_)), (_, handle) in zip(self._looks, self.meshes, strict=True):
-            shown = vertices
+            shown_vertices = vertices
             faces = triangles
             if point is not None:
                 T = poses[body]
                 R = T[:3, :3]
-                shown, faces = behind(vertices, triangles, R.T @ (point - T[:3, 3]), R.T @ normal)
+                shown_vertices, faces = behind(vertices, triangles, R.T @ (point - T[:3, 3]), R.T @ normal)
             with self._server.atomic():
                 handle.visible = bool(len(faces))
                 if len(faces):
-                    handle.vertices = shown.astype(np.float32)
+                    handle.vertices = shown_vertices.astype(np.float32)
                     handle.faces = faces
                     handle.side = "double" if point is not None else "front"
 

@@ -35,20 +35,20 @@ def rewrite(path: Path, entries: list[Entry], check: Callable[[Path], None]) -> 
     """
     target = path.resolve()
     text = target.read_bytes().decode("utf-8")
-    wanted = tomllib.loads(text)
+    expected = tomllib.loads(text)
     try:
         document: Any = tomlkit.parse(text)
         for table, key, values in entries:
             if key is None:
-                wanted[table].append(values)
+                expected[table].append(values)
                 _append(document, table, None, values)
             else:
-                wanted.setdefault(table, {})[key] = values
+                expected.setdefault(table, {})[key] = values
                 _append(document, table, key, values)
         new = tomlkit.dumps(document)
         if "\r\n" in text:
             new = new.replace("\r\n", "\n").replace("\n", "\r\n")
-        same = tomllib.loads(new) == wanted
+        same = tomllib.loads(new) == expected
     except (TOMLKitError, ValueError, TypeError, AttributeError) as error:
         raise _layout(path, entries) from error
     if not same:
@@ -61,8 +61,8 @@ def rewrite(path: Path, entries: list[Entry], check: Callable[[Path], None]) -> 
             try:
                 check(fresh)
             except TwinError as error:
-                told = str(error).replace(str(fresh), str(path))
-                raise type(error)(f"{told} (in the new text; the file is unchanged)") from error
+                reason = str(error).replace(str(fresh), str(path))
+                raise type(error)(f"{reason} (in the new text; the file is unchanged)") from error
     except OutputError as error:
         why = getattr(error.__cause__, "strerror", None) or error
         text = (

@@ -244,17 +244,17 @@ class RosBridge:
         client.subscriptions[operation.topic] = subscription
         self._send_to([client], {operation.topic}, time.monotonic())
 
-    def _require_type(self, topic: str, kind: str | None, known: dict) -> None:
+    def _require_type(self, topic: str, kind: str | None, known_topics: dict) -> None:
         """Check that a topic exists and has the type that a client names, if it names one.
 
         Raises:
             DeviceError: there is no such topic, or it has another type.
         """
-        if topic not in known:
-            raise DeviceError(_unknown_topic(topic, known))
-        own = known[topic].type
-        if kind and short_name(kind) != own:
-            raise DeviceError(f"the type of the topic is {full_name(own)}, not {kind}")
+        if topic not in known_topics:
+            raise DeviceError(_unknown_topic(topic, known_topics))
+        topic_type = known_topics[topic].type
+        if kind and short_name(kind) != topic_type:
+            raise DeviceError(f"the type of the topic is {full_name(topic_type)}, not {kind}")
 
     def _call(self, client: _Client, operation: operations.CallService) -> None:
         answer: JsonObject = {"op": "service_response", "service": operation.service, "result": True}
@@ -273,11 +273,11 @@ class RosBridge:
 
     def send(self) -> None:
         """Send the newest message of each topic to its subscribers."""
-        wanted = set()
+        subscribed_topics = set()
         for client in self._clients:
-            wanted.update(client.subscriptions)
-        if wanted:
-            self._send_to(self._clients, wanted, time.monotonic())
+            subscribed_topics.update(client.subscriptions)
+        if subscribed_topics:
+            self._send_to(self._clients, subscribed_topics, time.monotonic())
 
     def _send_to(self, clients: list[_Client], topics: Collection[str], now: float) -> None:
         """Send topics to clients; a topic that a client got longest ago comes first, so that none is left out."""
@@ -327,5 +327,5 @@ def _subject(operation: operations.Operation) -> str:
     return getattr(operation, "topic", operation.op)
 
 
-def _unknown_topic(topic: str, known: dict) -> str:
-    return f"there is no such topic here; known: {', '.join(sorted(known))}"
+def _unknown_topic(topic: str, known_topics: dict) -> str:
+    return f"there is no such topic here; known: {', '.join(sorted(known_topics))}"

@@ -174,9 +174,9 @@ class PoseStamped(_Message):
         Raises:
             DeviceError: the header names another one.
         """
-        given = self.header.frame_id
-        if given not in ("", frame):
-            raise DeviceError(f"frame_id is {given[:100]!r}; give the pose in {frame}, or leave frame_id empty")
+        frame_id = self.header.frame_id
+        if frame_id not in ("", frame):
+            raise DeviceError(f"frame_id is {frame_id[:100]!r}; give the pose in {frame}, or leave frame_id empty")
 
 
 class Joy(_Message):

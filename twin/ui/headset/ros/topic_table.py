@@ -71,10 +71,10 @@ class TopicTable:
     @property
     def types(self) -> dict[str, str]:
         """Type of each topic, by name."""
-        found = {name: topic.type for name, topic in self.outputs.items()}
+        types = {name: topic.type for name, topic in self.outputs.items()}
         for name, topic in self.inputs.items():
-            found[name] = topic.type
-        return dict(sorted(found.items()))
+            types[name] = topic.type
+        return dict(sorted(types.items()))
 
     def about(self) -> JsonObject:
         """Return what the state of the server says beside port and number of clients."""
