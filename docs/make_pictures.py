@@ -31,7 +31,7 @@ from PIL import Image, ImageDraw, ImageFont
 from trimesh.visual.color import linear_to_srgb
 
 import twin
-from twin.api.session import operate_console
+from twin.api.console_runs import operate_console
 from twin.cad.build import read_mechanism
 from twin.core import assets, spatial
 from twin.core.spatial import Array

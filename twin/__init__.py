@@ -42,13 +42,13 @@ if TYPE_CHECKING:
         world as world,
     )
     from twin.checking.checker import check as check
-    from twin.api.difference import diff as diff
-    from twin.api.new import new as new
+    from twin.api.result_difference import diff as diff
+    from twin.api.robot_folder import new as new
     from twin.api.procedure import (
         operate_procedure as operate_procedure,
         replay_procedure as replay_procedure,
     )
-    from twin.api.session import (
+    from twin.api.console_runs import (
         operate_console as operate_console,
         replay_session as replay_session,
     )
@@ -63,7 +63,7 @@ if TYPE_CHECKING:
         Trocar as Trocar,
     )
 
-_HOMES = {
+_NAMES_BY_MODULE = {
     "twin.api": (
         "Robot",
         "audit",
@@ -89,10 +89,10 @@ _HOMES = {
         "validate_samples",
         "world",
     ),
-    "twin.api.difference": ("diff",),
-    "twin.api.new": ("new",),
+    "twin.api.result_difference": ("diff",),
+    "twin.api.robot_folder": ("new",),
     "twin.api.procedure": ("operate_procedure", "replay_procedure"),
-    "twin.api.session": ("operate_console", "replay_session"),
+    "twin.api.console_runs": ("operate_console", "replay_session"),
     "twin.analysis.error_propagation": ("Spread",),
     "twin.analysis.search": ("workspace",),
     "twin.analysis.sweep": ("sweep",),
@@ -106,15 +106,15 @@ _HOMES = {
 }
 
 __all__ = ["__version__"]
-for _names in _HOMES.values():
+for _names in _NAMES_BY_MODULE.values():
     __all__ += _names
 
 
 def __getattr__(name: str) -> Any:
     from importlib import import_module
 
-    for module, held in _HOMES.items():
-        if name in held:
+    for module, public_names in _NAMES_BY_MODULE.items():
+        if name in public_names:
             return getattr(import_module(module), name)
     raise AttributeError(f"module 'twin' has no attribute '{name}'")
 

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from teleoperation import hands
 
 import twin
-from twin.api.act import members_of
+from twin.api.scene_parts import members_of
 from twin.core import spatial
 from twin.simulation import console_scene
 from twin.simulation import setup as inputs

@@ -19,9 +19,9 @@ import time
 import numpy as np
 
 import twin
-from twin.api.act import props_of
+from twin.api.console_runs import operate_console
 from twin.api.console_session import ConsoleSession
-from twin.api.session import operate_console
+from twin.api.scene_parts import props_of
 from twin.core.units import MM
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel

@@ -16,9 +16,9 @@ import time
 
 import numpy as np
 
-from twin.api.act import members_of, robots_at
 from twin.api.machine import ChildMachine, Machines
 from twin.api.scene_loading import load_scene
+from twin.api.scene_parts import members_of, robots_at
 from twin.core import spatial
 from twin.simulation import console_scene
 from twin.simulation.condition import Condition

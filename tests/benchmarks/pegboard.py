@@ -19,8 +19,8 @@ import time
 import numpy as np
 
 import twin
+from twin.api.console_runs import operate_console
 from twin.api.console_session import ConsoleSession
-from twin.api.session import operate_console
 
 SHARE, FACTOR = 0.98, 5.0
 """Smallest share of transferred rings, and smallest real-time factor."""

@@ -12,8 +12,7 @@ import time
 import numpy as np
 
 from twin import api
-from twin.api.act import props_of, robots_at
-from twin.api.session import members_of
+from twin.api.scene_parts import members_of, props_of, robots_at
 from twin.core import spatial
 from twin.simulation import console_scene
 from twin.simulation.condition import Condition

@@ -21,7 +21,7 @@ from dataclasses import replace
 import numpy as np
 
 import twin
-from twin.api.act import members_of, props_of, robots_at
+from twin.api.scene_parts import members_of, props_of, robots_at
 from twin.core import spatial
 from twin.core.units import DEG, MM
 from twin.simulation import console_scene

@@ -216,7 +216,7 @@ def built(run, robot, monkeypatch) -> Path:
         shutil.copytree(first, folder, dirs_exist_ok=True)
         return [p for p in Path(folder).rglob("*") if p.is_file()]
 
-    monkeypatch.setattr("twin.api.make.build", build)
+    monkeypatch.setattr("twin.api.exports.build", build)
     return robot / "usd"
 
 

@@ -428,8 +428,8 @@ def test_output_cannot_be_there(robot, capsys, tmp_path, command, place):
 @pytest.mark.parametrize("command", ["validate", "run"])
 def test_report_cannot_be_there(robot, capsys, tmp_path, monkeypatch, command):
     """It is told before anything is computed."""
-    monkeypatch.setattr("twin.api.judge.plan", lambda *_, **__: pytest.fail("too late"))
-    monkeypatch.setattr("twin.api.make.build", lambda *_, **__: pytest.fail("too late"))
+    monkeypatch.setattr("twin.api.protocol_plan.plan", lambda *_, **__: pytest.fail("too late"))
+    monkeypatch.setattr("twin.api.exports.build", lambda *_, **__: pytest.fail("too late"))
     (tmp_path / "out").mkdir()
     (tmp_path / "out/short").write_text("precious")
     assert main([command, str(robot.folder), "--out", str(tmp_path / "out")]) == 2
@@ -453,8 +453,8 @@ def test_run_writes_the_stage_with_its_reports_or_not_at_all(robot, capsys, tmp_
     (tmp_path / "out/usd").mkdir(parents=True)
     (tmp_path / "out/usd/sils.usda").write_text("old")
     before = everything(tmp_path)
-    monkeypatch.setattr("twin.api.make.build", build)
-    monkeypatch.setattr("twin.api.judge.validate", validate)
+    monkeypatch.setattr("twin.api.exports.build", build)
+    monkeypatch.setattr("twin.api.equation_checks.validate", validate)
     monkeypatch.setattr("twin.api.robot.Robot.weighed", lambda self: self)
     assert main(["run", str(robot.folder), "--out", str(tmp_path / "out")]) == 2
     assert "the report cannot be made" in capsys.readouterr().err

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.api.difference import diff
+from twin.api.result_difference import diff
 from twin.cli import browser, main
 from twin.cli.commands import GROUPS, HELP, doctor
 from twin.cli.commands.open import REPORT

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from made.lanes import one_of_a_kind
-from twin.api.about import LINES, info
+from twin.api.facts import LINES, info
 from twin.api.robot import load
 from twin.cli import show
 from twin.core.findings import disagreement

@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from made import errata
 from made.errata import Entry, EntryFiles, Table, WrongNumber
 from twin.api.comparison import compare
-from twin.api.judge import explain
+from twin.api.equation_checks import explain
 from twin.api.robot import load
 from twin.comparison.items import NumberEdit
 from twin.comparison.side_pair import SidePair

@@ -15,7 +15,7 @@ from unittest import mock
 import numpy as np
 
 import twin
-import twin.api.make
+import twin.api.exports
 import twin.exchange.audit as audits
 from twin.core.foreign import admit as admission
 from twin.core.foreign.admit import admit_together
@@ -48,8 +48,8 @@ class ReadOnce:
             if robot is None:
                 return twin.audit(folder)
             with (
-                mock.patch.object(twin.api.make, "_truth", _truth_once),
-                mock.patch.object(twin.api.make, "_states", _states_once),
+                mock.patch.object(twin.api.exports, "_truth", _truth_once),
+                mock.patch.object(twin.api.exports, "_states", _states_once),
             ):
                 return twin.audit(folder, _loaded_once(robot))
 
@@ -108,9 +108,9 @@ def _planned_once(robot: Any, protocol: str) -> Any:
     return _PLAN(robot, robot.protocol(protocol))
 
 
-_PLAN = twin.api.make.plan
-_STATES = twin.api.make._states
-_TRUTH = twin.api.make._truth
+_PLAN = twin.api.exports.plan
+_STATES = twin.api.exports._states
+_TRUTH = twin.api.exports._truth
 _drawn: dict[str, Any] = {}
 _truths: dict[tuple[Any, ...], Any] = {}
 
@@ -127,7 +127,7 @@ def _truth_once(robot: Any, path: Path, progress: Any, xacro: Any) -> Any:
     times = audits.key_times(path, xacro)
     key = (robot.name, *((clip, instants.tobytes()) for clip, instants in times.items()))
     if key not in _truths:
-        with mock.patch.object(twin.api.make, "plan", lambda r, p, _: _planned_once(r, p.name)):
+        with mock.patch.object(twin.api.exports, "plan", lambda r, p, _: _planned_once(r, p.name)):
             _truths[key] = _TRUTH(robot, path, progress, xacro)
     return _truths[key]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin.api.act import members_of
+from twin.api.scene_parts import members_of
 from twin.core import spatial
 from twin.simulation import console_scene
 from twin.simulation.console_scene import HANDS

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin.api.act import robots_at
-from twin.api.session import members_of
+from twin.api.scene_parts import members_of, robots_at
 from twin.simulation import console_scene, rate_console
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.holes.geometry import hole_goals

@@ -17,8 +17,8 @@ from made import protocols
 from made.arm import CLEARANCE, LINK, SIZE, arm, space_of
 from made.mechanisms import four_bar
 from twin import api
+from twin.api.multi_robot_plan import _Arm
 from twin.api.scene_loading import place_of
-from twin.api.together import _Arm
 from twin.cad.build import inputs
 from twin.cli import main
 from twin.cli.commands.plan import EXAMPLES
@@ -210,7 +210,7 @@ def stand(monkeypatch):
     """A scene with two places for arms, and nothing else."""
     places = tuple(Place(n, "arm", "", T, {}, {}, {}) for n, T in PLACES.items())
     scene = SimpleNamespace(name="stand", places=places, props=None, touching=frozenset())
-    monkeypatch.setattr("twin.api.together.load_scene", lambda name: scene)
+    monkeypatch.setattr("twin.api.multi_robot_plan.load_scene", lambda name: scene)
     return scene
 
 
@@ -291,7 +291,7 @@ def stand_file(tmp_path, monkeypatch):
     file = tmp_path / "stand/scene.toml"
     file.parent.mkdir()
     file.write_text(text, encoding="utf-8")
-    monkeypatch.setattr("twin.api.together.load_scene", lambda name: load_scene(file))
+    monkeypatch.setattr("twin.api.multi_robot_plan.load_scene", lambda name: load_scene(file))
     return file
 
 
@@ -527,8 +527,8 @@ def test_bad_input_for_several_arms_is_named(tmp_path, scene, names, clearance, 
     ],
 )
 def test_options_are_checked_before_the_plan(tmp_path, capsys, monkeypatch, given, text):
-    monkeypatch.setattr("twin.api.together.plan_together", lambda *a, **k: pytest.fail("it planned"))
-    monkeypatch.setattr("twin.api.judge.plan", lambda *a, **k: pytest.fail("it planned"))
+    monkeypatch.setattr("twin.api.multi_robot_plan.plan_together", lambda *a, **k: pytest.fail("it planned"))
+    monkeypatch.setattr("twin.api.protocol_plan.plan", lambda *a, **k: pytest.fail("it planned"))
     (tmp_path / "file").write_text("")
     out = ["--out", str(tmp_path / "file/out"), "--quiet"]
     assert main(["plan", "raven_left", "--avoid", "raven", "--with", given, *out]) == 2

@@ -218,10 +218,17 @@ def test_facade_reexports_exactly_what_it_promises():
     import twin
     from twin import api
 
-    elsewhere = {n for module, held in twin._HOMES.items() if module != "twin.api" for n in held}
+    elsewhere = {n for module, names in twin._NAMES_BY_MODULE.items() if module != "twin.api" for n in names}
     assert set(twin.__all__) - {"__version__"} - elsewhere <= set(dir(api))
     assert all(hasattr(api, n) for n in api.__all__)
     assert set(dir(twin)) == set(twin.__all__)
+
+
+def test_no_module_of_the_api_hides_a_name_of_the_api():
+    """A loaded module becomes an attribute of its package: `twin.api.new` was a function once, then a module."""
+    from twin import api
+
+    assert not set(api.__all__) & set(api._NAMES_BY_MODULE)
 
 
 @pytest.mark.parametrize("file", ["twin/__init__.py", "twin/api/__init__.py"])
@@ -233,7 +240,7 @@ def test_type_checkers_see_the_names_that_are_loaded_when_first_used(file):
     for statement in block.body:
         seen |= {(statement.module, alias.name) for alias in statement.names}
     loaded = set()
-    for module, names in package._HOMES.items():
+    for module, names in package._NAMES_BY_MODULE.items():
         home = module if "." in module else f"{package.__name__}.{module}"
         loaded |= {(home, name) for name in names}
     assert seen - {("typing", "Any")} == loaded

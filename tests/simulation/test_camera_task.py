@@ -11,8 +11,8 @@ import pytest
 
 import twin
 from made.scene_text import refused
-from twin.api.act import members_of, props_of
-from twin.api.session import FILE, operate_console, replay_session
+from twin.api.console_runs import FILE, operate_console, replay_session
+from twin.api.scene_parts import members_of, props_of
 from twin.cli import main
 from twin.core import spatial
 from twin.core.errors import TwinError

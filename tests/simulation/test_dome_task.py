@@ -17,9 +17,9 @@ import trimesh
 import twin
 from benchmarks.guiding import judge
 from made.scene_text import refused
-from twin.api.act import members_of, props_of, robots_at
+from twin.api.console_runs import FILE, operate_console, replay_session
 from twin.api.scene_obstacles import obstacles_in_base
-from twin.api.session import FILE, operate_console, replay_session
+from twin.api.scene_parts import members_of, props_of, robots_at
 from twin.cli import main
 from twin.core import spatial
 from twin.core.errors import ProtocolError, TwinError, WorldError

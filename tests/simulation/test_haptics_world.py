@@ -10,8 +10,8 @@ import pytest
 
 import twin
 from made.consoles import Hands
-from twin.api.act import members_of
-from twin.api.session import replay_session
+from twin.api.console_runs import replay_session
+from twin.api.scene_parts import members_of
 from twin.cli import main
 from twin.core import spatial
 from twin.core.errors import DescriptionError, WorldError

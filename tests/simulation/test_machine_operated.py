@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 import twin
+from twin.api.console_runs import operate_machine, replay_session
 from twin.api.machine import ChildMachine, Machines
-from twin.api.session import operate_machine, replay_session
 from twin.cli import main
 from twin.core.errors import DeviceError, TwinError
 from twin.simulation.controllers.trainer import TrainerPhase

@@ -13,8 +13,8 @@ from mcap.reader import make_reader
 
 import twin
 from made.scene_text import refused
-from twin.api.act import props_of
-from twin.api.session import FILE, operate_console, replay_session
+from twin.api.console_runs import FILE, operate_console, replay_session
+from twin.api.scene_parts import props_of
 from twin.cli import main
 from twin.core import spatial
 from twin.core.errors import TwinError

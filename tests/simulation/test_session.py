@@ -18,8 +18,8 @@ import pytest
 
 import twin
 from made.scene_text import refused
-from twin.api.act import members_of
-from twin.api.session import FILE, operate_console, replay_session
+from twin.api.console_runs import FILE, operate_console, replay_session
+from twin.api.scene_parts import members_of
 from twin.cli import main
 from twin.core import spatial
 from twin.core.errors import DescriptionError, OutputError, TwinError, WorldError
@@ -518,7 +518,8 @@ def exported(replayed, performed, recorded, tmp_path_factory):
     """What `twin session --out` writes; here with the file of the surgeon, as `twin operate` does."""
     folder = tmp_path_factory.mktemp("exported") / "out"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("twin.api.session.replay_session", lambda *args: replace(replayed, recorded=performed.recorded))
+        as_performed = replace(replayed, recorded=performed.recorded)
+        patch.setattr("twin.api.console_runs.replay_session", lambda *args: as_performed)
         assert main(["session", str(recorded), "--out", str(folder), "--quiet"]) == 0
     return folder
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import twin
-from twin.api.act import robots_at
-from twin.api.session import members_of, operate_console
+from twin.api.console_runs import operate_console
+from twin.api.scene_parts import members_of, robots_at
 from twin.core import atomic, spatial
 from twin.core.errors import OutputError, TwinError
 from twin.model.scene import load_scene

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import twin
-from twin.api.act import anatomy_of, members_of, props_of, robots_at
+from twin.api.scene_parts import anatomy_of, members_of, props_of, robots_at
 from twin.simulation import console_scene, operating_scene, procedure_scene, tissue_scene
 from twin.simulation.condition import Condition
 from twin.simulation.session import run

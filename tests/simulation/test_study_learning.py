@@ -8,7 +8,7 @@ from itertools import pairwise, product
 import numpy as np
 import pytest
 
-from twin.api.learning import measures, study_sessions
+from twin.api.session_study import measures, study_sessions
 from twin.cli import main
 from twin.core.errors import DescriptionError
 from twin.simulation.tasks.guide.guiding import GuideMeasures

@@ -11,7 +11,7 @@ import pytest
 
 import twin
 from made.foreign_task import installed
-from twin.api.session import operate_console, replay_session
+from twin.api.console_runs import operate_console, replay_session
 from twin.cli import main
 from twin.cli.parser import parser
 from twin.core.entry_points import names
@@ -104,7 +104,7 @@ def test_a_task_and_a_device_of_other_packages_are_played_and_replayed(outside, 
 
 
 def test_a_device_of_another_package_beats_in_the_world(outside, tmp_path):
-    from twin.api.act import members_of, robots_at
+    from twin.api.scene_parts import members_of, robots_at
     from twin.simulation import console_scene
     from twin.simulation.session import run
     from twin.simulation.setup import Setup

@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 
 import twin
 from made.lanes import nightly
-from twin.api.act import members_of
 from twin.api.machine import machine, machine_parts
+from twin.api.scene_parts import members_of
 from twin.cli.machines import running
 from twin.core import spatial
 from twin.core.errors import DescriptionError, DeviceError, TwinError

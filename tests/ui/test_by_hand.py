@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 import twin
 from made.by_hand import ByHand, RandomHands
-from twin.api.act import robots_at
-from twin.api.session import replay_session
+from twin.api.console_runs import replay_session
+from twin.api.scene_parts import robots_at
 from twin.cli import main
 from twin.cli import scene as scenes
 from twin.core import spatial

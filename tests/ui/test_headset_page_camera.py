@@ -11,8 +11,8 @@ from PIL import Image
 
 from made import headset_page as headset
 from made.console_page import console
-from twin.api.act import members_of
-from twin.api.session import replay_session
+from twin.api.console_runs import replay_session
+from twin.api.scene_parts import members_of
 from twin.core.units import DEG
 from twin.simulation import console_scene
 from twin.simulation.session import run

@@ -12,7 +12,7 @@ import trimesh
 
 import twin
 from made.headset_page import until
-from twin.api.session import FILE, operate_console, replay_session
+from twin.api.console_runs import FILE, operate_console, replay_session
 from twin.cli.commands import session as command
 from twin.core import spatial
 from twin.core.errors import DescriptionError, OutputError, TwinError, WorldError

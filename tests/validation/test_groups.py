@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from twin.api.published import study
+from twin.api.published_tables import study
 from twin.cli import main
 from twin.core.errors import DescriptionError, TwinError
 from twin.core.units import MM

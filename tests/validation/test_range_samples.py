@@ -15,7 +15,7 @@ from made.arm import LINK, arm
 from made.branches import RIGHT, THREE, TWO, WRONG
 from made.formulas import with_reach
 from made.processor_as_gpu import ProcessorAsGpu
-from twin.api.judge import validate_samples
+from twin.api.equation_checks import validate_samples
 from twin.cli import main
 from twin.codegen import kernel as kernel_module
 from twin.core import gpu, spatial

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import twin
-from twin.api.act import props_of
+from twin.api.scene_parts import props_of
 from twin.core import spatial
 from twin.core.units import DEG, MM
 from twin.reference import ReferenceModel

@@ -14,7 +14,7 @@ from made.lanes import CONTRASTING
 from twin.analysis.error_propagation import Spread
 from twin.analysis.search import workspace
 from twin.analysis.tolerance import tolerance
-from twin.api.judge import validate_samples
+from twin.api.equation_checks import validate_samples
 from twin.codegen import Kernel
 from twin.codegen.gpu_entry import THREADS
 from twin.core import assets

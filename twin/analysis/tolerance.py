@@ -19,7 +19,7 @@ from twin.analysis.error_propagation import (
     normal_length_quantile,
 )
 from twin.analysis.tightening import COST, Tightening, least_cost
-from twin.api.judge import plan
+from twin.api.protocol_plan import plan
 from twin.api.robot import Progress, Robot, loaded, silent
 from twin.core import compute_device
 from twin.core.compute_device import PROCESSOR

@@ -10,41 +10,37 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from twin.api.about import (
+    from twin.api.comparison import compare as compare
+    from twin.api.control import track as track
+    from twin.api.equation_checks import (
+        explain as explain,
+        strokes as strokes,
+        validate as validate,
+        validate_samples as validate_samples,
+    )
+    from twin.api.exports import (
+        audit as audit,
+        build as build,
+        export as export,
+    )
+    from twin.api.facts import (
         SCENE_COMMANDS as SCENE_COMMANDS,
         info as info,
         info_of_scene as info_of_scene,
         listing as listing,
     )
-    from twin.api.act import (
-        operate as operate,
-        play as play,
-        world as world,
-    )
-    from twin.api.comparison import compare as compare
-    from twin.api.control import track as track
-    from twin.api.current import check_build as check_build
-    from twin.api.judge import (
-        check_plan as check_plan,
-        explain as explain,
-        plan as plan,
-        strokes as strokes,
-        validate as validate,
-        validate_samples as validate_samples,
-    )
-    from twin.api.make import (
-        audit as audit,
-        build as build,
-        export as export,
-    )
-    from twin.api.new import new as new
+    from twin.api.mass_check import masses as masses
+    from twin.api.multi_robot_plan import plan_together as plan_together
     from twin.api.proof import prove as prove
-    from twin.api.published import (
+    from twin.api.protocol_plan import (
+        check_plan as check_plan,
+        plan as plan,
+    )
+    from twin.api.published_equations import (
         console as console,
         equations_of_motion as equations_of_motion,
-        masses as masses,
-        study as study,
     )
+    from twin.api.published_tables import study as study
     from twin.api.robot import (
         STAGE_SUFFIXES as STAGE_SUFFIXES,
         Progress as Progress,
@@ -52,33 +48,43 @@ if TYPE_CHECKING:
         load as load,
         names as names,
     )
+    from twin.api.robot_folder import new as new
     from twin.api.scene_loading import load_scene as load_scene
-    from twin.api.together import plan_together as plan_together
+    from twin.api.simulation_runs import (
+        operate as operate,
+        play as play,
+        world as world,
+    )
+    from twin.api.stage_check import check_build as check_build
 
-_HOMES = {
-    "about": ("SCENE_COMMANDS", "info", "info_of_scene", "listing"),
-    "act": ("operate", "play", "world"),
+# No module may be called like a name that it offers: once loaded, the module would hide the name.
+_NAMES_BY_MODULE = {
     "comparison": ("compare",),
     "control": ("track",),
-    "current": ("check_build",),
-    "judge": ("check_plan", "explain", "plan", "strokes", "validate", "validate_samples"),
-    "make": ("audit", "build", "export"),
-    "new": ("new",),
+    "equation_checks": ("explain", "strokes", "validate", "validate_samples"),
+    "exports": ("audit", "build", "export"),
+    "facts": ("SCENE_COMMANDS", "info", "info_of_scene", "listing"),
+    "mass_check": ("masses",),
+    "multi_robot_plan": ("plan_together",),
     "proof": ("prove",),
-    "published": ("console", "equations_of_motion", "masses", "study"),
+    "protocol_plan": ("check_plan", "plan"),
+    "published_equations": ("console", "equations_of_motion"),
+    "published_tables": ("study",),
     "robot": ("STAGE_SUFFIXES", "Progress", "Robot", "load", "names"),
+    "robot_folder": ("new",),
     "scene_loading": ("load_scene",),
-    "together": ("plan_together",),
+    "simulation_runs": ("operate", "play", "world"),
+    "stage_check": ("check_build",),
 }
 
 __all__: list[str] = []
-for _names in _HOMES.values():
+for _names in _NAMES_BY_MODULE.values():
     __all__ += _names
 
 
 def __getattr__(name: str) -> Any:
-    for module, held in _HOMES.items():
-        if name in held:
+    for module, public_names in _NAMES_BY_MODULE.items():
+        if name in public_names:
             return getattr(import_module(f"twin.api.{module}"), name)
     raise AttributeError(f"module 'twin.api' has no attribute '{name}'")
 

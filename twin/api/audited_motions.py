@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twin.api.judge import plan
 from twin.api.motion_proof import timed_path
 from twin.api.path_samples import sampled
+from twin.api.protocol_plan import plan
 from twin.api.robot import Progress, Robot, silent
 from twin.core import spatial
 from twin.core.errors import TwinError

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from twin.api.judge import plan
+from twin.api.protocol_plan import plan
 from twin.api.robot import Progress, Robot, loaded, silent
 from twin.core.errors import TwinError
 

@@ -227,7 +227,7 @@ def prove_motion(
     Raises:
         TwinError: the protocol does not exist, cannot be planned, or has a phase whose motion is a table of samples.
     """
-    from twin.api.judge import plan
+    from twin.api.protocol_plan import plan
     from twin.proof.motion.motion_prover import prove_motion as prove_on_path
     from twin.proof.motion_certificate import motion_certificate
     from twin.reference import ReferenceModel

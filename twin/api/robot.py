@@ -242,7 +242,7 @@ class Robot:
                 variants += [f"{equation}={choice}" for choice in choices]
         protocols = () if self.files is None else tuple(self.files.protocols())
         # by name: only notebooks need it
-        page = import_module("twin.api.robot_page")
+        page = import_module("twin.api.robot_html")
         return page.html_of(self.name, self.mechanism, variants, protocols)
 
     @cached_property
@@ -383,8 +383,8 @@ class Robot:
 
     @cached_property
     def _by_mechanism(self) -> Any:
-        """A `twin.api.by_mechanism.MechanismKinematics`; by name, as robots with equations do not need it."""
-        module = import_module("twin.api.by_mechanism")
+        """A `twin.api.mechanism_kinematics.MechanismKinematics`; by name, as robots with equations do not need it."""
+        module = import_module("twin.api.mechanism_kinematics")
         return module.MechanismKinematics(self.loops, self.reference())
 
     @property

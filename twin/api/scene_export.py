@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.api.act import anatomy_of, props_of
-from twin.api.make import export
+from twin.api.exports import export
 from twin.api.robot import Progress, Robot, load, silent
+from twin.api.scene_parts import anatomy_of, props_of
 from twin.core import assets
 from twin.core.findings import Finding, by_severity, disagreement
 from twin.core.json_types import JsonObject

@@ -63,7 +63,7 @@ def connected(loaded: LoadedScene, options: Sequence[str] | None) -> LoadedScene
     Raises:
         TwinError: --machine is wrong, or a machine does not answer.
     """
-    from twin.api.session import machines_of
+    from twin.api.console_runs import machines_of
 
     addresses, scene = running(options), loaded.scene
     if scene.trainer is None:

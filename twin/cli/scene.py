@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin import api
-from twin.api.about import scene_commands
-from twin.api.act import anatomy_of, props_of, robots_at
+from twin.api.facts import scene_commands
+from twin.api.scene_parts import anatomy_of, props_of, robots_at
 from twin.cli import show
 from twin.core import assets
 from twin.core.errors import TwinError

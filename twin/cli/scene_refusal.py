@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from twin.api.about import SCENE_COMMANDS, scene_commands
+from twin.api.facts import SCENE_COMMANDS, scene_commands
 from twin.core import assets
 from twin.core.errors import TwinError, unknown
 

@@ -22,7 +22,7 @@ def run(args: argparse.Namespace) -> int:
 
     The exit code is 1 if the verdicts differ, a finding is new, or a residual is no longer finite.
     """
-    from twin.api.difference import diff
+    from twin.api.result_difference import diff
     from twin.cli import show
 
     return show.finish(diff(args.first, args.second), args)

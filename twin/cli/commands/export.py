@@ -43,7 +43,7 @@ def arguments(command: Command) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the export folder, audit it and print the files; the exit code is 1 if the audit finds a difference."""
-    from twin.api.make import export
+    from twin.api.exports import export
     from twin.api.robot import load
     from twin.cli import show
     from twin.core import assets

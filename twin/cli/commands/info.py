@@ -31,7 +31,6 @@ def arguments(command: Command) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print joints, limits, frames, degrees of freedom and parameters of a robot, or the robots of a scene."""
     from twin import api
-    from twin.api import published
     from twin.cli import show
     from twin.core import assets
 
@@ -47,9 +46,9 @@ def run(args: argparse.Namespace) -> int:
     text = None
     with show.progress(args.quiet or args.json) as progress:
         if args.inertia:
-            result = published.masses(robot, progress)
+            result = api.masses(robot, progress)
         elif args.motion:
-            result = published.equations_of_motion(robot)
+            result = api.equations_of_motion(robot)
         else:
             result = api.info(robot, progress)
             if not args.all:

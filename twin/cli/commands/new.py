@@ -41,7 +41,7 @@ def arguments(command: Command) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read a description or CAD and write the robot folder."""
-    from twin.api.new import new
+    from twin.api.robot_folder import new
     from twin.cli import show
     from twin.exchange.read import suffixes
     from twin.exchange.xacro import settings

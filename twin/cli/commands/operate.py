@@ -99,7 +99,7 @@ def _at_console(file: Path, args: argparse.Namespace) -> int:
     Write the session, and the same files as `twin session --out`.
     """
     from twin import api
-    from twin.api.session import FILE, operate_console
+    from twin.api.console_runs import FILE, operate_console
     from twin.cli import show
     from twin.simulation.session.run import task_of
 
@@ -142,7 +142,7 @@ def _at_console(file: Path, args: argparse.Namespace) -> int:
 
 def _machine(scene: Scene, args: argparse.Namespace) -> int:
     """Simulate a trainee who teleoperates the machines of a scene; write the session and the report."""
-    from twin.api.session import FILE, operate_machine
+    from twin.api.console_runs import FILE, operate_machine
     from twin.cli import show
     from twin.cli.machines import running
 

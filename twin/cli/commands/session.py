@@ -49,7 +49,7 @@ def report(file: str, scene: str) -> bytes:
 
 
 def _replayed(file: str, scene: str | None, progress: Callable[[str, float], None]) -> Result:
+    from twin.api.console_runs import replay_session
     from twin.api.procedure import is_procedure, replay_procedure
-    from twin.api.session import replay_session
 
     return (replay_procedure if is_procedure(file, scene) else replay_session)(file, scene, progress)

@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _found(args: argparse.Namespace) -> Result:
-    from twin.api import published
+    from twin import api
     from twin.cli import show
 
     named = [s for s in args.subject if "=" in s and not Path(s).exists()]
@@ -59,11 +59,11 @@ def _found(args: argparse.Namespace) -> Result:
                 f"{len(args.subject)} names or files are given: give one, or groups of sessions as GROUP=FILE, such as "
                 f"first={args.subject[0]} last={args.subject[1]}"
             )
-        return published.study(args.subject[0])
+        return api.study(args.subject[0])
     if len(named) < len(args.subject):
         other = next(s for s in args.subject if s not in named)
         raise TwinError(f"'{other}' has no group: give every session as GROUP=FILE, such as first={other}")
-    from twin.api.learning import study_sessions
+    from twin.api.session_study import study_sessions
 
     groups: dict[str, list[str]] = {}
     for text in named:

@@ -46,7 +46,8 @@ def arguments(command: Command) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Validate the equations on the chosen protocols and variants; write a report for each."""
-    from twin.api.judge import plan, validate
+    from twin.api.equation_checks import validate
+    from twin.api.protocol_plan import plan
     from twin.api.robot import load
     from twin.cli import reports, show
     from twin.cli.chosen import protocols, variants_of_each
@@ -135,7 +136,7 @@ def _samples(robot: Robot, args: argparse.Namespace, tolerances: Tolerances | No
 
     The exit code is 1 if the equations disagree.
     """
-    from twin.api.judge import validate_samples
+    from twin.api.equation_checks import validate_samples
     from twin.cli import pages, show
     from twin.cli.chosen import asked, device
     from twin.core import assets
@@ -171,7 +172,7 @@ def _strokes(robot: Robot, args: argparse.Namespace) -> int:
 
     The exit code is 1 if the equations disagree.
     """
-    from twin.api.judge import strokes
+    from twin.api.equation_checks import strokes
     from twin.cli import pages, show
     from twin.cli.chosen import asked
     from twin.core import assets

@@ -12,7 +12,6 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from twin.core.errors import BudgetError, SourceError
-from twin.core.foreign.archive import check_zip
 from twin.core.foreign.budget import (
     BUDGETS,
     DRAWING_SUFFIXES,
@@ -20,6 +19,7 @@ from twin.core.foreign.budget import (
     MJCF_SUFFIXES,
     STAGE_SUFFIXES,
     check_size,
+    check_zip,
     over,
     read_bytes,
 )

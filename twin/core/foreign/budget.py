@@ -1,4 +1,4 @@
-"""Limits for reading one file, by format; time and memory limits grow with the size of the file."""
+"""Limits for reading one file or archive, by format; time and memory limits grow with the size of the file."""
 
 from __future__ import annotations
 
@@ -128,3 +128,28 @@ def check_size(path: Path, kind: str, budget: Budget | None = None) -> None:
     size = path.stat().st_size
     if size > limits.bytes:
         over(path, kind, "bytes", size, limits.bytes)
+
+
+def check_zip(path: Path, kind: str) -> None:
+    """Raise an error if the files of an archive together exceed the limits; a file that is not an archive passes.
+
+    The check uses the sizes stated in the archive. This is safe, because unpacking reads no more bytes than stated.
+
+    Raises:
+        BudgetError: the archive has too many files, or they are too large.
+        OSError: the file cannot be read.
+    """
+    import zipfile  # only archives need it
+
+    check_size(path, kind)
+    limits = BUDGETS[kind]
+    try:
+        with zipfile.ZipFile(path) as archive:
+            entries = archive.infolist()
+    except (zipfile.BadZipFile, EOFError, NotImplementedError, RuntimeError, ValueError):
+        return
+    if kind == "USDZ" and len(entries) > limits.count:
+        over(path, kind, "files in the archive", len(entries), limits.count)
+    size = sum(entry.file_size for entry in entries)
+    if size > limits.unpacked:
+        over(path, kind, "unpacked bytes", size, limits.unpacked)

@@ -6,8 +6,7 @@ import struct
 import zipfile
 from pathlib import Path
 
-from twin.core.foreign.archive import check_zip
-from twin.core.foreign.budget import check_size
+from twin.core.foreign.budget import check_size, check_zip
 from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.reader_context import Context
 from twin.exchange.audit.report import Ledger, Measured

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
@@ -46,7 +47,8 @@ def scene_commands(scene: Scene) -> tuple[str, ...]:
     commands: list[str] = ["info", "view", "serve"]
     if scene.plays:
         commands = list(SCENE_COMMANDS)
-        if any(p.protocol.endswith(".toml") for p in scene.places):
+        plays_files = any(place.protocol.endswith(".toml") for place in scene.places)
+        if plays_files:
             commands.remove("run")
     if scene.tasks or scene.trainer is not None:
         commands.append("operate")
@@ -75,13 +77,13 @@ class Info(Result):
     def text(self) -> Iterator[Part]:
         """Yield the mechanism, the variants of the equations, the parameters with provenance, and the findings."""
         data = self.data
-        title = data["name"]
-        if data["title"]:
-            title += f": {data['title']}"
-        yield title
+        yield self._title
         yield f"  {data['source']}\n"
         loops = "no loops"
-        closing = [joint["name"] for joint in data["joints"] if joint["closes_loop"]]
+        closing = []
+        for joint in data["joints"]:
+            if joint["closes_loop"]:
+                closing.append(joint["name"])
         if closing:
             loops = f"loops closed by {', '.join(closing)}"
         yield (
@@ -95,7 +97,7 @@ class Info(Result):
         points = ", ".join(data["points"]) or "none"
         yield f"  frames: {frames}   points: {points}\n"
         rows = [_joint_row(joint) for joint in data["joints"]]
-        yield TextTable(("joint", "type", "between", "limits", ""), rows)
+        yield TextTable(_JOINT_COLUMNS, rows)
         yield ""
         yield from _motors(data["actuators"], data["transmissions"])
         if data["variants"]:
@@ -104,8 +106,8 @@ class Info(Result):
             yield "  no equations"
         for name, choices in data["variants"].items():
             for variant, reason in choices.items():
-                used = "*" if data["chosen"][name] == variant else " "
-                line = f"  {used}{name}={variant}"
+                mark = "*" if data["chosen"][name] == variant else " "
+                line = f"  {mark}{name}={variant}"
                 if reason:
                     line += f": {reason}"
                 yield line
@@ -120,45 +122,60 @@ class Info(Result):
         `word` is the name or path of the robot in the command that shows all.
         """
         data = self.data
-        title = data["name"]
-        if data["title"]:
-            title += f": {data['title']}"
-        yield title
+        yield self._title
         yield f"  {data['source']}"
         joints = data["joints"]
-        loops = sum(joint["closes_loop"] for joint in joints)
+        loops = 0
+        driven = []
+        for joint in joints:
+            loops += joint["closes_loop"]
+            if joint["active"] or joint["auxiliary"]:
+                driven.append(_joint_row(joint))
         yield (
             f"  {self.bodies} bodies, {len(joints)} joints, {data['degrees_of_freedom']} degrees of freedom, "
             f"{data['redundant_constraints']} redundant constraints; {loops} loops\n"
         )
-        driven = [_joint_row(joint) for joint in joints if joint["active"] or joint["auxiliary"]]
-        yield TextTable(("joint", "type", "between", "limits", ""), driven[:_DRIVEN])
+        yield TextTable(_JOINT_COLUMNS, driven[:_DRIVEN])
         if len(driven) > _DRIVEN:
             yield f"  and {len(driven) - _DRIVEN} more driven joints"
         yield ""
         passive = len(joints) - len(driven)
         yield f"  passive joints  {passive}"
-        if data["transmissions"]:
-            yield f"  motors          {_few([actuator['name'] for actuator in data['actuators']])}"
+        if data["transmissions"]:  # without them, each motor is its joint, which is in the table
+            motors = [actuator["name"] for actuator in data["actuators"]]
+            yield f"  motors          {_few(motors)}"
         yield f"  frames          {_few(data['frames'])}"
         yield f"  points          {_few(data['points'])}"
         yield f"  postures        {_few(data['postures'])}"
         variants = []
         for name, choices in data["variants"].items():
             for variant in choices:
-                used = "*" if data["chosen"][name] == variant else ""
-                variants.append(f"{name}={variant}{used}")
-        yield f"  equations       {_few(variants) if variants else 'no equations'}{' (* in use)' if variants else ''}"
-        counts: dict[str, int] = {}
-        for parameter in data["parameters"]:
-            counts[parameter["provenance"]] = counts.get(parameter["provenance"], 0) + 1
-        said = [f"{count} {provenance}" for provenance, count in sorted(counts.items())]
-        yield f"  parameters      {', '.join(said) or 'none'}"
-        shown = [finding for finding in by_severity(self.findings) if finding.severity != "info"]
-        yield from shown[:_FINDINGS]
-        if len(shown) > _FINDINGS:
-            yield f"  and {len(shown) - _FINDINGS} more findings"
+                mark = "*" if data["chosen"][name] == variant else ""
+                variants.append(f"{name}={variant}{mark}")
+        equations = "no equations"
+        if variants:
+            equations = f"{_few(variants)} (* in use)"
+        yield f"  equations       {equations}"
+        counts = Counter(parameter["provenance"] for parameter in data["parameters"])
+        texts = []
+        for provenance, count in sorted(counts.items()):
+            texts.append(f"{count} {provenance}")
+        yield f"  parameters      {', '.join(texts) or 'none'}"
+        severe = []
+        for finding in by_severity(self.findings):
+            if finding.severity != "info":
+                severe.append(finding)
+        yield from severe[:_FINDINGS]
+        if len(severe) > _FINDINGS:
+            yield f"  and {len(severe) - _FINDINGS} more findings"
         yield f"  All joints, motors and parameters: twin info {word} --all"
+
+    @property
+    def _title(self) -> str:
+        """Name of the robot, with the title in its description if there is one."""
+        if self.data["title"]:
+            return f"{self.data['name']}: {self.data['title']}"
+        return self.data["name"]
 
 
 @dataclass(frozen=True)
@@ -182,11 +199,13 @@ class SceneInfo(Result):
         data = self.data
         yield f"{data['name']}: {data['title']}\n  {data['source']}\n"
         rows = []
-        for r in data["robots"]:
-            rows.append((_label(r), r["protocol"], r["port"], _point(r["port_mm"]), _point(r["position_mm"])))
+        for robot in data["robots"]:
+            port_position = _point(robot["port_mm"])
+            base_position = _point(robot["position_mm"])
+            rows.append((_label(robot), robot["protocol"], robot["port"], port_position, base_position))
         yield TextTable(("robot", "protocol", "port", "port position [mm]", "base position [mm]"), rows)
-        around = data["surroundings"] or "none"
-        yield f"\n  surroundings: {around}; required clearance: {data['clearance_mm']:g} mm"
+        surroundings = data["surroundings"] or "none"
+        yield f"\n  surroundings: {surroundings}; required clearance: {data['clearance_mm']:g} mm"
         cameras = []
         for name, camera in data["cameras"].items():
             cameras.append(f"  camera {name}: {camera['robot']}, frame {camera['frame']}")
@@ -216,11 +235,11 @@ class Listing(Result):
 
     def text(self) -> Iterator[Part]:
         """Yield a table of the robots and a table of the scenes."""
-        yes = {True: "yes", False: "-"}
+        word = {True: "yes", False: "-"}
         robots = []
-        for r in self.robots:
-            protocols = ", ".join(r["protocols"])
-            robots.append((r["name"], r["title"], yes[r["equations"]], yes[r["stage"]], protocols))
+        for robot in self.robots:
+            protocols = ", ".join(robot["protocols"])
+            robots.append((robot["name"], robot["title"], word[robot["equations"]], word[robot["stage"]], protocols))
         yield TextTable(("robot", "title", "equations", "stage", "protocols"), robots)
         yield ""
         scenes = []
@@ -248,7 +267,7 @@ def info(robot: Robot, progress: Progress = silent) -> Info:
     findings = singular_home(model, home)
     variants: dict[str, dict[str, str]] = {}
     chosen: dict[str, str] = {}
-    if robot.files is not None:
+    if robot.files is not None:  # a stage or a description file has neither drawing dimensions nor equations
         cad = robot.cad
         title = cad.description.title
         source = cad.description.source
@@ -260,7 +279,7 @@ def info(robot: Robot, progress: Progress = silent) -> Info:
             parameters = [*kin.formula.parameters, *parameters]
             chosen = dict(kin.variants)
             for equation in kin.formula.equations:
-                if equation.stage == "helper":
+                if equation.stage == "helper":  # not printed in the source, so it has no printed variant
                     continue
                 reasons: dict[str, str] = {}
                 for variant in equation.variants:
@@ -277,15 +296,15 @@ def info(robot: Robot, progress: Progress = silent) -> Info:
         "degrees_of_freedom": mobility.freedom,
         "redundant_constraints": mobility.redundancy,
         "redundant": redundant,
-        "joints": [_joint(j, mechanism) for j in mechanism.joints],
-        "actuators": [vars(a) for a in mechanism.actuators],
-        "transmissions": [_transmission(t) for t in mechanism.transmissions],
-        "frames": [f.name for f in mechanism.frames],
-        "points": [p.name for p in mechanism.points],
+        "joints": [_joint(joint, mechanism) for joint in mechanism.joints],
+        "actuators": list(map(vars, mechanism.actuators)),
+        "transmissions": list(map(_transmission, mechanism.transmissions)),
+        "frames": [frame.name for frame in mechanism.frames],
+        "points": [point.name for point in mechanism.points],
         "postures": list(mechanism.postures),
         "variants": variants,
         "chosen": chosen,
-        "parameters": [vars(p) for p in parameters],
+        "parameters": list(map(vars, parameters)),
     }
     return Info(data, len(mechanism.bodies), tuple(findings))
 
@@ -294,6 +313,7 @@ def info_of_scene(scene: Scene, word: str) -> SceneInfo:
     """Return the robots, props, parameters and commands of a scene; `word` names the scene in the commands."""
     robots = []
     for place in scene.places:
+        # a robot has one row: of several ports, only the first is shown
         p_world_port = next(iter(place.p_world_ports.values()))
         robot = {
             "name": place.name,
@@ -319,8 +339,9 @@ def info_of_scene(scene: Scene, word: str) -> SceneInfo:
         "cameras": cameras,
         "surroundings": surroundings,
         "clearance_mm": scene.clearance / MM,
-        "touching": sorted(sorted(pair) for pair in scene.touching),
-        "parameters": [vars(p) for p in scene.parameters],
+        # pairs are sets, whose order differs from run to run
+        "touching": sorted(map(sorted, scene.touching)),
+        "parameters": list(map(vars, scene.parameters)),
         "commands": commands,
     }
     return SceneInfo(data)
@@ -351,31 +372,31 @@ def listing() -> Listing:
     scenes = []
     for name in assets.scenes():
         scene = load_scene(assets.data_folder() / "cad" / name / "scene.toml")
-        placed = [p.robot for p in scene.places]
-        scenes.append({"kind": "scene", "name": scene.name, "title": scene.title, "robots": placed})
+        placed_robots = [place.robot for place in scene.places]
+        scenes.append({"kind": "scene", "name": scene.name, "title": scene.title, "robots": placed_robots})
     return Listing(robots, scenes)
 
 
-def _joint(j: Joint, mechanism: Mechanism) -> JsonObject:
+def _joint(joint: Joint, mechanism: Mechanism) -> JsonObject:
     return {
-        "name": j.name,
-        "type": j.type,
-        "parent": j.parent,
-        "child": j.child,
-        "active": j.active,
-        "auxiliary": j in mechanism.auxiliary,
-        "limits": j.limits,
-        "closes_loop": j in mechanism.loops,
+        "name": joint.name,
+        "type": joint.type,
+        "parent": joint.parent,
+        "child": joint.child,
+        "active": joint.active,
+        "auxiliary": joint in mechanism.auxiliary,
+        "limits": joint.limits,
+        "closes_loop": joint in mechanism.loops,
     }
 
 
-def _transmission(t: Transmission) -> JsonObject:
+def _transmission(transmission: Transmission) -> JsonObject:
     return {
-        "name": t.name,
-        "joints": t.joints,
-        "actuators": t.actuators,
-        "matrix": t.matrix.tolist(),
-        "equations": t.equations,
+        "name": transmission.name,
+        "joints": transmission.joints,
+        "actuators": transmission.actuators,
+        "matrix": transmission.matrix.tolist(),
+        "equations": transmission.equations,
     }
 
 
@@ -387,23 +408,29 @@ def _few(names: Sequence[str]) -> str:
     return text
 
 
-def _joint_row(j: JsonMapping) -> tuple[str, ...]:
-    if j["auxiliary"]:
+_JOINT_COLUMNS = ("joint", "type", "between", "limits", "")
+"""Header of a table of joints; the last column is what `_joint_row` says of the joint's role."""
+
+
+def _joint_row(joint: JsonMapping) -> tuple[str, ...]:
+    # an auxiliary joint is active as well: the rarer property is shown
+    if joint["auxiliary"]:
         role = "auxiliary"
-    elif j["active"]:
+    elif joint["active"]:
         role = "driven"
-    elif j["closes_loop"]:
+    elif joint["closes_loop"]:
         role = "closes a loop"
     else:
         role = ""
-    limits = _range(j["limits"], j["type"] == "revolute")
-    return j["name"], j["type"], f"{j['parent']} -> {j['child']}", limits, role
+    limits = _range(joint["limits"], joint["type"] == "revolute")
+    return joint["name"], joint["type"], f"{joint['parent']} -> {joint['child']}", limits, role
 
 
-def _range(limits: Sequence[float] | None, angle: bool) -> str:
+def _range(limits: Sequence[float] | None, is_angle: bool) -> str:
+    """Return limits (low, high) in rad or m as text in degrees or mm; "" without limits."""
     if limits is None:
         return ""
-    unit, scale = display_unit(angle)
+    unit, scale = display_unit(is_angle)
     return f"{limits[0] / scale:g} .. {limits[1] / scale:g} {unit}"
 
 
@@ -412,50 +439,50 @@ def _motors(actuators: Sequence[JsonMapping], transmissions: Sequence[JsonMappin
     if not transmissions:
         return
     rows = []
-    for a in actuators:
-        angle = a["kind"] == "angle"
-        unit, scale = display_unit(angle)
-        effort_unit = "N m" if angle else "N"
-        inertia_unit = "kg m2" if angle else "kg"
+    for actuator in actuators:
+        is_angle = actuator["kind"] == "angle"
+        unit, scale = display_unit(is_angle)
+        effort_unit = "N m" if is_angle else "N"
+        inertia_unit = "kg m2" if is_angle else "kg"
         speed = ""
-        if a["max_speed"] is not None:
-            speed = f"{a['max_speed'] / scale:g} {unit}/s"
+        if actuator["max_speed"] is not None:
+            speed = f"{actuator['max_speed'] / scale:g} {unit}/s"
         effort = ""
-        if a["max_effort"] is not None:
-            effort = f"{a['max_effort']:g} {effort_unit}"
+        if actuator["max_effort"] is not None:
+            effort = f"{actuator['max_effort']:g} {effort_unit}"
         inertia = ""
-        if a["rotor_inertia"] is not None:
-            inertia = f"{a['rotor_inertia']:g} {inertia_unit}"
-        rows.append((a["name"], a["kind"], _range(a["limits"], angle), speed, effort, inertia))
+        if actuator["rotor_inertia"] is not None:
+            inertia = f"{actuator['rotor_inertia']:g} {inertia_unit}"
+        rows.append((actuator["name"], actuator["kind"], _range(actuator["limits"], is_angle), speed, effort, inertia))
     yield TextTable(("actuator", "coordinate", "limits", "max speed", "max effort", "rotor"), rows)
     yield ""
-    for t in transmissions:
-        yield f"  transmission {t['name']} (rad, m): {t['equations']}"
+    for transmission in transmissions:
+        yield f"  transmission {transmission['name']} (rad, m): {transmission['equations']}"
     yield ""
 
 
-def _parameter_order(p: JsonMapping) -> tuple[bool, str]:
+def _parameter_order(parameter: JsonMapping) -> tuple[bool, str]:
     """Return a key for sorting: the dimensions of the CAD come last, because there are many."""
-    return p["name"].startswith("drawing."), p["provenance"]
+    return parameter["name"].startswith("drawing."), parameter["provenance"]
 
 
 def _parameters(parameters: Sequence[JsonMapping]) -> TextTable:
     rows = []
-    for p in parameters:
-        mark = "*" if p["provenance"] == "ASSUMED" else " "
-        value = f"{p['shown']:g}"
-        if p["unit"] != "1":
-            value += f" {p['unit']}"
-        rows.append((mark + p["name"], value, p["provenance"], p["note"]))
+    for parameter in parameters:
+        assumed_mark = "*" if parameter["provenance"] == "ASSUMED" else " "
+        value = f"{parameter['shown']:g}"
+        if parameter["unit"] != "1":
+            value += f" {parameter['unit']}"
+        rows.append((assumed_mark + parameter["name"], value, parameter["provenance"], parameter["note"]))
     return TextTable((), rows, fit=True)
 
 
-def _label(r: JsonMapping) -> str:
+def _label(robot: JsonMapping) -> str:
     """Return a robot's name in a scene, followed in parentheses by the name of the built-in robot if it differs."""
-    if r["name"] == r["robot"]:
-        return r["name"]
-    return f"{r['name']} ({r['robot']})"
+    if robot["name"] == robot["robot"]:
+        return robot["name"]
+    return f"{robot['name']} ({robot['robot']})"
 
 
-def _point(mm: Sequence[float]) -> str:
-    return ", ".join(f"{v:.1f}" for v in mm)
+def _point(position_mm: Sequence[float]) -> str:
+    return ", ".join(f"{coordinate:.1f}" for coordinate in position_mm)

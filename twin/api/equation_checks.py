@@ -1,4 +1,4 @@
-"""Plan protocols, validate robots along them, and find corrections of wrong equations."""
+"""Compare the equations of a robot with its mechanism, and find corrections of wrong equations."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from twin.api.protocol_plan import plan
 from twin.api.robot import Progress, Robot, loaded, silent
 from twin.core.errors import AssemblyError, TwinError, unknown
 from twin.core.units import UM
@@ -16,86 +17,13 @@ from twin.core.units import UM
 if TYPE_CHECKING:
     from twin.core.compute_device import Choice
     from twin.planning.link_motion import LinkMotion
-    from twin.planning.protocol import Protocol, Solver
+    from twin.planning.protocol import Solver
     from twin.planning.trajectory import Trajectory
-    from twin.validation.checked_plan import CheckedPlan
     from twin.validation.explain.explanation import Explanation
     from twin.validation.range_samples_result import RangeSamples
     from twin.validation.result import Report
     from twin.validation.rows import Tolerances
     from twin.validation.stroke_result import Strokes
-
-
-def plan(
-    robot: Robot | str | Path,
-    protocol: str | Path | Protocol | None = None,
-    progress: Progress = silent,
-    *,
-    timing: Solver | None = None,
-) -> Trajectory:
-    """Return the timed trajectory of a protocol, checked at 1 kHz.
-
-    Args:
-        robot: a robot with protocols, its name or its folder.
-        protocol: name, path, or the protocol itself; default: the robot's default protocol.
-        progress: see `Progress`.
-        timing: solver of the timing, "passes" or "toppra"; None: the solver that the protocol names.
-
-    Raises:
-        ProtocolError: the protocol cannot be carried out; the message names phase, path position and limit.
-        TimingError: no timing satisfies the limits.
-
-    Examples:
-        >>> import twin
-        >>> trajectory = twin.plan("hibou")
-        >>> trajectory.q.shape[1] == len(twin.load("hibou").joints)
-        True
-    """
-    from twin.planning.plan import plan as plan_
-    from twin.planning.protocol import Protocol
-
-    robot = loaded(robot)
-    if not isinstance(protocol, Protocol):
-        protocol = robot.protocol(protocol)
-    if timing is not None:
-        protocol = replace(protocol, timing=robot.with_timing(timing).timing)
-    robot = robot.bound(protocol)
-    T_tool_frame = robot.mechanism.frame_in_tool(protocol.frame)
-
-    def start_phase(phase: str) -> None:
-        progress(f"plan {phase}", 0.0)
-
-    return plan_(protocol, robot.path_kinematics(), T_tool_frame=T_tool_frame, progress=start_phase)
-
-
-def check_plan(
-    robot: Robot | str | Path, trajectory: Trajectory, protocol: str | Path | Protocol | None = None
-) -> CheckedPlan:
-    """Judge the timing of a plan by the solver that did not make it; `validate` does the same.
-
-    Args:
-        robot: the robot of the plan, its name or its folder; source of the limits of joints and motors.
-        trajectory: the plan.
-        protocol: the protocol of the plan, source of the limits of the moved frame; default: by the name in the plan.
-
-    Raises:
-        TwinError: the protocol does not exist, or its file is malformed.
-
-    Examples:
-        >>> import twin
-        >>> twin.check_plan("hibou", twin.plan("hibou")).verdict
-        'agree'
-    """
-    from twin.planning.protocol import Protocol
-    from twin.validation.checked_plan import CheckedPlan, retimed
-
-    robot = loaded(robot)
-    if not isinstance(protocol, Protocol):
-        protocol = robot.protocol(protocol or trajectory.protocol)
-    mechanism = robot.mechanism
-    rows, facts, findings = retimed(trajectory, mechanism, protocol)
-    angles = [joint.is_angle for joint in mechanism.active]
-    return CheckedPlan(trajectory, angles, rows, facts, findings)
 
 
 def validate(

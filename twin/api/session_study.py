@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from twin.api.console_runs import replay_session
 from twin.api.console_session import ConsoleSession
 from twin.api.robot import Progress, silent
-from twin.api.session import replay_session
 from twin.core.errors import DescriptionError
 from twin.core.foreign.text import load_json
 from twin.core.json_types import JsonMapping, JsonObject

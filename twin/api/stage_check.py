@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from twin.api import make
+from twin.api import exports
 from twin.api.robot import Progress, Robot, loaded, silent
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
@@ -80,7 +80,7 @@ def check_build(
         raise TwinError(f"{robot.name} was loaded from {robot.source.kind}: there is no CAD to build from")
     current = folder or robot.files.usd
     with Scratch() as work:
-        fresh = make.build(robot, Path(work), progress=progress)
+        fresh = exports.build(robot, Path(work), progress=progress)
         names = [path.relative_to(work) for path in fresh]
         differing = []
         for name in names:

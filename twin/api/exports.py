@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twin.api.judge import plan
+from twin.api.protocol_plan import plan
 from twin.api.robot import Progress, Robot, loaded, names, silent
 from twin.core import assets
 from twin.core.errors import ProtocolError, TwinError

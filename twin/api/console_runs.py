@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.api.act import members_of, props_of, robots_at
 from twin.api.console_session import ConsoleSession
 from twin.api.machine import Machines, machine_parts
 from twin.api.robot import Progress, Robot, silent
 from twin.api.scene_loading import as_scene, load_scene
+from twin.api.scene_parts import members_of, props_of, robots_at
 from twin.core import assets
 from twin.core.atomic import Scratch
 from twin.core.errors import AssemblyError, TwinError
