@@ -21,6 +21,7 @@ from twin.core.units import MM
 from twin.kinematics import conditioning
 from twin.kinematics.closed_loops.bounds import Bound
 from twin.ui.session import workspace_cloud
+from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.workspace_cloud import Cloud, WorkspaceJob, evaluate, poses
 
 REACH = {"sils": 0.3, "sher": 0.05, "pa10": 0.8, "lapbot": 0.15, "hibou": 0.1}
@@ -50,7 +51,7 @@ FORMULA = Formula(
 '''  # fmt: skip
 
 
-def job_of(name: str, count: int = 500, **changes) -> WorkspaceJob:
+def home_job(name: str, count: int = 500, **changes) -> WorkspaceJob:
     """Return the job about a robot's home posture, with its own limits."""
     robot = twin.load(name)
     T = robot.kinematics().forward(robot.mechanism.posture("home"))
@@ -60,7 +61,7 @@ def job_of(name: str, count: int = 500, **changes) -> WorkspaceJob:
 
 @pytest.fixture(scope="module")
 def sils() -> WorkspaceJob:
-    return job_of("sils")
+    return home_job("sils")
 
 
 @pytest.fixture(scope="module")
@@ -113,7 +114,7 @@ def test_poses_begin_at_the_present_one_and_fill_the_box_evenly_from_the_start(s
 @pytest.mark.parametrize("name", ["sils", "sher", "pa10", "lapbot"])
 def test_agrees_pose_by_pose_with_the_equations(name, monkeypatch):
     monkeypatch.setattr(workspace_cloud, "CHUNK", 150)
-    job, kin = job_of(name), twin.load(name).kinematics()
+    job, kin = home_job(name), twin.load(name).kinematics()
     points, condition, out = [], [], 0
     for T in poses(job, 0, job.count):
         try:
@@ -188,7 +189,7 @@ def test_condition_numbers_of_many_are_those_of_single_ones():
 
 def test_five_joints_that_cannot_hold_the_orientation_are_named_at_once():
     with pytest.raises(KinematicsError, match="hibou: its 5 joints cannot move"):
-        next(evaluate(job_of("hibou", ENDLESS)))
+        next(evaluate(home_job("hibou", ENDLESS)))
 
 
 def test_equations_without_a_closed_inverse_are_refused(tmp_path):
@@ -290,6 +291,7 @@ def test_close_leaves_no_process_and_start_begins_another(sils):
 VIEWER = """
 import time
 import numpy as np
+from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.workspace_cloud import Cloud, WorkspaceJob
 
 if __name__ == "__main__":
@@ -321,3 +323,19 @@ def test_nothing_is_left_of_a_viewer_that_does_not_close(tmp_path, how):
             viewer.kill()
         rest = viewer.communicate(timeout=300)  # ends when the last process that holds the pipes has ended
     assert rest == ("", "")
+
+
+def test_the_job_has_the_trocar_of_the_protocol_and_changed_parameters():
+    """The process loads the robot anew: without these numbers, it would compute the workspace of another port."""
+    robot = twin.load("lapbot")
+    port = robot.protocol("other_port")
+    movable = MovableRobot(robot.bound(port))
+    assert movable.parameters == {}  # the trocar of a bound robot is none of the changed parameters
+    job = workspace_cloud.job_of(movable, "lapbot", 0.1, 500)
+    trocar = [job.parameters[name] for name in ("trocar_x", "trocar_y", "trocar_z")]
+    assert trocar == [0.42, 0.025, 0.29]  # as its file says; the robot's own is at 0.4, 0, 0.3
+    name = next(iter(robot.kinematics().formula.parameters)).name
+    movable.change(parameters={name: movable.kin.parameters[name] + 0.001})
+    changed = workspace_cloud.job_of(movable, "lapbot", 0.1, 500)
+    assert set(changed.parameters) == {"trocar_x", "trocar_y", "trocar_z", name}
+    assert changed.parameters[name] == movable.kin.parameters[name]

@@ -51,6 +51,7 @@ def hold_of(client: str, message: GrabMessage, movable: MovableRobot) -> ClientH
             raise RefusedError("unknown", unknown("link", name, links))
         if name == movable.mechanism.base:
             raise RefusedError("refused", f"{name} is the base and cannot move")
+    # of a joint and of the tool, the message has no point
     return ClientHold(client, message.target, joint, name, message.point or ())
 
 

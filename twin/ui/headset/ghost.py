@@ -54,6 +54,7 @@ class Ghost:
         if name is None:
             return ""
         equation, _, variant = name.partition("=")
+        # "eq1=printed" chooses the variant of one equation, "printed" that of every equation that has it
         variants = {equation: variant} if variant else name
         try:
             self._kin = self._movable.robot.kinematics(variants, {})
@@ -92,6 +93,7 @@ class Ghost:
         kin = self._kin
         if track is None or playback is None or kin is None or self._solved >= len(track):
             return False
+        # a sample without a solution is slow: with several of them in one job, a drag would wait
         count = 1 if self._failures else _CHUNK
         rows = slice(self._solved, self._solved + count)
         try:
@@ -126,6 +128,7 @@ class Ghost:
             return None
         assembly = self._movable.assembly
         start = time.monotonic()
+        # the worker would otherwise be busy with poses that have no solution, and drags would wait
         if start < self._next:
             return None
         try:

@@ -48,6 +48,7 @@ def path(track: StreamedPlayback | None) -> JsonObject:
     """Return the document `path`: the protocol's name and its tip path in m; without a protocol, no points."""
     if track is None:
         return {"type": "path", "protocol": None, "points": []}
+    # below, rounded to 0.001 mm, which is finer than any display shows
     tip = track.playback.tip
     rows = spread(len(tip), PATH_POINTS)
     return {"type": "path", "protocol": track.playback.protocol, "points": np.round(tip[rows], 6).ravel().tolist()}

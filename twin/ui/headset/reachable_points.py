@@ -8,13 +8,17 @@ from twin.core.json_types import JsonObject
 from twin.ui.headset.client_messages import RefusedError
 from twin.ui.headset.stream_frames import floats
 from twin.ui.session.movable_robot import MovableRobot
-from twin.ui.session.workspace_cloud import Cloud, WorkspaceJob, without_meshes
+from twin.ui.session.workspace_cloud import Cloud, job_of
 
 POSES = 100_000
 """Number of evaluated poses."""
 
 _MOST = 4000
 """Maximum number of points in one document, so that headsets can draw the points in time."""
+
+
+_ARM = 0.5
+"""Size in m that stands for a robot without meshes."""
 
 
 class ReachablePoints:
@@ -29,9 +33,10 @@ class ReachablePoints:
         self.on = False
         self.sent: list[JsonObject] = []
         self._new: list[JsonObject] = []
-        self._movable, self._source, self._cloud = movable, source, Cloud()
-        boxes = [m.vertices for b in movable.mechanism.bodies for m in b.meshes]
-        self._size = max((float(np.linalg.norm(np.ptp(v, axis=0))) for v in boxes), default=0.5)
+        self._movable = movable
+        self._source = source
+        self._cloud = Cloud()
+        self._size = _largest_mesh(movable)
 
     def close(self) -> None:
         """End the process that computes the workspace."""
@@ -55,27 +60,24 @@ class ReachablePoints:
                 "refused", f"{movable.robot.name} has no closed-form inverse: computing its workspace takes too long"
             )
         self.on = True
-        parameters = {n: float(v) for n, v in movable.kin.parameters.items() if n.startswith("trocar_")}
-        T = movable.assembly.T_base_tool.copy()
-        limits, half = movable.mechanism.limits, 0.5 * self._size
-        self._cloud.start(
-            WorkspaceJob(
-                *(self._source, dict(movable.kin.variants), parameters, limits, T, half, POSES, movable.solver.bounds),
-                mechanism=without_meshes(movable.mechanism),
-            )
-        )
+        job = job_of(movable, self._source, 0.5 * self._size, POSES)
+        self._cloud.start(job)
 
     def poll(self) -> list[JsonObject]:
         """Return the documents that are new since the last call: points, or an error."""
         if self._new:
-            new, self._new = self._new, []
+            new = self._new
+            self._new = []
             return new
-        chunk = self._cloud.poll() if self.on else None
+        if not self.on:
+            return []
+        chunk = self._cloud.poll()
         if chunk is None:
             return []
         if chunk.error:
             self.on = False
             return [{"type": "error", "code": "failed", "message": chunk.error[:500]}]
+        # rounded up, so that no document exceeds the maximum
         step = max(1, -(-len(chunk.points) // _MOST))
         points, values = chunk.points[::step], chunk.condition[::step]
         document = {
@@ -87,3 +89,13 @@ class ReachablePoints:
         }
         self.sent.append(document)
         return [document]
+
+
+def _largest_mesh(movable: MovableRobot) -> float:
+    """Return the diagonal in m of the box around the largest mesh of a robot; `_ARM` if it has no meshes."""
+    diagonals = []
+    for body in movable.mechanism.bodies:
+        for mesh in body.meshes:
+            extent = np.ptp(mesh.vertices, axis=0)
+            diagonals.append(float(np.linalg.norm(extent)))
+    return max(diagonals, default=_ARM)

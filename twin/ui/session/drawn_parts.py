@@ -158,6 +158,7 @@ def read_drawn(path: Path, bodies: Iterable[str], props: Iterable[str] = ()) -> 
     for number, part in enumerate(table.part):
         check_solid(path, ("part", number), part)
         points, triangles = placed(part)
+        # a colour without opacity is opaque
         r, g, b, a = (*part.color, 1.0)[:4]
         mesh = Mesh(part.name, points, triangles, (r, g, b, a), Finish("", 0.0, 0.6))
         meshes.setdefault((part.link or "", part.pattern), []).append(mesh)
@@ -181,6 +182,7 @@ def _check_links(path: Path, table: SceneryFile, bodies: list[str]) -> None:
             else:
                 links = [item.link]
             for link in links:
+                # a scene has no bodies that could carry a part: its parts are in the world
                 if bodies and link is None:
                     raise error_at(
                         path, (section, number), f"'{item.name}' needs the key link: the body that carries it"
@@ -219,6 +221,7 @@ def _belt(belt: BeltTable) -> list[Mesh]:
     R = np.column_stack([along, axis, across])
     meshes = []
     for number, side in enumerate((-1, 1)):
+        # the strand lies on the pulley: its outer face is at the radius
         middle = 0.5 * (start + end) + side * (radius - 0.5 * _STRAND) * across
         points, triangles = box(np.array([length, width, _STRAND]))
         meshes.append(
@@ -247,6 +250,7 @@ def hanging(start: Array, end: Array, length: float, count: int = 13) -> Array:
     chord = float(np.linalg.norm(end - start))
     sag = 0.0
     if length > chord:
+        # a shallow parabola is 8 sag² / (3 chord) longer than its chord; the second term lets slack ones hang lower
         excess = length - chord
         sag = min(float(np.sqrt(3 / 8 * chord * excess)) + 0.25 * excess, 0.5 * length)
     t = np.linspace(0, 1, count)[:, None]

@@ -106,6 +106,7 @@ class FacePicker:
         if face_met is None:
             return None
         for old in self.picked:
+            # a second click on a face selects its entry again
             if old.drawn.part is face_met.part and old.drawn.index == face_met.index:
                 self.current = old
                 return old
@@ -127,6 +128,7 @@ class FacePicker:
         direction = _pointed(face_met, face)
         try:
             feature = naming_feature(body, face, direction, face_met.part.name, parts, self.drawing.tolerance)
+        # the geometry of the face is not unique on the body: the reason is shown, and the face has no TOML
         except CadError as error:
             return PickedFace(face_met, self._free_name(body, face.kind), None, str(error), tuple(named))
         name = self._free_name(body, _suggested(face_met, face))
@@ -226,6 +228,7 @@ def _round_name(face_met: DrawnFace, hollow: str, solid: str) -> str:
 
 
 def _numbers(values: Iterable[float]) -> str:
+    # adding 0.0 turns -0.0 into 0.0
     return ", ".join(f"{value + 0.0:.6g}" for value in values)
 
 

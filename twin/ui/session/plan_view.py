@@ -90,6 +90,7 @@ def ghost(mode: PlanMode, t: float) -> Mapping[str, Array]:
     motion = mode.preview.motion
     k = len(motion.shown) - 1
     if mode.phase == "preview":
+        # during the pause, the index would be beyond the last state
         t_motion = t % (motion.duration + _PAUSE)
         k = min(k, int(t_motion / SHOWN))
     return dict(zip(motion.links, motion.shown[k], strict=True))

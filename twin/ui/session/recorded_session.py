@@ -139,6 +139,7 @@ class RecordedSession:
             "moments": moments,
         }
         path = Path(path)
+        # a full disk leaves the earlier session as it was
         with atomic_folder(path.parent) as work:
             (work / path.name).write_text(json.dumps(data, allow_nan=False) + "\n", encoding="utf-8")
 
@@ -159,6 +160,7 @@ class RecordedSession:
                     f"{text.count(',')} values, more than the maximum of {_COMMAS}; a session of {MOST} states has "
                     "fewer"
                 )
+            # refuses an object with too many keys before pydantic looks at each of them
             json.loads(text, object_pairs_hook=_small)
             table = _SessionTable.model_validate_json(text)
         except (json.JSONDecodeError, RecursionError) as error:

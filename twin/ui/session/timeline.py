@@ -87,6 +87,7 @@ def protocols_of(robot: Robot, given: str | None) -> dict[str, str]:
     if given is None:
         return protocols
     name = robot.protocol(given).name
+    # the same file under another spelling is the same protocol, not a second one
     if name in files and given != name and Path(given).resolve() != files[name].resolve():
         raise TwinError(f"{given}: the robot already has a protocol named '{name}': rename the protocol in this file")
     protocols[name] = given
@@ -110,6 +111,7 @@ def prepare(robot: str, protocol: str | None) -> Playback:
     t = np.append(np.arange(0.0, trajectory.duration, 1 / RATE), trajectory.duration)
     model = loaded.bound(chosen).reference()
     next_sample = np.searchsorted(trajectory.t, t)
+    # between two samples of the plan, the later one counts; the end of the motion is the last sample
     sample = np.clip(next_sample, 0, len(trajectory.t) - 1)
     frames = trajectory.Ts_base_frame[sample]
     axis = trajectory.shaft_axis / np.linalg.norm(trajectory.shaft_axis)

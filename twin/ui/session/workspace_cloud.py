@@ -20,6 +20,7 @@ from twin.kinematics.closed_loops import LoopSolver
 from twin.kinematics.closed_loops.bounds import Bound
 from twin.kinematics.closed_loops.passive_limits import PassiveCheck, passive_limits
 from twin.model.mechanism import Mechanism
+from twin.ui.session.movable_robot import MovableRobot
 
 if TYPE_CHECKING:
     from twin.kinematics import Kinematics
@@ -61,6 +62,35 @@ class WorkspaceJob:
     count: int = 1_000_000
     bounds: tuple[Bound, ...] = ()
     mechanism: Mechanism | None = None
+
+
+def job_of(movable: MovableRobot, source: str, reach: float, count: int) -> WorkspaceJob:
+    """Return the job for the present state of a robot that has equations; the other arguments are as in the job.
+
+    Args:
+        movable: the robot.
+        source: first argument of `twin.load` for it.
+        reach: half the edge length of the searched box in m.
+        count: number of poses.
+    """
+    assert movable.kin is not None
+    # the process loads the robot anew: its files know neither changed parameters nor the trocars of the protocol
+    parameters = {}
+    for name, value in movable.kin.parameters.items():
+        if name in movable.parameters or name.startswith("trocar_"):
+            parameters[name] = float(value)
+    return WorkspaceJob(
+        robot=source,
+        variants=dict(movable.kin.variants),
+        parameters=parameters,
+        limits=movable.mechanism.limits,
+        # a copy: the robot may move while the process computes
+        T_base_tool=movable.assembly.T_base_tool.copy(),
+        reach=reach,
+        count=count,
+        bounds=movable.solver.bounds,
+        mechanism=_without_meshes(movable.mechanism),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +158,7 @@ def evaluate(job: WorkspaceJob) -> Iterator[WorkspaceChunk]:
         yield WorkspaceChunk(Ts[is_reached, :3, 3].astype(np.float32), condition.astype(np.float32), last, job.count)
 
 
-def without_meshes(mechanism: Mechanism) -> Mechanism:
+def _without_meshes(mechanism: Mechanism) -> Mechanism:
     """Return a mechanism without meshes, which is fast to send to another process."""
     bodies = [replace(body, meshes=()) for body in mechanism.bodies]
     return replace(mechanism, bodies=tuple(bodies))

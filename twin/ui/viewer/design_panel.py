@@ -14,7 +14,7 @@ from twin.core.units import DEG, MM
 from twin.model.joint_distance import distances, with_distance
 from twin.ui.session.movable_robot import MovableRobot, MoveResult
 from twin.ui.session.readings import RobotReading, read
-from twin.ui.session.workspace_cloud import Cloud, WorkspaceChunk, WorkspaceJob, without_meshes
+from twin.ui.session.workspace_cloud import Cloud, WorkspaceChunk, job_of
 from twin.ui.viewer import readout
 from twin.ui.viewer.front import Front, ShownRobot
 from twin.ui.viewer.robot_nodes import ORANGE, RobotNodes
@@ -295,23 +295,8 @@ class DesignPanel:
             self._points = []
             self._condition = []
             self._of = robot.name
-            movable = robot.movable
-            assert movable.kin is not None
-            parameters = {}
-            for name, value in movable.kin.parameters.items():
-                if name in movable.parameters:
-                    parameters[name] = value
-            job = WorkspaceJob(
-                robot.source,
-                dict(movable.kin.variants),
-                parameters,
-                movable.mechanism.limits,
-                movable.assembly.T_base_tool.copy(),
-                edge.value * MM,
-                int(count.value.replace(" ", "")),
-                movable.solver.bounds,
-                without_meshes(movable.mechanism),
-            )
+            number = int(count.value.replace(" ", ""))
+            job = job_of(robot.movable, robot.source, edge.value * MM, number)
             self._cloud.start(job)
 
         def hide() -> None:
