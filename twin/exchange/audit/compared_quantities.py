@@ -43,16 +43,20 @@ def _coordinates(a: Mapping[str, float], b: Mapping[str, float]) -> float:
     """Return the largest difference of two mappings {joint: coordinate}; infinite if they have other joints."""
     if a.keys() != b.keys():
         return np.inf
-    return max((abs(a[joint] - b[joint]) for joint in a), default=0.0)
+    largest = 0.0
+    for joint in a:
+        largest = max(largest, abs(a[joint] - b[joint]))
+    return largest
 
 
 def _word(a: Any, b: Any) -> float:
-    return 0.0 if a == b else 1.0
+    """Return 0 if two values are equal, else 1: words have no distance."""
+    return float(a != b)
 
 
 def _name(a: str, b: str) -> float:
     """Return 0 if two names are equal in letters and digits: formats allow different other characters."""
-    return 0.0 if re.sub(r"\W", "_", a) == re.sub(r"\W", "_", b) else 1.0
+    return _word(re.sub(r"\W", "_", a), re.sub(r"\W", "_", b))
 
 
 def _ends(a: tuple[float, float], b: tuple[float, float]) -> float:
@@ -68,7 +72,8 @@ def _ends(a: tuple[float, float], b: tuple[float, float]) -> float:
 
 
 def _passive(a: Sequence[float], b: Sequence[float]) -> float:
-    return max(abs(x - y) for x, y in zip(a, b, strict=True))
+    """Return the largest difference of two entries, each in its own unit."""
+    return float(np.abs(np.subtract(a, b)).max())
 
 
 def _distance(a: Array | float, b: Array | float) -> float:
@@ -266,7 +271,7 @@ QUANTITIES: Mapping[str, ComparisonRule] = {
 def difference_text(
     subject: str, name: str, rule: ComparisonRule, own_value: Any, right_value: Any, others: str
 ) -> str:
-    """Return the finding that a value `own` of a file is not the value `right` in the files `others`."""
+    """Return the finding that a file has the value `own_value`, and not the `right_value` of the files `others`."""
     if name == "existence":
         if own_value:
             return f"{subject} is in this file, but not in {others}."
@@ -340,9 +345,10 @@ WORDS = {
 """Words for the names of quantities that are not words themselves."""
 
 
-def _vector(v: Iterable[float]) -> str:
-    numbers = ", ".join(f"{x:.4g}" for x in v)
-    return f"({numbers})"
+def _vector(components: Iterable[float]) -> str:
+    """Return the components of a vector as text, such as "(0, 0, -9.81)"."""
+    texts = [f"{component:.4g}" for component in components]
+    return f"({', '.join(texts)})"
 
 
 def _plain(value: Any) -> str:
@@ -350,11 +356,13 @@ def _plain(value: Any) -> str:
     if isinstance(value, np.ndarray):
         return _vector(value)
     if isinstance(value, Mapping):
-        terms = [f"{factor:.9g} {joint}" for joint, factor in value.items()]
+        terms = []
+        for joint, factor in value.items():
+            terms.append(f"{factor:.9g} {joint}")
         return " + ".join(terms) or "nothing"
     if isinstance(value, tuple):
-        if value and all(isinstance(v, int | float) for v in value):
-            numbers = [f"{v:g}" for v in value]
+        if value and all(isinstance(entry, int | float) for entry in value):
+            numbers = [f"{entry:g}" for entry in value]
             if len(numbers) == 2:
                 return " .. ".join(numbers)
             return f"({', '.join(numbers)})"

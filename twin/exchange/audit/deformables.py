@@ -46,7 +46,7 @@ def audit_deformables(folder: Path) -> list[Ledger]:
     try:
         admit(glb)
         file = open_gltf(glb, ledger)
-        glb_meshes = _Played(file)
+        glb_meshes = _AnimatedMeshes(file)
         if usd.is_file():
             fault = trouble(read_bytes(usd, "USD"))
             if fault:
@@ -68,7 +68,7 @@ def audit_deformables(folder: Path) -> list[Ledger]:
     return [ledger]
 
 
-class _Played:
+class _AnimatedMeshes:
     """The meshes with morph targets in a glTF file, and the first animation of the morph weights."""
 
     def __init__(self, file: Gltf) -> None:
@@ -91,15 +91,18 @@ class _Played:
                     sampler = animation["samplers"][channel["sampler"]]
                     times = file.accessor(sampler["input"])[:, 0]
                     values = file.accessor(sampler["output"]).reshape(len(times), -1)
+                    # setdefault: of several animations, players start with the first
                     self._keys.setdefault(channel["target"]["node"], (times, values))
 
     def _primitive(self, name: str) -> JsonObject:
+        """Return the only primitive of a mesh; ValueError if it has another number of them."""
         node = self._file.item("nodes", self._node[name])
         mesh = self._file.item("meshes", node["mesh"])
         (primitive,) = mesh["primitives"]
         return primitive
 
     def triangles(self, name: str) -> np.ndarray:
+        """Return the triangles (m, 3) of the mesh `name`, as indices of its vertices."""
         indices = self._file.accessor(self._primitive(name)["indices"])
         return indices.astype(int).reshape(-1, 3)
 
@@ -117,10 +120,13 @@ class _Played:
         return points @ T[:3, :3].T + T[:3, 3]
 
 
-def _compare(glb_meshes: _Played, stage: Usd.Stage, ledger: Ledger) -> None:
+def _compare(glb_meshes: _AnimatedMeshes, stage: Usd.Stage, ledger: Ledger) -> None:
     stage.Reload()  # USD keeps layers in memory, but the file may have changed
     rate = stage.GetTimeCodesPerSecond()
-    usd_meshes = {p.GetName(): UsdGeom.Mesh(p) for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)}
+    usd_meshes = {}
+    for prim in stage.Traverse():
+        if prim.IsA(UsdGeom.Mesh):
+            usd_meshes[prim.GetName()] = UsdGeom.Mesh(prim)
     for name in sorted({*glb_meshes.names} ^ {*usd_meshes}):
         text = f"deformable '{name}' is in only one of the files {GLB} and {USD}."
         ledger.wrong("bend.missing", text, name)
@@ -141,7 +147,7 @@ def _compare(glb_meshes: _Played, stage: Usd.Stage, ledger: Ledger) -> None:
             ledger.wrong("bend.vertices", text, name, size=Measured(worst, TOLERANCE, "m"), when=when)
 
 
-def _largest_difference(glb_meshes: _Played, name: str, mesh: UsdGeom.Mesh, rate: float) -> tuple[float, str]:
+def _largest_difference(glb_meshes: _AnimatedMeshes, name: str, mesh: UsdGeom.Mesh, rate: float) -> tuple[float, str]:
     """Return (largest difference of a coordinate in m, time) of a mesh in both files; infinite for other counts."""
     points = mesh.GetPointsAttr()
     codes = points.GetTimeSamples()

@@ -57,29 +57,35 @@ def references(
     for name, (times, links) in truth.items():
         refs[name] = Reference(FileClip(name, np.asarray(times, float), links), MECHANISM)
     tracks = [content for content in contents if content.is_track]
-    unusable = [str(track.facts.get("protocol")) for track in tracks if not track.clips]
+    unusable: list[str] = []
+    for track in tracks:
+        if not track.clips:
+            unusable.append(str(track.facts.get("protocol")))
     # A stage does not state the name of its clip, which is then that of the file: <robot>_<clip>. The other files do.
-    stated: dict[str, None] = {}
+    stated_names: dict[str, None] = {}
+    repeating_files = set()
     for content in contents:
-        if not _unnamed(content):
-            stated |= dict.fromkeys(clip.name for clip in content.clips)
-    stated |= dict.fromkeys(unusable)
-    repeating = {content.file for content in contents if holding(content.format, Holds.REPEATED_MOTION)}
+        if not _is_unnamed(content):
+            for clip in content.clips:
+                stated_names[clip.name] = None
+        if holding(content.format, Holds.REPEATED_MOTION):
+            repeating_files.add(content.file)
+    stated_names |= dict.fromkeys(unusable)
     for content in sorted(contents, key=lambda c: rank(c.format)):
         sources = {ref.source for ref in refs.values()}
-        if content.file in repeating and sources - repeating:
+        if content.file in repeating_files and sources - repeating_files:
             continue  # <robot>_ar.usdz has the motion of another file, which `_counterpart` finds
         for clip in content.clips:
             name = clip.name
-            if _unnamed(content):
-                name = _named(clip.name, refs) or _named(clip.name, stated) or clip.name
+            if _is_unnamed(content):
+                name = _clip_in_name(clip.name, refs) or _clip_in_name(clip.name, stated_names) or clip.name
             if tracks and not content.is_track and name not in unusable:
                 continue
             refs.setdefault(name, Reference(clip, content.file))
     return refs
 
 
-def _unnamed(content: Content) -> bool:
+def _is_unnamed(content: Content) -> bool:
     """Return whether the motion of a file has the name of the file."""
     return holding(content.format, Holds.UNNAMED_MOTION)
 
@@ -108,7 +114,7 @@ def compare_clips(contents: Sequence[Content], refs: Mapping[str, Reference]) ->
             _compare_clip(content, clip, ref, name)
             agrees = len(content.ledger.found) == findings_before
             compared.setdefault(name, []).append(_ClipComparison(content, clip, agrees))
-    _blame(contents, refs, compared)
+    _report_odd_references(contents, refs, compared)
     _check_missing(contents, refs)
     _check_silent(contents, refs)
 
@@ -122,7 +128,7 @@ class _ClipComparison:
     agrees: bool
 
 
-def _named(name: str, clip_names: Mapping[str, object]) -> str | None:
+def _clip_in_name(name: str, clip_names: Mapping[str, object]) -> str | None:
     """Return the known clip in the name of a stage, <robot>_<clip> or <robot>_<clip>_ar; None if no clip matches."""
     stem = name.removesuffix("_ar")
     longest: str | None = None
@@ -137,10 +143,10 @@ def _prefixes(contents: Sequence[Content], refs: Mapping[str, Reference]) -> fro
     """Return the parts before the name of the clip in the names of stages, such as <robot>_ in <robot>_<clip>."""
     prefixes = set()
     for content in contents:
-        if not _unnamed(content):
+        if not _is_unnamed(content):
             continue
         for clip in content.clips:
-            name = _named(clip.name, refs)
+            name = _clip_in_name(clip.name, refs)
             if name is not None:
                 prefixes.add(clip.name.removesuffix("_ar").removesuffix(name))
     return frozenset(prefixes - {""})
@@ -152,9 +158,9 @@ def _counterpart(
     """Return the name of the reference clip for a clip; None if the clip has a name of its own, or nothing is alike."""
     if clip.name in refs:
         return clip.name
-    if not _unnamed(content):
+    if not _is_unnamed(content):
         return None
-    name = _named(clip.name, refs)
+    name = _clip_in_name(clip.name, refs)
     if name is not None:
         return name
     if clip.name.removesuffix("_ar").startswith(tuple(prefixes)):
@@ -162,7 +168,7 @@ def _counterpart(
     # The file does not state the name of its clip: choose the clip with the most similar first and last poses.
     scores = {}
     for name, ref in refs.items():
-        score = _score(clip, ref.clip)
+        score = _difference_score(clip, ref.clip)
         if score is not None:
             scores[name] = score
     if not scores:
@@ -170,7 +176,7 @@ def _counterpart(
     return min(scores, key=lambda n: scores[n])
 
 
-def _score(clip: FileClip, ref: FileClip) -> float | None:
+def _difference_score(clip: FileClip, ref: FileClip) -> float | None:
     """Return how different two clips are: their durations, and the poses at their ends; None without common links."""
     differences = []
     for name in ref.links:
@@ -200,16 +206,16 @@ def _compare_times(ledger: Ledger, clip: FileClip, ref: Reference, name: str) ->
     """Compare the key times; return the indices of the keys of both clips at which their poses are compared."""
     times = clip.times
     expected = ref.clip.times
-    clip_keys, ref_keys = _common(times, expected)
+    clip_keys, ref_keys = _common_keys(times, expected)
     longer = max(len(times), len(expected))
     if len(clip_keys) < longer:
-        message = f"clip '{name}': {_times_apart(clip, ref, clip_keys, ref_keys)}."
+        message = f"clip '{name}': {_times_text(clip, ref, clip_keys, ref_keys)}."
         ledger.wrong("compare.times", message, name, size=Measured(float(len(clip_keys)), float(longer)))
     if len(clip_keys):
         differences = np.abs(times[clip_keys] - expected[ref_keys])
         worst_key = int(np.argmax(differences))
         check = f"clip '{name}': key times against {ref.source}"
-        when = _at(times[clip_keys][worst_key])
+        when = _time_text(times[clip_keys][worst_key])
         ledger.row(check, float(differences[worst_key]), "s", TIME_TOL, when=when, against=ref.source)
     shifted = len(times) == len(expected) and len(clip_keys) < len(ref_keys)
     if shifted or len(clip_keys) < 2 < len(times):  # times differ: compare key by key
@@ -247,10 +253,10 @@ def _compare_poses(
     distance = differences[farthest]
     angle = differences[turned]
     check = f"clip '{name}': position against {ref.source}, {count}"
-    when = _at(times[distance.distance_key])
+    when = _time_text(times[distance.distance_key])
     ledger.row(check, distance.distance, "m", POSITION_TOL, where=farthest, when=when, against=ref.source)
     check = f"clip '{name}': rotation against {ref.source}, {count}"
-    when = _at(times[angle.angle_key])
+    when = _time_text(times[angle.angle_key])
     ledger.row(check, angle.angle, "rad", ROTATION_TOL, where=turned, when=when, against=ref.source)
     ledger.placed |= ref.source == MECHANISM
     wrong = []
@@ -275,14 +281,16 @@ def _compare_poses(
         else:
             size = Measured(degrees, float(np.degrees(ROTATION_TOL)), "deg")
             key = difference.angle_key
-        ledger.wrong("compare.pose", message, link, size=size, when=_at(times[key]))
+        ledger.wrong("compare.pose", message, link, size=size, when=_time_text(times[key]))
 
 
-def _times_apart(clip: FileClip, ref: Reference, clip_keys: Array, ref_keys: Array) -> str:
+def _times_text(clip: FileClip, ref: Reference, clip_keys: Array, ref_keys: Array) -> str:
     """Return a message that states the durations if they differ, else the keys that only one of the clips has."""
     expected = ref.clip
     if abs(clip.duration - expected.duration) > TIME_TOL:
-        ratio = clip.duration / expected.duration if expected.duration else float("nan")
+        ratio = float("nan")
+        if expected.duration:
+            ratio = clip.duration / expected.duration
         duration, expected_duration = distinguishable(clip.duration, expected.duration)
         return (
             f"the clip lasts {duration} s; in {ref.source} it lasts {expected_duration} s (ratio {ratio:.6g}); "
@@ -292,14 +300,14 @@ def _times_apart(clip: FileClip, ref: Reference, clip_keys: Array, ref_keys: Arr
     parts = []
     lacking = np.delete(expected.times, ref_keys)
     if len(lacking):
-        parts.append(f"keys of {ref.source} missing in this clip: {_keys(lacking)}")
+        parts.append(f"keys of {ref.source} missing in this clip: {_keys_text(lacking)}")
     surplus = np.delete(clip.times, clip_keys)
     if len(surplus):
-        parts.append(f"keys missing in {ref.source}: {_keys(surplus)}")
+        parts.append(f"keys missing in {ref.source}: {_keys_text(surplus)}")
     return "; ".join(parts) + f" (both last {clip.duration:.6g} s)"
 
 
-def _keys(times: Array) -> str:
+def _keys_text(times: Array) -> str:
     if len(times) == 1:
         return f"one key, at {times[0]:.6g} s"
     return f"{len(times)} keys, the first at {times[0]:.6g} s"
@@ -324,7 +332,7 @@ def _compare_middle(content: Content, clip: FileClip, ref: Reference, name: str)
     ledger.row(check, distance, "m", BETWEEN_TOL, where=link, against=ref.source)
     if not distance <= BETWEEN_TOL:
         text = f"{beginning} position of link '{link}' differs by {quantity(distance, 'm')} {ending}"
-        when = _at(float(clip.times[differences[link].distance_key]))
+        when = _time_text(float(clip.times[differences[link].distance_key]))
         ledger.wrong("compare.between", text, link, size=um(distance, BETWEEN_TOL), when=when)
 
     link = max(differences, key=lambda n: differences[n].angle)
@@ -335,14 +343,14 @@ def _compare_middle(content: Content, clip: FileClip, ref: Reference, name: str)
         degrees = np.degrees(angle)
         text = f"{beginning} rotation of link '{link}' differs by {degrees:.4g} deg {ending}"
         size = Measured(degrees, np.degrees(ROTATION_TOL), "deg")
-        when = _at(float(clip.times[differences[link].angle_key]))
+        when = _time_text(float(clip.times[differences[link].angle_key]))
         ledger.wrong("compare.between", text, link, size=size, when=when)
 
 
 def _compare_joints(
     content: Content, clip: FileClip, ref: Reference, name: str, clip_keys: Array, ref_keys: Array
 ) -> None:
-    """Compare the joint values at the common keys (`own`, `others`) of a clip and its reference."""
+    """Compare the joint values at the common keys (`clip_keys`, `ref_keys`) of a clip and its reference."""
     times = clip.times[clip_keys]
     worst = 0.0
     where = ""
@@ -361,14 +369,14 @@ def _compare_joints(
         if differences[worst_key] >= worst:
             worst = float(differences[worst_key])
             where = joint
-            when = _at(times[worst_key])
+            when = _time_text(times[worst_key])
         if not differences[worst_key] <= tolerance:
             value = float(clip_values[worst_key])
             ref_value = float(ref_values[worst_key])
             hint = _hint_of_degrees(value, ref_value)
             message = f"clip '{name}': joint '{joint}' is {value:.6g}; in {ref.source} it is {ref_value:.6g}.{hint}"
             size = Measured(differences[worst_key], tolerance)
-            content.ledger.wrong("compare.joint", message, joint, size=size, when=_at(times[worst_key]))
+            content.ledger.wrong("compare.joint", message, joint, size=size, when=_time_text(times[worst_key]))
     if not count:
         return
     text = f"clip '{name}': joint values against {ref.source}, {count} joints"
@@ -387,7 +395,7 @@ def _hint_of_degrees(value: float, expected: float) -> str:
     return ""
 
 
-def _common(times: Array, other_times: Array) -> tuple[Array, Array]:
+def _common_keys(times: Array, other_times: Array) -> tuple[Array, Array]:
     """Return the indices (i, j) of the equal times in two increasing time arrays (k,) and (l,)."""
     if len(times) == len(other_times) and np.all(np.abs(times - other_times) <= TIME_TOL):
         every = np.arange(len(times))
@@ -401,7 +409,7 @@ def _common(times: Array, other_times: Array) -> tuple[Array, Array]:
     return np.flatnonzero(equal), nearest[equal]
 
 
-def _blame(
+def _report_odd_references(
     contents: Sequence[Content], refs: Mapping[str, Reference], compared: Mapping[str, Sequence[_ClipComparison]]
 ) -> None:
     """Report the reference file as wrong if all other files differ from the reference, but agree with each other."""
@@ -422,7 +430,10 @@ def _blame(
             continue
         first, *others = wrong
         shared = [link for link in first.clip.links if link in ref.clip.links]
-        alike = [row.content.file for row in others if _same_motion(row.clip, first.clip, shared)]
+        alike = []
+        for row in others:
+            if _same_motion(row.clip, first.clip, shared):
+                alike.append(row.content.file)
         if shared and len(alike) == len(others):
             files = ", ".join(alike)
             text = (
@@ -439,12 +450,12 @@ def _same_motion(clip: FileClip, other: FileClip, links: Sequence[str]) -> bool:
     for link in links:
         if link not in clip.links:
             return False
-        if not _agrees(clip.links[link], other.links[link]):
+        if not _poses_agree(clip.links[link], other.links[link]):
             return False
     return True
 
 
-def _agrees(A: Array, B: Array) -> bool:
+def _poses_agree(A: Array, B: Array) -> bool:
     """Return whether poses agree; twice the tolerances, because both may differ from a third file."""
     difference = largest(A, B)
     return difference.distance <= 2 * POSITION_TOL and difference.angle <= 2 * ROTATION_TOL
@@ -455,10 +466,9 @@ def _check_silent(contents: Sequence[Content], refs: Mapping[str, Reference]) ->
 
     Drawn states are no clip of the export.
     """
-    moving = [name for name, ref in refs.items() if name != CLIP and _moves(ref.clip)]
-    if not moving:
+    name = _first_moving_clip(refs)
+    if name is None:
         return
-    name = moving[0]
     for content in contents:
         if holding(content.format, Holds.ALL_MOTIONS) and content.declared and not content.clips:
             text = f"the file has no motion; {refs[name].source} has the motion '{name}'."
@@ -467,10 +477,18 @@ def _check_silent(contents: Sequence[Content], refs: Mapping[str, Reference]) ->
             content.ledger.add("compare.no_motion", severity, text, "animations")
 
 
-def _moves(clip: FileClip) -> bool:
+def _first_moving_clip(refs: Mapping[str, Reference]) -> str | None:
+    """Return the name of the first clip in which a link moves; None without one, and for drawn states."""
+    for name, ref in refs.items():
+        if name != CLIP and _has_motion(ref.clip):
+            return name
+    return None
+
+
+def _has_motion(clip: FileClip) -> bool:
     for T in clip.links.values():
         first = T[:1]
-        if not _agrees(T, first):
+        if not _poses_agree(T, first):
             return True
     return False
 
@@ -483,7 +501,8 @@ def _check_missing(contents: Sequence[Content], refs: Mapping[str, Reference]) -
     expected = set(refs) - {CLIP}
     for content in contents:
         if holding(content.format, Holds.ALL_MOTIONS) and content.clips and content.declared:
-            for name in sorted(expected - {c.name for c in content.clips}):
+            own_clips = {clip.name for clip in content.clips}
+            for name in sorted(expected - own_clips):
                 text = f"clip '{name}' of {refs[name].source} is missing."
                 content.ledger.wrong("compare.missing_clip", text, name)
     prefixes = _prefixes(contents, refs)
@@ -565,7 +584,7 @@ def _begins_with(clip: FileClip, rest_poses: Mapping[str, Array]) -> bool:
     """Return whether the first poses of a clip are those at rest."""
     for link, T in clip.links.items():
         first = T[:1]
-        if link in rest_poses and not _agrees(first, rest_poses[link][None]):
+        if link in rest_poses and not _poses_agree(first, rest_poses[link][None]):
             return False
     return True
 
@@ -635,5 +654,5 @@ def compare_hashes(contents: Sequence[Content], proof: str = "") -> None:
         content.ledger.wrong("compare.model_hash", text, "model_hash")
 
 
-def _at(t: float | Array) -> str:
+def _time_text(t: float | Array) -> str:
     return f"t = {t:.4g} s"

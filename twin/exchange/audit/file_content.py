@@ -28,6 +28,9 @@ MAX_STEP = np.radians(120)
 START_TOL = 1e-9
 """Maximum time in s of a clip's first key. If a clip starts later, players first show the rest pose."""
 
+RATE_TOL = 1e-3
+"""Largest relative difference between an interval of keys and 1 / rate that counts as rounding."""
+
 FAR = 50.0
 """Distance in m between a link and the origin above which the unit of length is probably wrong."""
 
@@ -97,7 +100,9 @@ class FileClip:
     @property
     def duration(self) -> float:
         """Time of the last key in s."""
-        return float(self.times[-1]) if len(self.times) else 0.0
+        if not len(self.times):
+            return 0.0
+        return float(self.times[-1])
 
 
 @dataclass
@@ -140,7 +145,8 @@ class Content:
 
     def rename(self, links: Mapping[str, str], joints: Mapping[str, str]) -> None:
         """Rename links and joints by {old: new}; other names stay, as does what the file states as text."""
-        self.clips[:] = [clip.renamed(links, joints) for clip in self.clips]
+        for number, clip in enumerate(self.clips):
+            self.clips[number] = clip.renamed(links, joints)
         self.rest = with_new_keys(self.rest, links)
         if self.declared is not None:
             self.declared = renamed(self.declared, links)
@@ -167,13 +173,18 @@ class Content:
 
     def as_facts(self) -> JsonObject:
         """Return format and conventions of the file as plain data for the report."""
-        links = self.links
+        clips = []
+        for clip in self.clips:
+            clips.append({"name": clip.name, "keys": len(clip.times), "duration_s": clip.duration})
+        link_count: int | None = None
+        if self.links is not None:
+            link_count = len(self.links)
         return {
             "file": self.file,
             "format": self.format,
             **self.facts,
-            "clips": [{"name": c.name, "keys": len(c.times), "duration_s": c.duration} for c in self.clips],
-            "links": None if links is None else len(links),
+            "clips": clips,
+            "links": link_count,
             "nodes": len(self.rest),
         }
 
@@ -188,7 +199,7 @@ class Content:
             return self.declared
         if self.known is None:
             return None
-        return tuple(n for n in self.rest if n in self.known)
+        return tuple(name for name in self.rest if name in self.known)
 
 
 def check_times(ledger: Ledger, times: Array, clip: str, code: str) -> bool:
@@ -229,14 +240,16 @@ def check_rate(ledger: Ledger, times: Array, stated: float, clip: str) -> None:
     if not (np.isfinite(stated) and stated > 0):
         ledger.wrong("tracks.rate", f"clip '{clip}': rate {stated:g} Hz must be above 0.", clip)
         return
-    inner = steps[:-1] if len(steps) > 1 else steps
+    inner = steps
+    if len(steps) > 1:
+        inner = steps[:-1]
     off_rate = np.abs(inner * stated - 1)
     key = int(np.argmax(off_rate))
     worst = float(off_rate[key])
-    if len(steps) > 1 and steps[-1] * stated > 1 + 1e-3:
+    if len(steps) > 1 and steps[-1] * stated > 1 + RATE_TOL:
         key = len(steps) - 1
         worst = float(steps[-1] * stated - 1)
-    if worst > 1e-3:
+    if worst > RATE_TOL:
         text = (
             f"clip '{clip}': the stated rate is {stated:g} Hz, but keys {key} and {key + 1} are {steps[key]:.6g} s "
             f"apart ({1 / steps[key]:.6g} Hz)."
@@ -249,7 +262,7 @@ def check_rate(ledger: Ledger, times: Array, stated: float, clip: str) -> None:
             when=f"t = {times[key]:.4g} s",
             suggestion="state the actual rate of the keys",
         )
-    ledger.row("stated rate against key times", worst, "1", 1e-3, where=clip)
+    ledger.row("stated rate against key times", worst, "1", RATE_TOL, where=clip)
 
 
 def check_quaternions(

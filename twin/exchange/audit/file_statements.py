@@ -31,11 +31,16 @@ def compare_stated(contents: Sequence[Content], robot: str = "") -> None:
             _report(name, stating, robot, MECHANISM, "")
         elif len(stating) > 1:
             groups = _groups(name, stating)
-            right = max(groups, key=lambda group: len({family(content.format) for content in group}))
+            right_group = max(groups, key=_count_formats)  # of equal ones the first, which is trusted most
             doubt = ""
-            if len({family(content.format) for content in right}) == 1:
+            if _count_formats(right_group) == 1:
                 doubt = " One of the two statements is wrong."
-            _report(name, stating, right[0].stated[name], right[0].file, doubt)
+            _report(name, stating, right_group[0].stated[name], right_group[0].file, doubt)
+
+
+def _count_formats(contents: Sequence[Content]) -> int:
+    """Return the number of formats of files; those of one format are written from the same data, and count once."""
+    return len({family(content.format) for content in contents})
 
 
 def _groups(name: str, stating: Sequence[Content]) -> list[list[Content]]:
@@ -52,6 +57,7 @@ def _groups(name: str, stating: Sequence[Content]) -> list[list[Content]]:
 
 
 def _report(name: str, stating: Sequence[Content], expected: Any, source: str, doubt: str) -> None:
+    """Report the files whose statement `name` is not the expected one of `source`; `doubt` ends each message."""
     for content in stating:
         value = content.stated[name]
         if not same_value(value, expected):

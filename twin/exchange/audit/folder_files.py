@@ -41,7 +41,10 @@ class FolderFiles:
     @property
     def count(self) -> int:
         """Number of files that can be audited without other files."""
-        return len(self.proofs) + sum(map(len, self.files.values()))
+        count = len(self.proofs)
+        for files in self.files.values():
+            count += len(files)
+        return count
 
     def name(self, path: Path) -> str:
         """Return a path as reports show it: relative to the audited folder."""
@@ -58,47 +61,48 @@ def find_files(path: Path) -> FolderFiles:
     """
     if path.is_file():
         folder_files = FolderFiles(path.parent)
-        _sort(folder_files, [path], is_single=True)
+        _group_by_format(folder_files, [path], is_single=True)
         if not folder_files.count:
-            known_suffixes = ", ".join(_shown(format) for format in audited() if format.variants)
-            raise TwinError(
-                f"{path}: a file of this kind cannot be audited; supported are {known_suffixes} and proof.json."
-            )
+            known_suffixes = []
+            for format in audited():
+                if format.variants:
+                    known_suffixes.append(_suffixes_text(format))
+            supported = ", ".join(known_suffixes)
+            raise TwinError(f"{path}: a file of this kind cannot be audited; supported are {supported} and proof.json.")
         return folder_files
     if not path.is_dir():
         raise TwinError(f"{path}: the file or folder does not exist")
     folder_files = FolderFiles(path)
     files = []
     for file in sorted(path.rglob("*")):
-        if file.is_file() and not _hidden(file.relative_to(path)):
+        if file.is_file() and not _is_hidden(file.relative_to(path)):
             files.append(file)
             syntax = _TEXT.get(file.suffix.lower())
             if syntax is not None:
                 check_size(file, syntax)
         if len(files) > MOST_FILES:
             raise TwinError(f"{path} contains more than {MOST_FILES} files: give the folder of one export")
-    folder_formats = _wholes(files)
-    whole_folders: list[Path] = []
-    for format, folders in folder_formats:
+    folders_of_formats: list[Path] = []
+    for format, folders in _folders_by_format(files):
         folder_files.files[format.name] = folders
-        whole_folders += folders
-    single = [file for file in files if not _within(file, whole_folders)]
-    _sort(folder_files, single, is_single=False)
+        folders_of_formats += folders
+    single = [file for file in files if not _is_within(file, folders_of_formats)]
+    _group_by_format(folder_files, single, is_single=False)
     if not folder_files.count:
-        known_suffixes = ", ".join(format.title for format in audited())
-        raise TwinError(f"{path}: the folder has no file that can be audited ({known_suffixes})")
+        titles = [format.title for format in audited()]
+        raise TwinError(f"{path}: the folder has no file that can be audited ({', '.join(titles)})")
     return folder_files
 
 
-def _hidden(path: Path) -> bool:
+def _is_hidden(path: Path) -> bool:
     return any(part.startswith(".") for part in path.parts)
 
 
-def _within(path: Path, folders: Sequence[Path]) -> bool:
+def _is_within(path: Path, folders: Sequence[Path]) -> bool:
     return any(map(path.is_relative_to, folders))
 
 
-def _shown(format: Format) -> str:
+def _suffixes_text(format: Format) -> str:
     """Return the suffixes of a format for a message, with its name if others use the suffixes too."""
     suffixes = ", ".join(variant.suffix for variant in format.variants)
     if format.recognise is None:
@@ -106,7 +110,7 @@ def _shown(format: Format) -> str:
     return f"{format.title} ({suffixes})"
 
 
-def _wholes(files: Sequence[Path]) -> list[tuple[Format, list[Path]]]:
+def _folders_by_format(files: Sequence[Path]) -> list[tuple[Format, list[Path]]]:
     """Return (format, folders) for each format whose folders are audited as one; a folder in another is part of it."""
     folder_formats = []
     for format in audited():
@@ -126,8 +130,8 @@ def _wholes(files: Sequence[Path]) -> list[tuple[Format, list[Path]]]:
     return folder_formats
 
 
-def _sort(folder_files: FolderFiles, files: Sequence[Path], is_single: bool) -> None:
-    """Add files to `out`. A file that is audited alone has the format of its suffix, even if it is damaged."""
+def _group_by_format(folder_files: FolderFiles, files: Sequence[Path], is_single: bool) -> None:
+    """Add files to `folder_files`. A file that is audited alone has the format of its suffix, even if it is damaged."""
     formats = audited()
     by_format: dict[str, list[tuple[int, Path]]] = {}
     unmatched: list[Path] = []
@@ -148,7 +152,7 @@ def _sort(folder_files: FolderFiles, files: Sequence[Path], is_single: bool) -> 
     for format in formats:
         ranked = by_format.get(format.name, [])
         ranked.sort(key=lambda row: row[0])  # by rank alone, so that files of one rank stay in the order of their names
-        chosen = format.outermost([file for _, file in ranked])
+        chosen = format.outermost([file for _, file in ranked])  # a stage that others reference is audited with them
         if chosen:
             folder_files.files[format.name] = chosen
             folder_files.unrecognised += _unrecognised(format, unmatched, chosen)
@@ -174,4 +178,6 @@ def _format_of(file: Path, formats: Sequence[Format], is_single: bool) -> Format
             return format
         if format_of_suffix is None:
             format_of_suffix = format
-    return format_of_suffix if is_single else None
+    if is_single:
+        return format_of_suffix
+    return None

@@ -25,6 +25,7 @@ def joint_assignments(physics: FilePhysics, truth: FilePhysics) -> list[dict[str
     for name, joint in file_joints.items():
         if name in mechanism_joints and mechanism_joints[name].kind == joint.kind:
             shared[name] = name
+    # One name, such as "joint1", or a few of many may be shared by chance.
     if len(shared) >= 2 and 2 * len(shared) >= len(file_joints):
         return [shared]
     assignments: list[dict[str, str]] = []

@@ -34,19 +34,20 @@ class JointPair:
         first, second: names of the joints in the file.
         distance: difference of the distances of the two lines in m; 0 if one of the joints is a slide.
         cosine: difference of the cosines of their angles.
-        found, meant: the distances in m, or the angles in deg if only these differ, at the state of the difference.
+        file_value, mechanism_value: the distances in m, or the angles in deg if only these differ, at the state of the
+            difference.
         rigid: whether both joints are on one rigid part, so that zero positions have no influence.
-        between: places from the first to the second among the compared joints, in the order of their assignment.
+        separation: places from the first to the second among the compared joints, in the order of their assignment.
     """
 
     first: str
     second: str
     distance: float
     cosine: float
-    found: float
-    meant: float
+    file_value: float
+    mechanism_value: float
     rigid: bool
-    between: int
+    separation: int
 
     @property
     def names(self) -> str:
@@ -67,12 +68,12 @@ class JointPair:
             )
         if self.distance > LINE_TOL:
             return (
-                f"the axes of joints '{self.first}' and '{self.second}' are {_length(self.found)} apart; in "
-                f"{MECHANISM} they are {_length(self.meant)} apart."
+                f"the axes of joints '{self.first}' and '{self.second}' are {_length(self.file_value)} apart; in "
+                f"{MECHANISM} they are {_length(self.mechanism_value)} apart."
             )
         return (
-            f"the axes of joints '{self.first}' and '{self.second}' are at {self.found:.5g} deg; in {MECHANISM} they "
-            f"are at {self.meant:.5g} deg."
+            f"the axes of joints '{self.first}' and '{self.second}' are at {self.file_value:.5g} deg; in {MECHANISM} "
+            f"they are at {self.mechanism_value:.5g} deg."
         )
 
 
@@ -94,17 +95,20 @@ def pair_differences(
     values = joint_values(states, assignment)
     links = place_links(physics, values, states.count)
     part_of_link = rigid_parts(physics)
-    names = [name for name in assignment if name in values and file_joints[name].parent in links]
+    names: list[str] = []
+    file_lines: dict[str, tuple[Array, Array]] = {}
+    mechanism_lines: dict[str, tuple[Array, Array]] = {}
+    for name, mechanism_name in assignment.items():
+        if name in values and file_joints[name].parent in links:
+            names.append(name)
+            file_lines[name] = _line_in_world(file_joints[name], links)
+            mechanism_lines[name] = _line_in_world(mechanism_joints[mechanism_name], states.links)
     pairs = []
     for first_number, second_number in combinations(range(len(names)), 2):
         first = names[first_number]
         second = names[second_number]
-        cosine, distance = _angles_and_distances(_lines(file_joints[first], links), _lines(file_joints[second], links))
-        expected_lines = (
-            _lines(mechanism_joints[assignment[first]], states.links),
-            _lines(mechanism_joints[assignment[second]], states.links),
-        )
-        expected_cosine, expected_distance = _angles_and_distances(*expected_lines)
+        cosine, distance = _angles_and_distances(file_lines[first], file_lines[second])
+        expected_cosine, expected_distance = _angles_and_distances(mechanism_lines[first], mechanism_lines[second])
         if not signed:
             cosine = np.abs(cosine)
             distance = np.abs(distance)
@@ -153,7 +157,7 @@ def _degrees(cosine: float) -> float:
     return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
-def _lines(joint: FileJoint, links: Mapping[str, Array]) -> tuple[Array, Array]:
+def _line_in_world(joint: FileJoint, links: Mapping[str, Array]) -> tuple[Array, Array]:
     """Return points and directions, both (k, 3), of a joint's line in the world."""
     line: JointLine = joint.motions[0]
     T = links[joint.parent]

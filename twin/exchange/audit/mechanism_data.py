@@ -2,8 +2,8 @@
 
 A joint has a pose and lines, both in the parent's frame. The pose is the pose of the child at zero coordinates. The
 child moves along or about the lines. Some formats split a joint into parts: a ball joint into three hinges with
-auxiliary links, or a loop closure into two ties. A tie is a pair of coinciding points. `reduced` joins the parts, so
-that joints of different formats can be compared.
+auxiliary links, or a loop closure into two ties. A tie is a pair of coinciding points. `joints_between` joins the
+parts, so that joints of different formats can be compared.
 """
 
 from __future__ import annotations
@@ -21,6 +21,9 @@ _Value = TypeVar("_Value")
 
 _SAME = 1e-5
 """Tolerance in m and in components of unit vectors, within which lines coincide or meet in a point."""
+
+_SPANNING = 1e-3
+"""Volume that three unit vectors must span to be in no common plane: in a plane, they cannot turn a body everywhere."""
 
 _HELPER = 1e-4
 """Largest mass of a link that a format needs only to split a joint or to close a loop, as a part of the mass of all."""
@@ -42,7 +45,10 @@ def renamed(names: Collection[str], new_names: Mapping[str, str]) -> tuple[str, 
 
 def with_new_keys(values: Mapping[str, _Value], new_names: Mapping[str, str]) -> dict[str, _Value]:
     """Return values by name after renaming by {old: new}; other names stay."""
-    return {new_names.get(name, name): value for name, value in values.items()}
+    renamed_values = {}
+    for name, value in values.items():
+        renamed_values[new_names.get(name, name)] = value
+    return renamed_values
 
 
 @dataclass(frozen=True)
@@ -262,7 +268,9 @@ class FileJoint:
 
     def reversed(self) -> FileJoint:
         """Return the joint with parent and child exchanged; the signs of its coordinates do not change."""
-        tied = [(on_child, on_parent) for on_parent, on_child in self.tied]
+        tied = []
+        for on_parent, on_child in self.tied:
+            tied.append((on_child, on_parent))
         drive = replace(self.drive, cone_axis=None)  # it is known in the frame of the other link
         exchanged = replace(self, parent=self.child, child=self.parent, tied=tuple(tied), drive=drive)
         if self.T is None:
@@ -285,6 +293,14 @@ class FileFrame:
     def renamed(self, links: Mapping[str, str]) -> FileFrame:
         """Return the frame after renaming links by {old: new}; its own name stays."""
         return FileFrame(links.get(self.link, self.link), self.T)
+
+
+def _with_renamed_links(frames: Mapping[str, FileFrame], links: Mapping[str, str]) -> dict[str, FileFrame]:
+    """Return frames by name after renaming their links by {old: new}; the names of the frames stay."""
+    renamed_frames = {}
+    for name, frame in frames.items():
+        renamed_frames[name] = frame.renamed(links)
+    return renamed_frames
 
 
 @dataclass
@@ -368,8 +384,8 @@ class FilePhysics:
         self.assumed = frozenset(renamed(self.assumed, links))
         self.partly_shown = frozenset(renamed(self.partly_shown, links))
         self.joints[:] = [joint.renamed(links, joints) for joint in self.joints]
-        self.frames = {name: frame.renamed(links) for name, frame in self.frames.items()}
-        self.points = {name: point.renamed(links) for name, point in self.points.items()}
+        self.frames = _with_renamed_links(self.frames, links)
+        self.points = _with_renamed_links(self.points, links)
         if self.fixed_to_world is not None:
             self.fixed_to_world = frozenset(renamed(self.fixed_to_world, links))
         self.trocars = frozenset(renamed(self.trocars, joints))
@@ -379,19 +395,25 @@ class FilePhysics:
                 couplings[name] = (with_new_keys(row, joints), total)
             self.couplings = couplings
         if self.motors is not None:
-            self.motors = {name: motor.renamed(joints) for name, motor in self.motors.items()}
+            motors = {}
+            for name, motor in self.motors.items():
+                motors[name] = motor.renamed(joints)
+            self.motors = motors
         if self.reductions is not None:
             self.reductions = with_new_keys(self.reductions, joints)
         if self.weight_shares is not None:
             self.weight_shares = with_new_keys(self.weight_shares, links)
         if self.postures is not None:
-            self.postures = {name: with_new_keys(coordinates, joints) for name, coordinates in self.postures.items()}
+            postures = {}
+            for name, coordinates in self.postures.items():
+                postures[name] = with_new_keys(coordinates, joints)
+            self.postures = postures
 
     def immobile_links(self, known_links: Collection[str]) -> frozenset[str] | None:
-        """Return the links of `known` that cannot move in the world; None if the format cannot state it.
+        """Return the known links that cannot move in the world; None if the format cannot state it.
 
-        They are the links of `held`, and all links that fixed joints connect with them. A link named "world" is not
-        among them: some formats have it as a link of its own, MJCF has it as the world itself.
+        They are the links of `fixed_to_world`, and all links that fixed joints connect with them. A link named "world"
+        is not among them: some formats have it as a link of its own, MJCF has it as the world itself.
         """
         if self.fixed_to_world is None:
             return None
@@ -410,11 +432,11 @@ class FilePhysics:
         return frozenset(immobile_links & set(known_links)) - {WORLD}
 
     def joints_between(self, known_links: Collection[str]) -> list[FileJoint]:
-        """Return the joints between links of `known`.
+        """Return the joints between known links.
 
-        A link outside `known` with two joints is removed, and its two joints become one joint; if the pose of one of
-        them is not stated, both are removed with the link. A link outside `known` with one joint is removed together
-        with the joint. A link outside `known` with three or more joints remains.
+        An unknown link with two joints is removed, and its two joints become one joint; if the pose of one of them is
+        not stated, both are removed with the link. An unknown link with one joint is removed together with the joint.
+        An unknown link with three or more joints remains.
         If a file states joints by ties (`FileJoint.tied`), all ties between the same two links become one joint.
         """
         joints = [joint for joint in self.joints if not joint.tied]
@@ -450,10 +472,11 @@ class FilePhysics:
         return joined
 
     def added_joints(self, known_links: Collection[str]) -> list[FileJoint]:
-        """Return the movable joints of links outside `known` that are heavier than a helper and have no other joint.
+        """Return the movable joints of unknown links that are heavier than a helper and have no other joint.
 
-        `reduced` leaves out the joints of all links with one joint, because some formats need helpers: links almost
-        without mass that only split a joint or close a loop. A heavier link is none, so that its joint is an addition.
+        `joints_between` leaves out the joints of all links with one joint, because some formats need helpers: links
+        almost without mass that only split a joint or close a loop. A heavier link is none, so that its joint is an
+        addition.
         """
         added: list[FileJoint] = []
         for joint in self._of_heavy_ends(known_links).values():
@@ -462,14 +485,14 @@ class FilePhysics:
         return added
 
     def load_links(self, known_links: Collection[str]) -> list[str]:
-        """Return the links outside `known` that are a load: fixed to one other link, with a mass, or without any joint.
+        """Return the unknown links that are a load: fixed to one other link, with a mass, or without any joint.
 
         Where a format divides a link, the masses of its parts are those of no link of the others either.
         """
         loads: list[str] = []
         if self.complete and self.joints:
             for link in self.links:
-                if link not in known_links and not _at(link, self.joints):
+                if link not in known_links and not _joints_of(link, self.joints):
                     loads.append(link)
         for link, joint in self._of_heavy_ends(known_links).items():
             if joint.kind == "fixed":
@@ -477,7 +500,7 @@ class FilePhysics:
         return loads
 
     def _of_heavy_ends(self, known_links: Collection[str]) -> dict[str, FileJoint]:
-        """Return {link: its joint} of the links outside `known` that are heavier than a helper and have one joint."""
+        """Return {link: its joint} of the unknown links that are heavier than a helper and have one joint."""
         total_mass = 0.0
         for mass in self.masses.values():
             total_mass += mass.mass
@@ -485,13 +508,13 @@ class FilePhysics:
         for link, mass in self.masses.items():
             if link in known_links or not mass.mass > _HELPER * total_mass:
                 continue
-            joints = _at(link, self.joints)
+            joints = _joints_of(link, self.joints)
             if len(joints) == 1:
                 end_joints[link] = joints[0]
         return end_joints
 
 
-def _at(link: str, joints: Collection[FileJoint]) -> list[FileJoint]:
+def _joints_of(link: str, joints: Collection[FileJoint]) -> list[FileJoint]:
     """Return the joints of a link."""
     return [joint for joint in joints if link in (joint.parent, joint.child)]
 
@@ -499,7 +522,7 @@ def _at(link: str, joints: Collection[FileJoint]) -> list[FileJoint]:
 def _next_removed(links: Collection[str], joints: Collection[FileJoint]) -> str | None:
     """Return the first of the links with at most two joints; None if there is none."""
     for link in links:
-        if len(_at(link, joints)) <= 2:
+        if len(_joints_of(link, joints)) <= 2:
             return link
     return None
 
@@ -615,7 +638,7 @@ def _turns_and_slides(motions: tuple[JointLine, ...]) -> tuple[list[JointLine], 
 def _meet(turns: list[JointLine]) -> bool:
     """Return whether three lines, which are not in one plane, meet in a point."""
     directions = [line.direction for line in turns]
-    if not abs(np.linalg.det(directions)) > 1e-3:
+    if not abs(np.linalg.det(directions)) > _SPANNING:
         return False
     point = meeting_point(turns)
     for line in turns:
@@ -660,7 +683,9 @@ def motion_lines(kind: str, T: Array, axis: int = 2) -> tuple[JointLine, ...]:
         axes = axes[axis, None]  # the only axis, as rows (1, 3)
     lines: list[JointLine] = []
     if kind in ("prismatic", "cylindrical", "free"):
-        lines += [JointLine("slide", point, direction) for direction in axes]
+        for direction in axes:
+            lines.append(JointLine("slide", point, direction))
     if kind in ("revolute", "cylindrical", "spherical", "free"):
-        lines += [JointLine("turn", point, direction) for direction in axes]
+        for direction in axes:
+            lines.append(JointLine("turn", point, direction))
     return tuple(lines)

@@ -24,6 +24,12 @@ NEAR = 3e-6
 NORMAL_TOL = 3**0.5 / 2 / 127
 """Maximum difference between a normal's length and 1: the rounding of three components to signed bytes."""
 
+_THIN = 1e-6
+"""Area of a triangle, as a fraction of the mesh's, up to which its normal is only rounding."""
+
+_REVERSED = -0.5
+"""Cosine of the angle, 120 degrees, from which a normal is reversed: at sharp edges, correct ones are up to 90 off."""
+
 AGAINST = 0.01
 """Maximum fraction of a mesh's area with normals opposite to the winding; thin triangles have inexact normals."""
 
@@ -121,16 +127,16 @@ def _check_normals(ledger: Ledger, where: str, vertices: Array, triangles: Array
 def _reversed(triangles: Array, areas: Array, projections: Array) -> int:
     """Return the number of points whose normals are more than 120 degrees from the normals of all their faces.
 
-    `areas` (m, 3) are vectors along the normals of the triangles, `along` (m, 3) their products with the normals of the
-    corners. Faces that are too thin to have an exact normal do not count.
+    `areas` (m, 3) are vectors along the normals of the triangles, `projections` (m, 3) their products with the normals
+    of the corners. Faces that are too thin to have an exact normal do not count.
     """
     size = np.linalg.norm(areas, axis=1)
-    counted = size > 1e-6 * size.sum()
+    counted = size > _THIN * size.sum()
     cosines = projections[counted] / size[counted, None]
     corners = triangles[counted]
     nearest = np.full(int(triangles.max()) + 1, -np.inf)
     np.maximum.at(nearest, corners.ravel(), cosines.ravel())
-    return int(np.count_nonzero(np.isfinite(nearest) & (nearest < -0.5)))
+    return int(np.count_nonzero(np.isfinite(nearest) & (nearest < _REVERSED)))
 
 
 def _doubled_areas(vertices: Array, triangles: Array) -> Array:
@@ -263,7 +269,7 @@ def _read_obj(path: Path, time: int, size: int) -> tuple[Array, Array]:
             if not words:
                 continue
             if words[0] == "v":
-                points.append([float(word) for word in words[1:4]])
+                points.append(list(map(float, words[1:4])))
             elif words[0] == "f":
                 corners = [_corner(word, len(points)) for word in words[1:]]
                 for second, third in pairwise(corners[1:]):  # a polygon becomes a fan of triangles

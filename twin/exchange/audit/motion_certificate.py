@@ -30,7 +30,10 @@ _NOT_SAMPLED = "determinant"
 """Kind of the bound that has no row of its own."""
 
 _STEPS = 8
+"""Number of Newton steps."""
+
 _STEP = 1e-30
+"""Step along the imaginary axis; its square is below any rounding."""
 
 _PARTS = {"revolute": "t", "prismatic": "s", "cylindrical": "st", "spherical": "zyx", "fixed": ""}
 """{type of a joint: its coordinates; t and s about and along z}."""
@@ -47,50 +50,67 @@ def audit_motion_bounds(data: Mapping[str, Any], ledger: Ledger) -> None:
     generator = np.random.default_rng()  # no time that the author of a certificate could foresee
     pieces = data["pieces"]
     phases = data["path"]["phases"]
-    if all(bound["kind"] == _NOT_SAMPLED for bound in data["bounds"]):
+    kinds = {bound["kind"] for bound in data["bounds"]}
+    if kinds <= {_NOT_SAMPLED}:
         raise ValueError("it has no bound that a sample could exceed")
     _require_tiles(pieces, len(phases))
     for joint in data["mechanism"]["tree"]:
         # other programs place the child by the inverse, this one by the frame itself
-        off_prediction = np.abs(_frame(joint["child_in_joint"]) @ _frame(joint["on_child"]) - np.eye(4)).max()
-        if not off_prediction <= CLOSED:
+        product = _frame(joint["child_in_joint"]) @ _frame(joint["on_child"])
+        if not np.abs(product - np.eye(4)).max() <= CLOSED:
             raise ValueError(f"the two frames of joint {joint['name']} on its child are not inverse to one another")
-    chosen_pieces = np.sort(generator.integers(0, len(pieces), TIMES))
-    path_values = np.zeros(TIMES)
-    x = np.zeros((TIMES, sum(len(_PARTS[joint["type"]]) for joint in data["mechanism"]["tree"])))
-    slopes = np.zeros(x.shape)
-    squares = np.zeros(TIMES)
-    phase = np.array([pieces[k][0] for k in chosen_pieces])
-    driven = list(data["mechanism"]["driven"])
-    passive = [i for i in range(x.shape[1]) if i not in driven]
+    sampled = _states_at_random_times(data, generator)
     has_bodies = pieces[0][3] is not None
-    for piece_number in np.unique(chosen_pieces).tolist():
-        in_piece = chosen_pieces == piece_number
-        phase_number, begin, end, series, _ = pieces[piece_number]
-        path_values[in_piece] = generator.uniform(begin, end, in_piece.sum())
-        path = np.array(phases[phase_number]["series"], float).T
-        x[np.ix_(in_piece, driven)] = np.polynomial.chebyshev.chebval(2 * path_values[in_piece] - 1, path).T
-        derivative = 2 * np.polynomial.chebyshev.chebder(path)
-        slopes[np.ix_(in_piece, driven)] = np.polynomial.chebyshev.chebval(2 * path_values[in_piece] - 1, derivative).T
-        squares[in_piece] = np.interp(
-            path_values[in_piece], phases[phase_number]["grid"], np.square(phases[phase_number]["rates"])
-        )
-        if series is not None and passive:
-            local = (2 * path_values[in_piece] - begin - end) / (end - begin)
-            x[np.ix_(in_piece, passive)] = np.polynomial.polynomial.polyval(local, np.array(series, float).T).T
-    sampled = _Sampled(data["mechanism"], data["path"], phase, x, slopes, np.sqrt(squares))
     if has_bodies:
-        predicted = x.copy()
+        passive = _passive_coordinates(sampled.x.shape[1], list(data["mechanism"]["driven"]))
+        predicted = sampled.x.copy()
         with np.errstate(all="ignore"):
             sampled.close(passive)
-        off_prediction = np.abs(sampled.x - predicted).max(initial=0.0)
-        _row(
-            ledger, "predictions", float(off_prediction), _NEAR, "the joint values are far from those predicted", "rad"
-        )
-        gap = np.abs(sampled.gaps).max(initial=0.0)
-        _row(ledger, "loops", float(gap), CLOSED, "a loop does not close", "m")
+        distance = float(np.abs(sampled.x - predicted).max(initial=0.0))
+        _row(ledger, "predictions", distance, _NEAR, "the joint values are far from those predicted", "rad")
+        gap = float(np.abs(sampled.gaps).max(initial=0.0))
+        _row(ledger, "loops", gap, CLOSED, "a loop does not close", "m")
     for bound in data["bounds"]:
         _judge(bound, sampled, has_bodies, ledger)
+
+
+def _states_at_random_times(data: Mapping[str, Any], generator: np.random.Generator) -> _Sampled:
+    """Return the mechanism at random times of the path, with the passive coordinates that the pieces predict."""
+    pieces = data["pieces"]
+    phases = data["path"]["phases"]
+    coordinate_count = 0
+    for joint in data["mechanism"]["tree"]:
+        coordinate_count += len(_PARTS[joint["type"]])
+    driven = list(data["mechanism"]["driven"])
+    passive = _passive_coordinates(coordinate_count, driven)
+    chosen_pieces = np.sort(generator.integers(0, len(pieces), TIMES))
+    phase_numbers = np.zeros(TIMES, np.int64)
+    x = np.zeros((TIMES, coordinate_count))
+    slopes = np.zeros(x.shape)
+    squared_rates = np.zeros(TIMES)
+    for piece_number in np.unique(chosen_pieces).tolist():
+        in_piece = chosen_pieces == piece_number
+        phase_number, begin, end, passive_series, _ = pieces[piece_number]
+        phase_numbers[in_piece] = phase_number
+        s = generator.uniform(begin, end, in_piece.sum())
+        driven_series = np.array(phases[phase_number]["series"], float).T
+        # Chebyshev series are over -1 .. 1, the path over 0 .. 1: hence the factor 2 of the derivative.
+        x[np.ix_(in_piece, driven)] = np.polynomial.chebyshev.chebval(2 * s - 1, driven_series).T
+        derivative = 2 * np.polynomial.chebyshev.chebder(driven_series)
+        slopes[np.ix_(in_piece, driven)] = np.polynomial.chebyshev.chebval(2 * s - 1, derivative).T
+        # With constant accelerations between the grid's points, the square of the rate is linear.
+        squares_on_grid = np.square(phases[phase_number]["rates"])
+        squared_rates[in_piece] = np.interp(s, phases[phase_number]["grid"], squares_on_grid)
+        if passive_series is not None and passive:
+            local = (2 * s - begin - end) / (end - begin)
+            coefficients = np.array(passive_series, float).T
+            x[np.ix_(in_piece, passive)] = np.polynomial.polynomial.polyval(local, coefficients).T
+    return _Sampled(data["mechanism"], data["path"], phase_numbers, x, slopes, np.sqrt(squared_rates))
+
+
+def _passive_coordinates(count: int, driven: Sequence[int]) -> list[int]:
+    """Return the numbers of the coordinates, of which there are `count`, that are not driven."""
+    return [number for number in range(count) if number not in driven]
 
 
 def _require_tiles(pieces: Sequence[Sequence[Any]], phases: int) -> None:
@@ -155,7 +175,9 @@ class _Sampled:
             stepped[:, i] += 1j * _STEP
             columns.append(self.place(stepped)[0].imag / _STEP)
         self.gaps = self.place(self.x.astype(np.complex128))[0].real
-        return np.stack(columns, axis=2) if columns else np.zeros((*self.gaps.shape, 0))
+        if not columns:
+            return np.zeros((*self.gaps.shape, 0))
+        return np.stack(columns, axis=2)
 
     def place(self, x: Numbers) -> tuple[Numbers, Numbers]:
         """Place all bodies; return the gaps (k, rows) of the loops, and the pose (k, 4, 4) of the moved frame."""
@@ -174,7 +196,9 @@ class _Sampled:
             rows.append(x[:, coupling["coordinates"]] @ np.array(coupling["ratios"], float) - coupling["total"])
         tool = self.mechanism["tool"]
         tip = self.poses[tool["body"]] @ _frame(tool["frame"]) @ _frame(self.path["frame_in_tool"])
-        return np.stack(rows, axis=1) if rows else np.zeros((len(x), 0), complex), tip
+        if not rows:
+            return np.zeros((len(x), 0), complex), tip
+        return np.stack(rows, axis=1), tip
 
     def relative(self, joint: Mapping[str, Any]) -> Numbers:
         """Return the second frame (k, 4, 4) of a joint in its first."""
@@ -210,7 +234,9 @@ def _gaps(kind: str, T: Numbers) -> list[Numbers]:
     if kind not in ("prismatic", "cylindrical"):
         rows.append(T[:, 2, 3])
     if kind in ("fixed", "prismatic"):
-        rows += [_ARM / 2 * (T[:, i, j] - T[:, j, i]) for i, j in ((2, 1), (0, 2), (1, 0))]
+        # the vector of the rotation, which is zero only without one, or at half a turn
+        for i, j in ((2, 1), (0, 2), (1, 0)):
+            rows.append(_ARM / 2 * (T[:, i, j] - T[:, j, i]))
     if kind in ("revolute", "cylindrical"):
         rows += [-_ARM * T[:, 1, 2], _ARM * T[:, 0, 2]]
     return rows
@@ -228,11 +254,15 @@ def _judge(bound: Mapping[str, Any], sampled: _Sampled, has_bodies: bool, ledger
     values = _values(bound, sampled)
     if not len(values):
         raise ValueError(f"{name}: no phase has such a value")
-    lower = "at least" in bound
-    stated = float(bound["at least"] if lower else bound["at most"])
-    beyond = stated - values.min() if lower else values.max() - stated
-    relative = float(beyond) / max(1.0, float(np.abs(values).max()))
-    sample = float(values.min() if lower else values.max())
+    if "at least" in bound:
+        stated = float(bound["at least"])
+        sample = float(values.min())
+        beyond = stated - sample
+    else:
+        stated = float(bound["at most"])
+        sample = float(values.max())
+        beyond = sample - stated
+    relative = beyond / max(1.0, float(np.abs(values).max()))
     _row(ledger, name, relative, CLOSED, f"a sample is {sample:.6g}, beyond its bound {stated:.6g}", "")
 
 
@@ -266,7 +296,11 @@ def _values(bound: Mapping[str, Any], sampled: _Sampled) -> Reals:
 
 def _margins(values: Reals, limits: Sequence[float | None]) -> Reals:
     """Return the distances of values from the nearer limit."""
-    low, high = (sign * math.inf if limit is None else limit for sign, limit in zip((-1, 1), limits, strict=True))
+    low, high = limits
+    if low is None:
+        low = -math.inf
+    if high is None:
+        high = math.inf
     return np.minimum(values - low, high - values)
 
 
@@ -278,10 +312,11 @@ def _distances(bound: Mapping[str, Any], sampled: _Sampled) -> Reals:
         in_phase = sampled.phase == phase_number
         if phase["rcm"] is not None and phase["enforced"] == (bound["value"] == "enforced") and in_phase.any():
             axis = T[in_phase, :3, :3].real @ np.array(sampled.path["shaft"], float)
-            distances.append(
-                np.linalg.norm(np.cross(T[in_phase, :3, 3].real - np.array(phase["rcm"], float), axis), axis=1)
-            )
-    return np.concatenate(distances) if distances else np.zeros(0)
+            from_rcm = T[in_phase, :3, 3].real - np.array(phase["rcm"], float)
+            distances.append(np.linalg.norm(np.cross(from_rcm, axis), axis=1))
+    if not distances:
+        return np.zeros(0)
+    return np.concatenate(distances)
 
 
 def _row(ledger: Ledger, what: str, value: float, limit: float, text: str, unit: str) -> None:

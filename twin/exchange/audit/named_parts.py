@@ -28,4 +28,4 @@ def named_parts(contents: Sequence[Content]) -> set[str]:
 
 def has_all_names(contents: Sequence[Content]) -> bool:
     """Return whether a file is there that names all parts of a mechanism, as a USD stage does."""
-    return any(holding(content.format, Holds.ALL_NAMES) and content.physics is not None for content in contents)
+    return any(content.physics is not None and holding(content.format, Holds.ALL_NAMES) for content in contents)

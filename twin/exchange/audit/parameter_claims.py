@@ -23,6 +23,15 @@ _DIGITS = 1e-5
 """Relative difference of a number and the same number with the six digits of such a line."""
 
 _EXACT = 1e-9
+"""Relative difference of two numbers that are written with all their digits."""
+
+_FIELD_WORDS = {
+    "provenance": "the provenance",
+    "unit": "the unit",
+    "shown": "the number",
+    "value": "the value",
+}
+"""{compared field of a parameter: its name in a finding}, the most important first: only the first one is reported."""
 
 
 def compare_parameters(contents: Sequence[Content], robot: str, parameters: Iterable[Parameter]) -> None:
@@ -32,9 +41,11 @@ def compare_parameters(contents: Sequence[Content], robot: str, parameters: Iter
     """
     stages = [content for content in contents if content.extra.get(PARAMETERS)]
     for content in contents:
-        lines = content.extra.get("data", {}).get("assumed") if content.is_track else None
+        if not content.is_track:
+            continue
+        lines = content.extra.get("data", {}).get("assumed")
         if isinstance(lines, list):
-            compare_assumed([str(line) for line in lines], content.file, stages)
+            compare_assumed(map(str, lines), content.file, stages)
             break  # the lists of all tracks begin with the same numbers of the robot
     expected: dict[str, Mapping[str, Any]] = {}
     for parameter in parameters:
@@ -67,7 +78,7 @@ def _compare(
     name: str, row: Mapping[str, Any], expected: Mapping[str, Any], source: str, ledger: Ledger, tolerance: float
 ) -> None:
     """Report the fields of a parameter that differ from those in `source`; missing ones are reported elsewhere."""
-    for field in ("provenance", "unit", "shown", "value"):
+    for field, word in _FIELD_WORDS.items():
         if field not in row or field not in expected:
             continue
         value = row[field]
@@ -82,14 +93,13 @@ def _compare(
             if isinstance(value, int | float):
                 size = Measured(value, expected_value)
         if differs:
-            words = {"provenance": "the provenance", "unit": "the unit", "shown": "the number", "value": "the value"}
-            text = f"parameter '{name}' has {words[field]} {value}; in {source} it is {expected_value}."
+            text = f"parameter '{name}' has {word} {value}; in {source} it is {expected_value}."
             ledger.wrong("claims.parameter", text, name, size=size, suggestion="export the files again")
             return
 
 
 def _is_close(value: Any, number: float, tolerance: float) -> bool:
-    """Return whether a value is the number `right` within a relative tolerance; a text is never close."""
+    """Return whether a value is a number within a relative tolerance; a text is never close."""
     if not isinstance(value, int | float):
         return False
     return value == number or abs(value - number) <= tolerance * max(abs(value), abs(number))

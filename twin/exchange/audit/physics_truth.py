@@ -46,11 +46,15 @@ def mechanism_physics(mechanism: Mechanism) -> FilePhysics:
         frames[frame.name] = FileFrame(frame.body, frame.T_body_frame)
     motors = _motors(mechanism)
     links = tuple(body.name for body in mechanism.bodies)
+    collides = {}
+    for link, has_mesh in shown.items():
+        if has_mesh:
+            collides[link] = True  # every exported mesh does
     return FilePhysics(
         links,
         masses,
         shown=shown,
-        collides={link: True for link, has_mesh in shown.items() if has_mesh},  # every exported mesh does
+        collides=collides,
         joints=_joints(mechanism, motors),
         frames=frames,
         points=points,

@@ -25,6 +25,15 @@ OUTSIDE = 0.1
 A centre of mass outside the box is possible, because the CAD may omit some parts.
 """
 
+EARTH = 9.81
+"""Gravity in m/s2 on earth, as most programs have it."""
+
+OTHER_PLANETS = (1.0, 20.0)
+"""Range of gravity in m/s2 that may be meant, of the moon (1.6) and of most planets."""
+
+_DOWNWARDS = 0.999
+"""Minimum cosine of the angle between gravity and -z at which it points down: 2.6 degrees."""
+
 GRAVITY = (9.7, 9.9)
 """Range of gravity in m/s2 on earth; zero gravity is also allowed."""
 
@@ -61,7 +70,7 @@ def check_sense(content: Content, gravity: Sequence[np.ndarray] = ()) -> None:
         is_stated_elsewhere = any(np.linalg.norm(physics.gravity - other) < SAME_GRAVITY for other in gravity)
         _check_gravity(ledger, physics.gravity, is_stated_elsewhere)
     if physics.masses or physics.joints:
-        wrong = [f for f in ledger.found[before:] if f.severity != "info"]
+        wrong = [finding for finding in ledger.found[before:] if finding.severity != "info"]
         ledger.row("masses, drives, gravity: physically possible", float(len(wrong)), "found", 0.0)
 
 
@@ -92,7 +101,7 @@ def _check_mass(ledger: Ledger, link: str, mass: FileMass) -> None:
 
 
 def _check_extent(ledger: Ledger, link: str, mass: FileMass, shape: LinkShape, is_whole_link: bool) -> None:
-    """Report a mass that does not fit the size of a link's shape; a note if the shape is not the `whole` link."""
+    """Report a mass that does not fit the size of a link's shape; a note if the shape does not show the whole link."""
 
     def wrong(code: str, text: str, size: float, unit: str, limit: float) -> None:
         if is_whole_link:
@@ -121,6 +130,7 @@ def _check_extent(ledger: Ledger, link: str, mass: FileMass, shape: LinkShape, i
                 f"{quantity(diagonal, 'm')} of the bounding box of the link's meshes"
             )
             wrong("inertia_too_large", text, gyration, "m", diagonal)
+    # An open mesh encloses no volume: the mass is compared with that of its bounding box.
     box = float(np.prod(np.maximum(size, SHEET)))
     volume = box
     if shape.closed and shape.volume > shape.rounding:
@@ -144,6 +154,7 @@ def _check_extent(ledger: Ledger, link: str, mass: FileMass, shape: LinkShape, i
 
 
 def _check_drive(ledger: Ledger, joint: str, drive: FileDrive) -> None:
+    """Report limits in the wrong order, and negative gains or limits of a drive."""
     if drive.limits is not None:
         lower, upper = drive.limits
         if not lower <= upper:
@@ -162,20 +173,23 @@ def _check_drive(ledger: Ledger, joint: str, drive: FileDrive) -> None:
 
 
 def _check_gravity(ledger: Ledger, gravity: np.ndarray, is_stated_elsewhere: bool) -> None:
+    """Report gravity (3,) in m/s2 that is not that of earth along -z, unless another source states it."""
     size = float(np.linalg.norm(gravity))
     if size == 0.0:
         ledger.add("physics.gravity", "info", "gravity is zero.", "gravity")
         return
-    components = ", ".join(f"{g:g}" for g in gravity)
+    components = ", ".join(map("{:g}".format, gravity))
     if is_stated_elsewhere:
-        if abs(gravity[2] + 9.81) > SAME_GRAVITY or size > 9.9:
+        # Gravity of a slope, or of another up axis, deserves a note; that of earth along -z does not.
+        if abs(gravity[2] + EARTH) > SAME_GRAVITY or size > GRAVITY[1]:
             ledger.add("physics.gravity", "info", f"gravity is ({components}) m/s2, as stated elsewhere.", "gravity")
         return
-    if not gravity[2] < -0.999 * size:
+    if not gravity[2] < -_DOWNWARDS * size:
         text = f"gravity is ({components}) m/s2 in a world with z up, but must point down (-z)."
         ledger.wrong("physics.gravity", text, "gravity", suggestion="gravity along -z: (0, 0, -9.81)")
     elif not GRAVITY[0] <= size <= GRAVITY[1]:
-        # Gravity of other planets is allowed.
-        severity = "warning" if 1.0 < size < 20.0 else "disagreement"
-        text = f"gravity is {size:g} m/s2; on earth it is 9.81 (x {size / 9.81:.4g})."
-        ledger.add("physics.gravity", severity, text, "gravity", size=Measured(size, 9.81, "m/s2"))
+        severity = "disagreement"
+        if OTHER_PLANETS[0] < size < OTHER_PLANETS[1]:
+            severity = "warning"
+        text = f"gravity is {size:g} m/s2; on earth it is {EARTH} (x {size / EARTH:.4g})."
+        ledger.add("physics.gravity", severity, text, "gravity", size=Measured(size, EARTH, "m/s2"))

@@ -19,19 +19,29 @@ _FACTORS = {
     1e-2: "lengths look like metres read as centimetres",
     1 / 0.0254: "lengths look like inches read as metres",
 }
-_LOOKS = 20
+_EVEN_KEYS = 20
 """Number of evenly distributed keys at which a mistake is tested, in addition to the keys with the largest errors."""
+
+
+_SAME_POSITION = 1e-5
+"""Distance in m of positions that are equal; for robots larger than 1 m, as a fraction of their size."""
+
+_SAME_ANGLE = 1e-3
+"""Angle in rad of rotations that are equal: mistakes turn links by far more."""
+
+_FEW_KEYS = 2
+"""Number of keys that are few in a clip of any length; in longer clips, a tenth of the keys are few."""
 
 
 def mistake_behind(file_poses: Mapping[str, Array], expected_poses: Mapping[str, Array]) -> str:
     """Return a description of the mistake that causes wrong poses; "" if no known mistake explains the poses.
 
-    `found` contains the poses (k, 4, 4) of each link in the file, `meant` the expected poses.
+    `file_poses` contains the poses (k, 4, 4) of each link in the file, `expected_poses` those of the reference.
     """
     names = [name for name in file_poses if name in expected_poses]
     if not names:
         return ""
-    tested_keys = _looks(file_poses, expected_poses, names)
+    tested_keys = _tested_keys(file_poses, expected_poses, names)
     file_samples = []
     expected_samples = []
     for name in names:
@@ -41,7 +51,10 @@ def mistake_behind(file_poses: Mapping[str, Array], expected_poses: Mapping[str,
     expected = np.stack(expected_samples)
     if not (np.all(np.isfinite(tested)) and np.all(np.isfinite(expected))):
         return ""
-    wrong = [i for i in range(len(names)) if not _same(tested[i], expected[i])]
+    wrong = []  # numbers of the links that differ
+    for i in range(len(names)):
+        if not _same(tested[i], expected[i]):
+            wrong.append(i)
     if not wrong:
         return ""
     for text, mistake in _mistakes():
@@ -63,10 +76,10 @@ def mistake_behind(file_poses: Mapping[str, Array], expected_poses: Mapping[str,
     return ""
 
 
-def _looks(file_poses: Mapping[str, Array], expected_poses: Mapping[str, Array], names: Sequence[str]) -> Array:
+def _tested_keys(file_poses: Mapping[str, Array], expected_poses: Mapping[str, Array], names: Sequence[str]) -> Array:
     """Return the keys at which mistakes are tested: evenly distributed ones, and those with the largest errors."""
     last = len(file_poses[names[0]]) - 1
-    keys = set(np.linspace(0, last, _LOOKS).astype(int).tolist())
+    keys = set(np.linspace(0, last, _EVEN_KEYS).astype(int).tolist())
     for name in names:  # because only one key may be wrong
         difference = largest(file_poses[name], expected_poses[name])
         keys |= {difference.distance_key, difference.angle_key}
@@ -79,7 +92,7 @@ def _at_few_keys(file_poses: Array, expected_poses: Array, tested_keys: Array) -
         return ""
     count = len(file_poses)
     wrong = _count_wrong(file_poses, expected_poses)
-    if wrong > max(2, count // 10):
+    if wrong > max(_FEW_KEYS, count // 10):
         return ""
     keys = "one key" if wrong == 1 else f"{wrong} keys"
     return f"only this link differs, at {keys} of {count}"
@@ -95,6 +108,7 @@ def _count_wrong(file_poses: Array, expected_poses: Array) -> int:
 
 
 def _mistakes() -> list[tuple[str, Callable[[Array], Array]]]:
+    """Return (description, function that turns expected poses (..., 4, 4) into those with the mistake)."""
     up = poses.pose(poses.R_Z_UP_Y_UP)
     down = poses.inverse(up)
     mistakes: list[tuple[str, Callable[[Array], Array]]] = [
@@ -141,7 +155,7 @@ def _same(A: Array, B: Array) -> bool:
     """Return whether poses are equal but for rounding to single precision, relative to the size of the positions."""
     size = float(np.abs(B[..., :3, 3]).max(initial=0.0))
     distance = float(np.linalg.norm(A[..., :3, 3] - B[..., :3, 3], axis=-1).max())
-    if not distance < 1e-5 * max(1.0, size):
+    if not distance < _SAME_POSITION * max(1.0, size):
         return False
     angle = float(poses.angle(A[..., :3, :3], B[..., :3, :3]).max())
-    return angle < 1e-3
+    return angle < _SAME_ANGLE

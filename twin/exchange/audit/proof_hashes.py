@@ -39,11 +39,9 @@ def check_proof(path: Path, ledger: Ledger) -> JsonObject:
             ledger.wrong("proof.doubled", f"proof.json lists '{row['file']}' twice, or itself.", row["file"])
         listed.add(row["file"])
         wrong_count += not _fits(folder, row, ledger)
-    present = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
-    for name in sorted(present - listed):
-        if not any(part.startswith(".") for part in Path(name).parts):
-            text = f"'{name}' is in the folder, but not listed in proof.json."
-            ledger.add("proof.unlisted", "warning", text, name, suggestion="export again, or remove the file")
+    for name in sorted(_visible_files(folder) - listed):
+        text = f"'{name}' is in the folder, but not listed in proof.json."
+        ledger.add("proof.unlisted", "warning", text, name, suggestion="export again, or remove the file")
     ledger.row(f"hashes of {len(rows)} files", float(wrong_count), "differ", 0.0, against="proof.json")
     if data.get("verdict") != "agree":
         text = f"the verdict in proof.json is '{data.get('verdict')}': the audit at the export found a fault."
@@ -51,8 +49,18 @@ def check_proof(path: Path, ledger: Ledger) -> JsonObject:
     return data
 
 
+def _visible_files(folder: Path) -> set[str]:
+    """Return the paths of the files in a folder, relative to it; hidden ones, such as .DS_Store, are left out."""
+    names = set()
+    for path in folder.rglob("*"):
+        relative = path.relative_to(folder)
+        if path.is_file() and not any(part.startswith(".") for part in relative.parts):
+            names.add(relative.as_posix())
+    return names
+
+
 def _object(doubled_keys: list[str], pairs: list[tuple[str, Any]]) -> JsonObject:
-    """Return a JSON object; entries that it has twice are added to `doubled`: readers differ in which one they take."""
+    """Return a JSON object; keys that it has twice are added to a list: readers differ in which entry they take."""
     entries: JsonObject = {}
     for key, value in pairs:
         if key in entries:
@@ -65,14 +73,11 @@ def _are_files(rows: object) -> TypeGuard[list[JsonObject]]:
     """Return whether the entry "files" is a list of objects that each name a file."""
     if not isinstance(rows, list):
         return False
-    for row in rows:
-        file = row.get("file") if isinstance(row, dict) else None
-        if not isinstance(file, str):
-            return False
-    return True
+    return all(isinstance(row, dict) and isinstance(row.get("file"), str) for row in rows)
 
 
 def _fits(folder: Path, row: JsonObject, ledger: Ledger) -> bool:
+    """Report a listed file that is missing, outside the folder or changed; return whether it is none of these."""
     name = row["file"]
     file = (folder / name).resolve()
     if not file.is_relative_to(folder.resolve()):
@@ -86,7 +91,7 @@ def _fits(folder: Path, row: JsonObject, ledger: Ledger) -> bool:
     real = hashlib.sha256(content).hexdigest()
     if stated == real:
         size = row.get("bytes")
-        if type(size) is int and size == len(content):
+        if type(size) is int and size == len(content):  # a bool is an int too, but no number of bytes
             return True
         text = f"'{name}' has {len(content)} bytes; proof.json states {size}."
         ledger.wrong("proof.bytes", text, name)

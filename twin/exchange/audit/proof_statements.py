@@ -100,6 +100,9 @@ _BUDGETS = (
 )
 """(check, its unit, measured entry of a clip, entry with its limit)."""
 
+_CLIP_NUMBERS = ("rate", "keys", "duration_s", "between_position_m", "between_rotation_rad", "joint_gap_m")
+"""Entries that each clip has, with numbers."""
+
 
 def check_statements(
     proof: JsonMapping, folder: Path, contents: Sequence[Content], checks: Iterable[Check], ledger: Ledger
@@ -117,13 +120,13 @@ def check_statements(
     _check_clips(proof["clips"], contents, ledger)
     _check_rows(proof, ledger)
     _check_budgets(proof, ledger)
-    own = list(checks)
+    audit_checks = list(checks)
     # The measurements belong to the files of the export, and to this version of the audit.
     changed = any(finding.code in _CHANGED for finding in ledger.found)
-    if own and not changed and ledger.file == "proof.json" and proof["made_by"] == f"twin {__version__}":
+    if audit_checks and not changed and ledger.file == "proof.json" and proof["made_by"] == f"twin {__version__}":
         tracks = {content.file for content in contents if content.is_track}
-        _check_repeated(proof["checks"], own, tracks, ledger)
-        _check_places(proof, contents, own, ledger)
+        _check_repeated(proof["checks"], audit_checks, tracks, ledger)
+        _check_places(proof, contents, audit_checks, ledger)
         _check_export_findings(proof["findings"], ledger)
     _check_verdict(proof, ledger)
     _check_readme_findings(proof["findings"], folder, ledger)
@@ -171,7 +174,10 @@ def _check_origin(proof: JsonMapping, folder: Path, contents: Sequence[Content],
         if content.model_hash:
             hashes.setdefault(content.model_hash, content.file)
     if not robot or (names and robot not in names):
-        real = ", ".join(f"'{name}' in {file}" for name, file in names.items()) or "not stated in a file"
+        stated_names = []
+        for name, file in names.items():
+            stated_names.append(f"'{name}' in {file}")
+        real = ", ".join(stated_names) or "not stated in a file"
         ledger.wrong("proof.robot", f"proof.json is of the robot '{robot}'; its name is {real}.", "robot")
     stated = proof["model_hash"]
     if not _SHA.fullmatch(stated.removeprefix("sha256:")):
@@ -255,7 +261,7 @@ def _check_clips(rows: Sequence[JsonMapping], contents: Sequence[Content], ledge
         listed.add(name)
         if tracks and name not in tracks:
             ledger.wrong("proof.clip", f"proof.json lists the clip '{name}', which has no track.", name)
-        for key in ("rate", "keys", "duration_s", *(measured for _, _, measured, _ in _BUDGETS)):
+        for key in _CLIP_NUMBERS:
             if not _is_number(row.get(key)):
                 ledger.wrong("proof.clip", f"clip '{name}' in proof.json has no number '{key}'.", key)
         limits = [limit for _, _, _, limit in _BUDGETS if limit in row]
@@ -272,10 +278,13 @@ def _is_number(value: Any) -> bool:
 
 def _check_rows(proof: JsonMapping, ledger: Ledger) -> None:
     """Report checks and findings that are malformed, contradict themselves, or are of files that are not listed."""
-    known_files = {f"clip {row.get('protocol')}" for row in proof["clips"]}
+    known_files = set()
+    for row in proof["clips"]:
+        known_files.add(f"clip {row.get('protocol')}")
     for row in proof["files"]:
         file = Path(str(row.get("file")))
-        known_files |= {file.as_posix(), *(folder.as_posix() for folder in file.parents)}
+        known_files.add(file.as_posix())
+        known_files.update(map(Path.as_posix, file.parents))
     for row in proof["checks"]:
         name = str(row.get("check"))
         fault = _fault_of_check(row, known_files)
@@ -297,6 +306,7 @@ def _check_rows(proof: JsonMapping, ledger: Ledger) -> None:
 
 
 def _fault_of_check(row: JsonMapping, known_files: set[str]) -> str:
+    """Return the fault of a check, as the end of a sentence; "" without a fault."""
     for key in ("check", "file", "tool"):
         if not isinstance(row.get(key), str) or not row[key]:
             return f"has no '{key}'"
@@ -335,7 +345,7 @@ def _check_budgets(proof: JsonMapping, ledger: Ledger) -> None:
                 ledger.wrong("proof.check", f"proof.json lacks the check '{check}' of {name}.", name)
                 continue
             for entry, key in ((measured, "worst"), (limit, "tolerance")):
-                if not _same(clip.get(entry), row.get(key)):
+                if not _is_same(clip.get(entry), row.get(key)):
                     text = f"{name}: {entry} is {clip.get(entry)}; the {key} of the check is {row.get(key)}."
                     ledger.wrong("proof.clip", text, entry)
             if row.get("unit") != unit:
@@ -348,7 +358,8 @@ def _check_budgets(proof: JsonMapping, ledger: Ledger) -> None:
         ledger.wrong("proof.check", f"proof.json has the check '{check}' of '{name}', which is no clip's.", "checks")
 
 
-def _same(first: Any, second: Any) -> bool:
+def _is_same(first: Any, second: Any) -> bool:
+    """Return whether two numbers are equal but for the digits of a text, or both are None."""
     if not _is_number(first) or not _is_number(second):
         return first is None and second is None
     return abs(first - second) <= _DIGITS * max(abs(first), abs(second))
@@ -400,7 +411,7 @@ def _repeats(row: JsonMapping, check: Check) -> bool:
     if (
         row.get("unit") != check.unit
         or row.get("tool") != check.tool
-        or not _same(row.get("tolerance"), check.tolerance)
+        or not _is_same(row.get("tolerance"), check.tolerance)
     ):
         return False
     # The version of a check on a library is that of the library, which another machine may have otherwise.
@@ -422,6 +433,7 @@ def _repeats(row: JsonMapping, check: Check) -> bool:
 
 
 def _shown(row: JsonMapping) -> str:
+    """Return the measurement of a check as text: size, tolerance, place, time and tool."""
     size = f"{row.get('worst')} {row.get('unit')} (tolerance {row.get('tolerance')})"
     place = f"at '{row.get('where')}', '{row.get('when')}'"
     return f"{size} {place} by {row.get('tool')} {row.get('version')}"
@@ -471,7 +483,9 @@ def _named(where: str) -> list[str]:
     if "'" in where:
         return _QUOTED.findall(where)
     name = where.rsplit("/", 1)[-1]
-    return [name] if name else []
+    if not name:
+        return []
+    return [name]
 
 
 def _is_time(when: str, last: float) -> bool:
@@ -502,7 +516,9 @@ def _check_export_findings(rows: Sequence[JsonMapping], ledger: Ledger) -> None:
 
 def _check_verdict(proof: JsonMapping, ledger: Ledger) -> None:
     """Report a verdict other than that of the findings, and checks that disagree although no finding does."""
-    verdicts = {_SEVERITIES.get(str(row.get("severity")), "agree") for row in proof["findings"]}
+    verdicts = set()
+    for row in proof["findings"]:
+        verdicts.add(_SEVERITIES.get(str(row.get("severity")), "agree"))
     expected = "agree"
     if "unchecked" in verdicts:
         expected = "unchecked"
@@ -525,14 +541,21 @@ def _is_warning_on(finding: JsonMapping, file: str) -> bool:
     return finding.get("severity") == "warning" and str(finding.get("where")).startswith(file)
 
 
+def _unwrapped(text: str) -> str:
+    """Return a text with single spaces: README.txt wraps lines."""
+    return " ".join(text.split())
+
+
 def _check_readme_findings(rows: Sequence[JsonMapping], folder: Path, ledger: Ledger) -> None:
     """Report findings of the export in README.txt that proof.json does not have; it has those of the audit besides."""
     section = re.search(r"^Findings of the export\n-+\n(.*?)\n\n", _readme(folder), re.MULTILINE | re.DOTALL)
     if section is None:
         return
-    messages = {" ".join(str(row.get("message")).split()) for row in rows}
+    messages = set()
+    for row in rows:
+        messages.add(_unwrapped(str(row.get("message"))))
     for entry in re.split(r"^- ", section[1], flags=re.MULTILINE)[1:]:
-        message = " ".join(entry.split())
+        message = _unwrapped(entry)
         if message not in messages and message != "nothing":
             text = f"README.txt has the finding '{message[:100]}', which proof.json does not have."
             ledger.wrong("proof.finding", text, "findings")

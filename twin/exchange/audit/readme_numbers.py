@@ -67,16 +67,25 @@ def _check_matrix(name: str, equations: str, motors: Mapping[str, FileMotor], le
         matrix[joint] = {}
         for term in _TERM.finditer(terms):
             matrix[joint][term["motor"]] = float(term["factor"].replace(" ", ""))
-    motor_names = list(dict.fromkeys(motor for factors in matrix.values() for motor in factors))
+    motor_names: list[str] = []
+    for factors in matrix.values():
+        for motor in factors:
+            if motor not in motor_names:
+                motor_names.append(motor)
     rows: dict[str, Mapping[str, float]] = {}
     for motor in motor_names:
         if motor in motors and motors[motor].row is not None:
             rows[motor] = motors[motor].row or {}
     if not rows or len(motor_names) != len(matrix):
         return  # no file has these motors, or they are not as many as their joints
-    matrix_of_motors = np.array([[matrix[joint].get(motor, 0.0) for motor in motor_names] for joint in matrix])
-    inverse = np.array([[rows.get(motor, {}).get(joint, 0.0) for joint in matrix] for motor in motor_names])
-    error = float(np.abs(matrix_of_motors @ inverse - np.eye(len(motor_names))).max())
+    size = len(motor_names)
+    stated_matrix = np.zeros((size, size))
+    inverse = np.zeros((size, size))
+    for i, (joint, factors) in enumerate(matrix.items()):
+        for k, motor in enumerate(motor_names):
+            stated_matrix[i, k] = factors.get(motor, 0.0)
+            inverse[k, i] = rows.get(motor, {}).get(joint, 0.0)
+    error = float(np.abs(stated_matrix @ inverse - np.eye(size)).max())
     if not error <= _DIGITS:
         message = f"README.txt has other factors for the transmission '{name}' than the files: '{equations[:60]}…'."
         ledger.wrong("readme.transmission", message, name, size=Measured(error, _DIGITS))

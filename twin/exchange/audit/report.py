@@ -99,7 +99,8 @@ class AuditReport(Result):
             return text
         if any(check.against for check in self.checks):
             return "PASS: all files are valid and consistent with each other"
-        if any(check.check in _OF_CERTIFICATES for check in self.checks):
+        names = {check.check for check in self.checks}
+        if not names.isdisjoint(_OF_CERTIFICATES):
             return "VALID: what the certificate claims holds wherever it was tried"
         return "VALID: the file is well formed; there is nothing to compare it with"
 
@@ -154,6 +155,7 @@ def worst(checks: Sequence[Check]) -> list[Check]:
 
 
 def _badness(check: Check) -> tuple[bool, float]:
+    """Return what decides which of two checks of a kind is worse: first the verdict, then the deviation."""
     return check.verdict != "agree", check.worst or 0.0
 
 
@@ -172,19 +174,23 @@ def _row_of_file(file: JsonMapping) -> tuple[str, ...]:
 
 
 def _row(check: Check) -> tuple[str, ...]:
-    size = _shown(check.worst, check.unit)
+    """Return a check's row in the table of checks."""
+    size = _displayed(check.worst, check.unit)
     if format.is_exact(check.worst, check.unit, check.tolerance):
         size = format.EXACT
-    tolerance = _shown(check.tolerance, check.unit)
+    tolerance = _displayed(check.tolerance, check.unit)
     return check.check, check.file, size, tolerance, check.where, check.when, _MARKS[check.verdict]
 
 
-def _shown(value: float | None, unit: str) -> str:
+def _displayed(value: float | None, unit: str) -> str:
+    """Return a value with three digits and its unit as a table shows it: angles in degrees, "" for None."""
     if value is None:
         return ""
     if unit == "rad":
         return f"{math.degrees(value):.3g} deg"
-    return quantity(value, "" if unit == "1" else unit, 3).strip().replace("um", "µm")
+    if unit == "1":
+        unit = ""
+    return quantity(value, unit, 3).strip().replace("um", "µm")
 
 
 ADVICE: Mapping[str, str] = {
@@ -281,7 +287,10 @@ class Ledger:
         measured = None
         if value is not None and math.isfinite(value):
             measured = Quantity(float(value), unit)
-        bound = None if limit is None else Quantity(limit, unit)
+        bound = None
+        if limit is not None:
+            bound = Quantity(limit, unit)
+        # A suggestion of the caller is the most exact one; then that of the code, then that of all formats.
         advice = suggestion or ADVICE.get(code) or ADVICE.get(code.partition(".")[2], "")
         self.found.append(finding(severity, code, place, message, measured, bound, advice, when=when, word=""))
 
@@ -311,7 +320,9 @@ class Ledger:
         number = None  # JSON has no number for an infinite deviation
         if worst is not None and math.isfinite(worst):
             number = float(worst)
-        check_verdict: Verdict = "agree" if fits else "disagree"
+        check_verdict: Verdict = "disagree"
+        if fits:
+            check_verdict = "agree"
         source = (self.file, self.tool, self.version)
         self.checks.append(Check(check, *source, number, unit, tolerance, check_verdict, where, when, against))
 
@@ -370,7 +381,9 @@ def _has_content(files: list[JsonObject], checks: list[Check]) -> bool:
     """Return whether something was checked, and one of the files, if there are any, has links or nodes."""
     if not checks:
         return False
-    return not files or any(file["links"] or file["nodes"] for file in files)
+    if not files:
+        return True  # a certificate has no links
+    return any(file["links"] or file["nodes"] for file in files)
 
 
 def quantity(value: float, unit: str, digits: int = 4) -> str:

@@ -27,7 +27,9 @@ def compare_joints(content: Content, truth: FilePhysics, source: str = MECHANISM
     """
     if not content.rest or holding(content.format, Holds.JOINT_TREE) or not same_names(content.rest, truth.links):
         return
-    links = {link: T[None] for link, T in content.rest.items()}
+    links = {}
+    for link, T in content.rest.items():
+        links[link] = T[None]  # a motion with one key
     distances = {}
     angles = {}
     for joint in truth.joints:
@@ -76,6 +78,7 @@ def _misfit(joint: FileJoint, links: Mapping[str, Array]) -> tuple[float | None,
     to_child = poses.inverse(joint.T)
     lines = [line.transformed(to_child) for line in joint.motions]
     turns = [line for line in lines if line.kind == "turn"]
+    # Two or more turns allow most rotations: nothing can be said of the angle.
     angle = 0.0
     if len(turns) == 1:
         axis = turns[0].direction
@@ -98,7 +101,10 @@ def _unturned_point(turns: Sequence[JointLine]) -> Array | None:
     if not turns:
         return np.zeros(3)
     for point in (turns[0].point, meeting_point(turns)):
-        distances = [np.linalg.norm(np.cross(line.direction, point - line.point)) for line in turns]
+        distances = []
+        for line in turns:
+            moment = np.cross(line.direction, point - line.point)
+            distances.append(np.linalg.norm(moment))
         if max(distances) <= LINE_TOL:
             return point
     return None

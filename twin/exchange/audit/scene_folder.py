@@ -55,14 +55,20 @@ def audit_scene(folder: Path, audited: Callable[[Path], Audited]) -> Audited:
     ledger = Ledger(SCENE, "twin.exchange.audit scene", "1")
     ledgers = [ledger]
     robots: dict[str, SceneRobot] = {}
-    for name, protocol, T, path in _places(folder, ledger):
+    for name, protocol, T, path in _robots(folder, ledger):
         robot_contents, robot_ledgers = audited(path)
-        robots[name] = _shown(robot_contents, protocol, T)
+        robots[name] = _motion_of_robot(robot_contents, protocol, T)
         contents += robot_contents
         for robot_ledger in robot_ledgers:
             robot_ledger.file = f"{name}/{robot_ledger.file}"
-            robot_ledger.checks = [replace(check, file=f"{name}/{check.file}") for check in robot_ledger.checks]
-            robot_ledger.found = [replace(f, where=f"{name}/{f.where}") for f in robot_ledger.found]
+            checks = []
+            for check in robot_ledger.checks:
+                checks.append(replace(check, file=f"{name}/{check.file}"))
+            robot_ledger.checks = checks
+            findings = []
+            for finding in robot_ledger.found:
+                findings.append(replace(finding, where=f"{name}/{finding.where}"))
+            robot_ledger.found = findings
         ledgers += robot_ledgers
     ledger.row("robots", float(len(robots)), "found")
     if robots:
@@ -76,12 +82,14 @@ def audit_scene(folder: Path, audited: Callable[[Path], Audited]) -> Audited:
     return contents, ledgers
 
 
-def _places(folder: Path, ledger: Ledger) -> Iterator[tuple[str, str, Array, Path]]:
+def _robots(folder: Path, ledger: Ledger) -> Iterator[tuple[str, str, Array, Path]]:
     """Yield (name, protocol or "", T_world_base, folder) of each robot in scene.json; report unusable entries."""
     check_size(folder / SCENE, "JSON")
     try:
         data = json.loads((folder / SCENE).read_text(encoding="utf-8"))
-        rows = [(str(r["name"]), str(r["protocol"]), r["T_world_base"], str(r["folder"])) for r in data["robots"]]
+        rows = []
+        for robot in data["robots"]:
+            rows.append((str(robot["name"]), str(robot["protocol"]), robot["T_world_base"], str(robot["folder"])))
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         text = f"the list of robots is missing or malformed: {type(error).__name__}, {error}."
         ledger.add("scene.unreadable", "error", text)
@@ -124,7 +132,7 @@ def _objects(folder: Path, ledger: Ledger) -> dict[str, Array]:
     return objects
 
 
-def _shown(contents: Sequence[Content], protocol: str, T_world_base: Array) -> SceneRobot:
+def _motion_of_robot(contents: Sequence[Content], protocol: str, T_world_base: Array) -> SceneRobot:
     """Return the motion of a protocol in a robot's files; without a protocol, the poses at rest.
 
     Poses at rest are read from the GLB if it exists. The robot's stage is unsuitable for the comparison, because the
@@ -151,7 +159,10 @@ def _audit_stage(path: Path, robots: Mapping[str, SceneRobot]) -> Ledger:
 def _compare_stage(robots: Mapping[str, SceneRobot], path: Path, ledger: Ledger) -> None:
     admit(path)
     try:
-        public_findings = [f for f in run_usd_validators(path) if f.severity != "info"]
+        public_findings = []
+        for finding in run_usd_validators(path):
+            if finding.severity != "info":
+                public_findings.append(finding)
         worst, where, when = deviation(path, robots)
     except (Tf.ErrorException, RuntimeError) as error:
         reason = str(error).strip().splitlines()[-1]

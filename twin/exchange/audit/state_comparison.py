@@ -64,10 +64,11 @@ def compare_states(content: Content, truth: FilePhysics, states: SampledStates) 
     if not wrong:
         _take_names(content, assignment, truth, states)
         return
+    # Joints on one rigid part differ whatever the zero positions are: the geometry of the part is another one.
     rigid = [pair for pair in wrong if pair.rigid]
     if by_name or rigid:
         reported = rigid or wrong
-        reported.sort(key=lambda p: (p.between, -p.share))
+        reported.sort(key=lambda p: (p.separation, -p.share))
         for pair in reported:
             ledger.wrong("states.joints", pair.text(), pair.first, size=um(pair.distance, LINE_TOL))
         return

@@ -35,6 +35,9 @@ _STEP = 1e-20
 _NEAR = 1.0
 """Largest distance in m or rad of joint values from those of the certificate, which only predict them."""
 
+_FRAME_STEPS = ("frame", "inverse")
+"""Kinds of steps of a path with a constant frame; the others are joints."""
+
 Numbers = NDArray[np.complex128]
 Reals = NDArray[np.float64]
 
@@ -59,9 +62,10 @@ def audit_workspace(data: Mapping[str, Any], ledger: Ledger) -> None:
 def _drawn(data: Mapping[str, Any], generator: np.random.Generator) -> tuple[Reals, Reals]:
     """Return random points (k, 3) of the volume of the boxes, and the joint values (k, joints) of their boxes."""
     boxes = data["boxes"]
-    low = np.array([box[0] for box in boxes], float)
-    high = np.array([box[1] for box in boxes], float)
-    joints = np.array([box[2] for box in boxes], float)
+    lows, highs, predictions = zip(*boxes, strict=True)
+    low = np.array(lows, float)
+    high = np.array(highs, float)
+    joints = np.array(predictions, float)
     if low.shape != (len(boxes), 3) or high.shape != low.shape or joints.shape != (len(boxes), len(data["joints"])):
         raise ValueError("a box has no lower and upper corner, or not the values of all joints")
     if not (np.isfinite([low, high]).all() and np.isfinite(joints).all() and (low < high).all()):
@@ -86,9 +90,12 @@ def _displaced(data: Mapping[str, Any], tolerance: float, generator: np.random.G
     for closure in data["closures"]:
         paths = []
         for path in closure["paths"]:
-            steps = [list(step) for step in path["steps"]]
-            for step in steps[1 if path["from_tool"] else 0 :]:
-                if step[0] not in ("frame", "inverse"):
+            steps = list(map(list, path["steps"]))
+            first_step = 0
+            if path["from_tool"]:
+                first_step = 1  # the frame of the tool
+            for step in steps[first_step:]:
+                if step[0] not in _FRAME_STEPS:
                     continue
                 key = str(step[1])
                 if key not in displaced_frames:
@@ -107,8 +114,10 @@ def _play(data: Mapping[str, Any], tolerance: float) -> float:
     for closure in data["closures"]:
         count = 0
         for path in closure["paths"]:
-            count += sum(step[0] in ("frame", "inverse") for step in path["steps"])
+            for step in path["steps"]:
+                count += step[0] in _FRAME_STEPS
         frames.append(count)
+    # each of the three coordinates of a frame may be off by the tolerance
     return max(frames) * math.sqrt(3) * tolerance
 
 
@@ -169,9 +178,11 @@ def _audit_at(
     distance = np.abs(x.real - joints).max(axis=1)
     _largest(ledger, "predictions", "rad", distance, _NEAR, "the joint values are far from those predicted", points)
     _audit_limits(data, ledger, points, x, cosines)
-    passive = [i for i, active in enumerate(data["active"]) if not active]
+    passive = np.flatnonzero(~np.array(data["active"], bool)).tolist()
     J = np.concatenate([_by_joints(data, x, tool, passive), _by_tool(data, x, tool)], axis=2)[:, rows]
-    smallest = np.linalg.svd(J, compute_uv=False)[:, -1] if J.shape[1] >= J.shape[2] else np.zeros(POINTS)
+    smallest = np.zeros(POINTS)
+    if J.shape[1] >= J.shape[2]:  # fewer conditions than unknowns leave a motion in any case
+        smallest = np.linalg.svd(J, compute_uv=False)[:, -1]
     # a quotient below 1 is regular
     quotient = np.asarray(_SMALLEST / smallest, np.float64)
     _largest(ledger, "derivatives", "", quotient, 1.0, "the tool can move while the joints are at rest", points)
@@ -184,10 +195,14 @@ def _audit_limits(
     names = data["joints"]
     excess = [np.zeros(POINTS)]
     for limit in data["limits"]:
-        total = sum(weight * x.real[:, names.index(name)] for name, weight in limit["weights"].items())
-        excess.append(limit["least"] - np.broadcast_to(total, POINTS))
+        total = np.zeros(POINTS)
+        for name, weight in limit["weights"].items():
+            total += weight * x.real[:, names.index(name)]
+        excess.append(limit["least"] - total)
     _largest(ledger, "limits", "m", np.max(excess, axis=0), CLOSED, "a limit of joints is exceeded", points)
-    missing = [np.zeros(POINTS), *(least - cosine.real for cosine, least in cosines)]
+    missing = [np.zeros(POINTS)]
+    for cosine, least in cosines:
+        missing.append(least - cosine.real)
     _largest(ledger, "cones", "", np.max(missing, axis=0), CLOSED, "a joint is turned over, or beyond its cone", points)
 
 
@@ -197,7 +212,7 @@ def _largest(ledger: Ledger, what: str, unit: str, values: Reals, limit: float, 
     place = int(np.argmax(values))
     ledger.row("workspace", float(values[place]), unit, limit, where=what)
     if not values[place] <= limit:
-        at = ", ".join(f"{1e3 * entry:.6g}" for entry in points[place])
+        at = ", ".join(map("{:.6g}".format, 1e3 * points[place]))
         ledger.wrong("certificate.wrong", f"{text} at {at} mm: {values[place]:.3g}, at most {limit:g}", what)
 
 
@@ -215,34 +230,42 @@ def _conditions(data: Mapping[str, Any], x: Numbers, tool: Numbers) -> tuple[Num
     rows = []
     cosines = []
     for closure in data["closures"]:
-        first, second = (_moved(path, x, tool) for path in closure["paths"])
+        first_path, second_path = closure["paths"]
+        first = _pose_of_path(first_path, x, tool)
+        second = _pose_of_path(second_path, x, tool)
         kind = closure["type"]
-        T = np.swapaxes(first[:, :3, :3], 1, 2) @ second[:, :3, :3]
-        shift = (np.swapaxes(first[:, :3, :3], 1, 2) @ (second - first)[:, :3, 3:])[..., 0]
+        R_transposed = np.swapaxes(first[:, :3, :3], 1, 2)
+        R_first_second = R_transposed @ second[:, :3, :3]
+        shift = (R_transposed @ (second - first)[:, :3, 3:])[..., 0]
         rows += [shift[:, 0], shift[:, 1]]
         if kind in ("spherical", "revolute", "fixed"):
             rows.append(shift[:, 2])
+        # The products of two axes vanish at right angles; the cosines tell the axes from their opposites.
         if kind != "spherical":
-            rows += [T[:, 0, 2], T[:, 1, 2]]
-            cosines.append((T[:, 2, 2], 0.0))
+            rows += [R_first_second[:, 0, 2], R_first_second[:, 1, 2]]
+            cosines.append((R_first_second[:, 2, 2], 0.0))
         if kind in ("prismatic", "fixed"):
-            rows.append(T[:, 0, 1])
-            cosines.append((T[:, 1, 1], 0.0))
+            rows.append(R_first_second[:, 0, 1])
+            cosines.append((R_first_second[:, 1, 1], 0.0))
         if closure["cone"] is not None:
-            cosines.append((T[:, 2, 2], math.cos(closure["cone"])))
+            cosines.append((R_first_second[:, 2, 2], math.cos(closure["cone"])))
     return np.stack(rows, axis=1), cosines
 
 
-def _moved(path: Mapping[str, Any], x: Numbers, tool: Numbers) -> Numbers:
+def _pose_of_path(path: Mapping[str, Any], x: Numbers, tool: Numbers) -> Numbers:
     """Return the poses (k, 4, 4) of the frame at the end of a path."""
-    T = tool if path["from_tool"] else np.broadcast_to(np.eye(4, dtype=complex), tool.shape)
+    T = np.broadcast_to(np.eye(4, dtype=complex), tool.shape)
+    if path["from_tool"]:
+        T = tool
     for kind, value, *sign in path["steps"]:
         step = np.zeros((len(x), 4, 4), complex)
         step[:] = np.eye(4)
-        if kind in ("frame", "inverse"):
+        if kind in _FRAME_STEPS:
             frame = np.tile(np.eye(4), (len(x), 1, 1))
             frame[:, :3] = np.array(value, float)
-            step = (np.linalg.inv(frame) if kind == "inverse" else frame).astype(complex)
+            if kind == "inverse":
+                frame = np.linalg.inv(frame)
+            step = frame.astype(complex)
         elif kind == "turn":
             angle = sign[0] * x[:, value]
             step[:, 0, 0] = step[:, 1, 1] = np.cos(angle)
