@@ -36,30 +36,40 @@ class ClosedForm:
     @property
     def values(self) -> Array:
         """Values of the parameters (k,) in SI."""
-        return np.array([p.value for p in self.parameters])
+        return np.array([parameter.value for parameter in self.parameters])
 
     def compiled(self) -> Callable[[Array, Array], Terms]:
         """Return the function (q (n,), qd (n,)) -> `Terms`."""
         import casadi as ca  # imported here, because it takes long
 
-        n = len(self.joints)
-        k = len(self.parameters)
-        q = ca.SX.sym("q", n)
-        qd = ca.SX.sym("qd", n)
-        p = ca.SX.sym("p", k)
-        parameters = {parameter.name: p[i] for i, parameter in enumerate(self.parameters)}
+        joint_count = len(self.joints)
+        parameter_count = len(self.parameters)
+        q = ca.SX.sym("q", joint_count)
+        qd = ca.SX.sym("qd", joint_count)
+        parameter_symbols = ca.SX.sym("p", parameter_count)
+        parameters: dict[str, Value] = {}
+        for i, parameter in enumerate(self.parameters):
+            parameters[parameter.name] = parameter_symbols[i]
         M, C, g = self.terms(q, qd, parameters)
-        M_column = ca.reshape(M, n * n, 1)  # column by column
-        change = ca.reshape(ca.jtimes(M_column, q, qd), n, n)
-        share = ca.jacobian(ca.vertcat(M_column, g), p)
-        f = ca.Function("terms", [q, qd, p], [M, C, g, change, share])
+        M_column = ca.reshape(M, joint_count * joint_count, 1)  # CasADi stacks columns: order="F" below
+        M_rate = ca.reshape(ca.jtimes(M_column, q, qd), joint_count, joint_count)
+        derivatives = ca.jacobian(ca.vertcat(M_column, g), parameter_symbols)
+        function = ca.Function("terms", [q, qd, parameter_symbols], [M, C, g, M_rate, derivatives])
         values = self.values
 
-        def evaluate(at: Array, rates: Array) -> Terms:
-            M, C, g, change, share = (np.array(x, float) for x in f(at, rates, values))
-            M_share = share[: n * n].reshape(n, n, k, order="F")
-            g_share = share[n * n :]
-            return Terms(M=M, C=C, g=g.reshape(-1), change=change, M_share=M_share, g_share=g_share)
+        def evaluate(q_values: Array, qd_values: Array) -> Terms:
+            results = [np.array(result, float) for result in function(q_values, qd_values, values)]
+            M, C, g, M_rate, derivatives = results
+            M_entries = joint_count * joint_count
+            M_by_parameters = derivatives[:M_entries].reshape(joint_count, joint_count, parameter_count, order="F")
+            return Terms(
+                M=M,
+                C=C,
+                g=g.reshape(-1),
+                M_rate=M_rate,
+                M_by_parameters=M_by_parameters,
+                g_by_parameters=derivatives[M_entries:],
+            )
 
         return evaluate
 
@@ -72,14 +82,14 @@ class Terms:
         M: (n, n) mass matrix.
         C: (n, n) matrix of the Coriolis and centrifugal efforts, C qd.
         g: (n,) efforts of gravity.
-        change: (n, n) dM/dt.
-        M_share: (n, n, k) derivatives of M with respect to the k parameters.
-        g_share: (n, k) derivatives of g with respect to the k parameters.
+        M_rate: (n, n) dM/dt.
+        M_by_parameters: (n, n, k) derivatives of M with respect to the k parameters.
+        g_by_parameters: (n, k) derivatives of g with respect to the k parameters.
     """
 
     M: Array
     C: Array
     g: Array
-    change: Array
-    M_share: Array
-    g_share: Array
+    M_rate: Array
+    M_by_parameters: Array
+    g_by_parameters: Array

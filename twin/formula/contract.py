@@ -175,8 +175,8 @@ class Formula:
         seeds: starting values for solvers in SI: coordinates, or joints for a formula without inverse equations.
         motion: published equations of motion of some joints; or None.
         point_search: published optimisation for tip and trocar whose unknowns are points; or None.
-        numbers: function of a pose and the parameters. It returns a text that names the first line of the file with a
-            result of NaN or infinity; "" if there is no such line.
+        first_fault: function of a pose and the parameters. It returns a text that names the first line of the file
+            with a result of NaN or infinity; "" if there is no such line. None: the file is not traced.
     """
 
     name: str
@@ -196,7 +196,7 @@ class Formula:
     seeds: Sequence[Sequence[float]] = ()
     motion: ClosedForm | None = None
     point_search: PointSearch | None = None
-    numbers: Callable[[np.ndarray, Mapping[str, float]], str] | None = None
+    first_fault: Callable[[np.ndarray, Mapping[str, float]], str] | None = None
 
     def has(self, stage: Stage) -> bool:
         """Return whether the formula has an equation of a stage: "inverse", "forward" or "helper"."""
@@ -205,16 +205,21 @@ class Formula:
     @property
     def scalars(self) -> dict[str, dict[str, str]]:
         """Symbols of the scalars by kind ("passive", "reach", "measure", "aspect") and name, in order."""
+        symbols_of_measures = {measure.name: measure.symbol for measure in self.measures}
+        symbols_of_aspects = [aspect.symbol for aspect in self.aspects]
         return {
-            "passive": {name: name for name in self.passive},
+            "passive": dict(zip(self.passive, self.passive, strict=True)),
             "reach": dict(self.reach),
-            "measure": {measure.name: measure.symbol for measure in self.measures},
-            "aspect": {aspect.symbol: aspect.symbol for aspect in self.aspects},
+            "measure": symbols_of_measures,
+            "aspect": dict(zip(symbols_of_aspects, symbols_of_aspects, strict=True)),
         }
 
 
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+"""Pattern of a symbol."""
+
 _JOINT_NAME = re.compile(r"[a-z][a-z0-9_]*")
+"""Pattern of a joint's name, which is also a symbol."""
 
 
 def check_formula(formula: object) -> None:
@@ -255,13 +260,13 @@ def check_formula(formula: object) -> None:
         if not measure.alarm >= 0:  # also true for NaN
             fail(f"measure '{measure.name}': alarm {measure.alarm} must not be negative.")
     # a seed has coordinates or, for a formula without inverse equations, joints
-    width = len(formula.joints)
+    seed_length = len(formula.joints)
     if formula.has("inverse"):
-        width = len(formula.coordinates.names)
+        seed_length = len(formula.coordinates.names)
     for i, seed in enumerate(formula.seeds):
         numbers = np.asarray(seed, float)
-        if len(seed) != width or not np.all(np.isfinite(numbers)):
-            fail(f"seed {i} must have {width} finite numbers, found {list(seed)}.")
+        if len(seed) != seed_length or not np.all(np.isfinite(numbers)):
+            fail(f"seed {i} must have {seed_length} finite numbers, found {list(seed)}.")
 
 
 def arguments(function: Rows) -> tuple[list[str], list[str]]:
@@ -276,17 +281,18 @@ def arguments(function: Rows) -> tuple[list[str], list[str]]:
     return required, optional
 
 
-def unread(formula: Formula, chosen: Mapping[str, str]) -> list[str]:
+def unread(formula: Formula, variants_in_use: Mapping[str, str]) -> list[str]:
     """Return the parameters that no equation uses in the chosen variants."""
     functions = [formula.characteristic_length]
     for equation in formula.equations:
-        variant = chosen.get(equation.name, equation.default)
+        variant = variants_in_use.get(equation.name, equation.default)
         functions.append(equation.variants[variant])
-    read: set[str] = set()
+    used: set[str] = set()
     for function in functions:
         required, optional = arguments(function)
-        read.update(required, optional)
-    return [parameter.name for parameter in formula.parameters if parameter.name not in read]
+        used.update(required, optional)
+    names = [parameter.name for parameter in formula.parameters]
+    return [name for name in names if name not in used]
 
 
 def _check_coordinates(formula: Formula, fail: Callable[[str], None]) -> None:
@@ -312,8 +318,8 @@ def _check_equations(formula: Formula, fail: Callable[[str], None]) -> None:
             if not _IDENTIFIER.fullmatch(output):
                 fail(f"equation '{equation.name}': output '{output}' is not an identifier.")
         if equation.default not in equation.variants:
-            known = sorted(equation.variants)
-            fail(f"equation '{equation.name}': default variant '{equation.default}' is not one of {known}.")
+            existing = sorted(equation.variants)
+            fail(f"equation '{equation.name}': default variant '{equation.default}' is not one of {existing}.")
         for variant, function in equation.variants.items():
             if not callable(function):
                 fail(f"equation '{equation.name}', variant '{variant}' is not a function.")
@@ -334,19 +340,20 @@ def _check_point_search(formula: Formula, fail: Callable[[str], None]) -> None:
             outputs.update(equation.outputs)
     for name in search.unknowns:
         if name not in outputs:
-            known = ", ".join(sorted(outputs))
-            fail(f"point_search: no inverse equation gives its unknown '{name}'; they give {known}.")
+            computed = ", ".join(sorted(outputs))
+            fail(f"point_search: no inverse equation gives its unknown '{name}'; they give {computed}.")
 
 
 def _unique(fail: Callable[[str], None], kind: str, names: Iterable[str]) -> None:
-    """Call `fail` if a name is there twice; `kind` says what the names are those of."""
-    seen: dict[str, int] = {}
+    """Call `fail` if two of the names are equal; `kind` is what they name, "joint" or "equation"."""
+    first_number: dict[str, int] = {}
     names = list(names)
     for i, name in enumerate(names, 1):
-        if name in seen:
+        if name in first_number:
             count = len(set(names))
+            numbers = f"number {first_number[name]} and number {i}"
             fail(
-                f"two {kind} entries are named '{name}', number {seen[name]} and number {i}: {len(names)} entries have "
+                f"two {kind} entries are named '{name}', {numbers}: {len(names)} entries have "
                 f"{count} names. Give each entry a different name."
             )
-        seen[name] = i
+        first_number[name] = i

@@ -40,7 +40,10 @@ def call(function: Rows, symbols: Mapping[str, Value], what: str, suggestions: S
         if name not in symbols:
             text = unknown("symbol", name, symbols, suggestions).removeprefix("there is no ")
             raise KinematicsError(f"{what} needs {text}")
-    values = {name: symbols[name] for name in (*required, *optional) if name in symbols}
+    values: dict[str, Value] = {}
+    for name in (*required, *optional):
+        if name in symbols:
+            values[name] = symbols[name]
     with _failures_located(function, what):
         return function(**values)
 
@@ -57,7 +60,7 @@ def _failures_located(function: Callable[..., object], what: str) -> Iterator[No
     except (KinematicsError, ProgramEndError):
         raise
     except Exception as error:
-        raise KinematicsError(f"{what} fails at {_where(error, function)}: {_message(error)}") from error
+        raise KinematicsError(f"{what} fails at {_line_of(error, function)}: {_message(error)}") from error
 
 
 def _message(error: Exception) -> str:
@@ -71,7 +74,7 @@ def _message(error: Exception) -> str:
     return no_inverse(rows, columns)
 
 
-def run(formula: Formula, chosen: Mapping[str, str], symbols: Mapping[str, Value], stage: Stage) -> dict[str, Value]:
+def run(formula: Formula, variants: Mapping[str, str], symbols: Mapping[str, Value], stage: Stage) -> dict[str, Value]:
     """Return the symbols together with the outputs of the equations of one stage.
 
     An equation is skipped if all its outputs are already among the symbols. A flow can therefore start in the middle,
@@ -80,15 +83,15 @@ def run(formula: Formula, chosen: Mapping[str, str], symbols: Mapping[str, Value
     Raises:
         KinematicsError: a symbol is missing, or an equation returns the wrong number of values or a wrong shape.
     """
-    out = dict(symbols)
+    flow = dict(symbols)
     for equation in formula.equations:
-        if equation.stage != stage or all(name in out for name in equation.outputs):
+        if equation.stage != stage or flow.keys() >= set(equation.outputs):
             continue
-        variant = chosen.get(equation.name, equation.default)
-        values = _outputs(formula, equation, equation.variants[variant], out)
+        variant = variants.get(equation.name, equation.default)
+        values = _outputs(formula, equation, equation.variants[variant], flow)
         for name, value in zip(equation.outputs, values, strict=True):
-            out.setdefault(name, value)  # an output that was given keeps its value
-    return out
+            flow.setdefault(name, value)  # an output that was given keeps its value
+    return flow
 
 
 def from_pose(formula: Formula, T: ca.SX) -> dict[str, Value]:
@@ -176,11 +179,11 @@ def _outputs(formula: Formula, equation: Equation, function: Rows, symbols: Mapp
     for name in names:
         if name in required and name not in symbols:
             unknowns[name] = ca.SX.sym(name)
-    given = {**symbols, **unknowns}
+    values_of_arguments = {**symbols, **unknowns}
     suggestions = ()
-    if not given.keys() >= set(required):
+    if not values_of_arguments.keys() >= set(required):
         suggestions = unread(formula, {})
-    values = call(function, given, what, suggestions)
+    values = call(function, values_of_arguments, what, suggestions)
     if not isinstance(values, tuple | list):
         values = [values]
     values = list(values)
@@ -190,34 +193,37 @@ def _outputs(formula: Formula, equation: Equation, function: Rows, symbols: Mapp
         return values
     implicit = ", ".join(unknowns)
     places = [names.index(name) for name in unknowns]
-    rows = ca.vertcat(*[values[place] for place in places])
+    implicit_rows = [values[place] for place in places]
+    rows = ca.vertcat(*implicit_rows)
     x = ca.vertcat(*unknowns.values())
     if rows.shape != x.shape:
         raise KinematicsError(f"{what}: its implicit rows {implicit} must be scalars.")
-    # the rows are x = A x + b
-    A = ca.jacobian(rows, x)
-    if ca.depends_on(A, x):
+    # the rows are x = matrix x + constant_part
+    matrix = ca.jacobian(rows, x)
+    if ca.depends_on(matrix, x):
         raise KinematicsError(f"{what} is implicit in {implicit} and not linear in them.")
-    b = ca.substitute(rows, x, 0 * x)
-    solution = _solution(ca.SX.eye(len(unknowns)) - A, b)
-    values = [ca.substitute(ca.SX(value), x, solution) for value in values]
+    constant_part = ca.substitute(rows, x, 0 * x)
+    solution = _solution(ca.SX.eye(len(unknowns)) - matrix, constant_part)
+    solved_values = []
+    for value in values:
+        solved_values.append(ca.substitute(ca.SX(value), x, solution))
     for i, place in enumerate(places):
-        values[place] = solution[i]
-    return values
+        solved_values[place] = solution[i]
+    return solved_values
 
 
-def _solution(A: ca.SX, b: ca.SX) -> ca.SX:
-    """Return the solution of A x = b; a matrix of plain numbers is inverted once, not at every evaluation."""
-    if not ca.symvar(A):
-        numbers = ca.DM(ca.densify(A)).full()
-        if np.linalg.cond(numbers) < _REGULAR:
-            inverse = ca.DM(np.linalg.inv(numbers))
+def _solution(matrix: ca.SX, right_side: ca.SX) -> ca.SX:
+    """Return the solution of matrix x = right_side; one of plain numbers is inverted once."""
+    if not ca.symvar(matrix):
+        entries = ca.DM(ca.densify(matrix)).full()
+        if np.linalg.cond(entries) < _REGULAR:
+            inverse = ca.DM(np.linalg.inv(entries))
             # without entries that are only rounding errors, which would add terms
-            return ca.SX(ca.sparsify(inverse, _ROUNDING)) @ b
-    return ca.solve(A, b)
+            return ca.SX(ca.sparsify(inverse, _ROUNDING)) @ right_side
+    return ca.solve(matrix, right_side)
 
 
-def _where(error: BaseException, function: Callable[..., object]) -> str:
+def _line_of(error: BaseException, function: Callable[..., object]) -> str:
     """Return "file:line" of the last line in the error's traceback that is in the file of the function."""
     code = getattr(inspect.unwrap(function), "__code__", None)
     if code is None:

@@ -76,28 +76,28 @@ class Equations:
             gives = gives.split()
         outputs = tuple(gives)
         if stage == "helper":
-            reading = "corrected"
+            variant_name = "corrected"
         else:
-            reading = variant or self.variant_name
+            variant_name = variant or self.variant_name
         reasons = {}
         if why:
-            reasons[reading] = why
+            reasons[variant_name] = why
 
         def register(function: _Function) -> _Function:
-            own_name = name or function.__name__
-            if any(equation.name == own_name for equation in self._registered):
+            equation_name = name or function.__name__
+            if equation_name in [equation.name for equation in self._registered]:
                 raise KinematicsError(
-                    f"two equations are named '{own_name}': register the second as a variant of the first"
+                    f"two equations are named '{equation_name}': register the second as a variant of the first"
                 )
             equation = Equation(
-                own_name,
+                equation_name,
                 title,
                 source=source or self.source,
                 stage=stage,
                 outputs=outputs,
-                variants={reading: function},
+                variants={variant_name: function},
                 reasons=reasons,
-                default=reading,
+                default=variant_name,
             )
             self._registered.append(equation)
             return function
@@ -138,9 +138,9 @@ class Equations:
     def _place_of(self, function: Rows) -> int | None:
         """Return the index of the equation of which the function is a variant; None if there is none."""
         for i, equation in enumerate(self._registered):
-            # not `in`, which would compare by equality
-            if any(variant is function for variant in equation.variants.values()):
-                return i
+            for variant in equation.variants.values():
+                if variant is function:  # not `in`, which would compare by equality
+                    return i
         return None
 
     def __iter__(self) -> Iterator[Equation]:
@@ -202,15 +202,15 @@ def definition(function: Rows) -> ast.FunctionDef:
     Raises:
         KinematicsError: the function has no source (a lambda, a built-in, a decorated wrapper).
     """
-    written = inspect.unwrap(function)
-    if hasattr(written, _CHANGES):
-        _, change = getattr(written, _CHANGES)
-        written = inspect.unwrap(change)
-    code = getattr(written, "__code__", None)
+    plain_function = inspect.unwrap(function)
+    if hasattr(plain_function, _CHANGES):
+        _, change = getattr(plain_function, _CHANGES)
+        plain_function = inspect.unwrap(change)
+    code = getattr(plain_function, "__code__", None)
     if code is None or not Path(code.co_filename).is_file():
         raise KinematicsError(f"{function!r} has no source file; the text of an equation must be readable")
     path = Path(code.co_filename)
-    definitions = _definitions(path, text_of(path, written.__globals__))
+    definitions = _definitions(path, text_of(path, plain_function.__globals__))
     node = definitions.get((code.co_name, code.co_firstlineno))
     if node is None:
         raise KinematicsError(f"{code.co_filename}:{code.co_firstlineno}: '{code.co_name}' is not a plain function")
@@ -221,11 +221,11 @@ def definition(function: Rows) -> ast.FunctionDef:
 def _definitions(path: Path, data: bytes) -> dict[tuple[str, int], ast.FunctionDef]:
     """Return the function definitions in a file's text, by name and line of the first decorator or `def`."""
     definitions = {}
-    waiting: list[ast.AST] = [ast.parse(data, path)]
-    while waiting:  # ast.walk would also visit all expressions, which contain no definitions
-        for node in ast.iter_child_nodes(waiting.pop()):
+    unvisited: list[ast.AST] = [ast.parse(data, path)]
+    while unvisited:  # ast.walk would also visit all expressions, which contain no definitions
+        for node in ast.iter_child_nodes(unvisited.pop()):
             if isinstance(node, ast.stmt | ast.excepthandler | ast.match_case):
-                waiting.append(node)
+                unvisited.append(node)
             if isinstance(node, ast.FunctionDef):
                 first_line = node.lineno
                 for decorator in node.decorator_list:
@@ -269,7 +269,10 @@ def _merged(base: Rows, change: Rows) -> tuple[EquationRow, ...]:
             else:
                 added.append(replace(row, new=True))
             continue
-        places = [i for i, other in enumerate(merged) if set(assigned(other.node)) == names]
+        places = []
+        for i, existing_row in enumerate(merged):
+            if set(assigned(existing_row.node)) == names:
+                places.append(i)
         if len(places) != 1:
             symbols = ", ".join(assigned(row.node))
             raise fail(
@@ -332,15 +335,17 @@ def _arguments(base: FunctionType, change: ast.FunctionDef, body: Sequence[ast.s
         root, _ = getattr(root, _CHANGES)
     arguments = copy.copy(definition(root).args)
     code = base.__code__
-    known = set(code.co_varnames)
+    assigned_names = set(code.co_varnames)
     for statement in body:
-        known.update(assigned(statement))
+        assigned_names.update(assigned(statement))
     # `base` can itself be a variant with keyword arguments that the function in the file does not have
-    needed = list(code.co_varnames[code.co_argcount : code.co_argcount + code.co_kwonlyargcount])
-    needed += [argument.arg for argument in change.args.args if argument.arg not in known]
-    existing = {argument.arg for argument in arguments.kwonlyargs}
-    added = [ast.arg(name) for name in needed if name not in existing]
-    no_defaults: list[ast.expr | None] = [None] * len(added)
-    arguments.kwonlyargs = [*arguments.kwonlyargs, *added]
+    needed_names = list(code.co_varnames[code.co_argcount : code.co_argcount + code.co_kwonlyargcount])
+    for argument in change.args.args:
+        if argument.arg not in assigned_names:
+            needed_names.append(argument.arg)
+    existing_names = {argument.arg for argument in arguments.kwonlyargs}
+    added_arguments = [ast.arg(name) for name in needed_names if name not in existing_names]
+    no_defaults: list[ast.expr | None] = [None] * len(added_arguments)
+    arguments.kwonlyargs = [*arguments.kwonlyargs, *added_arguments]
     arguments.kw_defaults = [*arguments.kw_defaults, *no_defaults]
     return arguments

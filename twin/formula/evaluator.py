@@ -56,13 +56,13 @@ class Evaluator:
         one: function that returns the value, in the declared shape, at one vector z.
     """
 
-    def __init__(self, name: str, z: symbolic.SX, out: symbolic.SX, shape: tuple[int, ...] = ()) -> None:
+    def __init__(self, name: str, z: symbolic.SX, expression: symbolic.SX, shape: tuple[int, ...] = ()) -> None:
         self.name = name
-        self.shape = shape or (out.numel(),)
-        if out.shape[1] > 1:
-            column = symbolic.flat(out)
+        self.shape = shape or (expression.numel(),)
+        if expression.shape[1] > 1:
+            column = symbolic.flat(expression)
         else:
-            column = ca.densify(out)
+            column = ca.densify(expression)
         self.function = ca.Function(name, [z], [column])
         self._block_lock = threading.Lock()
         self.one = self._caller()
@@ -89,7 +89,7 @@ class Evaluator:
     def _caller(self) -> Callable[[Array], Array]:
         """Return the function `one`, by CasADi's virtual machine."""
         # Local names are used instead of attributes, `with` and `[:]`, which would take as long as the function itself.
-        given, compute = self.bind()
+        argument, compute = self.bind()
         lock = threading.Lock()
         acquire = lock.acquire
         release = lock.release
@@ -97,7 +97,7 @@ class Evaluator:
         def one(z: Array) -> Array:
             acquire()
             try:
-                given[...] = z
+                argument[...] = z
                 return compute()
             finally:
                 release()
@@ -142,22 +142,22 @@ class Evaluator:
         buffer.set_res(0, outputs.reshape(-1).data)  # pyright: ignore[reportCallIssue]
         return inputs, outputs, trigger, buffer  # the buffer must stay alive
 
-    def many(self, Z: Array) -> Array:
+    def many(self, samples: Array) -> Array:
         """Return the values (k, *shape) at the rows of Z (k, n)."""
-        count = len(Z)
+        count = len(samples)
         width = self.function.size1_out(0)
         if count >= _MANY and width and self._kernel is not None:
-            return self._kernel.rows(np.asarray(Z, float)).reshape(count, *self.shape)
+            return self._kernel.rows(np.asarray(samples, float)).reshape(count, *self.shape)
         result = np.zeros((count, width))
         if count <= _FEW:
             for i in range(count):
-                result[i] = self.one(Z[i]).ravel()
+                result[i] = self.one(samples[i]).ravel()
         elif width:
             with self._block_lock:
                 inputs, outputs, trigger, _ = self._mapped
                 for start in range(0, count, _BLOCK):
                     size = min(_BLOCK, count - start)
-                    inputs[:size] = Z[start : start + size]
+                    inputs[:size] = samples[start : start + size]
                     trigger()
                     result[start : start + size] = outputs[:size]
         return result.reshape(count, *self.shape)

@@ -11,11 +11,12 @@ def if_else(condition: Value, yes: Value, no: Value) -> Value:
     """Return `yes` where the condition is true, else `no`, entry by entry; both values are always computed."""
     values = (condition, yes, no)
     if any(isinstance(value, np.ndarray | list | tuple) for value in values):
-        conditions, yeses, noes = np.broadcast_arrays(*[np.asarray(value, dtype=object) for value in values])
-        chosen = np.full(conditions.shape, None, dtype=object)
-        for i in np.ndindex(chosen.shape):
-            chosen[i] = if_else(conditions[i], yeses[i], noes[i])
-        return plain(chosen)
+        arrays = [np.asarray(value, dtype=object) for value in values]
+        conditions, yeses, noes = np.broadcast_arrays(*arrays)
+        selected = np.full(conditions.shape, None, dtype=object)
+        for i in np.ndindex(selected.shape):
+            selected[i] = if_else(conditions[i], yeses[i], noes[i])
+        return plain(selected)
     if isinstance(condition, Scalar):
         return condition.if_else(yes, no)
     if condition:

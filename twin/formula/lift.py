@@ -40,8 +40,10 @@ _MATH = {
 """{name of a function in `math`: equivalent NumPy function}."""
 
 _COMPARE = (np.less, np.less_equal, np.greater, np.greater_equal, np.equal, np.not_equal)
+"""Functions whose result for symbols is a condition, not a bool."""
 
 _MAKE = ("zeros", "ones", "eye", "identity", "empty", "full", "zeros_like", "ones_like", "empty_like", "full_like")
+"""Names of functions that make an array which authors fill later, also with symbols."""
 
 
 def scope(home: ModuleNames) -> ModuleNames:
@@ -52,9 +54,9 @@ def scope(home: ModuleNames) -> ModuleNames:
     names: ModuleNames = {}
     for name, value in home.items():
         if isinstance(value, FunctionType) and value.__globals__ is home:
-            new = FunctionType(value.__code__, names, value.__name__, value.__defaults__, value.__closure__)
-            new.__kwdefaults__ = value.__kwdefaults__
-            names[name] = new
+            lifted_function = FunctionType(value.__code__, names, value.__name__, value.__defaults__, value.__closure__)
+            lifted_function.__kwdefaults__ = value.__kwdefaults__
+            names[name] = lifted_function
         else:
             names[name] = lifted(value)
     return names
@@ -79,7 +81,7 @@ def lifted(value: object) -> object:
     return value
 
 
-class _Space:
+class _LiftedModule:
     """Replacement of a module: each of its functions is converted to a version for symbols at first use."""
 
     def __init__(self, module: ModuleType, **special: object) -> None:
@@ -91,7 +93,7 @@ class _Space:
         if isinstance(value, np.ufunc):
             value = _elementwise(value)
         elif callable(value) and not isinstance(value, type):
-            value = _whole(value)
+            value = _on_whole_arrays(value)
         setattr(self, name, value)
         return value
 
@@ -101,13 +103,13 @@ def _kind(*values: object) -> type[Scalar] | None:
     for value in values:
         if isinstance(value, Scalar):
             return type(value)
-        found = None
+        kind_inside = None
         if isinstance(value, list | tuple):
-            found = _kind(*value)
+            kind_inside = _kind(*value)
         elif isinstance(value, np.ndarray) and value.dtype == object:
-            found = _kind(*value.ravel())
-        if found is not None:
-            return found
+            kind_inside = _kind(*value.ravel())
+        if kind_inside is not None:
+            return kind_inside
     return None
 
 
@@ -131,60 +133,64 @@ def _numbers(x: Value) -> Value:
     return x
 
 
-def _on_numbers(f: Callable[..., Value], args: Iterable[Value], kwargs: Mapping[str, object]) -> Value:
+def _on_numbers(function: Callable[..., Value], args: Iterable[Value], kwargs: Mapping[str, object]) -> Value:
     """Return the result of a NumPy function for arguments without symbols."""
-    numbers = [_numbers(arg) for arg in args]
-    return f(*numbers, **kwargs)
+    numbers = map(_numbers, args)
+    return function(*numbers, **kwargs)
 
 
-def _elementwise(f: np.ufunc) -> Callable[..., Value]:
+def _elementwise(ufunc: np.ufunc) -> Callable[..., Value]:
     """Return a version of a function of single entries (a ufunc)."""
 
     def call(*args: Value, **kwargs: object) -> Value:
         kind = _kind(*args)
         if kind is None:
-            return _on_numbers(f, args, kwargs)
-        if f in _COMPARE:
+            return _on_numbers(ufunc, args, kwargs)
+        if ufunc in _COMPARE:
             kwargs["dtype"] = object  # otherwise the result would have to be True or False
         boxed = [_boxed(arg, kind) for arg in args]
-        return f(*boxed, **kwargs)
+        return ufunc(*boxed, **kwargs)
 
-    call.__name__ = f.__name__
+    call.__name__ = ufunc.__name__
     return call
 
 
-def _whole(f: Callable[..., Value]) -> Callable[..., Value]:
+def _on_whole_arrays(function: Callable[..., Value]) -> Callable[..., Value]:
     """Return a version of a function of whole arrays, such as `np.stack`."""
 
     def call(*args: Value, **kwargs: object) -> Value:
         kind = _kind(*args)
         if kind is None:
-            return _on_numbers(f, args, kwargs)
+            return _on_numbers(function, args, kwargs)
         # dtype float is dropped, because the array may contain symbols
         if kwargs.get("dtype") is float:
             del kwargs["dtype"]
-        if f in (np.array, np.asarray) and len(args) == 2 and args[1] is float:
+        if function in (np.array, np.asarray) and len(args) == 2 and args[1] is float:
             args = args[:1]
-        boxed = [_boxed(arg, kind) if isinstance(arg, np.ndarray) else arg for arg in args]
-        result = f(*boxed, **kwargs)
+        boxed: list[Value] = []
+        for arg in args:
+            if isinstance(arg, np.ndarray):
+                arg = _boxed(arg, kind)
+            boxed.append(arg)
+        result = function(*boxed, **kwargs)
         if isinstance(result, np.ndarray) and result.dtype == object:
             return _boxed(result, kind)
         return result
 
-    call.__name__ = f.__name__
+    call.__name__ = function.__name__
     return call
 
 
-def _filled_later(f: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
+def _filled_later(function: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
     """Return a version of `zeros`, `ones` or a similar function; symbols can be assigned to entries of its arrays."""
 
     def call(*args: Value, **kwargs: object) -> np.ndarray:
-        array = _on_numbers(f, args, kwargs)
+        array = _on_numbers(function, args, kwargs)
         if array.dtype == float:
             return array.astype(object)
         return array
 
-    call.__name__ = f.__name__
+    call.__name__ = function.__name__
     return call
 
 
@@ -213,66 +219,67 @@ def _sign(x: Value) -> Value:
     return if_else(_less(x, 0), -1.0, of_others)
 
 
-def _det(A: Value) -> Value:
+def _det(matrix: Value) -> Value:
     """Return the determinant of a square matrix of numbers or symbols."""
-    A = np.asarray(A)
-    if _kind(A) is None:
-        return np.linalg.det(_numbers(A))
-    if A.ndim != 2 or A.shape[0] != A.shape[1]:
-        raise ValueError(f"a determinant takes a square matrix, not {A.shape}")
-    if len(A) == 1:
-        return A[0, 0]
+    matrix = np.asarray(matrix)
+    if _kind(matrix) is None:
+        return np.linalg.det(_numbers(matrix))
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
+        raise ValueError(f"a determinant takes a square matrix, not {matrix.shape}")
+    if len(matrix) == 1:
+        return matrix[0, 0]
     # Laplace's expansion along the first row
     total = 0
-    for j in range(len(A)):
-        total = total + (-1.0) ** j * A[0, j] * _det(_without(A, 0, j))
+    for j in range(len(matrix)):
+        total = total + (-1.0) ** j * matrix[0, j] * _det(_without(matrix, 0, j))
     return total
 
 
-def _inv(A: Value) -> Value:
+def _inv(matrix: Value) -> Value:
     """Return the inverse of a square matrix of numbers, or of symbols by cofactors."""
-    A = np.asarray(A)
-    if A.ndim == 2 and A.shape[0] != A.shape[1]:
-        raise ValueError(no_inverse(*A.shape))
-    kind = _kind(A)
+    matrix = np.asarray(matrix)
+    if matrix.ndim == 2 and matrix.shape[0] != matrix.shape[1]:
+        raise ValueError(no_inverse(*matrix.shape))
+    kind = _kind(matrix)
     if kind is None:
-        return np.linalg.inv(_numbers(A))
-    n = len(A)
-    det = _det(A)
-    inverse = np.full((n, n), None, dtype=object)
-    for i in range(n):
-        for j in range(n):
+        return np.linalg.inv(_numbers(matrix))
+    size = len(matrix)
+    det = _det(matrix)
+    inverse = np.full((size, size), None, dtype=object)
+    for i in range(size):
+        for j in range(size):
             # the cofactor of the transposed entry
-            inverse[i, j] = (-1.0) ** (i + j) * _det(_without(A, j, i)) / det
+            inverse[i, j] = (-1.0) ** (i + j) * _det(_without(matrix, j, i)) / det
     return _boxed(inverse, kind)
 
 
-def _pinv(A: Value) -> Value:
+def _pinv(matrix: Value) -> Value:
     """Return the pseudoinverse; that of symbols is only right for a matrix of full rank."""
-    A = np.asarray(A)
-    if _kind(A) is None:
-        return np.linalg.pinv(_numbers(A))
-    rows, columns = A.shape
+    matrix = np.asarray(matrix)
+    if _kind(matrix) is None:
+        return np.linalg.pinv(_numbers(matrix))
+    rows, columns = matrix.shape
     if rows < columns:
-        return A.T @ _inv(A @ A.T)
-    return _inv(A.T @ A) @ A.T
+        return matrix.T @ _inv(matrix @ matrix.T)
+    return _inv(matrix.T @ matrix) @ matrix.T
 
 
-def _solve(A: Value, b: Value) -> Value:
-    """Return the solution of A x = b."""
-    return _inv(A) @ np.asarray(b)
+def _solve(a: Value, b: Value) -> Value:
+    """Return the solution of a x = b; the arguments are named as in NumPy, because authors may give them by name."""
+    return _inv(a) @ np.asarray(b)
 
 
-def _without(A: np.ndarray, i: int, j: int) -> np.ndarray:
+def _without(matrix: np.ndarray, i: int, j: int) -> np.ndarray:
     """Return a matrix without row i and column j."""
-    without_row = np.delete(A, i, axis=0)
+    without_row = np.delete(matrix, i, axis=0)
     return np.delete(without_row, j, axis=1)
 
 
-_LINALG = _Space(np.linalg, det=_det, inv=_inv, pinv=_pinv, solve=_solve)
-_NUMPY = _Space(
+_ARRAY_MAKERS = {name: _filled_later(getattr(np, name)) for name in _MAKE}
+_LINALG = _LiftedModule(np.linalg, det=_det, inv=_inv, pinv=_pinv, solve=_solve)
+_NUMPY = _LiftedModule(
     np,
-    **{name: _filled_later(getattr(np, name)) for name in _MAKE},
+    **_ARRAY_MAKERS,
     maximum=_maximum,
     fmax=_maximum,
     minimum=_minimum,
@@ -298,8 +305,9 @@ def _of_math(name: str) -> Callable[..., Value]:
     return call
 
 
-_MODULES: dict[str, _Space | SimpleNamespace] = {
+_LIFTED_MATH = {name: _of_math(name) for name in _MATH}
+_MODULES: dict[str, _LiftedModule | SimpleNamespace] = {
     "numpy": _NUMPY,
     "numpy.linalg": _LINALG,
-    "math": SimpleNamespace(**(vars(math) | {name: _of_math(name) for name in _MATH})),
+    "math": SimpleNamespace(**(vars(math) | _LIFTED_MATH)),
 }

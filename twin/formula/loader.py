@@ -43,4 +43,5 @@ def text_of(path: Path, names: Mapping[str, object]) -> bytes:
 
 @lru_cache(maxsize=64)
 def _stored(path: Path, stamp: tuple[int, int]) -> bytes:
+    """Return the bytes of a file, read once for each time and size `stamp` (ns, bytes) of it."""
     return path.read_bytes()

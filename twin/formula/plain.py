@@ -29,6 +29,7 @@ from twin.formula.scalar import Value
 from twin.formula.symbol import from_sx, to_sx
 
 FUNCTIONS = ("inverse", "forward", "points")
+"""Names of the functions of a plain formula that twin calls."""
 
 _OUTPUTS = {
     "inverse": ((1, 1), "a number"),
@@ -64,17 +65,17 @@ def plain_formula(
     text = (inspect.getdoc(module) or name).strip()
     first_line = text.splitlines()[0].strip(" .")
     values = vars(module)
-    casadi = any(_of_casadi(value) for value in values.values())
+    casadi = any(map(_of_casadi, values.values()))
     functions = values
     if not casadi:
         functions = scope(values)
     parameters = _parameters(module, path)
     parameter_names = [parameter.name for parameter in parameters]
     joint_names = [joint for joint, _ in joints]
-    used = _names_of_arguments(functions)
-    coordinates = _coordinates({*joint_names, *parameter_names}, used)
-    known = [*coordinates.names, *parameter_names]
-    unread = [parameter for parameter in parameter_names if parameter not in used]
+    argument_names = _names_of_arguments(functions)
+    coordinates = _coordinates({*joint_names, *parameter_names}, argument_names)
+    symbol_names = [*coordinates.names, *parameter_names]
+    unread = [parameter for parameter in parameter_names if parameter not in argument_names]
 
     def rows(kind: str, points: Sequence[str] = ()) -> _Rows | None:
         """Return the function of a kind, which may use the named points; None if the module does not have it."""
@@ -84,7 +85,7 @@ def plain_formula(
         if not isinstance(value, FunctionType):
             line = _line_of(module, path, kind)
             raise KinematicsError(f"{path}:{line}: {kind} must be a function, not {type(value).__name__}.")
-        return _Rows(kind, path, functions[kind], joint_names, [*known, *points], POSE_SYMBOL, casadi, unread)
+        return _Rows(kind, path, functions[kind], joint_names, [*symbol_names, *points], POSE_SYMBOL, casadi, unread)
 
     points = rows("points")
     point_names: tuple[str, ...] = ()
@@ -101,21 +102,29 @@ def plain_formula(
     before_joints = [inverse]
     if points_first:
         before_joints = [points, inverse]
+    active_joints = []
+    for joint, is_angle in joints:
+        active_joints.append(ActiveJoint(joint, "revolute" if is_angle else "prismatic"))
     formula = Formula(
         name=name,
         title=str(values.get("TITLE", first_line)),
         source=str(values.get("SOURCE", path.name)),
         parameters=parameters,
-        joints=tuple(ActiveJoint(joint, "revolute" if angle else "prismatic") for joint, angle in joints),
+        joints=tuple(active_joints),
         coordinates=coordinates,
         equations=_equations(points, inverse, forward, joints=joint_names, points_first=points_first, path=path),
         characteristic_length=_length_scale(parameters),
-        points={point: point for point in point_names},
+        points=dict(zip(point_names, point_names, strict=True)),
         seeds=_seeds(coordinates, home, inverse is not None),
-        numbers=_on_numbers([row for row in before_joints if row is not None], coordinates),
+        first_fault=_first_fault_finder(_present(before_joints), coordinates),
     )
-    _check_on_symbols(formula, [row for row in (points, inverse, forward) if row is not None])
+    _check_on_symbols(formula, _present((points, inverse, forward)))
     return formula
+
+
+def _present(rows: Sequence[_Rows | None]) -> list[_Rows]:
+    """Return the functions that the file has."""
+    return [row for row in rows if row is not None]
 
 
 def _equations(
@@ -181,17 +190,17 @@ class _Rows(PlainRows):
         """Return an output as SX: a scalar, a column of three, or a pose."""
         shape, what = _OUTPUTS[self.name]
         try:
-            out = to_sx(value)
+            expression = to_sx(value)
         except (TypeError, ValueError, NotImplementedError) as error:
             raise self.error(f"{self.name}(): '{name}' is {type(value).__name__}, not {what}") from error
-        if shape == (3, 1) and out.shape == (1, 3):
-            out = out.T
-        if out.shape != shape:
-            found = out.shape
+        if shape == (3, 1) and expression.shape == (1, 3):
+            expression = expression.T
+        if expression.shape != shape:
+            shape_found = expression.shape
             if isinstance(value, np.ndarray):
-                found = value.shape  # what the author wrote; shapes in CasADi have two dimensions
-            raise self.error(f"{self.name}(): '{name}' has shape {found}; it must be {what}")
-        return out
+                shape_found = value.shape  # what the author wrote; shapes in CasADi have two dimensions
+            raise self.error(f"{self.name}(): '{name}' has shape {shape_found}; it must be {what}")
+        return expression
 
 
 def _array_of_symbols(*q: symbolic.SX) -> np.ndarray:
@@ -227,22 +236,22 @@ def _names_of_arguments(functions: Mapping[str, object]) -> set[str]:
     return names
 
 
-def _coordinates(taken: set[str], used: set[str]) -> Coordinates:
+def _coordinates(taken_names: set[str], used_names: set[str]) -> Coordinates:
     """Return the coordinates: position, and either Rz Ry Rx angles (if a function uses them) or a rotation vector.
 
     A rotation vector describes every orientation; the angles are singular at theta = ±90 deg. A coordinate whose name
-    is `taken` by a joint or a parameter gets the prefix "tool_".
+    is taken by a joint or a parameter gets the prefix "tool_".
     """
     orientation = ("psi", "theta", "phi")
     rotation_of = symbolic.rotation_zyx
     orientation_of = symbolic.angles_zyx
-    if not set(orientation) & used - taken:
+    if not set(orientation) & used_names - taken_names:
         orientation = ("rx", "ry", "rz")
         rotation_of = _rotation
         orientation_of = _vector
     names = []
     for name in ("x", "y", "z", *orientation):
-        names.append(f"tool_{name}" if name in taken else name)
+        names.append(f"tool_{name}" if name in taken_names else name)
 
     def to_pose(x: symbolic.SX, y: symbolic.SX, z: symbolic.SX, *angles: symbolic.SX) -> symbolic.SX:
         return symbolic.pose(rotation_of(*angles), ca.vertcat(x, y, z))
@@ -260,8 +269,8 @@ def _rotation(x: symbolic.SX, y: symbolic.SX, z: symbolic.SX) -> symbolic.SX:
 
 def _vector(T: symbolic.SX) -> tuple[symbolic.SX, symbolic.SX, symbolic.SX]:
     """Return the rotation vector in rad of a pose (4, 4)."""
-    w = symbolic.log_so3(T[0:3, 0:3])
-    return w[0], w[1], w[2]
+    rotation_vector = symbolic.log_so3(T[0:3, 0:3])
+    return rotation_vector[0], rotation_vector[1], rotation_vector[2]
 
 
 def _parameters(module: ModuleType, path: Path) -> tuple[Parameter, ...]:
@@ -270,12 +279,12 @@ def _parameters(module: ModuleType, path: Path) -> tuple[Parameter, ...]:
     Raises:
         KinematicsError: `PARAMETERS` is not a dictionary of numbers with units; the message gives file and line.
     """
-    given = getattr(module, "PARAMETERS", {})
-    if not isinstance(given, Mapping):
+    parameters_written = getattr(module, "PARAMETERS", {})
+    if not isinstance(parameters_written, Mapping):
         line = _line_of(module, path, "PARAMETERS")
         raise KinematicsError(f'{path}:{line}: PARAMETERS must be a dictionary by name, as in {{"l1": mm(135)}}.')
     parameters = []
-    for name, value in given.items():
+    for name, value in parameters_written.items():
         line = _line_of(module, path, "PARAMETERS", name)
         place = f"{path}:{line}: PARAMETERS['{name}']"
         if not isinstance(name, str) or not name.isidentifier():
@@ -301,7 +310,8 @@ def _line_of(module: ModuleType, path: Path, name: str, key: str | None = None) 
         targets = [getattr(node, "target", None)]
         if isinstance(node, ast.Assign):
             targets = node.targets
-        names += [getattr(target, "id", None) for target in targets]
+        for target in targets:
+            names.append(getattr(target, "id", None))
         if name not in names:
             continue
         value = getattr(node, "value", None)
@@ -315,7 +325,10 @@ def _line_of(module: ModuleType, path: Path, name: str, key: str | None = None) 
 
 def _length_scale(parameters: Sequence[Parameter]) -> Callable[[], float]:
     """Return the characteristic length as a function of the parameters: the median of all lengths."""
-    lengths = [abs(parameter.value) for parameter in parameters if parameter.unit in ("mm", "m") and parameter.value]
+    lengths: list[float] = []
+    for parameter in parameters:
+        if parameter.unit in ("mm", "m") and parameter.value:
+            lengths.append(abs(parameter.value))
     lengths.sort()
     scale = _DEFAULT_LENGTH
     if lengths:
@@ -349,12 +362,12 @@ def _seeds(
         return (_numbers_of_pose(coordinates, T),)
     if q is None:
         return ()
-    return (tuple(float(x) for x in q),)
+    return (tuple(np.asarray(q, float).tolist()),)
 
 
 def _numbers_of_pose(coordinates: Coordinates, T: Array) -> tuple[float, ...]:
     """Return the coordinates of a pose (4, 4) as numbers in m and rad."""
-    return tuple(float(x) for x in coordinates.from_pose(ca.DM(T)))
+    return tuple(map(float, coordinates.from_pose(ca.DM(T))))
 
 
 def _symbols(parameters: Sequence[Parameter], joints: Sequence[str], coordinates: Coordinates) -> dict[str, Value]:
@@ -376,7 +389,9 @@ def _point_names(
     return tuple(value)
 
 
-def _on_numbers(rows: Sequence[_Rows], coordinates: Coordinates) -> Callable[[Array, Mapping[str, float]], str] | None:
+def _first_fault_finder(
+    rows: Sequence[_Rows], coordinates: Coordinates
+) -> Callable[[Array, Mapping[str, float]], str] | None:
     """Return a function that finds the first line of source whose result is NaN or infinite; None if `rows` is empty.
 
     The function takes a pose (4, 4) and the parameters. It returns a text with file, line and cause, or "" if there is
@@ -412,7 +427,9 @@ def _check_on_symbols(formula: Formula, rows: Sequence[_Rows]) -> None:
     for point in formula.points:
         symbols[point] = ca.SX.sym(point, 3)
     for row in rows:
-        arguments = {name: symbols[name] for name in inspect.signature(row).parameters}
+        arguments: dict[str, Value] = {}
+        for name in inspect.signature(row).parameters:
+            arguments[name] = symbols[name]
         values = row(**arguments)
         for name, value in zip(row.outputs, values, strict=True):
             if _has_nan(value):
@@ -421,8 +438,8 @@ def _check_on_symbols(formula: Formula, rows: Sequence[_Rows]) -> None:
 
 def _has_nan(value: ca.SX) -> bool:
     """Return whether an expression contains a NaN constant, so that its value is always NaN."""
-    f = ca.Function("f", ca.symvar(value), [value])
-    for i in range(f.n_instructions()):
-        if f.instruction_id(i) == ca.OP_CONST and np.isnan(f.instruction_constant(i)):
+    function = ca.Function("f", ca.symvar(value), [value])
+    for i in range(function.n_instructions()):
+        if function.instruction_id(i) == ca.OP_CONST and np.isnan(function.instruction_constant(i)):
             return True
     return False

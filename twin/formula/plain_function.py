@@ -44,7 +44,7 @@ class PlainRows(ABC):
         path: Path,
         function: FunctionType,
         joints: Sequence[str],
-        known: Iterable[str],
+        symbols_known: Iterable[str],
         pose: str,
         casadi: bool,
         unread: Iterable[str] = (),
@@ -69,13 +69,13 @@ class PlainRows(ABC):
         self.line = function.__code__.co_firstlineno
         self.end = _last_return(path, function)
         self.outputs: tuple[str, ...] = ()
-        known = {*known, *self.joints, POSE, JOINTS, pose}
+        symbols_known = {*symbols_known, *self.joints, POSE, JOINTS, pose}
         self.argument_names: list[str] = []
         for parameter in inspect.signature(function).parameters.values():
             if parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD, parameter.POSITIONAL_ONLY):
                 raise self.error(f"{name}() must have named arguments: replace '{parameter}' by names", self.line)
-            if parameter.name not in known:
-                text = unknown("symbol", parameter.name, known, unread)
+            if parameter.name not in symbols_known:
+                text = unknown("symbol", parameter.name, symbols_known, unread)
                 raise self.error(f"{name}() uses '{parameter.name}'; {text}", self.line)
             self.argument_names.append(parameter.name)
         # the signature names symbols: those of which `pose` and `q` consist
@@ -125,8 +125,13 @@ class PlainRows(ABC):
         """
         names = self.outputs
         if isinstance(value, Mapping):
-            differences = [f"'{name}' is missing" for name in names if name not in value]
-            differences += [f"'{name}' is unknown" for name in value if name not in names]
+            differences = []
+            for name in names:
+                if name not in value:
+                    differences.append(f"'{name}' is missing")
+            for name in value:
+                if name not in names:
+                    differences.append(f"'{name}' is unknown")
             if differences:
                 what = "points" if self.name == "points" else "active joints"
                 expected = f"{what} {', '.join(names)}"
@@ -184,18 +189,21 @@ _CASADI_IF = (
 
 def _last_return(path: Path, function: FunctionType) -> int:
     """Return the line of the function's last `return`; if there is none, or no readable file, that of its `def`."""
-    first = function.__code__.co_firstlineno
+    first_line = function.__code__.co_firstlineno
     try:
         tree = ast.parse(text_of(path, function.__globals__))
     except (OSError, SyntaxError):
-        return first
+        return first_line
     for node in ast.walk(tree):
-        if isinstance(node, ast.FunctionDef) and node.lineno <= first <= (node.end_lineno or 0):
+        if isinstance(node, ast.FunctionDef) and node.lineno <= first_line <= (node.end_lineno or 0):
             if node.name != function.__name__:
                 continue
-            returns = [inner.lineno for inner in ast.walk(node) if isinstance(inner, ast.Return)]
-            return max(returns, default=first)
-    return first
+            return_lines = []
+            for inner in ast.walk(node):
+                if isinstance(inner, ast.Return):
+                    return_lines.append(inner.lineno)
+            return max(return_lines, default=first_line)
+    return first_line
 
 
 def entries(array: object) -> list[Value] | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 from typing import NamedTuple
 
@@ -119,7 +119,7 @@ class Program:
         count = len(self.parameters)
         z = ca.SX.sym("z", count + 16)
         T = symbolic.unflat(z[count:], 4, 4)
-        symbols: dict[str, Value] = {name: z[i] for i, name in enumerate(self.parameters)}
+        symbols: dict[str, Value] = _by_name(self.parameters, z[:count])
         symbols |= equation_values.from_pose(self.formula, T)
         for stage in ("inverse", "forward"):
             symbols = equation_values.run(self.formula, self.variants, symbols, stage)
@@ -135,7 +135,9 @@ class Program:
         misfit = result[-1]
         finite = ca.sumsqr(q) < np.inf  # false for NaN, too
         is_reached = ca.logic_and(misfit <= POSE_TOL, finite)
-        judged = [ca.if_else(is_reached, value, np.nan) for value in ca.vertsplit(q)]
+        judged = []
+        for value in ca.vertsplit(q):
+            judged.append(ca.if_else(is_reached, value, np.nan))
         return Evaluator("judged_inverse", self._state, ca.vertcat(*judged))
 
     @cached_property
@@ -160,16 +162,16 @@ class Program:
     def forward_jacobian(self) -> Evaluator:
         """Function of q (n) that returns the Jacobian (6, n): the tool's twist per rate of q, linear rows first."""
         q, T = self._forward()
-        n = len(self.order)
+        joint_count = len(self.order)
         R = T[0:3, 0:3]
         angular = []
-        for i in range(n):
+        for i in range(joint_count):
             # dR/dq_i R^T is the cross product matrix of the angular velocity
-            W = ca.jtimes(R, q, ca.SX.eye(n)[:, i]) @ R.T
-            angular.append(ca.vertcat(W[2, 1], W[0, 2], W[1, 0]))
+            angular_matrix = ca.jtimes(R, q, ca.SX.eye(joint_count)[:, i]) @ R.T
+            angular.append(ca.vertcat(angular_matrix[2, 1], angular_matrix[0, 2], angular_matrix[1, 0]))
         linear = ca.jacobian(T[0:3, 3], q)
         J = ca.vertcat(linear, ca.horzcat(*angular))
-        return Evaluator("forward_jacobian", q, ca.cse(J), (6, n))
+        return Evaluator("forward_jacobian", q, ca.cse(J), (6, joint_count))
 
     @cached_property
     def pose_of_coordinates(self) -> Evaluator:
@@ -195,19 +197,22 @@ class Program:
         motion from the start pose to the result: translation divided by the characteristic length, and rotation in rad.
         One call returns all results, because separate Python calls would take ten times as long as the solution.
         """
-        n = len(self.order)
+        joint_count = len(self.order)
         xi = ca.SX.sym("xi", 6)
-        p = ca.SX.sym("p", n + 16)
-        q = p[:n]
-        T_start = symbolic.unflat(p[n:], 4, 4)
+        q_and_start = ca.SX.sym("p", joint_count + 16)
+        q = q_and_start[:joint_count]
+        T_start = symbolic.unflat(q_and_start[joint_count:], 4, 4)
         T = symbolic.retract(T_start, xi)
         # joints that are not in the equations have a fixed value here, whatever their q
-        in_equations = [i for i, name in enumerate(self.order) if name not in self.extra_values]
+        in_equations = []
+        for i, name in enumerate(self.order):
+            if name not in self.extra_values:
+                in_equations.append(i)
         joint_errors = (self.joints_at(T) - q)[in_equations]
         finder = ca.rootfinder(
             "finder",
             "fast_newton",
-            {"x": xi, "p": p, "g": joint_errors},
+            {"x": xi, "p": q_and_start, "g": joint_errors},
             {
                 "error_on_fail": False,
                 "abstol": _NEWTON_TOLERANCE,
@@ -218,11 +223,11 @@ class Program:
         travel = _length(ca.vertcat(xi[:3] / self.length, xi[3:]))
         aspects = self.group["aspect"].function(symbolic.flat(T))
         results = ca.vertcat(symbolic.flat(T), _length(joint_errors), travel, aspects)
-        answer = ca.Function("answer", [xi, p], [results])
-        z = ca.MX.sym("z", n + 16)
-        solution = finder(x0=ca.DM.zeros(6), p=z)["x"]
-        answered = answer(solution, z)
-        return Evaluator("newton", z, answered, (answered.shape[0],))
+        results_function = ca.Function("answer", [xi, q_and_start], [results])
+        numbers_in = ca.MX.sym("z", joint_count + 16)
+        solution = finder(x0=ca.DM.zeros(6), p=numbers_in)["x"]
+        results_of_solution = results_function(solution, numbers_in)
+        return Evaluator("newton", numbers_in, results_of_solution, (results_of_solution.shape[0],))
 
     def from_points(self, names: tuple[str, ...]) -> Evaluator:
         """Return a function that computes q (n) from the named points (3 numbers each, in the order of `names`)."""
@@ -245,10 +250,10 @@ class Program:
             ends = np.cumsum(sizes).tolist()
             z = ca.SX.sym("z", sum(sizes))
             numbers, pose, q, passive_values, coordinates = ca.vertsplit(z, [0, *ends])
-            symbols: dict[str, Value] = {name: numbers[i] for i, name in enumerate(self.parameters)}
+            symbols: dict[str, Value] = _by_name(self.parameters, numbers)
             symbols |= equation_values.from_pose(self.formula, symbolic.unflat(pose, 4, 4))
-            symbols |= {name: q[i] for i, name in enumerate(self.order)}
-            symbols |= {name: passive_values[i] for i, name in enumerate(passive)}
+            symbols |= _by_name(self.order, q)
+            symbols |= _by_name(passive, passive_values)
             symbols |= self._symbols_of_points(points, coordinates)
             for stage in ("inverse", "forward", "helper"):
                 symbols = equation_values.run(self.formula, self.variants, symbols, stage)
@@ -339,6 +344,14 @@ class Program:
         if not rows:
             return ca.SX(0, 3)  # `vertcat` of nothing has no columns
         return ca.vertcat(*rows)
+
+
+def _by_name(names: Iterable[str], column: ca.SX) -> dict[str, Value]:
+    """Return {name: entry of a column}, in order; the column has one entry for each name."""
+    symbols: dict[str, Value] = {}
+    for i, name in enumerate(names):
+        symbols[name] = column[i]
+    return symbols
 
 
 def _length(v: ca.SX) -> ca.SX:

@@ -34,6 +34,12 @@ def number(value: float, provenance: Provenance = "ASSUMED", note: str = "") -> 
 
 
 def _parameter(value: float, scale: float, unit: str, provenance: Provenance, note: str) -> Parameter:
+    """Return a parameter without a name, of a value that `scale` converts to SI.
+
+    Raises:
+        TypeError: the value is not a number.
+        ValueError: it is not finite, or the provenance is not known.
+    """
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise TypeError(f"{value!r} is not a number; write a number such as 135.0")
     if not math.isfinite(value):

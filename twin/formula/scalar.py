@@ -38,9 +38,11 @@ METHODS = (
 )
 """Functions that NumPy calls as methods of the objects in an array."""
 
-
 _BINARY = ("add", "sub", "mul", "truediv", "pow")
+"""Names of the operators with two operands that give a number, in the module `operator`."""
+
 _COMPARE = ("lt", "le", "gt", "ge", "eq", "ne")
+"""Names of the operators that give a condition."""
 
 
 class NeedsNumberError(TypeError):
@@ -88,11 +90,11 @@ class Scalar:
 
     def radians(self) -> Self:
         """Return this angle converted from degrees to radians."""
-        return self._made(np.pi / 180, operator.mul)
+        return self._after_operator(np.pi / 180, operator.mul)
 
     def degrees(self) -> Self:
         """Return this angle converted from radians to degrees."""
-        return self._made(180 / np.pi, operator.mul)
+        return self._after_operator(180 / np.pi, operator.mul)
 
     deg2rad = radians
     rad2deg = degrees
@@ -115,7 +117,7 @@ class Scalar:
 
     __int__ = __index__ = __float__  # type: ignore[assignment]
 
-    def _made(self, other: object, operation: Callable[[Value, Value], Value]) -> Self:
+    def _after_operator(self, other: object, operation: Callable[[Value, Value], Value]) -> Self:
         """Return the result of an operator with another value."""
         value = _value(other)
         if value is NotImplemented:
@@ -133,6 +135,8 @@ def _value(other: object) -> Value:
 
 
 def _method(name: str) -> Callable[..., Scalar]:
+    """Return the method of `Scalar` that NumPy calls for its function of this name."""
+
     def method(self: Scalar, *others: object) -> Scalar:
         return self._of(name, *others)
 
@@ -142,6 +146,7 @@ def _method(name: str) -> Callable[..., Scalar]:
 
 
 def _operator(name: str, reflected: bool = False) -> Callable[[Scalar, object], Scalar]:
+    """Return the operator of `Scalar` of this name; `reflected`: the one for a `Scalar` on the right."""
     compute = getattr(operator, name)
     operation = compute
     if reflected:  # `other` is on the left
@@ -149,7 +154,7 @@ def _operator(name: str, reflected: bool = False) -> Callable[[Scalar, object], 
         def operation(a: Value, b: Value) -> Value:
             return compute(b, a)
 
-    return lambda self, other: self._made(other, operation)
+    return lambda self, other: self._after_operator(other, operation)
 
 
 for _name in METHODS:

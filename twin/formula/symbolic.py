@@ -39,9 +39,9 @@ def norm(v: SX) -> SX:
 
 def unit(v: SX) -> SX:
     """Return v / |v|, and 0 for v = 0."""
-    s = ca.sumsqr(v)
-    length = ca.sqrt(ca.if_else(s > 0, s, 1))
-    return ca.if_else(s > 0, v / length, 0 * v)
+    squared = ca.sumsqr(v)
+    length = ca.sqrt(ca.if_else(squared > 0, squared, 1))
+    return ca.if_else(squared > 0, v / length, 0 * v)
 
 
 def hat(w: SX) -> SX:
@@ -102,24 +102,24 @@ def unflat(v: SX, rows: int, columns: int) -> SX:
     return ca.reshape(v, columns, rows).T
 
 
-def exp_so3(w: SX) -> SX:
-    """Return the rotation matrix (3, 3) of the rotation vector w (3) in rad; smooth at 0."""
-    s = ca.sumsqr(w)
-    small = s < _SERIES
-    safe = ca.if_else(small, 1, s)
+def exp_so3(rotation_vector: SX) -> SX:
+    """Return the rotation matrix (3, 3) of the rotation vector (3) in rad; smooth at 0."""
+    squared_angle = ca.sumsqr(rotation_vector)
+    small = squared_angle < _SERIES
+    safe = ca.if_else(small, 1, squared_angle)
     angle = ca.sqrt(safe)
     half = ca.sin(angle / 2)
-    a = ca.if_else(small, 1 - s / 6 + s**2 / 120, ca.sin(angle) / angle)
+    a = ca.if_else(small, 1 - squared_angle / 6 + squared_angle**2 / 120, ca.sin(angle) / angle)
     # 2 sin(x/2)^2 avoids the cancellation in 1 - cos(x).
-    b = ca.if_else(small, 0.5 - s / 24 + s**2 / 720, 2 * half**2 / safe)
-    K = hat(w)
+    b = ca.if_else(small, 0.5 - squared_angle / 24 + squared_angle**2 / 720, 2 * half**2 / safe)
+    K = hat(rotation_vector)
     return ca.SX.eye(3) + a * K + b * K @ K
 
 
 def quaternion_wxyz(R: SX) -> SX:
     """Return the unit quaternion (4), w first and w >= 0, of R (3, 3) by Shepperd's method."""
-    d = [R[0, 0], R[1, 1], R[2, 2]]
-    trace = d[0] + d[1] + d[2]
+    diagonal = [R[0, 0], R[1, 1], R[2, 2]]
+    trace = diagonal[0] + diagonal[1] + diagonal[2]
     x = R[2, 1] - R[1, 2]
     y = R[0, 2] - R[2, 0]
     z = R[1, 0] - R[0, 1]
@@ -129,15 +129,15 @@ def quaternion_wxyz(R: SX) -> SX:
     # each column is a multiple of the quaternion; the one with the largest entry is precise
     columns = [
         ca.vertcat(1 + trace, x, y, z),
-        ca.vertcat(x, 1 + 2 * d[0] - trace, xy, xz),
-        ca.vertcat(y, xy, 1 + 2 * d[1] - trace, yz),
-        ca.vertcat(z, xz, yz, 1 + 2 * d[2] - trace),
+        ca.vertcat(x, 1 + 2 * diagonal[0] - trace, xy, xz),
+        ca.vertcat(y, xy, 1 + 2 * diagonal[1] - trace, yz),
+        ca.vertcat(z, xz, yz, 1 + 2 * diagonal[2] - trace),
     ]
     best = trace
     q = columns[0]
     for i in range(3):
-        q = ca.if_else(d[i] > best, columns[i + 1], q)
-        best = ca.fmax(best, d[i])
+        q = ca.if_else(diagonal[i] > best, columns[i + 1], q)
+        best = ca.fmax(best, diagonal[i])
     q = unit(q)
     return ca.if_else(q[0] < 0, -q, q)
 
@@ -145,16 +145,16 @@ def quaternion_wxyz(R: SX) -> SX:
 def log_so3(R: SX) -> SX:
     """Return the rotation vector (3) in rad of R (3, 3); accurate near 0 and near pi, smooth at 0."""
     q = quaternion_wxyz(R)
-    w = q[0]
-    v = q[1:4]
-    s = ca.sumsqr(v)
-    small = s < _SERIES
+    cosine = q[0]
+    vector_part = q[1:4]
+    squared_sine = ca.sumsqr(vector_part)
+    small = squared_sine < _SERIES
     # both branches are evaluated and differentiated, so the arguments of the other branch are made harmless
-    n = ca.sqrt(ca.if_else(small, 1, s))
-    t = s / ca.if_else(small, w, 1) ** 2
-    series = 2 / ca.if_else(small, w, 1) * (1 - t / 3 + t**2 / 5)
-    quotient = 2 * ca.atan2(n, w) / n
-    return v * ca.if_else(small, series, quotient)
+    sine = ca.sqrt(ca.if_else(small, 1, squared_sine))
+    squared_tangent = squared_sine / ca.if_else(small, cosine, 1) ** 2
+    series = 2 / ca.if_else(small, cosine, 1) * (1 - squared_tangent / 3 + squared_tangent**2 / 5)
+    quotient = 2 * ca.atan2(sine, cosine) / sine
+    return vector_part * ca.if_else(small, series, quotient)
 
 
 def retract(T: SX, xi: SX) -> SX:
@@ -178,6 +178,7 @@ def pose_residual(T: SX, T_target: SX) -> SX:
 
 
 def _matrix(rows: list[list[SX]]) -> SX:
+    """Return the matrix with these rows of numbers and scalars."""
     lines = []
     for row in rows:
         entries = [ca.SX(entry) for entry in row]

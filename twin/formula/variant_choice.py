@@ -17,18 +17,22 @@ def choose(formula: Formula, variants: Mapping[str, str] | str | None) -> dict[s
     Raises:
         KinematicsError: an equation or a variant is unknown; the message lists the existing names.
     """
-    known = {equation.name: equation for equation in formula.equations if equation.stage != "helper"}
-    chosen = {name: equation.default for name, equation in known.items()}
+    equation_of: dict[str, Equation] = {}
+    chosen: dict[str, str] = {}
+    for equation in formula.equations:
+        if equation.stage != "helper":  # helpers are not published, and have no readings
+            equation_of[equation.name] = equation
+            chosen[equation.name] = equation.default
     if variants is None:
         return chosen
     if isinstance(variants, str):
         if "=" not in variants:
-            return chosen | _everywhere(formula, known.values(), variants)
+            return chosen | _wherever_existing(formula, equation_of.values(), variants)
         variants = _pairs(formula, variants)
     for name, variant in variants.items():
-        if name not in known:
-            raise KinematicsError(f"formula '{formula.name}': {unknown('equation', name, known)}")
-        existing = known[name].variants
+        if name not in equation_of:
+            raise KinematicsError(f"formula '{formula.name}': {unknown('equation', name, equation_of)}")
+        existing = equation_of[name].variants
         if variant not in existing:
             text = unknown("variant", variant, existing)
             raise KinematicsError(f"formula '{formula.name}', equation '{name}': {text}")
@@ -44,7 +48,7 @@ def _pairs(formula: Formula, text: str) -> dict[str, str]:
     """
     pairs: dict[str, str] = {}
     for part in text.split(","):
-        equation, mark, variant = (piece.strip() for piece in part.partition("="))
+        equation, mark, variant = map(str.strip, part.partition("="))
         if not (equation and mark and variant):
             way_out = "write EQUATION=VARIANT, as eq1=printed"
             raise KinematicsError(f"formula '{formula.name}', variants '{text}': {way_out}")
@@ -54,7 +58,7 @@ def _pairs(formula: Formula, text: str) -> dict[str, str]:
     return pairs
 
 
-def _everywhere(formula: Formula, equations: Iterable[Equation], variant: str) -> dict[str, str]:
+def _wherever_existing(formula: Formula, equations: Iterable[Equation], variant: str) -> dict[str, str]:
     """Return {equation: variant} for the equations that have this variant.
 
     Raises:

@@ -63,9 +63,9 @@ class Kinematics(Compiled):
         T = poses(T_base_tool, batch=False)
         if not self.closed_inverse:
             return inverse_by_solver(self, T, seed)
-        out = self.program.inverse.one(T.ravel())
-        q = out[:-1]
-        misfit = out.item(-1)
+        values = self.program.inverse.one(T.ravel())
+        q = values[:-1]
+        misfit = values.item(-1)
         if seed is not None and np.shape(seed) == q.shape:
             for i, _, _, _ in self.extra_joints:
                 q[i] = seed[i]  # pyright: ignore[reportIndexIssue]
@@ -160,11 +160,11 @@ class Kinematics(Compiled):
     def _why_unreachable(self, T: Array) -> str:
         """Return the error text of a pose (4, 4) that the equations do not reach: the chains, and their lengths."""
         position_mm = np.array2string(T[:3, 3] / MM, precision=1, suppress_small=True)
-        short: list[str] = []
+        unreached: list[str] = []
         for name, margin in self.reach(T[None]).items():
             if margin[0] < 0:
-                short.append(f"{name} is {-margin[0] / MM:.3f} mm beyond its limit")
-        if short:
-            return f"{self.formula.name}: tool at {position_mm} mm is out of reach: {', '.join(short)}."
+                unreached.append(f"{name} is {-margin[0] / MM:.3f} mm beyond its limit")
+        if unreached:
+            return f"{self.formula.name}: tool at {position_mm} mm is out of reach: {', '.join(unreached)}."
         text = f"{self.formula.name}: the equations have no real solution with the tool at {position_mm} mm. "
         return (text + self.why(T)).rstrip()

@@ -115,8 +115,12 @@ class Compiled(ABC):
             if name not in self.formula.points:
                 raise KinematicsError(f"formula '{self.formula.name}': {unknown('point', name, self.formula.points)}")
         names = tuple(name for name in self.formula.points if name in points)
-        columns = [np.atleast_2d(np.asarray(points[name], float)) for name in names]
-        shapes = {name: column.shape for name, column in zip(names, columns, strict=True)}
+        columns: list[Array] = []
+        shapes: dict[str, tuple[int, ...]] = {}
+        for name in names:
+            column = np.atleast_2d(np.asarray(points[name], float))
+            columns.append(column)
+            shapes[name] = column.shape
         if not names or set(shapes.values()) != {(len(columns[0]), 3)}:
             raise KinematicsError(
                 f"formula '{self.formula.name}': give points as (k, 3) arrays of equal length; found {shapes}."
@@ -125,8 +129,8 @@ class Compiled(ABC):
 
     def points_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> dict[str, Array]:
         """Return the named points {name: (k, 3)} in base, in m."""
-        out = self.program.points.many(self._states(Ts, qs))
-        return {name: out[:, i] for i, name in enumerate(self.formula.points)}
+        positions = self.program.points.many(self._states(Ts, qs))
+        return {name: positions[:, i] for i, name in enumerate(self.formula.points)}
 
     def passive_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> dict[str, Array]:
         """Return the values of the passive joints {name: (k,)} in rad or m."""
@@ -137,7 +141,7 @@ class Compiled(ABC):
 
         If both T and q are given, T is used, except for a formula without inverse equations, which uses q.
         """
-        return self.inverse_jacobian_many(_one(T), _one(q))[0]
+        return self.inverse_jacobian_many(_batch_of_one(T), _batch_of_one(q))[0]
 
     def inverse_jacobian_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:
         """Return the inverse Jacobians (k, n, 6), joint rates per tool twist; NaN at singularities.
@@ -154,7 +158,7 @@ class Compiled(ABC):
         Raises:
             KinematicsError: the Jacobian does not exist (singular, or out of reach).
         """
-        J = self.jacobian_many(_one(T), _one(q))[0]
+        J = self.jacobian_many(_batch_of_one(T), _batch_of_one(q))[0]
         if not np.isfinite(J).all():
             raise KinematicsError(
                 f"{self.formula.name}: the Jacobian does not exist at this pose: the pose is singular or out of reach."
@@ -170,7 +174,7 @@ class Compiled(ABC):
         if not self.closed_forward:
             return conditioning.invert_many(self.program.inverse_jacobian.many(self._states(Ts, qs)))
         # The forward equations need q, also in a formula whose other functions start from poses.
-        q = self.inverse_many(_given(Ts)) if qs is None else self._joints(qs)
+        q = self.inverse_many(_required(Ts)) if qs is None else self._joints(qs)
         return self.program.forward_jacobian.many(q)
 
     def singularity(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> dict[str, Array]:
@@ -180,7 +184,11 @@ class Compiled(ABC):
     def singularity_alarm(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> dict[str, np.ndarray]:
         """Return {name of a measure: (k,) bool}; true where |measure| is below the alarm value, or is NaN."""
         values = self.singularity(Ts, qs)
-        return {m.name: ~(np.abs(values[m.name]) >= m.alarm) for m in self.formula.measures}
+        alarms: dict[str, np.ndarray] = {}
+        for measure in self.formula.measures:
+            is_safe = np.abs(values[measure.name]) >= measure.alarm
+            alarms[measure.name] = ~is_safe  # also where the measure is NaN
+        return alarms
 
     def reach(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> dict[str, Array]:
         """Return the reach margins {name: (k,)} in m; negative where the chain cannot reach."""
@@ -196,7 +204,9 @@ class Compiled(ABC):
         names = self.formula.scalars["aspect"]
         labels: list[str] = []
         for signs in self.aspect_signs(Ts, qs):
-            parts = [f"{name}{marks[int(sign)]}" for name, sign in zip(names, signs, strict=True)]
+            parts = []
+            for name, sign in zip(names, signs, strict=True):
+                parts.append(f"{name}{marks[int(sign)]}")
             labels.append(" ".join(parts))
         return np.array(labels)
 
@@ -211,7 +221,7 @@ class Compiled(ABC):
 
     def condition(self, T: ArrayLike | None = None, q: ArrayLike | None = None) -> float:
         """Return the condition number of the Jacobian at a pose or at q; see `condition_many`."""
-        return float(self.condition_many(_one(T), _one(q))[0])
+        return float(self.condition_many(_batch_of_one(T), _batch_of_one(q))[0])
 
     def condition_many(self, Ts: ArrayLike | None = None, qs: ArrayLike | None = None) -> Array:
         """Return the condition numbers (k,) of the Jacobians; without forward equations, of the inverse Jacobians.
@@ -231,9 +241,9 @@ class Compiled(ABC):
 
         Only files with functions `inverse` or `forward` are traced (see `twin.formula.plain`). "": no line was found.
         """
-        if self.formula.numbers is None:
+        if self.formula.first_fault is None:
             return ""
-        return self.formula.numbers(T, self.parameters)
+        return self.formula.first_fault(T, self.parameters)
 
     def takes(self, Ts: ArrayLike) -> bool:
         """Return whether the equations prove that the robot can have the poses Ts (k, 4, 4); False: not proved.
@@ -273,6 +283,7 @@ class Compiled(ABC):
             )
 
     def _named(self, kind: str, Ts: ArrayLike | None, qs: ArrayLike | None) -> dict[str, Array]:
+        """Return {name: (k,)} of the scalars of one kind: "passive", "measure" or "reach"."""
         names = self.formula.scalars[kind]
         if not names:  # without an inverse equation, the states would be solved for nothing
             return {}
@@ -282,10 +293,10 @@ class Compiled(ABC):
     def _states(self, Ts: ArrayLike | None, qs: ArrayLike | None) -> Array:
         """Return the input of the compiled functions: poses (k, 16), or joints (k, n)."""
         if self.closed_inverse:
-            matrices = self.forward_many(_given(qs)) if Ts is None else poses(Ts)
+            matrices = self.forward_many(_required(qs)) if Ts is None else poses(Ts)
             return matrices.reshape(-1, 16)
         if qs is None:
-            return self.inverse_many(_given(Ts))
+            return self.inverse_many(_required(Ts))
         return self._joints(qs)
 
     def _joints(self, q: ArrayLike, batch: bool = True) -> Array:
@@ -310,13 +321,14 @@ class Compiled(ABC):
         return T
 
 
-def _given(value: ArrayLike | None) -> ArrayLike:
+def _required(value: ArrayLike | None) -> ArrayLike:
+    """Return poses or joint values; raise `KinematicsError` if a caller gave neither of the two."""
     if value is None:
         raise KinematicsError("give poses (T or Ts) or joint values (q or qs); both are missing.")
     return value
 
 
-def _one(value: ArrayLike | None) -> Array | None:
+def _batch_of_one(value: ArrayLike | None) -> Array | None:
     """Return a pose or joint values as a batch of one."""
     if value is None:
         return None

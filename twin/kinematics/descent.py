@@ -19,6 +19,7 @@ from twin.formula.program import Program
 from twin.kinematics import tasks
 
 MAX_ITERATIONS = 120
+"""Maximum number of steps tried from one start."""
 
 _MU_FLOOR = 1e-11
 """Minimum damping, relative to the largest squared column norm of the first Jacobian."""
@@ -60,92 +61,92 @@ class Iteration:
 
     def __init__(self, program: Program, kinds: Kinds) -> None:
         """Compile the iteration; `kinds` are the terms of the task."""
-        n = len(program.order)
-        joints = program.has_forward
-        self.state = n if joints else 16
-        self.d = n if joints else 6
-        d = self.d
-        counts = [tasks.count(kind, n) for kind, _ in kinds]
+        joint_count = len(program.order)
+        by_joints = program.has_forward
+        self.state = joint_count if by_joints else 16
+        self.unknowns = joint_count if by_joints else 6
+        unknown_count = self.unknowns
+        counts = [tasks.count(kind, joint_count) for kind, _ in kinds]
         self.rows = 0
         for kind, rows in kinds:
-            self.rows += n if kind == "joints" else len(rows)
+            self.rows += joint_count if kind == "joints" else len(rows)
 
         # The memory is what one call hands to the next: state, cost, squared residual of the task, mu, factor of mu,
         # steps without progress, largest squared column norm, gradient J^T r, and J^T J.
-        sizes = [self.state, 1, 1, 1, 1, 1, 1, d, d**2]
+        sizes = [self.state, 1, 1, 1, 1, 1, 1, unknown_count, unknown_count**2]
         self.memory = sum(sizes)
-        inputs = [sum(counts), self.rows, d, n, n, n]
-        z = ca.SX.sym("z", self.memory + sum(inputs))
-        x, cost, _, mu, grow, stuck, size, g, H, _, _, column, _, low, high = ca.vertsplit(
-            z, [0, *np.cumsum([*sizes, *inputs])]
+        input_sizes = [sum(counts), self.rows, unknown_count, joint_count, joint_count, joint_count]
+        arguments = ca.SX.sym("z", self.memory + sum(input_sizes))
+        x, cost, _, mu, factor, stuck, largest_size, g, H, _, _, step_scale, _, low, high = ca.vertsplit(
+            arguments, [0, *np.cumsum([*sizes, *input_sizes])]
         )
-        H = ca.reshape(H, d, d)
-        held = ca.SX.zeros(d)
-        if joints:
+        H = ca.reshape(H, unknown_count, unknown_count)
+        at_limit = ca.SX.zeros(unknown_count)
+        if by_joints:
             # A joint at a limit stays there if the gradient points beyond the limit.
             below = (x <= low) * (g > 0)
             above = (x >= high) * (g < 0)
-            held = below + above
-        free = 1 - held
-        damped = H * (free @ free.T) + ca.diag(mu * free + held)
-        step = -_solve(damped, g * free)
-        if joints:
-            new = ca.fmin(ca.fmax(x + step * column, low), high)
+            at_limit = below + above
+        movable = 1 - at_limit
+        damped = H * (movable @ movable.T) + ca.diag(mu * movable + at_limit)
+        step = -_solve(damped, g * movable)
+        if by_joints:
+            x_new = ca.fmin(ca.fmax(x + step * step_scale, low), high)
         else:
             T = symbolic.unflat(x, 4, 4)
-            new = symbolic.flat(symbolic.retract(T, step * column))
+            x_new = symbolic.flat(symbolic.retract(T, step * step_scale))
 
-        fixed = z[self.memory :]
-        function = self._residual(program, kinds, fixed, inputs)
-        r, J, miss, length = function(new, ca.SX.zeros(d), fixed)
+        inputs = arguments[self.memory :]
+        function = self._residual(program, kinds, inputs, input_sizes)
+        r, J, squared_misfit, squared_joints = function(x_new, ca.SX.zeros(unknown_count), inputs)
         cost_new = ca.sumsqr(r)
         decrease = cost - cost_new
-        predicted = ca.dot(step, mu * step - g * free)
+        predicted = ca.dot(step, mu * step - g * movable)
         ratio = decrease / ca.fmax(predicted, _SMALLEST)
-        first = size == 0
-        better = (cost_new < cost) * (ca.sumsqr(J) + length < np.inf)  # false if any value is NaN
-        size_new = ca.if_else(first, ca.fmax(ca.mmax(ca.sum1(J * J)), _SMALLEST_SIZE), size)
+        is_first = largest_size == 0
+        is_better = (cost_new < cost) * (ca.sumsqr(J) + squared_joints < np.inf)  # false if any value is NaN
+        largest_size_new = ca.if_else(is_first, ca.fmax(ca.mmax(ca.sum1(J * J)), _SMALLEST_SIZE), largest_size)
         # If mu were below the floor, rounding errors divided by mu would cause motion in directions that are free.
-        shrunk = ca.fmax(mu * ca.fmax(_SMALLEST_FACTOR, 1 - (2 * ratio - 1) ** 3), _MU_FLOOR * size)
+        shrunk = ca.fmax(mu * ca.fmax(_SMALLEST_FACTOR, 1 - (2 * ratio - 1) ** 3), _MU_FLOOR * largest_size)
         stuck_new = ca.if_else(decrease < _NO_PROGRESS * cost, stuck + 1, 0)
         accepted = [
-            new,
+            x_new,
             cost_new,
-            miss,
-            ca.if_else(first, _FIRST_MU * size_new, shrunk),
+            squared_misfit,
+            ca.if_else(is_first, _FIRST_MU * largest_size_new, shrunk),
             2,
-            ca.if_else(first, 0, stuck_new),
-            size_new,
+            ca.if_else(is_first, 0, stuck_new),
+            largest_size_new,
             J.T @ r,
             ca.vec(J.T @ J),
         ]
-        tiny = ca.sumsqr(step) < _TINY_STEP
-        kept = ca.vertsplit(z[: self.state + 2], [0, self.state, self.state + 1, self.state + 2])
-        rejected = [*kept, mu * grow, 2 * grow, stuck + tiny, size, g, ca.vec(H)]
-        after = ca.if_else(better, ca.vertcat(*accepted), ca.vertcat(*rejected))
-        self._evaluator = Evaluator("iteration", z, ca.cse(ca.vertcat(after, ca.sum1(free))))
+        is_tiny = ca.sumsqr(step) < _TINY_STEP
+        unchanged = ca.vertsplit(arguments[: self.state + 2], [0, self.state, self.state + 1, self.state + 2])
+        rejected = [*unchanged, mu * factor, 2 * factor, stuck + is_tiny, largest_size, g, ca.vec(H)]
+        after = ca.if_else(is_better, ca.vertcat(*accepted), ca.vertcat(*rejected))
+        self._evaluator = Evaluator("iteration", arguments, ca.cse(ca.vertcat(after, ca.sum1(movable))))
 
-    def _residual(self, program: Program, kinds: Kinds, fixed: ca.SX, sizes: list[int]) -> ca.Function:
-        """Return a function of state, step and `fixed`: residual, Jacobian, and squares of task residual and joints.
+    def _residual(self, program: Program, kinds: Kinds, inputs: ca.SX, input_sizes: list[int]) -> ca.Function:
+        """Return a function of state, step and `inputs`: residual, Jacobian, and squares of task residual and joints.
 
-        It has symbols of its own, so that the step of the iteration is not differentiated. `fixed` are the inputs of
+        It has symbols of its own, so that the step of the iteration is not differentiated. `inputs` are those of
         `run`, of these sizes.
         """
-        numbers, w, column, joint_scale, low, high = ca.vertsplit(fixed, [0, *np.cumsum(sizes)])
-        at = ca.SX.sym("at", self.state)
-        by = ca.SX.sym("by", self.d)
-        T, q = program.around(at, by * column)
+        numbers, weights, step_scale, joint_scale, low, high = ca.vertsplit(inputs, [0, *np.cumsum(input_sizes)])
+        state = ca.SX.sym("at", self.state)
+        step = ca.SX.sym("by", self.unknowns)
+        T, q = program.around(state, step * step_scale)
         counts = [tasks.count(kind, len(program.order)) for kind, _ in kinds]
         terms = ca.vertsplit(numbers, [0, *np.cumsum(counts)])
         residuals: list[ca.SX] = []
         for (kind, rows), arguments in zip(kinds, terms, strict=True):
             residuals.append(tasks.residual(kind, rows, T, q, arguments))
-        r = w * ca.vertcat(*residuals)
-        miss = ca.sumsqr(r)
+        r = weights * ca.vertcat(*residuals)
+        squared_misfit = ca.sumsqr(r)
         if not program.has_forward:
             excess = ca.fmin(q - low, 0) + ca.fmax(q - high, 0)
             r = ca.vertcat(r, joint_scale * excess)
-        return ca.Function("rows", [at, by, fixed], [r, ca.jacobian(r, by), miss, ca.sumsqr(q)])
+        return ca.Function("rows", [state, step, inputs], [r, ca.jacobian(r, step), squared_misfit, ca.sumsqr(q)])
 
     def run(
         self, start: Array, inputs: Array, goal: float, history: list[float] | None = None
@@ -164,28 +165,28 @@ class Iteration:
         squared_residual = cost + 1
         mu = cost + 2
         stuck = cost + 4
-        z = np.zeros(self.memory + len(inputs))
-        z[: self.state] = start
-        z[self.memory :] = inputs
+        memory_and_inputs = np.zeros(self.memory + len(inputs))
+        memory_and_inputs[: self.state] = start
+        memory_and_inputs[self.memory :] = inputs
         # An infinite cost and a zero step: the first call only evaluates.
-        z[cost] = np.inf
-        z[mu] = 1.0
-        after = self._evaluator.one(z)
-        if not np.isfinite(after[cost]):
+        memory_and_inputs[cost] = np.inf
+        memory_and_inputs[mu] = 1.0
+        results = self._evaluator.one(memory_and_inputs)
+        if not np.isfinite(results[cost]):
             return start, np.inf, 0
-        tried = 0
+        steps_tried = 0
         if history is not None:
-            history.append(float(np.sqrt(after[squared_residual])))
+            history.append(float(np.sqrt(results[squared_residual])))
         # the last number is that of the unknowns that are not held at a limit
-        while tried < MAX_ITERATIONS and after[cost] > goal**2 and after[-1]:
-            z[: self.memory] = after[:-1]
-            after = self._evaluator.one(z)
-            tried += 1
+        while steps_tried < MAX_ITERATIONS and results[cost] > goal**2 and results[-1]:
+            memory_and_inputs[: self.memory] = results[:-1]
+            results = self._evaluator.one(memory_and_inputs)
+            steps_tried += 1
             if history is not None:
-                history.append(float(np.sqrt(after[squared_residual])))
-            if after[stuck] >= _STUCK or after[mu] > _LARGEST_MU:
+                history.append(float(np.sqrt(results[squared_residual])))
+            if results[stuck] >= _STUCK or results[mu] > _LARGEST_MU:
                 break
-        return after[: self.state], float(np.sqrt(after[squared_residual])), tried
+        return results[: self.state], float(np.sqrt(results[squared_residual])), steps_tried
 
 
 _ITERATIONS: WeakKeyDictionary[Program, dict[Kinds, Iteration]] = WeakKeyDictionary()

@@ -95,18 +95,19 @@ def branches(kin: Compiled, q: Array) -> list[Array]:
         return [forward(kin, q, None)]
     if kin.formula.branches is None:
         raise KinematicsError(f"{kin.formula.name}: the formula has no function that enumerates its assemblies.")
-    ordered = q[~kin.auxiliary]
-    candidates = kin.formula.branches(ordered, kin.parameters, kin.variants)
+    q_of_formula = q[~kin.auxiliary]
+    candidates = kin.formula.branches(q_of_formula, kin.parameters, kin.variants)
     if kin.closed_forward:  # closed-form solutions need no refinement; the preferred assembly is already first
         return candidates
     assemblies: list[Array] = []
     for T in candidates:
-        polished, error, _, _ = _newton(kin, q, T)
+        refined, error, _, _ = _newton(kin, q, T)
         if not error <= FORWARD_TOL:
             continue
         # Two candidates can converge to the same assembly.
-        if all(_distance(polished, other) > _SAME_POSE for other in assemblies):
-            assemblies.append(polished)
+        is_known = any(_distance(refined, assembly) <= _SAME_POSE for assembly in assemblies)
+        if not is_known:
+            assemblies.append(refined)
     if not assemblies:
         return []
     scores = _score(kin, np.array(assemblies))
@@ -128,9 +129,9 @@ def _from_seed(kin: Compiled, q: Array, seed: Array) -> Array:
     if error <= FORWARD_TOL and (signs == seed_signs).all():
         return T
     if kin.formula.branches is not None:  # the straight path of q from the seed may leave the workspace
-        on_branch = [T for T in branches(kin, q) if _has_signs(kin, T, seed_signs)]
-        if on_branch:
-            return min(on_branch, key=lambda T: _distance(T, seed, kin.characteristic_length))
+        same_branch = [T for T in branches(kin, q) if _has_signs(kin, T, seed_signs)]
+        if same_branch:
+            return min(same_branch, key=lambda T: _distance(T, seed, kin.characteristic_length))
     cause = "Newton's method does not converge"
     if error <= FORWARD_TOL:
         cause = "Newton's method ends on another branch"
@@ -210,24 +211,29 @@ def _score(kin: Compiled, Ts: Array) -> Array:
     scores = (kin.aspect_signs(Ts) == preferred).sum(axis=1).astype(float)
     home = next(seeds(kin, rng=0, starts=1), None)
     if home is not None:
-        distances = np.array([_distance(T, home, kin.characteristic_length) for T in Ts])
+        distances = np.zeros(len(Ts))
+        for i, T in enumerate(Ts):
+            distances[i] = _distance(T, home, kin.characteristic_length)
         scores -= 0.5 * distances / (1 + distances)
     return scores
 
 
-def _has_signs(kin: Compiled, T: Array, wanted: Array) -> bool:
+def _has_signs(kin: Compiled, T: Array, expected_signs: Array) -> bool:
     """Return whether a pose (4, 4) has these aspect signs (m,)."""
     signs = kin.aspect_signs(T[None])[0]
-    return bool(np.all(signs == wanted))
+    return bool(np.all(signs == expected_signs))
 
 
-def _distance(T: Array, other: Array, length: float = 1.0) -> float:
+def _distance(T: Array, T_other: Array, length: float = 1.0) -> float:
     """Return the larger of two differences of poses (4, 4): that of positions, divided by `length`, and the angle."""
-    shift = np.linalg.norm(T[:3, 3] - other[:3, 3]) / length
-    angle = spatial.rotation_angle(T[:3, :3].T @ other[:3, :3])
+    shift = np.linalg.norm(T[:3, 3] - T_other[:3, 3]) / length
+    angle = spatial.rotation_angle(T[:3, :3].T @ T_other[:3, :3])
     return float(max(shift, angle))
 
 
 def _q_text(kin: Compiled, q: Array) -> str:
     """Return names and values of the joints, such as "q1 0.1, q2 -0.2"."""
-    return ", ".join(f"{name} {value:.6g}" for name, value in zip(kin.joints, q, strict=True))
+    parts = []
+    for name, value in zip(kin.joints, q, strict=True):
+        parts.append(f"{name} {value:.6g}")
+    return ", ".join(parts)

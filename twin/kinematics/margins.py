@@ -22,6 +22,7 @@ _PASSIVE = 100
 """Factor of the same difference for passive joints: near a singularity, they turn far for a small error of the tool."""
 
 _LENGTHS = ("mm", "m", "cm", "um")
+"""Units of lengths in formulas."""
 
 
 class States(Protocol):
@@ -62,7 +63,7 @@ class Margins:
     def __init__(
         self, kin: Kinematics, passive: Mapping[str, bool], points: tuple[str, ...], error: float = 0.0
     ) -> None:
-        """Set up the columns from equations, the mechanism's passive joints {name: is an angle} and named points.
+        """Set up the columns for a mechanism with these passive joints {name: is an angle} and named points.
 
         `error` is the largest error in m of lengths that counts as agreement.
         """
@@ -105,24 +106,25 @@ class Margins:
                 equation_of[output] = equation.name
         self.equations = tuple(equation_of.get(symbol, "") for symbol in symbols)
 
-    def values(self, s: States, larger: float = 1.0) -> Array:
-        """Return the values (k, columns) at k states; all lengths of robot and states are multiplied by `larger`."""
+    def values(self, states: States, length_factor: float = 1.0) -> Array:
+        """Return the values (k, columns) at k states, with all lengths of robot and states times `length_factor`."""
         kin = self._kin
-        parameters = {**kin.parameters, **self._lengths(larger)}
+        parameters = {**kin.parameters, **self._lengths(length_factor)}
         columns = [
-            np.tile(np.array(list(parameters.values())), (len(s.q), 1)),
-            _larger(s.Ts_base_tool, larger).reshape(-1, 16),
-            s.q * np.where(kin.revolute, 1.0, larger),
+            np.tile(np.array(list(parameters.values())), (len(states.q), 1)),
+            _scaled(states.Ts_base_tool, length_factor).reshape(-1, 16),
+            states.q * np.where(kin.revolute, 1.0, length_factor),
         ]
         for name, is_angle in self._passive.items():
-            factor = 1.0 if is_angle else larger
-            columns.append(s.q_passive[name][:, None] * factor)
-        columns += [s.points[name] * larger for name in self._points]
+            factor = 1.0 if is_angle else length_factor
+            columns.append(states.q_passive[name][:, None] * factor)
+        for name in self._points:
+            columns.append(states.points[name] * length_factor)
         inputs = np.ascontiguousarray(np.hstack(columns))
         with np.errstate(all="ignore"):
             return kin.program.margins_at(tuple(self._passive), self._points).many(inputs)
 
-    def valid(self, s: States, passive: bool) -> NDArray[np.bool_]:
+    def valid(self, states: States, passive: bool) -> NDArray[np.bool_]:
         """Return (k,) bool: whether the equations reproduce each state (with `passive`: including its passive joints).
 
         The equations do not reproduce a state if their solution is on another branch.
@@ -130,28 +132,28 @@ class Margins:
         kin = self._kin
         by_inverse = kin.closed_inverse and not self._many_ways
         if not by_inverse and not kin.closed_forward:
-            return np.ones(len(s.q), bool)
+            return np.ones(len(states.q), bool)
         checks_passive = passive and bool(self._passive)
-        turns: Mapping[str, Array] = {}
+        passive_values: Mapping[str, Array] = {}
         with np.errstate(all="ignore"):
             if by_inverse:
-                good = self._same_joints(kin.inverse_many(s.Ts_base_tool), s.q, self._close)
+                reproduced = self._same_joints(kin.inverse_many(states.Ts_base_tool), states.q, self._close)
                 if checks_passive:
-                    turns = kin.passive_many(s.Ts_base_tool)
+                    passive_values = kin.passive_many(states.Ts_base_tool)
             else:
-                errors = np.abs(kin.program.forward.many(s.q) - s.Ts_base_tool)
-                good = errors.max(axis=(1, 2)) < self._close
+                errors = np.abs(kin.program.forward.many(states.q) - states.Ts_base_tool)
+                reproduced = errors.max(axis=(1, 2)) < self._close
                 # With inverse equations, the passive joints would belong to another solution of a redundant robot.
                 if checks_passive and not kin.closed_inverse:
-                    turns = kin.passive_many(qs=s.q)
-        if not turns:
-            return np.asarray(good, bool)
+                    passive_values = kin.passive_many(qs=states.q)
+        if not passive_values:
+            return np.asarray(reproduced, bool)
         for name, is_angle in self._passive.items():
-            error = turns[name] - s.q_passive[name]
+            error = passive_values[name] - states.q_passive[name]
             if is_angle:
                 error = np.sin(error / 2) * 2  # a full turn is no error
-            good = np.logical_and(good, np.abs(error) < _PASSIVE * self._close)
-        return np.asarray(good, bool)
+            reproduced = np.logical_and(reproduced, np.abs(error) < _PASSIVE * self._close)
+        return np.asarray(reproduced, bool)
 
     def refuses(self, Ts_base_tool: Array) -> Array:
         """Return the r reach margins (k, r) in m of the equations, at k poses out of reach of the mechanism."""
@@ -159,47 +161,47 @@ class Margins:
             margins = self._kin.reach(Ts_base_tool)
         return np.stack([margins[name] for name in self._kin.formula.reach], axis=1)
 
-    def fails(self, s: States) -> Array:
+    def fails(self, states: States) -> Array:
         """Return the largest absolute entry (k,) of each inverse Jacobian; infinite for an unreachable state.
 
         The values are 0 if the formula has no inverse equations.
         """
         kin = self._kin
         if not kin.closed_inverse:
-            return np.zeros(len(s.q))
+            return np.zeros(len(states.q))
         with np.errstate(all="ignore"):
-            J = kin.inverse_jacobian_many(s.Ts_base_tool)
+            J = kin.inverse_jacobian_many(states.Ts_base_tool)
         size = np.abs(J).max(axis=(1, 2))
         return np.where(np.isfinite(size), size, np.inf)
 
-    def homogeneous(self, s: States, by: float) -> bool:
-        """Return whether all angles stay the same if all lengths of robot and states are multiplied by `by`.
+    def homogeneous(self, states: States, length_factor: float) -> bool:
+        """Return whether all angles stay the same with all lengths of robot and states times `length_factor`.
 
         If the angles change, a length in the equations is a number instead of a parameter. A formula without lengths
         as parameters also returns False.
         """
         kin = self._kin
-        lengths = self._lengths(by)
+        lengths = self._lengths(length_factor)
         if not lengths:
             return False
-        large = compile_formula(kin.formula, kin.variants, {**kin.parameters, **lengths}, kin.extra_joints)
-        scale = np.where(kin.revolute, 1.0, by)
+        enlarged = compile_formula(kin.formula, kin.variants, {**kin.parameters, **lengths}, kin.extra_joints)
+        scale = np.where(kin.revolute, 1.0, length_factor)
         with np.errstate(all="ignore"):
             if kin.closed_inverse:
-                q = kin.inverse_many(s.Ts_base_tool)
-                q_large = large.inverse_many(_larger(s.Ts_base_tool, by))
-                return bool(self._same_joints(q * scale, q_large, _CLOSE).all())
-            Ts = kin.program.forward.many(s.q)
-            Ts_large = large.program.forward.many(s.q * scale)
-        return bool(np.abs(_larger(Ts, by) - Ts_large).max() < _CLOSE)
+                q_given = kin.inverse_many(states.Ts_base_tool)
+                q_enlarged = enlarged.inverse_many(_scaled(states.Ts_base_tool, length_factor))
+                return bool(self._same_joints(q_given * scale, q_enlarged, _CLOSE).all())
+            Ts = kin.program.forward.many(states.q)
+            Ts_large = enlarged.program.forward.many(states.q * scale)
+        return bool(np.abs(_scaled(Ts, length_factor) - Ts_large).max() < _CLOSE)
 
-    def _lengths(self, by: float) -> dict[str, float]:
-        """Return the values of the parameters that are lengths, multiplied by `by`, in m."""
+    def _lengths(self, length_factor: float) -> dict[str, float]:
+        """Return the values of the parameters that are lengths, multiplied by `length_factor`, in m."""
         parameters = self._kin.parameters
         lengths: dict[str, float] = {}
         for parameter in self._kin.formula.parameters:
             if parameter.unit in _LENGTHS:
-                lengths[parameter.name] = by * parameters[parameter.name]
+                lengths[parameter.name] = length_factor * parameters[parameter.name]
         return lengths
 
     @property
@@ -207,16 +209,16 @@ class Margins:
         """Whether a tool pose has infinitely many solutions: the robot is redundant."""
         return len(self._kin.formula.joints) > 6
 
-    def _same_joints(self, a: Array, b: Array, close: float) -> Array:
+    def _same_joints(self, q: Array, q_other: Array, tolerance: float) -> Array:
         """Return (k,) bool: whether two sets of joints (k, n) are equal, but for full turns and auxiliary joints."""
-        error = a - b
+        error = q - q_other
         error = np.where(self._kin.revolute, 2 * np.sin(error / 2), error)
         error = error[:, ~self._kin.auxiliary]
-        return np.asarray(np.abs(error).max(axis=1) < close)
+        return np.asarray(np.abs(error).max(axis=1) < tolerance)
 
 
-def _larger(Ts: Array, by: float) -> Array:
-    """Return poses (k, 4, 4) with positions multiplied by `by`."""
+def _scaled(Ts: Array, length_factor: float) -> Array:
+    """Return poses (k, 4, 4) with positions multiplied by `length_factor`."""
     enlarged = Ts.copy()
-    enlarged[:, :3, 3] *= by
+    enlarged[:, :3, 3] *= length_factor
     return enlarged

@@ -52,17 +52,17 @@ class PointFunctions:
         return self._rows_with_redundant if redundant else self._rows
 
     @staticmethod
-    def rows_at(rows: Evaluator, x: Array, given: Array) -> tuple[Array, Array, Array]:
+    def rows_at(rows: Evaluator, x: Array, tips_and_trocars: Array) -> tuple[Array, Array, Array]:
         """Return rows (k, r), their derivatives (k, r, 3 m), and `between` (k,).
 
-        `x` (k, 3 m) are the points, `given` (k, 6) tip and trocar, in m.
+        `x` (k, 3 m) are the points, `tips_and_trocars` (k, 6) tip and trocar, in m.
         """
-        values = rows.many(np.hstack([x, given]))
-        n = x.shape[1]
-        count = (values.shape[1] - 1) // (n + 1)
-        r = values[:, :count]
+        values = rows.many(np.hstack([x, tips_and_trocars]))
+        unknown_count = x.shape[1]
+        row_count = (values.shape[1] - 1) // (unknown_count + 1)
+        r = values[:, :row_count]
         # The compiled function stacks the columns of each Jacobian.
-        J = values[:, count:-1].reshape(len(x), n, count).transpose(0, 2, 1)
+        J = values[:, row_count:-1].reshape(len(x), unknown_count, row_count).transpose(0, 2, 1)
         return r, J, values[:, -1]
 
     def _symbols(self, x: ca.SX) -> dict[str, Any]:
@@ -82,23 +82,23 @@ class PointFunctions:
 
     def _compiled(self, redundant: bool) -> Evaluator:
         """Compile (points, tip, trocar) -> rows, their derivatives with respect to the points, `between`."""
-        n = 3 * self.count
-        z = ca.SX.sym("z", n + 6)
-        symbols = self._symbols(z[:n])
-        symbols[self.search.tip] = z[n : n + 3]
-        symbols[self.search.trocar] = z[n + 3 :]
+        unknown_count = 3 * self.count
+        arguments = ca.SX.sym("z", unknown_count + 6)
+        symbols = self._symbols(arguments[:unknown_count])
+        symbols[self.search.tip] = arguments[unknown_count : unknown_count + 3]
+        symbols[self.search.trocar] = arguments[unknown_count + 3 :]
         r = self._call("residual", symbols)
         if redundant:
             r = ca.vertcat(r, self._call("redundant", symbols)[0])
-        J = ca.jacobian(r, z)[:, :n]
+        J = ca.jacobian(r, arguments)[:, :unknown_count]
         between = self._call("between", symbols)
-        return Evaluator("point_rows", z, ca.vertcat(r, ca.vec(J), between))
+        return Evaluator("point_rows", arguments, ca.vertcat(r, ca.vec(J), between))
 
     @cached_property
     def _redundant(self) -> Evaluator:
-        z = ca.SX.sym("z", 3 * self.count)
-        sign = self._call("redundant", self._symbols(z))[1]
-        return Evaluator("redundant_sign", z, sign)
+        coordinates = ca.SX.sym("z", 3 * self.count)
+        sign = self._call("redundant", self._symbols(coordinates))[1]
+        return Evaluator("redundant_sign", coordinates, sign)
 
     def redundant_signs(self, points: Array) -> Array:
         """Return numbers (k,) that are positive where the redundant joint has the sign of the inverse equations."""
@@ -115,23 +115,23 @@ class PointFunctions:
 
     @cached_property
     def _closed(self) -> Evaluator:
-        z = ca.SX.sym("z", 16)
-        of_pose = equation_values.from_pose(self.kin.formula, symbolic.unflat(z, 4, 4))
+        pose_entries = ca.SX.sym("z", 16)
+        of_pose = equation_values.from_pose(self.kin.formula, symbolic.unflat(pose_entries, 4, 4))
         symbols = self._inverse({**self.kin.parameters, **of_pose})
         points = [ca.SX(symbols[name]) for name in self.search.unknowns]
-        return Evaluator("closed", z, ca.vertcat(*points))
+        return Evaluator("closed", pose_entries, ca.vertcat(*points))
 
     @cached_property
     def _joints(self) -> Evaluator:
         formula = self.kin.formula
         program = self.kin.program
-        z = ca.SX.sym("z", 16 + 3 * self.count)
-        T = symbolic.unflat(z[:16], 4, 4)
+        arguments = ca.SX.sym("z", 16 + 3 * self.count)
+        T = symbolic.unflat(arguments[:16], 4, 4)
         # The given points replace those that the equations would compute from the pose.
         of_pose = equation_values.from_pose(formula, T)
-        symbols = self._inverse({**of_pose, **self._symbols(z[16:]), POSE_SYMBOL: T})
+        symbols = self._inverse({**of_pose, **self._symbols(arguments[16:]), POSE_SYMBOL: T})
         joints = equation_values.gather(formula, {**symbols, **program.extra_values}, program.order, "joint")
-        return Evaluator("joints_of_points", z, joints)
+        return Evaluator("joints_of_points", arguments, joints)
 
     def _inverse(self, symbols: dict[str, Any]) -> dict[str, Any]:
         """Return the symbols with those that the inverse equations compute from them."""

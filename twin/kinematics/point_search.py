@@ -26,6 +26,7 @@ TOLERANCE = 1e-12
 """Norm of the rows in m below which a search counts as solved."""
 
 MAX_ITERATIONS = 100
+"""Maximum number of steps of one search."""
 
 _GOAL = 1e-15
 """Norm of the rows in m at which an iteration ends: a few roundings of 1 m."""
@@ -117,32 +118,32 @@ class PointSolver(PointFunctions):
             redundant: whether the redundant joint shall be as in the inverse equations; otherwise it is free.
         """
         rows = self.rows(redundant=redundant)
-        given = np.hstack([tips, trocars])
+        tips_and_trocars = np.hstack([tips, trocars])
         x = starts.reshape(len(starts), 3 * self.count).astype(float)
-        r, J, between = self.rows_at(rows, x, given)
+        r, J, between = self.rows_at(rows, x, tips_and_trocars)
         norm = np.linalg.norm(r, axis=1)
         damping = np.full(len(x), _FIRST_DAMPING)
         iterations = np.zeros(len(x), int)
         history = [norm.copy()]
         for _ in range(MAX_ITERATIONS):
-            k = np.flatnonzero((norm > _GOAL) & (damping < _MOST_DAMPING))
-            if not len(k):
+            running = np.flatnonzero((norm > _GOAL) & (damping < _MOST_DAMPING))
+            if not len(running):
                 break
-            x_new = x[k] + _steps(J[k], r[k], damping[k])
-            r_new, J_new, between_new = self.rows_at(rows, x_new, given[k])
+            x_new = x[running] + _steps(J[running], r[running], damping[running])
+            r_new, J_new, between_new = self.rows_at(rows, x_new, tips_and_trocars[running])
             norm_new = np.linalg.norm(r_new, axis=1)
-            better = norm_new < norm[k]
-            accepted = k[better]
-            x[accepted] = x_new[better]
-            r[accepted] = r_new[better]
-            J[accepted] = J_new[better]
-            norm[accepted] = norm_new[better]
-            between[accepted] = between_new[better]
+            is_better = norm_new < norm[running]
+            accepted = running[is_better]
+            x[accepted] = x_new[is_better]
+            r[accepted] = r_new[is_better]
+            J[accepted] = J_new[is_better]
+            norm[accepted] = norm_new[is_better]
+            between[accepted] = between_new[is_better]
             damping[accepted] = np.maximum(damping[accepted] / _DAMPING_FACTOR, _LEAST_DAMPING)
-            damping[k[~better]] *= _DAMPING_FACTOR
-            iterations[k] += 1
+            damping[running[~is_better]] *= _DAMPING_FACTOR
+            iterations[running] += 1
             norms = np.full(len(x), np.nan)
-            norms[k] = norm[k]
+            norms[running] = norm[running]
             history.append(norms)
             at_rounding = (norm <= TOLERANCE) & (damping > _FIRST_DAMPING)
             damping[at_rounding] = _MOST_DAMPING  # steps no longer reduce the rows, which are zero but for rounding
@@ -180,11 +181,11 @@ class PointSolver(PointFunctions):
             if not len(unsolved):
                 break
             start = self.places(q[None])
-            tip = self.kin.program.forward.one(q)[:3, 3]
-            length = float(np.linalg.norm(start[0, -1] - tip))
+            tip_of_start = self.kin.program.forward.one(q)[:3, 3]
+            length = float(np.linalg.norm(start[0, -1] - tip_of_start))
             trocars = tips[unsolved] - 0.5 * length * axes[unsolved]
-            begin = self.outside(np.repeat(start, len(unsolved), axis=0), tips[unsolved], trocars)
-            descents = self.descend(begin, tips[unsolved], trocars, redundant=True)
+            start_points = self.outside(np.repeat(start, len(unsolved), axis=0), tips[unsolved], trocars)
+            descents = self.descend(start_points, tips[unsolved], trocars, redundant=True)
             # The rows do not contain the sign of the redundant joint; the other sign is another solution.
             solved = descents.solved & (self.redundant_signs(descents.points) > 0)
             points[unsolved[solved]] = descents.points[solved]
@@ -213,8 +214,8 @@ class PointSolver(PointFunctions):
             if not len(unsolved):
                 break
             start = np.repeat(self.places(q[None]), len(unsolved), axis=0)
-            begin = self.outside(start, tips[unsolved], trocars[unsolved])
-            descents = self.descend(begin, tips[unsolved], trocars[unsolved])
+            start_points = self.outside(start, tips[unsolved], trocars[unsolved])
+            descents = self.descend(start_points, tips[unsolved], trocars[unsolved])
             self._keep(best, unsolved, descents, q, tips[unsolved], limits)
             unsolved = np.flatnonzero(best.excess > _LIMIT_TOL)
         return best
@@ -308,10 +309,10 @@ class PointSolver(PointFunctions):
             low, high = limits.T
             excess = np.maximum(low - joints, joints - high).max(axis=1, initial=0.0)
         nearer = excess < best.excess[rows[solved]]
-        kept = rows[solved][nearer]
-        best.q[kept] = joints[nearer]
-        best.points[kept] = points[nearer]
-        best.excess[kept] = excess[nearer]
+        nearer_rows = rows[solved][nearer]
+        best.q[nearer_rows] = joints[nearer]
+        best.points[nearer_rows] = points[nearer]
+        best.excess[nearer_rows] = excess[nearer]
 
     def pose(self, tips: Array, points: Array, q: Array) -> Array:
         """Return poses (k, 4, 4) with the tip at `tips` (k, 3) and the shaft from the last of the points (k, m, 3).
@@ -364,24 +365,24 @@ def point_solver(kin: Compiled) -> PointSolver:
 
 def _steps(J: Array, r: Array, damping: Array) -> Array:
     """Return the steps (k, n) of Marquardt's normal equations, J (k, r, n), rows (k, r), damping (k,)."""
-    A = np.swapaxes(J, 1, 2) @ J
+    H = np.swapaxes(J, 1, 2) @ J
     g = np.einsum("kri,kr->ki", J, r)
-    diagonal = np.einsum("kii->ki", A).copy()
+    diagonal = np.einsum("kii->ki", H).copy()
     least = _LEAST_DIAGONAL * diagonal.max(axis=1, keepdims=True)
     diagonal = np.maximum(diagonal, least)
-    i = np.arange(A.shape[1])
-    A[:, i, i] += damping[:, None] * diagonal
-    return -np.linalg.solve(A, g[..., None])[..., 0]
+    i = np.arange(H.shape[1])
+    H[:, i, i] += damping[:, None] * diagonal
+    return -np.linalg.solve(H, g[..., None])[..., 0]
 
 
-def _turns(a: Array, b: Array) -> Array:
+def _turns(direction: Array, directions: Array) -> Array:
     """Return the smallest rotations (k, 3, 3) that turn the unit vector a (3,) into the unit vectors b (k, 3)."""
-    w = np.cross(a, b)
-    sine = np.linalg.norm(w, axis=1)
-    cosine = b @ a
-    unit = spatial.unit_across(a)
-    across = np.cross(a, unit)
-    w[sine < _PARALLEL] = across  # parallel: no rotation, or half a turn about any axis across
-    w /= np.linalg.norm(w, axis=1)[:, None]
+    axes = np.cross(direction, directions)
+    sine = np.linalg.norm(axes, axis=1)
+    cosine = directions @ direction
+    unit = spatial.unit_across(direction)
+    across = np.cross(direction, unit)
+    axes[sine < _PARALLEL] = across  # parallel: no rotation, or half a turn about any axis across
+    axes /= np.linalg.norm(axes, axis=1)[:, None]
     angle = np.arctan2(sine, cosine)
-    return spatial.exp_so3(angle[:, None] * w)
+    return spatial.exp_so3(angle[:, None] * axes)

@@ -101,24 +101,24 @@ def solve(
     kin.need_six_joints()
     bounds = _bounds(kin, limits)
     states = seeds(kin, rng, starts, bounds)
-    wanted = kin.preferred_branch
+    accepted_branch = kin.preferred_branch
     if seed is not None:
-        first = _state(kin, seed)
-        states = chain([first], states)
-        wanted = _label(kin, first)
+        seed_state = _state(kin, seed)
+        states = chain([seed_state], states)
+        accepted_branch = _label(kin, seed_state)
 
-    tried = 0
+    start_count = 0
     iterations = 0
     best: Solution | None = None
     best_exceeded: list[str] = []
     for start in islice(states, starts):
-        tried += 1
+        start_count += 1
         result = descend(kin, task, start, bounds, length_scale)
         iterations += result.iterations
         label = _label(kin, result.T if kin.closed_inverse else result.q)
         exceeded = _breaches(kin, result.q, bounds)
         solution = Solution(result.q, result.T, result.residual, label, iterations)
-        on_branch = any_branch or label == wanted
+        on_branch = any_branch or label == accepted_branch
         if result.residual <= TOLERANCE and not exceeded and on_branch:
             return solution
         # Of equal residuals, the solution with fewer exceeded limits is better.
@@ -132,9 +132,9 @@ def solve(
     if best.residual > TOLERANCE:
         causes = [f"residual {best.residual:.3g} (dimensionless) stays above {TOLERANCE:g}", *best_exceeded]
     elif not best_exceeded:
-        causes = [f"a solution was found only on branch {best.branch}, not on {wanted}"]
+        causes = [f"a solution was found only on branch {best.branch}, not on {accepted_branch}"]
     raise KinematicsError(
-        f"{kin.formula.name}: no solution of the task in {tried} starts: {'; '.join(causes)}.",
+        f"{kin.formula.name}: no solution of the task in {start_count} starts: {'; '.join(causes)}.",
         best=replace(best, iterations=iterations),
         residual=best.residual,
     )
@@ -226,10 +226,10 @@ def descend(
     # An error of the length scale counts as much as an error of 1 rad.
     joint_scale = np.where(kin.revolute, 1.0, 1 / scale)
     joint_weights = joint_scale
-    begin = start.ravel()
+    start_values = start.ravel()
     step_scale = np.repeat([scale, 1.0], 3)
     if kin.closed_forward:
-        begin = np.minimum(np.maximum(start, low), high)
+        start_values = np.minimum(np.maximum(start, low), high)
         step_scale = 1 / joint_scale
     else:
         # Auxiliary joints are not in the equations, so no pose determines their values.
@@ -245,11 +245,11 @@ def descend(
     inputs = np.concatenate([*numbers, *weights, step_scale, joint_scale, low, high])
 
     kinds = tuple((term.kind, term.rows) for term in task.terms)
-    end, residual, tried = iteration(kin.program, kinds).run(begin, inputs, _GOAL * TOLERANCE, history)
+    end, residual, steps_tried = iteration(kin.program, kinds).run(start_values, inputs, _GOAL * TOLERANCE, history)
     if kin.closed_forward:
-        return Descent(kin.program.forward.one(end), end, residual, tried)
+        return Descent(kin.program.forward.one(end), end, residual, steps_tried)
     q = kin.program.inverse.one(end)[:-1]
-    return Descent(end.reshape(4, 4), q, residual, tried)
+    return Descent(end.reshape(4, 4), q, residual, steps_tried)
 
 
 def _from_formula(kin: Compiled, seed: Array) -> Array:

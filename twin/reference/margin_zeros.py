@@ -74,11 +74,11 @@ class Stated(Protocol):
     kinds: tuple[str, ...]
     preferred: tuple[int, ...]
 
-    def values(self, s: SolvedSamples, larger: float = 1.0) -> Array:
-        """Return the values (k, names) of all rows at states; `larger` scales all lengths of the robot."""
+    def values(self, states: SolvedSamples, length_factor: float = 1.0) -> Array:
+        """Return the values (k, names) of all rows at states; `length_factor` scales all lengths of the robot."""
         ...
 
-    def valid(self, s: SolvedSamples, passive: bool) -> Mask:
+    def valid(self, states: SolvedSamples, passive: bool) -> Mask:
         """Return (k,) bool: whether the equations reproduce each state (with `passive`: also its passive joints)."""
         ...
 
@@ -86,12 +86,12 @@ class Stated(Protocol):
         """Return the r reach margins (k, r) in m at tool poses, from the equations alone; negative if out of reach."""
         ...
 
-    def fails(self, s: SolvedSamples) -> Array:
+    def fails(self, states: SolvedSamples) -> Array:
         """Return (k,) the largest joint rate per unit rate of the pose, from the formula; infinite if singular."""
         ...
 
-    def homogeneous(self, s: SolvedSamples, by: float) -> bool:
-        """Return whether scaling all length parameters by `by` leaves the angles unchanged."""
+    def homogeneous(self, states: SolvedSamples, length_factor: float) -> bool:
+        """Return whether scaling all length parameters by `length_factor` leaves the angles unchanged."""
         ...
 
 

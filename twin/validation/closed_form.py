@@ -139,8 +139,8 @@ def _check_consistency(states: list[_State], out: JudgedForm) -> None:
     """Check the published equations alone: smallest eigenvalue of the mass matrix, and power balance."""
     for s in states:
         out.least = min(out.least, float(np.linalg.eigvalsh(s.A.M)[0]))
-        power = s.qd @ (s.A.change - 2 * s.A.C) @ s.qd
-        scale = max(np.abs(np.outer(s.qd, s.qd) * s.A.change).max(), np.finfo(float).tiny)
+        power = s.qd @ (s.A.M_rate - 2 * s.A.C) @ s.qd
+        scale = max(np.abs(np.outer(s.qd, s.qd) * s.A.M_rate).max(), np.finfo(float).tiny)
         out.balance = max(out.balance, abs(power) / scale)
     if out.least <= 0:
         out.findings.append(
@@ -264,8 +264,8 @@ def _wrong_parameters(
     shares: list[Array] = []
     differences: list[Array] = []
     for i, state in enumerate(states):
-        shares.append(state.A.M_share.reshape(n * n, len(form.parameters)))
-        shares.append(state.A.g_share)
+        shares.append(state.A.M_by_parameters.reshape(n * n, len(form.parameters)))
+        shares.append(state.A.g_by_parameters)
         differences.append(M[i].reshape(-1))
         differences.append(g[i])
     share = np.concatenate(shares)

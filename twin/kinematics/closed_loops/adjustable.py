@@ -43,27 +43,28 @@ class AdjustableLoops:
         self.solver = solver
         self.distances = tuple(distances)
         values = ca.SX.sym(DISTANCES, len(self.distances))
-        e = LoopEquations(mechanism, errors=_frame_shifts(mechanism, self.distances, values))
-        self.equations = e
+        equations = LoopEquations(mechanism, errors=_frame_shifts(mechanism, self.distances, values))
+        self.equations = equations
 
-        arguments = {"q": e.q}
-        for passive in e.passive:
+        arguments = {"q": equations.q}
+        for passive in equations.passive:
             arguments[passive.key] = passive.state
         arguments[DISTANCES] = values
         self.newton: list[Stage] = []
         for number, (block, sample) in enumerate(zip(solver.blocks, solver.samples, strict=True)):
-            self.newton.append(newton_stage(e, number, block, sample, arguments))
-        self.end = end_stage(e, solver.signs, arguments)
-        self.links = links_stage(e, arguments)
+            self.newton.append(newton_stage(equations, number, block, sample, arguments))
+        self.end = end_stage(equations, solver.signs, arguments)
+        self.links = links_stage(equations, arguments)
         self.limits: tuple[PassiveLimit, ...] = passive_limits(mechanism)
-        function = ca.Function("slacks", list(arguments.values()), [ca.densify(slacks(e, self.limits))], {"cse": True})
+        slack_column = ca.densify(slacks(equations, self.limits))
+        function = ca.Function("slacks", list(arguments.values()), [slack_column], {"cse": True})
         self.slacks = Stage(function, tuple(arguments), ("slacks",))
 
 
 def _frame_shifts(mechanism: Mechanism, distances: Sequence[Distance], values: ca.SX) -> dict[tuple[str, str], ca.SX]:
     """Return the errors of joint frames, as in `LoopEquations.errors`, by changed distances of values (k,) in m."""
     shifts: dict[tuple[str, str], ca.SX] = {}
-    for k, distance in enumerate(distances):
+    for index, distance in enumerate(distances):
         joint = mechanism.joint(distance.joint)
         side = "child"
         T_body_joint = joint.T_child_joint
@@ -72,7 +73,7 @@ def _frame_shifts(mechanism: Mechanism, distances: Sequence[Distance], values: c
             T_body_joint = joint.T_parent_joint
         direction = T_body_joint[:3, :3].T @ line_of(mechanism, distance)
         direction = np.where(np.abs(direction) < _ROUNDED, 0.0, direction)
-        shift = ca.SX(direction) * (values[k] - distance.distance)
+        shift = ca.SX(direction) * (values[index] - distance.distance)
         change = ca.vertcat(shift, ca.SX.zeros(3))
         before = shifts.get((joint.name, side))
         shifts[joint.name, side] = change if before is None else before + change

@@ -264,8 +264,8 @@ class Dragger:
             slack = self._slacks(state.q)
             reached = slack / self._size < NEAR
             gradients = np.vstack([slopes, self._G[reached]])
-            wanted = np.append(missing, np.zeros(int(reached.sum())))
-            motion = np.asarray(np.linalg.pinv(gradients) @ wanted, float)
+            slack_changes = np.append(missing, np.zeros(int(reached.sum())))
+            motion = np.asarray(np.linalg.pinv(gradients) @ slack_changes, float)
             dq = self.scale * motion
             slack_after = self._slacks(state.q + dq)
             if (slack_after < np.minimum(0.0, slack) - _MAX_ROUNDING).any():
@@ -315,13 +315,13 @@ class Dragger:
         Matrices that are not square are first projected onto the singular vectors of the matrix in state `before`.
         """
         determinants: dict[str, tuple[float, float]] = {}
-        for name, A, B in zip(self._loops, before.loops, after.loops, strict=True):
-            determinants[f"loop {name}"] = _determinants(A, B)
+        for name, matrix_before, matrix_after in zip(self._loops, before.loops, after.loops, strict=True):
+            determinants[f"loop {name}"] = _determinants(matrix_before, matrix_after)
         n = len(after.q)
         if tool and n <= 6:  # a redundant arm can move while its tool is at rest
-            A = before.tool * self.scale * LENGTH_SCALE
-            B = after.tool * self.scale * LENGTH_SCALE
-            determinants["tool"] = _determinants(A, B)
+            matrix_before = before.tool * self.scale * LENGTH_SCALE
+            matrix_after = after.tool * self.scale * LENGTH_SCALE
+            determinants["tool"] = _determinants(matrix_before, matrix_after)
         return determinants
 
     def nearest_loop(self, state: LinearizedState) -> str:
@@ -342,20 +342,20 @@ class Dragger:
             sizes[name] = abs(determinant)
         return sizes
 
-    def _with_step(self, u: Array, du: Array) -> Array:
-        """Return the unknowns after a step du; quaternions are rotated in their own frame."""
-        after = u.copy()
-        start = 0  # of the state of a joint in u
-        start_step = 0  # of its step in du
+    def _with_step(self, unknowns: Array, step: Array) -> Array:
+        """Return the unknowns after a step; quaternions are rotated in their own frame."""
+        after = unknowns.copy()
+        start = 0  # of the state of a joint in the unknowns
+        start_step = 0  # of its step in the step of all
         for kind in self._kinds:
             has_quat = kind in ("spherical", "free")
             end = start + STATES[kind]
             end_step = start_step + STEPS[kind]
             count = STATES[kind] - 4 if has_quat else STATES[kind]  # of the numbers before a quaternion
-            after[start : start + count] += du[start_step : start_step + count]
+            after[start : start + count] += step[start_step : start_step + count]
             if has_quat:
-                half_turn = du[start_step + count : end_step] / 2
-                quat_wxyz = _product_wxyz(u[start + count : end], half_turn)
+                half_turn = step[start_step + count : end_step] / 2
+                quat_wxyz = _product_wxyz(unknowns[start + count : end], half_turn)
                 after[start + count : end] = quat_wxyz / np.linalg.norm(quat_wxyz)
             start = end
             start_step = end_step
@@ -367,13 +367,13 @@ def _floor(state: LinearizedState) -> Array:
     return np.where(state.slacks < -ROUNDING, state.slacks, -ROUNDING)
 
 
-def _determinants(A: Array, B: Array) -> tuple[float, float]:
+def _determinants(matrix: Array, matrix_after: Array) -> tuple[float, float]:
     """Return the determinants of two matrices, after a projection onto the singular vectors of A if not square."""
-    if A.shape[0] == A.shape[1]:
-        return float(np.linalg.det(A)), float(np.linalg.det(B))
-    U, values, Vt = np.linalg.svd(A, full_matrices=False)
+    if matrix.shape[0] == matrix.shape[1]:
+        return float(np.linalg.det(matrix)), float(np.linalg.det(matrix_after))
+    U, values, Vt = np.linalg.svd(matrix, full_matrices=False)
     rank = int(np.sum(values > _MIN_SINGULAR_RATIO * values.max(initial=0.0)))
-    projection = U[:, :rank].T @ B @ Vt[:rank].T
+    projection = U[:, :rank].T @ matrix_after @ Vt[:rank].T
     return float(np.prod(values[:rank])), float(np.linalg.det(projection))
 
 

@@ -73,9 +73,9 @@ def stepped(passive: Iterable[Passive], step: ca.SX) -> dict[str, ca.SX]:
     """Return {key: state} of passive joints after a step; `step` stacks the steps of all these joints."""
     states: dict[str, ca.SX] = {}
     start = 0
-    for p in passive:
-        end = start + p.step.numel()
-        states[p.key] = p.stepped(step[start:end])
+    for joint in passive:
+        end = start + joint.step.numel()
+        states[joint.key] = joint.stepped(step[start:end])
         start = end
     return states
 
@@ -88,7 +88,7 @@ Chain = list[Any]
 class _Error:
     """A frame error (6,) in the frame's own axes: shift in m, rotation in rad; `back`: the inverse error applies."""
 
-    e: ca.SX
+    shift_and_turn: ca.SX
     back: bool
 
 
@@ -135,8 +135,8 @@ class LoopEquations:
             step = ca.SX.sym(f"d_{joint.name}", STEPS[joint.type])
             self.passive.append(Passive(joint, state, step))
         self._passive = {passive.name: passive for passive in self.passive}
-        self.states = _stack([passive.state for passive in self.passive])
-        self.steps = _stack([passive.step for passive in self.passive])
+        self.states = _stack(passive.state for passive in self.passive)
+        self.steps = _stack(passive.step for passive in self.passive)
 
         names: list[str] = []
         rows: list[ca.SX] = []
@@ -148,7 +148,7 @@ class LoopEquations:
             rows += [length, LENGTH_SCALE * angle]
             names += [joint.name] * (length.numel() + angle.numel())
             squared_offsets.append(ca.sumsqr(length))
-            # For an inverted joint, the sine is also small.
+            # An inverted joint, whose cosine is -1, has a sine of 0 as a closed one has: it must count as open.
             squared_tilts.append(ca.sumsqr(angle) + ca.if_else(cosine < 0, 1, 0))
             length, angle, _ = self._misfit(joint, stepping=True)
             stepping_rows += [length, LENGTH_SCALE * angle]
@@ -207,8 +207,8 @@ class LoopEquations:
         seed = ca.SX.sym("seed", self.states.numel())
         parts: list[ca.SX] = []
         start = 0
-        for p in self.passive:
-            end = start + p.state.numel()
+        for joint in self.passive:
+            end = start + joint.state.numel()
             parts.append(seed[start:end])
             start = end
         return ca.Function("split", [seed], parts)
@@ -241,12 +241,12 @@ class LoopEquations:
 
     def rest(self) -> tuple[Array, list[Array]]:
         """Return q (n,) and the state of each passive joint in the rest poses (as drawn in the CAD)."""
-        rest = self.mechanism.rest
+        rest_poses = self.mechanism.rest
         q = np.zeros(len(self._active))
         states: list[Array] = []
         for joint in self.mechanism.tree:
-            T_base_parent = rest.get(joint.parent, np.eye(4))
-            T_base_child = rest.get(joint.child, np.eye(4))
+            T_base_parent = rest_poses.get(joint.parent, np.eye(4))
+            T_base_child = rest_poses.get(joint.child, np.eye(4))
             T = joint.relative(T_base_parent, T_base_child)
             angle = joint.angle(T)
             if joint.name in self._active:
@@ -271,9 +271,9 @@ class LoopEquations:
         if locked[:3] == [0, 1, 2]:
             # The gap is expressed in a fixed frame (that of the rest poses), so that the out-of-plane components of a
             # planar loop are exactly zero.
-            rest = self.mechanism.rest
-            T_common_base = spatial.inverse(rest.get(common, np.eye(4)))
-            T_common_joint = T_common_base @ rest.get(joint.parent, np.eye(4)) @ joint.T_parent_joint
+            rest_poses = self.mechanism.rest
+            T_common_base = spatial.inverse(rest_poses.get(common, np.eye(4)))
+            T_common_joint = T_common_base @ rest_poses.get(joint.parent, np.eye(4)) @ joint.T_parent_joint
             R = _rounded(T_common_joint[:3, :3])
             length = ca.SX(R.T) @ gap
         else:
@@ -285,12 +285,12 @@ class LoopEquations:
 
         if _TURN_X in joint.free_axes:  # a ball joint: no direction of rotation is locked
             return length, ca.SX(0, 1), ca.SX(1)
-        others = self._axes(chain_child, stepping)
+        frame_child = self._axes(chain_child, stepping)
         if _TURN_Z in joint.free_axes:  # rotation about z is free: only the z axes must agree
-            sine_x = ca.dot(frame[0], others[2])
-            sine_y = ca.dot(frame[1], others[2])
-            return length, ca.vertcat(sine_x, sine_y), ca.dot(frame[2], others[2])
-        R = ca.horzcat(*frame).T @ ca.horzcat(*others)
+            sine_x = ca.dot(frame[0], frame_child[2])
+            sine_y = ca.dot(frame[1], frame_child[2])
+            return length, ca.vertcat(sine_x, sine_y), ca.dot(frame[2], frame_child[2])
+        R = ca.horzcat(*frame).T @ ca.horzcat(*frame_child)
         return length, ca.inv_skew((R - R.T) / 2), (ca.trace(R) - 1) / 2
 
     def _coupled(self, coupling: Coupling, stepping: bool) -> ca.SX:
@@ -367,7 +367,7 @@ class LoopEquations:
         """Return the origin (3,) of the frame at the end of a chain, in the frame at its start, in m."""
         return self._carried(chain, ca.SX.zeros(3), True, stepping)
 
-    def _carried(self, chain: Chain, v: ca.SX, point: bool, stepping: bool) -> ca.SX:
+    def _carried(self, chain: Chain, vector: ca.SX, point: bool, stepping: bool) -> ca.SX:
         """Transform a point or a direction (3,) from the frame at the end of a chain to the frame at its start."""
         fixed: Array | None = None  # product of the fixed poses since the last moving part
         for part in reversed(chain):
@@ -377,45 +377,45 @@ class LoopEquations:
                 fixed = part
                 continue
             if fixed is not None:
-                v = _moved(_rounded(fixed), v, point)
+                vector = _placed(_rounded(fixed), vector, point)
                 fixed = None
             if isinstance(part, _Error):
-                v = _off(part, v, point)
+                vector = _moved_by_error(part, vector, point)
                 continue
-            v = self._motion(part, v, point, stepping)
+            vector = self._motion(part, vector, point, stepping)
         if fixed is not None:
-            v = _moved(_rounded(fixed), v, point)
-        return v
+            vector = _placed(_rounded(fixed), vector, point)
+        return vector
 
-    def _motion(self, joint: Joint, v: ca.SX, point: bool, stepping: bool) -> ca.SX:
+    def _motion(self, joint: Joint, vector: ca.SX, point: bool, stepping: bool) -> ca.SX:
         """Transform a point or a direction (3,) from the moving frame of a joint to its fixed frame."""
         kind = joint.type
         if kind in _BALLS and joint.name not in self._active:
-            return self._ball_motion(joint, v, point, stepping)
+            return self._ball_motion(joint, vector, point, stepping)
         x = self._coordinate(joint.name, stepping)
         if kind in ("revolute", "cylindrical"):
             c = ca.cos(x[-1])
             s = ca.sin(x[-1])
-            v = ca.vertcat(c * v[0] - s * v[1], s * v[0] + c * v[1], v[2])
+            vector = ca.vertcat(c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], vector[2])
         if kind in ("prismatic", "cylindrical") and point:
-            v = v + ca.vertcat(0, 0, x[0])
-        return v
+            vector = vector + ca.vertcat(0, 0, x[0])
+        return vector
 
-    def _ball_motion(self, joint: Joint, v: ca.SX, point: bool, stepping: bool) -> ca.SX:
+    def _ball_motion(self, joint: Joint, vector: ca.SX, point: bool, stepping: bool) -> ca.SX:
         """Do the same for a passive joint whose orientation is a quaternion."""
         passive = self._passive[joint.name]
         if stepping:  # to first order, because only the derivative is used
-            v = v + ca.cross(passive.step[-3:], v)
-        v = turned(passive.state[-4:], v)
+            vector = vector + ca.cross(passive.step[-3:], vector)
+        vector = turned(passive.state[-4:], vector)
         if not point or joint.type != "free":
-            return v
+            return vector
         shift = passive.state[:-4]
         if stepping:
             shift = shift + passive.step[:-3]
-        return v + shift
+        return vector + shift
 
 
-def turned(quat: ca.SX, v: ca.SX) -> ca.SX:
+def turned(quat: ca.SX, vector: ca.SX) -> ca.SX:
     """Return v (3,) rotated by a unit quaternion (4,), w first: from a ball joint's moving axes to its fixed ones."""
     w, x, y, z = ca.vertsplit(quat)
     R = ca.vertcat(
@@ -423,29 +423,29 @@ def turned(quat: ca.SX, v: ca.SX) -> ca.SX:
         ca.horzcat(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
         ca.horzcat(2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
     )
-    return R @ v
+    return R @ vector
 
 
-def _moved(T: Array, v: ca.SX, point: bool) -> ca.SX:
+def _placed(T: Array, vector: ca.SX, point: bool) -> ca.SX:
     """Return the point or direction v (3,) transformed by a fixed pose."""
-    turned = ca.SX(T[:3, :3]) @ v
+    turned = ca.SX(T[:3, :3]) @ vector
     if not point:
         return turned
     return turned + ca.SX(T[:3, 3])
 
 
-def _off(error: _Error, v: ca.SX, point: bool) -> ca.SX:
+def _moved_by_error(error: _Error, vector: ca.SX, point: bool) -> ca.SX:
     """Return the point or direction v (3,) moved by the error of a frame, or by the inverse error."""
-    shift = error.e[:3]
-    turn = error.e[3:]
+    shift = error.shift_and_turn[:3]
+    turn = error.shift_and_turn[3:]
     if error.back:
         turn = -turn
         if point:
-            v = v - shift
-    v = v + ca.cross(turn, v) + ca.cross(turn, ca.cross(turn, v)) / 2
+            vector = vector - shift
+    vector = vector + ca.cross(turn, vector) + ca.cross(turn, ca.cross(turn, vector)) / 2
     if point and not error.back:
-        v = v + shift
-    return v
+        vector = vector + shift
+    return vector
 
 
 def _rounded(T: Array) -> Array:

@@ -153,10 +153,10 @@ class _Walk:
             if time.thread_time() > until:
                 return False
             self._tries -= 1
-            y = self._step(self._first, self._total, self._goal)
-            if y is None:
+            motion = self._step(self._first, self._total, self._goal)
+            if motion is None:
                 break
-            self._total = self._total + y
+            self._total = self._total + motion
             decrease = distance - np.linalg.norm(self._goal - self.state.p)
             if decrease < self._gain * min(distance, _STEP):
                 break
@@ -188,41 +188,44 @@ class _Walk:
         if size < _WEAK**2:  # no joint moves this point noticeably
             return None
 
-        G = self._G
-        near = self._slack < NEAR
-        active = near & (G @ self._pull > 0)
+        gradients = self._G
+        is_near = self._slack < NEAR
+        is_active = is_near & (gradients @ self._pull > 0)
         damping = _DAMPINGS[0] * size
-        y = np.zeros(len(total))
-        # The step slides along the bounds in `active`; each pass adds the reached bounds that the step would pass.
+        motion = np.zeros(len(total))
+        # The step slides along the bounds that are active; each pass adds the reached bounds that the step would pass.
         # Each pass adds at least one, so that the loop ends.
         while True:
-            P = np.eye(len(total)) - np.linalg.pinv(G[active]) @ G[active]
-            U, gains, _ = np.linalg.svd(J_now @ P)
+            projection = np.eye(len(total)) - np.linalg.pinv(gradients[is_active]) @ gradients[is_active]
+            U, gains, _ = np.linalg.svd(J_now @ projection)
             strong = U[:, : int(np.sum(gains > _WEAK))]
             if strong.shape[1] < 3:  # try all directions first; accept only if all are strong afterwards
-                y = np.asarray(P @ _smallest_motion(J_mean @ P, miss, total, damping), float)
-                blocked = near & ~active & _towards(G, y)
-                if not blocked.any() and self._take(y, goal, easy=True):
-                    return y * self._part
-            y = np.asarray(P @ _smallest_motion(strong.T @ J_mean @ P, strong.T @ miss, total, damping), float)
-            blocked = near & ~active & _towards(G, y)
-            if not blocked.any():
+                motion = np.asarray(projection @ _smallest_motion(J_mean @ projection, miss, total, damping), float)
+                is_blocked = is_near & ~is_active & _towards(gradients, motion)
+                if not is_blocked.any() and self._take(motion, goal, easy=True):
+                    return motion * self._part
+            J_strong = strong.T @ J_mean @ projection
+            motion = np.asarray(projection @ _smallest_motion(J_strong, strong.T @ miss, total, damping), float)
+            is_blocked = is_near & ~is_active & _towards(gradients, motion)
+            if not is_blocked.any():
                 break
-            active |= blocked
+            is_active |= is_blocked
         if np.linalg.norm(strong.T @ miss) < self._within:
             return None
 
         for relative_damping in _DAMPINGS[1:]:
             for _ in range(_HALVINGS):
-                if self._take(y, goal):
-                    return y * self._part
+                if self._take(motion, goal):
+                    return motion * self._part
                 if not self._is_rejected:
                     break  # the step makes no progress: change its direction, not its length
-                y = y * self._part / 2
+                motion = motion * self._part / 2
             if self._is_rejected:
                 return None
             # Without the total motion, a large damping turns the step towards steepest descent.
-            y = P @ _smallest_motion(strong.T @ J_now @ P, strong.T @ miss, 0 * total, relative_damping * size)
+            J_strong = strong.T @ J_now @ projection
+            damping = relative_damping * size
+            motion = projection @ _smallest_motion(J_strong, strong.T @ miss, np.zeros(len(total)), damping)
         return None
 
     @property
@@ -230,16 +233,16 @@ class _Walk:
         """Whether the mechanism could not do the last step: a loop stays open, is singular, or passes a limit."""
         return bool(self.open or self.singular or self._passes_limit)
 
-    def _take(self, y: Array, goal: Array, easy: bool = False) -> bool:
-        """Shorten the step y (n,) in m to the limits, and do the step if the distance to the goal then decreases.
+    def _take(self, motion: Array, goal: Array, easy: bool = False) -> bool:
+        """Shorten the step `motion` (n,) in m to the limits, and do it if the distance to the goal then decreases.
 
         Return whether the step was done. With `easy`, only states in which the point can move in all directions are
         accepted.
         """
         dragger = self.dragger
         before = self.state
-        self._part = self._part_within_limits(y)
-        after, cause = dragger.stepped(before, dragger.scale * (self._part * y), self.point)
+        self._part = self._part_within_limits(motion)
+        after, cause = dragger.stepped(before, dragger.scale * (self._part * motion), self.point)
         if after is None:
             self.singular = cause
             self.open = not cause
@@ -260,13 +263,13 @@ class _Walk:
         self.state = after
         return True
 
-    def _part_within_limits(self, y: Array) -> float:
-        """Return the part of a step y (n,) in m that reaches no limit, and is no longer than a step may be."""
-        longest = max(np.abs(y).max(initial=0.0), _SHORTEST)
+    def _part_within_limits(self, motion: Array) -> float:
+        """Return the part of a step (n,) in m that reaches no limit, and is no longer than a step may be."""
+        longest = max(np.abs(motion).max(initial=0.0), _SHORTEST)
         part = min(1.0, STRIDE / longest)
-        towards = _towards(self._G, y)
-        used = -(self._G @ y)
-        return float(np.min(self._slack[towards] / used[towards], initial=part))
+        is_approached = _towards(self._G, motion)
+        approach = -(self._G @ motion)
+        return float(np.min(self._slack[is_approached] / approach[is_approached], initial=part))
 
     def stops(self) -> tuple[Stop, ...]:
         """Return the bounds and limits that block the point."""
@@ -274,9 +277,9 @@ class _Walk:
         stops: list[Stop] = []
         gradients: list[Array] = []
         threshold = _PUSHES * np.linalg.norm(self._pull)
-        G, slack = dragger.gradients_and_slacks(self.state)
+        G, distances = dragger.gradients_and_slacks(self.state)
         candidates = (*dragger.bounds, *dragger.linearize.limits)
-        for stop, gradient, distance in zip(candidates, G, slack, strict=True):
+        for stop, gradient, distance in zip(candidates, G, distances, strict=True):
             blocks = distance < NEAR and gradient @ self._pull > threshold
             # Pins of a parallelogram reach their limits together with the joint that moves them: name that joint only.
             if blocks and not _is_like_any(gradient, gradients):
@@ -287,19 +290,19 @@ class _Walk:
 
 def _is_like_any(gradient: Array, others: Sequence[Array]) -> bool:
     """Return whether a gradient (n,) is nearly one of some others."""
-    return any(np.abs(gradient - other).max() < _ALIKE for other in others)
+    return any(np.abs(gradient - known_gradient).max() < _ALIKE for known_gradient in others)
 
 
-def _towards(G: Array, y: Array) -> np.ndarray:
-    """Return (b,) bool: whether the step y (n,) moves towards a bound, by more than a rounding error of the step.
+def _towards(G: Array, motion: Array) -> np.ndarray:
+    """Return (b,) bool: whether a step `motion` (n,) moves towards a bound, by more than its rounding error.
 
     G (b, n) contains the gradients of the distances from the bounds.
     """
-    return G @ y < -_TOWARDS * np.abs(y).max(initial=0.0)
+    return G @ motion < -_TOWARDS * np.abs(motion).max(initial=0.0)
 
 
 def _smallest_motion(J: Array, miss: Array, total: Array, damping: float) -> Array:
-    """Return y (n,) that minimises |J y - miss|² + damping |total + y|²."""
+    """Return the motion y (n,) that minimises |J y - miss|² + damping |total + y|²."""
     H = J.T @ J + damping * np.eye(J.shape[1])
     g = J.T @ miss - damping * total
     return np.asarray(np.linalg.solve(H, g), float)

@@ -34,48 +34,48 @@ def square(J: ca.SX, b: ca.SX, pattern: np.ndarray, sample: Array) -> tuple[ca.S
     `pattern` (n, n) marks the entries of J (n, n) that can differ from 0. `sample` (n, n) is J in one state, used to
     choose a stable pivot order with few fill-ins.
     """
-    n = len(sample)
-    a: dict[tuple[int, int], ca.SX] = {}
-    for i in range(n):
+    count = len(sample)
+    entries: dict[tuple[int, int], ca.SX] = {}
+    for i in range(count):
         for j in np.flatnonzero(pattern[i]):
-            a[i, int(j)] = J[i, int(j)]
-    y = ca.vertsplit(b)
+            entries[i, int(j)] = J[i, int(j)]
+    right_side = ca.vertsplit(b)
     values = np.array(sample, float)
-    rows = list(range(n))
-    columns = list(range(n))
+    rows = list(range(count))
+    columns = list(range(count))
     order: list[tuple[int, int, ca.SX, list[int]]] = []
     determinant = ca.SX(1)
     while rows:
-        i, j = _pivot(a, values, rows, columns)
+        i, j = _pivot(entries, values, rows, columns)
         rows.remove(i)
         columns.remove(j)
-        inverse = 1 / a[i, j]
-        determinant *= a[i, j]
+        inverse = 1 / entries[i, j]
+        determinant *= entries[i, j]
         others = []
         for c in columns:
-            if (i, c) in a:
+            if (i, c) in entries:
                 others.append(c)
         for r in rows:
-            if (r, j) not in a:
+            if (r, j) not in entries:
                 continue
-            factor = a[r, j] * inverse
+            factor = entries[r, j] * inverse
             for c in others:
-                a[r, c] = a.get((r, c), ca.SX(0)) - factor * a[i, c]
-            y[r] = y[r] - factor * y[i]
+                entries[r, c] = entries.get((r, c), ca.SX(0)) - factor * entries[i, c]
+            right_side[r] = right_side[r] - factor * right_side[i]
             # The same elimination in numbers: later pivots are chosen by them.
             values[r, columns] -= values[r, j] / values[i, j] * values[i, columns]
         order.append((i, j, inverse, others))
 
     x: dict[int, ca.SX] = {}
     for i, j, inverse, others in reversed(order):
-        known = ca.SX(0)
+        known_part = ca.SX(0)
         for c in others:
-            known = known + a[i, c] * x[c]
-        x[j] = (y[i] - known) * inverse
-    return ca.vertcat(*[x[j] for j in range(n)]), determinant
+            known_part = known_part + entries[i, c] * x[c]
+        x[j] = (right_side[i] - known_part) * inverse
+    return ca.vertcat(*[x[j] for j in range(count)]), determinant
 
 
-def _pivot(a: dict, values: Array, rows: list[int], columns: list[int]) -> tuple[int, int]:
+def _pivot(entries: dict, values: Array, rows: list[int], columns: list[int]) -> tuple[int, int]:
     """Return (row, column) of the pivot with the fewest fill-ins (Markowitz), among the sufficiently large pivots."""
     best_cost = (np.inf, np.inf)
     best_pivot = (rows[0], columns[0])
@@ -83,10 +83,10 @@ def _pivot(a: dict, values: Array, rows: list[int], columns: list[int]) -> tuple
         largest_entry = max(np.abs(values[i, columns]).max(), _SMALLEST)
         for j in columns:
             large = abs(values[i, j]) >= _PIVOT * largest_entry
-            if (i, j) not in a or not large:
+            if (i, j) not in entries or not large:
                 continue
-            in_row = [c for c in columns if (i, c) in a]
-            in_column = [r for r in rows if (r, j) in a]
+            in_row = [c for c in columns if (i, c) in entries]
+            in_column = [r for r in rows if (r, j) in entries]
             fill_ins = (len(in_row) - 1) * (len(in_column) - 1)
             # Of pivots with equal fill-ins, the relatively largest is the most stable.
             candidate = (fill_ins, -abs(values[i, j]) / largest_entry)
@@ -102,54 +102,54 @@ def least_squares(J: ca.SX, b: ca.SX, pattern: np.ndarray) -> ca.SX:
     J = ca.SX(J)
     linked = (pattern.T.astype(int) @ pattern.astype(int)) > 0
     order = _least_filling(linked)
-    a = _normal_matrix(J, pattern, linked, order)
-    y: list[ca.SX] = []
+    normal_matrix = _normal_matrix(J, pattern, linked, order)
+    right_side: list[ca.SX] = []
     for i in order:
         product = ca.SX(0)
         for r in np.flatnonzero(pattern[:, i]):
             product = product + J[int(r), i] * b[int(r)]
-        y.append(product)
+        right_side.append(product)
 
-    # A = L D L^T without square roots; forward substitution of y beside it.
-    n = len(order)
+    # A = L D L^T without square roots; forward substitution of the right side beside it.
+    count = len(order)
     lower: dict[tuple[int, int], ca.SX] = {}
     reciprocals: list[ca.SX] = []
-    for j in range(n):
-        reciprocals.append(1 / a[j, j])
+    for j in range(count):
+        reciprocals.append(1 / normal_matrix[j, j])
         below = []
-        for i in range(j + 1, n):
-            if (i, j) in a:
+        for i in range(j + 1, count):
+            if (i, j) in normal_matrix:
                 below.append(i)
         for i in below:
-            lower[i, j] = a[i, j] * reciprocals[j]
-            y[i] = y[i] - lower[i, j] * y[j]
+            lower[i, j] = normal_matrix[i, j] * reciprocals[j]
+            right_side[i] = right_side[i] - lower[i, j] * right_side[j]
             for k in below:
                 if k > i:
                     break
-                a[i, k] = a.get((i, k), ca.SX(0)) - lower[i, j] * a[k, j]
+                normal_matrix[i, k] = normal_matrix.get((i, k), ca.SX(0)) - lower[i, j] * normal_matrix[k, j]
 
-    for j in range(n):
-        y[j] = y[j] * reciprocals[j]
-    for j in range(n - 1, -1, -1):
-        for i in range(j + 1, n):
+    for j in range(count):
+        right_side[j] = right_side[j] * reciprocals[j]
+    for j in range(count - 1, -1, -1):
+        for i in range(j + 1, count):
             if (i, j) in lower:
-                y[j] = y[j] - lower[i, j] * y[i]
-    return ca.vertcat(*[y[order.index(i)] for i in range(n)])
+                right_side[j] = right_side[j] - lower[i, j] * right_side[i]
+    return ca.vertcat(*[right_side[order.index(i)] for i in range(count)])
 
 
 def _normal_matrix(J: ca.SX, pattern: np.ndarray, linked: np.ndarray, order: list[int]) -> dict[tuple[int, int], ca.SX]:
     """Return the lower half of J^T J with damped diagonal, its rows and columns in this order; zeros are absent."""
-    a: dict[tuple[int, int], ca.SX] = {}
-    for s, i in enumerate(order):
-        for t, k in enumerate(order[: s + 1]):
+    entries: dict[tuple[int, int], ca.SX] = {}
+    for row, i in enumerate(order):
+        for column, k in enumerate(order[: row + 1]):
             if not linked[i, k]:
                 continue
             entry = ca.SX(0)
             for r in np.flatnonzero(pattern[:, i] & pattern[:, k]):
                 entry = entry + J[int(r), i] * J[int(r), k]
-            a[s, t] = entry
-        a[s, s] = a.get((s, s), ca.SX(0)) * (1 + _FLOOR) + _UNDETERMINED
-    return a
+            entries[row, column] = entry
+        entries[row, row] = entries.get((row, row), ca.SX(0)) * (1 + _FLOOR) + _UNDETERMINED
+    return entries
 
 
 def _least_filling(linked: np.ndarray) -> list[int]:

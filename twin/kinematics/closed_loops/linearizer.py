@@ -54,8 +54,8 @@ class Linearizer:
 
     def __init__(self, solver: LoopSolver) -> None:
         """Compile the functions of the loops and the tool."""
-        e = solver.equations
-        self._equations = e
+        equations = solver.equations
+        self._equations = equations
         rows: list[int] = []
         columns: list[int] = []
         self._parts: list[tuple[slice, slice]] = []
@@ -67,26 +67,26 @@ class Linearizer:
             columns += block.columns
         self._columns = np.array(columns, int)
         self._square = all(block.square for block in solver.blocks)
-        self._n = e.q.numel()
-        self._k = e.steps.numel()
-        self._m = len(rows)
-        self.limits = passive_limits(e.mechanism)
+        self._active_count = equations.q.numel()
+        self._step_count = equations.steps.numel()
+        self._loop_rows = len(rows)
+        self.limits = passive_limits(equations.mechanism)
 
         # The rates of q and of all unknowns together; the loops then relate the second to the first.
-        z = ca.vertcat(e.q, e.steps)
-        tool = e.mechanism.frame(e.mechanism.tool)
-        T = e.pose(tool.body, tool.T_body_frame, stepping=True)
+        z = ca.vertcat(equations.q, equations.steps)
+        tool = equations.mechanism.frame(equations.mechanism.tool)
+        T = equations.pose(tool.body, tool.T_body_frame, stepping=True)
         turn = ca.SX(3, z.numel())
         for i in range(3):
             axis = T[:3, i]
             turn = turn + ca.skew(axis) @ ca.jacobian(axis, z) / 2  # w = (x × dx + y × dy + z × dz) / 2
         velocity = ca.jacobian(T[:3, 3], z)
-        twist = ca.substitute(ca.vertcat(velocity, LENGTH_SCALE * turn), e.steps, 0)
+        twist = ca.substitute(ca.vertcat(velocity, LENGTH_SCALE * turn), equations.steps, 0)
         loops = ca.SX(0, z.numel())
         if rows:
-            loops = ca.horzcat(ca.jacobian(e.residual, e.q), e.jacobian)[rows, :]
-        slack = slacks(e, self.limits, stepping=True)
-        slack_rows = ca.substitute(ca.horzcat(slack, ca.jacobian(slack, z)), e.steps, 0)
+            loops = ca.horzcat(ca.jacobian(equations.residual, equations.q), equations.jacobian)[rows, :]
+        slack = slacks(equations, self.limits, stepping=True)
+        slack_rows = ca.substitute(ca.horzcat(slack, ca.jacobian(slack, z)), equations.steps, 0)
         # The first column has the values of the slacks; twist and loops have none.
         no_values = ca.SX(6 + len(rows), 1)
         twist_and_loops = ca.horzcat(no_values, ca.vertcat(twist, loops))
@@ -95,18 +95,18 @@ class Linearizer:
 
     def __call__(self, q: Array, u: Array, body: str, p_body: Array) -> LinearizedState:
         """Return the `LinearizedState` at q (n,) and loop unknowns u (m,), for a point (3,) in the body frame in m."""
-        n = self._n
-        m = self._m
+        active_count = self._active_count
+        loop_rows = self._loop_rows
         if body not in self._bodies:
             self._bodies[body] = self._point(body)
-        values = self._common(q, u).reshape(6 + m + len(self.limits), -1)
+        values = self._common(q, u).reshape(6 + loop_rows + len(self.limits), -1)
         point = self._bodies[body](q, u, p_body).reshape(3, -1)
-        loops = values[6 : 6 + m, 1:]
-        loops_of_unknowns = loops[:, n + self._columns]
-        answers = np.zeros((self._k, n))
-        if m:
-            answers[self._columns] = -_solved(loops_of_unknowns, loops[:, :n], self._square)
-        limits = values[6 + m :]
+        loops = values[6 : 6 + loop_rows, 1:]
+        loops_of_unknowns = loops[:, active_count + self._columns]
+        answers = np.zeros((self._step_count, active_count))
+        if loop_rows:
+            answers[self._columns] = -_solved(loops_of_unknowns, loops[:, :active_count], self._square)
+        limits = values[6 + loop_rows :]
         return LinearizedState(
             q=q,
             u=u,
@@ -128,10 +128,10 @@ class Linearizer:
         rows = ca.substitute(ca.horzcat(p_base, J), e.steps, 0)
         return self._compiled("point", rows, p=p_body)
 
-    def _compiled(self, name: str, rows: ca.SX, **more: ca.SX) -> Callable[..., Array]:
+    def _compiled(self, name: str, rows: ca.SX, **further_inputs: ca.SX) -> Callable[..., Array]:
         """Return a compiled function of q, u and further inputs; its outputs are stacked in one matrix."""
         e = self._equations
-        symbols = {"q": e.q, "u": e.states, **more}
+        symbols = {"q": e.q, "u": e.states, **further_inputs}
         inputs = {key: symbol.numel() for key, symbol in symbols.items()}
         stacked = ca.densify(ca.vec(rows.T))
         function = ca.Function(name, list(symbols.values()), [stacked], {"cse": True})
@@ -139,14 +139,14 @@ class Linearizer:
         return Kernel([stage], inputs, ["seen"], single=True).single()
 
 
-def _solved(A: Array, B: Array, square: bool) -> Array:
+def _solved(matrix: Array, right_side: Array, square: bool) -> Array:
     """Return X with A X = B; for a singular A or one that is not square, the smallest X in the least-squares sense."""
     if square:
         try:
-            return np.asarray(np.linalg.solve(A, B), float)
-        except np.linalg.LinAlgError:
+            return np.asarray(np.linalg.solve(matrix, right_side), float)
+        except np.linalg.LinAlgError:  # exactly singular: the smallest solution, as for other matrices
             pass
-    return np.asarray(np.linalg.pinv(A, rcond=_FLAT) @ B, float)
+    return np.asarray(np.linalg.pinv(matrix, rcond=_FLAT) @ right_side, float)
 
 
 def _of_active(J: Array, answers: Array) -> Array:

@@ -180,10 +180,10 @@ class PassiveCheck:
         places = _places(Ts)
         tried_seeds = np.full(len(q), -1)
         while placed.any() and not placed.all():
-            known = np.flatnonzero(placed)
+            placed_poses = np.flatnonzero(placed)
             open_poses = np.flatnonzero(~placed)
-            _, nearest = KDTree(places[known]).query(places[open_poses])
-            seeds = known[nearest]
+            _, nearest = KDTree(places[placed_poses]).query(places[open_poses])
+            seeds = placed_poses[nearest]
             # A seed that has failed before would fail again.
             new = seeds != tried_seeds[open_poses]
             open_poses = open_poses[new]
@@ -191,10 +191,10 @@ class PassiveCheck:
             if not len(open_poses):
                 break
             tried_seeds[open_poses] = seeds
-            again = self._solver.forward_many(q[open_poses], states[seeds])
-            is_same = _same(again.Ts_base_tool, Ts[open_poses])
-            closed = open_poses[is_same]
-            states[closed] = again.states[is_same]
+            solved_again = self._solver.forward_many(q[open_poses], states[seeds])
+            is_placed = _same(solved_again.Ts_base_tool, Ts[open_poses])
+            closed = open_poses[is_placed]
+            states[closed] = solved_again.states[is_placed]
             placed[closed] = True
         return states, placed
 

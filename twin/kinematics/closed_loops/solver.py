@@ -37,6 +37,8 @@ _STRIDE = 0.6
 """Maximum change (m, rad) of an unknown in one step."""
 
 _STEPS = 30
+"""Maximum number of Newton's steps for a block."""
+
 _WALK = (8, 64)
 """Numbers of steps from the rest poses to a state that Newton's method does not find directly, tried in this order."""
 
@@ -107,14 +109,14 @@ class LoopSolver:
         for number, block in enumerate(self.blocks):
             self._newton.append(self._stage(number, block, start))
 
-        known = {"q": self.q}
+        values = {"q": self.q}
         for passive, state in zip(self.equations.passive, start, strict=True):
-            known[passive.key] = state
+            values[passive.key] = state
         for stage in self._newton:
-            self._solve_once(stage, known)
-        self.home = [known[passive.key] for passive in self.equations.passive]
+            self._solve_once(stage, values)
+        self.home = [values[passive.key] for passive in self.equations.passive]
         self.signs: dict[str, float] = {}
-        for name, value in known.items():
+        for name, value in values.items():
             if name.startswith("det "):
                 self.signs[name] = float(value[0])
 
@@ -130,14 +132,14 @@ class LoopSolver:
         self.gap = max(GAP, _OPEN_AS_DRAWN * offset)
         self.tilt = max(TILT, _OPEN_AS_DRAWN * tilt)
 
-    def _solve_once(self, stage: Stage, known: dict[str, Array]) -> None:
-        """Solve one block by Newton's method without a kernel; `known` holds its inputs and takes its results."""
+    def _solve_once(self, stage: Stage, values: dict[str, Array]) -> None:
+        """Solve one block by Newton's method without a kernel; `values` holds its inputs and takes its results."""
         for _ in range(_STEPS):
-            arguments = [known[name] for name in stage.takes]
+            arguments = [values[name] for name in stage.takes]
             results = stage.function(*arguments)
             for name, result in zip(stage.gives, results, strict=True):
-                known[name] = result.full().ravel()
-            if not known["error"][0] > _LAST:
+                values[name] = result.full().ravel()
+            if not values["error"][0] > _LAST:
                 return
 
     def forward(self, q: Array, seed: Array | None = None) -> Array:
@@ -201,18 +203,19 @@ class LoopSolver:
         qs = np.asarray(qs, float)
         if qs.ndim != 2 or qs.shape[1] != len(self.q):
             raise MechanismError(f"q has shape {qs.shape}; expected (k, {len(self.q)})")
-        Q = np.ascontiguousarray(qs.T)
+        q_columns = np.ascontiguousarray(qs.T)
         if seeds is None:
-            poses, gaps, states = self._cold(Q, threads=threads)
+            poses, gaps, states = self._cold(q_columns, threads=threads)
         else:
-            poses, gaps, states = self._warm(Q, np.ascontiguousarray(self._rows(seeds, len(qs)).T), threads=threads)
+            seed_columns = np.ascontiguousarray(self._rows(seeds, len(qs)).T)
+            poses, gaps, states = self._warm(q_columns, seed_columns, threads=threads)
 
-        finite = np.isfinite(Q).all(axis=0)
+        finite = np.isfinite(q_columns).all(axis=0)
         for stations in _WALK:
             failed = np.flatnonzero(~self._are_closed(gaps) & finite)
             if not len(failed) or not self.blocks:
                 break
-            new_poses, new_gaps, new_states = self._walked(Q[:, failed], stations, threads)
+            new_poses, new_gaps, new_states = self._walked(q_columns[:, failed], stations, threads)
             better = self._are_closed(new_gaps)  # if a state cannot be closed, its first result remains
             repaired = failed[better]
             poses[:, repaired] = new_poses[:, better]
@@ -241,11 +244,11 @@ class LoopSolver:
 
     def _walked(self, Q: Array, stations: int, threads: int | None) -> tuple[Array, Array, Array]:
         """Return poses, gaps and states at active joints Q (n, k), approached in equal steps from the rest poses."""
-        rest = self.q[:, None]
+        q_rest = self.q[:, None]
         states = np.repeat(self._start[:, None], Q.shape[1], axis=1)
         for fraction in np.arange(1, stations) / stations:
-            _, _, states = self._warm(rest + fraction * (Q - rest), states, threads=threads)
-        poses, gaps, states = self._warm(rest + (Q - rest), states, threads=threads)
+            _, _, states = self._warm(q_rest + fraction * (Q - q_rest), states, threads=threads)
+        poses, gaps, states = self._warm(q_rest + (Q - q_rest), states, threads=threads)
         return poses, gaps, states
 
     def link_poses(self, qs: Array, states: Array) -> dict[str, Array]:
@@ -299,8 +302,8 @@ class LoopSolver:
     @cached_property
     def _cold(self) -> Kernel:
         home = [ca.SX(state) for state in self.home]
-        drawn = Stage(ca.Function("drawn", [], home), (), tuple(self._keys))
-        return Kernel([drawn, *self.stages], {"q": len(self.q)}, _RESULTS)
+        home_stage = Stage(ca.Function("drawn", [], home), (), tuple(self._keys))
+        return Kernel([home_stage, *self.stages], {"q": len(self.q)}, _RESULTS)
 
     @cached_property
     def _warm(self) -> Kernel:
@@ -352,52 +355,52 @@ def masked_jacobian(jacobian: ca.SX, block: EquationBlock) -> ca.SX:
     return J
 
 
-def block_solution(jacobian: ca.SX, block: EquationBlock, sample: Array, b: ca.SX) -> ca.SX:
+def block_solution(jacobian: ca.SX, block: EquationBlock, sample: Array, right_side: ca.SX) -> ca.SX:
     """Return the steps x of the unknowns of a block with J x = b; J is the part of `jacobian` for the block.
 
     `sample` is J in one state. The steps of a block without a unique solution are those of least squares.
     """
     J = masked_jacobian(jacobian, block)
     if block.square and np.linalg.cond(sample) < _SINGULAR:
-        step, _ = linear.square(J, b, block.pattern, sample)
+        step, _ = linear.square(J, right_side, block.pattern, sample)
         return step
-    return linear.least_squares(J, b, block.pattern)
+    return linear.least_squares(J, right_side, block.pattern)
 
 
 def newton_stage(
-    e: LoopEquations, number: int, block: EquationBlock, sample: Array, arguments: Mapping[str, ca.SX]
+    equations: LoopEquations, number: int, block: EquationBlock, sample: Array, arguments: Mapping[str, ca.SX]
 ) -> Stage:
     """Return the stage that solves a block by Newton's method.
 
     Args:
-        e: the equations.
+        equations: the loop equations.
         number: number of the block; the determinant of the block is named "det <number>".
         block: the equations and unknowns of the block.
         sample: Jacobian of the block in one state, by which the pivots are chosen.
         arguments: {name: symbol} of the arguments: q, the state of each passive joint, and further symbols.
     """
-    J = masked_jacobian(e.jacobian, block)
-    residual = e.residual[list(block.rows)]
+    J = masked_jacobian(equations.jacobian, block)
+    residual = equations.residual[list(block.rows)]
     determinant: dict[str, ca.SX] = {}
     if block.square and np.linalg.cond(sample) < _SINGULAR:
         step, determinant[f"det {number}"] = linear.square(J, -residual, block.pattern, sample)
     else:
         step = linear.least_squares(J, -residual, block.pattern)
     size = linear.largest(step)
-    unknowns = [e.passive[k] for k in block.unknowns]
+    unknowns = [equations.passive[k] for k in block.unknowns]
     states = stepped(unknowns, step * ca.fmin(1, _STRIDE / size))
 
     results = {**states, "error": size, **determinant}
-    outputs = list(map(ca.densify, results.values()))
+    outputs = [ca.densify(result) for result in results.values()]
     function = ca.Function(f"block{number}", list(arguments.values()), outputs, {"cse": True})
     return Stage(function, tuple(arguments), tuple(results), _STEPS, _LAST, reciprocals=True)
 
 
-def end_stage(e: LoopEquations, signs: Mapping[str, float], arguments: Mapping[str, ca.SX]) -> Stage:
+def end_stage(equations: LoopEquations, signs: Mapping[str, float], arguments: Mapping[str, ca.SX]) -> Stage:
     """Return the stage that computes tool pose, gaps and states after the blocks.
 
     Args:
-        e: the equations.
+        equations: the loop equations.
         signs: {name of a determinant: its value in the rest poses}.
         arguments: see `newton_stage`.
     """
@@ -405,9 +408,9 @@ def end_stage(e: LoopEquations, signs: Mapping[str, float], arguments: Mapping[s
     margin = ca.SX(1)
     for determinant, at_rest in zip(determinants, signs.values(), strict=True):
         margin = ca.fmin(margin, determinant / at_rest)
-    pose = ca.vec(e.T_base_tool[:3, :].T)
-    gaps = ca.vertcat(e.offset, e.tilt, margin)
-    outputs = [ca.densify(pose), ca.densify(gaps), ca.densify(e.states)]
+    pose = ca.vec(equations.T_base_tool[:3, :].T)
+    gaps = ca.vertcat(equations.offset, equations.tilt, margin)
+    outputs = [ca.densify(pose), ca.densify(gaps), ca.densify(equations.states)]
     function = ca.Function("end", [*arguments.values(), *determinants], outputs, {"cse": True})
     return Stage(function, (*arguments, *signs), _RESULTS)
 

@@ -11,7 +11,7 @@ from twin.core.spatial import Array
 from twin.kinematics.closed_loops.equations import STEPS, LoopEquations
 
 _TRIES = 32
-"""Number of random states at which residuals and derivatives are evaluated."""
+"""Number of random states at which residuals and derivatives are evaluated: a zero in all of them is no accident."""
 
 _NOTHING = 1e-12
 """Residual in m or rad that a redundant equation does not exceed in any state, even with open loops."""
@@ -44,48 +44,48 @@ class EquationBlock:
 
 def blocks(equations: LoopEquations) -> list[EquationBlock]:
     """Return the blocks in the order of solution; joints that no equation contains are in no block."""
-    e = equations
-    if not e.passive or not e.residual.numel():
+    if not equations.passive or not equations.residual.numel():
         return []
-    values, slopes = _tried(e)
-    kept = np.flatnonzero(np.abs(values).max(axis=0) > _NOTHING)
-    pattern = np.abs(slopes[:, kept]).max(axis=0) > _FLAT
+    values, slopes = _sampled(equations)
+    nonzero_rows = np.flatnonzero(np.abs(values).max(axis=0) > _NOTHING)
+    pattern = np.abs(slopes[:, nonzero_rows]).max(axis=0) > _FLAT
     owners = []
-    for k, passive in enumerate(e.passive):
+    for k, passive in enumerate(equations.passive):
         owners.append(np.full(STEPS[passive.joint.type], k))
     owner = np.concatenate(owners)  # of each step
-    whole = pattern.copy()  # all unknowns of a joint are solved for in one block
-    for k in range(len(e.passive)):
+    joint_pattern = pattern.copy()  # all unknowns of a joint are solved for in one block
+    for k in range(len(equations.passive)):
         is_own = owner == k
-        whole[:, is_own] = pattern[:, is_own].any(axis=1)[:, None]
+        joint_pattern[:, is_own] = pattern[:, is_own].any(axis=1)[:, None]
 
     ordered: list[EquationBlock] = []
-    for rows, columns in _sorted(whole):
+    for rows, columns in _sorted(joint_pattern):
         if not columns:  # an equation of active joints alone determines no unknown
             continue
         unknowns = tuple(dict.fromkeys(owner[columns].tolist()))
         steps: list[int] = []
         for k in unknowns:
             steps += np.flatnonzero(owner == k).tolist()
-        equation_rows = tuple(kept[rows].tolist())
+        equation_rows = tuple(nonzero_rows[rows].tolist())
         ordered.append(EquationBlock(equation_rows, unknowns, tuple(steps), pattern[np.ix_(rows, steps)]))
     return ordered
 
 
-def _tried(e: LoopEquations) -> tuple[Array, Array]:
+def _sampled(equations: LoopEquations) -> tuple[Array, Array]:
     """Return residuals (k, m) and derivatives (k, m, n) at k random states."""
-    function = ca.Function("tried", [e.q, e.states], [e.residual, ca.densify(e.jacobian)])
+    expressions = [equations.residual, ca.densify(equations.jacobian)]
+    function = ca.Function("tried", [equations.q, equations.states], expressions)
     rng = np.random.default_rng(0)
     values: list[Array] = []
     slopes: list[Array] = []
     for _ in range(_TRIES):
         states: list[Array] = []
-        for passive in e.passive:
+        for passive in equations.passive:
             state = rng.normal(size=passive.state.numel())
             if passive.joint.type in ("spherical", "free"):  # the last four numbers are a unit quaternion
                 state[-4:] /= np.linalg.norm(state[-4:])
             states.append(state)
-        q = rng.normal(size=e.q.numel())
+        q = rng.normal(size=equations.q.numel())
         residual, jacobian = function(q, np.concatenate(states))
         values.append(residual.full().ravel())
         slopes.append(jacobian.full())
@@ -106,9 +106,9 @@ def _sorted(pattern: np.ndarray) -> list[tuple[list[int], list[int]]]:
         for block in range(count):
             block_rows = row_order[row_ends[block] : row_ends[block + 1]]
             block_columns = column_order[column_ends[block] : column_ends[block + 1]]
-            own_rows = [rows[i] for i in block_rows]
-            own_columns = [columns[i] for i in block_columns]
-            diagonal.append((own_rows, own_columns))
+            rows_of_block = np.array(rows)[block_rows].tolist()
+            columns_of_block = np.array(columns)[block_columns].tolist()
+            diagonal.append((rows_of_block, columns_of_block))
     return diagonal
 
 
