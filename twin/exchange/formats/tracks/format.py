@@ -30,10 +30,10 @@ def _is_object(file: Path) -> bool:
     if f'"{_SCHEMA}"'.encode() not in data:
         return False
     try:
-        told = json.loads(data)
+        content = json.loads(data)
     except (ValueError, RecursionError):
         return True
-    return isinstance(told, dict) and told.get("schema") == _SCHEMA
+    return isinstance(content, dict) and content.get("schema") == _SCHEMA
 
 
 def _is_table(file: Path) -> bool:

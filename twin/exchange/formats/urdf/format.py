@@ -12,7 +12,7 @@ from twin.exchange.xacro import is_part
 
 def robots(files: Sequence[Path]) -> list[Path]:
     """Return the files that are robots: not the .xacro files that others include."""
-    if len(files) == 1:
+    if len(files) == 1:  # a file that is audited alone is meant, even if others could include it
         return list(files)
     return [file for file in files if not is_part(file)]
 

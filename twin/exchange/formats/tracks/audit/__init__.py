@@ -25,6 +25,8 @@ from twin.exchange.audit.mechanism_data import TOOL, FileDrive, FileFrame, FileJ
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.reader_context import Context
 from twin.exchange.audit.report import Ledger, Measured, ReadError
+from twin.exchange.audit.stated import ROBOT
+from twin.exchange.formats.tracks.audit.number_lists import entry_numbers, flat_numbers
 from twin.exchange.formats.tracks.audit.rcm import check_rcm
 from twin.exchange.formats.tracks.audit.schema_file import check_schema
 
@@ -39,6 +41,9 @@ WORDS = {
 """Entries for which version 1 of the schema allows a single value; players require this value."""
 
 _FRAME = re.compile(r"(?P<axis>[xyz])-up (?P<hand>left|right)-handed")
+
+_TIME_ROUNDING = 1e-6
+"""Difference in s of times of phases and keys that is only rounding: they may be rounded differently."""
 
 LIMIT_TOL = 1e-6
 """Maximum violation of a joint limit, in m or rad, that counts as a rounding error."""
@@ -81,7 +86,7 @@ def read_csv(path: Path, ledger: Ledger) -> Content:
     while lines and lines[0].startswith("#"):
         key, colon, value = lines.pop(0).lstrip("# ").partition(":")
         if colon:
-            data[key.strip()] = _parsed(value.strip())
+            data[key.strip()] = _header_value(value.strip())
     rows = list(csv.reader(io.StringIO("\n".join(lines))))
     if not is_track(data) or len(rows) < 2:
         raise ReadError(
@@ -98,14 +103,14 @@ def read_csv(path: Path, ledger: Ledger) -> Content:
             f"the line of column names has {len(header)} columns, the first '{header[0]}'; the lines of numbers have "
             f"{numbers.shape[1]} columns. The counts must be equal, and the first column must be time_s"
         )
-    links = _list(data, "links")
-    joints = _list(data, "joints")
-    kinds = _list(data, "joint_types")
+    links = _names(data, "links")
+    joints = _names(data, "joints")
+    kinds = _names(data, "joint_types")
     _check_columns(header, _columns(links, joints, kinds), ledger)
-    n = 1 + len(joints)
+    joints_end = 1 + len(joints)
     data["times"] = numbers[:, 0]
-    data["positions"] = numbers[:, 1:n].ravel()
-    data["poses"] = numbers[:, n:].ravel()
+    data["positions"] = numbers[:, 1:joints_end].ravel()
+    data["poses"] = numbers[:, joints_end:].ravel()
     return _content(data, "csv", ledger)
 
 
@@ -134,14 +139,14 @@ def _check_columns(header: list[str], expected: list[str], ledger: Ledger) -> No
         if name != expected_name:
             difference = f"'{name}' instead of '{expected_name}'"
             break
-    found = difference or f"{len(header)} columns instead of {len(expected)}"
-    text = f"columns do not match links and joints: found {found}."
+    count_difference = f"{len(header)} columns instead of {len(expected)}"
+    text = f"columns do not match links and joints: found {difference or count_difference}."
     ledger.wrong("tracks.columns", text, difference)
     if len(header) != len(expected):
         raise ReadError(text)
 
 
-def _parsed(value: str) -> Any:
+def _header_value(value: str) -> Any:
     try:
         return json.loads(value)
     except ValueError:
@@ -149,22 +154,25 @@ def _parsed(value: str) -> Any:
 
 
 def _content(data: JsonObject, kind: str, ledger: Ledger) -> Content:
-    links = _list(data, "links")
-    joints = _list(data, "joints")
+    links = _names(data, "links")
+    joints = _names(data, "joints")
     name = str(data.get("protocol", ""))
     content = Content(ledger, kind, model_hash=str(data.get("model_hash", "")), declared=tuple(links))
     units = data.get("length_unit", "?")
     content.facts = {"units": units, **_frame_facts(data), "protocol": name}
-    _state(content, data, name)
+    _state_facts(content, data, name)
     content.physics = _physics(data, links, joints)
-    content.extra["data"] = {key: value for key, value in data.items() if key not in ("poses", "positions", "times")}
+    short_entries = dict(data)
+    for key in ("poses", "positions", "times"):
+        short_entries.pop(key, None)
+    content.extra["data"] = short_entries
     _check_words(data, ledger)
     _check_moved_frame(data, ledger)
-    _check_twice("links", links, ledger)
-    _check_twice("joints", joints, ledger)
+    _check_duplicates("links", links, ledger)
+    _check_duplicates("joints", joints, ledger)
     times = _numbers(data, "times", ledger)
-    seven = _shaped(data, "poses", (len(times), len(links), 7), ledger)
-    positions = _shaped(data, "positions", (len(times), len(joints)), ledger)
+    seven = _reshaped(data, "poses", (len(times), len(links), 7), ledger)
+    positions = _reshaped(data, "positions", (len(times), len(joints)), ledger)
     frames = data.get("frames", len(times))
     if frames != len(times):
         text = f"entry 'frames' is {frames}, but 'times' has {len(times)} entries."
@@ -176,13 +184,14 @@ def _content(data: JsonObject, kind: str, ledger: Ledger) -> Content:
     if not usable or seven is None:
         ledger.row("arrays and times", 1.0, "found", 0.0)
         return content
-    for i, link in enumerate(links):
-        check_quaternions(ledger, seven[:, i, 3:], times, link, "tracks")
-    T_world_link = {link: poses.from_seven(seven[:, i]) for i, link in enumerate(links)}
-    q = {}
+    T_world_link: dict[str, Array] = {}
+    for number, link in enumerate(links):
+        check_quaternions(ledger, seven[:, number, 3:], times, link, "tracks")
+        T_world_link[link] = poses.from_seven(seven[:, number])
+    joint_values: dict[str, Array] = {}
     if positions is not None:
-        q = {joint: positions[:, i] for i, joint in enumerate(joints)}
-    clip = FileClip(name, times, T_world_link, q)
+        joint_values = dict(zip(joints, positions.T, strict=True))
+    clip = FileClip(name, times, T_world_link, joint_values)
     check_poses(ledger, clip, "tracks")
     content.clips.append(clip)
     lower = _numbers(data, "joint_lower", ledger)
@@ -202,7 +211,7 @@ def _frame_facts(data: JsonObject) -> dict[str, str]:
     return {"up_axis": match["axis"].upper(), "handedness": match["hand"]}
 
 
-def _state(content: Content, data: JsonObject, clip: str) -> None:
+def _state_facts(content: Content, data: JsonObject, clip: str) -> None:
     """Store what other formats state as well: the name of the robot, and the numbers of the clip."""
     if "robot" in data:
         content.stated[ROBOT] = data["robot"]
@@ -212,14 +221,16 @@ def _state(content: Content, data: JsonObject, clip: str) -> None:
 
 
 def _check_moved_frame(data: JsonObject, ledger: Ledger) -> None:
-    moved = data.get("moved_frame")
-    known = data.get("frame_names")
-    if moved and isinstance(known, list) and moved not in known:
-        text = f"moved_frame is '{moved}', but no frame has this name (known: {', '.join(map(str, known))})."
+    moved_frame = data.get("moved_frame")
+    frame_names = data.get("frame_names")
+    if moved_frame and isinstance(frame_names, list) and moved_frame not in frame_names:
+        text = (
+            f"moved_frame is '{moved_frame}', but no frame has this name (known: {', '.join(map(str, frame_names))})."
+        )
         ledger.wrong("tracks.frame", text, "moved_frame")
 
 
-def _check_twice(key: str, names: list[str], ledger: Ledger) -> None:
+def _check_duplicates(key: str, names: list[str], ledger: Ledger) -> None:
     """Report the alphabetically first name that is more than once in a list."""
     repeated = [name for name, count in Counter(names).items() if count > 1]
     if repeated:
@@ -236,7 +247,7 @@ def _check_words(data: JsonObject, ledger: Ledger) -> None:
             ledger.wrong("tracks.convention", text, key, suggestion=f"convert the numbers and write '{value}'")
 
 
-def _list(data: JsonObject, key: str) -> list[str]:
+def _names(data: JsonObject, key: str) -> list[str]:
     value = data.get(key)
     if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
         raise ReadError(f"'{key}' is not a list of strings")
@@ -244,21 +255,14 @@ def _list(data: JsonObject, key: str) -> list[str]:
 
 
 def _numbers(data: JsonObject, key: str, ledger: Ledger) -> Array:
-    value = data.get(key)
-    if value is None:
-        value = []
-    try:
-        numbers = np.array(value, float)
-    except (TypeError, ValueError) as error:
-        raise ReadError(f"'{key}' is not a flat list of numbers") from error
-    if numbers.ndim != 1:
-        raise ReadError(f"'{key}' is not a flat list: Unity's parser (JsonUtility) reads no nested lists")
+    """Return a flat list (k,) of numbers; report numbers that are not finite."""
+    numbers = flat_numbers(data, key)
     if not np.all(np.isfinite(numbers)):
         ledger.wrong("tracks.finite", f"{key} contains numbers that are not finite.", key)
     return numbers
 
 
-def _shaped(data: JsonObject, key: str, shape: tuple[int, ...], ledger: Ledger) -> Array | None:
+def _reshaped(data: JsonObject, key: str, shape: tuple[int, ...], ledger: Ledger) -> Array | None:
     """Return the flat list `data[key]` as an array of the given shape; None, with a finding, if its length is wrong."""
     flat = _numbers(data, key, ledger)
     count = math.prod(shape)
@@ -282,17 +286,20 @@ def _check_phases(data: JsonObject, times: Array, ledger: Ledger) -> None:
         ledger.wrong("tracks.shape", text, "phases")
         return
     last = float(times[-1]) if len(times) else 0.0
-    slack = 1e-6  # times of phases and keys may be rounded differently
-    for i, name in enumerate(names):
+    for number, name in enumerate(names):
         fault = ""
-        if not start[i] <= end[i]:
-            fault = f"ends at {end[i]:.6g} s, before it starts at {start[i]:.6g} s"
-        elif i and start[i] < end[i - 1] - slack:
-            fault = f"starts at {start[i]:.6g} s, before phase '{names[i - 1]}' ends at {end[i - 1]:.6g} s"
-        elif start[i] < -slack or end[i] > last + slack:
-            fault = f"lasts from {start[i]:.6g} to {end[i]:.6g} s, but the motion lasts from 0 to {last:.6g} s"
+        if not start[number] <= end[number]:
+            fault = f"ends at {end[number]:.6g} s, before it starts at {start[number]:.6g} s"
+        elif number and start[number] < end[number - 1] - _TIME_ROUNDING:
+            fault = (
+                f"starts at {start[number]:.6g} s, before phase '{names[number - 1]}' ends at {end[number - 1]:.6g} s"
+            )
+        elif start[number] < -_TIME_ROUNDING or end[number] > last + _TIME_ROUNDING:
+            fault = (
+                f"lasts from {start[number]:.6g} to {end[number]:.6g} s, but the motion lasts from 0 to {last:.6g} s"
+            )
         if fault:
-            ledger.wrong("tracks.phases", f"phase '{name}' {fault}.", str(name), when=f"t = {start[i]:.4g} s")
+            ledger.wrong("tracks.phases", f"phase '{name}' {fault}.", str(name), when=f"t = {start[number]:.4g} s")
 
 
 def _check_limits(data: JsonObject, joints: list[str], low: Array, high: Array, clip: FileClip, ledger: Ledger) -> None:
@@ -306,33 +313,35 @@ def _check_limits(data: JsonObject, joints: list[str], low: Array, high: Array, 
     worst = 0.0
     where = ""
     when = ""
-    for i, joint in enumerate(joints):
+    for number, joint in enumerate(joints):
         q = clip.joints.get(joint)
         if q is None:  # the list of positions has a wrong length, which has been reported
             continue
-        if not low[i] <= high[i]:
-            text = f"joint '{joint}': lower limit {low[i]:g} is above upper limit {high[i]:g}."
+        if not low[number] <= high[number]:
+            text = f"joint '{joint}': lower limit {low[number]:g} is above upper limit {high[number]:g}."
             ledger.wrong("tracks.limits", text, joint, suggestion="exchange the limits")
             continue
-        violations = np.maximum(np.maximum(low[i] - q, q - high[i]), 0)
-        k = int(np.argmax(violations))
-        violation = float(violations[k])
-        moment = f"t = {clip.times[k]:.4g} s"
+        violations = np.maximum(np.maximum(low[number] - q, q - high[number]), 0)
+        worst_key = int(np.argmax(violations))
+        violation = float(violations[worst_key])
+        moment = f"t = {clip.times[worst_key]:.4g} s"
         if violation > worst:
             worst = violation
             where = joint
             when = moment
         if violation > LIMIT_TOL:
-            _report_violation(joint, kinds[i] == "revolute", q, (low[i], high[i]), k, moment, ledger)
+            _report_violation(
+                joint, kinds[number] == "revolute", q, (low[number], high[number]), worst_key, moment, ledger
+            )
     ledger.row("joints beyond their limits", worst, "rad or m", LIMIT_TOL, where=where, when=when)
 
 
 def _report_violation(
-    joint: str, is_angle: bool, q: Array, limits: tuple[float, float], k: int, moment: str, ledger: Ledger
+    joint: str, is_angle: bool, q: Array, limits: tuple[float, float], key: int, moment: str, ledger: Ledger
 ) -> None:
     """Report that the values q (n,) of a joint in rad or m exceed its limits, most at key k."""
     low, high = limits
-    violation = float(max(low - q[k], q[k] - high))
+    violation = float(max(low - q[key], q[key] - high))
     scale = 1e3
     unit = "mm"
     hint = ""
@@ -343,37 +352,41 @@ def _report_violation(
         # The most frequent mistake: the whole motion fits if its numbers are degrees.
         if np.all((radians >= low) & (radians <= high)):
             hint = "; as a value in degrees, it would be within the limits"
-    text = f"joint '{joint}' is at {q[k] * scale:.5g} {unit}, {violation * scale:.4g} {unit} beyond its limits{hint}."
+    text = f"joint '{joint}' is at {q[key] * scale:.5g} {unit}, {violation * scale:.4g} {unit} beyond its limits{hint}."
     size = Measured(violation * scale, LIMIT_TOL * scale, unit)
     advice = "write angles in radians and lengths in metres"
     ledger.wrong("tracks.limits", text, joint, size=size, when=moment, suggestion=advice)
 
 
 def _physics(data: JsonObject, links: list[str], joints: list[str]) -> FilePhysics:
-    """Return the mechanism data of a track; entries that are missing or too short are skipped."""
+    """Return the mechanism data of a track; entries that are missing or too short are skipped.
+
+    Raises:
+        ReadError: limits or poses of frames are no flat lists of numbers.
+    """
     physics = FilePhysics(tuple(links))
     kinds = data.get("joint_types", [])
     active = data.get("joint_active", [])
-    lower = data.get("joint_lower", [])
-    upper = data.get("joint_upper", [])
-    for i, name in enumerate(joints):
+    lower = flat_numbers(data, "joint_lower").tolist()
+    upper = flat_numbers(data, "joint_upper").tolist()
+    for number, name in enumerate(joints):
         limits = None
-        if i < min(len(lower), len(upper)):
-            low = -np.inf if lower[i] < -NO_LIMIT else lower[i]
-            high = np.inf if upper[i] > NO_LIMIT else upper[i]
+        if number < min(len(lower), len(upper)):
+            low = -np.inf if lower[number] < -NO_LIMIT else lower[number]
+            high = np.inf if upper[number] > NO_LIMIT else upper[number]
             limits = (low, high)
-        driven = bool(active[i]) if i < len(active) else None
-        kind = str(kinds[i]) if i < len(kinds) else ""
-        physics.joints.append(FileJoint((name,), "", "", drive=FileDrive(limits, driven), stated_kind=kind))
+        driven = bool(active[number]) if number < len(active) else None
+        kind = str(kinds[number]) if number < len(kinds) else ""
+        physics.joints.append(FileJoint((name,), "", "", drive=FileDrive(limits, driven), kind_said=kind))
     names = data.get("frame_names", [])
     owners = data.get("frame_links", [])
-    sevens = np.array(data.get("frames_local", []), float)
+    sevens = entry_numbers(data, "frames_local")
     if len(names) == len(owners) and sevens.size == 7 * len(names):
         for name, link, seven in zip(names, owners, sevens.reshape(-1, 7), strict=True):
             physics.frames[str(name)] = FileFrame(str(link), poses.from_seven(seven))
         if names:
-            physics.fully_listed = frozenset({"frame"})
-    tool = np.array(data.get("tool_frame", []), float)
+            physics.marks = frozenset({"frame"})
+    tool = entry_numbers(data, "tool_frame")
     if tool.shape == (7,):
         physics.frames[TOOL] = FileFrame(str(data.get("tool_link", "")), poses.from_seven(tool))
     return physics

@@ -18,6 +18,7 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.file_content import FileClip
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import POSITION_TOL, Ledger, Measured, quantity, um
+from twin.exchange.formats.tracks.audit.number_lists import entry_numbers
 
 SHAFT = 5e-3
 """Distance in m from the shaft axis up to which an RCM counts as enforced, if the file does not state its mode."""
@@ -25,12 +26,18 @@ SHAFT = 5e-3
 BESIDE = 1e-4
 """Maximum distance in m between a stated RCM and the point in which all shaft axes meet."""
 
+_TIME_ROUNDING = 1e-9
+"""Difference in s of times of phases and keys that is only rounding: tracks have nine decimals."""
+
+_UNIT_ROUNDING = 1e-6
+"""Difference from 1 of the length of a unit vector that is only rounding: tracks have seven decimals."""
+
 SPREAD = 1e-4
 """Minimum mean squared sine of the angles between lines and their mean direction for which a centre is computed."""
 
 
 @dataclass(frozen=True)
-class _Stay:
+class _RcmPhase:
     """A phase with an RCM.
 
     Attributes:
@@ -46,7 +53,7 @@ class _Stay:
     times: Array
     lines: Mapping[str, tuple[Array, Array]]
 
-    def missed(self, point: Array) -> dict[str, Array]:
+    def distances_to_axes(self, point: Array) -> dict[str, Array]:
         """Return {frame: distances (k,) in m between a point and the shaft axis at the k keys}."""
         distances = {}
         for frame, (points, directions) in self.lines.items():
@@ -60,74 +67,75 @@ def check_rcm(data: JsonObject, clip: FileClip, local: Array, ledger: Ledger) ->
     `local` (7 n,) contains the poses of the track's n named frames, each relative to the frame's link: x y z in m, then
     the quaternion x y z w.
     """
-    stays = _stays(data, clip, local, ledger)
-    if stays is None:
+    rcm_phases = _rcm_phases(data, clip, local, ledger)
+    if rcm_phases is None:
         return
     centers = []
-    for stay in stays:
-        center = _center(stay)
+    for rcm_phase in rcm_phases:
+        center = _axes_intersection(rcm_phase)
         if center is not None:
             centers.append(center)
     worst = 0.0
     where = ""
     when = ""
-    for stay in stays:
-        # The frame on the shaft is not stated: it is the one whose axis stays nearest to the RCM.
-        distances = stay.missed(stay.point)
-        largest = {name: float(values.max()) for name, values in distances.items()}
-        frame = min(largest, key=largest.__getitem__)
-        k = int(np.argmax(distances[frame]))
-        missed = float(distances[frame][k])
-        moment = f"t = {stay.times[k]:.4g} s"
-        if _is_beside(stay, missed, centers, moment, ledger) or stay.enforced is False:
+    for rcm_phase in rcm_phases:
+        # The frame on the shaft is not stated: it is the one whose axis rcm_phases nearest to the RCM.
+        distances = rcm_phase.distances_to_axes(rcm_phase.point)
+        frame = min(distances, key=lambda name: float(distances[name].max()))
+        key = int(np.argmax(distances[frame]))
+        missed = float(distances[frame][key])
+        moment = f"t = {rcm_phase.times[key]:.4g} s"
+        if _reports_other_center(rcm_phase, missed, centers, moment, ledger) or rcm_phase.enforced is False:
             continue
-        if missed > SHAFT and stay.enforced is None:
+        if missed > SHAFT and rcm_phase.enforced is None:
             text = (
-                f"phase '{stay.name}': the shaft (axis of '{frame}') misses the RCM by {missed * 1e3:.4g} mm; the "
+                f"phase '{rcm_phase.name}': the shaft (axis of '{frame}') misses the RCM by {missed * 1e3:.4g} mm; the "
                 "file does not state whether the RCM is enforced or only monitored."
             )
             size = Measured(missed * 1e3, unit="mm")
-            ledger.add("tracks.rcm_watched", "info", text, stay.name, size=size, when=moment)
+            ledger.add("tracks.rcm_watched", "info", text, rcm_phase.name, size=size, when=moment)
             continue
         if missed >= worst:
             worst = missed
             where = frame
             when = moment
         if missed > POSITION_TOL:
-            text = f"phase '{stay.name}': the shaft (axis of '{frame}') misses the RCM by {quantity(missed, 'm')}."
+            text = f"phase '{rcm_phase.name}': the shaft (axis of '{frame}') misses the RCM by {quantity(missed, 'm')}."
             ledger.wrong("tracks.rcm", text, frame, size=um(missed, POSITION_TOL), when=moment)
     if where:
         ledger.row("distance of the shaft axis from the RCM", worst, "m", POSITION_TOL, where=where, when=when)
 
 
-def _is_beside(stay: _Stay, missed: float, centers: Sequence[Array], moment: str, ledger: Ledger) -> bool:
+def _reports_other_center(
+    rcm_phase: _RcmPhase, missed: float, centers: Sequence[Array], moment: str, ledger: Ledger
+) -> bool:
     """Return whether all shaft axes of a phase meet in another point than the stated RCM; report it.
 
     `missed` is the largest distance in m of the shaft axis from the RCM, `centers` are the points in which the axes of
     phases meet. A phase whose axes are parallel has no such point of its own, but may keep that of another phase.
     """
     for center in centers:
-        if not _passes(stay, center):
+        if not _axis_passes(rcm_phase, center):
             continue
-        distance = float(np.linalg.norm(center - stay.point))
+        distance = float(np.linalg.norm(center - rcm_phase.point))
         if not (distance > BESIDE and missed > POSITION_TOL):
             return False
-        coordinates = ", ".join(f"{c:.5g}" for c in center)
+        coordinates = ", ".join(map("{:.5g}".format, center))
         text = (
-            f"phase '{stay.name}': the shaft rotates about ({coordinates}) m, "
+            f"phase '{rcm_phase.name}': the shaft rotates about ({coordinates}) m, "
             f"{quantity(distance, 'm')} from the stated RCM."
         )
-        ledger.wrong("tracks.rcm", text, stay.name, size=um(distance, BESIDE), when=moment)
+        ledger.wrong("tracks.rcm", text, rcm_phase.name, size=um(distance, BESIDE), when=moment)
         return True
     return False
 
 
-def _stays(data: JsonObject, clip: FileClip, local: Array, ledger: Ledger) -> list[_Stay] | None:
+def _rcm_phases(data: JsonObject, clip: FileClip, local: Array, ledger: Ledger) -> list[_RcmPhase] | None:
     """Return the phases with an RCM and a shaft axis; None, with a finding, if the data do not fit together."""
-    has_rcm = _array(data, "phase_has_rcm")
-    points = _array(data, "phase_rcm")
-    start = _array(data, "phase_start")
-    end = _array(data, "phase_end")
+    has_rcm = entry_numbers(data, "phase_has_rcm").ravel()
+    points = entry_numbers(data, "phase_rcm").ravel()
+    start = entry_numbers(data, "phase_start").ravel()
+    end = entry_numbers(data, "phase_end").ravel()
     names = data.get("frame_names", [])
     links = data.get("frame_links", [])
     phases = data.get("phases", [])
@@ -151,21 +159,21 @@ def _stays(data: JsonObject, clip: FileClip, local: Array, ledger: Ledger) -> li
         ledger.wrong("tracks.shape", text, "shaft_axis")
         return None
     tool = data.get("tool_link")
-    moved = data.get("moved_frame")
+    moved_frame = data.get("moved_frame")
     points = points.reshape(-1, 3)
     with_rcm = np.flatnonzero(has_rcm).tolist()
-    stays = []
-    for i in with_rcm:
-        inside = (clip.times >= start[i] - 1e-9) & (clip.times <= end[i] + 1e-9)
+    rcm_phases = []
+    for phase in with_rcm:
+        inside = (clip.times >= start[phase] - _TIME_ROUNDING) & (clip.times <= end[phase] + _TIME_ROUNDING)
         lines = {}
         for name, link, seven in zip(names, links, local.reshape(-1, 7), strict=True):
             if link == tool and link in clip.links and inside.any():
                 T = clip.links[link][inside] @ poses.from_seven(seven)
-                axis = shaft_axis if name == moved else _Z
+                axis = shaft_axis if name == moved_frame else _Z
                 lines[str(name)] = (T[:, :3, 3], T[:, :3, :3] @ axis)
         if lines:
-            must = None if enforced is None else bool(enforced[i])
-            stays.append(_Stay(str(phases[i]), points[i], must, clip.times[inside], lines))
+            is_enforced = None if enforced is None else bool(enforced[phase])
+            rcm_phases.append(_RcmPhase(str(phases[phase]), points[phase], is_enforced, clip.times[inside], lines))
     stated = data.get("rcm")
     if isinstance(stated, list) and len(stated) == 3 and with_rcm:
         offset = np.subtract(stated, points[with_rcm[0]])
@@ -173,28 +181,24 @@ def _stays(data: JsonObject, clip: FileClip, local: Array, ledger: Ledger) -> li
         if distance > POSITION_TOL:
             text = f"entry 'rcm' is {quantity(distance, 'm')} from the RCM of the first phase that has an RCM."
             ledger.wrong("tracks.rcm", text, "rcm", size=um(distance))
-    return stays
+    return rcm_phases
 
 
 _Z = [0.0, 0.0, 1.0]
 """Shaft axis in the frames of the tool link, unless the track states that of its moved frame."""
 
 
-def _array(data: JsonObject, key: str) -> Array:
-    return np.array(data.get(key, []), float).ravel()
-
-
 def _is_unit(value: Any) -> bool:
     if not isinstance(value, list) or len(value) != 3:
         return False
-    if not all(isinstance(x, int | float) for x in value):
+    if not all(isinstance(component, int | float) for component in value):
         return False
-    return abs(float(np.linalg.norm(value)) - 1) < 1e-6
+    return abs(float(np.linalg.norm(value)) - 1) < _UNIT_ROUNDING
 
 
-def _center(stay: _Stay) -> Array | None:
+def _axes_intersection(rcm_phase: _RcmPhase) -> Array | None:
     """Return the intersection (3,) in m of the shaft axes; None if the axes do not meet or are nearly parallel."""
-    for points, directions in stay.lines.values():
+    for points, directions in rcm_phase.lines.values():
         # The point nearest to all lines solves A x = b, with the projectors onto the planes normal to the lines.
         projectors = np.eye(3) - directions[:, :, None] * directions[:, None, :]
         A = projectors.mean(axis=0)
@@ -207,6 +211,7 @@ def _center(stay: _Stay) -> Array | None:
     return None
 
 
-def _passes(stay: _Stay, point: Array) -> bool:
+def _axis_passes(rcm_phase: _RcmPhase, point: Array) -> bool:
     """Return whether the axis of a frame passes through a point during the whole phase."""
-    return any(distances.max() < POSITION_TOL for distances in stay.missed(point).values())
+    distances_by_frame = rcm_phase.distances_to_axes(point)
+    return any(distances.max() < POSITION_TOL for distances in distances_by_frame.values())

@@ -37,16 +37,16 @@ def check_schema(folder: Path, ledger: Ledger) -> None:
         ledger.wrong("tracks.schema", f"{text}.", NAME, suggestion="export the tracks again")
 
 
-def _differences(place: str, a: Any, b: Any) -> Iterator[str]:
-    """Yield texts on the entries in which JSON data `a` differ from `b`."""
-    if isinstance(a, dict) and isinstance(b, dict):
-        for key in dict.fromkeys((*b, *a)):
+def _differences(place: str, stated: Any, expected: Any) -> Iterator[str]:
+    """Yield texts on the entries in which JSON data `stated` differ from `expected`."""
+    if isinstance(stated, dict) and isinstance(expected, dict):
+        for key in dict.fromkeys((*expected, *stated)):
             inner = f"{place}/{key}"
-            if key not in a:
+            if key not in stated:
                 yield f"'{inner}' is missing"
-            elif key not in b:
+            elif key not in expected:
                 yield f"'{inner}' is not in it"
             else:
-                yield from _differences(inner, a[key], b[key])
-    elif a != b or isinstance(a, bool) != isinstance(b, bool):
-        yield f"'{place}' is {str(a)[:40]!r}, not {str(b)[:40]!r}"
+                yield from _differences(inner, stated[key], expected[key])
+    elif stated != expected or isinstance(stated, bool) != isinstance(expected, bool):
+        yield f"'{place}' is {str(stated)[:40]!r}, not {str(expected)[:40]!r}"

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from twin.core.findings import Finding
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
-from twin.exchange.formats.tracks.write.turns import tree_coordinates
+from twin.exchange.formats.tracks.write.joint_coordinates import tree_coordinates
 from twin.exchange.write.clip import Clip, model_hash, quaternions_xyzw
 from twin.exchange.write.order import Order
 from twin.model.mechanism import Mechanism
@@ -23,6 +23,12 @@ NO_LIMIT = 1e30
 
 _DIGITS = 7
 """Number of decimals of values in m and rad and of quaternion components (resolution 0.1 um)."""
+
+_TIME_DIGITS = 9
+"""Number of decimals of times in s."""
+
+_LARGEST_INTEGER = 1e9
+"""Absolute value below which whole numbers become integers; limits of 1e30 would get 31 digits."""
 
 
 def write_tracks(
@@ -69,9 +75,14 @@ def track(mechanism: Mechanism, clip: Clip, drawn: Mechanism | None = None, assu
     rcm = clip.rcm
     if rcm is None:
         rcm = next(iter(mechanism.trocar_places.values()), None)
-    sevens = [_seven(T_world_link) for T_world_link in clip.links.values()]
-    start = np.array([t0 for _, t0, _ in clip.phases], float)
-    end = np.array([t1 for _, _, t1 in clip.phases], float)
+    link_poses = [_seven(T_world_link) for T_world_link in clip.links.values()]
+    phase_names: list[str] = []
+    phase_starts: list[float] = []
+    phase_ends: list[float] = []
+    for name, start, end in clip.phases:
+        phase_names.append(name)
+        phase_starts.append(start)
+        phase_ends.append(end)
     return {
         "schema": "twin-track",
         "version": 1,
@@ -85,13 +96,13 @@ def track(mechanism: Mechanism, clip: Clip, drawn: Mechanism | None = None, assu
         "quaternion_order": "xyzw",
         "rate": clip.rate,
         "frames": len(clip.times),
-        "times": _plain(np.round(clip.times, 9)),
+        "times": _plain(np.round(clip.times, _TIME_DIGITS)),
         "links": list(clip.links),
-        "poses": _flat(np.stack(sevens, axis=1)),
+        "poses": _flat(np.stack(link_poses, axis=1)),
         **_coordinates(mechanism, clip, drawn or mechanism),
-        "phases": [name for name, _, _ in clip.phases],
-        "phase_start": _plain(start.round(9)),
-        "phase_end": _plain(end.round(9)),
+        "phases": phase_names,
+        "phase_start": _plain(np.array(phase_starts, float).round(_TIME_DIGITS)),
+        "phase_end": _plain(np.array(phase_ends, float).round(_TIME_DIGITS)),
         "phase_has_rcm": has_rcm,
         "phase_rcm_enforced": must_pass,
         "phase_rcm": _flat(places),
@@ -110,15 +121,16 @@ def track(mechanism: Mechanism, clip: Clip, drawn: Mechanism | None = None, assu
 
 def _coordinates(mechanism: Mechanism, clip: Clip, drawn: Mechanism) -> JsonObject:
     """Return the entries of a track on its joints: names, kinds, limits, and positions at the keys."""
-    joints = [joint for joint in mechanism.joints if joint.name in clip.joints]
-    turns = tree_coordinates(drawn, clip.links)
+    coordinates = tree_coordinates(drawn, clip.links)
     names: list[str] = []
     kinds: list[str] = []
     active: list[int] = []
     lower: list[float] = []
     upper: list[float] = []
     positions: list[Array] = []
-    for joint in joints:
+    for joint in mechanism.joints:
+        if joint.name not in clip.joints:
+            continue
         names.append(joint.name)
         kinds.append(joint.type)
         active.append(int(joint.active))
@@ -126,13 +138,13 @@ def _coordinates(mechanism: Mechanism, clip: Clip, drawn: Mechanism) -> JsonObje
         lower.append(low)
         upper.append(high)
         positions.append(clip.joints[joint.name])
-    for turn in turns:
-        names.append(turn.name)
-        kinds.append(turn.type)
+    for coordinate in coordinates:
+        names.append(coordinate.name)
+        kinds.append(coordinate.type)
         active.append(0)
         lower.append(-NO_LIMIT)
         upper.append(NO_LIMIT)
-        positions.append(turn.values)
+        positions.append(coordinate.values)
     return {
         "joints": names,
         "joint_types": kinds,
@@ -169,7 +181,10 @@ def _flat(values: ArrayLike) -> list[float]:
 def _plain(values: Array) -> list[float]:
     """Return numbers for JSON. Whole numbers become integers, which are shorter: poses contain many zeros and ones."""
     numbers = (values + 0.0).tolist()  # adding 0.0 removes negative zeros
-    return [int(v) if v == int(v) and abs(v) < 1e9 else v for v in numbers]
+    for index, number in enumerate(numbers):
+        if number == int(number) and abs(number) < _LARGEST_INTEGER:
+            numbers[index] = int(number)
+    return numbers
 
 
 def _json(data: JsonObject) -> str:
@@ -201,12 +216,12 @@ def _csv(data: JsonObject) -> str:
         for component in ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"):
             columns.append(f"{link}_{component}")
     lines.append(",".join(columns))
-    n = len(data["joints"])
-    m = 7 * len(data["links"])
-    for i, t in enumerate(data["times"]):
-        positions = data["positions"][i * n : (i + 1) * n]
-        poses = data["poses"][i * m : (i + 1) * m]
-        lines.append(",".join(map(_text, [t, *positions, *poses])))
+    joint_count = len(data["joints"])
+    pose_count = 7 * len(data["links"])
+    for key, time in enumerate(data["times"]):
+        positions = data["positions"][key * joint_count : (key + 1) * joint_count]
+        poses = data["poses"][key * pose_count : (key + 1) * pose_count]
+        lines.append(",".join(map(_text, [time, *positions, *poses])))
     return "\n".join(lines) + "\n"
 
 

@@ -42,6 +42,15 @@ NO_LIMIT = 1000.0
 NO_BOUND = 1e6
 """Effort (N, N m) or speed (m/s, rad/s) from which a value counts as unknown. URDF requires a number for both."""
 
+_LIMIT_ROUNDING = 1e-6
+"""Difference of limits and joint values in rad or m that is only rounding: files state about seven digits."""
+
+_AXIS_ROUNDING = 1e-6
+"""Difference from 1 of the length of an axis that is only rounding."""
+
+_TRACK_UNLIMITED = 1e29
+"""Absolute value from which a limit in a track means none: JSON has no infinity, so tracks state 1e30."""
+
 
 @dataclass(frozen=True)
 class UrdfJoint:
@@ -90,13 +99,9 @@ class Urdf:
         if root.tag != "robot":
             raise ReadError(f"the root element is <{root.tag}>, expected <robot>")
         links = [element.get("name", "") for element in root.findall("link")]
-        twice = {link for link in links if links.count(link) > 1}
-        if twice:
-            ledger.wrong("urdf.duplicate_name", f"two links are named '{min(twice)}'.", min(twice))
+        _report_duplicates("links", links, ledger)
         joint_names = [element.get("name", "") for element in root.findall("joint")]
-        twice = {joint for joint in joint_names if joint_names.count(joint) > 1}
-        if twice:
-            ledger.wrong("urdf.duplicate_name", f"two joints are named '{min(twice)}'.", min(twice))
+        _report_duplicates("joints", joint_names, ledger)
         check_elements(root, ledger)
         self.links = links
         self.above: dict[str, UrdfJoint] = {}
@@ -113,49 +118,54 @@ class Urdf:
         self.content = Content(ledger, "urdf")
         self.content.facts = {"units": "m (URDF)", "up_axis": "Z (URDF)", "handedness": "right (URDF)"}
         self.content.rest = dict.fromkeys(links, np.eye(4))
-        self._colliding = {str(link.get("name")) for link in root.findall("link") if link.find("collision") is not None}
-        self._shown = {str(link.get("name")): link.find("visual") is not None for link in root.findall("link")}
+        self._links_with_collision: set[str] = set()
+        self._has_visual: dict[str, bool] = {}
+        for link in root.findall("link"):
+            name = str(link.get("name"))
+            self._has_visual[name] = link.find("visual") is not None
+            if link.find("collision") is not None:
+                self._links_with_collision.add(name)
         self.content.shapes, self.content.colors = _shapes(root, path, ledger)
         check_collisions(root, ledger, lambda name: mesh_path(path, name), _scale_and_pose)
         masses = _masses(root)
         joints = {joint.name for joint in self.above.values()}
-        moving = _moving(root)
-        beside = path.with_suffix(".yaml")
-        self.closures = self._read_closures(beside, joints, moving)
-        self._check_order(beside.name, _in_order(root))
-        self.content.physics = self._physics(masses, moving)
+        driven = _driven_joints(root)
+        closure_file = path.with_suffix(".yaml")
+        self.closures = self._read_closures(closure_file, joints, driven)
+        self._check_order(closure_file.name, _driven_in_order(root))
+        self.content.physics = self._physics(masses, driven)
         self.content.physics.robot = root.get("name", "")
         self.content.physics.assumed = assumed_masses(path)
         self.content.physics.partly_shown = partly_shown(path) | _partly_read(root)
         self.content.physics.motors = _motors(root)
-        self.content.physics.reductions = _reductions(root, moving)
+        self.content.physics.reductions = _reductions(root, driven)
         self.content.physics.programs = program_settings(root)
         _check_transmissions(root, joints, ledger)
-        self._check_home(beside.name)
+        self._check_home(closure_file.name)
 
     def _attach(self, joint: UrdfJoint) -> None:
-        other = self.above.get(joint.child)
-        if other is None:
+        first = self.above.get(joint.child)
+        if first is None:
             self.above[joint.child] = joint
             return
         text = (
-            f"link '{joint.child}' is the child of two joints, {other.name} and {joint.name}, but a URDF must be a "
+            f"link '{joint.child}' is the child of two joints, {first.name} and {joint.name}, but a URDF must be a "
             "tree."
         )
         self._ledger.wrong("urdf.tree", text, joint.child)
 
-    def _read_closures(self, file: Path, joints: Collection[str], moving: frozenset[str]) -> FileClosures:
-        """Return the content of a closure YAML, if there is one; its driven joints must be the joints `moving`."""
+    def _read_closures(self, file: Path, joints: Collection[str], driven: frozenset[str]) -> FileClosures:
+        """Return the content of a closure YAML, if there is one; its driven joints must be the joints `driven`."""
         closures = None
         if file.is_file():
             closures = read_closures(file, self.links, joints, self._ledger)
         if closures is None:
             return FileClosures()
-        driven = frozenset(closures.driven)
-        if moving != driven:
-            apart = ", ".join(sorted(moving ^ driven))
-            text = f"the transmissions and 'name_mot' of {file.name} do not name the same driven joints: {apart}."
-            self._ledger.wrong("urdf.driven", text, apart)
+        driven_in_yaml = frozenset(closures.driven)
+        if driven != driven_in_yaml:
+            differing = ", ".join(sorted(driven ^ driven_in_yaml))
+            text = f"the transmissions and 'name_mot' of {file.name} do not name the same driven joints: {differing}."
+            self._ledger.wrong("urdf.driven", text, differing)
         return closures
 
     def _check_order(self, name: str, listed: Sequence[str]) -> None:
@@ -163,28 +173,29 @@ class Urdf:
 
         Readers of the YAML count the values of the motors in this order.
         """
-        own = [joint for joint in self.closures.driven if joint in listed]
-        expected = [joint for joint in listed if joint in own]
-        if own == expected:
+        # Joints that only one of the two has are reported by `_read_closures`.
+        order = [joint for joint in self.closures.driven if joint in listed]
+        expected = [joint for joint in listed if joint in order]
+        if order == expected:
             return
-        place = 0
-        while own[place : place + 1] == expected[place : place + 1]:
-            place += 1
+        start = 0  # the first place that differs
+        while order[start : start + 1] == expected[start : start + 1]:
+            start += 1
         text = (
             f"'name_mot' of {name} has the driven joints in another order than the transmissions: "
-            f"{', '.join(own[place:])}, expected {', '.join(expected[place:])}."
+            f"{', '.join(order[start:])}, expected {', '.join(expected[start:])}."
         )
-        self._ledger.wrong("urdf.driven_order", text, own[place], suggestion="export the URDF and its YAML together")
+        self._ledger.wrong("urdf.driven_order", text, order[start], suggestion="export the URDF and its YAML together")
 
-    def _physics(self, masses: dict[str, FileMass], moving: Collection[str]) -> FilePhysics:
-        ends: set[str] = set()
-        for a, b, _ in self.closures.pairs:
-            ends.update((a, b))
+    def _physics(self, masses: dict[str, FileMass], driven: Collection[str]) -> FilePhysics:
+        loop_ends: set[str] = set()
+        for first, second, _ in self.closures.pairs:
+            loop_ends.update((first, second))
         # The ends of loops are frames, unless they have a shape: they are no links of the mechanism.
-        bodies = [link for link in self.links if link not in ends or link in self.content.shapes]
-        physics = _tree_physics(bodies, masses, self.above.values(), moving)
-        physics.shown = {link: self._shown[link] for link in bodies}
-        physics.collides = dict.fromkeys(self._colliding & set(bodies), True)
+        bodies = [link for link in self.links if link not in loop_ends or link in self.content.shapes]
+        physics = _tree_physics(bodies, masses, self.above.values(), driven)
+        physics.shown = {link: self._has_visual[link] for link in bodies}
+        physics.collides = dict.fromkeys(self._links_with_collision & set(bodies), True)
         physics.joints += self.closures.joints()
         couplings: dict[str, tuple[Mapping[str, float], float]] = {}
         for joint in self.above.values():
@@ -205,54 +216,55 @@ class Urdf:
         for joint in self.above.values():
             if joint.name in home and joint.limits is not None:
                 low, high = joint.limits
-                if not low - 1e-6 <= home[joint.name] <= high + 1e-6:
+                if not low - _LIMIT_ROUNDING <= home[joint.name] <= high + _LIMIT_ROUNDING:
                     text = (
                         f"{name}: joint '{joint.name}' is at {home[joint.name]:g} at home, outside its limits "
                         f"{low:g} .. {high:g}."
                     )
                     self._ledger.wrong("urdf.limits", text, joint.name)
         for pair in self.closures.pairs:
-            T_a = self._at(pair[0], home)
-            T_b = self._at(pair[1], home)
-            check_gap(pair, T_a, T_b, f"{name}, home", CLOSED, self._ledger)
+            T_first = self._link_pose(pair[0], home)
+            T_second = self._link_pose(pair[1], home)
+            check_gap(pair, T_first, T_second, f"{name}, home", CLOSED, self._ledger)
 
-    def _at(self, link: str, values: Mapping[str, float]) -> Array:
+    def _link_pose(self, link: str, values: Mapping[str, float]) -> Array:
         """Return the pose (1, 4, 4) of a link in the frame of the root at joint values; other joints are at zero."""
         path = self._path(link, self.root)
-        q = [np.array([values.get(joint.name, 0.0)]) for joint in path]
-        return chain_end(_steps(path), q, 1)
+        path_values: list[Array] = []
+        for joint in path:
+            path_values.append(np.array([values.get(joint.name, 0.0)]))
+        return along(_steps(path), path_values, 1)
 
     def _path(self, link: str, stop: str) -> list[UrdfJoint]:
         """Return the joints on the path from the ancestor `stop` to the link `link`, starting at `stop`."""
-        out: list[UrdfJoint] = []
+        upwards: list[UrdfJoint] = []
         while link != stop:
-            if link not in self.above or len(out) > len(self.above):
+            if link not in self.above or len(upwards) > len(self.above):
                 raise ReadError(f"link '{link}' is its own ancestor")
-            out.append(self.above[link])
-            link = out[-1].parent
-        return out[::-1]
+            upwards.append(self.above[link])
+            link = upwards[-1].parent
+        return upwards[::-1]
 
     def play(self, clip: FileClip) -> FileClip:
         """Return a clip of the link poses T_world_link (k, 4, 4), computed from the joint values of `clip`."""
         count = len(clip.times)
-        placed: dict[str, Array] = {}
-        placed[self.root] = clip.links.get(self.root, np.broadcast_to(np.eye(4), (count, 4, 4)))
+        link_poses: dict[str, Array] = {}
+        link_poses[self.root] = clip.links.get(self.root, np.broadcast_to(np.eye(4), (count, 4, 4)))
         for name in self._parents_first():
             if name not in clip.links or name == self.root:
                 continue
-            upper, path = self._path_from(name, placed)
+            ancestor, path = self._path_from(name, link_poses)
             kinds = [joint.link.kind for joint in path]
             if "free" in kinds:  # every pose of the link is a pose of the joint
-                placed[name] = clip.links[name]
+                link_poses[name] = clip.links[name]
                 continue
-            values: list[Array | None] = [joint.values(clip) for joint in path]
             # Values that the track lacks are computed from the pose of the link in the track.
-            goal = poses.inverse(clip.links.get(upper, placed[upper])) @ clip.links[name]
-            values = solve_chain(_steps(path), values, goal)
-            placed[name] = placed[upper] @ chain_end(_steps(path), values, count)
+            goal = poses.inverse(clip.links.get(ancestor, link_poses[ancestor])) @ clip.links[name]
+            values = fit(_steps(path), _values(path, clip), goal)
+            link_poses[name] = link_poses[ancestor] @ along(_steps(path), values, count)
         for pair in self.closures.pairs:
-            self._close(pair, placed, clip)
-        links = {link: T for link, T in placed.items() if link in clip.links}
+            self._check_loop(pair, link_poses, clip)
+        links = {link: T for link, T in link_poses.items() if link in clip.links}
         return FileClip(clip.name, clip.times, links)
 
     def _path_from(self, link: str, placed: Collection[str]) -> tuple[str, list[UrdfJoint]]:
@@ -263,22 +275,25 @@ class Urdf:
             link = path[-1].parent
         return link, path[::-1]
 
-    def _close(self, pair: tuple[str, str, str], placed: Mapping[str, Array], clip: FileClip) -> None:
-        """Report a loop that is open at a key of a clip; `placed` contains the poses of links in this clip.
+    def _check_loop(self, pair: tuple[str, str, str], link_poses: Mapping[str, Array], clip: FileClip) -> None:
+        """Report a loop that is open at a key of a clip; `link_poses` contains poses (k, 4, 4) of links in this clip.
 
         Joint values that the clip lacks are those that close the loop best.
         """
         ends: list[tuple[str, list[UrdfJoint]]] = []
         for link in pair[:2]:
-            ends.append((link, []) if link in placed else self._path_from(link, placed))
+            if link in link_poses:
+                ends.append((link, []))
+            else:
+                ends.append(self._path_from(link, link_poses))
+        # The end with more joints is fitted to the other one, because it has more values to choose.
         ends.sort(key=_moving_joints)
-        (still, fixed), (upper, path) = ends
+        (goal_link, goal_path), (ancestor, path) = ends
         count = len(clip.times)
-        T_still = placed[still] @ chain_end(_steps(fixed), [joint.values(clip) for joint in fixed], count)
-        goal = poses.inverse(placed[upper]) @ T_still
-        values = solve_chain(_steps(path), [joint.values(clip) for joint in path], goal)
-        T_other = placed[upper] @ chain_end(_steps(path), values, count)
-        check_gap(pair, T_still, T_other, f"clip '{clip.name}'", PLAYED, self._ledger)
+        T_goal = link_poses[goal_link] @ along(_steps(goal_path), _values(goal_path, clip), count)
+        values = fit(_steps(path), _values(path, clip), poses.inverse(link_poses[ancestor]) @ T_goal)
+        T_fitted = link_poses[ancestor] @ along(_steps(path), values, count)
+        check_gap(pair, T_goal, T_fitted, f"clip '{clip.name}'", PLAYED, self._ledger)
 
     def _parents_first(self) -> list[str]:
         return sorted(self.links, key=lambda link: len(self._path(link, self.root)))
@@ -292,20 +307,33 @@ class Urdf:
             if joint.name not in low or joint.limits is None:
                 continue
             lower, upper = joint.limits
-            off = 0.0
+            difference = 0.0
             for limit, track_limit in ((lower, low[joint.name]), (upper, high[joint.name])):
-                if abs(track_limit) < 1e29:  # a slide may have no limit
-                    off = max(off, abs(limit - track_limit))
-            if off > 1e-6:
+                if abs(track_limit) < _TRACK_UNLIMITED:
+                    difference = max(difference, abs(limit - track_limit))
+            if difference > _LIMIT_ROUNDING:
                 text = (
                     f"joint '{joint.name}' has limits {lower:g} .. {upper:g}; in {name} they are "
                     f"{low[joint.name]:g} .. {high[joint.name]:g}."
                 )
-                self._ledger.wrong("urdf.limits", text, joint.name, size=off)
+                self._ledger.wrong("urdf.limits", text, joint.name, size=difference)
 
 
 def _steps(path: Iterable[UrdfJoint]) -> list[ChainStep]:
     return [joint.link for joint in path]
+
+
+def _values(path: Iterable[UrdfJoint], clip: FileClip) -> list[Array | None]:
+    """Return the values (k,) in a clip of each joint on a path; None for joints without values."""
+    return [joint.values(clip) for joint in path]
+
+
+def _report_duplicates(kind: str, names: Sequence[str], ledger: Ledger) -> None:
+    """Report the alphabetically first name that several elements have; `kind` is their plural noun."""
+    duplicates = {name for name in names if names.count(name) > 1}
+    if duplicates:
+        name = min(duplicates)
+        ledger.wrong("urdf.duplicate_name", f"two {kind} are named '{name}'.", name)
 
 
 def _moving_joints(end: tuple[str, list[UrdfJoint]]) -> int:
@@ -316,12 +344,15 @@ def _moving_joints(end: tuple[str, list[UrdfJoint]]) -> int:
 
 def _partly_read(root: ET.Element) -> frozenset[str]:
     """Return the names of links that have no collision shape, or a visual shape that is not a mesh and is not read."""
-    out = set()
+    names = set()
     for link in root.findall("link"):
-        visuals = link.findall("visual")
-        if link.find("collision") is None or any(v.find("geometry/mesh") is None for v in visuals):
-            out.add(link.get("name", ""))
-    return frozenset(out)
+        is_partly_read = link.find("collision") is None
+        for visual in link.findall("visual"):
+            if visual.find("geometry/mesh") is None:
+                is_partly_read = True
+        if is_partly_read:
+            names.add(link.get("name", ""))
+    return frozenset(names)
 
 
 def numbers(text: str | None, n: int, default: tuple[float, ...]) -> Array:
@@ -333,12 +364,12 @@ def numbers(text: str | None, n: int, default: tuple[float, ...]) -> Array:
     if text is None:
         return np.array(default, float)
     try:
-        out = np.array(text.split(), float)
+        values = np.array(text.split(), float)
     except ValueError as error:
         raise ReadError(f"'{text[:40]}' is not a list of numbers") from error
-    if out.shape != (n,) or not np.all(np.isfinite(out)):
+    if values.shape != (n,) or not np.all(np.isfinite(values)):
         raise ReadError(f"'{text[:40]}' is not a list of {n} finite numbers")
-    return out
+    return values
 
 
 def _joint(element: ET.Element, links: list[str], ledger: Ledger) -> UrdfJoint | None:
@@ -356,7 +387,7 @@ def _joint(element: ET.Element, links: list[str], ledger: Ledger) -> UrdfJoint |
     T = _origin(element.find("origin"))
     axis = numbers(_text(element.find("axis"), "xyz"), 3, (1, 0, 0))
     length = float(np.linalg.norm(axis))
-    if abs(length - 1) > 1e-6 and KINDS[kind] not in ("fixed", "free"):
+    if abs(length - 1) > _AXIS_ROUNDING and KINDS[kind] not in ("fixed", "free"):
         text = f"the axis of joint '{name}' has length {length:.6g}, not 1."
         ledger.wrong("urdf.axis", text, name, size=Measured(length, 1.0))
     limit = element.find("limit")
@@ -370,11 +401,11 @@ def _joint(element: ET.Element, links: list[str], ledger: Ledger) -> UrdfJoint |
             text = f"joint '{name}': lower limit {limits[0]:g} is above upper limit {limits[1]:g}."
             ledger.wrong("urdf.limits", text, name, suggestion="exchange the limits")
     mimic = None
-    follows = element.find("mimic")
-    if follows is not None:
-        multiplier = _number(follows, "multiplier", 1.0)
-        offset = _number(follows, "offset", 0.0)
-        mimic = (follows.get("joint", ""), multiplier, offset)
+    mimic_element = element.find("mimic")
+    if mimic_element is not None:
+        multiplier = _number(mimic_element, "multiplier", 1.0)
+        offset = _number(mimic_element, "offset", 0.0)
+        mimic = (mimic_element.get("joint", ""), multiplier, offset)
     dynamics = element.find("dynamics")
     damping = _number(dynamics, "damping", 0.0)
     friction = _number(dynamics, "friction", 0.0)
@@ -389,11 +420,13 @@ def _joint(element: ET.Element, links: list[str], ledger: Ledger) -> UrdfJoint |
 
 def _soft_limits(safety: ET.Element | None, limits: tuple[float, float] | None) -> tuple[float, float] | None:
     """Return the soft limits of a joint, cut at its limits; None if it has none."""
-    low, high = _bound(safety, "soft_lower_limit"), _bound(safety, "soft_upper_limit")
+    low = _bound(safety, "soft_lower_limit")
+    high = _bound(safety, "soft_upper_limit")
     if low is None or high is None:
         return None
     if limits is not None:
-        low, high = max(low, limits[0]), min(high, limits[1])
+        low = max(low, limits[0])
+        high = min(high, limits[1])
     return low, high
 
 
@@ -424,10 +457,11 @@ def _scale_and_pose(shape: ET.Element) -> tuple[Array, Array]:
 
 
 def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> tuple[dict[str, LinkShape], dict[str, dict[Rgba, float]]]:
+    """Return ({link: its shape}, {link: {colour: share of its surface}}) of the visual meshes; report missing ones."""
     shapes: dict[str, LinkShape] = {}
-    named = _materials(root)
+    materials = _materials(root)
     palette = Palette()
-    checked: dict[str, tuple[Array, Array] | None] = {}
+    meshes: dict[str, tuple[Array, Array] | None] = {}  # links may share mesh files, which are read once
     for link in root.findall("link"):
         name = link.get("name", "")
         parts: list[LinkShape] = []
@@ -436,21 +470,11 @@ def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> tuple[dict[str, Lin
             if mesh is None:
                 continue
             scale = numbers(mesh.get("scale"), 3, (1, 1, 1))
-            solid = named_mesh(path, mesh.get("filename", ""), scale, checked, ledger, "urdf")
-            if solid is None:
+            triangles = named_mesh(path, mesh.get("filename", ""), scale, meshes, ledger, "urdf")
+            if triangles is None:
                 continue
-            part = placed_shape(solid, _origin(visual.find("origin")), "urdf")
-            material = visual.find("material")
-            color = None
-            if material is not None:
-                color = material.find("color")
-                known = material.get("name") in named
-                if color is None and known:
-                    color = named[material.get("name")]
-                if color is None and not known:
-                    text = f"link '{name}' has the material '{material.get('name')}', which the file does not define."
-                    advice = "define the material: readers such as urdfdom refuse the file"
-                    ledger.wrong("urdf.material", text, name, suggestion=advice)
+            part = placed_shape(triangles, _origin(visual.find("origin")), "urdf")
+            color = _color(name, visual.find("material"), materials, ledger)
             if color is not None and part is not None:
                 rgba = numbers(color.get("rgba"), 4, (1, 1, 1, 1))
                 red, green, blue = linear(rgba[:3]).tolist()
@@ -463,13 +487,31 @@ def _shapes(root: ET.Element, path: Path, ledger: Ledger) -> tuple[dict[str, Lin
     return shapes, palette.shares()
 
 
+def _color(
+    link: str, material: ET.Element | None, materials: Mapping[str | None, ET.Element | None], ledger: Ledger
+) -> ET.Element | None:
+    """Return the <color> of a visual shape of a link: its own, or that of its material's name in `materials`."""
+    if material is None:
+        return None
+    color = material.find("color")
+    if color is not None:
+        return color
+    name = material.get("name")
+    if name in materials:
+        return materials[name]
+    text = f"link '{link}' has the material '{name}', which the file does not define."
+    advice = "define the material: readers such as urdfdom refuse the file"
+    ledger.wrong("urdf.material", text, link, suggestion=advice)
+    return None
+
+
 def _materials(root: ET.Element) -> dict[str | None, ET.Element | None]:
     """Return {name: its colour} of all materials that a file defines; None for one that has only a texture."""
-    named: dict[str | None, ET.Element | None] = {}
+    materials: dict[str | None, ET.Element | None] = {}
     for material in root.iter("material"):
         if material.find("color") is not None or material.find("texture") is not None:
-            named.setdefault(material.get("name"), material.find("color"))
-    return named
+            materials.setdefault(material.get("name"), material.find("color"))
+    return materials
 
 
 def _masses(root: ET.Element) -> dict[str, FileMass]:
@@ -485,25 +527,24 @@ def _masses(root: ET.Element) -> dict[str, FileMass]:
 
 
 def _mass(inertial: ET.Element) -> FileMass:
-    T = _origin(inertial.find("origin"))
+    """Return mass, centre of mass and inertia tensor about it, both in the frame of the link."""
+    T_link_com = _origin(inertial.find("origin"))
     tensor = inertial.find("inertia")
-    xx, xy, xz, yy, yz, zz = (_number(tensor, key, 0.0) for key in _PARTS)
-    own = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    R = T[:3, :3]
-    return FileMass(_number(inertial.find("mass"), "value", 0.0), T[:3, 3], R @ own @ R.T)
+    xx, xy, xz, yy, yz, zz = [_number(tensor, key, 0.0) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")]
+    stated = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    # URDF states the tensor along the axes of <origin>; files of other formats have it along those of the link.
+    R = T_link_com[:3, :3]
+    return FileMass(_number(inertial.find("mass"), "value", 0.0), T_link_com[:3, 3], R @ stated @ R.T)
 
 
-_PARTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-
-
-def _moving(root: ET.Element) -> frozenset[str]:
+def _driven_joints(root: ET.Element) -> frozenset[str]:
     """Return the names of the joints in transmissions, or with a command interface of ros2_control: the driven joints.
 
     If no joint is named, the file does not state which joints are driven.
     """
     names: set[str] = set()
     for transmission in root.findall("transmission"):
-        names.update(_named(transmission, "joint"))
+        names.update(_names(transmission, "joint"))
     for control in root.findall("ros2_control"):
         for joint in control.findall("joint"):
             if joint.find("command_interface") is not None:
@@ -511,46 +552,48 @@ def _moving(root: ET.Element) -> frozenset[str]:
     return frozenset(names)
 
 
-def _in_order(root: ET.Element) -> list[str]:
+def _driven_in_order(root: ET.Element) -> list[str]:
     """Return the joints of the transmissions with one joint, in the order of the file, each once."""
     names: dict[str, None] = {}
     for transmission in root.findall("transmission"):
-        joints = _named(transmission, "joint")
+        joints = _names(transmission, "joint")
         if len(joints) == 1:
             names[joints[0]] = None
     return list(names)
 
 
-def _named(parent: ET.Element, tag: str) -> list[str]:
+def _names(parent: ET.Element, tag: str) -> list[str]:
+    """Return the names of the child elements with a tag."""
     return [str(element.get("name")) for element in parent.findall(tag)]
 
 
 def _tree_physics(
-    links: Iterable[str], masses: dict[str, FileMass], joints: Iterable[UrdfJoint], moving: Collection[str]
+    links: Iterable[str], masses: dict[str, FileMass], joints: Iterable[UrdfJoint], driven: Collection[str]
 ) -> FilePhysics:
-    out = FilePhysics(tuple(links), masses)
-    for j in joints:
-        T = j.link.fixed
-        axis = j.link.axis
+    """Return links, masses and joints of the tree; `driven` is empty if the file does not state what is driven."""
+    physics = FilePhysics(tuple(links), masses)
+    for joint in joints:
+        kind = joint.link.kind
+        T_parent_joint = joint.link.fixed
+        axis = joint.link.axis
         motions: tuple[JointLine, ...] = ()
-        if j.link.kind == "free":
-            motions = lines_of("free", T)
-        elif j.link.kind != "fixed" and axis is not None:
-            motions = (JointLine(j.link.kind, T[:3, 3], unit(T[:3, :3] @ axis)),)
-        low, high = j.limits or (-np.inf, np.inf)
-        if j.link.kind == "slide" and max(abs(low), abs(high)) >= NO_LIMIT:
-            low, high = -np.inf, np.inf
+        if kind == "free":
+            motions = lines_of("free", T_parent_joint)
+        elif kind != "fixed" and axis is not None:
+            motions = (JointLine(kind, T_parent_joint[:3, 3], unit(T_parent_joint[:3, :3] @ axis)),)
         drive = FileDrive()
         if len(motions) == 1:
-            driven = j.name in moving if moving else None
-            effort = _known_bound(j.effort)
-            speed = _known_bound(j.speed)
-            passive = (0.0, j.damping, j.friction, 0.0)
-            limits = (low, high)
-            control = limits if driven else None
-            drive = FileDrive(limits, driven, None, None, effort, speed, passive, soft=j.soft, control=control)
-        out.joints.append(FileJoint((j.name,), j.parent, j.child, T, motions, drive))
-    return out
+            limits = joint.limits or (-np.inf, np.inf)
+            if kind == "slide" and max(map(abs, limits)) >= NO_LIMIT:
+                limits = (-np.inf, np.inf)
+            is_driven = joint.name in driven if driven else None
+            effort = _known_bound(joint.effort)
+            speed = _known_bound(joint.speed)
+            passive = (0.0, joint.damping, joint.friction, 0.0)
+            control = limits if is_driven else None
+            drive = FileDrive(limits, is_driven, None, None, effort, speed, passive, soft=joint.soft, control=control)
+        physics.joints.append(FileJoint((joint.name,), joint.parent, joint.child, T_parent_joint, motions, drive))
+    return physics
 
 
 def _known_bound(bound: float | None) -> float | None:
@@ -559,34 +602,34 @@ def _known_bound(bound: float | None) -> float | None:
 
 def _check_transmissions(root: ET.Element, names: Collection[str], ledger: Ledger) -> None:
     """Report transmissions of one joint whose joint does not exist, or whose actuator is named as another joint."""
-    for t in root.findall("transmission"):
-        joints = _named(t, "joint")
-        actuators = _named(t, "actuator")
-        own = str(t.get("name"))
+    for transmission in root.findall("transmission"):
+        joints = _names(transmission, "joint")
+        actuators = _names(transmission, "actuator")
+        label = str(transmission.get("name"))
         if len(joints) != 1 or len(actuators) != 1:
             continue
         if joints[0] not in names:
-            text = f"transmission '{own}' names joint '{joints[0]}', which does not exist."
-            ledger.wrong("urdf.transmission", text, own)
+            text = f"transmission '{label}' names joint '{joints[0]}', which does not exist."
+            ledger.wrong("urdf.transmission", text, label)
         elif actuators[0] != joints[0] and actuators[0] in names:
-            text = f"transmission '{own}': actuator '{actuators[0]}' drives '{joints[0]}', not the joint of its name."
+            text = f"transmission '{label}': actuator '{actuators[0]}' drives '{joints[0]}', not the joint of its name."
             advice = "let the actuator drive the joint of its name, or rename it"
             ledger.wrong("urdf.transmission", text, joints[0], suggestion=advice)
 
 
-def _reductions(root: ET.Element, moving: Collection[str]) -> dict[str, float] | None:
-    """Return {joint: reduction} of the transmissions with one joint; None if no transmission names a joint."""
-    if not moving:
+def _reductions(root: ET.Element, driven: Collection[str]) -> dict[str, float] | None:
+    """Return {joint: reduction} of the transmissions with one joint; None if the file states no driven joint."""
+    if not driven:
         return None
-    out: dict[str, float] = {}
-    for t in root.findall("transmission"):
-        joints = _named(t, "joint")
+    reductions: dict[str, float] = {}
+    for transmission in root.findall("transmission"):
+        joints = _names(transmission, "joint")
         if len(joints) == 1:
-            out[joints[0]] = float(np.prod(_reduction(t)))  # without one, it is 1
-    return out
+            reductions[joints[0]] = float(np.prod(_stated_reductions(transmission)))  # without one, it is 1
+    return reductions
 
 
-def _reduction(transmission: ET.Element) -> list[float]:
+def _stated_reductions(transmission: ET.Element) -> list[float]:
     reductions = []
     for element in transmission.iter("mechanicalReduction"):
         text = (element.text or "").strip()
@@ -600,14 +643,14 @@ def _motors(root: ET.Element) -> dict[str, FileMotor]:
 
     A motor with the same name as its joint is omitted, because it represents the joint's drive.
     """
-    out: dict[str, FileMotor] = {}
-    for t in root.findall("transmission"):
-        joints = _named(t, "joint")
-        actuators = _named(t, "actuator")
-        reductions = _reduction(t)
+    motors: dict[str, FileMotor] = {}
+    for transmission in root.findall("transmission"):
+        joints = _names(transmission, "joint")
+        actuators = _names(transmission, "actuator")
+        reductions = _stated_reductions(transmission)
         if len(joints) == len(actuators) == len(reductions) == 1 and actuators != joints:
-            out[actuators[0]] = FileMotor({joints[0]: reductions[0]})
-    return out
+            motors[actuators[0]] = FileMotor({joints[0]: reductions[0]})
+    return motors
 
 
 def read(path: Path, ledger: Ledger, context: Context) -> Content:

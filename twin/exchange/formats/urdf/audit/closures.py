@@ -9,6 +9,7 @@ import json
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from os.path import commonprefix
 from pathlib import Path
 from typing import Any
 
@@ -51,10 +52,11 @@ class FileClosures:
 
     def joints(self) -> list[FileJoint]:
         """Return the loop closures as joints between their two links."""
-        out = []
-        for a, b, kind in self.pairs:
-            out.append(FileJoint((_named(a, b),), a, b, np.eye(4), motion_lines(kind, np.eye(4))))
-        return out
+        joints = []
+        for first, second, kind in self.pairs:
+            name = _closure_name(first, second)
+            joints.append(FileJoint((name,), first, second, np.eye(4), along(kind, np.eye(4))))
+        return joints
 
 
 def read_closures(path: Path, links: Collection[str], joints: Collection[str], ledger: Ledger) -> FileClosures | None:
@@ -84,7 +86,7 @@ def read_closures(path: Path, links: Collection[str], joints: Collection[str], l
     if not isinstance(home, dict) or len(pairs) != len(types):
         ledger.wrong("urdf.closures", text)
         return None
-    out = []
+    checked_pairs = []
     for pair, kind in zip(pairs, types, strict=True):
         if not _are_links(pair, links) or kind not in _KINDS:
             text = (
@@ -92,16 +94,19 @@ def read_closures(path: Path, links: Collection[str], joints: Collection[str], l
             )
             ledger.wrong("urdf.closures", text, str(pair)[:80])
             continue
-        out.append((pair[0], pair[1], _KINDS[kind]))
+        checked_pairs.append((pair[0], pair[1], _KINDS[kind]))
     for name in (*driven, *home):
         if name not in joints:
             text = f"{path.name}: joint '{str(name)[:40]}' is not in the URDF."
             ledger.wrong("urdf.closures", text, str(name)[:40])
-    values = {n: float(q) for n, q in home.items() if isinstance(q, int | float) and math.isfinite(q)}
+    home_values: dict[str, float] = {}
+    for name, value in home.items():
+        if isinstance(value, int | float) and math.isfinite(value):
+            home_values[name] = float(value)
     couplings = None
     if "coupling" in data:
         couplings = _couplings(path, data["coupling"], joints, ledger)
-    return FileClosures(tuple(out), tuple(str(name) for name in driven), values, couplings)
+    return FileClosures(tuple(checked_pairs), tuple(map(str, driven)), home_values, couplings)
 
 
 def _are_links(pair: object, links: Collection[str]) -> bool:
@@ -112,21 +117,27 @@ def _are_links(pair: object, links: Collection[str]) -> bool:
 
 
 def _couplings(
-    path: Path, said: Any, joints: Collection[str], ledger: Ledger
+    path: Path, entries: Any, joints: Collection[str], ledger: Ledger
 ) -> dict[str, tuple[dict[str, float], float]]:
-    out = {}
-    for name, entry in said.items() if isinstance(said, dict) else (("coupling", said),):
+    """Return {name: ({joint: ratio}, sum)} of the value of `coupling`; faults are added to the ledger."""
+    if not isinstance(entries, dict):
+        entries = {"coupling": entries}  # reported below as an entry without joints
+    couplings = {}
+    for name, entry in entries.items():
         try:
-            ratios = {str(n): float(r) for n, r in zip(entry["joints"], entry["ratios"], strict=True)}
-            out[name] = ratios, float(entry["sum"])
+            ratios: dict[str, float] = {}
+            for joint, ratio in zip(entry["joints"], entry["ratios"], strict=True):
+                ratios[str(joint)] = float(ratio)
+            couplings[name] = ratios, float(entry["sum"])
         except (TypeError, KeyError, ValueError):
             text = f"{path.name}: coupling '{str(name)[:40]}' has no joints with one ratio each, and a sum."
             ledger.wrong("urdf.closures", text, str(name)[:40])
             continue
-        if unknown := sorted(set(ratios) - set(joints)):
+        unknown = sorted(set(ratios) - set(joints))
+        if unknown:
             text = f"{path.name}: joint '{unknown[0][:40]}' of coupling '{name[:40]}' is not in the URDF."
             ledger.wrong("urdf.closures", text, unknown[0][:40])
-    return out
+    return couplings
 
 
 def check_gap(pair: tuple[str, str, str], T_a: Array, T_b: Array, where: str, limit: float, ledger: Ledger) -> None:
@@ -134,26 +145,23 @@ def check_gap(pair: tuple[str, str, str], T_a: Array, T_b: Array, where: str, li
 
     For a weld, the angle between the links must also be small.
     """
-    a, b, kind = pair
+    first, second, kind = pair
+    name = _closure_name(first, second)
     gap = float(np.linalg.norm(T_a[..., :3, 3] - T_b[..., :3, 3], axis=-1).max())
     angle = 0.0
     if kind == "fixed":
         angle = float(np.max(poses.angle(T_a[..., :3, :3], T_b[..., :3, :3])))
-    ledger.row(f"{where}: gap of the loops", gap, "m", limit, where=_named(a, b))
+    ledger.row(f"{where}: gap of the loops", gap, "m", limit, where=name)
     if not (gap <= limit and angle <= _TILTED * limit):
         text = (
-            f"{where}: the loop that joins '{a}' and '{b}' is open by {quantity(gap, 'm')} and "
+            f"{where}: the loop that joins '{first}' and '{second}' is open by {quantity(gap, 'm')} and "
             f"{np.degrees(angle):.4g} deg."
         )
         size = Measured(gap * 1e6, limit * 1e6, "um")
-        ledger.wrong("urdf.loop", text, _named(a, b), size=size)
+        ledger.wrong("urdf.loop", text, name, size=size)
 
 
-def _named(a: str, b: str) -> str:
-    """Return the name of the joint that closes a loop: what the names of the two links have in common."""
-    count = 0
-    for x, y in zip(a, b, strict=False):
-        if x != y:
-            break
-        count += 1
-    return a[:count].rstrip("_-") or a
+def _closure_name(first: str, second: str) -> str:
+    """Return the name of the joint that closes a loop: what the names of its two links have in common."""
+    common = commonprefix((first, second))  # noqa: RUF071 - of characters, not of folders
+    return common.rstrip("_-") or first

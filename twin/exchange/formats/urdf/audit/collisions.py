@@ -41,18 +41,22 @@ class _PlacedMesh:
     T: Array
 
     def differences(self, other: _PlacedMesh) -> list[str]:
-        """Return in what another mesh differs, as texts."""
-        found = []
+        """Return in what another mesh differs, as texts for an enumeration."""
+        texts = []
         if self.file != other.file:
-            found.append(f"file '{other.file}' instead of '{self.file}'")
+            texts.append(f"file '{other.file}' instead of '{self.file}'")
         if np.abs(self.scale - other.scale).max() > _SAME * np.abs(self.scale).max():
-            found.append(f"scale {_text(other.scale)} instead of {_text(self.scale)}")
+            texts.append(f"scale {_text(other.scale)} instead of {_text(self.scale)}")
         if np.abs(self.T - other.T).max() > _SAME:
             shift = float(np.linalg.norm(self.T[:3, 3] - other.T[:3, 3]))
             turn = float(np.abs(self.T[:3, :3] - other.T[:3, :3]).max())
-            place = f"another place ({1e3 * shift:.4g} mm)" if shift > _SAME else "another place"
-            found.append(f"{place}, turned" if turn > _SAME else place)
-        return found
+            place = "another place"
+            if shift > _SAME:
+                place += f" ({1e3 * shift:.4g} mm)"
+            if turn > _SAME:
+                place += ", turned"
+            texts.append(place)
+        return texts
 
 
 def check_collisions(
@@ -105,6 +109,7 @@ def check_collisions(
                 faults.append((owner, text))
         for shape in _plain_collisions(link):
             faults.append((owner, f"link '{owner}' collides by a {shape}; exports collide by meshes only."))
+    # Only if most pairs are equal, the file is an export in which a differing pair is a mistake.
     if equal <= len(faults):
         if faults:
             _not_judged(equal, faults, ledger)
@@ -117,7 +122,9 @@ def _plain_collisions(link: ET.Element) -> list[str]:
     """Return the kinds of the collision shapes of a link that are no meshes, such as "sphere"."""
     shapes = []
     for geometry in link.findall("collision/geometry"):
-        shapes += [str(shape.tag) for shape in geometry if shape.tag != "mesh"]
+        for shape in geometry:
+            if shape.tag != "mesh":
+                shapes.append(str(shape.tag))
     return shapes
 
 
@@ -137,19 +144,19 @@ def _meshes(
     link: ET.Element, tag: str, ending: str, placed: Callable[[ET.Element], tuple[Array, Array]]
 ) -> dict[str, _PlacedMesh]:
     """Return {name without its ending: mesh} of the elements `tag` of a link; other keys for those with other names."""
-    found: dict[str, _PlacedMesh] = {}
-    for k, element in enumerate(link.findall(tag)):
+    meshes: dict[str, _PlacedMesh] = {}
+    for index, element in enumerate(link.findall(tag)):
         mesh = element.find("geometry/mesh")
         if mesh is None:
             continue
         name = element.get("name", "")
         key = name.removesuffix(ending)
-        if key == name or not key or key in found:
-            key = f"{_UNNAMED}{k}"
-        scale, T = placed(element)
-        found[key] = _PlacedMesh(mesh.get("filename", ""), scale, T)
-    return found
+        if key == name or not key or key in meshes:
+            key = f"{_UNNAMED}{index}"
+        scale, T_link_mesh = placed(element)
+        meshes[key] = _PlacedMesh(mesh.get("filename", ""), scale, T_link_mesh)
+    return meshes
 
 
 def _text(scale: Array) -> str:
-    return " ".join(f"{value:g}" for value in scale)
+    return " ".join(map("{:g}".format, scale))

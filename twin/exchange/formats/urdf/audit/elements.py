@@ -89,15 +89,27 @@ _COLORED = (".dae", ".glb", ".gltf")
 _NEAR = 0.75
 """Similarity (0..1) from which an unknown name is a known one with a mistake in it."""
 
+_MOST_MASSLESS = 0.25
+"""Share of the moving links without mass up to which they are mistakes; in other files, the author states no masses."""
+
+_FEWEST_TRANSMISSIONS = 3
+"""Transmissions from which the common form counts: two that differ say nothing about which of them is meant."""
+
+_COMMON_FORM = 0.7
+"""Share of the transmissions from which their form is the form of the file."""
+
 
 def check_elements(root: ET.Element, ledger: Ledger) -> None:
     """Report elements of a URDF that parsers reject or read in different ways."""
     for element in root:
         if element.tag in ("link", "joint", "material"):
-            _check(element, str(element.get("name") or ""), ledger)
-    _check_tag(root, ("link", "joint", "material", "transmission", "gazebo", "ros2_control", "sensor"), "", ledger)
-    colored = [m for m in root.findall("material") if m.find("color") is not None or m.find("texture") is not None]
-    for name in _repeated(str(m.get("name")) for m in colored):
+            _check_element(element, str(element.get("name") or ""), ledger)
+    _check_tags(root, ("link", "joint", "material", "transmission", "gazebo", "ros2_control", "sensor"), "", ledger)
+    defined: list[str] = []
+    for material in root.findall("material"):
+        if material.find("color") is not None or material.find("texture") is not None:  # others only name a material
+            defined.append(str(material.get("name")))
+    for name in _repeated(defined):
         text = f"two materials are named '{name}': readers such as urdfdom reject the second one."
         ledger.wrong("urdf.duplicate_name", text, name, suggestion="define each material once")
     _check_materials(root, ledger)
@@ -106,7 +118,7 @@ def check_elements(root: ET.Element, ledger: Ledger) -> None:
     _check_transmissions(root, ledger)
 
 
-def _check(element: ET.Element, owner: str, ledger: Ledger) -> None:
+def _check_element(element: ET.Element, owner: str, ledger: Ledger) -> None:
     """Report what an element of the link, joint or material `owner` lacks or has twice, and what is in it."""
     tag = str(element.tag)
     place = f"<{tag}>" if tag in ("link", "joint") else f"<{tag}> of '{owner}'"
@@ -115,12 +127,12 @@ def _check(element: ET.Element, owner: str, ledger: Ledger) -> None:
             text = f"{place} has no attribute '{key}': readers such as urdfdom reject it."
             code = "urdf.limits" if tag == "limit" else "urdf.attribute"
             ledger.wrong(code, text, owner, suggestion=f"write {key}")
-    known = (*_ATTRIBUTES.get(tag, ()), *_OPTIONAL.get(tag, ()))
+    vocabulary = (*_ATTRIBUTES.get(tag, ()), *_OPTIONAL.get(tag, ()))
     for key in element.attrib:
-        meant = _meant(key, known)
-        if meant and meant not in element.attrib:
-            text = f"{place} has the attribute '{key}', which no reader knows; '{meant}' is missing."
-            ledger.add("urdf.attribute", "warning", text, owner, suggestion=f"write {meant}")
+        attribute = _resembled(key, vocabulary)
+        if attribute and attribute not in element.attrib:
+            text = f"{place} has the attribute '{key}', which no reader knows; '{attribute}' is missing."
+            ledger.add("urdf.attribute", "warning", text, owner, suggestion=f"write {attribute}")
     for child in _CHILDREN.get(tag, ()):
         count = len(element.findall(child))
         if count > 1:
@@ -133,40 +145,41 @@ def _check(element: ET.Element, owner: str, ledger: Ledger) -> None:
     if tag == "joint" and element.get("type") in _LIMITED and element.find("limit") is None:
         text = f"joint '{owner}' is {element.get('type')}, but has no <limit>: readers such as urdfdom reject it."
         ledger.wrong("urdf.limits", text, owner, suggestion="write its limits")
-    if tag == "geometry" and not any(element.find(shape) is not None for shape in _CHILDREN[tag]):
+    if tag == "geometry" and not {child.tag for child in element} & {*_CHILDREN[tag]}:
         text = f"<geometry> of '{owner}' has no shape: readers such as urdfdom reject it."
         ledger.wrong("urdf.element", text, owner, suggestion="write a shape")
-    _check_tag(element, (*_CHILDREN.get(tag, ()), *_MANY.get(tag, ())), owner, ledger)
+    _check_tags(element, (*_CHILDREN.get(tag, ()), *_MANY.get(tag, ())), owner, ledger)
     for child in element:
         if child.tag in _CHILDREN or child.tag in _ATTRIBUTES or child.tag in _OPTIONAL:
-            _check(child, owner, ledger)
+            _check_element(child, owner, ledger)
 
 
-def _check_tag(element: ET.Element, known: Iterable[str], owner: str, ledger: Ledger) -> None:
-    """Report children whose name is nearly a known one: readers skip them."""
+def _check_tags(element: ET.Element, vocabulary: tuple[str, ...], owner: str, ledger: Ledger) -> None:
+    """Report children whose tag is nearly one of `vocabulary`: readers skip them."""
     for child in element:
-        meant = _meant(str(child.tag), tuple(known))
-        if meant:
-            text = f"<{child.tag}> in <{element.tag}> is an element that no reader knows; <{meant}> may be meant."
+        tag = _resembled(str(child.tag), vocabulary)
+        if tag:
+            text = f"<{child.tag}> in <{element.tag}> is an element that no reader knows; <{tag}> may be meant."
             where = owner or str(child.get("name") or "")
-            ledger.add("urdf.element", "warning", text, where, suggestion=f"write <{meant}>")
+            ledger.add("urdf.element", "warning", text, where, suggestion=f"write <{tag}>")
 
 
-def _meant(word: str, known: tuple[str, ...]) -> str:
-    """Return the known word that an unknown one resembles; "" without one."""
-    if word in known or not known:
+def _resembled(word: str, vocabulary: tuple[str, ...]) -> str:
+    """Return the word of `vocabulary` that an unknown word resembles; "" without one."""
+    if word in vocabulary or not vocabulary:
         return ""
-    near = difflib.get_close_matches(word, known, 1, _NEAR)
-    return near[0] if near else ""
+    matches = difflib.get_close_matches(word, vocabulary, 1, _NEAR)
+    return matches[0] if matches else ""
 
 
 def _repeated(names: Iterable[str]) -> list[str]:
+    """Return the names that are there more than once, each once."""
     return [name for name, count in Counter(names).items() if count > 1]
 
 
 def _check_materials(root: ET.Element, ledger: Ledger) -> None:
     """Report visual shapes without a material if most others have one."""
-    bare = []
+    without_material = []
     count = 0
     for link in root.findall("link"):
         for visual in link.findall("visual"):
@@ -175,27 +188,34 @@ def _check_materials(root: ET.Element, ledger: Ledger) -> None:
                 continue
             count += 1
             if visual.find("material") is None:
-                bare.append((str(link.get("name")), str(visual.get("name") or "")))
-    if 2 * len(bare) >= count:
+                without_material.append((str(link.get("name")), str(visual.get("name") or "")))
+    if 2 * len(without_material) >= count:
         return
-    for link, name in bare:
-        text = f"link '{link}': the shape '{name}' has no material, but {count - len(bare)} others have one."
+    others = count - len(without_material)
+    for link, name in without_material:
+        text = f"link '{link}': the shape '{name}' has no material, but {others} others have one."
         ledger.add("urdf.no_material", "warning", text, link, suggestion="give the shape its material")
 
 
 def _check_masses(root: ET.Element, ledger: Ledger) -> None:
-    """Report links without mass that a joint moves, if all others that joints move have one."""
-    moved = set()
+    """Report links without mass that a joint moves, if at most a quarter of all links that joints move have none."""
+    moving_links = set()
     for joint in root.findall("joint"):
         child = joint.find("child")
         if child is not None and joint.get("type") not in ("fixed", None):
-            moved.add(str(child.get("link")))
-    links = [link for link in root.findall("link") if link.get("name") in moved]
-    bare = [str(link.get("name")) for link in links if link.find("inertial") is None]
-    if not bare or 4 * len(bare) > len(links):
+            moving_links.add(str(child.get("link")))
+    count = 0
+    massless: list[str] = []
+    for link in root.findall("link"):
+        if link.get("name") not in moving_links:
+            continue
+        count += 1
+        if link.find("inertial") is None:
+            massless.append(str(link.get("name")))
+    if len(massless) > _MOST_MASSLESS * count:
         return
-    others = len(links) - len(bare)
-    for name in bare:
+    others = count - len(massless)
+    for name in massless:
         text = (
             f"link '{name}' has no <inertial>, but a joint moves it; {others} other moving links have one. Simulators "
             "such as Gazebo leave out a link without mass, with its joint."
@@ -218,29 +238,37 @@ def _check_repeated_shapes(root: ET.Element, ledger: Ledger) -> None:
 def _check_transmissions(root: ET.Element, ledger: Ledger) -> None:
     """Report transmissions that ros_control rejects, or that are built in another way than most of a file."""
     transmissions = root.findall("transmission")
-    for name in _repeated(str(t.get("name")) for t in transmissions):
+    labels = [str(transmission.get("name")) for transmission in transmissions]
+    for name in _repeated(labels):
         text = f"two transmissions are named '{name}'."
         ledger.wrong("urdf.duplicate_name", text, name, suggestion="give each transmission its own name")
-    for t in transmissions:
-        name = _transmission_name(t)
-        if not t.get("name"):
+    simple: list[ET.Element] = []
+    for transmission in transmissions:
+        name = _transmission_name(transmission)
+        if not transmission.get("name"):
             text = f"the transmission of {name} has no name: ros_control rejects it."
             ledger.wrong("urdf.transmission", text, name, suggestion="name the transmission")
-        for fault in _faults(t):
+        for fault in _faults(transmission):
             text = f"transmission '{name}' {fault}: ros_control rejects it."
             ledger.wrong("urdf.transmission", text, name, suggestion="write it as the others are")
-    simple = [t for t in transmissions if len(t.findall("joint")) == len(t.findall("actuator")) == 1]
-    if len(simple) < 3:  # two that differ say nothing about which of them is meant
+        if len(transmission.findall("joint")) == len(transmission.findall("actuator")) == 1:
+            simple.append(transmission)
+    _check_forms(simple, ledger)
+
+
+def _check_forms(transmissions: list[ET.Element], ledger: Ledger) -> None:
+    """Report transmissions of one joint and one actuator that are built in another way than most."""
+    if len(transmissions) < _FEWEST_TRANSMISSIONS:
         return
-    forms = [_form(t) for t in simple]
+    forms = [_form(transmission) for transmission in transmissions]
     common, count = Counter(forms).most_common(1)[0]
-    if count < 0.7 * len(forms):
+    if count < _COMMON_FORM * len(forms):
         return
-    for t, form in zip(simple, forms, strict=True):
+    for transmission, form in zip(transmissions, forms, strict=True):
         if form != common:
-            apart = ", ".join(sorted({*form} ^ {*common}))
-            name = _transmission_name(t)
-            text = f"transmission '{name}' is built in another way than {count} others: {apart}."
+            differing = ", ".join(sorted({*form} ^ {*common}))
+            name = _transmission_name(transmission)
+            text = f"transmission '{name}' is built in another way than {count} others: {differing}."
             ledger.add("urdf.transmission", "warning", text, name, suggestion="write it as the others are")
 
 
@@ -264,7 +292,8 @@ def _faults(transmission: ET.Element) -> Iterator[str]:
         parts = transmission.findall(tag)
         names = [str(part.get("name") or "") for part in parts]
         if not all(names):
-            yield f"has {'an' if tag == 'actuator' else 'a'} {tag} without a name"
+            article = "an" if tag == "actuator" else "a"
+            yield f"has {article} {tag} without a name"
         for name in _repeated(names):
             yield f"has the {tag} '{name}' {names.count(name)} times"
         if not parts and (tag == "joint" or plain == "SimpleTransmission"):
@@ -282,7 +311,9 @@ def _interfaces(transmission: ET.Element, tag: str) -> list[ET.Element]:
 
 def _faults_of_part(part: ET.Element) -> Iterator[str]:
     """Yield what is wrong in a joint or actuator of a transmission."""
-    interfaces = [(e.text or "").strip() for e in part.findall("hardwareInterface")]
+    interfaces: list[str] = []
+    for element in part.findall("hardwareInterface"):
+        interfaces.append((element.text or "").strip())
     for interface in interfaces:
         package, _, plain = interface.rpartition("/")
         if not plain:

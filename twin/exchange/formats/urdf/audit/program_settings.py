@@ -18,17 +18,17 @@ def program_settings(root: ET.Element) -> dict[str, dict[str, str]]:
     """
     settings: dict[str, dict[str, str]] = {}
     for joint in root.findall("joint"):
-        own: dict[str, str] = {}
+        joint_settings: dict[str, str] = {}
         calibration = joint.find("calibration")
         if calibration is not None:
-            own["calibration"] = _attributes(calibration)
+            joint_settings["calibration"] = _attributes(calibration)
         safety = joint.find("safety_controller")
         if safety is not None and "soft_lower_limit" not in safety.attrib and "soft_upper_limit" not in safety.attrib:
-            own["safety_controller"] = _attributes(safety)
-        if own:
-            settings[f"joint '{joint.get('name')}'"] = own
+            joint_settings["safety_controller"] = _attributes(safety)
+        if joint_settings:
+            settings[f"joint '{joint.get('name')}'"] = joint_settings
     for extension in root.findall("gazebo"):
-        name = extension.get("reference")
+        name = extension.get("reference")  # a link or joint; an extension without one is of the whole robot
         subject = f"'{name}' in Gazebo" if name else "the robot in Gazebo"
         for element in extension:
             if element.tag in _GAZEBO_DYNAMICS:

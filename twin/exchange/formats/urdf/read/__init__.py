@@ -55,16 +55,17 @@ TYPES: dict[str, JointType] = {
 _PLANAR = "planar"
 """Joint type of URDF that becomes three joints: slides along x and y of the plane, and a hinge about its normal z."""
 
-_UNUSED = ("calibration", "joint_properties")
+_WITHOUT_EFFECT = ("calibration", "joint_properties")
 """Elements of a joint that have no effect on the mechanism."""
 
-_KNOWN = {
+_READ_ELEMENTS = {
     "robot": {"link", "joint", "material", "transmission", "gazebo", "ros2_control"},
-    "joint": {"origin", "parent", "child", "axis", "limit", "mimic", "dynamics", "safety_controller", *_UNUSED},
+    "joint": {"origin", "parent", "child", "axis", "limit", "mimic", "dynamics", "safety_controller", *_WITHOUT_EFFECT},
     "link": {"visual", "collision", "inertial"},
 }
+"""Child elements that this module reads or knows to be without effect, by the tag of their parent."""
 
-_LIGHT = 1e-6
+_MAX_MASSLESS = 1e-6
 """Maximum mass in kg of a link without shape that becomes a frame instead of a body."""
 
 
@@ -92,6 +93,19 @@ def read_urdf(path: Path, closures: Path | None = None, settings: XacroSettings 
 
 
 class _Urdf:
+    """Reader of one URDF.
+
+    Attributes:
+        links, joints: elements of the file by name.
+        retyped: {joint: new type} of the joints whose type the closure YAML replaces.
+        efforts: {joint: maximum effort in N or N m}, filled as the joints are read.
+        inserted_bodies: bodies without mass between the joints that replace one URDF joint.
+        body_of_link: {link: (body that carries it, T_body_link)}; a link that is a body carries itself.
+        joint_links: {joint: (parent link, child link)}.
+        parent_joints: {link: the joint of which it is the child}.
+        frame_links: {link: the fixed joint to its parent} of the links that become named frames.
+    """
+
     def __init__(
         self, path: Path, closures: Closures | None, closure_file: Path | None, expanded: Expanded | None
     ) -> None:
@@ -104,123 +118,132 @@ class _Urdf:
             for text in expanded.omitted:
                 self.findings.warn("xacro", text, path.name)
         self.efforts: dict[str, float] = {}
-        self.crosses: list[Body] = []
-        self.home: dict[str, tuple[str, Array]] = {}
-        self.ends: dict[str, tuple[str, str]] = {}
-        self.above: dict[str, str] = {}
+        self.inserted_bodies: list[Body] = []
+        self.body_of_link: dict[str, tuple[str, Array]] = {}
+        self.joint_links: dict[str, tuple[str, str]] = {}
+        self.parent_joints: dict[str, str] = {}
 
     def read(self) -> Imported:
         root = self.xml.root
-        found = self.findings
-        self._strange(root, "robot", "robot")
-        self.links = self._named("link")
-        self.joints = self._named("joint")
+        findings = self.findings
+        self._report_unread(root, "robot", "robot")
+        self.links = self._named_elements("link")
+        self.joints = self._named_elements("joint")
         for name, joint in self.joints.items():
-            self.ends[name] = self._ends(name, joint)
-        self.retyped = self._retyped()
-        base = self._base()
-        self.marks = self._marks(base)
-        held: dict[str, tuple[str, Array]] = {}
-        for link, joint in self.marks.items():
-            held[link] = (self.ends[joint][0], origin(self.xml, self.joints[joint], f"joint '{joint}'"))
-        inner = self._inner()
-        for link, joint in inner.items():
+            self.joint_links[name] = self._read_joint_links(name, joint)
+        self.retyped = self._read_retyped()
+        base = self._find_base()
+        self.frame_links = self._find_frame_links(base)
+        bodiless_links: dict[str, tuple[str, Array]] = {}
+        for link, joint in self.frame_links.items():
+            bodiless_links[link] = (
+                self.joint_links[joint][0],
+                origin(self.xml, self.joints[joint], f"joint '{joint}'"),
+            )
+        joint_frames = self._find_joint_frames()
+        for link, joint in joint_frames.items():
             T_link_body = origin(self.xml, self.joints[joint], joint)
-            held[link] = (self.ends[joint][1], spatial.inverse(T_link_body))
-        closing = self._closing(held)
-        for link, other in closing.items():
-            held[link] = (other, np.eye(4))
+            bodiless_links[link] = (self.joint_links[joint][1], spatial.inverse(T_link_body))
+        loop_closers = self._find_loop_closers(bodiless_links)
+        for link, partner in loop_closers.items():
+            bodiless_links[link] = (partner, np.eye(4))
         # Only the base can be the world: in an MJCF, a body of this name is the world itself.
         reserved = () if base == WORLD else (WORLD,)
-        body_names = Names("link", (n for n in self.links if n not in held), found, reserved)
+        links_with_body = [link for link in self.links if link not in bodiless_links]
+        body_names = Names("link", links_with_body, findings, reserved)
         parts: list[str] = []
         for name in self.joints:
-            parts += self._parts(name)
-        names = Names("joint", parts, found)
-        self._place(body_names, held)
+            parts += self._part_names(name)
+        names = Names("joint", parts, findings)
+        self._place_links(body_names, bodiless_links)
         if self.closures is None:
-            self._unclosed([*self.joints, *self.links])
+            self._report_cut_loops([*self.joints, *self.links])
         self._drop_mimics_of_fixed()
-        driven = self._driven(root)
-        joints = self._made(names, {*self.marks.values(), *inner.values()}, closing, driven)
-        bodies = self._bodies(body_names, held)
+        driven = self._driven_joints(root)
+        joints = self._make_joints(names, {*self.frame_links.values(), *joint_frames.values()}, loop_closers, driven)
+        bodies = self._bodies(body_names, bodiless_links)
         frames = self._frames()
         couplings: list[Coupling] = []
         for name, joint in self.joints.items():
             if joint.find("mimic") is not None:
-                couplings.append(self._mimic(name, names))
-        couplings += self._coupled(names)
-        joints += self._loops(names, closing)
-        actuators, transmissions = self._geared(driven, names)
+                couplings.append(self._mimic_coupling(name, names))
+        couplings += self._closure_couplings(names)
+        joints += self._closure_joints(names, loop_closers)
+        actuators, transmissions = self._motors_and_transmissions(driven, names)
         efforts: dict[str, float] = {}
         for name, effort in self.efforts.items():
-            if self.ends[name][1] not in self.marks:
+            if self.joint_links[name][1] not in self.frame_links:
                 efforts[names[name]] = effort
         for text in self.xml.repaired:
-            found.warn("xml", text, self.path.name)
+            findings.warn("xml", text, self.path.name)
         label = root.get("name") or self.path.stem
-        out = assemble(self.path, label, body_names[base], bodies, joints, frames, couplings, found, efforts=efforts)
-        mechanism = replace(out.mechanism, actuators=actuators, transmissions=transmissions)
+        imported = assemble(
+            self.path, label, body_names[base], bodies, joints, frames, couplings, findings, efforts=efforts
+        )
+        mechanism = replace(imported.mechanism, actuators=actuators, transmissions=transmissions)
         unlimited = set()
         for name, joint in self.joints.items():
             if joint.get("type") == "continuous" and name in names:
                 unlimited.add(names[name])
-        out = replace(out, mechanism=mechanism, posed=False, unlimited=frozenset(unlimited))
-        return self._posed(out, names)
+        imported = replace(imported, mechanism=mechanism, posed=False, unlimited=frozenset(unlimited))
+        return self._at_home(imported, names)
 
-    def _place(self, body_names: Names, held: Mapping[str, tuple[str, Array]]) -> None:
-        """Set `home`: {link: (its body, T_body_link)}. `held` are the links without body, each with its pose on one."""
+    def _place_links(self, body_names: Names, bodiless_links: Mapping[str, tuple[str, Array]]) -> None:
+        """Fill `body_of_link`. `bodiless_links` is {link: (the link that carries it, T_carrier_link)}."""
         for link in self.links:
-            if link not in held:
-                self.home[link] = (body_names[link], np.eye(4))
-        for _ in held:  # a link without body may be on another link without body
-            for link, (other, T_other_link) in held.items():
-                if other in self.home and link not in self.home:
-                    body, T_body_other = self.home[other]
-                    self.home[link] = (body, T_body_other @ T_other_link)
+            if link not in bodiless_links:
+                self.body_of_link[link] = (body_names[link], np.eye(4))
+        # A link without body may be on another one, so each pass places those whose carrier has been placed.
+        for _ in bodiless_links:
+            for link, (carrier, T_carrier_link) in bodiless_links.items():
+                if carrier in self.body_of_link and link not in self.body_of_link:
+                    body, T_body_carrier = self.body_of_link[carrier]
+                    self.body_of_link[link] = (body, T_body_carrier @ T_carrier_link)
 
-    def _made(
-        self, names: Names, dropped: Collection[str], closing: Collection[str], driven: Collection[str]
+    def _make_joints(
+        self, names: Names, dropped: Collection[str], loop_closers: Collection[str], driven: Collection[str]
     ) -> list[Joint]:
         """Return the joints of the mechanism: first those of the tree, then those that close loops."""
         tree: list[str] = []
         loops: list[str] = []
         for name in self.joints:
-            if self.ends[name][1] in closing:
+            if self.joint_links[name][1] in loop_closers:
                 loops.append(name)
             elif name not in dropped:
                 tree.append(name)
         joints: list[Joint] = []
         for name in (*tree, *loops):
             if name in self.retyped:
-                joints += self._retype(name, names, driven)
+                joints += self._replacement_joints(name, names, driven)
             elif self.joints[name].get("type") == _PLANAR:
-                joints += self._planar(name, names)
+                joints += self._planar_joints(name, names)
             else:
                 joints.append(self._joint(name, names[name], name in driven))
         return joints
 
-    def _bodies(self, body_names: Names, held: Collection[str]) -> list[Body]:
+    def _bodies(self, body_names: Names, bodiless_links: Collection[str]) -> list[Body]:
         visuals = Visuals(self.xml, self.findings)
         bodies: list[Body] = []
         for name, link in self.links.items():
-            if name not in held:
+            if name not in bodiless_links:
                 meshes = visuals.meshes(name, link)
                 inertia = self._inertia(name, link)
                 bodies.append(Body(body_names[name], tuple(meshes), inertia, shows_all(link, len(meshes))))
-        return bodies + self.crosses
+        return bodies + self.inserted_bodies
 
     def _frames(self) -> list[Frame]:
-        paired = self._paired()
-        marked = [link for link in self.marks if link not in paired]  # the ends of loops are no frames of the robot
+        paired = self._loop_links()
+        marked = [
+            link for link in self.frame_links if link not in paired
+        ]  # the ends of loops are no frames of the robot
         names = Names("frame", marked, self.findings)
         frames = []
         for link in marked:
-            body, T_body_link = self.home[link]
+            body, T_body_link = self.body_of_link[link]
             frames.append(Frame(names[link], body, T_body_link))
         return frames
 
-    def _posed(self, imported: Imported, names: Names) -> Imported:
+    def _at_home(self, imported: Imported, names: Names) -> Imported:
         """Return the import at the posture `home` of the closure YAML, if there is one."""
         home = self.closures.home if self.closures else {}
         if not home:
@@ -235,23 +258,24 @@ class _Urdf:
 
     # -- structure ------------------------------------------------------------------------------------
 
-    def _named(self, kind: str) -> dict[str, Element]:
-        out = self.xml.named(self.xml.root, kind)
-        for name, element in out.items():
-            self._strange(element, kind, f"{kind} '{name}'")
-        if not out:
+    def _named_elements(self, kind: str) -> dict[str, Element]:
+        elements = self.xml.named(self.xml.root, kind)
+        for name, element in elements.items():
+            self._report_unread(element, kind, f"{kind} '{name}'")
+        if not elements:
             text = f"{self.path}: the file has no <{kind}>, so there is no mechanism"
             if kind == "link" and self.xml.root.find("joint") is not None:
                 raise SourceError(text)
             raise NoMechanismError(text)
-        return out
+        return elements
 
-    def _strange(self, element: Element, kind: str, where: str) -> None:
+    def _report_unread(self, element: Element, kind: str, where: str) -> None:
         """Report the unsupported child elements of an element, each tag once."""
-        for tag in dict.fromkeys(str(child.tag) for child in element):
-            if tag not in _KNOWN[kind]:
+        tags = dict.fromkeys(str(child.tag) for child in element)
+        for tag in tags:
+            if tag not in _READ_ELEMENTS[kind]:
                 self.findings.warn("unread", f"{where}: <{tag}> is not read.", where)
-            elif tag in _UNUSED:
+            elif tag in _WITHOUT_EFFECT:
                 self.findings.note("unread", f"{where}: <{tag}> is not imported.", where)
             elif tag == "gazebo":
                 self.findings.warn("unread", f"{where}: <gazebo> is not imported: plug-ins are not supported.", where)
@@ -263,7 +287,7 @@ class _Urdf:
             if self.xml.number(where, key, text, 0.0):
                 self.findings.warn("friction", f"{where}: {key} {text} is not imported.", where)
 
-    def _ends(self, name: str, joint: Element) -> tuple[str, str]:
+    def _read_joint_links(self, name: str, joint: Element) -> tuple[str, str]:
         ends = []
         for end in ("parent", "child"):
             element = joint.find(end)
@@ -276,26 +300,26 @@ class _Urdf:
         parent, child = ends
         return parent, child
 
-    def _base(self) -> str:
+    def _find_base(self) -> str:
         """Return the root link, and set `above`: {link: the joint of which it is the child}."""
-        for joint, (_, child) in self.ends.items():
-            if child in self.above:
+        for joint, (_, child) in self.joint_links.items():
+            if child in self.parent_joints:
                 text = (
-                    f"the link is the child of two joints, '{self.above[child]}' and '{joint}', but a URDF is a tree. "
-                    "Remove one of the joints, and close the loop in a YAML file given with --closures"
+                    f"the link is the child of two joints, '{self.parent_joints[child]}' and '{joint}', but a URDF is "
+                    "a tree. Remove one of the joints, and close the loop in a YAML file given with --closures"
                 )
                 self.xml.fail(f"link '{child}'", text)
-            self.above[child] = joint
-        roots = [link for link in self.links if link not in self.above]
+            self.parent_joints[child] = joint
+        roots = [link for link in self.links if link not in self.parent_joints]
         if len(roots) != 1:
-            found = ", ".join(roots) or "none: the joints form a cycle"
-            raise SourceError(f"{self.path}: expected one root link, found {found}")
+            names_of_roots = ", ".join(roots) or "none: the joints form a cycle"
+            raise SourceError(f"{self.path}: expected one root link, found {names_of_roots}")
         return roots[0]
 
-    def _marks(self, base: str) -> dict[str, str]:
+    def _find_frame_links(self, base: str) -> dict[str, str]:
         """Return {link: the fixed joint to its parent} for the links that become named frames."""
         marks = {}
-        for joint, (_, child) in self.ends.items():
+        for joint, (_, child) in self.joint_links.items():
             fixed = self.joints[joint].get("type") == "fixed" or self.retyped.get(joint) == "FIXED"
             if fixed and child != base and not self._has_body(child):
                 marks[child] = joint
@@ -303,75 +327,78 @@ class _Urdf:
                 self.findings.note("mark", text, child)
         return marks
 
-    def _inner(self) -> dict[str, str]:
+    def _find_joint_frames(self) -> dict[str, str]:
         """Return {link: fixed joint} for links without body between a moving joint and the body fixed to them.
 
         Such a link is only the frame of the joint on this body.
         """
-        out: dict[str, str] = {}
+        joint_frames: dict[str, str] = {}
         for name in self.links:
-            inner = self.above.get(name)
+            inner = self.parent_joints.get(name)
             if inner is None or inner in self.retyped or self._has_body(name):
                 continue
-            below = [joint for joint, (parent, _) in self.ends.items() if parent == name]
-            if len(below) != 1:
+            child_joints: list[str] = []
+            for joint, (parent, _) in self.joint_links.items():
+                if parent == name:
+                    child_joints.append(joint)
+            if len(child_joints) != 1:
                 continue
-            outer = below[0]
-            child = self.ends[outer][1]
+            outer = child_joints[0]
+            child = self.joint_links[outer][1]
             kind = self.retyped.get(outer, str(self.joints[outer].get("type")))
             moving = self.joints[inner].get("type") != "fixed"
             if moving and kind.lower() == "fixed" and self._has_body(child):
-                out[name] = outer
+                joint_frames[name] = outer
                 text = f"link '{name}' has no shape and no mass: it becomes one body with '{child}', fixed to it."
                 self.findings.note("mark", text, name)
-        return out
+        return joint_frames
 
-    def _closing(self, held: Collection[str]) -> dict[str, str]:
+    def _find_loop_closers(self, bodiless_links: Collection[str]) -> dict[str, str]:
         """Return {link: the link welded to it by a loop} for links without body at the end of a moving joint.
 
         The moving joint then closes the loop.
         """
-        out: dict[str, str] = {}
+        loop_closers: dict[str, str] = {}
         if self.closures is None:
-            return out
-        parents = {parent for parent, _ in self.ends.values()}
-        paired = self._paired()
+            return loop_closers
+        parents = {parent for parent, _ in self.joint_links.values()}
+        paired = self._loop_links()
         for a, b, kind in self.closures.loops:
             if kind != "fixed":
                 continue
             first = self._link(a)
             second = self._link(b)
-            for name, other in ((first, second), (second, first)):
-                if name not in self.above or other not in self.links or other in out:
+            for name, partner in ((first, second), (second, first)):
+                if name not in self.parent_joints or partner not in self.links or partner in loop_closers:
                     continue
-                joint = self.above[name]
+                joint = self.parent_joints[name]
                 moving = joint not in self.retyped and self.joints[joint].get("type") in MOVING
-                leaf = name not in parents and name not in held and paired.count(name) == 1
+                leaf = name not in parents and name not in bodiless_links and paired.count(name) == 1
                 if moving and leaf and not self._has_body(name):
-                    out[name] = other
+                    loop_closers[name] = partner
                     break
-        return out
+        return loop_closers
 
-    def _paired(self) -> list[str]:
+    def _loop_links(self) -> list[str]:
         """Return the links that the closure YAML joins, two for each loop."""
-        out: list[str] = []
+        links: list[str] = []
         if self.closures is not None:
             for a, b, _ in self.closures.loops:
-                out += [self._link(a), self._link(b)]
-        return out
+                links += [self._link(a), self._link(b)]
+        return links
 
     def _link(self, name: str) -> str:
         """Return the link that a closure means: a link of this name, or the child of the joint of this name."""
-        return self.ends[name][1] if name in self.ends else name
+        return self.joint_links[name][1] if name in self.joint_links else name
 
     def _has_body(self, name: str) -> bool:
         link = self.links[name]
         mass = link.find("inertial/mass")
         value = "0" if mass is None else mass.get("value")
         kilograms = self.xml.number(f"link '{name}'", "mass", value, 0.0)
-        return kilograms > _LIGHT or link.find("visual") is not None or link.find("collision") is not None
+        return kilograms > _MAX_MASSLESS or link.find("visual") is not None or link.find("collision") is not None
 
-    def _unclosed(self, names: list[str]) -> None:
+    def _report_cut_loops(self, names: list[str]) -> None:
         """If there is no closure YAML, report pairs of names that look like the two ends of a cut loop."""
         stems: list[str] = []
         for name in dict.fromkeys(names):
@@ -387,7 +414,7 @@ class _Urdf:
             )
             self.findings.warn("closures", text, first)
 
-    def _retyped(self) -> dict[str, str]:
+    def _read_retyped(self) -> dict[str, str]:
         """Return {joint: new type} for the joints whose type the closure YAML replaces."""
         if self.closures is None:
             return {}
@@ -404,7 +431,7 @@ class _Urdf:
                 raise SourceError(f"{where}: joint '{name}' mimics a joint or is mimicked: its type cannot be changed")
         return self.closures.retyped
 
-    def _parts(self, name: str) -> list[str]:
+    def _part_names(self, name: str) -> list[str]:
         """Return the names of the joints made from one URDF joint.
 
         A universal joint becomes two hinges, a planar joint two slides and a hinge, each other joint one joint.
@@ -416,12 +443,12 @@ class _Urdf:
             return [f"{name}_x", f"{name}_y", f"{name}_z"]
         return [name]
 
-    def _driven(self, root: Element) -> set[str]:
+    def _driven_joints(self, root: Element) -> set[str]:
         """Return the driven joints: from the closure YAML, else from the transmissions, else all movable joints."""
         if self.closures is not None:
             self._check_motors(self.closures.motors)
             return set(self.closures.motors)
-        stated = self._commanded(root) or self._transmitted(root)
+        stated = self._ros2_control_joints(root) or self._transmission_joints(root)
         if stated:
             return stated
         moving: set[str] = set()
@@ -435,7 +462,7 @@ class _Urdf:
         where = f"{self.closure_file}: name_mot"
         owners: dict[str, str] = {}
         for name in self.joints:
-            for part in self._parts(name):
+            for part in self._part_names(name):
                 owners[part] = name
         for motor in motors:
             if motor not in owners:
@@ -454,13 +481,13 @@ class _Urdf:
             joint.remove(mimic)
             self.findings.warn("mimic", f"joint '{name}' is fixed, so its mimic has no effect.", name)
 
-    def _transmitted(self, root: Element) -> set[str]:
+    def _transmission_joints(self, root: Element) -> set[str]:
         """Return the joints that transmissions move.
 
         Left out are joints that mimic another joint, which the other joint moves, and, with a warning, fixed joints and
         names of no joint: files of a part of a robot often keep the transmissions of the whole robot.
         """
-        out = set()
+        driven = set()
         for transmission in root.findall("transmission"):
             label = str(transmission.get("name"))
             for element in transmission.findall("joint"):
@@ -476,12 +503,12 @@ class _Urdf:
                     text = f"joint '{name}' mimics another joint, so its transmission drives nothing."
                     self.findings.note("gear", text, name)
                 else:
-                    out.add(name)
-        return out
+                    driven.add(name)
+        return driven
 
-    def _commanded(self, root: Element) -> set[str]:
+    def _ros2_control_joints(self, root: Element) -> set[str]:
         """Return the joints that have a command interface in a <ros2_control>; all other joints are then passive."""
-        out = set()
+        driven = set()
         for system in root.findall("ros2_control"):
             for element in system.findall("joint"):
                 name = str(element.get("name"))
@@ -491,16 +518,21 @@ class _Urdf:
                     self.xml.fail("ros2_control", unknown("joint", name, self.joints))
                 joint = self.joints[name]
                 if joint.get("type") in MOVING and joint.find("mimic") is None:
-                    out.add(name)
-        return out
+                    driven.add(name)
+        return driven
 
-    def _geared(self, driven: Collection[str], names: Names) -> tuple[tuple[Actuator, ...], tuple[Transmission, ...]]:
+    def _motors_and_transmissions(
+        self, driven: Collection[str], names: Names
+    ) -> tuple[tuple[Actuator, ...], tuple[Transmission, ...]]:
         """Return (motors, transmissions) of the joints whose gear ratio is not 1; other joints are driven directly."""
         gears = read_gears(self.xml, self.joints, self.retyped, driven, self.findings)
-        wanted = [(name, gear.motor) for name, gear in gears.items()]
-        motors = named_apart("motor", wanted, set(names.values()), self.findings)
-        wanted = [(name, gear.transmission) for name, gear in gears.items()]
-        labels = named_apart("transmission", wanted, (), self.findings)
+        motor_names: list[tuple[str, str]] = []
+        transmission_names: list[tuple[str, str]] = []
+        for name, gear in gears.items():
+            motor_names.append((name, gear.motor))
+            transmission_names.append((name, gear.transmission))
+        motors = named_apart("motor", motor_names, set(names.values()), self.findings)
+        labels = named_apart("transmission", transmission_names, (), self.findings)
         transmissions: list[Transmission] = []
         for name, gear in gears.items():
             matrix = np.array([[1 / gear.ratio]])
@@ -514,60 +546,66 @@ class _Urdf:
         text = None if element is None else element.get("xyz")
         return self.xml.axis(where, "axis", text, (1, 0, 0))  # x is the default of URDF
 
-    def _joint(self, name: str, new: str, active: bool) -> Joint:
-        """Return the joint called `new` for a URDF joint with one coordinate, none, or six."""
+    def _joint(self, name: str, label: str, active: bool) -> Joint:
+        """Return the joint called `label` for a URDF joint with one coordinate, none, or six."""
         where = f"joint '{name}'"
         joint = self.joints[name]
         kind = joint.get("type")
         if kind not in TYPES:
             self.xml.fail(where, unknown("joint type", str(kind), (*TYPES, _PLANAR)))
-        turn = np.eye(4)
+        # URDF states an axis in the frame of the joint; a joint of a mechanism moves along its z.
+        T_joint_axis = np.eye(4)
         bounds = JointBounds()
         if kind in MOVING:
-            turn = along(self._axis(where, joint))
+            T_joint_axis = along(self._axis(where, joint))
             bounds = read_bounds(self.xml, name, joint, self.findings)
             if bounds.max_effort is not None:
                 self.efforts[name] = bounds.max_effort
         if kind == "floating":
             self.findings.warn("free", f"{where} is a floating joint: the robot is not fixed to the world.", name)
-        parent, child = self.ends[name]
-        inner, T_inner_parent = self.home[parent]
-        outer, T_outer_child = self.home[child]
+        parent, child = self.joint_links[name]
+        inner, T_inner_parent = self.body_of_link[parent]
+        outer, T_outer_child = self.body_of_link[child]
         return Joint(
-            new,
+            label,
             TYPES[kind],
             inner,
             outer,
-            T_inner_parent @ origin(self.xml, joint, where) @ turn,
-            T_outer_child @ turn,
+            T_inner_parent @ origin(self.xml, joint, where) @ T_joint_axis,
+            T_outer_child @ T_joint_axis,
             active=active,
             limits=bounds.limits,
             soft_limits=bounds.soft_limits,
             max_speed=bounds.max_speed,
         )
 
-    def _retype(self, name: str, names: Names, driven: Collection[str]) -> list[Joint]:
+    def _replacement_joints(self, name: str, names: Names, driven: Collection[str]) -> list[Joint]:
         """Return the joints that replace a URDF joint according to the closure YAML, in the frame of the URDF joint."""
         where = f"joint '{name}'"
         kind = self.retyped[name]
-        parent, T_parent_link = self.home[self.ends[name][0]]
-        T = T_parent_link @ origin(self.xml, self.joints[name], where)
-        child, _ = self.home[self.ends[name][1]]
+        parent, T_parent_link = self.body_of_link[self.joint_links[name][0]]
+        T_parent_joint = T_parent_link @ origin(self.xml, self.joints[name], where)
+        # The child is a body, so its pose on the body is the identity: `_find_joint_frames` keeps such a link as one.
+        child, _ = self.body_of_link[self.joint_links[name][1]]
         text = f"{where}: the closure YAML sets the type {kind}, so the axis and limits of the URDF are not imported."
         self.findings.note("retyped", text, name)
         if kind == "SPHERICAL":
-            return [Joint(names[name], "spherical", parent, child, T)]
+            return [Joint(names[name], "spherical", parent, child, T_parent_joint)]
         if kind == "FIXED":
-            return [Joint(names[name], "fixed", parent, child, T)]
-        first, second = self._parts(name)
-        cross = self._inserted(f"{name}_cross")
+            return [Joint(names[name], "fixed", parent, child, T_parent_joint)]
+        first, second = self._part_names(name)
+        cross = self._insert_body(f"{name}_cross")
         joints = []
-        for part, inner, outer, at in ((first, parent, cross, T), (second, cross, child, np.eye(4))):
-            turn = along(np.eye(3)["XYZ".index(part[-1])])
-            joints.append(Joint(names[part], "revolute", inner, outer, at @ turn, turn, active=part in driven))
+        for part, inner, outer, T_inner in ((first, parent, cross, T_parent_joint), (second, cross, child, np.eye(4))):
+            axis = np.eye(3)["XYZ".index(part[-1])]  # the names of the parts end with their axis
+            T_joint_axis = along(axis)
+            is_driven = part in driven
+            joints.append(
+                Joint(names[part], "revolute", inner, outer, T_inner @ T_joint_axis, T_joint_axis, active=is_driven)
+            )
         return joints
 
-    def _planar(self, name: str, names: Names) -> list[Joint]:
+    def _planar_joints(self, name: str, names: Names) -> list[Joint]:
         """Return slides along x and y of the plane, and a hinge about its normal z, for a planar joint.
 
         As for a floating joint, no motor moves these joints. The limits of the URDF do not say which coordinate they
@@ -575,12 +613,12 @@ class _Urdf:
         """
         where = f"joint '{name}'"
         joint = self.joints[name]
-        turn = along(self._axis(where, joint))
-        parent, T_parent_home = self.home[self.ends[name][0]]
-        child, T_child_joint = self.home[self.ends[name][1]]
-        first, second, third = self._parts(name)
-        moved_x = self._inserted(f"{name}_moved_x")
-        moved_y = self._inserted(f"{name}_moved_y")
+        T_joint_normal = along(self._axis(where, joint))
+        parent, T_parent_link = self.body_of_link[self.joint_links[name][0]]
+        child, T_child_joint = self.body_of_link[self.joint_links[name][1]]
+        first, second, third = self._part_names(name)
+        x_carriage = self._insert_body(f"{name}_moved_x")
+        y_carriage = self._insert_body(f"{name}_moved_y")
         text = f"{where} is planar: it becomes the slides '{names[first]}' and '{names[second]}' and the hinge "
         self.findings.warn("planar", f"{text}'{names[third]}', which no motor drives.", name)
         limit = joint.find("limit")
@@ -589,27 +627,30 @@ class _Urdf:
             self.findings.warn("limits", text, name)
         x_axis = along(np.array([1.0, 0.0, 0.0]))
         y_axis = along(np.array([0.0, 1.0, 0.0]))
-        T_parent_plane = T_parent_home @ origin(self.xml, joint, where) @ turn
+        T_parent_plane = T_parent_link @ origin(self.xml, joint, where) @ T_joint_normal
         return [
-            Joint(names[first], "prismatic", parent, moved_x, T_parent_plane @ x_axis, x_axis),
-            Joint(names[second], "prismatic", moved_x, moved_y, y_axis, y_axis),
-            Joint(names[third], "revolute", moved_y, child, np.eye(4), T_child_joint @ turn),
+            Joint(names[first], "prismatic", parent, x_carriage, T_parent_plane @ x_axis, x_axis),
+            Joint(names[second], "prismatic", x_carriage, y_carriage, y_axis, y_axis),
+            Joint(names[third], "revolute", y_carriage, child, np.eye(4), T_child_joint @ T_joint_normal),
         ]
 
-    def _inserted(self, name: str) -> str:
+    def _insert_body(self, name: str) -> str:
         """Insert a body without mass between two joints that replace one, and return its name: `name` if it is free."""
-        taken = {body for body, _ in self.home.values()}
-        taken.update(cross.name for cross in self.crosses)
+        taken_names: set[str] = set()
+        for carrier, _ in self.body_of_link.values():
+            taken_names.add(carrier)
+        for inserted in self.inserted_bodies:
+            taken_names.add(inserted.name)
         body = identifier(name)
-        while body in taken:
+        while body in taken_names:
             body += "_1"
-        self.crosses.append(Body(body))
+        self.inserted_bodies.append(Body(body))
         return body
 
-    def _mimic(self, name: str, names: Names) -> Coupling:
+    def _mimic_coupling(self, name: str, names: Names) -> Coupling:
         where = f"joint '{name}', mimic"
         mimic = self.joints[name].find("mimic")
-        assert mimic is not None
+        assert mimic is not None  # the caller asks only for joints with one
         leader = mimic.get("joint")
         if leader is None or leader not in self.joints:
             self.xml.fail(where, unknown("joint", str(leader), self.joints))
@@ -618,55 +659,60 @@ class _Urdf:
         ratio = self.xml.number(where, "multiplier", mimic.get("multiplier"), 1.0)
         if ratio == 0:
             self.xml.refuse(where, "mimic multiplier is 0; use a fixed joint")
-        total = self.xml.number(where, "offset", mimic.get("offset"), 0.0)
-        return Coupling(f"{names[name]}_mimic", (names[name], names[leader]), (1.0, -ratio), total)
+        offset = self.xml.number(where, "offset", mimic.get("offset"), 0.0)
+        # joint = ratio * leader + offset, written as the sum of a coupling: 1 * joint - ratio * leader = offset
+        return Coupling(f"{names[name]}_mimic", (names[name], names[leader]), (1.0, -ratio), offset)
 
-    def _coupled(self, names: Names) -> list[Coupling]:
+    def _closure_couplings(self, names: Names) -> list[Coupling]:
         """Return the couplings of the closure YAML."""
-        out: list[Coupling] = []
+        couplings: list[Coupling] = []
         if self.closures is None:
-            return out
+            return couplings
         for name, joints, ratios, total in self.closures.couplings:
+            coupled: list[str] = []
             for joint in joints:
                 if joint not in names:
                     raise SourceError(f"{self.closure_file}: coupling: {unknown('joint', joint, names.known())}")
-            coupled = tuple(names[joint] for joint in joints)
-            out.append(Coupling(identifier(name), coupled, ratios, total))
-        return out
+                coupled.append(names[joint])
+            couplings.append(Coupling(identifier(name), tuple(coupled), ratios, total))
+        return couplings
 
-    def _loops(self, names: Names, closing: Collection[str]) -> list[Joint]:
+    def _closure_joints(self, names: Names, loop_closers: Collection[str]) -> list[Joint]:
         """Return the joints that the closure YAML adds. If the YAML names a joint, its child link is meant."""
-        out: list[Joint] = []
+        closure_joints: list[Joint] = []
         if self.closures is None:
-            return out
-        for i, (a, b, kind) in enumerate(self.closures.loops):
-            first = self._link(a)
-            second = self._link(b)
-            for name, link in ((a, first), (b, second)):
+            return closure_joints
+        for index, (first_name, second_name, kind) in enumerate(self.closures.loops):
+            first_link = self._link(first_name)
+            second_link = self._link(second_name)
+            for name, link in ((first_name, first_link), (second_name, second_link)):
                 if link not in self.links:
-                    known = [*self.ends, *self.links]
-                    raise SourceError(f"{self.closure_file}: closed_loop: {unknown('joint or link', name, known)}")
-            if first in closing or second in closing:
+                    known_names = [*self.joint_links, *self.links]
+                    raise SourceError(
+                        f"{self.closure_file}: closed_loop: {unknown('joint or link', name, known_names)}"
+                    )
+            if first_link in loop_closers or second_link in loop_closers:
                 continue  # a moving joint closes this loop
             # The common part of the two names, such as `closedloop1` of `closedloop1_A` and `closedloop1_B`.
-            common = commonprefix((a, b))  # noqa: RUF071 - of characters, not of folders
+            common = commonprefix((first_name, second_name))  # noqa: RUF071 - of characters, not of folders
             label = identifier(common.rstrip("_-"))
-            used = {joint.name for joint in out}
-            if label in used or label in names:
-                label = f"loop{i + 1}_closure"
-            body_a, T_a = self.home[first]
-            body_b, T_b = self.home[second]
-            if body_a == body_b:
-                raise SourceError(f"{self.closure_file}: closed_loop: '{a}' and '{b}' are on the same body, '{body_a}'")
-            out.append(Joint(label, kind, body_a, body_b, T_a, T_b))
-        return out
+            used_names = {joint.name for joint in closure_joints}
+            if label in used_names or label in names:
+                label = f"loop{index + 1}_closure"
+            first_body, T_first = self.body_of_link[first_link]
+            second_body, T_second = self.body_of_link[second_link]
+            if first_body == second_body:
+                text = f"'{first_name}' and '{second_name}' are on the same body, '{first_body}'"
+                raise SourceError(f"{self.closure_file}: closed_loop: {text}")
+            closure_joints.append(Joint(label, kind, first_body, second_body, T_first, T_second))
+        return closure_joints
 
     def _inertia(self, name: str, link: Element) -> Inertia | None:
         where = f"link '{name}'"
         element = link.find("inertial")
         if element is None:
             return None
-        T = origin(self.xml, element, where)
+        T_link_com = origin(self.xml, element, where)
         mass = element.find("mass")
         tensor = element.find("inertia")
         if mass is None or tensor is None:
@@ -675,10 +721,11 @@ class _Urdf:
             self.findings.warn("inertia", text, name)
             return None
         kilograms = self.xml.number(where, "mass", mass.get("value"))
-        R = T[:3, :3]
+        R = T_link_com[:3, :3]
         I = R @ self.xml.tensor(where, tensor.get) @ R.T  # noqa: E741
         # The mean with the transpose is symmetric in all digits, which rotations by rounded matrices are not.
-        return possible(Inertia(kilograms, T[:3, 3], 0.5 * (I + I.T)), name, self.findings)
+        symmetric = 0.5 * (I + I.T)
+        return possible(Inertia(kilograms, T_link_com[:3, 3], symmetric), name, self.findings)
 
 
 def read(path: Path, options: Options) -> Imported:

@@ -52,7 +52,7 @@ def read_bounds(xml: Xml, name: str, joint: Element, findings: Findings) -> Join
         if low is not None and high is not None:
             soft = limits(xml.path, low, high, name, findings)
     if hard is not None and soft is not None:
-        soft = _within(hard, soft, name, findings)
+        soft = _clipped(hard, soft, name, findings)
     return JointBounds(hard, soft, max_speed, max_effort)
 
 
@@ -87,23 +87,22 @@ def _hard_limits(
     return limits(xml.path, low, high, name, findings)
 
 
-def _within(
+def _clipped(
     hard: tuple[float, float], soft: tuple[float, float], name: str, findings: Findings
 ) -> tuple[float, float] | None:
     """Return the soft limits, clipped to the hard limits; None if the two intervals do not overlap."""
     low, high = hard
-    first, last = soft
-    if low <= first and last <= high:
+    soft_low, soft_high = soft
+    if low <= soft_low and soft_high <= high:
         return soft
-    clipped_low = max(low, first)
-    clipped_high = min(high, last)
-    overlap = clipped_low < clipped_high
-    done = "clipped to the limits" if overlap else "left out"
+    clipped: tuple[float, float] | None = (max(low, soft_low), min(high, soft_high))
+    outcome = "clipped to the limits"
+    if clipped[0] >= clipped[1]:
+        clipped = None
+        outcome = "left out"
     text = (
-        f"joint '{name}': the soft limits {first:g} .. {last:g} exceed the limits {low:g} .. {high:g}; the soft "
-        f"limits are {done}."
+        f"joint '{name}': the soft limits {soft_low:g} .. {soft_high:g} exceed the limits {low:g} .. {high:g}; the "
+        f"soft limits are {outcome}."
     )
     findings.note("soft_limits", text, name)
-    if not overlap:
-        return None
-    return clipped_low, clipped_high
+    return clipped

@@ -31,8 +31,7 @@ TYPES: dict[str, JointType] = {"6d": "fixed", "3d": "spherical"}
 
 _KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type", "home", "coupling")
 
-_UNIVERSAL = tuple(f"UJOINT_{axes}" for axes in ("XY", "XZ", "YX", "YZ", "ZX", "ZY"))
-RETYPED = ("SPHERICAL", "FIXED", *_UNIVERSAL)
+RETYPED = ("SPHERICAL", "FIXED", "UJOINT_XY", "UJOINT_XZ", "UJOINT_YX", "UJOINT_YZ", "UJOINT_ZX", "UJOINT_ZY")
 """Joint types that can replace the type of a URDF joint."""
 
 
@@ -58,7 +57,7 @@ def read_closures(path: Path) -> Closures:
     Raises:
         SourceError: the file is invalid; the message names file, key and expected form.
     """
-    data = _data(path)
+    data = _parse(path)
     if not isinstance(data, dict):
         raise SourceError(f"{path}: expected the keys closed_loop, type and name_mot")
     for key in data:
@@ -109,7 +108,7 @@ def _home(path: Path, data: dict) -> dict[str, float]:
 
 
 def _couplings(path: Path, data: dict) -> tuple[tuple[str, tuple[str, ...], tuple[float, ...], float], ...]:
-    out = []
+    couplings = []
     for name, entry in _table(path, data, "coupling").items():
         where = f"{path}: coupling '{name[:40]}'"
         if not isinstance(entry, dict) or set(entry) != {"joints", "ratios", "sum"}:
@@ -122,8 +121,8 @@ def _couplings(path: Path, data: dict) -> tuple[tuple[str, tuple[str, ...], tupl
             raise SourceError(f"{where}: expected two or more joints, a number in ratios for each of them, and a sum")
         if not all(ratios):
             raise SourceError(f"{where}: a ratio is 0; omit its joint")
-        out.append((name, tuple(joints), tuple(map(float, ratios)), float(entry["sum"])))
-    return tuple(out)
+        couplings.append((name, tuple(joints), tuple(map(float, ratios)), float(entry["sum"])))
+    return tuple(couplings)
 
 
 def _is_pair_of_names(value: Any) -> bool:
@@ -153,37 +152,38 @@ def _distinct(path: Path, key: str, names: list) -> None:
             raise SourceError(f"{path}: {key}: '{name}' is listed twice")
 
 
-def _json(text: str) -> JsonObject | None:
+def _parse_json_lines(text: str) -> JsonObject | None:
     """Return the content of a text whose lines are `key: value` with values in JSON; None if it has other lines."""
-    out: JsonObject = {}
+    content: JsonObject = {}
     for line in text.splitlines():
         if not line.strip() or line.startswith("#"):
             continue
         key, colon, value = line.partition(": ")
-        if not colon or key in out or not key.isidentifier():
+        if not colon or key in content or not key.isidentifier():
             return None
         try:
-            out[key] = json.loads(value)
+            content[key] = json.loads(value)
         except (ValueError, RecursionError):
             return None
-    return out
+    return content
 
 
-def _data(path: Path) -> Any:
+def _parse(path: Path) -> Any:
     try:
         text = read_text(path, "YAML")
     except OSError as error:
         raise SourceError(f"{path}: cannot be read ({error.strerror or error})") from error
     except UnicodeDecodeError as error:
         raise SourceError(_not_yaml(path, error)) from error
-    content = _json(text)
+    content = _parse_json_lines(text)
     if content:  # without the package yaml, which is optional
         return content
     yaml = require("yaml", f"{path}: a closure YAML")
     try:
         # Repeated aliases may expand to data far larger than the file.
-        if any(isinstance(t, yaml.AliasToken) for t in yaml.scan(text, yaml.SafeLoader)):
-            raise SourceError(f"{path}: aliases (*name) are not supported; write the full list instead")
+        for token in yaml.scan(text, yaml.SafeLoader):
+            if isinstance(token, yaml.AliasToken):
+                raise SourceError(f"{path}: aliases (*name) are not supported; write the full list instead")
         return yaml.safe_load(text)
     except (yaml.YAMLError, ValueError, RecursionError, TypeError) as error:
         raise SourceError(_not_yaml(path, error)) from error

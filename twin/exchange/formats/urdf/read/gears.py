@@ -40,8 +40,8 @@ def read_gears(
         if _has_offset(xml, where, transmission):
             text = f"{where}: the offset is not imported; motor and joint get the same zero position."
             findings.warn("gear", text, label)
-        single = len(names) == len(actuators) == len(ratios) == 1 and ratios[0] != 0
-        if single and names[0] in driven and names[0] not in gears and names[0] not in retyped:
+        is_simple = len(names) == len(actuators) == len(ratios) == 1 and ratios[0] != 0
+        if is_simple and names[0] in driven and names[0] not in gears and names[0] not in retyped:
             # The name can be that of a part of a universal joint, which is no element of the file.
             element = joints.get(names[0])
             if ratios[0] != 1 and element is not None and element.get("type") in MOVING:
@@ -64,8 +64,8 @@ def _ratios(xml: Xml, where: str, transmission: Element, findings: Findings) -> 
         try:
             ratio = xml.number(where, element.tag, element.text, 1.0)
         except SourceError:
-            shown = " ".join(str(element.text).split())[:80]
-            text = f"{where}: mechanicalReduction '{shown}' is not a number; 1 is used."
+            excerpt = " ".join(str(element.text).split())[:80]
+            text = f"{where}: mechanicalReduction '{excerpt}' is not a number; 1 is used."
             findings.warn("gear", text, where)
             ratio = 1.0
         ratios.append(ratio)
@@ -73,11 +73,11 @@ def _ratios(xml: Xml, where: str, transmission: Element, findings: Findings) -> 
 
 
 def _has_offset(xml: Xml, where: str, transmission: Element) -> bool:
-    found = False
+    has_offset = False
     for element in transmission.iter("offset"):  # all of them: each must be a number
         if xml.number(where, element.tag, element.text, 0.0):
-            found = True
-    return found
+            has_offset = True
+    return has_offset
 
 
 def _all_fixed(names: Sequence[str], joints: Mapping[str, Element]) -> bool:

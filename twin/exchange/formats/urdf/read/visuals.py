@@ -32,7 +32,7 @@ class Visuals:
     def __init__(self, xml: Xml, findings: Findings) -> None:
         self.xml = xml
         self.findings = findings
-        self.taken: dict[str, int] = {}
+        self.shape_counts: dict[str, int] = {}
         self.colors: dict[str, Color] = {}
         for material in xml.root.findall("material"):
             where = f"material '{material.get('name')}'"
@@ -81,17 +81,17 @@ class Visuals:
             shape = geometry[0]
             if shape.tag == "mesh":
                 scale = self._scale(shape, where)
-                solid = mesh_file(shape.get("filename", ""), self.xml.path.parent, scale, name, self.findings)
+                triangle_mesh = mesh_file(shape.get("filename", ""), self.xml.path.parent, scale, name, self.findings)
             elif shape.tag in SIZES:
-                solid = sized(self.xml, where, shape.tag, shape.get, self.findings)
+                triangle_mesh = sized(self.xml, where, shape.tag, shape.get, self.findings)
             else:
                 self.xml.fail(where, unknown("shape", str(shape.tag), (*SIZES, "mesh")))
-            if solid is None:
+            if triangle_mesh is None:
                 continue
-            vertices, triangles = solid
+            vertices, triangles = triangle_mesh
             # Counted over all links, because different names of links may become the same identifier.
-            number = self.taken.get(stem, 0) + 1
-            self.taken[stem] = number
+            number = self.shape_counts.get(stem, 0) + 1
+            self.shape_counts[stem] = number
             label = stem if number == 1 else f"{stem}_{number}"
             material = element.find("material")
             if material is not None:

@@ -15,7 +15,7 @@ from pathlib import Path
 from twin.model.joint import Joint
 from twin.model.mechanism import Coupling
 
-_TYPE = {"spherical": "3d"}
+_CLOSURE_TYPE = {"spherical": "3d"}
 """Closure type of a joint that closes a loop; all types but a ball: 6d."""
 
 
@@ -32,17 +32,23 @@ def write_closures(
     `cut` contains the joints that close loops, `couplings` those that the URDF cannot hold, `driven` the names of the
     driven joints, `home` the values in m and rad of the joints of the URDF in the posture with all loops closed.
     """
-    held = {}
-    for c in couplings:
-        held[c.name] = {"joints": list(c.joints), "ratios": [float(r) for r in c.ratios], "sum": float(c.total)}
+    link_pairs = []
+    closure_types = []
+    for joint in cut:
+        link_pairs.append(list(ends(joint)))
+        closure_types.append(_CLOSURE_TYPE.get(joint.type, "6d"))
     lines = [
         "# The loops of the URDF of the same name, for `twin new` and readers of Gepetto's example-parallel-robots.",
-        f"closed_loop: {json.dumps([list(ends(j)) for j in cut])}",
-        f"type: {json.dumps([_TYPE.get(j.type, '6d') for j in cut])}",
+        f"closed_loop: {json.dumps(link_pairs)}",
+        f"type: {json.dumps(closure_types)}",
         f"name_mot: {json.dumps(list(driven))}",
         f"home: {json.dumps(dict(home))}",
     ]
-    if held:
-        lines.append(f"coupling: {json.dumps(held)}")
+    entries = {}
+    for coupling in couplings:
+        ratios = list(map(float, coupling.ratios))  # json knows no numbers of NumPy
+        entries[coupling.name] = {"joints": list(coupling.joints), "ratios": ratios, "sum": float(coupling.total)}
+    if entries:  # readers of Gepetto's files do not know the key
+        lines.append(f"coupling: {json.dumps(entries)}")
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path

@@ -50,7 +50,7 @@ def tree_coordinates(mechanism: Mechanism, links: Mapping[str, Array]) -> list[C
             continue
         R_home = joint.relative(home[joint.parent], home[joint.child])[:3, :3]
         angles = spatial.euler_angles(R_home.T @ T[:, :3, :3], "xyz")
-        for i, axis in enumerate("xyz"):
+        for axis, axis_angles in zip("xyz", angles.T, strict=True):
             # Without unwrapping, a player would turn the joint back by a whole turn between two keys.
-            coordinates.append(Coordinate(f"{joint.name}_{axis}", "revolute", np.unwrap(angles[:, i])))
+            coordinates.append(Coordinate(f"{joint.name}_{axis}", "revolute", np.unwrap(axis_angles)))
     return coordinates
