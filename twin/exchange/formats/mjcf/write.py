@@ -45,6 +45,9 @@ PIN = 0.05
 CARRIER = Inertia(1e-3, np.zeros(3), 1e-7 * np.eye(3))
 """Inertia of the auxiliary body (carrier) of a loop closure with a slide."""
 
+SITE_SIZE = "0.002"
+"""Radius in m with which sites are displayed."""
+
 STIFF = {"solref": "0.001 1", "solimp": "0.9999 0.9999 0.001 0.5 2"}
 """Solver parameters of the equality constraints. With the softer defaults of MuJoCo, loops open under load."""
 
@@ -100,15 +103,24 @@ def mjcf_text(mechanism: Mechanism) -> str:
 def mjcf_findings(mechanism: Mechanism) -> list[Finding]:
     """Return findings on differences between the MJCF and the mechanism; the MJCF contains the same findings."""
     file = f"{mechanism.name}.xml"
-    found = [*unweighed(mechanism, file), *partly_shown(mechanism, file)]
-    found += motors_left_out(mechanism, file, "max_speed")
+    findings = [*unweighed(mechanism, file), *partly_shown(mechanism, file)]
+    findings += motors_left_out(mechanism, file, "max_speed")
     # MJCF can limit the rotation angle of a ball joint, but not the cone of its axis.
     fields = ("soft_limits", "max_speed", "max_acceleration", "max_jerk", "cone")
-    return [*found, *left_out(mechanism, file, *fields)]
+    return [*findings, *left_out(mechanism, file, *fields)]
 
 
 class _Writer:
-    """Builder of the MJCF document: writes the tree of bodies, and collects the elements of all other sections."""
+    """Builder of the MJCF document: writes the tree of bodies, and collects the elements of all other sections.
+
+    Attributes:
+        spanning: the joints of the tree, and those at which loops are cut.
+        home, efforts: the state at home, and the efforts {joint: N or N m} that hold the robot there.
+        sites: {body: [(site, T_body_site)]} at the ends of welds.
+        carriers: {body: loop joints with a slide, each of which needs an auxiliary body on it}.
+        qpos: MuJoCo's coordinates at home, in the order in which joints are written.
+        root: the element <mujoco>.
+    """
 
     def __init__(self, mechanism: Mechanism) -> None:
         from twin.reference import ReferenceModel
@@ -131,38 +143,49 @@ class _Writer:
         if mechanism.gravity != EARTH:
             option.set("gravity", numbers(mechanism.gravity))
         asset = ET.SubElement(root, "asset")
-        for look in dict.fromkeys(mechanism.materials.values()):
-            finish = {"metallic": numbers([look.finish.metallic]), "roughness": numbers([look.finish.roughness])}
-            ET.SubElement(asset, "material", {"name": look.name, "rgba": srgb(look.color_rgba), **finish})
+        for material in dict.fromkeys(mechanism.materials.values()):  # meshes share materials: each is written once
+            attributes = {
+                "name": material.name,
+                "rgba": srgb(material.color_rgba),
+                "metallic": numbers([material.finish.metallic]),
+                "roughness": numbers([material.finish.roughness]),
+            }
+            ET.SubElement(asset, "material", attributes)
         for body in mechanism.bodies:
             for mesh in body.meshes:
                 # inertia="shell" accepts open meshes; masses come from <inertial>, not from meshes.
                 ET.SubElement(asset, "mesh", name=mesh.name, file=mesh_file(mesh), scale=SCALE, inertia="shell")
         equality = ET.Element("equality")
         for joint in self.spanning.cut:
-            self._tie(equality, joint)
-        self.still = self._still()
+            self._close_loop(equality, joint)
+        self.fixed_to_base = self._bodies_fixed_to_base()
         top = ET.SubElement(root, "worldbody")
         self._body(top, mechanism.base, None)
         for joint in self.spanning.tree:
-            if self._floats(joint):
+            if self._is_freejoint(joint):
                 self._body(top, joint.child, joint)
+        # The order of the sections: tendons of couplings come before those of motors.
         self._couplings(equality)
         self._motors()
         root.append(equality)
         self._actuators()
 
     def _body(self, parent: ET.Element, name: str, joint: Joint | None) -> None:
-        T = np.eye(4) if joint is None else self._relative(joint.parent, joint.child)
-        if joint is not None and self._floats(joint):
-            T = self._relative(self.mechanism.base, joint.child)
+        """Write a body and all bodies below it into `parent`; `joint` connects it to its parent, None at the base."""
+        T = np.eye(4)
+        if joint is not None:
+            T = self._body_pose(joint.parent, joint.child)
+            if self._is_freejoint(joint):
+                T = self._body_pose(self.mechanism.base, joint.child)
         # MuJoCo's own fixed body has the name "world"; a base of that name is written as this body.
-        world = joint is None and name == WORLD
-        element = parent if world else ET.SubElement(parent, "body", {"name": name, **_place(T)})
+        is_world = joint is None and name == WORLD
+        element = parent
+        if not is_world:
+            element = ET.SubElement(parent, "body", {"name": name, **_pos_and_quat(T)})
         body = self.mechanism.body(name)
         if joint is not None:
             self._joint(element, joint)
-        if not world and (joint is not None or body.inertia is not None):
+        if not is_world and (joint is not None or body.inertia is not None):
             _inertial(element, inertia_of(body))
         for mesh in body.meshes:
             # Adjacent links overlap at joints: links collide with the world (contype 1), not with each other.
@@ -176,84 +199,98 @@ class _Writer:
                 "conaffinity": "0" if flat(mesh.vertices) else "1",
             }
             ET.SubElement(element, "geom", shape)
-        marks = [(f"frame_{f.name}", f.T_body_frame) for f in self.mechanism.frames if f.body == name]
-        marks += [(f"point_{p.name}", spatial.pose(p=p.p_body)) for p in self.mechanism.points if p.body == name]
-        for site, at in [*marks, *self.sites.get(name, [])]:
-            ET.SubElement(element, "site", {"name": site, "size": "0.002", **_place(at)})
+        for site, T_body_site in self._sites(name):
+            ET.SubElement(element, "site", {"name": site, "size": SITE_SIZE, **_pos_and_quat(T_body_site)})
         for child in self.spanning.tree:
-            if child.parent == name and not self._floats(child):
+            if child.parent == name and not self._is_freejoint(child):
                 self._body(element, child.child, child)
         for slide in self.carriers.get(name, []):
-            T = slide.T_parent_joint @ self._motion(slide)
-            carrier = ET.SubElement(element, "body", {"name": f"{slide.name}_carrier", **_place(T)})
+            T = slide.T_parent_joint @ self._joint_pose(slide)
+            carrier = ET.SubElement(element, "body", {"name": f"{slide.name}_carrier", **_pos_and_quat(T)})
             carrier.set("gravcomp", "1")  # no part of the robot: no drive has to hold its weight
-            self._moves(carrier, slide, np.eye(4))
+            self._axis_joints(carrier, slide, np.eye(4))
             _inertial(carrier, CARRIER)
-            ET.SubElement(carrier, "site", name=f"{slide.name}_0_parent", size="0.002")
+            ET.SubElement(carrier, "site", name=f"{slide.name}_0_parent", size=SITE_SIZE)
 
-    def _still(self) -> set[str]:
+    def _sites(self, body: str) -> list[tuple[str, Array]]:
+        """Return (name, T_body_site) of the sites of a body: its frames, its points, and ends of welds."""
+        sites: list[tuple[str, Array]] = []
+        for frame in self.mechanism.frames:
+            if frame.body == body:
+                sites.append((f"frame_{frame.name}", frame.T_body_frame))
+        for point in self.mechanism.points:
+            if point.body == body:
+                sites.append((f"point_{point.name}", spatial.pose(p=point.p_body)))
+        return sites + self.sites.get(body, [])
+
+    def _bodies_fixed_to_base(self) -> set[str]:
         """Return the bodies that only fixed joints of the tree connect with the base."""
-        out = {self.mechanism.base}
+        bodies = {self.mechanism.base}
         for joint in self.spanning.tree:  # outwards
-            if joint.type == "fixed" and joint.parent in out:
-                out.add(joint.child)
-        return out
+            if joint.type == "fixed" and joint.parent in bodies:
+                bodies.add(joint.child)
+        return bodies
 
-    def _floats(self, joint: Joint) -> bool:
+    def _is_freejoint(self, joint: Joint) -> bool:
         """Return whether a joint is written as a freejoint: MuJoCo has free bodies only in the world."""
-        return joint.type == "free" and joint.parent in self.still
+        return joint.type == "free" and joint.parent in self.fixed_to_base
 
     def _joint(self, element: ET.Element, joint: Joint) -> None:
-        if self._floats(joint):
+        if self._is_freejoint(joint):
             ET.SubElement(element, "freejoint", name=joint.name)
-            T = self._relative(self.mechanism.base, joint.child)
+            T = self._body_pose(self.mechanism.base, joint.child)
             self.qpos += [*T[:3, 3].tolist(), *spatial.quat_from_matrix_wxyz(T[:3, :3]).tolist()]
             return
         if joint.type == "free":
-            at = joint.T_child_joint
-            for name, axis in zip("xyz", at[:3, :3].T, strict=True):
-                line = {"pos": numbers(at[:3, 3]), "axis": numbers(axis)}
-                ET.SubElement(element, "joint", {"name": f"{joint.name}_{name}", "type": "slide", **line})
+            pos = numbers(joint.T_child_joint[:3, 3])
+            for name, axis in zip("xyz", joint.T_child_joint[:3, :3].T, strict=True):
+                attributes = {"name": f"{joint.name}_{name}", "type": "slide", "pos": pos, "axis": numbers(axis)}
+                ET.SubElement(element, "joint", attributes)
                 self.qpos.append(0.0)
         elif joint.type != "spherical":
-            self._moves(element, joint, joint.T_child_joint)
+            self._axis_joints(element, joint, joint.T_child_joint)
             return
         ET.SubElement(element, "joint", name=joint.name, type="ball", pos=numbers(joint.T_child_joint[:3, 3]))
         self.qpos += [1.0, 0.0, 0.0, 0.0]
 
-    def _moves(self, element: ET.Element, joint: Joint, T_body_joint: Array) -> None:
+    def _axis_joints(self, element: ET.Element, joint: Joint, T_body_joint: Array) -> None:
         """Write a joint as a slide, a hinge, or both. The axis is z of the joint's frame on the moving body."""
-        T = self._motion(joint)
-        for kind, axis, value in (
-            ("slide", 2, T[2, 3]),
-            ("hinge", 5, self.home.q_full.get(joint.name, float(np.arctan2(T[1, 0], T[0, 0])))),
-        ):
+        T = self._joint_pose(joint)
+        # The solved coordinate may be beyond half a turn, where the angle of the pose is another one.
+        angle = self.home.q_full.get(joint.name, float(np.arctan2(T[1, 0], T[0, 0])))
+        # 2 and 5 are the translation along z and the rotation about z.
+        for kind, axis, value in (("slide", 2, T[2, 3]), ("hinge", 5, angle)):
             if axis not in joint.free_axes:
                 continue
-            name = f"{joint.name}_slide" if joint.type == "cylindrical" and kind == "slide" else joint.name
-            line = {"pos": numbers(T_body_joint[:3, 3]), "axis": numbers(T_body_joint[:3, 2])}
-            out = ET.SubElement(element, "joint", {"name": name, "type": kind, **line})
+            name = joint.name
+            if joint.type == "cylindrical" and kind == "slide":
+                name = f"{joint.name}_slide"
+            pos = numbers(T_body_joint[:3, 3])
+            attributes = {"name": name, "type": kind, "pos": pos, "axis": numbers(T_body_joint[:3, 2])}
+            joint_element = ET.SubElement(element, "joint", attributes)
             if value:
-                out.set("ref", numbers([value]))
+                joint_element.set("ref", numbers([value]))
             if joint.limits is not None:
-                out.set("range", numbers(joint.limits))
+                joint_element.set("range", numbers(joint.limits))
             self.qpos.append(float(value))
 
-    def _relative(self, parent: str, child: str) -> Array:
+    def _body_pose(self, parent: str, child: str) -> Array:
         """Return T_parent_child (4, 4) of two bodies at home."""
         return spatial.inverse(self.home.link_poses[parent]) @ self.home.link_poses[child]
 
-    def _motion(self, joint: Joint) -> Array:
+    def _joint_pose(self, joint: Joint) -> Array:
         """Return the pose (4, 4) of the joint's child frame in its parent frame, at home."""
         return joint.relative(self.home.link_poses[joint.parent], self.home.link_poses[joint.child])
 
-    def _tie(self, equality: ET.Element, joint: Joint) -> None:
+    def _close_loop(self, equality: ET.Element, joint: Joint) -> None:
         """Add the equality constraint of a loop closure, and store the sites and carriers that it needs."""
-        for n, along in enumerate({"spherical": (0.0,), "revolute": (-PIN / 2, PIN / 2)}.get(joint.type, ())):
-            anchor = numbers(joint.T_parent_joint[:3, 3] + along * joint.T_parent_joint[:3, 2])
-            tied = {"body1": joint.parent, "body2": joint.child, "anchor": anchor}
-            ET.SubElement(equality, "connect", {"name": f"{joint.name}_{n}", **tied, **STIFF})
         if joint.type in ("spherical", "revolute"):
+            # One common point leaves a ball; two on the axis leave a hinge.
+            distances = (-PIN / 2, PIN / 2) if joint.type == "revolute" else (0.0,)
+            for index, distance in enumerate(distances):
+                anchor = numbers(joint.T_parent_joint[:3, 3] + distance * joint.T_parent_joint[:3, 2])
+                bodies = {"body1": joint.parent, "body2": joint.child, "anchor": anchor}
+                ET.SubElement(equality, "connect", {"name": f"{joint.name}_{index}", **bodies, **STIFF})
             return
         ends = {"site1": f"{joint.name}_0_parent", "site2": f"{joint.name}_0_child"}
         self.sites.setdefault(joint.child, []).append((ends["site2"], joint.T_child_joint))
@@ -272,79 +309,89 @@ class _Writer:
             for name, ratio in zip(coupling.joints, coupling.ratios, strict=True):
                 ET.SubElement(tendon, "joint", joint=name, coef=numbers([ratio]))
             # MuJoCo measures the length relative to the joints' `ref`, where the coupling is satisfied.
-            line = {"name": coupling.name, "tendon1": coupling.name, "polycoef": "0 0 0 0 0"}
-            ET.SubElement(equality, "tendon", {**line, **STIFF})
+            attributes = {"name": coupling.name, "tendon1": coupling.name, "polycoef": "0 0 0 0 0"}
+            ET.SubElement(equality, "tendon", {**attributes, **STIFF})
 
     def _motors(self) -> None:
         """Write a tendon for each motor, and a <tuple> for each transmission with its joints and motors."""
-        m = self.mechanism
-        if not m.transmissions:
+        mechanism = self.mechanism
+        if not mechanism.transmissions:
             return
         self.root.append(ET.Comment(f" {MOTORS} "))
-        tendons = self.root.find("tendon")
-        tendons = ET.SubElement(self.root, "tendon") if tendons is None else tendons
+        tendons = self.root.find("tendon")  # there is one if the robot has couplings
+        if tendons is None:
+            tendons = ET.SubElement(self.root, "tendon")
         custom = ET.SubElement(self.root, "custom")
-        for t in m.transmissions:
-            group = ET.Element("tuple", name=t.name)
-            for kind, names in (("joint", t.joints), ("actuator", t.actuators)):
+        for transmission in mechanism.transmissions:
+            tuple_element = ET.Element("tuple", name=transmission.name)
+            for kind, names in (("joint", transmission.joints), ("actuator", transmission.actuators)):
                 for name in names:
-                    ET.SubElement(group, "element", objtype=kind, objname=name)
-            custom.append(group)
-            for motor, row in zip(map(m.actuator, t.actuators), t.inverse, strict=True):
+                    ET.SubElement(tuple_element, "element", objtype=kind, objname=name)
+            custom.append(tuple_element)
+            for motor, row in zip(map(mechanism.actuator, transmission.actuators), transmission.inverse, strict=True):
                 ET.SubElement(custom, "text", name=motor.name, data=motor.kind)
                 tendon = ET.SubElement(tendons, "fixed", name=motor.name)
                 if motor.limits is not None:
                     tendon.set("range", numbers(motor.limits))
                 if motor.rotor_inertia is not None:
                     tendon.set("armature", f"{motor.rotor_inertia:.12g}")
-                for joint, coefficient in zip(t.joints, row, strict=True):
+                for joint, coefficient in zip(transmission.joints, row, strict=True):
                     if coefficient:
                         ET.SubElement(tendon, "joint", joint=joint, coef=f"{coefficient:.12g}")
 
     def _actuators(self) -> None:
         """Write an actuator for each motor; it drives a joint directly or, with a transmission, pulls a tendon."""
         self.root.append(ET.Comment(f" {CONTROLS} "))
-        actuator = ET.SubElement(self.root, "actuator")
+        actuators = ET.SubElement(self.root, "actuator")
         control = []
-        m = self.mechanism
-        q_home = np.array([self.home.q_full[joint.name] for joint in m.active])
-        joint_efforts = np.array([self.efforts[joint.name] for joint in m.active])
-        homes = m.motors(q_home).tolist()
-        efforts = m.motor_efforts(joint_efforts).tolist()
-        for joint, name, home, effort in zip(m.active, m.motor_names, homes, efforts, strict=True):
-            direct = name == joint.name
-            servo, limits = (joint.drive, joint.limits) if direct else (m.actuator(name), m.actuator(name).limits)
-            if direct and servo is not None and not servo.stiffness:
-                servo = None
-            line = {"name": name, "joint" if direct else "tendon": name}
+        mechanism = self.mechanism
+        q_home = np.array([self.home.q_full[joint.name] for joint in mechanism.active])
+        joint_efforts = np.array([self.efforts[joint.name] for joint in mechanism.active])
+        motor_homes = mechanism.motors(q_home).tolist()
+        efforts = mechanism.motor_efforts(joint_efforts).tolist()
+        for joint, name, home, effort in zip(
+            mechanism.active, mechanism.motor_names, motor_homes, efforts, strict=True
+        ):
+            if name == joint.name:  # without a transmission, the drive of the joint is its motor
+                servo = joint.drive
+                limits = joint.limits
+                attributes = {"name": name, "joint": name}
+                if servo is not None and not servo.stiffness:
+                    servo = None
+            else:
+                servo = mechanism.actuator(name)
+                limits = servo.limits
+                attributes = {"name": name, "tendon": name}
             if servo is None or servo.stiffness is None:
-                out = ET.SubElement(actuator, "motor", line)
+                element = ET.SubElement(actuators, "motor", attributes)
                 control.append(effort)
             else:
                 # Position servo of MuJoCo; force = kp (ctrl + home - q) - kv dq/dt + effort at home.
-                kp, kv = servo.stiffness, servo.damping
-                bias = f"{numbers([kp * home + effort])} {gains([-kp, -kv])}"
+                kp = servo.stiffness
+                bias = f"{numbers([kp * home + effort])} {gains([-kp, -servo.damping])}"
                 law = {"gainprm": gains([kp]), "biastype": "affine", "biasprm": bias}
-                out = ET.SubElement(actuator, "general", {**line, **law})
+                element = ET.SubElement(actuators, "general", {**attributes, **law})
                 if limits is not None:
-                    out.set("ctrlrange", numbers([end - home for end in limits]))
+                    low, high = limits
+                    element.set("ctrlrange", numbers([low - home, high - home]))
                 control.append(0.0)
             if servo is not None and servo.max_effort is not None:
-                out.set("forcerange", gains([-servo.max_effort, servo.max_effort]))
+                element.set("forcerange", gains([-servo.max_effort, servo.max_effort]))
         keyframe = ET.SubElement(self.root, "keyframe")
         ET.SubElement(keyframe, "key", name="home", qpos=numbers(self.qpos), ctrl=numbers(control))
 
 
-def _place(T: Array) -> dict[str, str]:
+def _pos_and_quat(T: Array) -> dict[str, str]:
     return {"pos": numbers(T[:3, 3]), "quat": numbers(spatial.quat_from_matrix_wxyz(T[:3, :3]))}
 
 
 def _inertial(element: ET.Element, inertia: Inertia) -> None:
     I = inertia.I_com  # noqa: E741 - the symbol of the field
     # Twelve significant digits, not decimals, because real products of inertia can be a few 1e-9 kg m2.
-    six = (I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2])
-    full = " ".join(f"{value:.12g}" for value in six)
-    ET.SubElement(element, "inertial", pos=numbers(inertia.p_body_com), mass=f"{inertia.mass:.12g}", fullinertia=full)
+    components = (I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2])
+    fullinertia = " ".join(map("{:.12g}".format, components))
+    mass = f"{inertia.mass:.12g}"
+    ET.SubElement(element, "inertial", pos=numbers(inertia.p_body_com), mass=mass, fullinertia=fullinertia)
 
 
 def write(order: Order, folder: Path) -> list[Finding]:

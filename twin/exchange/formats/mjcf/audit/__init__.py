@@ -63,22 +63,22 @@ def read(path: Path, ledger: Ledger, context: Context) -> Content:
 
 def content_of(file: MujocoFile, ledger: Ledger) -> Content:
     """Return what an MJCF file contains, without motions, in the form of all formats."""
-    m = file.model
+    model = file.model
     content = Content(ledger, "mjcf")
     content.facts = {
         "units": "m (MuJoCo)",
-        "up_axis": "Z" if m.opt.gravity[2] < 0 else "?",
+        "up_axis": "Z" if model.opt.gravity[2] < 0 else "?",
         "handedness": "right (MuJoCo)",
     }
     content.rest = _rest_poses(file)
     content.shapes = file.shapes
-    content.colors, content.finishes = surface_colors(m)
-    physics = compiled_physics(m, file.bodies)
+    content.colors, content.finishes = surface_colors(model)
+    physics = compiled_physics(model, file.bodies)
     physics.further, physics.contact = further(file.spec)
-    physics.collides = _colliding(m)
+    physics.collides = _colliding(model)
     physics.robot = _robot_name(file.spec)
     physics.assumed = assumed_masses(file.path)
-    physics.partly_shown = partly_shown(file.path) | _partly_read(m)
+    physics.partly = partly_shown(file.path) | _partly_read(model)
     content.physics = physics
     return content
 
@@ -110,23 +110,23 @@ def _robot_name(spec: mujoco.MjSpec) -> str:
     return "" if name == mujoco.MjSpec().modelname else name
 
 
-def _colliding(m: mujoco.MjModel) -> dict[str, bool]:
+def _colliding(model: mujoco.MjModel) -> dict[str, bool]:
     """Return {body: True} of the bodies with a shape that can collide."""
-    out = {}
-    for g in range(m.ngeom):
-        if m.geom_contype[g] or m.geom_conaffinity[g]:
-            out[m.body(int(m.geom_bodyid[g])).name] = True
-    return out
+    colliding = {}
+    for geom in range(model.ngeom):
+        if model.geom_contype[geom] or model.geom_conaffinity[geom]:
+            colliding[model.body(int(model.geom_bodyid[geom])).name] = True
+    return colliding
 
 
-def _partly_read(m: mujoco.MjModel) -> frozenset[str]:
+def _partly_read(model: mujoco.MjModel) -> frozenset[str]:
     """Return the names of bodies without a shape that collides, or with a shape that is not a mesh and is not read."""
     names: set[str] = set()
-    for body in range(m.nbody):
-        first = m.body_geomadr[body]
-        end = first + m.body_geomnum[body]
-        collides = m.geom_contype[first:end].any() or m.geom_conaffinity[first:end].any()
-        has_only_meshes = (m.geom_type[first:end] == mujoco.mjtGeom.mjGEOM_MESH).all()
+    for body in range(model.nbody):
+        first = model.body_geomadr[body]
+        end = first + model.body_geomnum[body]
+        collides = model.geom_contype[first:end].any() or model.geom_conaffinity[first:end].any()
+        has_only_meshes = (model.geom_type[first:end] == mujoco.mjtGeom.mjGEOM_MESH).all()
         if not collides or not has_only_meshes:
-            names.add(m.body(body).name)
+            names.add(model.body(body).name)
     return frozenset(names)

@@ -27,6 +27,12 @@ _TESTED = {"timestep": 0.001, "iterations": 100, "tolerance": 1e-12}
 _SPRING = (0.001, 1.0, 0.9999, 0.9999, 0.001, 0.5, 2.0)
 """solref and solimp of the equality constraints in these tests."""
 
+_OPTION_ROUNDING = 1e-9
+"""Relative difference of an option from the tested one that is only rounding: files state options as they are."""
+
+_SPRING_ROUNDING = 1e-6
+"""The same for solref and solimp: MuJoCo saves six digits."""
+
 _INTEGRATOR = "discrete"
 
 _HOME = "home"
@@ -66,128 +72,132 @@ class Balance:
     weight: float
 
 
-def check_claims(text: str, m: mujoco.MjModel, balance: Balance | None, weighed: bool, ledger: Ledger) -> None:
+def check_claims(text: str, model: mujoco.MjModel, balance: Balance | None, weighed: bool, ledger: Ledger) -> None:
     """Report claims in the comments of a file that its model does not keep.
 
     Args:
         text: the file.
-        m: the compiled model.
+        model: the compiled model.
         balance: the forces at the keyframe; None without one.
         weighed: whether all masses are those of the robot, none of them assumed.
         ledger: receives the findings.
     """
     if _STEPPING.search(text):
-        _check_stepping(m, ledger)
-        _check_springs(m, ledger)
+        _check_stepping(model, ledger)
+        _check_springs(model, ledger)
     if _KINDS.search(text):
-        _check_kinds(m, ledger)
+        _check_motor_texts(model, ledger)
     if _OF_JOINTS.search(text):
-        _check_names(m, ledger)
+        _check_names(model, ledger)
     if _HOLDING.search(text):
         if balance is None:
             advice = "write the keyframe again, or remove the comment"
             message = "a comment states that a control of 0 holds the robot at home, but the file has no keyframe."
             ledger.add("mjcf.claim", "warning", message, "keyframe", suggestion=advice)
             return
-        _check_home(m, ledger)
+        _check_home(model, ledger)
         if weighed:
-            _check_holding(m, balance, ledger)
+            _check_holding(model, balance, ledger)
 
 
-def _check_home(m: mujoco.MjModel, ledger: Ledger) -> None:
+def _check_home(model: mujoco.MjModel, ledger: Ledger) -> None:
     """Report a file without the keyframe by whose name programs find the pose that the comment speaks of."""
-    names = [m.key(k).name for k in range(m.nkey)]
+    names = [model.key(k).name for k in range(model.nkey)]
     if _HOME in names:
-        _check_home_pose(m, names.index(_HOME), ledger)
+        _check_home_pose(model, names.index(_HOME), ledger)
         return
     listed = ", ".join(f"'{name}'" for name in names)
     text = f"a comment states how the robot is held at home, but no keyframe is named '{_HOME}': the file has {listed}."
     ledger.wrong("mjcf.claim", text, "keyframe", suggestion=f"name the keyframe '{_HOME}', or remove the comment")
 
 
-def _check_home_pose(m: mujoco.MjModel, k: int, ledger: Ledger) -> None:
+def _check_home_pose(model: mujoco.MjModel, key: int, ledger: Ledger) -> None:
     """Report a keyframe of home that is not at the coordinates `ref`, from which the comment counts the controls."""
-    for j in range(m.njnt):
-        first = int(m.jnt_qposadr[j])
-        end = first + _COORDINATES.get(int(m.jnt_type[j]), 1)
-        home = m.key_qpos[k, first:end]
-        ref = m.qpos0[first:end]
-        apart = float(np.abs(home - ref).max())
-        if int(m.jnt_type[j]) == _BALL:
-            apart = min(apart, float(np.abs(home + ref).max()))  # a quaternion and its negative are one rotation
-        if apart <= _SAVED * max(1.0, float(np.abs(ref).max())):
+    for joint in range(model.njnt):
+        first = int(model.jnt_qposadr[joint])
+        end = first + _COORDINATES.get(int(model.jnt_type[joint]), 1)
+        home = model.key_qpos[key, first:end]
+        ref = model.qpos0[first:end]
+        difference = float(np.abs(home - ref).max())
+        if int(model.jnt_type[joint]) == _BALL:
+            difference = min(
+                difference, float(np.abs(home + ref).max())
+            )  # a quaternion and its negative are one rotation
+        if difference <= _SAVED * max(1.0, float(np.abs(ref).max())):
             continue
-        name = m.joint(j).name or m.body(int(m.jnt_bodyid[j])).name
+        name = model.joint(joint).name or model.body(int(model.jnt_bodyid[joint])).name
         text = (
             f"keyframe '{_HOME}': joint '{name}' is at {_numbers(home)}, but a comment of the file counts controls "
             f"from home, which is {_numbers(ref)} by its ref or its body."
         )
-        size = Measured(apart, _SAVED)
+        size = Measured(difference, _SAVED)
         ledger.wrong("mjcf.claim", text, name, size=size, suggestion="write the same coordinates in both places")
 
 
 def _numbers(values: Array) -> str:
-    return " ".join(f"{value:.6g}" for value in values)
+    return " ".join(map("{:.6g}".format, values))
 
 
-def _check_kinds(m: mujoco.MjModel, ledger: Ledger) -> None:
+def _check_motor_texts(model: mujoco.MjModel, ledger: Ledger) -> None:
     """Report motors without the text that states the kind of their coordinate, or of no tuple of joints and motors."""
-    texts = {mujoco.mj_id2name(m, mujoco.mjtObj.mjOBJ_TEXT, i) for i in range(m.ntext)}
+    texts = set()
+    for number in range(model.ntext):
+        texts.add(mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_TEXT, number))
     grouped = set()
-    for k in range(sum(m.tuple_size.tolist())):
-        if m.tuple_objtype[k] == int(mujoco.mjtObj.mjOBJ_ACTUATOR):
-            grouped.add(int(m.tuple_objid[k]))
-    for a in range(m.nu):
-        if int(m.actuator_trntype[a]) != int(mujoco.mjtTrn.mjTRN_TENDON):
+    for key in range(sum(model.tuple_size.tolist())):
+        if model.tuple_objtype[key] == int(mujoco.mjtObj.mjOBJ_ACTUATOR):
+            grouped.add(int(model.tuple_objid[key]))
+    for actuator in range(model.nu):
+        if int(model.actuator_trntype[actuator]) != int(mujoco.mjtTrn.mjTRN_TENDON):
             continue
-        name = m.actuator(a).name
+        name = model.actuator(actuator).name
         lacking = []
         if name not in texts:
             lacking.append("no text that states the kind of its coordinate")
-        if int(m.tendon_num[int(m.actuator_trnid[a, 0])]) > 1 and a not in grouped:
-            lacking.append("no tuple that names its joints and motors")
+        if int(model.tendon_num[int(model.actuator_trnid[actuator, 0])]) > 1 and actuator not in grouped:
+            lacking.append("no tuple that names its joints and motors")  # of one joint, the tendon names it
         if lacking:
             text = f"motor '{name}' has {' and '.join(lacking)}; a comment of the file states that it has."
             ledger.wrong("mjcf.claim", text, name, suggestion="write the <custom> elements again")
 
 
-def _check_names(m: mujoco.MjModel, ledger: Ledger) -> None:
+def _check_names(model: mujoco.MjModel, ledger: Ledger) -> None:
     """Report an actuator with a name that is neither that of its joint nor that of any other joint.
 
     The comment states controls by their joints, so a program finds the control of a joint by the joint's name. An
     actuator with the name of another joint is reported in files without the comment too.
     """
-    joints = {m.joint(j).name for j in range(m.njnt)}
-    for a in range(m.nu):
-        if int(m.actuator_trntype[a]) != int(mujoco.mjtTrn.mjTRN_JOINT):
+    joints = {model.joint(j).name for j in range(model.njnt)}
+    for actuator in range(model.nu):
+        if int(model.actuator_trntype[actuator]) != int(mujoco.mjtTrn.mjTRN_JOINT):
             continue
-        name = m.actuator(a).name
-        joint = m.joint(int(m.actuator_trnid[a, 0])).name
+        name = model.actuator(actuator).name
+        joint = model.joint(int(model.actuator_trnid[actuator, 0])).name
         if name not in joints:
             text = f"actuator '{name}' drives joint '{joint}'; a comment of the file states controls by their joints."
             ledger.wrong("mjcf.claim", text, name, suggestion="name the actuator as its joint, or remove the comment")
 
 
-def _check_stepping(m: mujoco.MjModel, ledger: Ledger) -> None:
+def _check_stepping(model: mujoco.MjModel, ledger: Ledger) -> None:
     """Report options that are not those at which the file says that its loops were tested."""
-    own = {name: getattr(m.opt, name) for name in _TESTED}
     for name, tested in _TESTED.items():
-        if abs(own[name] - tested) > 1e-9 * tested:
-            _stepping(name, f"{own[name]:g}", f"{tested:g}", ledger)
-    known = mujoco.mjtIntegrator(m.opt.integrator).name.removeprefix("mjINT_").lower()
-    if known != _INTEGRATOR:
-        _stepping("integrator", known, _INTEGRATOR, ledger)
+        value = getattr(model.opt, name)
+        if abs(value - tested) > _OPTION_ROUNDING * tested:
+            _report_stepping(name, f"{value:g}", f"{tested:g}", ledger)
+    integrator = mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_").lower()
+    if integrator != _INTEGRATOR:
+        _report_stepping("integrator", integrator, _INTEGRATOR, ledger)
 
 
-def _check_springs(m: mujoco.MjModel, ledger: Ledger) -> None:
+def _check_springs(model: mujoco.MjModel, ledger: Ledger) -> None:
     """Report constraints that yield by other parameters than those with which the loops were tested."""
-    for e in range(m.neq):
-        own = np.concatenate([m.eq_solref[e], m.eq_solimp[e]])
-        if np.allclose(own, _SPRING, rtol=1e-6, atol=0.0):
+    for equality in range(model.neq):
+        parameters = np.concatenate([model.eq_solref[equality], model.eq_solimp[equality]])
+        if np.allclose(parameters, _SPRING, rtol=_SPRING_ROUNDING, atol=0.0):
             continue
-        name = m.equality(e).name
-        solref = " ".join(f"{number:g}" for number in own[:2])
-        solimp = " ".join(f"{number:g}" for number in own[2:])
+        name = model.equality(equality).name
+        solref = " ".join(map("{:g}".format, parameters[:2]))
+        solimp = " ".join(map("{:g}".format, parameters[2:]))
         text = (
             f"equality '{name}' has solref {solref} and solimp {solimp}; a comment of the file states that its loops "
             "stay closed, which was tested with solref 0.001 1 and solimp 0.9999 0.9999 0.001 0.5 2."
@@ -196,32 +206,32 @@ def _check_springs(m: mujoco.MjModel, ledger: Ledger) -> None:
         ledger.wrong("mjcf.claim", text, name, suggestion=advice)
 
 
-def _stepping(name: str, own: str, tested: str, ledger: Ledger) -> None:
+def _report_stepping(name: str, value: str, tested: str, ledger: Ledger) -> None:
     text = (
-        f"option {name} is {own}; a comment of the file states that its loops stay closed at this time step, with this "
-        f"integrator, which was tested with {name} {tested}."
+        f"option {name} is {value}; a comment of the file states that its loops stay closed at this time step, with "
+        f"this integrator, which was tested with {name} {tested}."
     )
     ledger.wrong("mjcf.claim", text, "option", suggestion=f"write {name} {tested}, or remove the comment")
 
 
-def _check_holding(m: mujoco.MjModel, balance: Balance, ledger: Ledger) -> None:
+def _check_holding(model: mujoco.MjModel, balance: Balance, ledger: Ledger) -> None:
     """Report the actuator that is farthest from holding the robot at its keyframe, though the file says so.
 
     An actuator at its limit is no fault of its control: it is reported by itself. Where even the right forces do not
     hold the robot, as motors without gains would have to pull, nothing can be said.
     """
-    limited = m.actuator_forcelimited.astype(bool)
-    bounds = np.abs(m.actuator_forcerange).max(axis=1, initial=0.0)
-    if np.any(limited & (np.abs(balance.forces) >= bounds)) or not m.nu:
+    limited = model.actuator_forcelimited.astype(bool)
+    bounds = np.abs(model.actuator_forcerange).max(axis=1, initial=0.0)
+    if np.any(limited & (np.abs(balance.forces) >= bounds)) or not model.nu:
         return
     limit = _BALANCED * balance.weight + _ROUNDED
     if balance.least > limit or balance.remaining <= limit:
         return
-    a = int(np.argmax(np.abs(balance.forces - balance.holding)))
-    name = m.actuator(a).name
+    actuator = int(np.argmax(np.abs(balance.forces - balance.holding)))
+    name = model.actuator(actuator).name
     text = (
         f"the actuators do not hold the robot at its keyframe, though a comment of the file states that a control of 0 "
-        f"does: '{name}' pulls by {balance.forces[a]:.6g} N or N m, {balance.holding[a]:.6g} hold it."
+        f"does: '{name}' pulls by {balance.forces[actuator]:.6g} N or N m, {balance.holding[actuator]:.6g} hold it."
     )
-    size = Measured(float(balance.forces[a]), float(balance.holding[a]))
+    size = Measured(float(balance.forces[actuator]), float(balance.holding[actuator]))
     ledger.wrong("mjcf.claim", text, name, size=size, suggestion="correct biasprm, ctrl or qpos")

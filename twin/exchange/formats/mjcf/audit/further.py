@@ -103,59 +103,64 @@ Declared = dict[str, dict[str, str]]
 
 def further(spec: mujoco.MjSpec) -> tuple[Declared, Declared]:
     """Return the further declarations of an MJCF: (those that act on the motion, those on contacts and look)."""
-    motion = _of_objects(spec, _MOTION)
-    contact = _of_objects(spec, _CONTACT) | _of_limits(spec)
+    motion = _declared_fields(spec, _MOTION)
+    contact = _declared_fields(spec, _CONTACT) | _limit_solver_fields(spec)
     options = _fields(spec.option, mujoco.MjSpec().option, _OPTIONS | _ACCURACY)
-    flags = _names_of(mujoco.mjtDisableBit, spec.option.disableflags & ~_COMPARED_FLAGS)
+    flags = _flag_names(mujoco.mjtDisableBit, spec.option.disableflags & ~_COMPARED_FLAGS)
     if flags:
         options["disabled"] = ", ".join(flags)
     if options:
         motion["the option"] = options
-    accuracy = _fields(spec.option, mujoco.MjSpec().option, _OPTIONS)
-    accuracy = {key: text for key, text in accuracy.items() if key in _ACCURACY}
+    accuracy: dict[str, str] = {}
+    for key, text in _fields(spec.option, mujoco.MjSpec().option, _OPTIONS).items():
+        if key in _ACCURACY:
+            accuracy[key] = text
     if accuracy:
         contact["the option"] = accuracy
-    for kind, out in (("motion", motion), ("contact", contact)):
+    for kind, declared in (("motion", motion), ("contact", contact)):
         for name in _COUNTED[kind]:
             count = len(getattr(spec, name))
             if count:
-                out.setdefault("the file", {})[name] = str(count)
-    moving = [key.name for key in spec.keys if np.any(np.nan_to_num(key.qvel))]
+                declared.setdefault("the file", {})[name] = str(count)
+    moving: list[str] = []
+    for key in spec.keys:
+        if np.any(np.nan_to_num(key.qvel)):  # NaN: not stated
+            moving.append(key.name)
     if moving:
         motion["the keyframes"] = {"qvel": ", ".join(moving)}
     return motion, contact
 
 
-def _of_objects(spec: mujoco.MjSpec, known: Mapping[str, frozenset[str]]) -> Declared:
-    out: Declared = {}
-    for name, compared in known.items():
-        fallback = _fallback(name)
+def _declared_fields(spec: mujoco.MjSpec, compared_fields: Mapping[str, frozenset[str]]) -> Declared:
+    declared: Declared = {}
+    for name, compared in compared_fields.items():
+        default = _object_with_defaults(name)
         for number, item in enumerate(getattr(spec, name)):
-            fields = _fields(item, fallback, compared)
-            fields |= _further_numbers(name, item)
+            fields = _fields(item, default, compared)
+            fields |= _partly_compared_fields(name, item)
             if fields:
                 label = item.name or f"{number + 1} of {len(getattr(spec, name))}"
-                out[f"{_DEFAULTS.get(name, 'body')} '{label}'"] = fields
-    return out
+                declared[f"{_DEFAULTS.get(name, 'body')} '{label}'"] = fields
+    return declared
 
 
-def _of_limits(spec: mujoco.MjSpec) -> Declared:
+def _limit_solver_fields(spec: mujoco.MjSpec) -> Declared:
     """Return how limits of joints yield, where that is not by MuJoCo's own parameters."""
-    out: Declared = {}
-    fallback = _fallback("joints")
+    declared: Declared = {}
+    default = _object_with_defaults("joints")
     for number, joint in enumerate(spec.joints):
         fields: dict[str, str] = {}
         for key in _LIMIT_SOLVER:
             value = getattr(joint, key)
-            if not _equal(value, getattr(fallback, key)):
+            if not _equal(value, getattr(default, key)):
                 fields[key] = _text(value)
         if fields:
             label = joint.name or f"{number + 1} of {len(spec.joints)}"
-            out[f"joint '{label}'"] = fields
-    return out
+            declared[f"joint '{label}'"] = fields
+    return declared
 
 
-def _fallback(name: str) -> Any:
+def _object_with_defaults(name: str) -> Any:
     """Return an object of a list with the values that MuJoCo gives it."""
     spec = mujoco.MjSpec()
     if name == "bodies":
@@ -163,7 +168,7 @@ def _fallback(name: str) -> Any:
     return getattr(spec.default, _DEFAULTS[name])
 
 
-def _further_numbers(name: str, item: Any) -> dict[str, str]:
+def _partly_compared_fields(name: str, item: Any) -> dict[str, str]:
     """Return fields of which other comparisons read only the first numbers, or only the usual values."""
     fields: dict[str, str] = {}
     if name == "actuators":
@@ -189,20 +194,20 @@ def _further_numbers(name: str, item: Any) -> dict[str, str]:
     return fields
 
 
-def _fields(item: Any, fallback: Any, compared: Iterable[str]) -> dict[str, str]:
+def _fields(item: Any, default: Any, compared: Iterable[str]) -> dict[str, str]:
     """Return {field: text} of the fields of an object that differ from those of another, without those `compared`."""
     fields: dict[str, str] = {}
-    for key in _stated(item):
+    for key in _field_names(item):
         if key in compared:
             continue
         value = getattr(item, key)
-        expected = getattr(fallback, key)
+        expected = getattr(default, key)
         if not _equal(value, expected):
             fields[key] = _text(value)
     return fields
 
 
-def _stated(item: Any) -> Iterator[str]:
+def _field_names(item: Any) -> Iterator[str]:
     for key in dir(item):
         if key.startswith(("_", "first_", "next_", "add_", "set_", "find_", "to_")) or key in _INTERNAL:
             continue
@@ -214,21 +219,21 @@ def _equal(a: Any, b: Any) -> bool:
     if isinstance(a, str) or isinstance(b, str):
         return str(a) == str(b)
     try:
-        one = np.asarray(a, float)
-        other = np.asarray(b, float)
+        first = np.asarray(a, float)
+        second = np.asarray(b, float)
     except (TypeError, ValueError):
         return True  # objects, which are no values
-    return one.shape == other.shape and bool(np.allclose(one, other, rtol=_SAME, atol=0.0, equal_nan=True))
+    return first.shape == second.shape and bool(np.allclose(first, second, rtol=_SAME, atol=0.0, equal_nan=True))
 
 
 def _text(value: Any) -> str:
     if isinstance(value, str):
         return value
     numbers = np.atleast_1d(np.asarray(value, float))
-    return " ".join(f"{number:g}" for number in numbers)
+    return " ".join(map("{:g}".format, numbers))
 
 
-def _names_of(flags: Any, bits: int) -> list[str]:
+def _flag_names(flags: Any, bits: int) -> list[str]:
     """Return the names of the bits that are set, such as "constraint"."""
     names = []
     for name, flag in flags.__members__.items():

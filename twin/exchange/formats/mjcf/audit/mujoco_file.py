@@ -53,13 +53,13 @@ def read_mujoco(path: Path, ledger: Ledger) -> MujocoFile:
     return MujocoFile(path, spec, model, _links(model, root), shapes)
 
 
-def _links(m: mujoco.MjModel, root: ET.Element) -> dict[str, int]:
+def _links(model: mujoco.MjModel, root: ET.Element) -> dict[str, int]:
     """Return {name: number} of the bodies that are links of the robot."""
     first = 0 if _is_world_the_base(root) else 1
     links: dict[str, int] = {}
-    for i in range(first, m.nbody):
-        if m.body(i).name:
-            links[m.body(i).name] = i
+    for i in range(first, model.nbody):
+        if model.body(i).name:
+            links[model.body(i).name] = i
     return links
 
 

@@ -30,11 +30,11 @@ def link_shapes(spec: mujoco.MjSpec, path: Path, ledger: Ledger) -> dict[str, Li
             file = f"{folder}/{file}"
         scale = np.array(mesh.scale, float)
         assets[name] = (file, scale, _reference(mesh, name, scale))
-    checked: dict[str, tuple[Array, Array] | None] = {}
+    meshes: dict[str, tuple[Array, Array] | None] = {}
     shapes: dict[str, LinkShape] = {}
     for body in spec.bodies:
         parts: list[LinkShape] = []
-        seen = set()
+        places = set()
         for geom in body.geoms:
             mesh_name = str(geom.meshname)
             # Another type with a mesh is a sphere, box, ... that MuJoCo fits to the mesh.
@@ -42,14 +42,14 @@ def link_shapes(spec: mujoco.MjSpec, path: Path, ledger: Ledger) -> dict[str, Li
                 continue
             T_body_geom = _pose(spec, geom)
             place = (mesh_name, T_body_geom.tobytes())
-            if place in seen:  # the same mesh is used for display and collision
+            if place in places:  # the same mesh is used for display and collision
                 continue
-            seen.add(place)
+            places.add(place)
             file, scale, reference = assets[mesh_name]
-            solid = named_mesh(path, file, scale, checked, ledger, "mjcf")
-            if solid is None:
+            triangles = named_mesh(path, file, scale, meshes, ledger, "mjcf")
+            if triangles is None:
                 continue
-            part = placed_shape(solid, T_body_geom @ reference, "mjcf")
+            part = placed_shape(triangles, T_body_geom @ reference, "mjcf")
             if part is not None:
                 parts.append(part)
         shape = joined(parts)

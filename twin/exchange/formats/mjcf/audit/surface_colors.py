@@ -14,7 +14,7 @@ _DEFAULT_COLOR = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
 """`rgba` of a geom for which a file states none."""
 
 
-def surface_colors(m: mujoco.MjModel) -> tuple[Shares, Shares]:
+def surface_colors(model: mujoco.MjModel) -> tuple[Shares, Shares]:
     """Return the linear colours of the bodies, and their finishes as (metallic, roughness, 0, 1).
 
     A mesh that is used for both display and collision counts once. Materials without a finish have none.
@@ -22,34 +22,36 @@ def surface_colors(m: mujoco.MjModel) -> tuple[Shares, Shares]:
     colors = Palette()
     finishes = Palette()
     # MuJoCo has -1 for what a material does not state; a file in which none states it has no finishes.
-    has_finishes = bool(np.any(m.mat_metallic >= 0) or np.any(m.mat_roughness >= 0))
+    has_finishes = bool(np.any(model.mat_metallic >= 0) or np.any(model.mat_roughness >= 0))
     measured: set[tuple[int, int, bytes]] = set()
-    for geom in range(m.ngeom):
-        mesh = int(m.geom_dataid[geom])
-        if m.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH or mesh < 0:
+    for geom in range(model.ngeom):
+        mesh = int(model.geom_dataid[geom])
+        if model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_MESH or mesh < 0:
             continue
-        place = (int(m.geom_bodyid[geom]), mesh, m.geom_pos[geom].tobytes())
+        place = (int(model.geom_bodyid[geom]), mesh, model.geom_pos[geom].tobytes())
         if place in measured:
             continue
         measured.add(place)
-        body = m.body(int(m.geom_bodyid[geom])).name
-        area = _mesh_area(m, mesh)
-        rgba = m.geom_rgba[geom]
-        material = int(m.geom_matid[geom])
+        body = model.body(int(model.geom_bodyid[geom])).name
+        area = _mesh_area(model, mesh)
+        rgba = model.geom_rgba[geom]
+        material = int(model.geom_matid[geom])
         if material >= 0:
             # MuJoCo shows the colour of a material only on shapes whose own colour is the one that it gives by default.
             if np.array_equal(rgba, _DEFAULT_COLOR):
-                rgba = m.mat_rgba[material]
+                rgba = model.mat_rgba[material]
             if has_finishes:
-                finishes.add_finish(body, float(m.mat_metallic[material]), float(m.mat_roughness[material]), area)
+                finishes.add_finish(
+                    body, float(model.mat_metallic[material]), float(model.mat_roughness[material]), area
+                )
         red, green, blue = linear(rgba[:3]).tolist()
         colors.add(body, (red, green, blue, float(rgba[3])), area)
     return colors.shares(), finishes.shares()
 
 
-def _mesh_area(m: mujoco.MjModel, mesh: int) -> float:
+def _mesh_area(model: mujoco.MjModel, mesh: int) -> float:
     """Return the area of a mesh in m2."""
-    vertex = int(m.mesh_vertadr[mesh])
-    face = int(m.mesh_faceadr[mesh])
-    vertices = m.mesh_vert[vertex : vertex + m.mesh_vertnum[mesh]].astype(float)
-    return surface_area(vertices, m.mesh_face[face : face + m.mesh_facenum[mesh]])
+    vertex = int(model.mesh_vertadr[mesh])
+    face = int(model.mesh_faceadr[mesh])
+    vertices = model.mesh_vert[vertex : vertex + model.mesh_vertnum[mesh]].astype(float)
+    return surface_area(vertices, model.mesh_face[face : face + model.mesh_facenum[mesh]])

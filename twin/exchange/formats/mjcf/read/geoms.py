@@ -19,8 +19,8 @@ _UNSTATED_RGBA = np.array([0.5, 0.5, 0.5, 1.0], np.float32)
 """Colour of a shape for which the file states none."""
 
 
-def shown(
-    m, bodies: Sequence[str], name: Callable[[str, int], str], findings: Findings
+def read_geoms(
+    model, bodies: Sequence[str], name: Callable[[str, int], str], findings: Findings
 ) -> tuple[list[list[Mesh]], set[int]]:
     """Return (meshes of each body, numbers of the bodies whose meshes do not show the whole body).
 
@@ -32,60 +32,61 @@ def shown(
     """
     import mujoco
 
-    out: list[list[Mesh]] = [[] for _ in range(m.nbody)]
+    meshes: list[list[Mesh]] = [[] for _ in range(model.nbody)]  # a list of its own for each body
     labels: list[tuple[str, str]] = []
-    visual: set[int] = set()
-    for i in range(m.ngeom):
-        body = int(m.geom_bodyid[i])
-        labels.append((str(i), f"{name('BODY', body)}_shape"))
-        if not _collides(m, i):
-            visual.add(body)
+    bodies_with_visuals: set[int] = set()
+    for geom in range(model.ngeom):
+        body = int(model.geom_bodyid[geom])
+        labels.append((str(geom), f"{name('BODY', body)}_shape"))
+        if not _collides(model, geom):
+            bodies_with_visuals.add(body)
     names = unique(labels)
-    hidden: set[int] = set()
-    partly = set(visual)
-    for i in range(m.ngeom):
-        body = int(m.geom_bodyid[i])
-        if body in visual and _collides(m, i):
-            hidden.add(body)
+    bodies_with_unused_colliders: set[int] = set()
+    partly_shown = set(bodies_with_visuals)
+    for geom in range(model.ngeom):
+        body = int(model.geom_bodyid[geom])
+        if body in bodies_with_visuals and _collides(model, geom):
+            bodies_with_unused_colliders.add(body)
             continue
-        kind = mujoco.mjtGeom(int(m.geom_type[i])).name.removeprefix("mjGEOM_")
+        kind = mujoco.mjtGeom(int(model.geom_type[geom])).name.removeprefix("mjGEOM_")
         if kind == "MESH":
-            vertices, triangles = _mesh(m, int(m.geom_dataid[i]))
+            vertices, triangles = _mesh(model, int(model.geom_dataid[geom]))
         elif kind in _SHAPES:
-            vertices, triangles = primitive(_SHAPES[kind], _size(kind, m.geom_size[i].tolist()))
+            vertices, triangles = primitive(_SHAPES[kind], _size(kind, model.geom_size[geom].tolist()))
         else:
             text = f"body '{bodies[body]}': a shape of type {kind.lower()} is not shown."
             findings.warn("shape", text, bodies[body])
-            partly.add(body)
+            partly_shown.add(body)
             continue
-        rgba = m.geom_rgba[i]
-        material = int(m.geom_matid[i])
+        rgba = model.geom_rgba[geom]
+        material = int(model.geom_matid[geom])
         if material >= 0:
             # MuJoCo shows the colour of the shape itself if one is stated, else that of its material.
             if np.array_equal(rgba, _UNSTATED_RGBA):
-                rgba = m.mat_rgba[material]
-            if np.any(m.mat_texid[material] >= 0):
+                rgba = model.mat_rgba[material]
+            if np.any(model.mat_texid[material] >= 0):
                 label = name("MATERIAL", material)
                 text = f"body '{bodies[body]}': the texture of material '{label}' is not imported."
                 findings.warn("texture", text, bodies[body])
-        r, g, b, a = map(float, rgba)
-        T = spatial.pose(spatial.matrix_from_quat_wxyz(m.geom_quat[i]), m.geom_pos[i])
-        out[body].append(placed(names[str(i)], vertices, triangles, T, (r, g, b, a)))
-    for body in sorted(hidden):
+        red, green, blue, alpha = map(float, rgba)
+        T_body_geom = spatial.pose(spatial.matrix_from_quat_wxyz(model.geom_quat[geom]), model.geom_pos[geom])
+        mesh = placed(names[str(geom)], vertices, triangles, T_body_geom, (red, green, blue, alpha))
+        meshes[body].append(mesh)
+    for body in sorted(bodies_with_unused_colliders):
         text = f"body '{bodies[body]}': the colliders are not imported; the visual meshes are used for collision."
         findings.note("collision", text, bodies[body])
-    return out, partly
+    return meshes, partly_shown
 
 
-def _collides(m, geom: int) -> bool:
-    return bool(m.geom_contype[geom] or m.geom_conaffinity[geom])
+def _collides(model, geom: int) -> bool:
+    return bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
 
 
-def _mesh(m, mesh: int) -> tuple[Array, np.ndarray]:
-    vertex = m.mesh_vertadr[mesh]
-    face = m.mesh_faceadr[mesh]
-    vertices = m.mesh_vert[vertex : vertex + m.mesh_vertnum[mesh]].astype(float)
-    return vertices, m.mesh_face[face : face + m.mesh_facenum[mesh]]
+def _mesh(model, mesh: int) -> tuple[Array, np.ndarray]:
+    first_vertex = model.mesh_vertadr[mesh]
+    first_face = model.mesh_faceadr[mesh]
+    vertices = model.mesh_vert[first_vertex : first_vertex + model.mesh_vertnum[mesh]].astype(float)
+    return vertices, model.mesh_face[first_face : first_face + model.mesh_facenum[mesh]]
 
 
 def _size(kind: str, size: list[float]) -> list[float]:
