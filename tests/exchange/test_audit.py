@@ -21,7 +21,7 @@ from twin.core.errors import TwinError
 from twin.exchange.audit import audit, key_times
 from twin.exchange.audit.chain_poses import ChainStep, chain_end, solve_chain
 from twin.exchange.audit.poses import about, angle, from_seven, inverse, pose, quaternion, rotation, rpy, slerp, split
-from twin.exchange.audit.report import Ledger, finished
+from twin.exchange.audit.report import Ledger, ReadError, finished
 from twin.exchange.formats import audited, family
 from twin.exchange.formats.tracks import audit as tracks
 from twin.exchange.formats.unity.audit import kinematics
@@ -273,6 +273,26 @@ def test_a_limit_that_is_not_finite_is_reported_once(tmp_path):
     assert content.extra["upper"] == {"q": float("inf")}
     messages = [f.message for f in ledger.found if "finite" in f.message]
     assert messages == ["joint_upper contains numbers that are not finite."]
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "fault"),
+    [
+        ("joint_lower", ["-1 deg"], "entry 0 is '-1 deg', expected a number"),
+        ("joint_lower", ["-1"], "entry 0 is '-1', expected a number"),
+        ("joint_upper", "none", "is 'none', expected a flat list of numbers"),
+        ("tool_frame", [0, 0, 0, 0, 0, 0, {}], "entry 6 is '{}', expected a number"),
+        ("poses", [0, 0, 0, 0, 0, "x", 1] * 2, "entry 5 is 'x', expected a number"),
+        ("times", [[0], [1, 2]], "is not a flat list"),
+    ],
+)
+def test_what_is_no_number_in_a_track_is_named(tmp_path, key, value, fault):
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps(_track_of_two_keys(**{key: value})))
+    with pytest.raises(ReadError) as raised:
+        tracks.read_json(path, Ledger("a.json"))
+    assert f"'{key}'" in str(raised.value)
+    assert fault in str(raised.value)
 
 
 @pytest.mark.parametrize(

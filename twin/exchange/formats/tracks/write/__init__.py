@@ -32,17 +32,18 @@ _LARGEST_INTEGER = 1e9
 
 
 def write_tracks(
-    mechanism: Mechanism, clip: Clip, folder: Path, drawn: Mechanism | None = None, assumed: Sequence[str] = ()
+    mechanism: Mechanism, clip: Clip, folder: Path, cad_mechanism: Mechanism | None = None, assumed: Sequence[str] = ()
 ) -> tuple[Path, Path]:
     """Write <clip>.json and <clip>.csv, which contain the same numbers, into `folder`, and return their paths.
 
-    `mechanism` has the trocar positions of the protocol; `drawn` is the mechanism as in the CAD (None: `mechanism`).
-    The track states the model hash of `drawn`, and the coordinates of ball joints are zero at the home of `drawn`.
+    `mechanism` has the trocar positions of the protocol; `cad_mechanism` is the mechanism as in the CAD (None:
+    `mechanism`). The track states the model hash of `cad_mechanism`, and the coordinates of ball joints are zero at its
+    home.
     `assumed` contains a text "name: reason" for each assumed number of the robot; assumed numbers of the protocol are
     in the clip.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    data = track(mechanism, clip, drawn, assumed)
+    data = track(mechanism, clip, cad_mechanism, assumed)
     as_json = folder / f"{clip.name}.json"
     as_csv = folder / f"{clip.name}.csv"
     as_json.write_text(_json(data), encoding="utf-8")
@@ -65,7 +66,9 @@ def schema_text() -> str:
     return json.dumps(json_schema(Track), indent=2, ensure_ascii=False) + "\n"
 
 
-def track(mechanism: Mechanism, clip: Clip, drawn: Mechanism | None = None, assumed: Sequence[str] = ()) -> JsonObject:
+def track(
+    mechanism: Mechanism, clip: Clip, cad_mechanism: Mechanism | None = None, assumed: Sequence[str] = ()
+) -> JsonObject:
     """Return a track as plain data for JSON; `twin.schema.track.Track` describes each entry.
 
     For the arguments see `write_tracks`.
@@ -89,7 +92,7 @@ def track(mechanism: Mechanism, clip: Clip, drawn: Mechanism | None = None, assu
         "robot": mechanism.name,
         "protocol": clip.name,
         "title": clip.title,
-        "model_hash": model_hash(drawn or mechanism),
+        "model_hash": model_hash(cad_mechanism or mechanism),
         "frame": "z-up right-handed",
         "length_unit": "m",
         "angle_unit": "rad",
@@ -99,7 +102,7 @@ def track(mechanism: Mechanism, clip: Clip, drawn: Mechanism | None = None, assu
         "times": _plain(np.round(clip.times, _TIME_DIGITS)),
         "links": list(clip.links),
         "poses": _flat(np.stack(link_poses, axis=1)),
-        **_coordinates(mechanism, clip, drawn or mechanism),
+        **_coordinates(mechanism, clip, cad_mechanism or mechanism),
         "phases": phase_names,
         "phase_start": _plain(np.array(phase_starts, float).round(_TIME_DIGITS)),
         "phase_end": _plain(np.array(phase_ends, float).round(_TIME_DIGITS)),
@@ -119,9 +122,9 @@ def track(mechanism: Mechanism, clip: Clip, drawn: Mechanism | None = None, assu
     }
 
 
-def _coordinates(mechanism: Mechanism, clip: Clip, drawn: Mechanism) -> JsonObject:
+def _coordinates(mechanism: Mechanism, clip: Clip, cad_mechanism: Mechanism) -> JsonObject:
     """Return the entries of a track on its joints: names, kinds, limits, and positions at the keys."""
-    coordinates = tree_coordinates(drawn, clip.links)
+    coordinates = tree_coordinates(cad_mechanism, clip.links)
     names: list[str] = []
     kinds: list[str] = []
     active: list[int] = []
