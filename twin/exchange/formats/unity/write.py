@@ -13,9 +13,10 @@ from twin.exchange.write.order import Order
 ROBOTS = "Runtime/Robots"
 """Folder of the kinematics in the package."""
 
+# Unity knows files by the GUIDs in their .meta files; an installed package without them is ignored.
 _META = "fileFormatVersion: 2\nguid: {guid}\n{importer}  userData: \n  assetBundleName: \n  assetBundleVariant: \n"
-_FOLDER = "folderAsset: yes\nDefaultImporter:\n  externalObjects: {}\n"
-_SCRIPT = (
+_FOLDER_IMPORTER = "folderAsset: yes\nDefaultImporter:\n  externalObjects: {}\n"
+_SCRIPT_IMPORTER = (
     "MonoImporter:\n  externalObjects: {}\n  serializedVersion: 2\n  defaultReferences: []\n"
     "  executionOrder: 0\n  icon: {instanceID: 0}\n"
 )
@@ -33,7 +34,8 @@ def package_files() -> tuple[str, ...]:
     names = []
     for file in PACKAGE.rglob("*"):
         path = file.relative_to(PACKAGE)
-        if file.is_file() and not any(part.startswith(".") for part in path.parts):
+        is_hidden = any(part.startswith(".") for part in path.parts)  # files of editors and of the system
+        if file.is_file() and not is_hidden:
             names.append(path.as_posix())
     if "package.json" not in names:
         raise OutputError(f"the Unity package is not in {PACKAGE}: install twin again, or export without 'unity'")
@@ -78,7 +80,7 @@ def write(order: Order, folder: Path) -> list[Finding]:
     try:
         (package / ROBOTS).mkdir(parents=True, exist_ok=True)
         (package / ROBOTS / name).write_text(text, encoding="utf-8", newline="\n")
-        for path, importer in ((ROBOTS, _FOLDER), (f"{ROBOTS}/{name}", _SCRIPT)):
+        for path, importer in ((ROBOTS, _FOLDER_IMPORTER), (f"{ROBOTS}/{name}", _SCRIPT_IMPORTER)):
             meta = _META.format(guid=guid(path), importer=importer)
             (package / f"{path}.meta").write_text(meta, encoding="utf-8", newline="\n")
     except OSError as error:

@@ -17,6 +17,8 @@ from twin.exchange.formats.unity.audit.kinematics import ROBOTS, read_classes
 from twin.exchange.formats.unity.audit.shipped import check_shipped, is_shipped
 
 REQUIRED = ("name", "version", "displayName", "unity")
+"""Entries of package.json without which Unity does not import a package."""
+
 _GUID = re.compile(r"^guid:\s*([0-9a-f]{32})\s*$", re.MULTILINE)
 _NAME = re.compile(r"^[a-z0-9-]+(\.[a-z0-9-]+){2,}$")
 _BEHAVIOUR = re.compile(r"class\s+(\w+)\s*:[^{]*\b(?:MonoBehaviour|ScriptableObject)\b")
@@ -27,25 +29,28 @@ def check_package(folder: Path, ledger: Ledger) -> Content | None:
 
     Return the robot whose kinematics the package contains; None if there is none.
     """
-    data = _json(folder / "package.json", folder, ledger)
+    data = _read_json(folder / "package.json", folder, ledger)
     if data is None:
         return None
     _check_fields(folder, data, ledger)
-    seen = list(_visible(folder))
-    guids = _check_metas(folder, seen, ledger)
-    _check_assemblies(folder, seen, guids, ledger)
-    _check_scripts(folder, seen, ledger)
+    assets = list(_imported_assets(folder))
+    guids = _check_metas(folder, assets, ledger)
+    _check_assemblies(folder, assets, guids, ledger)
+    _check_scripts(folder, assets, ledger)
     check_shipped(folder, data, ledger)
-    for file in seen:
+    for file in assets:
         if file.name == "twin-golden.json":
             check_golden(file, file.relative_to(folder).as_posix(), ledger)
     content = read_classes(folder, ledger)
-    faults = [finding for finding in ledger.found if finding.severity != "info"]
-    ledger.row(f"package: {len(seen)} files, {len(guids)} GUIDs", float(len(faults)), "found", 0.0)
+    faults = 0
+    for finding in ledger.found:
+        if finding.severity != "info":
+            faults += 1
+    ledger.row(f"package: {len(assets)} files, {len(guids)} GUIDs", float(faults), "found", 0.0)
     return content
 
 
-def _json(file: Path, folder: Path, ledger: Ledger) -> JsonObject | None:
+def _read_json(file: Path, folder: Path, ledger: Ledger) -> JsonObject | None:
     name = file.relative_to(folder).as_posix()
     try:
         data = json.loads(file.read_text(encoding="utf-8-sig"))
@@ -76,18 +81,18 @@ def _check_fields(folder: Path, data: JsonObject, ledger: Ledger) -> None:
             ledger.wrong("unity.sample", text, "package.json")
 
 
-def _visible(folder: Path) -> Iterator[Path]:
+def _imported_assets(folder: Path) -> Iterator[Path]:
     """Yield the files and folders that Unity imports. Hidden paths, `*~` and `*.tmp` are skipped."""
     for path in sorted(folder.rglob("*")):
         parts = path.relative_to(folder).parts
-        hidden = any(part.endswith("~") or part.startswith(".") for part in parts)
-        if not hidden and path.suffix != ".tmp":
+        is_hidden = any(part.endswith("~") or part.startswith(".") for part in parts)
+        if not is_hidden and path.suffix != ".tmp":
             yield path
 
 
-def _check_metas(folder: Path, seen: list[Path], ledger: Ledger) -> dict[str, Path]:
+def _check_metas(folder: Path, paths: list[Path], ledger: Ledger) -> dict[str, Path]:
     """Check that every asset has a .meta file with a unique GUID; return {GUID: asset}."""
-    assets = {path for path in seen if path.suffix != ".meta"}
+    assets = {path for path in paths if path.suffix != ".meta"}
     guids: dict[str, Path] = {}
     for asset in sorted(assets):
         name = asset.relative_to(folder).as_posix()
@@ -101,15 +106,15 @@ def _check_metas(folder: Path, seen: list[Path], ledger: Ledger) -> dict[str, Pa
             text = f"'{name}.meta' has no GUID of 32 hexadecimal digits."
             ledger.wrong("unity.guid", text, f"{name}.meta")
             continue
-        other = guids.setdefault(match[1], asset)
-        if other != asset:
-            other_name = other.relative_to(folder).as_posix()
+        first = guids.setdefault(match[1], asset)
+        if first != asset:
+            first_name = first.relative_to(folder).as_posix()
             text = (
-                f"'{name}' and '{other_name}' have the same GUID {match[1]}: Unity "
+                f"'{name}' and '{first_name}' have the same GUID {match[1]}: Unity "
                 "ignores one of them or changes its GUID, which breaks references to it."
             )
             ledger.wrong("unity.guid_twice", text, name, suggestion="use the hash of the path as GUID")
-    for meta in seen:
+    for meta in paths:
         if meta.suffix == ".meta" and meta.with_suffix("") not in assets:
             name = meta.relative_to(folder).as_posix()
             text = f"'{name}' describes a file or folder that does not exist."
@@ -117,52 +122,58 @@ def _check_metas(folder: Path, seen: list[Path], ledger: Ledger) -> dict[str, Pa
     return guids
 
 
-def _check_assemblies(folder: Path, seen: list[Path], guids: dict[str, Path], ledger: Ledger) -> None:
+def _check_assemblies(folder: Path, assets: list[Path], guids: dict[str, Path], ledger: Ledger) -> None:
     names: dict[str, str] = {}
-    wanted: list[tuple[str, str]] = []
-    for file in seen:
+    references: list[tuple[str, str]] = []
+    for file in assets:
         if file.suffix != ".asmdef":
             continue
         name = file.relative_to(folder).as_posix()
-        data = _json(file, folder, ledger)
+        data = _read_json(file, folder, ledger)
         if data is None:
             continue
-        own = data.get("name")
-        if not isinstance(own, str) or not own:
+        assembly = data.get("name")
+        if not isinstance(assembly, str) or not assembly:
             ledger.wrong("unity.asmdef", f"{name} has no name.", name)
             continue
-        if own in names:
-            text = f"{name} and {names[own]} both define the assembly '{own}'."
+        if assembly in names:
+            text = f"{name} and {names[assembly]} both define the assembly '{assembly}'."
             ledger.wrong("unity.asmdef", text, name)
-        names[own] = name
+        names[assembly] = name
         for reference in data.get("references", []):
-            wanted.append((name, str(reference)))
+            references.append((name, str(reference)))
         if "Editor" in file.relative_to(folder).parts and data.get("includePlatforms") != ["Editor"]:
             text = f"{name} is in Editor/, but is not limited to the platform Editor: player builds fail."
             ledger.wrong("unity.asmdef", text, name, suggestion='"includePlatforms": ["Editor"]')
     # References to assemblies of other packages, whose names begin with another word, cannot be checked here.
-    own_words = {name.split(".")[0] for name in names}
-    for name, reference in wanted:
+    package_words = {name.split(".")[0] for name in names}
+    for name, reference in references:
         if reference.startswith("GUID:"):
             missing = reference.removeprefix("GUID:") not in guids
         else:
-            missing = reference not in names and reference.split(".")[0] in own_words
+            missing = reference not in names and reference.split(".")[0] in package_words
         if missing:
             text = f"{name} references '{reference}', which is not in the package."
             ledger.wrong("unity.asmdef", text, name)
 
 
-def _check_scripts(folder: Path, seen: list[Path], ledger: Ledger) -> None:
-    scripts = [path for path in seen if path.suffix == ".cs"]
+def _check_scripts(folder: Path, assets: list[Path], ledger: Ledger) -> None:
+    scripts: list[Path] = []
+    assembly_folders: list[Path] = []
+    for path in assets:
+        if path.suffix == ".cs":
+            scripts.append(path)
+        elif path.suffix == ".asmdef":
+            assembly_folders.append(path.parent)
     if not scripts:
         ledger.wrong("unity.scripts", "the package has no C# file.", "Runtime")
-    assemblies = [path.parent for path in seen if path.suffix == ".asmdef"]
     for script in scripts:
         name = script.relative_to(folder).as_posix()
         text = script.read_text(encoding="utf-8", errors="replace")
-        if not any(script.is_relative_to(folder_of_assembly) for folder_of_assembly in assemblies):
+        if not any(map(script.is_relative_to, assembly_folders)):
             message = f"{name} belongs to no assembly definition: Unity does not compile such a script of a package."
             ledger.wrong("unity.asmdef", message, name)
+        # A component in a comment is none; scripts in #if UNITY_EDITOR may use the editor anywhere.
         code = re.sub(r"//[^\n]*|/\*.*?\*/", "", text, flags=re.DOTALL)  # without comments
         behaviours = _BEHAVIOUR.findall(code)
         if behaviours and script.stem not in behaviours:
@@ -182,7 +193,10 @@ def read(path: Path, ledger: Ledger, context: Context) -> Content | None:
     ledger.tool = "twin.exchange.audit unity"
     ledger.version = "1"
     content = check_package(path, ledger)
-    robots = {str(track.stated[ROBOT]) for track in context.tracks if ROBOT in track.stated}
+    robots: set[str] = set()
+    for track in context.tracks:
+        if ROBOT in track.stated:
+            robots.add(str(track.stated[ROBOT]))
     has_class = (path / ROBOTS).is_dir() or (path / f"{ROBOTS}.meta").is_file()
     if robots and not has_class and not (path.parent / "README.txt").is_file() and is_shipped(path):
         name = ", ".join(sorted(robots))

@@ -30,9 +30,11 @@ ROOTS = {"GltFast": poses.R_Z_UP_Y_UP.T, "UrdfImporter": np.eye(3)}
 TOL = 1e-5
 """Tolerance in m and in quaternion components. Golden vectors have 8 decimals, streams have single precision."""
 
-_IMPORTS = {"gltfast": "GltFast", "urdf": "UrdfImporter"}
-# Mark, sequence number, time of the server and of the clip in s, counts of links and joints, flags.
-_HEAD = struct.Struct("<4sIddHHI")
+_IMPORTERS = {"gltfast": "GltFast", "urdf": "UrdfImporter"}
+"""Importers, by the words in the names of the vectors."""
+
+_HEADER = struct.Struct("<4sIddHHI")
+"""Mark, sequence number, time of the server and of the clip in s, counts of links and joints, flags."""
 
 
 def check_golden(path: Path, name: str, ledger: Ledger) -> None:
@@ -69,6 +71,16 @@ def check_golden(path: Path, name: str, ledger: Ledger) -> None:
 
 
 class _Vectors:
+    """The golden vectors of a file: each method recomputes some of them, and returns {vector name: error}.
+
+    Attributes:
+        data: content of the file.
+        track: the track in it.
+        times: times (k,) in s of the keys.
+        T: poses T_world_link (k, links, 4, 4) at the keys, in coordinates of the robot.
+        worlds: {importer: matrix (4, 4) from coordinates of the robot to Unity's world}.
+    """
+
     def __init__(self, data: JsonObject) -> None:
         self.data = data
         self.track = data["track"]
@@ -79,10 +91,10 @@ class _Vectors:
         T_world_place = poses.from_seven(np.array(data["place"], float))
         scale = np.diag([data["scale"]] * 3 + [1.0])
         self.worlds = {}
-        for short, importer in _IMPORTS.items():
-            W = np.eye(4)
-            W[:3, :3] = ROOTS[importer] @ MIRRORS[importer]
-            self.worlds[short] = T_world_place @ scale @ W
+        for short, importer in _IMPORTERS.items():
+            root_and_mirror = np.eye(4)
+            root_and_mirror[:3, :3] = ROOTS[importer] @ MIRRORS[importer]
+            self.worlds[short] = T_world_place @ scale @ root_and_mirror
 
     def rows(self, key: str, width: int) -> Array:
         """Return the entry `key`, a flat list of k * width numbers, as an array (k, width)."""
@@ -95,7 +107,7 @@ class _Vectors:
         homogeneous = np.column_stack([robot, np.ones(len(robot))])
         world = np.einsum("kij,kj->ki", T, homogeneous)
         errors = {}
-        for short, importer in _IMPORTS.items():
+        for short, importer in _IMPORTERS.items():
             imported = robot @ MIRRORS[importer].T
             placed = world @ self.worlds[short].T
             errors[f"point_{short}"] = _difference(self.rows(f"point_{short}", 3), imported)
@@ -106,12 +118,13 @@ class _Vectors:
         """Return {vector name: maximum error in m or of a quaternion component} for poses interpolated between keys."""
         t = np.array(self.data["between_time"], float)
         stated = self.rows("between_pose", 7)
-        k = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, len(self.times) - 2)
-        share = (t - self.times[k]) / (self.times[k + 1] - self.times[k])
-        A = self.T[k, self.data["between_link"]]
-        B = self.T[k + 1, self.data["between_link"]]
-        p = (1 - share)[:, None] * A[:, :3, 3] + share[:, None] * B[:, :3, 3]
-        q = poses.slerp(poses.quaternion(A[:, :3, :3]), poses.quaternion(B[:, :3, :3]), share)
+        # Of the last key, no pair begins: its time belongs to the last pair.
+        key = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, len(self.times) - 2)
+        share = (t - self.times[key]) / (self.times[key + 1] - self.times[key])
+        T_before = self.T[key, self.data["between_link"]]
+        T_after = self.T[key + 1, self.data["between_link"]]
+        p = (1 - share)[:, None] * T_before[:, :3, 3] + share[:, None] * T_after[:, :3, 3]
+        q = poses.slerp(poses.quaternion(T_before[:, :3, :3]), poses.quaternion(T_after[:, :3, :3]), share)
         return {"between_pose": max(_difference(stated[:, :3], p), _rotation_difference(stated[:, 3:], q))}
 
     def turns(self) -> dict[str, float]:
@@ -129,14 +142,14 @@ class _Vectors:
         positions = np.array(self.track["positions"], float).reshape(len(self.times), -1)
         values = []
         for name in self.data["joint_name"]:
-            column = positions[:, names.index(name)]
-            values.append(np.interp(self.data["joint_time"], self.times, column))
+            key_values = positions[:, names.index(name)]
+            values.append(np.interp(self.data["joint_time"], self.times, key_values))
         targets = []
         drives = zip(self.data["drive_joint"], self.data["drive_sign"], self.data["drive_value"], strict=True)
         for name, sign, value in drives:
-            i = names.index(name)
-            target = min(max(value, self.track["joint_lower"][i]), self.track["joint_upper"][i])
-            if self.track["joint_types"][i] == "revolute":
+            column = names.index(name)
+            target = min(max(value, self.track["joint_lower"][column]), self.track["joint_upper"][column])
+            if self.track["joint_types"][column] == "revolute":
                 target = np.degrees(target)
             targets.append(sign * target)
         return {
@@ -162,8 +175,8 @@ class _Vectors:
         """
         data = self.data
         frame = base64.b64decode(data["stream"])
-        mark, sequence, server, clip, links, joints, flags = _HEAD.unpack_from(frame)
-        numbers = np.frombuffer(frame, "<f4", offset=_HEAD.size).astype(float)
+        mark, sequence, server, clip, links, joints, flags = _HEADER.unpack_from(frame)
+        numbers = np.frombuffer(frame, "<f4", offset=_HEADER.size).astype(float)
         header = (
             b"TWN1",
             int(data["stream_sequence"]),
@@ -189,33 +202,34 @@ class _Vectors:
     def grab(self) -> dict[str, float]:
         """Return {vector name: error} for the target pose of a grabbed tool, relative to the robot's frame."""
         hands = poses.from_seven(self.rows("grab_hands", 7))
-        moved = hands[1] @ poses.inverse(hands[0])
+        T_hand_motion = hands[1] @ poses.inverse(hands[0])
         link = self.track["links"].index(self.data["tool_link"])
         T_link_tool = poses.from_seven(np.array(self.data["tool_frame"], float))
         start = self.T[self.data["grab_key"], link] @ T_link_tool
         errors = {}
-        for short, W in self.worlds.items():
-            goal = np.linalg.inv(W) @ moved @ W @ start
+        for short, world_from_robot in self.worlds.items():
+            # The motion of the hand in Unity's world, expressed in coordinates of the robot, moves the tool.
+            goal = np.linalg.inv(world_from_robot) @ T_hand_motion @ world_from_robot @ start
             stated = np.array(self.data[f"grab_want_{short}"], float)
             rotation_error = _rotation_difference(stated[None, 3:], poses.quaternion(goal[None, :3, :3]))
             errors[f"grab_want_{short}"] = max(_difference(stated[:3], goal[:3, 3]), rotation_error)
         return errors
 
 
-def _difference(a: ArrayLike, b: ArrayLike) -> float:
+def _difference(first: ArrayLike, second: ArrayLike) -> float:
     """Return the largest difference of two entries; infinite for other shapes and for entries that are not finite."""
-    a = np.asarray(a, float)
-    b = np.asarray(b, float)
-    if a.shape != b.shape:
+    first = np.asarray(first, float)
+    second = np.asarray(second, float)
+    if first.shape != second.shape:
         return np.inf
-    largest = float(np.abs(a - b).max(initial=0.0))
+    largest = float(np.abs(first - second).max(initial=0.0))
     return largest if np.isfinite(largest) else np.inf
 
 
-def _rotation_difference(a: Array, b: Array) -> float:
+def _rotation_difference(first: Array, second: Array) -> float:
     """Return the maximum difference between components of quaternions (k, 4); signs of quaternions are ignored."""
-    if a.shape != b.shape:
+    if first.shape != second.shape:
         return np.inf
-    same_sign = np.abs(a - b).max(axis=1)
-    opposite_sign = np.abs(a + b).max(axis=1)
+    same_sign = np.abs(first - second).max(axis=1)
+    opposite_sign = np.abs(first + second).max(axis=1)
     return float(np.minimum(same_sign, opposite_sign).max(initial=0.0))

@@ -81,8 +81,8 @@ def read_classes(folder: Path, ledger: Ledger) -> Content | None:
         name = meta.relative_to(folder).as_posix().removesuffix(".meta")
         if not (folder / name).is_file():
             ledger.wrong("unity.kinematics", f"{name} is missing; only its .meta file exists.", name)
-    named = (folder / ROBOTS).is_dir() or (folder / f"{ROBOTS}.meta").is_file()
-    if named and not any((folder / ROBOTS).glob("*.cs*")):
+    has_folder = (folder / ROBOTS).is_dir() or (folder / f"{ROBOTS}.meta").is_file()
+    if has_folder and not any((folder / ROBOTS).glob("*.cs*")):
         text = f"the package has the folder {ROBOTS} of the robot's kinematics, but no class in it."
         ledger.wrong("unity.kinematics", text, ROBOTS, suggestion="export the package again")
     if len(files) != 1 or not contents:
@@ -123,14 +123,18 @@ def _changed_tables(text: str, part: str) -> str:
 
     Return "" if it states none.
     """
-    stated = {match["name"]: match["hash"] for match in _TABLE_HASH.finditer(text)}
+    stated: dict[str, str] = {}
+    for match in _TABLE_HASH.finditer(text):
+        stated[match["name"]] = match["hash"]
     if not stated:  # a class of an earlier version
         return ""
-    present = {match["name"]: _hash(match[0]) for match in _DECLARED.finditer(part)}
-    changed = sorted(name for name in {*stated, *present} if stated.get(name) != present.get(name))
+    present: dict[str, str] = {}
+    for match in _DECLARED.finditer(part):
+        present[match["name"]] = _hash(match[0])
+    changed = [name for name in {*stated, *present} if stated.get(name) != present.get(name)]
     if not changed:
         return " No table differs: what stands between them was changed."
-    return f" What differs is {', '.join(changed)}."
+    return f" What differs is {', '.join(sorted(changed))}."
 
 
 def _hash(text: str) -> str:
@@ -222,21 +226,23 @@ def _joints(tables: Mapping[str, list[str]], links: tuple[str, ...]) -> list[Fil
     limits = _numbers(tables["jointLimits"]).reshape(len(names), 2)
     driven = _words(tables["joints"])
     joints = []
-    for i, name in enumerate(names):
-        T_parent_joint = _pose(frames[i, 0])
-        T_parent_child = T_parent_joint @ poses.inverse(_pose(frames[i, 1]))
+    for number, name in enumerate(names):
+        T_parent_joint = _pose(frames[number, 0])
+        T_parent_child = T_parent_joint @ poses.inverse(_pose(frames[number, 1]))
         drive = FileDrive()
-        if kinds[i] in _SINGLE:
-            low, high = limits[i].tolist()
-            drive = FileDrive((low, high), active[i] >= 0 and driven[active[i]] == name)
-        motions = motion_lines(kinds[i], T_parent_joint)
-        joints.append(FileJoint((name,), links[parents[i]], links[children[i]], T_parent_child, motions, drive))
+        if kinds[number] in _SINGLE:
+            low, high = limits[number].tolist()
+            drive = FileDrive((low, high), active[number] >= 0 and driven[active[number]] == name)
+        motions = along(kinds[number], T_parent_joint)
+        parent = links[parents[number]]
+        child = links[children[number]]
+        joints.append(FileJoint((name,), parent, child, T_parent_child, motions, drive))
     return joints
 
 
 def _check_sizes(tables: Mapping[str, list[str]], ledger: Ledger) -> bool:
     """Report tables without an entry for each of what they belong to; return whether there are none."""
-    before = len(ledger.found)
+    findings_before = len(ledger.found)
     count = len(tables["joints"])
     for table, expected in (
         ("angles", count),
@@ -253,7 +259,7 @@ def _check_sizes(tables: Mapping[str, list[str]], ledger: Ledger) -> bool:
         if len(tables[table]) != expected:
             text = f"the table '{table}' of the class has {len(tables[table])} entries, not {expected}."
             ledger.wrong("unity.kinematics", text, table)
-    return len(ledger.found) == before
+    return len(ledger.found) == findings_before
 
 
 def _check_angles(tables: Mapping[str, list[str]], ledger: Ledger) -> None:
@@ -267,14 +273,19 @@ def _check_angles(tables: Mapping[str, list[str]], ledger: Ledger) -> None:
 
 def _check_tree(tables: Mapping[str, list[str]], links: tuple[str, ...], ledger: Ledger) -> None:
     """Report links that are the child of no joint or of several, beside those that close loops."""
-    owners = dict.fromkeys(links, 0)
+    owners = dict.fromkeys(links, 0)  # number of joints outside of loops that move a link
     children = _numbers(tables["jointChildren"]).astype(int)
     for child, loop in zip(children, tables["inLoops"], strict=True):
         owners[links[child]] += loop == "false"
-    roots = [link for link, count in owners.items() if not count]
-    several = [link for link, count in owners.items() if count > 1]
-    if len(roots) > 1 or several:
-        link = several[0] if several else roots[-1]
+    roots: list[str] = []
+    with_several_owners: list[str] = []
+    for link, count in owners.items():
+        if count == 0:
+            roots.append(link)
+        elif count > 1:
+            with_several_owners.append(link)
+    if len(roots) > 1 or with_several_owners:
+        link = with_several_owners[0] if with_several_owners else roots[-1]
         text = f"the class has {owners[link]} joints outside of loops that move link '{link}': the joints are no tree."
         ledger.wrong("unity.kinematics", text, f"link '{link}'")
 
@@ -284,25 +295,24 @@ def _check_bounds(tables: Mapping[str, list[str]], ledger: Ledger) -> None:
     joints = _words(tables["joints"])
     limits = _numbers(tables["jointLimits"]).reshape(-1, 2)
     by_joint = dict(zip(_words(tables["allJoints"]), limits, strict=True))
-    least = _numbers(tables["boundLeast"])
-    weights = _numbers(tables["boundWeights"]).reshape(len(least), len(joints))
+    lower_bounds = _numbers(tables["boundLeast"])
+    weights = _numbers(tables["boundWeights"]).reshape(len(lower_bounds), len(joints))
     names = _words(tables["boundNames"])
-    for i, kind in enumerate(_words(tables["boundKinds"])):
-        if kind in _SIGNS and names[i] in joints:
+    for number, kind in enumerate(_words(tables["boundKinds"])):
+        name = names[number]
+        if kind in _SIGNS and name in joints:
             expected = np.zeros(len(joints))
-            expected[joints.index(names[i])] = _SIGNS[kind]
+            expected[joints.index(name)] = _SIGNS[kind]
             side = 0 if kind == "minimum" else 1
-            limit = _SIGNS[kind] * by_joint[names[i]][side]
-            if not (np.allclose(weights[i], expected) and abs(least[i] - limit) <= _SAME):
-                text = (
-                    f"the {kind} by which the class judges joint '{names[i]}' is not the limit in its table of limits."
-                )
-                ledger.wrong("unity.kinematics", text, f"joint '{names[i]}'")
+            limit = _SIGNS[kind] * by_joint[name][side]
+            if not (np.allclose(weights[number], expected) and abs(lower_bounds[number] - limit) <= _SAME):
+                text = f"the {kind} by which the class judges joint '{name}' is not the limit in its table of limits."
+                ledger.wrong("unity.kinematics", text, f"joint '{name}'")
     for table in ("homeJoints", "restJoints"):
-        missing = least - weights @ _numbers(tables[table])
-        worst = int(np.argmax(missing)) if len(missing) else 0
-        if len(missing) and missing[worst] > _SAME:
-            text = f"{table}: bound '{names[worst]}' is exceeded by {missing[worst]:.4g} m or rad."
+        deficits = lower_bounds - weights @ _numbers(tables[table])
+        worst_bound = int(np.argmax(deficits)) if len(deficits) else 0
+        if len(deficits) and deficits[worst_bound] > _SAME:
+            text = f"{table}: bound '{names[worst_bound]}' is exceeded by {deficits[worst_bound]:.4g} m or rad."
             ledger.wrong("unity.kinematics", text, table)
 
 
@@ -311,15 +321,15 @@ def _check_distances(tables: Mapping[str, list[str]], links: tuple[str, ...], le
     joints = _words(tables["allJoints"])
     frames = _numbers(tables["jointFrames"]).reshape(len(joints), 2, 3, 4)
     parents = _numbers(tables["jointParents"]).astype(int)
-    drawn = _numbers(tables["drawnDistances"])
-    for title, stated in zip(_words(tables["distanceNames"]), drawn, strict=True):
+    distances = _numbers(tables["drawnDistances"])
+    for title, stated in zip(_words(tables["distanceNames"]), distances, strict=True):
         link, _, pair = title.partition(": ")
         points = []
         for name in pair.split(" to "):
             if name in joints and link in links:
-                i = joints.index(name)
-                side = 0 if links[parents[i]] == link else 1
-                points.append(frames[i, side, :, 3])
+                number = joints.index(name)
+                side = 0 if links[parents[number]] == link else 1
+                points.append(frames[number, side, :, 3])
         if len(points) != 2:
             text = f"the class states the distance '{title}', but has no such link or joints."
         else:
@@ -340,8 +350,14 @@ def _words(entries: list[str]) -> list[str]:
 
 
 def _numbers(entries: list[str]) -> Array:
-    known = {"double.PositiveInfinity": np.inf, "double.NegativeInfinity": -np.inf}
-    return np.array([known[entry] if entry in known else float(entry) for entry in entries])
+    infinities = {"double.PositiveInfinity": np.inf, "double.NegativeInfinity": -np.inf}
+    values: list[float] = []
+    for entry in entries:
+        if entry in infinities:
+            values.append(infinities[entry])
+        else:
+            values.append(float(entry))
+    return np.array(values)
 
 
 def _pose(rows: Array) -> Array:

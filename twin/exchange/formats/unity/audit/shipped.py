@@ -25,7 +25,8 @@ def is_shipped(folder: Path) -> bool:
     names = []
     for package in (folder, PACKAGE):
         try:
-            names.append(json.loads((package / "package.json").read_text(encoding="utf-8-sig"))["name"])
+            manifest = json.loads((package / "package.json").read_text(encoding="utf-8-sig"))
+            names.append(manifest["name"])
         except (OSError, ValueError, TypeError, KeyError, RecursionError):
             return False
     return names[0] == names[1]
@@ -38,15 +39,15 @@ def check_shipped(folder: Path, data: JsonMapping, ledger: Ledger) -> None:
     entries of twin count, and Unity may add others. Files that twin does not have may be the user's own.
     """
     try:
-        own = json.loads((PACKAGE / "package.json").read_text(encoding="utf-8"))
+        own_manifest = json.loads((PACKAGE / "package.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return
-    if data.get("name") != own["name"]:
+    if data.get("name") != own_manifest["name"]:
         return
-    if data.get("version") != own["version"]:
+    if data.get("version") != own_manifest["version"]:
         text = (
-            f"the package has version {data.get('version')}, this twin has version {own['version']}: the scripts are "
-            "not compared with those of twin."
+            f"the package has version {data.get('version')}, this twin has version {own_manifest['version']}: the "
+            "scripts are not compared with those of twin."
         )
         ledger.add("unity.version", "warning", text, "package.json", suggestion="export again")
         return
@@ -54,7 +55,8 @@ def check_shipped(folder: Path, data: JsonMapping, ledger: Ledger) -> None:
     different = 0
     for shipped in sorted(PACKAGE.rglob("*")):
         path = shipped.relative_to(PACKAGE)
-        if not shipped.is_file() or any(part.startswith(".") for part in path.parts):
+        is_hidden = any(part.startswith(".") for part in path.parts)
+        if not shipped.is_file() or is_hidden:
             continue
         count += 1
         name = path.as_posix()

@@ -26,11 +26,16 @@ _INDENT = " " * 8
 _ON_A_LINE = 6
 """Numbers on a line of a table."""
 
+_POSE_NUMBERS = 12
+"""Numbers of a pose in C#: the first three rows of its matrix."""
+
 
 def class_name(robot: str) -> str:
     """Return the name of the class of a robot: "davinci_psm" becomes "DavinciPsmKinematics"."""
-    words = [word[:1].upper() + word[1:] for word in robot.split("_")]
-    return "".join(words) + "Kinematics"
+    name = ""
+    for word in robot.split("_"):
+        name += word[:1].upper() + word[1:]  # not `capitalize`, which would change the other letters
+    return f"{name}Kinematics"
 
 
 def source(model: DeviceModel) -> str:
@@ -45,13 +50,13 @@ def source(model: DeviceModel) -> str:
     loops = AdjustableLoops(solver, kinematic_distances(mechanism))
     places = _Places(loops)
     methods = [*HELPERS.splitlines(), ""]
-    newton: list[str] = []
-    for k, stage in enumerate(loops.newton):
-        methods += _member(f"WriteBlock{k}", stage, places)
-        newton += [
+    newton_lines: list[str] = []
+    for block, stage in enumerate(loops.newton):
+        methods += _member(f"WriteBlock{block}", stage, places)
+        newton_lines += [
             f"for (int k = 0; k < {stage.repeat}; k++)",
             "{",
-            f"    WriteBlock{k}();",
+            f"    WriteBlock{block}();",
             f"    if (!(error[0] > {number(stage.tolerance)}))",
             "    {",
             "        break;",
@@ -62,25 +67,25 @@ def source(model: DeviceModel) -> str:
     methods += _member("WriteEnd", loops.end, places)
     methods += _member("WriteLinks", loops.links, places)
     methods += _member("WriteSlacks", loops.slacks, places)
-    equations, equation_methods = _equations(model.equations, mechanism.active)
+    equations, equation_methods = _equation_values(model.equations, mechanism.active)
     methods += equation_methods
 
     text = _TEMPLATE.read_text(encoding="utf-8")
-    values = _mechanism_tables(model, loops) | _joint_tables(mechanism) | equations
+    values = _mechanism_values(model, loops) | _joint_values(mechanism) | equations
     values["NEWTON_FIELDS"] = ""
-    if newton:
+    if newton_lines:
         values["NEWTON_FIELDS"] = (
             f"{_INDENT}private readonly double[] error = new double[1];\n"
             f"{_INDENT}private readonly double[] determinants = new double[{len(solver.signs)}];\n"
         )
-    values["NEWTON"] = "\n".join(f"            {line}".rstrip() for line in newton)
+    values["NEWTON"] = "\n".join(f"            {line}".rstrip() for line in newton_lines)
     values["METHODS"] = "\n".join(f"{_INDENT}{line}".rstrip() for line in methods).rstrip()
     for key, value in values.items():
         text = text.replace(f"@{key}@", value)
     return text.replace("@PARTS@", _hashes(text))
 
 
-_MEMBER = re.compile(r" {8}(public|private)\b[^=]*?(\w+)\([^()]*\)")
+_METHOD = re.compile(r" {8}(public|private)\b[^=]*?(\w+)\([^()]*\)")
 """Line at which a method begins."""
 
 
@@ -97,9 +102,9 @@ def _hashes(text: str) -> str:
     titles = ["tables"]
     bodies: list[list[str]] = [[]]
     for line in text.split("using System;", 1)[1].split("\n"):
-        found = _MEMBER.fullmatch(line)
-        if found:
-            title = found[2]
+        match = _METHOD.fullmatch(line)
+        if match:
+            title = match[2]
             titles.append(title if title not in titles else f"{title} {len(titles)}")
             bodies.append([])
         bodies[-1].append(line)
@@ -118,9 +123,9 @@ def _tables(lines: list[str]) -> dict[str, list[str]]:
     tables: dict[str, list[str]] = {}
     current: list[str] = []
     for line in lines:
-        found = _TABLE.match(line)
-        if found:
-            current = tables.setdefault(found[1], [])
+        match = _TABLE.match(line)
+        if match:
+            current = tables.setdefault(match[1], [])
         elif not line or line.startswith(f"{_INDENT}private "):
             current = []
         current.append(line)
@@ -131,42 +136,42 @@ class _Places:
     """The C# array entries of the named arguments and results of stages."""
 
     def __init__(self, loops: AdjustableLoops) -> None:
-        e = loops.equations
-        self._known: dict[str, list[Place]] = {
-            "q": _entries("q", e.q.numel()),
+        equations = loops.equations
+        self._places: dict[str, list[Place]] = {
+            "q": _entries("q", equations.q.numel()),
             DISTANCES: _entries("distances", len(loops.distances)),
             "error": _entries("error", 1),
-            "pose": _entries("tool", 12),
+            "pose": _entries("tool", _POSE_NUMBERS),
             "gaps": _entries("gaps", 3),
-            "states": _entries("states", e.states.numel()),
-            "links": _entries("poses", 12 * len(e.mechanism.bodies)),
+            "states": _entries("states", equations.states.numel()),
+            "links": _entries("poses", _POSE_NUMBERS * len(equations.mechanism.bodies)),
             "slacks": _entries("slacks", len(loops.limits)),
         }
         start = 0
-        for passive in e.passive:
+        for passive in equations.passive:
             count = passive.state.numel()
-            self._known[passive.key] = _entries("states", count, start)
+            self._places[passive.key] = _entries("states", count, start)
             start += count
-        for i, name in enumerate(loops.solver.signs):
-            self._known[name] = _entries("determinants", 1, i)
+        for index, name in enumerate(loops.solver.signs):
+            self._places[name] = _entries("determinants", 1, index)
 
     def of(self, names: Iterable[str]) -> list[Place]:
         """Return the places of several arguments or results, one after the other."""
         places: list[Place] = []
         for name in names:
-            places += self._known[name]
+            places += self._places[name]
         return places
 
 
 def _entries(array: str, count: int, start: int = 0) -> list[Place]:
-    return [(array, i) for i in range(start, start + count)]
+    return [(array, index) for index in range(start, start + count)]
 
 
 def _member(name: str, stage: Stage, places: _Places) -> list[str]:
     return [*method(name, stage.function, places.of(stage.takes), places.of(stage.gives)), ""]
 
 
-def _mechanism_tables(model: DeviceModel, loops: AdjustableLoops) -> dict[str, str]:
+def _mechanism_values(model: DeviceModel, loops: AdjustableLoops) -> dict[str, str]:
     """Return the values of the template that come from the mechanism."""
     mechanism = model.mechanism
     solver = loops.solver
@@ -175,43 +180,67 @@ def _mechanism_tables(model: DeviceModel, loops: AdjustableLoops) -> dict[str, s
     home = mechanism.home
     if home is None:
         home = solver.q
-    distance_names = [f"{d.body}: {d.joint} to {d.other}" for d in loops.distances]
-    bound_kinds = {"lower": "minimum", "upper": "maximum", "gap": "distance on the rail", "motor": "motor"}
+    distance_names: list[str] = []
+    distances: list[float] = []
+    for distance in loops.distances:
+        distance_names.append(f"{distance.body}: {distance.joint} to {distance.other}")
+        distances.append(distance.distance)
+    kind_words = {"lower": "minimum", "upper": "maximum", "gap": "distance on the rail", "motor": "motor"}
+    bound_names: list[str] = []
+    bound_kinds: list[str] = []
+    for bound in bounds:
+        bound_names.append(bound.name)
+        bound_kinds.append(kind_words[bound.kind])
     return {
         "ROBOT": mechanism.name,
-        "NAME": _string(mechanism.name),
+        "NAME": _csharp_string(mechanism.name),
         "CLASS": class_name(mechanism.name),
         "HASH": model_hash(mechanism),
         "GAP": number(solver.gap),
         "TILT": number(solver.tilt),
-        "JOINTS": _strings([joint.name for joint in mechanism.active]),
-        "ANGLES": _list([str(joint.is_angle).lower() for joint in mechanism.active]),
-        "LINKS": _strings([body.name for body in mechanism.bodies]),
+        "JOINTS": _csharp_strings([joint.name for joint in mechanism.active]),
+        "ANGLES": _csharp_list([_csharp_bool(joint.is_angle) for joint in mechanism.active]),
+        "LINKS": _csharp_strings([body.name for body in mechanism.bodies]),
         "LINK_COUNT": str(len(mechanism.bodies)),
-        "TOOL_LINK": _string(tool.body),
-        "TOOL_FRAME": _numbers(np.asarray(tool.T_body_frame)[:3].ravel()),
-        "BOUND_NAMES": _strings([bound.name for bound in bounds]),
-        "BOUND_KINDS": _strings([bound_kinds[bound.kind] for bound in bounds]),
-        "BOUND_WEIGHTS": _numbers(np.array([bound.weights for bound in bounds]).ravel()),
-        "BOUND_LEAST": _numbers(np.array([bound.least for bound in bounds])),
-        "PASSIVE_NAMES": _strings([limit.joint.name for limit in loops.limits]),
+        "TOOL_LINK": _csharp_string(tool.body),
+        "TOOL_FRAME": _csharp_numbers(np.asarray(tool.T_body_frame)[:3].ravel()),
+        "BOUND_NAMES": _csharp_strings(bound_names),
+        "BOUND_KINDS": _csharp_strings(bound_kinds),
+        "BOUND_WEIGHTS": _csharp_numbers(np.array([bound.weights for bound in bounds]).ravel()),
+        "BOUND_LEAST": _csharp_numbers(np.array([bound.least for bound in bounds])),
+        "PASSIVE_NAMES": _csharp_strings([limit.joint.name for limit in loops.limits]),
         "PASSIVE_COUNT": str(len(loops.limits)),
-        "DISTANCE_NAMES": _strings(distance_names),
-        "DISTANCES": _numbers(np.array([d.distance for d in loops.distances])),
-        "REST_JOINTS": _numbers(solver.q),
-        "REST_STATES": _numbers(np.concatenate([*solver.home, []])),
-        "HOME": _numbers(np.asarray(home)),
+        "DISTANCE_NAMES": _csharp_strings(distance_names),
+        "DISTANCES": _csharp_numbers(np.array(distances)),
+        "REST_JOINTS": _csharp_numbers(solver.q),
+        "REST_STATES": _csharp_numbers(np.concatenate([*solver.home, []])),
+        "HOME": _csharp_numbers(np.asarray(home)),
     }
 
 
-def _joint_tables(mechanism: Mechanism) -> dict[str, str]:
+def _joint_values(mechanism: Mechanism) -> dict[str, str]:
     """Return the values of the template that describe all joints, in the tree and in loops, and the masses of links."""
-    order = {body.name: i for i, body in enumerate(mechanism.bodies)}
-    active = {joint.name: i for i, joint in enumerate(mechanism.active)}
-    loops = {joint.name for joint in mechanism.loops}
-    frames = []
-    limits = []
+    body_names = [body.name for body in mechanism.bodies]
+    active_names = [joint.name for joint in mechanism.active]
+    loop_names = {joint.name for joint in mechanism.loops}
+    names: list[str] = []
+    types: list[str] = []
+    in_loops: list[str] = []
+    parents: list[str] = []
+    children: list[str] = []
+    active: list[str] = []
+    frames: list[Array] = []
+    limits: list[float] = []
     for joint in mechanism.joints:
+        names.append(joint.name)
+        types.append(joint.type)
+        in_loops.append(_csharp_bool(joint.name in loop_names))
+        parents.append(str(body_names.index(joint.parent)))
+        children.append(str(body_names.index(joint.child)))
+        number_of_active = -1  # a passive joint
+        if joint.name in active_names:
+            number_of_active = active_names.index(joint.name)
+        active.append(str(number_of_active))
         for T in (joint.T_parent_joint, joint.T_child_joint):
             frames.append(np.asarray(T, float)[:3].ravel())
         limits += joint.limits or (-np.inf, np.inf)
@@ -221,32 +250,31 @@ def _joint_tables(mechanism: Mechanism) -> dict[str, str]:
         if body.inertia is not None:
             mass = body.inertia.mass
         masses.append(mass)
-    joints = mechanism.joints
     return {
-        "ALL_JOINTS": _strings([joint.name for joint in joints]),
-        "JOINT_TYPES": _strings([joint.type for joint in joints]),
-        "IN_LOOPS": _list([str(joint.name in loops).lower() for joint in joints]),
-        "JOINT_PARENTS": _list([str(order[joint.parent]) for joint in joints]),
-        "JOINT_CHILDREN": _list([str(order[joint.child]) for joint in joints]),
-        "JOINT_ACTIVE": _list([str(active.get(joint.name, -1)) for joint in joints]),
-        "JOINT_FRAMES": _numbers(np.concatenate(frames)),
-        "JOINT_LIMITS": _numbers(np.array(limits, float)),
-        "LINK_MASSES": _numbers(np.array(masses, float)),
+        "ALL_JOINTS": _csharp_strings(names),
+        "JOINT_TYPES": _csharp_strings(types),
+        "IN_LOOPS": _csharp_list(in_loops),
+        "JOINT_PARENTS": _csharp_list(parents),
+        "JOINT_CHILDREN": _csharp_list(children),
+        "JOINT_ACTIVE": _csharp_list(active),
+        "JOINT_FRAMES": _csharp_numbers(np.concatenate(frames)),
+        "JOINT_LIMITS": _csharp_numbers(np.array(limits, float)),
+        "LINK_MASSES": _csharp_numbers(np.array(masses, float)),
     }
 
 
-def _equations(kinematics: Kinematics | None, active: Sequence) -> tuple[dict[str, str], list[str]]:
+def _equation_values(kinematics: Kinematics | None, active: Sequence) -> tuple[dict[str, str], list[str]]:
     """Return the values of the template that come from the equations, and their methods."""
     if kinematics is None or not kinematics.closed_inverse:
         empty = dict.fromkeys(("PARAMETER_NAMES", "PARAMETERS", "MEASURE_NAMES", "MEASURE_ALARMS"), "")
         none = ["private void WriteInverse() { }", "private void WriteMargins() { }"]
         return empty | {"HAS_EQUATIONS": "false", "MARGINS": "0"}, none
     program = kinematics.program
-    n = len(active)
+    joint_count = len(active)
     parameters = _entries("parameters", len(kinematics.parameters))
     pose = _entries("target", 16)
     inverse = program.inverse_of_parameters.function
-    methods = [*method("WriteInverse", inverse, [*parameters, *pose], _entries("found", n + 1)), ""]
+    methods = [*method("WriteInverse", inverse, [*parameters, *pose], _entries("found", joint_count + 1)), ""]
 
     margins = program.margins_at((), ()).function
     scalars = kinematics.formula.scalars
@@ -256,30 +284,34 @@ def _equations(kinematics: Kinematics | None, active: Sequence) -> tuple[dict[st
     places = _entries("margins", reach_count, len(measures))
     places += _entries("margins", len(measures))
     places += _entries("margins", len(scalars["aspect"]), len(measures) + reach_count)
-    methods += method("WriteMargins", margins, [*parameters, *pose, *_entries("q", n)], places)
+    methods += method("WriteMargins", margins, [*parameters, *pose, *_entries("q", joint_count)], places)
     return {
         "HAS_EQUATIONS": "true",
-        "PARAMETER_NAMES": _strings(list(kinematics.parameters)),
-        "PARAMETERS": _numbers(np.array(list(kinematics.parameters.values()), float)),
-        "MEASURE_NAMES": _strings([measure.name for measure in measures]),
-        "MEASURE_ALARMS": _numbers(np.array([measure.alarm for measure in measures], float)),
+        "PARAMETER_NAMES": _csharp_strings(list(kinematics.parameters)),
+        "PARAMETERS": _csharp_numbers(np.array(list(kinematics.parameters.values()), float)),
+        "MEASURE_NAMES": _csharp_strings([measure.name for measure in measures]),
+        "MEASURE_ALARMS": _csharp_numbers(np.array([measure.alarm for measure in measures], float)),
         "MARGINS": str(len(places)),
     }, methods
 
 
-def _string(text: str) -> str:
+def _csharp_string(text: str) -> str:
     return json.dumps(text)
 
 
-def _strings(texts: Sequence[str]) -> str:
-    return _list([_string(text) for text in texts])
+def _csharp_bool(value: bool) -> str:
+    return "true" if value else "false"
 
 
-def _numbers(values: Array) -> str:
-    return _list([number(float(value)) for value in values])
+def _csharp_strings(texts: Sequence[str]) -> str:
+    return _csharp_list(list(map(_csharp_string, texts)))
 
 
-def _list(entries: Sequence[str]) -> str:
+def _csharp_numbers(values: Array) -> str:
+    return _csharp_list([number(float(value)) for value in values])
+
+
+def _csharp_list(entries: Sequence[str]) -> str:
     """Return the entries of a C# array, a few on each line."""
     if len(entries) <= _ON_A_LINE:
         return ", ".join(entries)
