@@ -78,7 +78,7 @@ def content_of(file: MujocoFile, ledger: Ledger) -> Content:
     physics.collides = _colliding(model)
     physics.robot = _robot_name(file.spec)
     physics.assumed = assumed_masses(file.path)
-    physics.partly = partly_shown(file.path) | _partly_read(model)
+    physics.partly_shown = partly_shown(file.path) | _partly_read(model)
     content.physics = physics
     return content
 

@@ -57,10 +57,10 @@ def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> FilePhysi
     physics.all_motors = True
     physics.self_collision = _self_collision(model)
     fixed_links: set[str] = set()
-    floats: dict[str, float] = {}
+    weight_shares: dict[str, float] = {}
     shown: dict[str, bool] = {}
     for name, body in bodies.items():
-        floats[name] = float(model.body_gravcomp[body])
+        weight_shares[name] = float(model.body_gravcomp[body])
         if body:  # the world has floors and walls
             shown[name] = bool(model.body_geomnum[body])
         # A body fixed to the world needs no mass: 0 means "not stated".
@@ -70,13 +70,13 @@ def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> FilePhysi
             physics.masses[name] = FileMass(float(model.body_mass[body]), model.body_ipos[body].copy(), inertia)
         if body == 0 or (model.body_parentid[body] == 0 and not model.body_jntnum[body]):
             fixed_links.add(name)
-    physics.floats = floats
+    physics.weight_shares = weight_shares
     physics.shown = shown
     names = [model.body(number).name for number in range(model.nbody)]
     drives = _drives(model, physics.motors)
     for body in range(1, model.nbody):
         physics.joints.append(_tree_joint(model, body, names, drives))
-    physics.held = frozenset(fixed_links)
+    physics.fixed_to_world = frozenset(fixed_links)
     physics.joints += _loop_joints(model, names)
     _read_sites(model, names, physics)
     physics.opening = _opening_under_load(model)
@@ -107,9 +107,9 @@ def _tree_joint(model: mujoco.MjModel, body: int, names: list[str], drives: list
         if drives[joint].driven:
             driven.append(drives[joint])
         for line in _motions(model, joint):
-            motions.append(line.seen(T))
+            motions.append(line.transformed(T))
     if len(joints) == 1 and model.jnt_type[first] in (HINGE, SLIDE):  # a body is placed at `ref`, not at zero
-        T = motions[0].moved(-float(model.qpos0[model.jnt_qposadr[first]])) @ T
+        T = motions[0].motion(-float(model.qpos0[model.jnt_qposadr[first]])) @ T
     drive = FileDrive()
     if len(joints) == 1:
         drive = drives[first]
@@ -133,11 +133,11 @@ def _read_sites(model: mujoco.MjModel, names: list[str], physics: FilePhysics) -
         body = names[model.site_bodyid[site]]
         if label.startswith(POINT):
             physics.points[label.removeprefix(POINT)] = FileFrame(body, poses.pose(None, T[:3, 3]))
-            physics.marks |= {"point"}
+            physics.fully_listed |= {"point"}
             continue
         physics.frames[label.removeprefix(MARK)] = FileFrame(body, T)
         if label.startswith(MARK):
-            physics.marks |= {"frame"}
+            physics.fully_listed |= {"frame"}
 
 
 def _opening_under_load(model: mujoco.MjModel) -> float | None:
@@ -294,7 +294,7 @@ def _drives(model: mujoco.MjModel, motors: dict[str, FileMotor]) -> list[FileDri
         )
         actuator = actuator_of_joint.get(joint)
         if actuator is None:
-            gains = felt(motors, model.joint(joint).name)
+            gains = drive_of_motors(motors, model.joint(joint).name)
             stiffness, damping = gains or (None, None)
             drive = FileDrive(limits, gains is not None, stiffness, damping)
             drives.append(replace(drive, passive=passive, breaks=np.inf))

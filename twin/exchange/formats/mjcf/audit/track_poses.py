@@ -106,7 +106,7 @@ class TrackCoordinates:
             T_parent_body = self._relative_pose(body)
             if T_parent_body is None:
                 return
-            stated = fit(steps, stated, T_parent_body)
+            stated = solve_chain(steps, stated, T_parent_body)
         for joint in joints:
             joint_values: list[Array] = []
             for values, owner in zip(stated, owners, strict=True):

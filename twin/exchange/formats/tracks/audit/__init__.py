@@ -25,7 +25,6 @@ from twin.exchange.audit.mechanism_data import TOOL, FileDrive, FileFrame, FileJ
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.reader_context import Context
 from twin.exchange.audit.report import Ledger, Measured, ReadError
-from twin.exchange.audit.stated import ROBOT
 from twin.exchange.formats.tracks.audit.number_lists import entry_numbers, flat_numbers
 from twin.exchange.formats.tracks.audit.rcm import check_rcm
 from twin.exchange.formats.tracks.audit.schema_file import check_schema
@@ -377,7 +376,7 @@ def _physics(data: JsonObject, links: list[str], joints: list[str]) -> FilePhysi
             limits = (low, high)
         driven = bool(active[number]) if number < len(active) else None
         kind = str(kinds[number]) if number < len(kinds) else ""
-        physics.joints.append(FileJoint((name,), "", "", drive=FileDrive(limits, driven), kind_said=kind))
+        physics.joints.append(FileJoint((name,), "", "", drive=FileDrive(limits, driven), stated_kind=kind))
     names = data.get("frame_names", [])
     owners = data.get("frame_links", [])
     sevens = entry_numbers(data, "frames_local")
@@ -385,7 +384,7 @@ def _physics(data: JsonObject, links: list[str], joints: list[str]) -> FilePhysi
         for name, link, seven in zip(names, owners, sevens.reshape(-1, 7), strict=True):
             physics.frames[str(name)] = FileFrame(str(link), poses.from_seven(seven))
         if names:
-            physics.marks = frozenset({"frame"})
+            physics.fully_listed = frozenset({"frame"})
     tool = entry_numbers(data, "tool_frame")
     if tool.shape == (7,):
         physics.frames[TOOL] = FileFrame(str(data.get("tool_link", "")), poses.from_seven(tool))

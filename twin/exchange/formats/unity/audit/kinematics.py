@@ -233,7 +233,7 @@ def _joints(tables: Mapping[str, list[str]], links: tuple[str, ...]) -> list[Fil
         if kinds[number] in _SINGLE:
             low, high = limits[number].tolist()
             drive = FileDrive((low, high), active[number] >= 0 and driven[active[number]] == name)
-        motions = along(kinds[number], T_parent_joint)
+        motions = motion_lines(kinds[number], T_parent_joint)
         parent = links[parents[number]]
         child = links[children[number]]
         joints.append(FileJoint((name,), parent, child, T_parent_child, motions, drive))

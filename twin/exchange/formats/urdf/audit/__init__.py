@@ -20,8 +20,16 @@ from twin.exchange.audit.chain_poses import ChainStep, chain_end, solve_chain
 from twin.exchange.audit.colors import Palette, Rgba, linear
 from twin.exchange.audit.comment_statements import assumed_masses, partly_shown
 from twin.exchange.audit.file_content import Content, FileClip, LinkShape
-from twin.exchange.audit.mechanism_data import FileDrive, FileJoint, FileMass, FileMotor, FilePhysics, JointLine, unit
-from twin.exchange.audit.mechanism_data import motion_lines as lines_of
+from twin.exchange.audit.mechanism_data import (
+    FileDrive,
+    FileJoint,
+    FileMass,
+    FileMotor,
+    FilePhysics,
+    JointLine,
+    motion_lines,
+    unit,
+)
 from twin.exchange.audit.mesh_files import mesh_path, named_mesh, placed_shape
 from twin.exchange.audit.meshes import joined
 from twin.exchange.audit.poses import Array
@@ -233,7 +241,7 @@ class Urdf:
         path_values: list[Array] = []
         for joint in path:
             path_values.append(np.array([values.get(joint.name, 0.0)]))
-        return along(_steps(path), path_values, 1)
+        return chain_end(_steps(path), path_values, 1)
 
     def _path(self, link: str, stop: str) -> list[UrdfJoint]:
         """Return the joints on the path from the ancestor `stop` to the link `link`, starting at `stop`."""
@@ -260,8 +268,8 @@ class Urdf:
                 continue
             # Values that the track lacks are computed from the pose of the link in the track.
             goal = poses.inverse(clip.links.get(ancestor, link_poses[ancestor])) @ clip.links[name]
-            values = fit(_steps(path), _values(path, clip), goal)
-            link_poses[name] = link_poses[ancestor] @ along(_steps(path), values, count)
+            values = solve_chain(_steps(path), _values(path, clip), goal)
+            link_poses[name] = link_poses[ancestor] @ chain_end(_steps(path), values, count)
         for pair in self.closures.pairs:
             self._check_loop(pair, link_poses, clip)
         links = {link: T for link, T in link_poses.items() if link in clip.links}
@@ -290,9 +298,9 @@ class Urdf:
         ends.sort(key=_moving_joints)
         (goal_link, goal_path), (ancestor, path) = ends
         count = len(clip.times)
-        T_goal = link_poses[goal_link] @ along(_steps(goal_path), _values(goal_path, clip), count)
-        values = fit(_steps(path), _values(path, clip), poses.inverse(link_poses[ancestor]) @ T_goal)
-        T_fitted = link_poses[ancestor] @ along(_steps(path), values, count)
+        T_goal = link_poses[goal_link] @ chain_end(_steps(goal_path), _values(goal_path, clip), count)
+        values = solve_chain(_steps(path), _values(path, clip), poses.inverse(link_poses[ancestor]) @ T_goal)
+        T_fitted = link_poses[ancestor] @ chain_end(_steps(path), values, count)
         check_gap(pair, T_goal, T_fitted, f"clip '{clip.name}'", PLAYED, self._ledger)
 
     def _parents_first(self) -> list[str]:
@@ -578,7 +586,7 @@ def _tree_physics(
         axis = joint.link.axis
         motions: tuple[JointLine, ...] = ()
         if kind == "free":
-            motions = lines_of("free", T_parent_joint)
+            motions = motion_lines("free", T_parent_joint)
         elif kind != "fixed" and axis is not None:
             motions = (JointLine(kind, T_parent_joint[:3, 3], unit(T_parent_joint[:3, :3] @ axis)),)
         drive = FileDrive()

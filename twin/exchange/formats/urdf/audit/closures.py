@@ -55,7 +55,7 @@ class FileClosures:
         joints = []
         for first, second, kind in self.pairs:
             name = _closure_name(first, second)
-            joints.append(FileJoint((name,), first, second, np.eye(4), along(kind, np.eye(4))))
+            joints.append(FileJoint((name,), first, second, np.eye(4), motion_lines(kind, np.eye(4))))
         return joints
 
 
