@@ -472,9 +472,14 @@ class LiveRobot:
             return
         self.opening = False
         k = int(np.clip(round(self.clock.time * RATE), 0, len(track.playback.t) - 1))
-        self._sample = k
         self._wish = None
         self._worker.drop("move")
+        if self.movable.edited:  # the stored link poses are those of the robot as it was loaded
+            self._sample = None
+            playback = track.playback
+            self._move(lambda: self.movable.follow_sample(playback.x[k], playback.Ts_base_tool[k]))
+            return
+        self._sample = k
         self._show(DisplayedState(track.poses[k], track.playback.q[k], self._ghost.at(k)))
 
     def _look(self) -> None:

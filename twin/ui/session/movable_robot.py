@@ -341,6 +341,17 @@ class MovableRobot:
             self.requested_pose = requested_pose
             self.last_move = MoveResult(True)
 
+    def follow_sample(self, x: Array, T_base_tool: Array) -> MoveResult:
+        """Show a sample of a plan for the robot as it was loaded: configuration x (nq,) and tool pose (4, 4).
+
+        The configuration is no state of an edited robot: its loops would be open. It follows the tool pose instead; if
+        joints are redundant, a tool pose has no single state, and the joint values are followed.
+        """
+        if self.edited and not self.model.redundant:
+            return self.move_tool(T_base_tool)
+        self.show(self.model.state(x), T_base_tool)
+        return self.last_move
+
     @property
     def edited(self) -> bool:
         """Whether equations or mechanism have been changed, so that they differ from those of `robot`."""

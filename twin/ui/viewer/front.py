@@ -341,10 +341,7 @@ class Front(ViewerPage):
             if robot.playback is None:
                 continue
             k = int(np.clip(round(self.clock.time * timeline.RATE), 0, len(robot.playback.t) - 1))
-            if robot.movable.edited and not robot.movable.model.redundant:
-                robot.movable.move_tool(robot.playback.Ts_base_tool[k])
-            else:
-                robot.movable.show(robot.movable.model.state(robot.playback.x[k]), robot.playback.Ts_base_tool[k])
+            robot.movable.follow_sample(robot.playback.x[k], robot.playback.Ts_base_tool[k])
 
     def set_active(self, name: str) -> None:
         """Make a robot the active one."""
