@@ -61,24 +61,25 @@ class SampledMotions:
         values = sampled(ReferenceModel(mechanism), trajectory, path).values
         extremes = {}
         for (group, name), numbers in values.items():
-            known = numbers[~np.isnan(numbers)]
-            unknown = len(numbers) - len(known)
+            finite_numbers = numbers[~np.isnan(numbers)]
+            missing_count = len(numbers) - len(finite_numbers)
             if group == groups.RCM:
-                # outside the phases with an RCM there is no distance, which is nothing unknown
-                unknown = 0
+                # outside the phases with an RCM there is no distance to know
+                missing_count = 0
             smallest = math.nan
             largest = math.nan
-            if len(known):
-                smallest = float(known.min())
-                largest = float(known.max())
-            extremes[group, name] = (smallest, largest, unknown)
+            if len(finite_numbers):
+                smallest = float(finite_numbers.min())
+                largest = float(finite_numbers.max())
+            extremes[group, name] = (smallest, largest, missing_count)
         return extremes
 
 
 def _compare_path(phases: Sequence[Mapping[str, Any]], path: TimedPath) -> None:
     """Raise an error unless the phases of a certificate are those of a planned path."""
     stated_names = [phase["name"] for phase in phases]
-    if stated_names != [phase.name for phase in path.phases]:
+    planned_names = [phase.name for phase in path.phases]
+    if stated_names != planned_names:
         raise TwinError("its phases are not those of the plan")
     for stated, phase in zip(phases, path.phases, strict=True):
         if not _is_same_phase(stated, phase):
@@ -101,9 +102,12 @@ def _is_same_phase(stated: Mapping[str, Any], phase: TimedPhase) -> bool:
     if phase.rcm is not None:
         pairs.append((rcm, phase.rcm))
     for stated_values, planned_values in pairs:
-        one = np.array(stated_values, float)
-        other = np.array(planned_values, float)
-        if one.shape != other.shape or not np.allclose(one, other, rtol=_PLANNED, atol=_PLANNED):
+        stated_array = np.array(stated_values, float)
+        planned_array = np.array(planned_values, float)
+        if stated_array.shape != planned_array.shape:
+            return False
+        # the search for a path may end in other last digits on another processor
+        if not np.allclose(stated_array, planned_array, rtol=_PLANNED, atol=_PLANNED):
             return False
     return True
 
@@ -114,9 +118,9 @@ def _compare_moved(stated: Mapping[str, Any], path: TimedPath) -> None:
         ("the moved frame", stated["frame_in_tool"], path.T_tool_frame[:3]),
         ("the shaft", stated["shaft"], path.shaft_axis),
     )
-    for what, one, other in pairs:
-        if not _equal(one, other, _PLANNED):
-            raise TwinError(f"{what} is not that of the plan")
+    for subject, stated_numbers, planned_numbers in pairs:
+        if not _equal(stated_numbers, planned_numbers, _PLANNED):
+            raise TwinError(f"{subject} is not that of the plan")
 
 
 def _compare_joints(stated: Mapping[str, Any], mechanism: Mechanism) -> None:
@@ -142,6 +146,7 @@ def _is_same_joint(stated: Mapping[str, Any], own_joint: Joint) -> bool:
     bodies = (own_joint.parent, own_joint.child)
     if stated["type"] != own_joint.type or (stated["parent"], stated["child"]) != bodies:
         return False
+    # frames are copied into the certificate, so they are equal; only the inverse was computed, by other code
     T_joint_child = spatial.inverse(own_joint.T_child_joint)
     return (
         _equal(stated["on_parent"], own_joint.T_parent_joint[:3])
@@ -165,7 +170,7 @@ def _compare_driven(stated: Mapping[str, Any], mechanism: Mechanism) -> None:
     for row, coupling in zip(stated["couplings"], mechanism.couplings, strict=True):
         scale = 1.0
         if mechanism.joint(coupling.joints[0]).is_angle:
-            scale = _ARM
+            scale = _ARM  # the certificate states couplings of turns as lengths
         own_row = scale * np.array([*coupling.ratios, coupling.total])
         coordinates = [first[name] for name in coupling.joints]
         has_own_joints = list(row["coordinates"]) == coordinates
@@ -173,10 +178,10 @@ def _compare_driven(stated: Mapping[str, Any], mechanism: Mechanism) -> None:
             raise TwinError(f"coupling {coupling.name} is not that of the CAD")
 
 
-def _equal(stated: Any, own: Array, within: float = 0.0) -> bool:
+def _equal(stated: Any, expected: Array, tolerance: float = 0.0) -> bool:
     """Return whether numbers of a certificate are those of the CAD or the plan."""
     numbers = np.array(stated, float)
-    return numbers.shape == own.shape and bool(np.abs(numbers - own).max(initial=0.0) <= within)
+    return numbers.shape == expected.shape and bool(np.abs(numbers - expected).max(initial=0.0) <= tolerance)
 
 
 _COORDINATES = {"revolute": 1, "prismatic": 1, "cylindrical": 2, "spherical": 3, "fixed": 0}

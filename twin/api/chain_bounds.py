@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from twin.proof.trigonometric import TrigonometricSum
 
 _ROWS = slice(0, 3)
+"""Rows and columns of the rotation in a pose."""
+
+_ROUNDING_FACTOR = 1 + 1e-15
+"""Factor by which the bound of the angle grows: `sqrt` and `asin` round to the nearest number, which may be below."""
 
 
 @dataclass(frozen=True)
@@ -131,6 +135,7 @@ def chain_bounds(robot: Robot, variants: Mapping[str, str] | str | None = None, 
     chosen = variant_choice.choose(formula, variants)
     sliding = {}
     for joint in formula.joints:
+        # sines and cosines are bounded for every angle; a length is bounded only by the limits of its joint
         if joint.kind == "prismatic":
             sliding[joint.name] = chain.sliding_range(robot.mechanism, joint.name)
     tolerances = {}
@@ -139,9 +144,14 @@ def chain_bounds(robot: Robot, variants: Mapping[str, str] | str | None = None, 
             tolerances[parameter.name] = tolerance
     equations, joints = formula_chain.tool_pose(formula, chosen, sliding, tolerances)
     mechanism = chain.tool_pose(robot.mechanism, joints)
-    turning = {place for place, joint in enumerate(formula.joints) if joint.kind == "revolute"}
+    turning = set()
+    names = []
+    for place, joint in enumerate(formula.joints):
+        names.append(joint.name)
+        if joint.kind == "revolute":
+            turning.add(place)
     position, rotation = _bounds(robot.name, (equations, mechanism), turning)
-    names = [joint.name for joint in formula.joints]
+    # the certificate is checked from operations: the sums of this computation are no evidence for a reader
     operations = (
         bounds_certificate.variables(formula, robot.mechanism, names, tolerances),
         (
@@ -205,11 +215,12 @@ def _bounds(robot: str, poses: tuple[TrigonometricSum, TrigonometricSum], turnin
     from twin.proof.trigonometric import VARIABLES, length_bound, part
 
     difference = poses[0] - poses[1]
-    lengths = [place for place in range(VARIABLES) if place not in turning]
+    lengths = sorted(set(range(VARIABLES)) - turning)
     position = length_bound(part(difference, _ROWS, slice(3, 4)), lengths)
     # the distance of two rotations in the norm of Frobenius is 2 sqrt(2) sin(angle / 2)
     sine = part(difference, _ROWS, _ROWS).bound() / (2 * math.sqrt(2))
-    rotation = 2 * math.asin(min(sine, 1.0)) * (1 + 1e-15)
+    # a bound above 1 says nothing: any two orientations are at most 180 degrees apart
+    rotation = 2 * math.asin(min(sine, 1.0)) * _ROUNDING_FACTOR
     if not math.isfinite(position):
         raise TwinError(f"{robot}: a number of the equations or of the mechanism is not finite, or too large")
     return position, rotation

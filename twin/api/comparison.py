@@ -48,6 +48,9 @@ _SLIDE = 0.02
 _TILT = 0.15
 """Largest rotation about an axis from the home pose in rad."""
 
+_MOST_FOLDERS = 10
+"""Maximum number of folders that the labels of two files of one name show."""
+
 TOLERANCE = 1e-5
 """Distance in m up to which two joint lines coincide: files round rotations to four or five digits."""
 
@@ -95,19 +98,20 @@ def compare(
         raise TwinError(f"tolerance {tolerance:g} m: give a positive number")
     labels = _labels(sides)
     table = stated(dh, units)
-    if (dh or units) and not any(_is_table(side) for side in sides):
+    has_table = any(map(_is_table, sides))
+    if (dh or units) and not has_table:
         raise TwinError("--dh and --units are for tables (CSV, TOML, Markdown, LaTeX), but no side is one: omit them")
-    read = []
+    read_sides = []
     pairs = []
     with ExitStack() as mirrors, meshes_kept():  # a file is read again with other numbers and the same meshes
         for i, side in enumerate(sides):
             progress(f"read {labels[i]}", i / (2 * len(sides)))
-            read.append(_side(side, labels[i], only, xacro, table, mirrors))
-        chosen = list(combinations(read, 2))
-        for i, (first, second) in enumerate(chosen):
-            progress(f"compare {first.label} and {second.label}", 0.5 + i / (2 * len(chosen)))
+            read_sides.append(_side(side, labels[i], only, xacro, table, mirrors))
+        pairs_of_sides = list(combinations(read_sides, 2))
+        for i, (first, second) in enumerate(pairs_of_sides):
+            progress(f"compare {first.label} and {second.label}", 0.5 + i / (2 * len(pairs_of_sides)))
             pairs.append(compare_pair(first, second, tolerance))
-    return Comparison(tuple(read), tuple(pairs), tolerance, strict)
+    return Comparison(tuple(read_sides), tuple(pairs), tolerance, strict)
 
 
 def _labels(sides: Sequence[str | Path | Robot]) -> list[str]:
@@ -115,17 +119,17 @@ def _labels(sides: Sequence[str | Path | Robot]) -> list[str]:
     texts = []
     for side in sides:
         texts.append(side.name if isinstance(side, Robot) else str(side))
-    for depth in range(1, 12):
-        parts = [Path(text).parts[-depth:] for text in texts]
-        if len(set(parts)) == len(parts):
-            labels = []
-            for part in parts:
-                label = "/".join(part)
-                if len(part) > 2:  # folders that all have in common say nothing
-                    label = f"{part[0]}/…/{part[-1]}"
-                labels.append(label)
-            if len(set(labels)) == len(labels):
-                return labels
+    for depth in range(1, _MOST_FOLDERS + 2):
+        labels = []
+        for text in texts:
+            parts = Path(text).parts[-depth:]
+            label = "/".join(parts)
+            if len(parts) > 2:  # folders that all have in common say nothing
+                label = f"{parts[0]}/…/{parts[-1]}"
+            labels.append(label)
+        if len(set(labels)) == len(labels):
+            return labels
+    # one file is given twice
     return [f"{text} ({i + 1})" for i, text in enumerate(texts)]
 
 
@@ -219,6 +223,7 @@ def _file_side(
     guessed = False
     notes = []
     for finding in imported.findings:
+        # a tool that the reader has chosen may be another link than the tool of the other side
         if finding.code == "import.tool" and finding.severity == "warning":
             guessed = True
         if finding.code == "import.inertia":
@@ -234,7 +239,8 @@ def _file_side(
         unlimited=imported.unlimited,
     )
     if _is_table(path):
-        return replace(side, rows=_rows(path, table, [joint.name for joint in imported.mechanism.tree]))
+        joint_names = [joint.name for joint in imported.mechanism.tree]
+        return replace(side, rows=_rows(path, table, joint_names))
     return replace(side, tool_poses=_poses_of(imported.mechanism, side))
 
 
@@ -311,19 +317,20 @@ class _Mirror:
         Raises:
             TwinError: the text cannot be read, or the unchanged text cannot be read in this folder.
         """
-        if self._failed:
+        if self._failed:  # each number of the file is tried: to fail again and again would take minutes
             raise TwinError(f"{self._path}: a copy in another folder cannot be read")
         if self._folder is None:
             try:
-                self._folder = self._made()
+                self._folder = self._make_folder()
+                # if a reference does not lead to its file from here, the unchanged text fails as well
                 self._read(self._folder, self._data)
-            except (OSError, TwinError) as e:
+            except (OSError, TwinError) as error:
                 self._failed = True
-                raise TwinError(f"{self._path}: a copy in another folder cannot be read: {e}") from e
+                raise TwinError(f"{self._path}: a copy in another folder cannot be read: {error}") from error
         try:
             return self._read(self._folder, data)
-        except OSError as e:
-            raise TwinError(f"{self._path}: a changed text cannot be read: {e}") from e
+        except OSError as error:
+            raise TwinError(f"{self._path}: a changed text cannot be read: {error}") from error
 
     def _read(self, folder: Path, data: bytes) -> RobotSide:
         # a name for each text: USD keeps the layers of the files that it has read
@@ -335,7 +342,7 @@ class _Mirror:
         finally:
             copy.unlink()
 
-    def _made(self) -> Path:
+    def _make_folder(self) -> Path:
         """Return the folder of the copies, as deep as the original, each folder with links to the other entries."""
         folder = Path(self._mirrors.enter_context(TemporaryDirectory(prefix="twin-compare-")))
         original = self._path.parent
@@ -363,7 +370,9 @@ def _rows(path: Path, options: DhOptions, names: Sequence[str]) -> tuple[TableLi
     from twin.exchange.formats.dh.table import read_table, unit_size
 
     table = read_table(path, options)
-    links = [f"link{i + 1}" for i in range(len(names))]
+    links = []
+    for number in range(1, len(names) + 1):
+        links.append(f"link{number}")
     rows = []
     for i, (row, name) in enumerate(zip(table.rows, names, strict=True)):
         values = {}
@@ -371,6 +380,7 @@ def _rows(path: Path, options: DhOptions, names: Sequence[str]) -> tuple[TableLi
         for parameter, quantity in row.values.items():
             values[parameter] = quantity.value
             units[parameter] = unit_size(quantity.unit)
+        # a changed number moves what is behind it in the chain: these joints and frames
         below = frozenset(names[i + 1 :])
         frames = frozenset([*links[i:], "tool"])
         rows.append(TableLine(str(path), row.line, name, links[i], table.convention, values, units, below, frames))
@@ -419,10 +429,11 @@ def _poses_of(mechanism: Mechanism, side: RobotSide) -> Callable[[Array], Array]
 
         model = ReferenceModel(mechanism)
         states = np.repeat(model.home().q[None], len(q), axis=0)
-        columns = {joint.name: i for i, joint in enumerate(mechanism.active)}
+        active_names = [joint.name for joint in mechanism.active]
         for k, name in enumerate(side.order):
+            # NaN: the joint has no value at this state, so it stays at home
             is_stated = np.isfinite(q[:, k])
-            states[is_stated, columns[name]] = q[is_stated, k]
+            states[is_stated, active_names.index(name)] = q[is_stated, k]
         try:
             return model.solve_many(states).Ts_base_tool
         except AssemblyError:  # one state opens the loops: the others are still comparable
@@ -442,11 +453,11 @@ def _table_side(path: Path, label: str, only: Sequence[str], table: DhOptions) -
     from twin.exchange.read.pose_table import read_poses
 
     read = read_poses(path, table.length, table.angle)
-    chosen = _chosen_columns(read, label, only)
+    columns = _chosen_columns(read, label, only)
     rows = PoseRows(
-        tuple(read.joints[i] for i in chosen),
-        tuple(read.angles[i] for i in chosen),
-        read.q[:, chosen],
+        tuple(read.joints[column] for column in columns),
+        tuple(read.angles[column] for column in columns),
+        read.q[:, columns],
         read.T,
         read.rotations,
         read.lines,
@@ -472,17 +483,20 @@ def _chosen_columns(read: ReadPoses, label: str, only: Sequence[str]) -> list[in
 
     if not only:
         return list(range(len(read.joints)))
-    chosen = set()
+    chosen_columns = set()
     for name in only:
-        alike = [i for i, known in enumerate(read.joints) if plain(known) == plain(name)]
-        if name in read.joints:
-            alike = [read.joints.index(name)]
-        if len(alike) != 1:
+        columns = []
+        for i, joint in enumerate(read.joints):
+            if plain(joint) == plain(name):
+                columns.append(i)
+        if name in read.joints:  # of names that differ only in case or signs, the same one is meant
+            columns = [read.joints.index(name)]
+        if len(columns) != 1:
             raise TwinError(f"{label}: {unknown('joint of the table', name, read.joints)}")
-        chosen.add(alike[0])
+        chosen_columns.add(columns[0])
     for i, name in enumerate(read.joints):
         displaced = np.flatnonzero(read.q[:, i])
-        if i in chosen or not len(displaced):
+        if i in chosen_columns or not len(displaced):
             continue
         first = int(displaced[0])
         place = f"{label}:{read.lines[first]}"
@@ -491,7 +505,7 @@ def _chosen_columns(read: ReadPoses, label: str, only: Sequence[str]) -> list[in
             f"{place}: joint '{name}' is at {value}, but --only holds it at zero. Remove the rows where it is not "
             "zero, or compare it as well"
         )
-    return sorted(chosen)
+    return sorted(chosen_columns)
 
 
 def _equations_side(source: str, label: str, only: Sequence[str]) -> RobotSide:
@@ -504,27 +518,31 @@ def _equations_side(source: str, label: str, only: Sequence[str]) -> RobotSide:
         raise TwinError(f"{source}: formula.py is still the empty template: write the equations, or omit {EQUATIONS}")
     kin = robot.kinematics()
     joints = kin.formula.joints
-    order = tuple(joint.name for joint in joints)
-    kinds = tuple(joint.kind for joint in joints)
+    order = []
+    kinds = []
+    for joint in joints:
+        order.append(joint.name)
+        kinds.append(joint.kind)
     for name in only:
         if name not in order:
             raise TwinError(f"{label}: {unknown('joint of the equations', name, order)}")
     columns = [kin.joints.index(name) for name in order]
 
     def forward(q: Array) -> Array:
-        every = np.zeros((len(q), len(kin.joints)))
-        every[:, columns] = q
-        return kin.forward_many(every)
+        all_joints = np.zeros((len(q), len(kin.joints)))
+        all_joints[:, columns] = q
+        return kin.forward_many(all_joints)
 
     base = (JointGroup(("base",)),)
-    side = RobotSide(label, robot.name, (), base, {"base": (0, np.eye(4))}, tool="base", order=order)
+    side = RobotSide(label, robot.name, (), base, {"base": (0, np.eye(4))}, tool="base", order=tuple(order))
     if kin.closed_forward:
+        # equations of a robot with loops have no joint lines: only their poses are compared
         with contextlib.suppress(NotAChainError):
-            side = chain_of(forward, order, kinds, label, robot.name, only)
-    return replace(side, sampled=lambda: _computed(robot, kin, forward))
+            side = chain_of(forward, tuple(order), tuple(kinds), label, robot.name, only)
+    return replace(side, sampled=lambda: _sampled_poses(robot, kin, forward))
 
 
-def _computed(robot: Robot, kin: Kinematics, forward: Callable[[Array], Array]) -> PoseRows:
+def _sampled_poses(robot: Robot, kin: Kinematics, forward: Callable[[Array], Array]) -> PoseRows:
     """Return poses that the equations compute about the home state of the robot.
 
     The forward equations give them at drawn joint values; equations with only an inverse give joint values at drawn
@@ -532,11 +550,17 @@ def _computed(robot: Robot, kin: Kinematics, forward: Callable[[Array], Array]) 
     """
     from twin.comparison.side import PoseRows
 
-    names = tuple(joint.name for joint in kin.formula.joints)
-    angles = tuple(joint.kind == "revolute" for joint in kin.formula.joints)
+    names = []
+    angles = []
+    columns = []
+    columns_of_equations = []
+    for joint in kin.formula.joints:
+        names.append(joint.name)
+        angles.append(joint.kind == "revolute")
+        columns.append(robot.joints.index(joint.name))
+        columns_of_equations.append(kin.joints.index(joint.name))
     mechanism = robot.mechanism
     home = robot.reference().home()
-    columns = [robot.joints.index(name) for name in names]
     rng = np.random.default_rng(_SEED)
     if kin.closed_forward:
         centre = home.q[columns]
@@ -547,14 +571,14 @@ def _computed(robot: Robot, kin: Kinematics, forward: Callable[[Array], Array]) 
         q = rng.uniform(low, high, (_ROWS, len(names)))
         T = forward(q)
     else:
-        steps = spatial.pose(
-            spatial.exp_so3(rng.uniform(-_TILT, _TILT, (_ROWS, 3))), rng.uniform(-_SLIDE, _SLIDE, (_ROWS, 3))
-        )
-        T = home.T_base_tool @ steps
-        q = kin.inverse_many(T)[:, [kin.joints.index(name) for name in names]]
+        rotations = spatial.exp_so3(rng.uniform(-_TILT, _TILT, (_ROWS, 3)))
+        shifts = rng.uniform(-_SLIDE, _SLIDE, (_ROWS, 3))
+        T = home.T_base_tool @ spatial.pose(rotations, shifts)
+        q = kin.inverse_many(T)[:, columns_of_equations]
         low, high = mechanism.limits[columns].T
+        # the other side may refuse states beyond its limits
         q[((q < low) | (q > high)).any(axis=1)] = np.nan
-    known = np.isfinite(q).all(axis=1) & np.isfinite(T).all(axis=(1, 2))
-    if known.sum() < _FEWEST:
+    has_pose = np.isfinite(q).all(axis=1) & np.isfinite(T).all(axis=(1, 2))
+    if has_pose.sum() < _FEWEST:
         raise TwinError(f"{robot.name}: its equations have no poses at {_ROWS} states about home")
-    return PoseRows(names, angles, q[known], T[known], computed=True)
+    return PoseRows(tuple(names), tuple(angles), q[has_pose], T[has_pose], computed=True)

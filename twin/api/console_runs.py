@@ -20,6 +20,7 @@ from twin.model.task import ConsoleTask
 from twin.simulation import console_scene, machine_scene
 from twin.simulation.condition import Condition
 from twin.simulation.machine.link import Address
+from twin.simulation.machine.simulated_machine import Parts
 from twin.simulation.session import training
 from twin.simulation.session.file import NAME as FILE
 from twin.simulation.session.play import ArmPath, play_of
@@ -74,6 +75,7 @@ def operate_console(
         condition = Condition(haptics=haptics)
     robots, setup = _setup(scene, chosen, condition)
     with Scratch() as folder:
+        # the session is recorded as one of a person, so that `twin session` can replay and check it
         file = Path(folder) / FILE
         ran = run.perform(setup, file, seed=seed, scale=scale, mistake=mistake, progress=progress)
         recorded = file.read_bytes()
@@ -137,6 +139,14 @@ def machines_of(scene: Scene, robots: Mapping[str, Robot], running: Mapping[str,
     return Machines(robots_of_machines, sources, running)
 
 
+def _parts_of_machines(scene: Scene, robots: Mapping[str, Robot]) -> dict[str, Parts]:
+    """Return {name of a place: compiled parts of its machine}; empty for a scene without machines."""
+    parts = {}
+    for name in machine_scene.machines(scene):
+        parts[name] = machine_parts(robots[name])
+    return parts
+
+
 def _require_scale(scale: float | None) -> None:
     from twin.simulation.controllers.tool_following import SCALE
 
@@ -168,26 +178,27 @@ def replay_session(
 
     path = Path(path)
     session = read_session(path)
-    start = session.head
-    if scene is None and start.scene not in assets.scenes():
-        raise TwinError(f"{path}: scene '{start.scene}' is not built in: give its folder with --scene")
+    head = session.head
+    # a file states the name of its scene, not its folder
+    if scene is None and head.scene not in assets.scenes():
+        raise TwinError(f"{path}: scene '{head.scene}' is not built in: give its folder with --scene")
     if isinstance(scene, Scene):
-        placed = scene
+        chosen_scene = scene
     else:
-        placed = load_scene(scene or start.scene)
-    if start.task is not None and start.task not in placed.tasks:
-        raise TwinError(f"{path}: scene '{placed.name}' has no task '{start.task}', the task of the session")
+        chosen_scene = load_scene(scene or head.scene)
+    if head.task is not None and head.task not in chosen_scene.tasks:
+        raise TwinError(f"{path}: scene '{chosen_scene.name}' has no task '{head.task}', the task of the session")
     task = None
-    if start.task is not None:
-        task = placed.tasks[start.task]
+    if head.task is not None:
+        task = chosen_scene.tasks[head.task]
         _require_console(task)
     progress("read CAD", 0.0)
-    robots, setup = _setup(placed, task, start.condition)
+    robots, setup = _setup(chosen_scene, task, head.condition)
+    # before the replay: of another scene, it would differ from the first sample on, without the reason
     run.require_scene(session, path, setup)
-    parts = {name: machine_parts(robots[name]) for name in machine_scene.machines(placed)}
-    ran = run.replay(session, setup, progress, parts)
+    ran = run.replay(session, setup, progress, _parts_of_machines(chosen_scene, robots))
     measures_of_machines = _training(setup, ran)
-    return _session(setup, robots, ran, str(path), start.seed, lost=session.lost, training=measures_of_machines)
+    return _session(setup, robots, ran, str(path), head.seed, lost=session.lost, training=measures_of_machines)
 
 
 def _session(
@@ -252,6 +263,7 @@ def _arms(setup: Setup, robots: Mapping[str, Robot], ran: Ran) -> dict[str, ArmP
     for place in console_scene.led_by(setup.scene):
         robot = robots[place.name]
         mechanism = robot.mechanism
+        # the World records only joint values: the bodies follow from them by the loops of the mechanism
         q = ran.kept[ROBOT_Q.of(place.name)]
         solver = robot.loops
         closed = solver.forward_many(q)
@@ -262,7 +274,7 @@ def _arms(setup: Setup, robots: Mapping[str, Robot], ran: Ran) -> dict[str, ArmP
             raise AssemblyError(f"{place.name}: its loops cannot be closed at {t:.3f} s of the session")
         links = solver.link_poses(q, closed.states)
         tip = mechanism.tool
-        if table.tip is not None and place.name in hands:
+        if table.tip is not None and place.name in hands:  # the robot of the camera keeps its own tool
             tip = table.tip
         frame = mechanism.frame(tip)
         Ts_world_tip = place.T_world_base @ links[frame.body] @ frame.T_body_frame

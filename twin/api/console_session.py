@@ -87,7 +87,11 @@ class ConsoleSession(Result):
             if self.source:
                 return "The replay gives the same bytes"
             return self._success
-        codes = {finding.code for finding in self.findings if finding.severity == "disagreement"}
+        codes = set()
+        for finding in self.findings:
+            if finding.severity == "disagreement":
+                codes.add(finding.code)
+        # a missed task says most about a session; of the rest, the first that applies
         if "task.missed" in codes and self.outcome is not None:
             return self.outcome.failure
         if "task.errors" in codes:
@@ -138,6 +142,7 @@ class ConsoleSession(Result):
 
     @property
     def _tips(self) -> dict[str, Array]:
+        """{name of a place: tip positions (k, 3) in m in the world frame}."""
         return {name: arm.tip for name, arm in self.arms.items()}
 
     @property
@@ -146,10 +151,10 @@ class ConsoleSession(Result):
         findings: list[Finding] = []
         difference = self.ran.difference
         if difference is not None:
-            findings.append(_differs(difference))
+            findings.append(_replay_finding(difference))
         if self.lost:
             findings.append(warning("session.interrupted", self.source, self.lost))
-        if self.console.time == 0:
+        if self.console.time == 0:  # all measures of hands are then zero, which looks like a fault of twin
             text = "no arm followed a hand: the condition to start following (docs/console-reference.md) was never met"
             findings.append(warning("session.idle", "", text))
         if self.outcome is not None:
@@ -169,7 +174,6 @@ class ConsoleSession(Result):
         replay = None
         if self.source:
             replay = "same" if self.ran.difference is None else "differs"
-        hands = [_hand_content(hand) for hand in self.hands]
         task = None
         if self.task is not None:
             task = self.task.name
@@ -192,7 +196,7 @@ class ConsoleSession(Result):
             "ticks": self.ran.ticks,
             "duration_s": console.duration,
             "time_s": console.time,
-            "hands": hands,
+            "hands": list(map(_hand_content, self.hands)),
             "clutches": console.clutches,
             "clutched_s": console.clutched,
             "camera_moves": console.camera_moves,
@@ -201,6 +205,7 @@ class ConsoleSession(Result):
             "taps": console.taps,
             "scale": list(console.scale),
             "task": task,
+            # the outcome of a task replaces the key of its kind: each kind of task has one
             "targets": [],
             "alignment": None,
             "condition": condition,
@@ -220,7 +225,7 @@ class ConsoleSession(Result):
             surgeon = "a person"
         yield f"{self.scene.name} · session of {surgeon}\n"
         header = ("hand", "arm", "path", "movements", "moving", "idle", "economy", "SPARC", "grasps")
-        yield TextTable(header, [_hand_row(hand) for hand in self.hands])
+        yield TextTable(header, list(map(_hand_row, self.hands)))
         yield ""
         yield TextTable((), self._console_rows())
         yield from self._task_text()
@@ -320,20 +325,26 @@ class ConsoleSession(Result):
 
     @property
     def _moved(self) -> list[str]:
-        """Names of the movable objects in this session."""
+        """Names of the movable objects in this session: those of the scene that the World of the task simulates."""
         signals = self.ran.kept.sizes
-        return [movable.name for movable in self.scene.objects if OBJECT_POSE.of(movable.name) in signals]
+        names = []
+        for movable in self.scene.objects:
+            if OBJECT_POSE.of(movable.name) in signals:
+                names.append(movable.name)
+        return names
 
     def _write_objects(self, folder: Path) -> None:
         from twin.exchange.formats.glb.write import write_glb
         from twin.exchange.formats.tracks.write import write_tracks
         from twin.exchange.formats.usd.write import write_usd
 
-        moved = self._moved
-        mechanism = together([movable for movable in self.scene.objects if movable.name in moved])
+        moved_names = self._moved
+        objects = [movable for movable in self.scene.objects if movable.name in moved_names]
+        mechanism = together(objects)
         poses: dict[str, Array] = {}
-        for name in moved:
+        for name in moved_names:
             poses[name] = self.ran.kept[OBJECT_POSE.of(name)].reshape(-1, 4, 4)
+        # recorded poses are in the world frame, with which the base of the objects coincides
         poses[mechanism.base] = np.broadcast_to(np.eye(4), (len(self.t), 4, 4))
         clip = self._clip("objects", mechanism, poses)
         folder.mkdir()
@@ -346,6 +357,7 @@ class ConsoleSession(Result):
         from twin.exchange.write.sampled import coordinates
 
         keys = key_rows(len(self.t), _STRIDE)
+        # the last digits depend on the processor, and the exported files must not
         links = rounded(poses)
         at_keys = {link: Ts[keys] for link, Ts in links.items()}
         reaches = extreme_points(mechanism)
@@ -385,22 +397,23 @@ class ConsoleSession(Result):
             console[f"{hand}_grip"] = recording[HAND_GRIP.of(hand)][::_STRIDE, 0]
         t = self.t[::_STRIDE]
         write_mcap(path, t, links, joints, console)
-        if find_spec("mcap_ros2") is None:
+        if find_spec("mcap_ros2") is None:  # a finding says so
             return
-        of_robots: dict[str, dict[str, Array]] = {}
+        joints_of_robots: dict[str, dict[str, Array]] = {}
         for name, values in joints.items():
             robot, _, joint = name.partition("/")
-            of_robots.setdefault(robot, {})[joint] = values
+            joints_of_robots.setdefault(robot, {})[joint] = values
         hands = {}
         for hand in self._hands:
             poses = recording[HAND_POSE.of(hand)].reshape(-1, 4, 4)[::_STRIDE]
+            # MTML and MTMR, as the da Vinci Research Kit names its handles in ROS
             hands[f"MTM{hand[0].upper()}"] = HandTrack(poses, console[f"{hand}_grip"])
-        pedals = {pedal: console[pedal] for pedal in ("clutch", "camera")}
-        of_ros = path.with_name(f"{path.stem}-ros2{path.suffix}")
-        write_ros2_mcap(of_ros, t, links, of_robots, hands, pedals, console["scale"])
+        pedals = {"clutch": console["clutch"], "camera": console["camera"]}
+        ros_path = path.with_name(f"{path.stem}-ros2{path.suffix}")
+        write_ros2_mcap(ros_path, t, links, joints_of_robots, hands, pedals, console["scale"])
 
 
-def _differs(difference: Difference) -> Finding:
+def _replay_finding(difference: Difference) -> Finding:
     """Return the finding on a replay that differs from its recording."""
     if difference.signal:
         extent = f"the largest difference is {difference.size:.3g} in {difference.signal}"
@@ -445,7 +458,7 @@ def _hand_row(hand: ArmMeasures) -> tuple[str, ...]:
 
 
 def _add_axes(columns: dict[str, Array], prefix: str, vectors: Array, suffix: str) -> None:
-    """Add a column for each axis of vectors (k, 3)."""
+    """Add a column for each axis of vectors (k, 3), named prefix, axis, suffix, as in psm1_tip_x_m."""
     for i, axis in enumerate("xyz"):
         columns[f"{prefix}{axis}{suffix}"] = vectors[:, i]
 
@@ -456,6 +469,6 @@ def _positions(poses: Array) -> Array:
 
 
 def _number(value: float) -> str:
-    if not np.isfinite(value):
+    if not np.isfinite(value):  # an arm that never moved has no economy and no smoothness
         return "-"
     return str(Quantity(value))

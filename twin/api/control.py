@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _SEEDS = (0, 1)
 """Seeds of the runs in which the errors of masses and friction have random signs."""
 
-_CURVE = tuple(p / 100 for p in range(-20, 21, 5))
+_CURVE = tuple(percent / 100 for percent in range(-20, 21, 5))
 """Relative errors of the inertias at which the curve of the tip error is computed."""
 
 
@@ -58,7 +58,7 @@ def track(
     from twin.reference import inertia as masses
     from twin.simulation.dynamics.arm import arm as arm_of
     from twin.simulation.dynamics.computed_torque import Conditions, DesiredMotion, side_by_side
-    from twin.simulation.dynamics.computed_torque import curve as over
+    from twin.simulation.dynamics.computed_torque import curve as error_curve
     from twin.simulation.dynamics.tracking_result import Tracking
 
     if not 0 <= mismatch < 1:
@@ -77,6 +77,7 @@ def track(
     if source == "cited" and robot.files is None:
         raise TwinError(f"{robot.name} was loaded from {robot.source.kind}: it has no {masses.NAME}")
     table = None
+    # also with masses of the CAD: friction and rotors stand in the table; with "cited", a missing table is an error
     if robot.files is not None and (has_table or source == "cited"):
         table = masses.of_robot(robot.files.cad)
     progress("read CAD", 0.0)
@@ -100,9 +101,14 @@ def track(
     if curve:
         series = {"links alone": exact, "links, friction, encoders": exact.realistic(0.0)}
         for name, conditions in series.items():
-            curves[name] = over(arm, motion, _CURVE, conditions, lambda part: progress("error curve", part))
-    phases = tuple((phase.name, phase.type, phase.t0, phase.t1) for phase in planned.phases)
-    return Tracking(robot.name, protocol.name, protocol.title, source, arm, motion, phases, mismatch, runs, curves)
+            report = partial(progress, "error curve")
+            curves[name] = error_curve(arm, motion, _CURVE, conditions, report)
+    phases = []
+    for phase in planned.phases:
+        phases.append((phase.name, phase.type, phase.t0, phase.t1))
+    return Tracking(
+        robot.name, protocol.name, protocol.title, source, arm, motion, tuple(phases), mismatch, runs, curves
+    )
 
 
 def _cases(exact: Conditions, mismatch: float) -> dict[str, Conditions]:
@@ -111,7 +117,7 @@ def _cases(exact: Conditions, mismatch: float) -> dict[str, Conditions]:
 
     percent = 100 * mismatch
     cases = {EXACT: exact, f"links {percent:+g} %": exact.realistic(mismatch)}
-    if mismatch:
+    if mismatch:  # without one, all further cases would be equal to the one above
         cases[f"links {-percent:+g} %"] = exact.realistic(-mismatch)
         for seed in _SEEDS:
             cases[f"links ±{percent:g} %, seed {seed}"] = exact.realistic(mismatch, seed)

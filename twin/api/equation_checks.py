@@ -68,24 +68,23 @@ def validate(
     from twin.validation.judge import judge
     from twin.validation.lengths import check_parameters
     from twin.validation.repeat_commands import commands
-    from twin.validation.rows import Tolerances
 
     robot = loaded(robot)
     progress("read CAD", 0.0)
-    used = tolerances or Tolerances().widened(10 * robot.cad.placement_loss, robot.mechanism.link_length)
+    chosen_tolerances = tolerances or _tolerances_of(robot)
     name_or_path = protocol
     if not protocol and trajectory is not None:
         name_or_path = trajectory.protocol
-    chosen = robot.protocol(name_or_path)
+    planned_protocol = robot.protocol(name_or_path)
     # the printed command line cannot set parameters
     commands_possible = not robot.parameters
-    robot = robot.bound(chosen)
+    robot = robot.bound(planned_protocol)
     kin = None
-    if variants is not None or not robot.unwritten:
+    if variants is not None or not robot.unwritten:  # an empty template: the report says what is not judged
         kin = robot.kinematics(variants)
         check_parameters(kin, robot.cad.description)
     if trajectory is None:
-        trajectory = plan(robot, chosen, progress, timing=timing)
+        trajectory = plan(robot, planned_protocol, progress, timing=timing)
     assert robot.files is not None  # the robot has CAD
     if stage is not None:
         opened_stage = contextlib.nullcontext(stage)
@@ -95,10 +94,10 @@ def validate(
         case = Case(
             kin,
             robot.cad,
-            chosen,
+            planned_protocol,
             trajectory,
             root,
-            used,
+            chosen_tolerances,
             paths=robot.path_kinematics(),
             baked_for_it=baked,
             motion=_motion(robot, trajectory),
@@ -106,7 +105,19 @@ def validate(
         report = judge(case, progress)
     if not commands_possible:
         return report
-    return replace(report, commands=commands(robot.files, kin, protocol or chosen.name, tolerances))
+    return replace(report, commands=commands(robot.files, kin, protocol or planned_protocol.name, tolerances))
+
+
+_PLACEMENT_FACTOR = 10
+"""Ratio of the accuracy of a CAD to the precision of its placements: errors add up along a chain of parts."""
+
+
+def _tolerances_of(robot: Robot) -> Tolerances:
+    """Return the tolerances of exact geometry, increased by the placement precision of the robot's CAD."""
+    from twin.validation.rows import Tolerances
+
+    accuracy = _PLACEMENT_FACTOR * robot.cad.placement_loss
+    return Tolerances().widened(accuracy, robot.mechanism.link_length)
 
 
 def _motion(robot: Robot, trajectory: Trajectory) -> LinkMotion | None:
@@ -159,8 +170,8 @@ def explain(
     formula = robot.formula  # read first, so that errors of the formula are raised before the CAD is read
     progress("read CAD", 0.0)
     if tolerance is None:
-        tolerance = 10 * robot.cad.placement_loss
-    used = Tolerances().widened(tolerance, robot.mechanism.link_length)
+        tolerance = _PLACEMENT_FACTOR * robot.cad.placement_loss
+    tolerances = Tolerances().widened(tolerance, robot.mechanism.link_length)
     cad = None
     if robot.files is not None:
         cad = robot.cad
@@ -173,7 +184,7 @@ def explain(
         formula,
         robot.reference(),
         variants,
-        options=ExplainOptions(Tolerance(used.position, used.rotation), seconds, Path.cwd(), prover),
+        options=ExplainOptions(Tolerance(tolerances.position, tolerances.rotation), seconds, Path.cwd(), prover),
         cad=cad,
         progress=progress,
     )
@@ -213,18 +224,18 @@ def validate_samples(
     from twin.core.compute_device import computing_on
     from twin.validation.lengths import check_parameters
     from twin.validation.range_samples import SampledRange
-    from twin.validation.rows import Tolerances
 
     if samples < 1:
         raise TwinError(f"samples = {samples}: give at least 1")
     robot = loaded(robot)
     progress("read CAD", 0.0)
-    mechanism = robot.mechanism
-    used = tolerances or Tolerances().widened(10 * robot.cad.placement_loss, mechanism.link_length)
+    chosen_tolerances = tolerances or _tolerances_of(robot)
     kin = robot.kinematics(variants)
     check_parameters(kin, robot.cad.description)
-    passive = robot.passive_check if mechanism.limited else None
-    judge = SampledRange(robot.name, kin, robot.loops, passive, robot.reference(), used)
+    passive = None
+    if robot.mechanism.limited:  # equations may refuse states that a limit of a passive joint forbids
+        passive = robot.passive_check
+    judge = SampledRange(robot.name, kin, robot.loops, passive, robot.reference(), chosen_tolerances)
     with computing_on(device):
         return judge.judge(samples, progress)
 
@@ -268,7 +279,7 @@ def strokes(
     kin = robot.kinematics(variants)
     model = robot.reference()
     home = robot.mechanism.home
-    if home is None:
+    if home is None:  # the description has no posture `home`: the rest poses of the CAD
         home = model.home().q
     unique_standins = tuple(dict.fromkeys(standins))
     sweeps = []

@@ -92,11 +92,12 @@ def build(
             motion = bound.link_motion(trajectory, baked_times(trajectory))
             bake(robot.mechanism, bound.mechanism, trajectory.protocol, motion, work)
         first = root.relative_to(work)
-        others = []
+        other_files = []
         for path in work.rglob("*"):
             if path.is_file() and path != root:
-                others.append(path.relative_to(work))
-    return [folder / name for name in (first, *sorted(others))]
+                other_files.append(path.relative_to(work))
+    # the files have moved from the temporary folder into `folder`
+    return [folder / name for name in (first, *sorted(other_files))]
 
 
 def export(
@@ -219,10 +220,9 @@ def _states(mechanism: Mechanism) -> SampledStates:
     joints: dict[str, Array] = {}
     for i, joint in enumerate(mechanism.active):
         joints[joint.name] = run.q[chosen, i]
-    # `SampledStates` has only joints with one coordinate
-    single = {joint.name for joint in mechanism.passive if joint.type in ("revolute", "prismatic")}
     for name, q in run.q_passive.items():
-        if name in single:
+        # `SampledStates` has only joints with one coordinate
+        if mechanism.joint(name).type in ("revolute", "prismatic"):
             joints[name] = q[chosen]
     return SampledStates(joints, model.link_poses(run.x[chosen]))
 
@@ -243,24 +243,24 @@ def _truth(
         return {}
     if robot.files is None:
         raise TwinError(f"{robot.name}: {robot.source.kind} has no protocols; give a robot by name, or its folder")
-    known = robot.files.protocols()
+    protocol_names = robot.files.protocols()
     poses: dict[str, tuple[Array, dict[str, Array]]] = {}
     for clip, times in clips.items():
-        name_of_clip = clip.removesuffix("_ar")
-        fitting = []
-        for name in known:
+        name_of_clip = clip.removesuffix("_ar")  # USDZ files for AR are <robot>_<clip>_ar.usdz
+        matching_names = []
+        for name in protocol_names:
             if clip == name or name_of_clip.endswith(f"_{name}"):
-                fitting.append(name)
-        if not fitting:
+                matching_names.append(name)
+        if not matching_names:
             continue
         # the name of one protocol can be the end of another's
-        protocol = robot.protocol(max(fitting, key=len))
+        protocol = robot.protocol(max(matching_names, key=len))
         trajectory = plan(robot, protocol, progress)
         inside = np.clip(times, 0.0, trajectory.duration)  # the time of the last key is rounded
         model = ReferenceModel(robot.bound(protocol).mechanism)
         run = trajectory.on(model, inside)
         poses[protocol.name] = (times, model.link_poses(run.x))
     if not poses:
-        names_of_protocols = ", ".join(known) or "none"
+        names_of_protocols = ", ".join(protocol_names) or "none"
         raise TwinError(f"{robot.name}: no clip has the name of a protocol of the robot ({names_of_protocols})")
     return poses

@@ -8,7 +8,7 @@ import math
 import time
 import tomllib
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -64,6 +64,7 @@ class Share:
 
 
 _AS_FILED = Software()
+"""Settings of machine.toml, the default of all functions here."""
 
 
 def hazards(
@@ -93,28 +94,52 @@ def hazards(
         TwinError: a file is missing or malformed, a fault has an unknown target, the log belongs to another campaign,
             or the robot is not as its files describe it: the processes of the campaign load the files.
     """
-    from twin.core.jobs import Stream
     from twin.simulation.hazards.campaign import load as load_campaign
     from twin.simulation.hazards.summary import Hazards
 
-    filed = robot_source(robot)
+    filed_source = robot_source(robot)
     parts = software.parts(robot)
     path = campaign_file(robot, campaign)
     plan = load_campaign(path, parts.places)
     log = _log(folder, robot, path, plan, parts)
-    remaining = _remaining(plan, log, sessions)
+    share = Share(source or filed_source, str(path.resolve()), (), software)
+    try:
+        _run_sessions(share, _remaining(plan, log, sessions), processes or usable(), log, progress)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(_resume_advice(log)) from None
+    finally:
+        log.close()
+    # processes finish in any order: the result must not depend on it
+    rows = [log.rows[index] for index in sorted(log.rows)]
+    assumed = _assumed([*parts.settings.parameters(), *plan.parameters()])
+    return Hazards(robot.name, plan.table, len(plan), rows, assumed)
+
+
+def _run_sessions(share: Share, remaining: list[int], processes: int, log: Log, progress: Progress) -> None:
+    """Run the sessions with the indices `remaining` in at most `processes` processes, and log their outcomes.
+
+    `share` says what all processes run; its indices are replaced.
+
+    Raises:
+        TwinError: a process failed.
+    """
+    from twin.core.jobs import Stream
+
     to_run = len(remaining)
     count = 0
     if remaining:
-        count = max(1, min(processes or usable(), to_run))
-    streams: list[Stream[JsonObject]] = [Stream(outcomes) for _ in range(count)]
+        count = max(1, min(processes, to_run))
+    streams: list[Stream[JsonObject]] = []
+    for _ in range(count):
+        streams.append(Stream(outcomes))
 
     def give(stream: Stream[JsonObject]) -> None:
         """Send the next sessions to a process: fewer in each call, so that all processes end at about the same time."""
+        # half of this process's share of what remains: slow sessions do not leave one process alone at the end
         size = math.ceil(len(remaining) / (2 * count))
         indices = tuple(remaining[:size])
         del remaining[:size]
-        stream.start(Share(source or filed, str(path.resolve()), indices, software))
+        stream.start(replace(share, indices=indices))
 
     try:
         for stream in streams:
@@ -131,21 +156,15 @@ def hazards(
                 if state is None:  # this process still runs
                     continue
                 if state:
-                    raise TwinError(f"a process of the campaign failed: {state}; {_kept(log)}")
+                    raise TwinError(f"a process of the campaign failed: {state}; {_resume_advice(log)}")
                 if remaining:
                     give(stream)
                 else:
                     running.remove(stream)
             time.sleep(_POLL)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(_kept(log)) from None
     finally:
         for stream in streams:
             stream.close()
-        log.close()
-    rows = [log.rows[i] for i in sorted(log.rows)]
-    assumed = _assumed([*parts.settings.parameters(), *plan.parameters()])
-    return Hazards(robot.name, plan.table, len(plan), rows, assumed)
 
 
 def _remaining(plan: Campaign, log: Log, sessions: int | None) -> list[int]:
@@ -169,7 +188,7 @@ def _assumed(parameters: Sequence[Parameter]) -> list[str]:
     return lines
 
 
-def _kept(log: Log) -> str:
+def _resume_advice(log: Log) -> str:
     """Return the advice after an interruption: how many sessions are logged, and how to resume."""
     return f"{len(log.rows)} sessions are in {log.path}; run the same command again to go on"
 
@@ -205,24 +224,28 @@ def _require_own(plan: Campaign, log: Log) -> None:
     """
     from twin.simulation.hazards.attacked import Outcome
 
-    required = {"response", *(field.name for field in fields(Outcome))}
+    required = {"response"}
+    for field in fields(Outcome):
+        required.add(field.name)
     for index, row in log.rows.items():
         if 0 <= index < len(plan):
-            drawn = asdict(plan.draw(index))
+            expected_values = asdict(plan.draw(index))
         else:
             last = len(plan) - 1
-            drawn = {"index": f"0 to {last}"}
-        wrong = [key for key, value in drawn.items() if row.get(key) != value]
-        if not wrong:
-            wrong = sorted(required - row.keys())
-        if not wrong:
+            expected_values = {"index": f"0 to {last}"}
+        wrong_keys = []
+        for key, value in expected_values.items():
+            if row.get(key) != value:
+                wrong_keys.append(key)
+        wrong_keys += sorted(required - row.keys())
+        if not wrong_keys:
             continue
-        key = wrong[0]
+        key = wrong_keys[0]
         fault = f"{key} is missing"
         if key in row:
             fault = f"{key} is {row[key]!r}"
-        if key in drawn:
-            fault += f"; expected {drawn[key]!r}"
+        if key in expected_values:
+            fault += f"; expected {expected_values[key]!r}"
         raise OutputError(
             f"{log.path}: session {index}: {fault}. Delete the line of this session to run the session "
             "again, or give another --out"
@@ -235,9 +258,9 @@ def outcomes(share: Share) -> Iterator[JsonObject]:
 
     plan, arena = _arena(share.robot, share.campaign, share.software)
     for index in share.indices:
-        drawn = plan.draw(index)
+        attack = plan.draw(index)
         session = AttackedSession(
-            partial(plan.faults, drawn), drawn.start, drawn.length, drawn.mass, drawn.friction, drawn.scale
+            partial(plan.faults, attack), attack.start, attack.length, attack.mass, attack.friction, attack.scale
         )
         outcome = arena.run(session)
         response = None
@@ -246,7 +269,7 @@ def outcomes(share: Share) -> Iterator[JsonObject]:
         response_data = None
         if response is not None:
             response_data = asdict(response)
-        yield {**asdict(drawn), **asdict(outcome), "response": response_data}
+        yield {**asdict(attack), **asdict(outcome), "response": response_data}
 
 
 @lru_cache(maxsize=1)
@@ -289,10 +312,11 @@ def campaign_file(robot: Robot, campaign: str | Path) -> Path:
     if Path(campaign).suffix or robot.files is None:
         return Path(campaign)
     path = robot.files.cad / "campaigns" / f"{campaign}.toml"
-    known: JsonObject = {}
+    table: JsonObject = {}
     with contextlib.suppress(OSError, ValueError, RecursionError):  # the reader of the campaign reports the error
-        known = tomllib.loads(path.read_text(encoding="utf-8"))
-    other = known.get("same_as")
-    if len(known) == 1 and isinstance(other, str):
-        return (path.parent / other).resolve()
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    # two robots of one type share their campaigns, so that a correction reaches both
+    target = table.get("same_as")
+    if len(table) == 1 and isinstance(target, str):
+        return (path.parent / target).resolve()
     return path

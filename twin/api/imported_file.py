@@ -54,17 +54,17 @@ class ImportedFile:
     @property
     def options(self) -> tuple[str, ...]:
         """Names of the options of `twin.load` that were given for this file: tool, xacro, dh, units."""
-        given: list[str] = []
+        options: list[str] = []
         if self.tool is not None:
-            given.append("tool")
+            options.append("tool")
         if self.xacro is not None and self.xacro.given:
-            given.append("xacro")
+            options.append("xacro")
         if self.dh is not None:
             if self.dh.convention is not None:
-                given.append("dh")
+                options.append("dh")
             if self.dh.length is not None or self.dh.angle is not None:
-                given.append("units")
-        return tuple(given)
+                options.append("units")
+        return tuple(options)
 
     @cached_property
     def imported(self) -> Imported:
@@ -97,6 +97,7 @@ class ImportedFile:
         if self.tool is not None:
             return with_tool(imported.mechanism, self.tool)
         for finding in imported.findings:
+            # the reader says where it has assumed a tool; a tool that the file names is only an info
             if finding.code == "import.tool" and finding.severity == "warning":
                 return imported.mechanism, f"{self.path.name} names no tool: its end, '{finding.where}', is the tool."
         return imported.mechanism, ""

@@ -51,11 +51,12 @@ def machine_parts(
             f"{robot.name} was loaded from {robot.source.kind}: a machine requires a robot folder with {settings.NAME}"
         )
     if not (robot.files.cad / settings.NAME).is_file():
-        files = (assets.data_folder() / "cad").glob(f"*/{settings.NAME}")
-        known = sorted(file.parent.name for file in files)
+        robots_with_machine = []
+        for file in (assets.data_folder() / "cad").glob(f"*/{settings.NAME}"):
+            robots_with_machine.append(file.parent.name)
         raise TwinError(
             f"{robot.name} has no machine: beside its TOML file there is no {settings.NAME} (motors, gains and "
-            f"limits). Robots of twin with a machine: {', '.join(known)}"
+            f"limits). Robots of twin with a machine: {', '.join(sorted(robots_with_machine))}"
         )
     kin = robot.kinematics()
     if not kin.closed_inverse:
@@ -67,11 +68,11 @@ def machine_parts(
     table = settings.load(robot.files.cad / settings.NAME, model.mechanism)
     table = table.model_copy(update={"mode": mode or table.mode, "overdrive": overdrive or table.overdrive})
     if released is not None:
-        known = list(settings.Released.model_fields)
+        fault_names = list(settings.Released.model_fields)
         for name in set(released) - {"none"}:
-            if name not in known:
-                raise TwinError(unknown("fault of the released software", name, known))
-        faults = {name: name in released for name in known}
+            if name not in fault_names:
+                raise TwinError(unknown("fault of the released software", name, fault_names))
+        faults = {name: name in released for name in fault_names}
         table = table.model_copy(update={"released": settings.Released(**faults)})
     if master_timeout is not None:
         if not master_timeout > 0:
@@ -153,12 +154,13 @@ def _run(line: Connection, name: str, faults: Sequence[Fault]) -> None:
     simulated.start()
     line.send((server.port, server.state_port))
     try:
-        server.run(ends=lambda: _has_gone(line))
+        server.run(ends=lambda: _is_parent_gone(line))
     finally:
         server.close()
 
 
-def _has_gone(line: Connection) -> bool:
+def _is_parent_gone(line: Connection) -> bool:
+    """Return whether the parent process has closed the connection, or has asked for the end by sending None."""
     try:
         return line.poll() and line.recv() is None
     except (EOFError, OSError):
@@ -198,6 +200,7 @@ class Machines:
         for name in running:
             if name not in robots:
                 raise TwinError(unknown("machine", name, robots))
+        # before any process starts: a malformed machine.toml is reported without one
         self.parts = {name: machine_parts(robot) for name, robot in robots.items()}
         self.links: dict[str, MachineLink] = {}
         self._children: list[ChildMachine] = []

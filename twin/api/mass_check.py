@@ -52,16 +52,17 @@ class Masses(Result):
         """Yield a table and the findings of each source."""
         for source in self.sources:
             yield f"{self.robot}: {source.title}"
-            rows = [_body_row(body) for body in source.bodies]
-            least = 0.0
-            stated = 0.0
+            rows = []
+            minimum_mass = 0.0
+            stated_mass = 0.0
             for body in source.bodies:
-                least += body.least
-                stated += body.mass or 0.0
+                rows.append(_body_row(body))
+                minimum_mass += body.least
+                stated_mass += body.mass or 0.0
             sum_stated = "-"
-            if stated:
-                sum_stated = f"{stated:.4g}"
-            rows.append(("sum", sum_stated, f"{least:.4g}", "", "", "", "", ""))
+            if stated_mass:
+                sum_stated = f"{stated_mass:.4g}"
+            rows.append(("sum", sum_stated, f"{minimum_mass:.4g}", "", "", "", "", ""))
             head = (
                 "body",
                 "mass kg",
@@ -77,6 +78,10 @@ class Masses(Result):
             yield from by_severity(source.all_findings)
             if source.all_findings:
                 yield ""
+
+
+_REASONS_WITHOUT_MASS = ("cad.open_mesh", "cad.no_material")
+"""Codes of findings on the CAD that say why a body has no mass."""
 
 
 def _body_row(body: JudgedInertia) -> tuple[str, ...]:
@@ -126,8 +131,10 @@ def masses(robot: Robot | str | Path, progress: Progress = silent) -> Masses:
         cad = robot.weighed().cad
         weighed = cad.mechanism
         computed = mass_sources.of_mechanism(weighed, "computed from the CAD")
-        # why a body of the CAD has no mass
-        reasons = [finding for finding in cad.findings if finding.code in ("cad.open_mesh", "cad.no_material")]
+        reasons = []
+        for finding in cad.findings:
+            if finding.code in _REASONS_WITHOUT_MASS:
+                reasons.append(finding)
         sources.append(replace(computed, findings=(*computed.findings, *reasons)))
         if robot.files.stage.is_file():
             from twin.usd.read import read_stage
@@ -140,6 +147,7 @@ def masses(robot: Robot | str | Path, progress: Progress = silent) -> Masses:
         exhibit = robot.files.cad / "exhibit.toml"
         if exhibit.is_file():
             sources.append(mass_sources.of_exhibit(exhibit))
-    if not any(source.bodies for source in sources):
+    has_masses = any(source.bodies for source in sources)
+    if not has_masses:
         raise TwinError(f"{robot.name}: no mass is stated; give materials with densities, or an inertia.toml")
     return Masses(robot.name, tuple(sources))

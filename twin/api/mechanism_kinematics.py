@@ -18,6 +18,8 @@ from twin.reference.states import Assembly
 _REACHED = 1e-6
 """Largest difference of a tool pose from the requested pose, in m and rad."""
 
+_FREEDOMS_OF_A_POSE = 6
+
 _STARTS = 128
 """Number of states over the joint range from which a pose is searched that is not found from the seed."""
 
@@ -107,26 +109,28 @@ class MechanismKinematics:
             assembly = error.best
         if isinstance(assembly, Assembly) and self._is_at(assembly.T_base_tool, T):
             return assembly
-        for X in (start.x[None], self._spread):
-            x = self._nearest(X, T, start, same_branch)
-            if x is not None:
-                return self._model.state(x)
+        # the start alone first: it is one solve instead of `_STARTS`, and its answer is on the same branch most often
+        for states in (start.x[None], self._spread):
+            state = self._nearest(states, T, start, same_branch)
+            if state is not None:
+                return self._model.state(state)
         raise KinematicsError(self._unreached(assembly, T))
 
-    def _nearest(self, X: Array, T: Array, start: Assembly, same_branch: bool) -> Array | None:
+    def _nearest(self, states: Array, T_base_tool: Array, start: Assembly, same_branch: bool) -> Array | None:
         """Return the configuration (nq,) at a pose, found from rows of X, whose joints are nearest to the start."""
-        run = self._model.collect(self._model.near_pose(X, T))
+        run = self._model.collect(self._model.near_pose(states, T_base_tool))
         if not len(run.x):
             return None
         Ts = run.Ts_base_tool
         if same_branch:
+            # one q can have several assemblies: the tool must be where `forward` places it for this q
             Ts = self._loops.forward_many(run.q).Ts_base_tool
         best = None
         smallest = np.inf
-        for x, q, T_found in zip(run.x, run.q, Ts, strict=True):
+        for state, q, T_found in zip(run.x, run.q, Ts, strict=True):
             distance = np.abs(q - start.q).max(initial=0.0)
-            if self._is_at(T_found, T) and distance < smallest:
-                best = x
+            if self._is_at(T_found, T_base_tool) and distance < smallest:
+                best = state
                 smallest = distance
         return best
 
@@ -135,23 +139,23 @@ class MechanismKinematics:
         """Configurations (k, nq) over the range of the driven joints."""
         return joint_range(self._model, _STARTS).run.x
 
-    def _unreached(self, found: object, T: Array) -> str:
+    def _unreached(self, nearest: object, T_base_tool: Array) -> str:
         """Return the message that a pose is not reached."""
         name = self._model.mechanism.name
         text = f"{name}: the mechanism was not found to reach the pose"
-        if not isinstance(found, Assembly):
+        if not isinstance(nearest, Assembly):
             return text
-        shift = np.linalg.norm(found.T_base_tool[:3, 3] - T[:3, 3])
-        angle = spatial.rotation_angle(found.T_base_tool[:3, :3].T @ T[:3, :3])
+        shift = np.linalg.norm(nearest.T_base_tool[:3, 3] - T_base_tool[:3, 3])
+        angle = spatial.rotation_angle(nearest.T_base_tool[:3, :3].T @ T_base_tool[:3, :3])
         freedoms = self._model.freedoms
         text += f": on the way to it, {shift / MM:.3g} mm and {angle / DEG:.3g}° remain"
-        if freedoms < 6:
+        if freedoms < _FREEDOMS_OF_A_POSE:
             text += f" (it has {freedoms} degrees of freedom, so that most poses are out of its reach)"
         return text
 
     @staticmethod
-    def _is_at(T_base_tool: Array, T: Array) -> bool:
-        return bool(np.abs(T_base_tool - T).max() <= _REACHED)
+    def _is_at(T_base_tool: Array, T_requested: Array) -> bool:
+        return bool(np.abs(T_base_tool - T_requested).max() <= _REACHED)
 
     def inverse_of_all(self, Ts: Array, seed: Array | None = None) -> Array:
         """Return q (k, n) at poses (k, 4, 4), each from the solution of the pose before, the first as `inverse`.
@@ -179,6 +183,7 @@ class MechanismKinematics:
         return self._model.tool_jacobians(state.x[None])[0]
 
     def _assembly(self, q: Array, seed: Array | None) -> Assembly:
+        """Return the assembly at q (n,), from the rest poses or from the assembly at the seed pose (4, 4)."""
         start = None
         if seed is not None:
             start = self._at(seed)

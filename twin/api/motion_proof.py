@@ -36,6 +36,12 @@ _CLEARANCE = 1 * MM
 _WITHIN = 0.5 * MM
 """Accepted difference between the smallest distance that is found and the proved one, at first."""
 
+_TOUCHING = 1e-6
+"""Distance in m below which bodies touch: a bound below it would say no more, and its search would not end."""
+
+_MOST_NAMED = 4
+"""Number of claims that a finding names."""
+
 _TIGHT = 1.4
 """Ratio of the smallest distance that is found to the proved one, above which the difference is made smaller."""
 
@@ -89,12 +95,16 @@ class ProvedMotion:
         values = self.samples.values.get((claim.group, claim.name))
         if values is None or not np.isfinite(values).any():
             return None
-        return float(np.nanmin(values) if claim.smallest else np.nanmax(values))
+        # NaN where there is no value, as the distance from the RCM in a phase without one
+        if claim.smallest:
+            return float(np.nanmin(values))
+        return float(np.nanmax(values))
 
     def record(self) -> JsonObject:
         """Return the claims as plain data."""
         claims = []
         for claim in self.proof.claims:
+            # an extreme is enclosed by [low, high]; one end is the proved bound, and the other is certainly reached
             claims.append(
                 {
                     "name": claim.name,
@@ -252,7 +262,10 @@ def prove_motion(
         clearances, open_phases = _clearances(trajectory, kinematics, progress)
     digest = ""
     if robot.files is not None:
-        file = Path(name) if Path(name).suffix == ".toml" else robot.files.protocol(str(name))
+        if Path(name).suffix == ".toml":  # as in `Robot.protocol`
+            file = Path(name)
+        else:
+            file = robot.files.protocol(str(name))
         digest = hashlib.sha256(file.read_bytes()).hexdigest()
     motion = ProvedMotion(proof, samples, clearances, digest, (), open_phases)
     findings = (*_findings(motion), *_clearance_findings(motion))
@@ -274,7 +287,9 @@ def timed_path(
     phases = []
     for span in trajectory.phases:
         phases.append(_timed_phase(trajectory.protocol, span, protocol))
-    gaps = [RailGap(gap.i, gap.j, gap.smallest, gap.name) for gap in kinematics.gaps]
+    gaps = []
+    for gap in kinematics.gaps:
+        gaps.append(RailGap(gap.i, gap.j, gap.smallest, gap.name))
     return TimedPath(
         protocol=trajectory.protocol,
         phases=tuple(phases),
@@ -325,7 +340,8 @@ def _clearances(
     The distances are those of the certificate of planning.
     """
     if kinematics.space is None:
-        return (), {span.name: "" for span in trajectory.phases}
+        phase_names = [span.name for span in trajectory.phases]
+        return (), dict.fromkeys(phase_names, "")
 
     def keep(Ts: Array, q: Array) -> np.ndarray:
         """Accept every state: the limits are proved elsewhere."""
@@ -345,7 +361,7 @@ def _clearances(
             if (
                 np.isfinite(certificate.found)
                 and certificate.found > _TIGHT * certificate.proven
-                and certificate.found > 1e-6
+                and certificate.found > _TOUCHING
             ):
                 within = certificate.found * (1.0 - 1.0 / _TIGHT)
                 certificate = space.certify(span.curve.joints, within)
@@ -370,16 +386,17 @@ def _clearance_findings(motion: ProvedMotion) -> list[Finding]:
                 f"{shown(clearance.proved, 'm')}, and {shown(clearance.found, 'm')} was found"
             )
             findings.append(error("prove.open", motion.protocol, text, when=f"phase '{clearance.phase}'"))
-    apart = []
+    uncompared_phases = []
     for phase, reason in motion.open_phases.items():
         if reason:
             text = f"{motion.protocol}: not proved: distance between bodies; {reason}"
             findings.append(error("prove.open", motion.protocol, text, when=f"phase '{phase}'"))
         else:
-            apart.append(phase)
-    if apart:
+            uncompared_phases.append(phase)
+    if uncompared_phases:
         text = (
-            f"{motion.protocol}: no two bodies are compared in phase {', '.join(apart)}: nothing is said of collisions"
+            f"{motion.protocol}: no two bodies are compared in phase {', '.join(uncompared_phases)}: "
+            "nothing is said of collisions"
         )
         findings.append(info("prove.clearance", motion.protocol, text))
     return findings
@@ -394,12 +411,14 @@ def _findings(motion: ProvedMotion) -> list[Finding]:
         when = f"phase '{claim.phase}', t = {claim.t:.3f} s"
         if claim.status == "refuted":
             reached = claim.high if claim.smallest else claim.low
-            text = f"{motion.protocol}: {name}: certainly {_word(claim)} {shown(reached, claim.unit)}"
+            # a smallest value is refuted by an upper end below the limit: "certainly at most"
+            relation = "at most" if claim.smallest else "at least"
             limit = shown(claim.limit, claim.unit)
+            text = f"{motion.protocol}: {name}: certainly {relation} {shown(reached, claim.unit)}"
+            text += f", beyond its limit {limit}"
             size = Quantity(reached)
             if claim.unit != "1":
                 size = si(reached, claim.unit)
-            text += f", beyond its limit {limit}"
             findings.append(disagreement("prove.limit", claim.name, text, size, when=when, word=""))
         elif claim.status == "unproved":
             unproved.setdefault(claim.reason, []).append(name)
@@ -413,13 +432,8 @@ def _findings(motion: ProvedMotion) -> list[Finding]:
                 )
                 findings.append(error("prove.inconsistent", claim.name, text, when=when))
     for reason, names in unproved.items():
-        text = f"{motion.protocol}: not proved: {', '.join(names[:4])}"
-        if len(names) > 4:
-            text += f" and {len(names) - 4} more"
+        text = f"{motion.protocol}: not proved: {', '.join(names[:_MOST_NAMED])}"
+        if len(names) > _MOST_NAMED:
+            text += f" and {len(names) - _MOST_NAMED} more"
         findings.append(error("prove.open", motion.protocol, f"{text}; {reason}"))
     return findings
-
-
-def _word(claim: MotionClaim) -> str:
-    """Return how a refuted claim compares with its value."""
-    return "at most" if claim.smallest else "at least"

@@ -42,7 +42,7 @@ class _Arm:
         self.protocol = protocol
         self.waypoints = [protocol.start]
         for phase in protocol.phases:
-            if not isinstance(phase, Free):
+            if not isinstance(phase, Free):  # a path that the protocol states has no room to evade another arm
                 raise ProtocolError(
                     f"{self.name}: phase '{phase.name}' ({phase.type}) of protocol {protocol.name} follows a given "
                     "path, which cannot avoid another arm; use only phases of type joints, positioning, home or free"
@@ -61,20 +61,21 @@ class _Arm:
         self.timed = GroupArm(self.name, protocol, self.kinematics, T_tool_frame)
         self.q, self._Ts = stops(self.timed)
 
-    def at(self, phase: int) -> int:
+    def row_of(self, phase: int) -> int:
         """Return the row index in `q` of the start of a phase; for phases after the arm's last one, the last row."""
         return min(phase, len(self.q) - 1)
 
     def ends(self, phase: int) -> tuple[Array, Array]:
         """Return the joint values (n,) at the start and at the end of a phase."""
-        return self.q[self.at(phase)], self.q[self.at(phase + 1)]
+        return self.q[self.row_of(phase)], self.q[self.row_of(phase + 1)]
 
     def moves(self, phase: int) -> bool:
         """Return whether a joint of this arm moves in a phase."""
         start, end = self.ends(phase)
         return bool(np.abs(end - start).max() > _STILL)
 
-    def named(self, phase: int) -> str:
+    def phase_name(self, phase: int) -> str:
+        """Return the name of a phase of this arm; "at rest" after its last one."""
         phases = self.protocol.phases
         if phase >= len(phases):
             return "at rest"
@@ -82,14 +83,15 @@ class _Arm:
 
     def waypoint(self, phase: int) -> str:
         """Return the name of the waypoint at the start of a phase."""
-        return self.waypoints[self.at(phase)]
+        return self.waypoints[self.row_of(phase)]
 
-    def beyond(self, phase: int) -> str:
+    def exceeded_limits(self, phase: int) -> str:
         """Return a text that names the limits exceeded at the start of a phase; "" if none is exceeded."""
         from twin.planning.feasible import Anchor, margins_at, violation
 
-        row = self.at(phase)
-        before = self.at(max(phase - 1, 0))
+        row = self.row_of(phase)
+        # the working mode is that of the phase that ends here
+        before = self.row_of(max(phase - 1, 0))
         anchor = Anchor.at(self.kinematics, self._Ts[[before]], self.q[[before]])
         margins = margins_at(self.kinematics, self._Ts[[row]], self.q[[row]], anchor)
         return violation(self.kinematics, margins)
@@ -104,14 +106,14 @@ class _Arm:
         from twin.planning.feasible import Anchor
         from twin.planning.free_phase import kept
 
-        row = self.at(phase)
+        row = self.row_of(phase)
         anchor = Anchor.at(self.kinematics, self._Ts[[row]], self.q[[row]])
-        own = kept(self.kinematics, anchor)
+        is_within = kept(self.kinematics, anchor)
         T_base_world = spatial.inverse(self.place.T_world_base)
-        n = self.q.shape[1]
+        joint_count = self.q.shape[1]
 
         def within(Ts_world_tool: Array, q: Array) -> Array:
-            return own(T_base_world @ Ts_world_tool, q[:, -n:])
+            return is_within(T_base_world @ Ts_world_tool, q[:, -joint_count:])
 
         return within
 
@@ -154,19 +156,20 @@ def plan_together(
 
     if not 0 < clearance < float("inf"):
         raise ProtocolError(f"the clearance is {clearance:g} m; give a finite number above 0")
-    read = load_scene(scene)
-    if read.props is not None:
-        props_files(read.props)  # before planning, because a plan that cannot be written would be lost
+    read_scene = load_scene(scene)
+    if read_scene.props is not None:
+        props_files(read_scene.props)  # before planning, because a plan that cannot be written would be lost
     planned: list[_Arm] = []
-    taken: set[str] = set()
+    taken_names: set[str] = set()
     for name, (robot, protocol) in arms.items():
-        place = place_of(read, name, taken)
+        place = place_of(read_scene, name, taken_names)
         if robot.name != place.robot:
             raise TwinError(
-                f"'{name}' in scene '{read.name}' is the robot {place.robot}; a plan of {robot.name} does not apply"
+                f"'{name}' in scene '{read_scene.name}' is the robot {place.robot}; "
+                f"a plan of {robot.name} does not apply"
             )
         planned.append(_Arm(place, robot, avoiding(protocol, scene, clearance, seed)))
-        taken.add(place.name)
+        taken_names.add(place.name)
     if len(planned) < 2:
         raise TwinError("to plan several arms at once, name at least two")
 
@@ -174,13 +177,14 @@ def plan_together(
         if cancelled is not None and cancelled():
             raise CancelledError("planning of several arms was cancelled")
 
-    plan = _Plan(read, planned, clearance, seed, progress, check)
-    plan.require_ends()
+    plan = _Plan(read_scene, planned, clearance, seed, progress, check)
+    plan.require_ends()  # before the searches: a waypoint in a wall would cost minutes
     try:
         return plan.result()
     except ProtocolError as error:
         reason = str(error)
-    opposite = _Plan(read, planned[::-1], clearance, seed, progress, check)
+    # the first arm plans as if it were alone, and may take the only way of the other one
+    opposite = _Plan(read_scene, planned[::-1], clearance, seed, progress, check)
     try:
         return opposite.result()
     except ProtocolError as error:
@@ -192,20 +196,20 @@ class _Plan:
 
     def __init__(
         self,
-        read: Scene,
+        scene: Scene,
         arms: Sequence[_Arm],
         clearance: float,
         seed: int,
         progress: Progress,
         check: Callable[[], None],
     ) -> None:
-        self.read = read
+        self.scene = scene
         self.arms = arms
         self.clearance = clearance
         self.seed = seed
         self.progress = progress
         self.check = check
-        self.load = cache(load)
+        self.load = cache(load)  # each joint space asks for the same obstacles
         self.owners: Mapping[str, str] = {}
         progress("bodies of robots and scene", 0.0)
         self.spaces: list[JointSpace] = []
@@ -227,7 +231,7 @@ class _Plan:
         return JointSpace(
             lambda: ReferenceModel(joined(parts)),
             self.clearance,
-            around=lambda: obstacles_in_world(self.read, names, self.load),
+            around=lambda: obstacles_in_world(self.scene, names, self.load),
             arms=self.owners,
         )
 
@@ -243,7 +247,7 @@ class _Plan:
             self.check()
             starts = []
             for arm in self.arms:
-                reason = arm.beyond(phase)
+                reason = arm.exceeded_limits(phase)
                 if reason:
                     raise ProtocolError(f"{arm.name} at '{arm.waypoint(phase)}': {reason}. Change this waypoint")
                 start, _ = arm.ends(phase)
@@ -255,9 +259,10 @@ class _Plan:
                 if " mm apart (" in reason:
                     advice += ", or lower the clearance"
                 raise ProtocolError(f"{where}: {reason}. {advice}")
-            if phase < self.count and not any(arm.moves(phase) for arm in self.arms):
+            moving_arms = [arm for arm in self.arms if arm.moves(phase)]
+            if phase < self.count and not moving_arms:
                 where = self._waypoints(phase, "stays at")
-                raise ProtocolError(f"phase {self._named(phase)}: no arm moves: {where}. Change a waypoint")
+                raise ProtocolError(f"phase {self._phase_names(phase)}: no arm moves: {where}. Change a waypoint")
 
     def _waypoints(self, phase: int, verb: str) -> str:
         """Return the names of all arms and their waypoints at the start of a phase, as text."""
@@ -287,7 +292,7 @@ class _Plan:
             rounds.append(searched)
         certificates = []
         for phase, path in enumerate(paths):
-            self.progress(f"clearance of phase {self._named(phase)}", phase / len(paths))
+            self.progress(f"clearance of phase {self._phase_names(phase)}", phase / len(paths))
             certificates.append(self.spaces[-1].certify_each(path, self._kind))
 
         self.progress("timing", 0.0)
@@ -307,15 +312,18 @@ class _Plan:
         phases = []
         for phase, span in enumerate(longest.phases):
             rows = slice(span.start, span.stop + 1)
-            near = {}
+            nearest_pairs = {}
             for kind, certificate in certificates[phase].items():
-                if np.isfinite(certificate.found):
-                    near[kind] = nearest_at(certificate, paths[phase], q_all[rows], longest.t[rows])
-            if "between_arms" in near:
-                near["between_arms"] = near["between_arms"].among(arm_distances, span.t0, span.t1)
-            whole = nearest(pair.seen for pair in near.values())
-            name = self._named(phase)
-            phases.append(CommonPhase(name, span.t0, span.t1, whole, near, span.solver or "", rounds[phase]))
+                if np.isfinite(certificate.found):  # infinite: there is no pair of this kind
+                    nearest_pairs[kind] = nearest_at(certificate, paths[phase], q_all[rows], longest.t[rows])
+            # the distances over time are sampled more densely, and may have seen a nearer moment
+            if "between_arms" in nearest_pairs:
+                nearest_pairs["between_arms"] = nearest_pairs["between_arms"].among(arm_distances, span.t0, span.t1)
+            nearest_of_all = nearest(pair.seen for pair in nearest_pairs.values())
+            name = self._phase_names(phase)
+            phases.append(
+                CommonPhase(name, span.t0, span.t1, nearest_of_all, nearest_pairs, span.solver or "", rounds[phase])
+            )
 
         robots = {}
         for arm, trajectory in zip(self.arms, trajectories_of_arms, strict=True):
@@ -325,7 +333,7 @@ class _Plan:
             robots[arm.name] = RobotSamples(arm.protocol, _joints(arm.mechanism), q[arm.name], spans)
         planned = list(robots)
         robots |= self._resting()
-        return PlannedTogether(self.read, self.clearance, robots, planned, longest.t, phases, checked, arm_distances)
+        return PlannedTogether(self.scene, self.clearance, robots, planned, longest.t, phases, checked, arm_distances)
 
     def _courses(self, paths: Sequence[Path]) -> list[list[_Course]]:
         """Return, for each arm, its joint path in each of its phases."""
@@ -335,17 +343,20 @@ class _Plan:
             stop = start + arm.q.shape[1]
             columns = slice(start, stop)
             own_phases = len(arm.q) - 1  # an arm with fewer phases than the others rests afterwards
-            courses.append([_Course(path, columns, self.check) for path in paths[:own_phases]])
+            courses_of_arm = []
+            for path in paths[:own_phases]:
+                courses_of_arm.append(_Course(path, columns, self.check))
+            courses.append(courses_of_arm)
             start = stop
         return courses
 
-    def _kind(self, a: str, b: str) -> str:
-        """Return the kind of a pair of bodies (a key of `KINDS`); `a` and `b` are their names in the joint space."""
-        first = self.owners.get(a)
-        second = self.owners.get(b)
-        if first is None or second is None:
+    def _kind(self, first_body: str, second_body: str) -> str:
+        """Return the kind of a pair of bodies (a key of `KINDS`), given their names in the joint space."""
+        first_owner = self.owners.get(first_body)
+        second_owner = self.owners.get(second_body)
+        if first_owner is None or second_owner is None:
             return "to_scene"
-        if first == second:
+        if first_owner == second_owner:
             return "inside_arm"
         return "between_arms"
 
@@ -353,10 +364,10 @@ class _Plan:
         """Return the scene's robots that are not planned, each at rest in the pose that it has as an obstacle."""
         from twin.planning.plan_files import RobotSamples
 
-        planned = {arm.name for arm in self.arms}
+        planned_names = [arm.name for arm in self.arms]
         resting: dict[str, RobotSamples] = {}
-        for place in self.read.places:
-            if place.name in planned:
+        for place in self.scene.places:
+            if place.name in planned_names:
                 continue
             self.check()
             robot = self.load(place.robot)
@@ -366,8 +377,10 @@ class _Plan:
             resting[place.name] = RobotSamples(protocol, _joints(robot.mechanism), q[None])
         return resting
 
-    def _named(self, phase: int) -> str:
-        return " / ".join(arm.named(phase) for arm in self.arms)
+    def _phase_names(self, phase: int) -> str:
+        """Return the names of a phase in the protocols of all arms, as text."""
+        names = [arm.phase_name(phase) for arm in self.arms]
+        return " / ".join(names)
 
     def _path(self, phase: int) -> tuple[Path, Mapping[str, SearchRounds]]:
         """Return the common path of all arms in a phase, and {arm: rounds of its path search}."""
@@ -377,9 +390,9 @@ class _Plan:
 
         path: Path | None = None
         before: list[str] = []
-        found: dict[str, SearchRounds] = {}
-        for arm, every in zip(self.arms, self.spaces, strict=True):
-            space = every.keeping(arm.keep(phase))
+        rounds_of_arms: dict[str, SearchRounds] = {}
+        for arm, joint_space in zip(self.arms, self.spaces, strict=True):
+            space = joint_space.keeping(arm.keep(phase))
             start, goal = arm.ends(phase)
             label = f"{arm.name}: path around obstacles"
             moving = ""
@@ -390,10 +403,11 @@ class _Plan:
                 subjects = " and ".join(before)
                 moving = f" while {subjects} {verb}"
             rounds: list[SearchRound] = []
+            # default arguments bind the values of this arm: the functions are called while it is planned
             options = {
                 "seed": self.seed,
-                "progress": lambda f, t=label: self.progress(t, f),
-                "ended": lambda search_round, tree, kept=rounds: kept.append(search_round),
+                "progress": lambda fraction, text=label: self.progress(text, fraction),
+                "ended": lambda search_round, tree, rounds_of_arm=rounds: rounds_of_arm.append(search_round),
             }
             try:
                 if path is None:
@@ -401,20 +415,24 @@ class _Plan:
                 else:
                     path = beside(space, path, start, goal, **options)
             except ProtocolError as error:
-                raise ProtocolError(f"{arm.name}, phase '{arm.named(phase)}'{moving}: {error}") from error
+                raise ProtocolError(f"{arm.name}, phase '{arm.phase_name(phase)}'{moving}: {error}") from error
             before.append(arm.name)
             if rounds:
-                found[arm.name] = SearchRounds("length", tuple(rounds))
+                rounds_of_arms[arm.name] = SearchRounds("length", tuple(rounds))
         assert path is not None
-        return path, found
+        return path, rounds_of_arms
 
 
 def _placed(arms: Sequence[_Arm]) -> dict[str, tuple[Mechanism, Array]]:
     """Return {name of an arm: (mechanism, T_world_base)}."""
-    return {arm.name: (arm.mechanism, arm.place.T_world_base) for arm in arms}
+    placed = {}
+    for arm in arms:
+        placed[arm.name] = (arm.mechanism, arm.place.T_world_base)
+    return placed
 
 
 def _joints(mechanism: Mechanism) -> list[tuple[str, bool]]:
+    """Return (name, whether its coordinate is an angle) of each active joint."""
     return [(joint.name, joint.is_angle) for joint in mechanism.active]
 
 

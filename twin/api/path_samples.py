@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from twin.proof.motion.path import TimedPath
     from twin.reference import ReferenceModel
 
-MOST = 1000
+MOST_SAMPLES = 1000
 """Largest number of samples at which the reference model is solved."""
 
 
@@ -40,7 +40,7 @@ class SampledPath:
     values: Mapping[tuple[str, str], Array]
 
 
-def sampled(model: ReferenceModel, trajectory: Trajectory, path: TimedPath, most: int = MOST) -> SampledPath:
+def sampled(model: ReferenceModel, trajectory: Trajectory, path: TimedPath, most: int = MOST_SAMPLES) -> SampledPath:
     """Return the values of a trajectory at its samples, or at at most `most` of them.
 
     The bodies are those of the reference model at the planned joint values: this shares no code with the proof.
@@ -48,6 +48,7 @@ def sampled(model: ReferenceModel, trajectory: Trajectory, path: TimedPath, most
     count = len(trajectory.t)
     stride = max(1, math.ceil(count / most))
     last = count - 1
+    # the end of a motion is where limits are often reached, and a stride may step over it
     rows = np.unique(np.append(np.arange(0, count, stride), last))
     values = _planned(model, trajectory, path, rows)
     values |= _of_model(model, trajectory, path, rows)
@@ -67,11 +68,11 @@ def _planned(
             low, high = joint.limits
             values[groups.JOINT_LIMIT, joint.name] = np.minimum(q[:, j] - low, high - q[:, j])
         values[groups.JOINT_SPEED, joint.name] = np.abs(qd[:, j])
-    actuators = {actuator.name: actuator for actuator in mechanism.actuators}
     positions = mechanism.motors(q)
     speeds = mechanism.motors(qd)
+    actuators = {actuator.name: actuator for actuator in mechanism.actuators}
     for i, motor in enumerate(mechanism.motor_names):
-        if motor not in actuators:
+        if motor not in actuators:  # the motor is its joint, whose values are above
             continue
         limits = actuators[motor].limits
         if limits is not None:

@@ -71,7 +71,7 @@ class ProcedureSession(Result):
         if self.verdict == "agree":
             return "All stages are done"
         checks = self.measures.checks
-        if self.measures.done or self.verdict != "disagree":
+        if self.measures.done or self.verdict != "disagree":  # the procedure itself gives no disagreement
             if self.ran.difference is not None:
                 return "The replay gives different bytes"
             return super().word
@@ -126,6 +126,9 @@ class ProcedureSession(Result):
         checks = []
         for check in measures.checks:
             checks.append({"name": check.name, "done": check.done, "t_s": check.t, "text": check.text})
+        paths_mm = {}
+        for tool, path in measures.paths.items():
+            paths_mm[tool] = path / MM
         return {
             "scene": self.scene.name,
             "task": self.task.name,
@@ -136,7 +139,7 @@ class ProcedureSession(Result):
             "duration_s": self.ran.duration,
             "time_s": measures.time,
             "checks": checks,
-            "paths_mm": {tool: path / MM for tool, path in measures.paths.items()},
+            "paths_mm": paths_mm,
             "clips": measures.clips,
             "energy_j": measures.energy,
             "largest_pull_n": measures.largest_pull,
@@ -185,19 +188,19 @@ class ProcedureSession(Result):
 
     def write(self, folder: Path) -> None:
         """Write procedure.csv (the signals that the checks use), and the session file of a simulated surgeon."""
-        kept = self.ran.kept
+        recording = self.ran.kept
         procedure = self.procedure
-        columns = {"t_s": kept.t, "seen": kept[VESSEL_SEEN.of(procedure.vessel)][:, 0]}
-        columns["freed"] = kept[ORGAN_FREED.of(procedure.organ)].sum(axis=1)
+        columns = {"t_s": recording.t, "seen": recording[VESSEL_SEEN.of(procedure.vessel)][:, 0]}
+        columns["freed"] = recording[ORGAN_FREED.of(procedure.organ)].sum(axis=1)
         for organ in procedure.spare:
-            columns[f"{organ}_depth_m"] = kept[ORGAN_DEPTH.of(organ)][:, 0]
+            columns[f"{organ}_depth_m"] = recording[ORGAN_DEPTH.of(organ)][:, 0]
         for robot in self.measures.paths:
-            tips = kept[ROBOT_TIP.of(robot)]
+            tips = recording[ROBOT_TIP.of(robot)]
             for k, axis in enumerate("xyz"):
                 columns[f"{robot}_tip_{axis}_m"] = tips[:, k]
-            columns[f"{robot}_carries"] = kept[ROBOT_CARRIES.of(robot)][:, 0]
-            columns[f"{robot}_holds"] = kept[ROBOT_HOLDS.of(robot)][:, 0]
-            columns[f"{robot}_pull_n"] = np.linalg.norm(kept[ROBOT_PULL.of(robot)], axis=1)
+            columns[f"{robot}_carries"] = recording[ROBOT_CARRIES.of(robot)][:, 0]
+            columns[f"{robot}_holds"] = recording[ROBOT_HOLDS.of(robot)][:, 0]
+            columns[f"{robot}_pull_n"] = np.linalg.norm(recording[ROBOT_PULL.of(robot)], axis=1)
         body = np.column_stack(list(columns.values()))
         np.savetxt(folder / "procedure.csv", body, "%.6g", ",", header=",".join(columns), comments="")
         if self.recorded is not None:
@@ -205,6 +208,8 @@ class ProcedureSession(Result):
 
 
 def _setup(scene: Scene, task: ConsoleTask) -> Setup:
+    """Return the robots that carry tools in a procedure, and the organs."""
+    # which robots carry tools follows from scene and task: a setup without robots is enough to ask
     without_members = Setup(scene, {}, task)
     robots = robots_at(operating_scene.robots_of(without_members))
     organs = tissue_scene.tissues(scene, anatomy_of(scene))
@@ -273,17 +278,17 @@ def replay_procedure(
     path = Path(path)
     session = read_session(path)
     if isinstance(scene, Scene):
-        placed = scene
+        chosen_scene = scene
     else:
-        placed = load_scene(scene or session.head.scene)
+        chosen_scene = load_scene(scene or session.head.scene)
     if session.head.task is None:
         raise TwinError(f"{path}: the session has no task")
-    task = task_of(placed, session.head.task)
+    task = task_of(chosen_scene, session.head.task)
     progress("read CAD", 0.0)
-    setup = replace(_setup(placed, task), props=props_of(placed), condition=session.head.condition)
+    setup = replace(_setup(chosen_scene, task), props=props_of(chosen_scene), condition=session.head.condition)
     ran = procedure_run.replay(session, path, setup, progress)
     organ = operating_scene.organ_of(setup)
-    return ProcedureSession(placed, task, str(path), session.head.seed, "", ran, organ, session.lost)
+    return ProcedureSession(chosen_scene, task, str(path), session.head.seed, "", ran, organ, session.lost)
 
 
 def is_procedure(path: str | Path, scene: str | Path | None = None) -> bool:

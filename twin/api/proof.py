@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from twin.api.robot import Progress, Robot, loaded, silent
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, by_severity, disagreement, error, info, warning
+from twin.core.format import ROUNDING
 from twin.core.json_types import JsonObject
 from twin.core.quantity import Quantity
 from twin.core.result import Part, Result, TextTable
@@ -101,7 +102,7 @@ class Proved(Result):
             "uncovered_bodies": list(proof.uncovered),
             "uncovered_points": list(proof.uncovered_points),
             "uncovered_values": list(proof.uncovered_values),
-            "claims": [_record(claim) for claim in proof.claims],
+            "claims": list(map(_record, proof.claims)),
             "motions": [motion.record() for motion in self.motions],
         }
 
@@ -118,24 +119,31 @@ class Proved(Result):
         (folder / "certificate.json").write_text(text, encoding="ascii")
         files = motion_files([motion.protocol for motion in self.motions])
         for file, motion in zip(files, self.motions, strict=True):
-            if motion.certificate is not None:
+            if motion.certificate is not None:  # none if nothing is proved along this protocol
                 # up to thousands of pieces: without blanks
                 text = json.dumps(motion.certificate, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
                 (folder / file).write_text(text, encoding="ascii")
 
-    def text(self) -> Iterator[Part]:
-        """Yield the table of the claims, what they rest on, the findings and the verdict."""
-        yield f"{self.robot}: claims about its equations and its mechanism"
+    def _claims_table(self) -> TextTable:
+        """Return the claims as a table: verdict, exact zeros, odds that a proof is chance, and largest difference."""
         rows = []
         for claim in self.proof.claims:
             odds = "-"
             if claim.status == "proved":
                 odds = f"1e{math.ceil(claim.log_odds)}"
-            shown = "rounding"
-            if claim.status == "refuted" or claim.largest >= 1e-9:
-                shown = str(Quantity(claim.largest * 1e3, "mm")) if claim.largest else "no value"
-            rows.append((claim.name, claim.status, f"{claim.zeros}/{claim.known}", odds, shown))
-        yield TextTable(("claim", "verdict", "exact zeros", "odds of chance", "largest"), rows)
+            largest_text = "rounding"
+            if claim.status == "refuted" or claim.largest >= ROUNDING:
+                # refuted by exact numbers alone, where floating point has no value
+                largest_text = "no value"
+                if claim.largest:
+                    largest_text = str(_size_of(claim))
+            rows.append((claim.name, claim.status, f"{claim.zeros}/{claim.known}", odds, largest_text))
+        return TextTable(("claim", "verdict", "exact zeros", "odds of chance", "largest"), rows)
+
+    def text(self) -> Iterator[Part]:
+        """Yield the table of the claims, what they rest on, the findings and the verdict."""
+        yield f"{self.robot}: claims about its equations and its mechanism"
+        yield self._claims_table()
         for motion in self.motions:
             yield ""
             yield f"{motion.protocol}, at every moment of {motion.proof.duration:.3f} s"
@@ -152,9 +160,12 @@ class Proved(Result):
         report = proof.branches
         if report is not None and report.count:
             yield f"  {_known(report)}"
-        missing = [claim.name for claim in proof.claims if claim.status == "proved" and not claim.nodes]
-        if missing:
-            yield f"  the certificate leaves out {', '.join(missing)}: a half angle is in them"
+        left_out = []
+        for claim in proof.claims:
+            if claim.status == "proved" and not claim.nodes:
+                left_out.append(claim.name)
+        if left_out:
+            yield f"  the certificate leaves out {', '.join(left_out)}: a half angle is in them"
         if proof.uncovered:
             yield f"  no claim covers {', '.join(proof.uncovered)}: the equations do not move them"
         if proof.uncovered_points:
@@ -173,9 +184,9 @@ class Proved(Result):
         agreement = "PROVED: the equations agree with the mechanism at all poses"
         if proof.inside < 1:
             agreement += " within reach of the equations"
-        without = len(proof.uncovered_values) + len(proof.uncovered_points)
-        if without:
-            agreement += f", but for {without} values without a claim"
+        uncovered_count = len(proof.uncovered_values) + len(proof.uncovered_points)
+        if uncovered_count:
+            agreement += f", but for {uncovered_count} values without a claim"
         if self.motions:
             agreement += ", and the protocols keep their limits at every moment"
         words = {
@@ -247,29 +258,42 @@ def motion_files(protocols: Sequence[str]) -> list[str]:
     protocol is any text, and must not lead to another folder.
     """
     names_of_files: list[str] = []
-    taken: set[str] = set()
+    used_names: set[str] = set()
     for protocol in protocols:
         plain = re.sub(r"[^A-Za-z0-9_-]", "_", protocol)[:_LONGEST_NAME]
         name = f"motion-{plain}"
         count = 1
-        while name.lower() in taken:  # there are folders that do not tell capitals
+        while name.lower() in used_names:  # some file systems do not distinguish capitals
             count += 1
             name = f"motion-{plain}-{count}"
-        taken.add(name.lower())
+        used_names.add(name.lower())
         names_of_files.append(f"{name}.json")
     return names_of_files
 
 
 def _listed(values: Sequence[str]) -> str:
     """Return names such as "margin arm" by their kinds, as "margins 'arm', 'shaft'; measures 'elbow'"."""
-    kinds: dict[str, list[str]] = {}
-    for value in values:
-        kind = next(kind for kind in _KINDS if value.startswith(kind))
-        kinds.setdefault(kind, []).append(f"'{value.removeprefix(f'{kind} ')}'")  # names have commas
-    return "; ".join(f"{kind}s {', '.join(names)}" for kind, names in kinds.items())
+    texts = []
+    for kind in dict.fromkeys(map(_kind_of, values)):
+        names = []
+        for value in values:
+            if _kind_of(value) == kind:
+                name = value.removeprefix(f"{kind} ")
+                names.append(f"'{name}'")  # in quotes, because names have commas
+        texts.append(f"{kind}s {', '.join(names)}")
+    return "; ".join(texts)
 
 
 _KINDS = ("passive joint", "margin", "measure", "aspect")
+"""Kinds of values of equations that no claim covers: the first words of their names."""
+
+
+def _kind_of(value: str) -> str:
+    """Return the kind at the beginning of a name such as "margin arm"."""
+    for kind in _KINDS:
+        if value.startswith(kind):
+            return kind
+    raise AssertionError(f"'{value}' has none of the kinds {', '.join(_KINDS)}")
 
 
 def _findings(proof: Proof) -> list[Finding]:
@@ -281,36 +305,53 @@ def _findings(proof: Proof) -> list[Finding]:
             findings.append(_refuted(claim, proof.drawn))
         elif claim.status == "unproved":
             open_claims.setdefault(claim.reason, []).append(claim.name)
-    kind = error
+    finding_of_open = error
     if proof.count("refuted"):
-        kind = warning  # the verdict is that of the refuted claims
+        finding_of_open = warning  # the verdict is that of the refuted claims
     for reason, claims in open_claims.items():
         text = f"not proved: {', '.join(claims[:_SHOWN])}"
         if len(claims) > _SHOWN:
             text += f" and {len(claims) - _SHOWN} more"
-        findings.append(kind("prove.open", claims[0], f"{text}; {reason}"))
+        findings.append(finding_of_open("prove.open", claims[0], f"{text}; {reason}"))
     for number, form in list(proof.recognised.items())[:_SHOWN]:
         text = f"{number} of the CAD is taken as {form}; the number in the file stays as it is"
         findings.append(info("prove.number", number, text))
-    for number, near in list(proof.near.items())[:_SHOWN]:
-        text = f"{number} is {near}, but for its last digit; it is taken as written: give more digits if that is meant"
+    for number, exact_form in list(proof.near.items())[:_SHOWN]:
+        text = (
+            f"{number} is {exact_form}, but for its last digit; it is taken as written: "
+            "give more digits if that is meant"
+        )
         findings.append(info("prove.near_number", number, text))
     return findings
 
 
+def _size_of(claim: JudgedClaim) -> Quantity:
+    """Return the largest difference of a claim in mm; directions count by the distance at half a metre."""
+    return Quantity(claim.largest * 1e3, "mm")
+
+
 def _refuted(claim: JudgedClaim, drawn: tuple[str, ...]) -> Finding:
     """Return the finding of a refuted claim, with the state where it is wrong."""
-    at = ", ".join(f"{name} = {value:.6g}" for name, value in claim.witness.items() if name not in drawn)
+    # drawn parameters have no meaning for a reader: the claim is for all their values
+    witness = []
+    for name, value in claim.witness.items():
+        if name not in drawn:
+            witness.append(f"{name} = {value:.6g}")
     text = f"it is not so that {claim.sentence}"
     if claim.error_terms > _MOST_READ:
         text += f'; the error is a polynomial of {claim.error_terms} terms: see "error" with --json'
     elif claim.error:
         text += f"; the error is {claim.error}"
     if claim.fractions:
-        state = ", ".join(f"{name} = {value}" for name, value in claim.fractions.items() if name not in drawn)
-        text += f"; it is wrong at these fractions too: {state}"
-    size = Quantity(claim.largest * 1e3, "mm") if claim.largest else None
-    return disagreement("prove.refuted", claim.name, text, size, when=at)
+        fractions = []
+        for name, value in claim.fractions.items():
+            if name not in drawn:
+                fractions.append(f"{name} = {value}")
+        text += f"; it is wrong at these fractions too: {', '.join(fractions)}"
+    size = None
+    if claim.largest:
+        size = _size_of(claim)
+    return disagreement("prove.refuted", claim.name, text, size, when=", ".join(witness))
 
 
 def _of_refused(refused: RefusedStates | None) -> str:

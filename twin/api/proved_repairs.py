@@ -37,18 +37,29 @@ class ProverOfRepairs:
     def same(self, first: Formula, second: Formula) -> bool:
         """Return whether two repaired formulas have the same values at every pose, by a proof of each output."""
         claims = equal_outputs(first, second, self.variants, self.robot.mechanism)
-        return bool(claims) and all(claim.status == "proved" for claim in claims)
+        for claim in claims:
+            if claim.status != "proved":
+                return False
+        return bool(claims)  # without an output to compare, nothing is known
 
 
 def _verdict(proof: Proof) -> str:
     """Return the verdict on all claims as text."""
-    refuted = [claim for claim in proof.claims if claim.status == "refuted"]
+    refuted = []
+    different = []
+    unproved = []
+    for claim in proof.claims:
+        if claim.status == "refuted":
+            refuted.append(claim)
+        if claim.different:
+            different.append(claim)
+        if claim.status != "proved":
+            unproved.append(claim)
     if refuted:
         worst = max(refuted, key=lambda claim: claim.largest)
-        if not worst.largest:
+        if not worst.largest:  # refuted by exact numbers alone: there is no distance to state
             return f"wrong: it is not so that {worst.sentence}"
         return f"only close: {_distance(proof, worst)}; it is not so that {worst.sentence}"
-    different = [claim for claim in proof.claims if claim.different]
     if different:
         worst = max(different, key=lambda claim: claim.largest)
         # without a root, an exact value that is not zero tells; with one, it may be that of the other sign
@@ -56,7 +67,6 @@ def _verdict(proof: Proof) -> str:
         return f"{closeness}: {_distance(proof, worst)}; not proved that {worst.sentence}: {worst.reason}"
     if not proof.claims:
         return "not judged by the prover: nothing can be claimed of these equations"
-    unproved = [claim for claim in proof.claims if claim.status != "proved"]
     if not unproved:
         return f"identity, proved: {len(proof.claims)} claims at all poses"
     return f"{len(unproved)} of {len(proof.claims)} claims are not proved, none is refuted: {_named(unproved)}"

@@ -121,7 +121,7 @@ def console(
     from twin.simulation.controllers import console_equations as equations
     from twin.validation.console_clauses import judge
 
-    if name != "davinci":
+    if name != "davinci":  # the only console whose equations are published
         raise TwinError(unknown("console", name, ("davinci",)))
     if isinstance(variants, str):
         if variants not in equations.READINGS:

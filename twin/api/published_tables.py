@@ -54,8 +54,8 @@ class Study(Result):
 
     def text(self) -> Iterator[Part]:
         """Yield the verdict and the suggestion, the tables, and the findings."""
-        disagreements = [finding for finding in self.findings if finding.severity == "disagreement"]
-        count = len(disagreements)
+        severities = [finding.severity for finding in self.findings]
+        count = severities.count("disagreement")
         noun = "inconsistency"
         if count > 1:
             noun = "inconsistencies"
@@ -131,8 +131,8 @@ def _users(paths: Sequence[Path]) -> Study:
     data: list[JsonObject] = []
     findings: list[Finding] = []
     for path in paths:
-        if _grouped(path):
-            printed, recomputed = _groups(path)
+        if _has_groups(path):
+            printed, recomputed = _recomputed_groups(path)
             findings += recomputed.findings
             data.append({"title": printed.title, "source": printed.source, **recomputed.data})
             titles.append((printed.title, printed.source))
@@ -141,9 +141,10 @@ def _users(paths: Sequence[Path]) -> Study:
             tables += recomputed.tables
             continue
         printed = study.load(path)
-        rows, found = study.recompute(printed)
-        findings += found
-        data.append({"title": printed.title, "source": printed.source, "rows": [row.as_dict() for row in rows]})
+        rows, findings_of_file = study.recompute(printed)
+        findings += findings_of_file
+        rows_as_data = [row.as_dict() for row in rows]
+        data.append({"title": printed.title, "source": printed.source, "rows": rows_as_data})
         titles.append((printed.title, printed.source))
         lines = []
         for row in rows:
@@ -158,7 +159,7 @@ def _users(paths: Sequence[Path]) -> Study:
     return Study(what, tuple(titles), tuple(tables), {"studies": data}, tuple(findings))
 
 
-def _grouped(path: Path) -> bool:
+def _has_groups(path: Path) -> bool:
     """Return whether a study file compares independent groups; False for a malformed file, which the loader rejects."""
     import tomllib
 
@@ -169,16 +170,18 @@ def _grouped(path: Path) -> bool:
         return False
 
 
-def _groups(path: Path) -> tuple[GroupTables, Recomputed]:
+def _recomputed_groups(path: Path) -> tuple[GroupTables, Recomputed]:
+    """Return the printed tables of independent groups, and what follows from their rows."""
     from twin.core.units import DEG, MM
-    from twin.simulation.controllers.console_equations import console as the_console
+    from twin.simulation.controllers.console_equations import console as console_with
     from twin.validation import accuracy, group_tables, groups
 
+    # `validation` knows no console: it gets functions that measure one with the published equations
     printed = group_tables.load(path)
     recomputed = groups.recompute(
         printed,
-        lambda c: accuracy.measure(the_console(), c.displacements, c.resolution_mm * MM),
-        lambda c: accuracy.measure_angles(the_console(), c.rotations, c.resolution_deg * DEG),
+        lambda claim: accuracy.measure(console_with(), claim.displacements, claim.resolution_mm * MM),
+        lambda claim: accuracy.measure_angles(console_with(), claim.rotations, claim.resolution_deg * DEG),
     )
     return printed, recomputed
 
@@ -195,13 +198,15 @@ def _inertias(path: Path) -> Study:
         definite = "NO"
         if row.definite:
             definite = "yes"
+        # CAD programs print products of inertia with one sign or the other: both readings are shown
         masses = (f"{row.mass_printed:.3f}", f"{row.mass_negated:.3f}")
         lines.append((row.name, definite, f"{row.slack:.2g}", *masses))
         sum_printed += row.mass_printed
         sum_negated += row.mass_negated
     lines.append(("sum", "", "", f"{sum_printed:.2f}", f"{sum_negated:.2f}"))
     head = ("row", "positive definite", "triangle slack", "minimum mass [kg], as printed", "products negated")
-    data = {"title": exhibit.title, "source": exhibit.source, "rows": [row.as_dict() for row in rows]}
+    rows_as_data = [row.as_dict() for row in rows]
+    data = {"title": exhibit.title, "source": exhibit.source, "rows": rows_as_data}
     title = (exhibit.title, exhibit.source)
     table = TextTable(head, lines)
     return Study("the printed masses and inertias", (title,), (table,), data, tuple(findings))

@@ -46,7 +46,7 @@ class ChangedResidual:
     unit: str
 
     @property
-    def lost(self) -> bool:
+    def became_infinite(self) -> bool:
         """Whether the deviation was a number and is no longer finite."""
         if self.before is None or self.after is None:
             return False
@@ -90,9 +90,10 @@ class ResultDifference(Result):
             where = str(finding.get("where", ""))
             findings.append(disagreement("diff.finding", where, f"new finding: {finding.get('message', '')}"))
         for row in self.residuals:
-            if row.lost:
-                was = _shown(row.before, row.unit)
-                findings.append(disagreement("diff.residual", row.name, f"{row.name}: it was {was} and is not finite"))
+            if row.became_infinite:
+                before_text = _value_text(row.before, row.unit)
+                text = f"{row.name}: it was {before_text} and is not finite"
+                findings.append(disagreement("diff.residual", row.name, text))
         if self.protocols[0] != self.protocols[1]:
             first, second = self.protocols
             text = f"the first result is of protocol '{first}', the second of '{second}'"
@@ -108,8 +109,8 @@ class ResultDifference(Result):
             "files": list(self.files),
             "verdicts": list(self.verdicts),
             "protocols": list(self.protocols),
-            "appeared": [dict(finding) for finding in self.appeared],
-            "gone": [dict(finding) for finding in self.gone],
+            "appeared": list(map(dict, self.appeared)),
+            "gone": list(map(dict, self.gone)),
             "residuals": rows,
         }
 
@@ -129,7 +130,7 @@ class ResultDifference(Result):
         if self.residuals:
             rows = []
             for row in self.residuals[:_ROWS]:
-                rows.append((row.name, _shown(row.before, row.unit), _shown(row.after, row.unit)))
+                rows.append((row.name, _value_text(row.before, row.unit), _value_text(row.after, row.unit)))
             yield TextTable(("residual", "first", "second"), rows)
             if len(self.residuals) > _ROWS:
                 yield f"  and {len(self.residuals) - _ROWS} more residuals"
@@ -137,7 +138,7 @@ class ResultDifference(Result):
             yield "  no finding and no residual differs"
 
 
-def _shown(value: float | None, unit: str) -> str:
+def _value_text(value: float | None, unit: str) -> str:
     if value is None:
         return "-"
     if math.isnan(value):
@@ -163,21 +164,24 @@ def diff(first: str | Path, second: str | Path) -> ResultDifference:
         >>> twin.diff("corrected.json", "printed.json").verdicts
         ('agree', 'disagree')
     """
-    a = _read(Path(first))
-    b = _read(Path(second))
-    if a["schema"] != b["schema"]:
-        raise TwinError(f"{first} is a result {a['schema']}, and {second} is one {b['schema']}: give two of one kind")
+    older = _read(Path(first))
+    newer = _read(Path(second))
+    if older["schema"] != newer["schema"]:
+        raise TwinError(
+            f"{first} is a result {older['schema']}, and {second} is one {newer['schema']}: give two of one kind"
+        )
     for subject in ("robot", "scene"):
-        one = _name(a, subject)
-        other = _name(b, subject)
-        if one and other and one != other:
+        first_name = _name(older, subject)
+        second_name = _name(newer, subject)
+        if first_name and second_name and first_name != second_name:
             raise TwinError(
-                f"{first} is of the {subject} '{one}', and {second} of '{other}': give two of one {subject}"
+                f"{first} is of the {subject} '{first_name}', and {second} of '{second_name}': "
+                f"give two of one {subject}"
             )
-    gone, appeared = _unmatched(a["findings"], b["findings"])
-    residuals = _changed(a.get("residuals"), b.get("residuals"))
-    protocols = (_name(a, "protocol"), _name(b, "protocol"))
-    verdicts = (a["verdict"], b["verdict"])
+    gone, appeared = _unmatched(older["findings"], newer["findings"])
+    residuals = _changed(older.get("residuals"), newer.get("residuals"))
+    protocols = (_name(older, "protocol"), _name(newer, "protocol"))
+    verdicts = (older["verdict"], newer["verdict"])
     return ResultDifference((str(first), str(second)), verdicts, appeared, gone, residuals, protocols)
 
 
@@ -271,15 +275,15 @@ def _unmatched(
 
 def _rest(findings: Sequence[JsonMapping], others: Sequence[JsonMapping], identity: _Identity) -> list[JsonMapping]:
     """Return the findings without a partner in `others`."""
-    partners = Counter(identity(other) for other in others)
-    rest: list[JsonMapping] = []
+    partners = Counter(map(identity, others))
+    unmatched: list[JsonMapping] = []
     for finding in findings:
         key = identity(finding)
         if partners[key] > 0:
             partners[key] -= 1
         else:
-            rest.append(finding)
-    return rest
+            unmatched.append(finding)
+    return unmatched
 
 
 _NUMBER = re.compile(r"(?<![\w.])[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")
@@ -287,6 +291,7 @@ _NUMBER = re.compile(r"(?<![\w.])[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?")
 
 
 _POWER = "[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+"
+"""An exponent as twin writes it in messages: `twin.core.format.power` makes superscripts."""
 
 _VALUE = re.compile(
     rf"(?:< )?(?<![\w.])[+-]?\d+(?:\.\d+)?(?:[eE][+-]?\d+)?(?:×10{_POWER}|{_POWER})?(?: ?(?:[pnµ]m|mm|m|°|deg)(?!\w))?"
@@ -296,6 +301,7 @@ _VALUE = re.compile(
 
 
 def _words(finding: JsonMapping) -> tuple[str, ...]:
+    """Return (code, severity, where, when, message) of a finding; "" for what it does not have."""
     return tuple(str(finding.get(name, "")) for name in ("code", "severity", "where", "when", "message"))
 
 
@@ -305,20 +311,27 @@ def _words_without_numbers(finding: JsonMapping) -> tuple[str, ...]:
     return code, severity, _NUMBER.sub("#", where), _NUMBER.sub("#", when), _VALUE.sub("#", message)
 
 
-def _changed(before: object, after: object) -> tuple[ChangedResidual, ...]:
+def _changed(before_value: object, after_value: object) -> tuple[ChangedResidual, ...]:
     """Return the rows of two residual matrices that differ, those that are missing on one side first."""
-    first = _rows(before)
-    second = _rows(after)
+    first = _rows(before_value)
+    second = _rows(after_value)
     changed: list[tuple[float, ChangedResidual]] = []
     for name in dict.fromkeys((*first, *second)):
-        a = first.get(name)
-        b = second.get(name)
-        ratio = _ratio(a, b)
-        if ratio > _FACTOR:
-            unit = next(row.unit for row in (a, b) if row is not None)
-            before = None if a is None else a.value
-            after = None if b is None else b.value
-            changed.append((ratio, ChangedResidual(name, before, after, unit)))
+        before_row = first.get(name)
+        after_row = second.get(name)
+        ratio = _ratio(before_row, after_row)
+        if ratio <= _FACTOR:
+            continue
+        unit = ""
+        before_value = None
+        if before_row is not None:
+            unit = before_row.unit
+            before_value = before_row.value
+        after_value = None
+        if after_row is not None:
+            unit = after_row.unit  # rows are paired by names that contain the unit
+            after_value = after_row.value
+        changed.append((ratio, ChangedResidual(name, before_value, after_value, unit)))
     changed.sort(key=lambda pair: -pair[0])
     return tuple(row for _, row in changed)
 
@@ -331,17 +344,17 @@ class _JudgedDeviation(NamedTuple):
     unit: str
 
 
-def _ratio(a: _JudgedDeviation | None, b: _JudgedDeviation | None) -> float:
+def _ratio(before: _JudgedDeviation | None, after: _JudgedDeviation | None) -> float:
     """Return the larger of two deviations divided by the smaller; infinity if only one is there, or only one finite."""
-    if a is None or b is None:
+    if before is None or after is None:
         return math.inf
-    if math.isnan(a.value) and math.isnan(b.value):
+    if math.isnan(before.value) and math.isnan(after.value):
         return 1.0
-    if math.isnan(a.value) or math.isnan(b.value):
+    if math.isnan(before.value) or math.isnan(after.value):
         return math.inf
     # of two tolerances the smaller one, so that a change which matters to it is shown
-    rounding = min(a.rounding, b.rounding)
-    smaller, larger = sorted((max(a.value, rounding), max(b.value, rounding)))
+    rounding = min(before.rounding, after.rounding)
+    smaller, larger = sorted((max(before.value, rounding), max(after.value, rounding)))
     if larger == smaller:
         return 1.0
     if smaller <= 0:
@@ -361,7 +374,9 @@ def _rows(residuals: object) -> dict[str, _JudgedDeviation]:
         if row.get("tolerance") is None:  # measured, but not judged
             continue
         tolerance = _number(row["tolerance"])
-        rounding = 0.0 if math.isnan(tolerance) else _NOTHING * tolerance
+        rounding = 0.0  # a tolerance that is not a number excuses nothing
+        if not math.isnan(tolerance):
+            rounding = _NOTHING * tolerance
         value = _number(row.get("worst"))
         name = f"{row.get('pair', '')} {row.get('quantity', '')} {row.get('name', '')} [{row.get('unit', '')}]"
         if name not in rows or _is_worse(value, rows[name].value):

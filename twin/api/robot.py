@@ -239,8 +239,11 @@ class Robot:
         if self.has_equations:
             variants = []
             for equation, choices in self.variants.items():
-                variants += [f"{equation}={choice}" for choice in choices]
-        protocols = () if self.files is None else tuple(self.files.protocols())
+                for choice in choices:
+                    variants.append(f"{equation}={choice}")
+        protocols: tuple[str, ...] = ()
+        if self.files is not None:
+            protocols = tuple(self.files.protocols())
         # by name: only notebooks need it
         page = import_module("twin.api.robot_html")
         return page.html_of(self.name, self.mechanism, variants, protocols)
@@ -320,8 +323,11 @@ class Robot:
         """
         if self.files is not None:
             with contextlib.suppress(TwinError):  # these errors are raised again when the mechanism is read
-                active = {joint.name for joint in self.source.description.joint if joint.active}
-                if active <= set(names):
+                active_names = set()
+                for joint in self.source.description.joint:
+                    if joint.active:
+                        active_names.add(joint.name)
+                if active_names <= set(names):
                     return ()
         return self.mechanism.extra_joints(names)
 
@@ -528,8 +534,11 @@ class Robot:
         """Return {file of equations or mechanism: SHA-256 of its bytes}; empty for a robot without files."""
         if self.files is None:
             return {}
-        files = [self.files.formula, self.files.description, *sorted(self.files.cad.glob("*.step"))]
-        return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files if path.is_file()}
+        hashes = {}
+        for path in (self.files.formula, self.files.description, *sorted(self.files.cad.glob("*.step"))):
+            if path.is_file():
+                hashes[path.name] = hashlib.sha256(path.read_bytes()).hexdigest()
+        return hashes
 
     def reference(self) -> ReferenceModel:
         """Return the independent reference model: Pinocchio and loop closures, built from the mechanism alone."""
@@ -569,6 +578,7 @@ class Robot:
             protocol = load_protocol(path)
         else:
             protocol = load_protocol(path, self.files.read)
+        # results and baked motions have the name in the file, commands that of the file
         if not is_path and protocol.name != path.stem:
             raise error_at(path, ("name",), f"'{protocol.name}' must be the file's name, '{path.stem}'")
         if protocol.robot != self.name:
@@ -665,13 +675,12 @@ class Robot:
         model = self.reference()
         home = model.home().q
         low, high = model.mechanism.limits.T
-        sizes = []
-        for joint in model.mechanism.active:
-            sizes.append(_TRIED_ANGLE if joint.is_angle else _TRIED_LENGTH)
+        is_angle = [joint.is_angle for joint in model.mechanism.active]
+        sizes = np.where(is_angle, _TRIED_ANGLE, _TRIED_LENGTH)
         steps = np.diag(sizes)  # one joint in each row
         # away from an upper limit that the step would exceed
-        moved = np.where(home + steps <= high, home + steps, home - steps)
-        states = np.vstack([home, np.clip(moved, low, high)])
+        displaced = np.where(home + steps <= high, home + steps, home - steps)
+        states = np.vstack([home, np.clip(displaced, low, high)])
         try:
             run = model.run(states)
         except AssemblyError:  # the plan will name the loop that opens
@@ -691,8 +700,8 @@ class Robot:
 
         follower = Follower(self.reference)
 
-        @cache
-        def obstructed(scene: str, clearance: float) -> JointSpace:
+        @cache  # shapes of bodies take seconds to read, and each phase of a protocol asks for them
+        def space_around_obstacles(scene: str, clearance: float) -> JointSpace:
             around = None
             if scene:
                 # by name: only a path around other robots reads a scene
@@ -701,9 +710,9 @@ class Robot:
             return JointSpace(lambda: follower.model, clearance, around=around)
 
         def space(scene: str, clearance: float, keep: Keep) -> JointSpace:
-            return obstructed(scene, clearance).keeping(keep)
+            return space_around_obstacles(scene, clearance).keeping(keep)
 
-        def passive(Ts: Array, q: Array) -> dict[str, tuple[Array, bool]]:
+        def passive_margins(Ts: Array, q: Array) -> dict[str, tuple[Array, bool]]:
             try:
                 check = self.passive_check
             except AssemblyError:  # the loops do not close as drawn, which is reported elsewhere
@@ -712,28 +721,32 @@ class Robot:
                 return {}
             return check.margins(q, Ts)
 
-        mechanical = without_equations(self.mechanism, follower, self.gaps, space)
-        mechanical = replace(mechanical, passive=passive)
+        by_mechanism = without_equations(self.mechanism, follower, self.gaps, space)
+        by_mechanism = replace(by_mechanism, passive=passive_margins)
         if self.unwritten:
-            return mechanical
+            return by_mechanism
         kin = self._kinematics
-        order = mechanical.joint_names
+        order = by_mechanism.joint_names
         if order != kin.joints:
             raise TwinError(
                 f"{self.name}: the driven joints are {', '.join(order)} in the description, but "
                 f"{', '.join(kin.joints)} in the equations; use the same names in the same order"
             )
         if not kin.closed_inverse and not self._forward_holds(kin):
-            return mechanical  # an inverse by iteration of wrong equations would try every pose in vain
+            return by_mechanism  # an inverse by iteration of wrong equations would try every pose in vain
         inverse = kin.inverse_many
         if self.inverse_by == "points":
             from twin.kinematics.point_search import point_solver
 
             inverse = point_solver(kin).inverse_many
-        auxiliary = {name: value for _, name, _, value in kin.extra_joints}
-        alarms = {measure.name: measure.alarm for measure in kin.formula.measures}
+        auxiliary = {}
+        for _, name, _, value in kin.extra_joints:
+            auxiliary[name] = value
+        alarms = {}
+        for measure in kin.formula.measures:
+            alarms[measure.name] = measure.alarm
         return replace(
-            mechanical,
+            by_mechanism,
             inverse=inverse,
             reach=lambda Ts: kin.reach(Ts=Ts),
             singularity=lambda Ts, q: kin.singularity(Ts=Ts, qs=q),
@@ -741,6 +754,7 @@ class Robot:
             branch=lambda Ts, q: kin.branch(Ts=Ts, qs=q),
             why=kin.why,
             auxiliary=auxiliary,
+            # six degrees of freedom of the mechanism are a proof as well, where the equations give none
             takes=lambda Ts: kin.takes(Ts) or follower.model.freedoms == 6,
         )
 
@@ -817,9 +831,9 @@ def load(
     if tool is not None:
         raise TwinError(f"{robot} is neither a USD stage nor a description file: its tool is set in its description")
     files = assets.files(robot)
-    other = assets.hidden(robot)
-    if other is not None:
+    hidden_folder = assets.hidden(robot)
+    if hidden_folder is not None:
         logging.getLogger(__name__).warning(
-            "'%s' is the built-in robot; for the robot in the folder %s write ./%s", robot, other, robot
+            "'%s' is the built-in robot; for the robot in the folder %s write ./%s", robot, hidden_folder, robot
         )
     return Robot(RobotSource(files, None), files, variants, dict(parameters or {}))

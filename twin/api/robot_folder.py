@@ -55,7 +55,7 @@ class NewRobot(Result):
         """Return names and numbers of what was written."""
         return {
             "robot": self.robot,
-            "files": [str(path) for path in self.files],
+            "files": list(map(str, self.files)),
             "bodies": len(self.mechanism.bodies),
             "joints": len(self.mechanism.joints),
             "active": self.active,
@@ -65,15 +65,15 @@ class NewRobot(Result):
 
     def text(self) -> Iterator[Part]:
         """Yield the warnings, at most `_SHOWN` of each kind, then what was written and the next commands."""
-        kinds: dict[str, list[Finding]] = {}
+        findings_by_code: dict[str, list[Finding]] = {}
         for finding in self.findings:
             if finding.severity != "info":
-                kinds.setdefault(finding.code, []).append(finding)
-        for code, alike in kinds.items():
-            for finding in alike[:_SHOWN]:
+                findings_by_code.setdefault(finding.code, []).append(finding)
+        for code, findings in findings_by_code.items():
+            for finding in findings[:_SHOWN]:
                 yield f"  {finding.severity}: {finding.message}"
-            if len(alike) > _SHOWN:
-                yield f"    and {len(alike) - _SHOWN} more of {code}"
+            if len(findings) > _SHOWN:
+                yield f"    and {len(findings) - _SHOWN} more of {code}"
         loops = ""
         if self.mechanism.loops:
             loops = f", {len(self.mechanism.loops)} loops closed within {self.gap:.2g} m"
@@ -81,19 +81,20 @@ class NewRobot(Result):
             f"  {self.folder}/: {len(self.mechanism.bodies)} bodies, {len(self.mechanism.joints)} joints{loops}, "
             f"{len(self.active)} driven; changes and omissions: {self.folder}/IMPORT.md"
         )
-        yield f"  next: {self._following}"
+        yield f"  next: {self._next_commands}"
 
     @property
-    def _following(self) -> str:
-        there = f"{self.folder}/"
+    def _next_commands(self) -> str:
+        """What to do with the new folder: command lines, and the file to edit."""
+        robot = f"{self.folder}/"  # with a slash, it is a path, also if a built-in robot has this name
         if self.has_formula:
-            return f"twin validate {there}, twin info {there}, twin view {there}; the equations are in formula.py"
+            return f"twin validate {robot}, twin info {robot}, twin view {robot}; the equations are in formula.py"
         first = ""
-        if not self.active:
+        if not self.active:  # of a STEP file: its skeleton proposes joints as comments
             first = f"name the joints in {self.files[0]}, then "
         return (
-            f"{first}twin info {there}, twin build {there}, twin view {there}; then your equations in formula.py and "
-            f"twin validate {there}"
+            f"{first}twin info {robot}, twin build {robot}, twin view {robot}; then your equations in formula.py and "
+            f"twin validate {robot}"
         )
 
 
@@ -192,7 +193,7 @@ def _from_description(
 
     imported = read(path, closures, root, xacro=xacro, dh=stated(dh, units))
     progress("close loops", 0.4)
-    imported = close(imported)
+    imported = close(imported)  # before writing: the folder states rest poses in which the loops are closed
     progress("write the folder", 0.8)
     written = write_folder(imported, name, folder, path, force)
     gap = ReferenceModel(imported.mechanism).home().worst_gap

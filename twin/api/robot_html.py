@@ -17,8 +17,8 @@ def html_of(name: str, mechanism: Mechanism, variants: Iterable[str], protocols:
     """Return a table of the driven joints of a robot, and its frames, postures, variants and protocols."""
     rows = []
     for joint in mechanism.active:
-        cells = (joint.name, joint.type, _limits(joint))
-        rows.append("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>")
+        name_of_joint = escape(joint.name)  # names of a foreign file may contain markup
+        rows.append(f"<tr><td>{name_of_joint}</td><td>{joint.type}</td><td>{_limits(joint)}</td></tr>")
     header = "<tr><th>joint</th><th>type</th><th>limits</th></tr>"
     facts = [
         ("frames", [frame.name for frame in mechanism.frames]),
@@ -27,8 +27,8 @@ def html_of(name: str, mechanism: Mechanism, variants: Iterable[str], protocols:
         ("protocols", protocols),
     ]
     lines = []
-    for what, names in facts:
-        lines.append(f"<div>{what}: {escape(', '.join(names)) or 'none'}</div>")
+    for title, names in facts:
+        lines.append(f"<div>{title}: {escape(', '.join(names)) or 'none'}</div>")
     size = f"{len(mechanism.bodies)} bodies, {len(mechanism.joints)} joints, {len(mechanism.loops)} loops"
     table = f"<table>{header}{''.join(rows)}</table>"
     return f"<div><b>{escape(name)}</b> {size}{table}{''.join(lines)}</div>"

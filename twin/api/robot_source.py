@@ -40,21 +40,21 @@ def _differences(robot: Robot) -> list[str]:
 
     Masses that the files give are not named: who needs them weighs the robot that is loaded.
     """
-    found: list[str] = []
+    differences: list[str] = []
     if robot.changed is not None:
-        found.append("the mechanism")
+        differences.append("the mechanism")
     if robot.equations is not None:
-        found.append("the formula")
+        differences.append("the formula")
     if robot.chosen_variants:
-        found.append("the variants of the equations")
+        differences.append("the variants of the equations")
     if robot.parameters:
-        found.append(f"the parameters {', '.join(robot.parameters)}")
+        differences.append(f"the parameters {', '.join(robot.parameters)}")
     if robot.trocars:
-        found.append(f"the trocars {', '.join(robot.trocars)}")
+        differences.append(f"the trocars {', '.join(robot.trocars)}")
     if robot.timing is not None:
-        found.append(f"the timing '{robot.timing}'")
+        differences.append(f"the timing '{robot.timing}'")
     if robot.inverse_by != "equations":
-        found.append(f"the inverse by {robot.inverse_by}")
+        differences.append(f"the inverse by {robot.inverse_by}")
     for option in robot.source.options:
-        found.append(f"the option {option} of twin.load")
-    return found
+        differences.append(f"the option {option} of twin.load")
+    return differences

@@ -33,6 +33,9 @@ from twin.model.scene import Place, Scene, load_scene
 _TOLERANCE = 1 * UM
 """Maximum distance in m between two world positions of a link: in the scene's stage, and in its robot's bundle."""
 
+_START_DECIMALS = 13
+"""Decimals of the joint values in scene.json, as of the poses in exported files."""
+
 _RATE = 60.0
 """Rate in Hz at which the motion of organs is simulated and written."""
 
@@ -68,16 +71,24 @@ class SceneBundle(Result):
     def content(self) -> JsonObject:
         """Return the bundles and checks as plain data; the keys of quantities end with the unit."""
         parameters = []
-        for p in self.scene.parameters:
-            parameters.append({"name": p.name, "value": p.shown, "unit": p.unit, "provenance": p.provenance})
-        robots = [_placed(place, self.bundles[place.name]) for place in self.scene.places]
-        objects = [_object(movable) for movable in self.scene.objects]
+        for parameter in self.scene.parameters:
+            parameters.append(
+                {
+                    "name": parameter.name,
+                    "value": parameter.shown,
+                    "unit": parameter.unit,
+                    "provenance": parameter.provenance,
+                }
+            )
+        robots = []
+        for place in self.scene.places:
+            robots.append(_robot_data(place, self.bundles[place.name]))
         return {
             "scene": self.scene.name,
             "title": self.scene.title,
             "duration_s": _duration(self.bundles),
             "robots": robots,
-            "objects": objects,
+            "objects": list(map(_object_data, self.scene.objects)),
             "checks": list(self.checks),
             "parameters": parameters,
         }
@@ -104,7 +115,8 @@ class SceneBundle(Result):
                 )
 
 
-def _placed(place: Place, bundle: Bundle) -> JsonObject:
+def _robot_data(place: Place, bundle: Bundle) -> JsonObject:
+    """Return what scene.json says of a robot: its folder, base pose, motion and checks."""
     start = {}
     if not place.protocol:
         start = _start(bundle)
@@ -120,7 +132,8 @@ def _placed(place: Place, bundle: Bundle) -> JsonObject:
     }
 
 
-def _object(movable: Movable) -> JsonObject:
+def _object_data(movable: Movable) -> JsonObject:
+    """Return what scene.json says of a movable object."""
     return {
         "name": movable.name,
         "shape": movable.shape,
@@ -174,10 +187,10 @@ def export_scene(
         if "usd" in kinds:
             stage = _write_stage(scene, bundles, work / "usd", bends)
             checks = (_check(stage, scene, bundles),)
-        found = SceneBundle(scene, kinds, bundles, checks)
-        (work / "scene.json").write_text(found.to_json() + "\n", encoding="utf-8")
+        bundle_of_scene = SceneBundle(scene, kinds, bundles, checks)
+        (work / "scene.json").write_text(bundle_of_scene.to_json() + "\n", encoding="utf-8")
         (work / "README.txt").write_text(_readme(scene, kinds), encoding="utf-8")
-    return found
+    return bundle_of_scene
 
 
 def _robot(place: Place) -> Robot:
@@ -231,7 +244,9 @@ def _write_stage(scene: Scene, bundles: Mapping[str, Bundle], folder: Path, bend
         if place.protocol_name:
             name += f"_{place.protocol_name}"
         stages[place.name] = Path("..") / place.name / "usd" / f"{name}.usda"
-    mechanisms = {name: bundle.order.mechanism for name, bundle in bundles.items()}
+    mechanisms = {}
+    for name, bundle in bundles.items():
+        mechanisms[name] = bundle.order.mechanism
     props = props_of(scene)
     stage = write_scene(scene, folder, stages, mechanisms, props, _duration(bundles), bends)
     if not _plays(scene):  # otherwise drives would oppose the baked motions
@@ -245,6 +260,7 @@ def _plays(scene: Scene) -> bool:
 
 
 def _duration(bundles: Mapping[str, Bundle]) -> float:
+    """Return the duration in s of the longest motion of a robot: all motions start together."""
     return max(map(_seconds, bundles.values()))
 
 
@@ -259,34 +275,42 @@ def _start(bundle: Bundle) -> dict[str, float]:
     from twin.reference import ReferenceModel
 
     home = ReferenceModel(bundle.order.mechanism).home()
-    return {name: round(value, 13) + 0.0 for name, value in home.q_full.items()}  # + 0.0: no -0.0
+    start = {}
+    for name, value in home.q_full.items():
+        # rounded, so that the file does not depend on the processor; + 0.0 turns -0.0 into 0.0
+        start[name] = round(value, _START_DECIMALS) + 0.0
+    return start
 
 
 def _check(stage: Path, scene: Scene, bundles: Mapping[str, Bundle]) -> JsonObject:
     """Return the maximum deviation between the link poses in the scene's USD stage and in the robots' bundles."""
     from twin.exchange.audit.scene_folder import SceneRobot, deviation
 
-    shown: dict[str, SceneRobot] = {}
+    robots_of_stage: dict[str, SceneRobot] = {}
     for place in scene.places:
         times, links = _keys(bundles[place.name])
-        shown[place.name] = SceneRobot(place.T_world_base, times, links)
+        robots_of_stage[place.name] = SceneRobot(place.T_world_base, times, links)
     if scene.objects:
         poses = {movable.name: movable.T_world_object[None] for movable in scene.objects}
-        shown["objects"] = SceneRobot(np.eye(4), np.zeros(1), poses)
-    worst, where, when = deviation(stage, shown)
-    return _row(worst, where, when)
+        robots_of_stage["objects"] = SceneRobot(np.eye(4), np.zeros(1), poses)
+    worst, where, when = deviation(stage, robots_of_stage)
+    return _check_data(worst, where, when)
 
 
 def _keys(bundle: Bundle) -> tuple[Array, Mapping[str, Array]]:
     """Return (times (k,) in s, {link: poses (k, 4, 4)}) of the motion; without motion, only the rest pose at time 0."""
-    for scene in bundle.order.scenes:
+    if bundle.order.scenes:
+        scene = bundle.order.scenes[0]  # a robot of a scene plays at most one protocol
         return scene.clip.times, scene.judged
-    poses = home_poses(bundle.order.mechanism)
-    return np.zeros(1), {link: T[None] for link, T in poses.items()}
+    rest_poses = {}
+    for link, T in home_poses(bundle.order.mechanism).items():
+        rest_poses[link] = T[None]
+    return np.zeros(1), rest_poses
 
 
-def _row(worst: float, where: str, when: str) -> JsonObject:
-    verdict = "disagree"
+def _check_data(worst: float, where: str, when: str) -> JsonObject:
+    """Return a check of the scene's stage as plain data; `worst` is in m, NaN if a link is missing."""
+    verdict = "disagree"  # also for NaN, which no comparison accepts
     if worst <= _TOLERANCE:
         verdict = "agree"
     return {
@@ -310,7 +334,7 @@ def _finding(check: JsonObject) -> Finding:
 
 
 def _readme(scene: Scene, formats: Sequence[str]) -> str:
-    names = ", ".join(place.name for place in scene.places)
+    names = ", ".join([place.name for place in scene.places])
     lines = [
         scene.title,
         "",
@@ -319,7 +343,10 @@ def _readme(scene: Scene, formats: Sequence[str]) -> str:
         f"Formats: {', '.join(formats)}. Each file contains one robot with its motion, in its base frame, z up, in m.",
         "scene.json   T_world_base of each robot (4 x 4, row by row), and its protocol; all motions start together.",
     ]
-    without_protocol = [place.name for place in scene.places if not place.protocol]
+    without_protocol = []
+    for place in scene.places:
+        if not place.protocol:
+            without_protocol.append(place.name)
     if without_protocol:
         names = ", ".join(without_protocol)
         lines.append(f"A console controls {names}: no motion; scene.json has the joint values of the start.")

@@ -44,20 +44,28 @@ def as_scene(scene: Scene | str | Path) -> Scene:
     return load_scene(scene)
 
 
-def place_of(scene: Scene, name: str, taken: Collection[str] = ()) -> Place:
+def place_of(scene: Scene, name: str, taken_names: Collection[str] = ()) -> Place:
     """Return the place named `name` or, if there is none, the first place with a built-in robot named `name`.
 
     Raises:
-        TwinError: there is no such place, or the names of all such places are in `taken`.
+        TwinError: there is no such place, or the names of all such places are in `taken_names`.
     """
-    named = [place for place in scene.places if place.name == name]
-    if not named:
-        named = [place for place in scene.places if place.robot == name]
-    for place in named:
-        if place.name not in taken:
+    free_names = []
+    same_name = []
+    same_robot = []
+    for place in scene.places:
+        if place.name not in taken_names:
+            free_names.append(place.name)
+        if place.name == name:
+            same_name.append(place)
+        if place.robot == name:
+            same_robot.append(place)
+    # a place may have the name of a robot that stands at other places
+    candidates = same_name or same_robot
+    for place in candidates:
+        if place.name not in taken_names:
             return place
     further = ""
-    if named:
+    if candidates:
         further = "further "
-    free = ", ".join(place.name for place in scene.places if place.name not in taken)
-    raise TwinError(f"scene '{scene.name}' has no {further}robot '{name}'; it has: {free}")
+    raise TwinError(f"scene '{scene.name}' has no {further}robot '{name}'; it has: {', '.join(free_names)}")

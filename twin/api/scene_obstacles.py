@@ -27,9 +27,9 @@ def obstacles_in_base(
     Raises:
         TwinError: there is no such scene, or the robot is not in it.
     """
-    loaded = load_scene(scene)
-    own = place_of(loaded, robot)
-    return _load_obstacles(loaded, {own.name: ""}, own.T_world_base, load, poses or {})
+    read_scene = load_scene(scene)
+    place = place_of(read_scene, robot)
+    return _load_obstacles(read_scene, {place.name: ""}, place.T_world_base, load, poses or {})
 
 
 def obstacles_in_world(scene: Scene, names: Sequence[str], load: Callable[[str], Any]) -> list[Obstacle]:
@@ -39,28 +39,30 @@ def obstacles_in_world(scene: Scene, names: Sequence[str], load: Callable[[str],
     bodies of planned robots that may touch the obstacle, named as in `twin.model.joined`. `load` returns the robot of a
     given name.
     """
-    prefixes = {name: f"{name}_" for name in names}
+    prefixes = {}
+    for name in names:
+        prefixes[name] = f"{name}_"  # as in the joined mechanism of all planned robots
     return _load_obstacles(scene, prefixes, spatial.pose(), load, {})
 
 
 def _load_obstacles(
     scene: Scene,
-    own: Mapping[str, str],
+    prefixes: Mapping[str, str],
     T_world_base: Array,
     load: Callable[[str], Any],
     poses: Mapping[str, Mapping[str, Array]],
 ) -> list[Obstacle]:
-    """Load the props and the robots that are not in `own`, as obstacles; see `twin.reference.obstacles`."""
+    """Load the props and the robots that have no prefix in `prefixes`, as obstacles; see `twin.reference.obstacles`."""
     from twin.cad.build import read_props
     from twin.reference.obstacles import obstacles
 
     mechanisms = {}
     for place in scene.places:
-        if place.name not in own:
-            other = load(place.robot)
-            protocol = other.protocol(place.protocol or None)
-            mechanisms[place.name] = other.bound(protocol).mechanism
+        if place.name not in prefixes:
+            robot = load(place.robot)
+            protocol = robot.protocol(place.protocol or None)
+            mechanisms[place.name] = robot.bound(protocol).mechanism
     props = None
     if scene.props is not None:
         props = read_props(scene.props)
-    return obstacles(scene, own, T_world_base, mechanisms, props, poses)
+    return obstacles(scene, prefixes, T_world_base, mechanisms, props, poses)

@@ -28,7 +28,10 @@ def members_of(robots: Mapping[str, Robot]) -> dict[str, Member]:
     """Return {name of a place: mechanism and equations of its robot}; `robots` is {name of a place: robot}."""
     from twin.simulation.setup import Member
 
-    return {name: Member(robot.mechanism, robot.kinematics()) for name, robot in robots.items()}
+    members = {}
+    for name, robot in robots.items():
+        members[name] = Member(robot.mechanism, robot.kinematics())
+    return members
 
 
 def props_of(scene: Scene) -> Mechanism | None:

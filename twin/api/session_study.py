@@ -48,15 +48,22 @@ def study_sessions(groups: Mapping[str, Sequence[str | Path]], progress: Progres
             raise DescriptionError(f"{path}: the session is damaged ({type(error).__name__}: {error})") from error
         tasks.setdefault(task, path)
         if len(tasks) > 1:
-            (a, first), (b, other) = tasks.items()
-            raise DescriptionError(f"{first} is a session of {a}, {other} is a session of {b}: the tasks must be equal")
+            (task_of_first, first_path), (task_of_other, other_path) = tasks.items()
+            raise DescriptionError(
+                f"{first_path} is a session of {task_of_first}, {other_path} is a session of {task_of_other}: "
+                "the tasks must be equal"
+            )
         rows.append(row)
     table: dict[str, list[float]] = {}
-    for name in rows[0]:  # only measures that every session has can be compared
-        if all(name in row for row in rows):
-            table[name] = [row[name] for row in rows]
-    groups_of_files = [group for group, _, _ in files]
-    numbers = [float(number) for _, number, _ in files]
+    for name in rows[0]:
+        values = [row[name] for row in rows if name in row]
+        if len(values) == len(rows):  # only measures that every session has can be compared
+            table[name] = values
+    groups_of_files = []
+    numbers = []
+    for group, number, _ in files:
+        groups_of_files.append(group)
+        numbers.append(float(number))
     (task,) = tasks
     users = Users(task, groups_of_files, numbers, False, table)
     return compare_users(users)
@@ -72,6 +79,7 @@ def measures(content: JsonMapping) -> dict[str, float]:
         values[name] = content[name]
     board = content.get("board")
     if board:
+        # the clock of a task begins with its first motion, that of the console with the first arm that follows
         values["time_s"] = board["time_s"]
         for name in ("rings_transferred", "rings_dropped", "instrument_collisions", "errors"):
             values[name] = board[name]
@@ -79,8 +87,8 @@ def measures(content: JsonMapping) -> dict[str, float]:
     if guided:
         for name in ("time_s", "wire_touches", "wire_touching_s", "ring_dropped", "instrument_collisions"):
             values[name] = guided[name]
-        done = [t for t in guided["steps_s"].values() if t is not None]
-        values["steps_done"] = len(done)
+        step_times = list(guided["steps_s"].values())
+        values["steps_done"] = len(step_times) - step_times.count(None)
         values["wire_passed_percent"] = 100 * guided["wire_passed"]
     alignment = content.get("alignment")
     if alignment:
@@ -91,11 +99,12 @@ def measures(content: JsonMapping) -> dict[str, float]:
         if angle is not None:
             size = abs(angle)
         values["align_err_deg"] = angle
+        # errors to both sides would cancel in a mean of signed angles
         values["align_err_size_deg"] = size
     targets = content.get("targets")
     if targets:
-        touched = [target for target in targets if target["t_s"] is not None]
-        values["targets_touched"] = len(touched)
+        times = [target["t_s"] for target in targets]
+        values["targets_touched"] = len(times) - times.count(None)
     numbers: dict[str, float] = {}
     for name, value in values.items():
         numbers[name] = float("nan") if value is None else float(value)

@@ -99,9 +99,13 @@ def world(scene: Scene | str | Path, dt: float = 1e-3, progress: Progress = sile
     organs = None
     anatomy = anatomy_of(scene)
     if anatomy is not None:
-        mechanisms = {actor.place.name: actor.mechanism for actor in actors}
-        q_start = {actor.place.name: actor.trajectory.q[0] for actor in actors}
+        mechanisms = {}
+        q_start = {}
+        for actor in actors:
+            mechanisms[actor.place.name] = actor.mechanism
+            q_start[actor.place.name] = actor.trajectory.q[0]
         links = tissue_scene.links(scene, mechanisms, q_start)
+        # organs are computed less often than robots: a step of them takes many times as long
         ticks = max(1, round(PERIOD / dt))
         organs = Tissues(tissue_scene.tissues(scene, anatomy), links, ticks * dt)
     return scene_play.world(actors, props_of(scene), dt, organs)
@@ -122,9 +126,16 @@ def play(scene: Scene | str | Path, progress: Progress = silent) -> Played:
     """
     from twin.simulation import scene_play
 
+    # planning and playing are shown as the two halves of one progress
+    def planned(label: str, fraction: float) -> None:
+        progress(label, fraction / 2)
+
+    def played(label: str, fraction: float) -> None:
+        progress(label, 0.5 + fraction / 2)
+
     scene = as_scene(scene)
-    actors = _actors(scene, lambda label, f: progress(label, f / 2))
-    return scene_play.play(scene, actors, props_of(scene), lambda label, f: progress(label, 0.5 + f / 2))
+    actors = _actors(scene, planned)
+    return scene_play.play(scene, actors, props_of(scene), played)
 
 
 def _actors(scene: Scene, progress: Progress, *, at_ports: bool = True) -> list[Actor]:

@@ -80,32 +80,32 @@ def check_build(
         raise TwinError(f"{robot.name} was loaded from {robot.source.kind}: there is no CAD to build from")
     current = folder or robot.files.usd
     with Scratch() as work:
-        fresh = exports.build(robot, Path(work), progress=progress)
-        names = [path.relative_to(work) for path in fresh]
+        new_files = exports.build(robot, Path(work), progress=progress)
+        new_names = [path.relative_to(work) for path in new_files]
         differing = []
-        for name in names:
+        for name in new_names:
             if not _same(Path(work) / name, current / name):
                 differing.append(str(name))
     unexpected = []
-    for path in current.rglob("*.usd*"):
+    for path in current.rglob("*.usd*"):  # textures and notes of the user may be beside the layers
         name = path.relative_to(current)
-        if name not in names:
+        if name not in new_names:
             unexpected.append(str(name))
     command = f"twin build {word or robot.name}"
-    return StageCheck(current, len(names), tuple(differing), tuple(unexpected), command)
+    return StageCheck(current, len(new_names), tuple(differing), tuple(unexpected), command)
 
 
-def _same(a: Path, b: Path) -> bool:
+def _same(fresh_file: Path, current_file: Path) -> bool:
     """Return whether two files have equal bytes or, except for rounding errors of the processors, equal USD content."""
-    if not b.is_file():
+    if not current_file.is_file():
         return False
-    if filecmp.cmp(a, b, shallow=False):
+    if filecmp.cmp(fresh_file, current_file, shallow=False):
         return True
     from pxr import Tf
 
     from twin.usd.same import same_layer
 
     try:
-        return same_layer(a, b)
+        return same_layer(fresh_file, current_file)
     except Tf.ErrorException:  # not a USD layer
         return False
