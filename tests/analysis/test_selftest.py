@@ -13,10 +13,10 @@ import pytest
 from made.arm import arm
 from twin.analysis.mutation import cad, formula, trajectory_faults, units, usd
 from twin.analysis.mutation.bench import Bench
-from twin.analysis.mutation.equivalent import Chain, same_equations, same_motion
+from twin.analysis.mutation.equivalent import MatrixKinematics, same_equations, same_motion
 from twin.analysis.mutation.fault import FAMILIES, Detection, SeededFault
 from twin.analysis.mutation.score import Score
-from twin.analysis.mutation.trials import SHARES, bench_of, drawn, shared_out
+from twin.analysis.mutation.trials import SHARES, bench_of, random_faults, shared_out
 from twin.cli import main
 from twin.core import spatial
 from twin.core.findings import Finding
@@ -54,10 +54,11 @@ def test_the_score_counts_what_is_a_fault():
 
 @pytest.mark.nightly
 def test_a_draw_is_the_same_for_the_same_seed_and_another_for_another(bench):
-    one, two, other = (drawn(bench, ("cad", "timing"), 40, s) for s in (3, 3, 4))
+    one, two, other = (random_faults(bench, ("cad", "timing"), 40, s) for s in (3, 3, 4))
     assert [f.what for f in one] == [f.what for f in two] != [f.what for f in other]
-    alone = drawn(bench, ("timing",), 18, 3)
-    assert {f.what for f in alone} <= {f.what for f in drawn(bench, FAMILIES[3:], 34, 3)} | {f.what for f in one}
+    alone = random_faults(bench, ("timing",), 18, 3)
+    beside = random_faults(bench, FAMILIES[3:], 34, 3)
+    assert {f.what for f in alone} <= {f.what for f in beside} | {f.what for f in one}
 
 
 def _with(*parameters):
@@ -97,12 +98,12 @@ def test_every_family_and_kind_is_drawn(bench):
         (list(cad.faults(bench.robot.mechanism, rng, 12)), set(cad.KINDS)),
         (list(usd.faults(written, rng, len(usd.KINDS))), set(usd.KINDS)),
         (
-            list(trajectory_faults.faults(bench.trajectory, bench.chosen, bench.planned, rng, 10)),
+            list(trajectory_faults.faults(bench.trajectory, bench.protocol, bench.planned, rng, 10)),
             trajectory_faults.KINDS,
         ),
     ):
         assert {f.kind for f in made} == set(kinds)
-    some = list(units.faults(bench.robot, bench.file, rng, 14))
+    some = list(units.faults(bench.robot, bench.protocol_file, rng, 14))
     assert {f.kind for f in some} == {"parameter", "position", "angles", "speed", "depth", "turning"}
     assert len({f.what for f in some}) == 14
 
@@ -133,7 +134,7 @@ def test_equations_that_say_the_same_are_told_from_those_that_do_not(bench, tmp_
 def test_the_plain_chain_is_the_mechanism(bench):
     """Plain matrices and scipy place every body where Pinocchio does."""
     m = bench.robot.mechanism
-    chain, model = Chain(m), bench.robot.reference()
+    chain, model = MatrixKinematics(m), bench.robot.reference()
     q = bench.trajectory.q[0]
     mine = chain.bodies(q, chain.close(q, chain.start))
     theirs = model.solve(q).link_poses
@@ -154,7 +155,7 @@ def test_a_ball_whose_frame_is_turned_is_the_same_mechanism_and_one_that_is_move
 
 @pytest.mark.nightly
 def test_the_correct_robot_is_left_in_peace(bench):
-    assert bench.correct.verdict == "agree"
+    assert bench.correct_report.verdict == "agree"
 
 
 @pytest.mark.slow
@@ -177,7 +178,7 @@ def test_outcomes_of_faults_of_the_mechanism(bench, maker, code):
 @pytest.mark.nightly
 def test_a_validator_that_is_deaf_misses(bench, monkeypatch):
     """The score is of the validator: with a check taken out, its faults are missed."""
-    slow = next(f for f in drawn(bench, ("timing",), 10, 0) if f.kind == "slower")
+    slow = next(f for f in random_faults(bench, ("timing",), 10, 0) if f.kind == "slower")
     assert bench.outcome(slow).code == "timing.claimed"
     monkeypatch.setattr("twin.validation.timing._false_claims", lambda *_: ())
     monkeypatch.setattr("twin.validation.compare._check_rates", lambda *_: None)
@@ -199,7 +200,7 @@ def _thin(bench, fault):
 @pytest.mark.slow
 def test_the_report_takes_the_score_of_this_robot_and_no_other(bench, tmp_path):
     path = tmp_path / "selftest.json"
-    report = bench.correct
+    report = bench.correct_report
     assert with_selftest(report, path) is report
     source = bench.robot.mechanism.source
     score = Score("sils", "table2", source, 0, 1.0, (outcome("cad", "caught"), outcome("cad", "missed")), ())

@@ -44,14 +44,30 @@ from twin.validation.rows import SampleClock, Tolerances
 STEP = 0.04
 """Time in s between samples of the motion: small enough for all checks, large enough for many runs."""
 
-_FIRST: frozenset[Part] = frozenset(("protocol",))
+_PROTOCOL: frozenset[Part] = frozenset(("protocol",))
 _EQUATIONS: frozenset[Part] = frozenset(("equations",))
 _STAGE: frozenset[Part] = frozenset(("stage",))
 _MOTION: frozenset[Part] = frozenset(("motion",))
+"""Single parts of the validator, which run before all parts do."""
+
+_LOSSES = 10
+"""Errors of joint frames by placements in single precision that may add up: the factor that `validate` uses."""
 
 
 class Bench:
-    """A correct robot, a motion of it with coarse samples, and a stage with this motion in a separate folder."""
+    """A correct robot, a motion of it with coarse samples, and a stage with this motion in a separate folder.
+
+    Attributes:
+        protocol, protocol_file: the protocol of the motion, and its file.
+        robot: the correct robot, with the trocars of the protocol.
+        folder: folder for stages, and for the files of faults.
+        paths, kin: the equations, as the planner and as the validator use them.
+        trajectory: the motion.
+        weighed: the mechanism with masses, without the trocars of the protocol.
+        stage, still_stage: root layers of the stage with the motion, and of one without motion.
+        cad: the CAD of the robot, with the trocars of the protocol.
+        tolerances: tolerances of the validator.
+    """
 
     def __init__(self, robot: Robot, protocol: str | None, folder: Path) -> None:
         """Prepare the correct robot (no seeded fault): plan its motion, compute masses, build the stage, validate it.
@@ -59,29 +75,30 @@ class Bench:
         Raises:
             TwinError: the robot has no equations or CAD, or its protocol cannot be carried out.
         """
-        self.chosen = robot.protocol(protocol)
-        self.robot = robot.bound(self.chosen)
+        self.protocol = robot.protocol(protocol)
+        self.robot = robot.bound(self.protocol)
         self.folder = folder
-        self.file = self._protocol_file(robot, protocol)
+        self.protocol_file = self._file_of(robot, protocol)
         self.paths = self.robot.path_kinematics()
         self.kin = self.robot.kinematics()
-        self.trajectory = self.planned(self.chosen)
+        self.trajectory = self.planned(self.protocol)
         assert robot.files is not None
         self.weighed = read_mechanism(robot.files.description).mechanism
-        self.stage = self.written(self.weighed, self.robot.mechanism, folder / "stage")
+        self.stage = self.write_stage(self.weighed, self.robot.mechanism, folder / "stage")
         # A stage without motion: with the correct motion on the stage, every changed motion would cause a finding.
         still_folder = folder / "still"
         still_folder.mkdir()
-        self.still = write_usd(self.weighed, (), still_folder)[0]
+        self.still_stage = write_usd(self.weighed, (), still_folder)[0]
         self.cad: CadModel = replace(self.robot.cad, mechanism=self.robot.mechanism)
-        self.tolerances = Tolerances().widened(10 * self.cad.placement_loss, self.cad.mechanism.link_length)
+        self.tolerances = Tolerances().widened(_LOSSES * self.cad.placement_loss, self.cad.mechanism.link_length)
 
-    def _protocol_file(self, robot: Robot, protocol: str | None) -> Path:
+    def _file_of(self, robot: Robot, protocol: str | None) -> Path:
+        """Return the file of the protocol; `protocol` is its name or file, None for the default one."""
         if protocol is not None and Path(protocol).suffix == ".toml":
             return Path(protocol)
         if robot.files is None:
             raise TwinError(f"{robot.name} is a USD stage: it has no equations to change")
-        return robot.files.protocol(self.chosen.name)
+        return robot.files.protocol(self.protocol.name)
 
     def planned(self, protocol: Protocol, robot: Robot | None = None) -> Trajectory:
         """Return the trajectory of a protocol for a robot (default: the correct one), with the sample time `STEP`."""
@@ -94,7 +111,7 @@ class Bench:
         T_tool_frame = mechanism.frame_in_tool(protocol.frame)
         return plan(protocol, paths, T_tool_frame=T_tool_frame, dt=STEP)
 
-    def written(self, mechanism: Mechanism, bound: Mechanism, folder: Path) -> Path:
+    def write_stage(self, mechanism: Mechanism, bound: Mechanism, folder: Path) -> Path:
         """Write the stage of a mechanism with the motion of the correct robot; return the path of its root layer.
 
         `bound` is the mechanism with the trocar positions of the protocol.
@@ -107,7 +124,7 @@ class Bench:
     @cached_property
     def motion(self) -> LinkMotion:
         """Motion of the correct robot at the times of a baked motion."""
-        bound = self.robot.bound(self.chosen)
+        bound = self.robot.bound(self.protocol)
         return bound.link_motion(self.trajectory, baked_times(self.trajectory))
 
     # -- the correct robot -------------------------------------------------------------------------------
@@ -117,7 +134,7 @@ class Bench:
         case = Case(
             kinematics=self.kin,
             cad=self.cad,
-            protocol=self.chosen,
+            protocol=self.protocol,
             trajectory=self.trajectory,
             stage=self.stage,
             tolerances=self.tolerances,
@@ -127,7 +144,7 @@ class Bench:
         return replace(case, **changes)
 
     @cached_property
-    def correct(self) -> Report:
+    def correct_report(self) -> Report:
         """Validation report of the correct robot, by all parts of the validator."""
         return judge(self.case(), known=Known(measured=self.measured), parts=PARTS)
 
@@ -137,7 +154,7 @@ class Bench:
         return measure(self.robot.mechanism, samples(self.trajectory), self.case().written)
 
     @cached_property
-    def compared(self) -> EquationsComparison:
+    def equations_comparison(self) -> EquationsComparison:
         """Comparison of the equations with the correct mechanism."""
         clock = SampleClock(self.trajectory.t, summaries(self.trajectory))
         model = ReferenceModel(self.robot.mechanism)
@@ -151,7 +168,7 @@ class Bench:
         )
 
     @cached_property
-    def links(self) -> tuple[Array, dict[str, Array]]:
+    def link_poses(self) -> tuple[Array, dict[str, Array]]:
         """Key times (k,) in s, and {link: poses T_base_link (k, 4, 4)} of the correct robot at these times."""
         key_times = samples(self.trajectory).keys
         model = ReferenceModel(self.robot.mechanism)
@@ -159,10 +176,10 @@ class Bench:
         return key_times, model.link_poses(motion.x)
 
     @cached_property
-    def usual(self) -> set[tuple[str, str]]:
+    def usual_findings(self) -> set[tuple[str, str]]:
         """(code, place) of each finding on the correct robot, except findings of severity info."""
         places = set()
-        for finding in self.correct.findings:
+        for finding in self.correct_report.findings:
             if finding.severity != "info":
                 places.add((finding.code, finding.where))
         return places
@@ -171,13 +188,14 @@ class Bench:
 
     def outcome(self, fault: SeededFault) -> Detection:
         """Seed a fault, run the validator, and return the result."""
-        began = time.monotonic()
+        start = time.monotonic()
         reason = ""
         with tempfile.TemporaryDirectory(dir=self.folder) as name, warnings.catch_warnings():
             warnings.simplefilter("ignore")  # NumPy and Python warn about many faults; only findings count
             try:
                 finding, reason = self._judged(fault, Path(name))
             except TwinError as error:
+                # an error of twin's own names the fault: it is as good as a finding
                 kind = type(error).__name__.removesuffix("Error").lower()
                 finding = unchecked(f"error.{kind}", "", str(error))
         code = ""
@@ -194,7 +212,7 @@ class Bench:
         else:
             state = "missed"
             message = "no finding"
-        seconds = round(time.monotonic() - began, 3)
+        seconds = round(time.monotonic() - start, 3)
         return Detection(
             fault.family,
             fault.kind,
@@ -232,8 +250,8 @@ class Bench:
         if fault.robot is not None:
             robot = fault.robot(folder)
             case = self.case(kinematics=robot.kinematics(parameters={}), paths=robot.path_kinematics())
-            yield self._new(judge(case, parts=_EQUATIONS))
-            yield self._new(judge(case, parts=PARTS, known=Known(measured=self.measured)))
+            yield self._new_finding(judge(case, parts=_EQUATIONS))
+            yield self._new_finding(judge(case, parts=PARTS, known=Known(measured=self.measured)))
         elif fault.mechanism is not None:
             yield from self._of_mechanism(fault.mechanism(), folder)
         elif fault.stage is not None:
@@ -241,26 +259,26 @@ class Bench:
         elif fault.protocol is not None:
             yield from self._of_protocol(fault.protocol(folder), slow=fault.kind in ("speed", "turning"))
         elif fault.trajectory is not None:
-            case = self.case(trajectory=fault.trajectory(), stage=self.still)
-            yield self._new(judge(case, parts=_FIRST))
-            yield self._new(judge(case, parts=_FIRST | _EQUATIONS))
-            yield self._new(judge(case))
+            case = self.case(trajectory=fault.trajectory(), stage=self.still_stage)
+            yield self._new_finding(judge(case, parts=_PROTOCOL))
+            yield self._new_finding(judge(case, parts=_PROTOCOL | _EQUATIONS))
+            yield self._new_finding(judge(case))
 
     def _of_mechanism(self, mechanism: Mechanism, folder: Path) -> Iterator[Finding | None]:
         """Yield the new findings on a mechanism with a fault, without its stage and then with it."""
         robot = self.robot.with_mechanism(mechanism)
         case = self.case(cad=robot.cad, paths=robot.path_kinematics())
-        yield self._new(judge(case, parts=_FIRST | _EQUATIONS))
+        yield self._new_finding(judge(case, parts=_PROTOCOL | _EQUATIONS))
         # masses of the correct robot: the parts are the same, only their positions differ
         inertias = {body.name: body.inertia for body in self.weighed.bodies}
         bodies = []
         for body in mechanism.bodies:
             bodies.append(replace(body, inertia=inertias.get(body.name)))
         weighed = replace(mechanism, bodies=tuple(bodies))
-        root = self.written(weighed, mechanism, folder / "stage")
+        root = self.write_stage(weighed, mechanism, folder / "stage")
         # A case reads its stage once: each part gets its own case.
-        yield self._new(judge(replace(case, stage=root), parts=_FIRST | _EQUATIONS | _STAGE))
-        yield self._new(judge(replace(case, stage=root)))
+        yield self._new_finding(judge(replace(case, stage=root), parts=_PROTOCOL | _EQUATIONS | _STAGE))
+        yield self._new_finding(judge(replace(case, stage=root)))
 
     def _of_stage(self, spoil: Callable[[Path], None], folder: Path) -> Iterator[Finding | None]:
         """Yield the new findings on a copy of the stage that `spoil` has changed, then on its motion."""
@@ -268,10 +286,13 @@ class Bench:
         shutil.copytree(self.stage.parent, stage_folder)
         spoil(stage_folder)
         case = self.case(stage=stage_folder / self.stage.name)
-        compared = replace(self.compared, residuals=[], findings=[], facts={}, series=dict(self.compared.series))
-        yield self._new(judge(case, parts=_STAGE, known=Known(compared)))
-        measured = replace(self.measured, written=written_motion(case.written, *self.links))
-        yield self._new(judge(case, parts=_MOTION, known=Known(compared, measured)))
+        # the stage changes no equation: their comparison is taken over, without what it found
+        series = dict(self.equations_comparison.series)
+        unchanged_comparison = replace(self.equations_comparison, residuals=[], findings=[], facts={}, series=series)
+        yield self._new_finding(judge(case, parts=_STAGE, known=Known(unchanged_comparison)))
+        # only the written motion is measured anew: equations and mechanism are those of the correct robot
+        measured = replace(self.measured, written=written_motion(case.written, *self.link_poses))
+        yield self._new_finding(judge(case, parts=_MOTION, known=Known(unchanged_comparison, measured)))
 
     def _of_protocol(self, protocol: Protocol, slow: bool) -> Iterator[Finding | None]:
         """Yield the new findings on a protocol; `slow` is whether the fault may have made a speed too small."""
@@ -285,12 +306,12 @@ class Bench:
             cad=replace(self.cad, mechanism=robot.mechanism),
             paths=robot.path_kinematics(),
             kinematics=robot.kinematics(),
-            stage=self.still,
+            stage=self.still_stage,
         )
-        yield self._new(judge(case, parts=_FIRST | _EQUATIONS))
-        yield self._new(judge(case))
+        yield self._new_finding(judge(case, parts=_PROTOCOL | _EQUATIONS))
+        yield self._new_finding(judge(case))
 
-    def _new(self, report: Report) -> Finding | None:
+    def _new_finding(self, report: Report) -> Finding | None:
         """Return the most severe new finding of a report; None without one."""
         return self._most_severe(report.findings)
 
@@ -299,7 +320,7 @@ class Bench:
         most_severe = None
         highest = -1
         for finding in findings:
-            if finding.severity == "info" or (finding.code, finding.where) in self.usual:
+            if finding.severity == "info" or (finding.code, finding.where) in self.usual_findings:
                 continue
             severity = SEVERITIES.index(finding.severity)
             if severity > highest:
@@ -309,6 +330,7 @@ class Bench:
 
     def _equivalence(self, fault: SeededFault, folder: Path) -> str:
         """Return the reason why a missed fault has no effect; "" if the fault has an effect."""
+        # what cannot be computed with the fault has an effect
         with contextlib.suppress(TwinError):
             if fault.robot is not None:
                 faulty_kin = fault.robot(_subfolder(folder)).kinematics(parameters={})
@@ -316,10 +338,10 @@ class Bench:
             if fault.mechanism is not None:
                 return same_motion(self.robot.mechanism, fault.mechanism(), self.trajectory)
             if fault.stage is not None:
-                faulty = self.case(stage=folder / "stage" / self.stage.name)
-                return same_stage(self.case().written or self.stage, faulty.written or faulty.stage)
+                faulty_case = self.case(stage=folder / "stage" / self.stage.name)
+                return same_stage(self.case().written or self.stage, faulty_case.written or faulty_case.stage)
             if fault.protocol is not None:
-                return same_protocol(self.chosen, fault.protocol(_subfolder(folder)))
+                return same_protocol(self.protocol, fault.protocol(_subfolder(folder)))
             if fault.trajectory is not None and fault.kind == "late joint":
                 return same_samples(self.trajectory, fault.trajectory())
         return ""
@@ -327,6 +349,6 @@ class Bench:
 
 def _subfolder(folder: Path) -> Path:
     """Make a folder for a second seeding of the same fault, beside the files of the first."""
-    again = folder / "again"
-    again.mkdir()
-    return again
+    subfolder = folder / "again"
+    subfolder.mkdir()
+    return subfolder

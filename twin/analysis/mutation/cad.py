@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twin.analysis.mutation.fault import Made, SeededFault, drawn, some
+from twin.analysis.mutation.fault import NamedFault, SeededFault, faults_in_turn, random_item
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
@@ -27,15 +27,15 @@ KINDS = (
 
 def faults(mechanism: Mechanism, rng: np.random.Generator, count: int) -> Iterator[SeededFault]:
     """Yield `count` faults of a mechanism, with the kinds in the order of `KINDS`, repeated as often as necessary."""
-    for kind, (what, make) in drawn(KINDS, _MAKERS, subject=mechanism, rng=rng, count=count):
+    for kind, (what, make) in faults_in_turn(KINDS, _MAKERS, subject=mechanism, rng=rng, count=count):
         yield SeededFault("cad", kind, what, mechanism=make)
 
 
-def _with_joints(m: Mechanism, *changed: Joint) -> Mechanism:
+def _with_joints(mechanism: Mechanism, *replacements: Joint) -> Mechanism:
     """Return the mechanism with these joints instead of its joints of the same names."""
-    by_name = {joint.name: joint for joint in changed}
-    joints = [by_name.get(joint.name, joint) for joint in m.joints]
-    return replace(m, joints=tuple(joints))
+    by_name = {joint.name: joint for joint in replacements}
+    joints = [by_name.get(joint.name, joint) for joint in mechanism.joints]
+    return replace(mechanism, joints=tuple(joints))
 
 
 def drawn_anew(mechanism: Mechanism) -> Mechanism:
@@ -45,39 +45,40 @@ def drawn_anew(mechanism: Mechanism) -> Mechanism:
     return mechanism.with_rest(ReferenceModel(mechanism).home().link_poses)
 
 
-def _frame_fault(m: Mechanism, rng: np.random.Generator, step: Array, text: str) -> Made:
+def _frame_fault(mechanism: Mechanism, rng: np.random.Generator, T_change: Array, text: str) -> NamedFault:
     """Multiply the frame of a joint on one of its bodies by a pose (4, 4); `text` says what this does."""
-    joint = some(m.joints, rng)
-    side, body = some((("T_parent_joint", joint.parent), ("T_child_joint", joint.child)), rng)
+    joint = random_item(mechanism.joints, rng)
+    sides = (("T_parent_joint", joint.parent), ("T_child_joint", joint.child))
+    side, body = random_item(sides, rng)
     what = f"joint {joint.name} on {body} {text}"
 
     def make() -> Mechanism:
-        frame = getattr(joint, side) @ step
-        return drawn_anew(_with_joints(m, replace(joint, **{side: frame})))
+        frame = getattr(joint, side) @ T_change
+        return drawn_anew(_with_joints(mechanism, replace(joint, **{side: frame})))
 
     return what, make
 
 
-def _moved_frame(m: Mechanism, rng: np.random.Generator) -> Made:
+def _moved_frame(mechanism: Mechanism, rng: np.random.Generator) -> NamedFault:
     """Move a joint frame by 0.1 to 1 mm."""
     size = rng.uniform(0.1, 1.0) * MM
     direction = rng.normal(size=3)
     p = size * direction / np.linalg.norm(direction)
-    return _frame_fault(m, rng, spatial.pose(p=p), f"moved by {size / MM:.2f} mm")
+    return _frame_fault(mechanism, rng, spatial.pose(p=p), f"moved by {size / MM:.2f} mm")
 
 
-def _turned_frame(m: Mechanism, rng: np.random.Generator) -> Made:
+def _turned_frame(mechanism: Mechanism, rng: np.random.Generator) -> NamedFault:
     """Rotate a joint frame by 0.1 to 1 degree."""
     size = rng.uniform(0.1, 1.0) * DEG
     axis = rng.normal(size=3)
     R = spatial.exp_so3(size * axis / np.linalg.norm(axis))
-    return _frame_fault(m, rng, spatial.pose(R), f"turned by {size / DEG:.2f} deg")
+    return _frame_fault(mechanism, rng, spatial.pose(R), f"turned by {size / DEG:.2f} deg")
 
 
-def _wrong_axis(m: Mechanism, rng: np.random.Generator) -> Made:
+def _wrong_axis(mechanism: Mechanism, rng: np.random.Generator) -> NamedFault:
     """Let a joint move about, or along, another axis of its frame."""
-    single = [joint for joint in m.joints if len(joint.free_axes) == 1]
-    joint = some(single, rng)
+    single_axis_joints = [joint for joint in mechanism.joints if len(joint.free_axes) == 1]
+    joint = random_item(single_axis_joints, rng)
     T_exchange = spatial.pose(np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]))  # the old x axis becomes the z axis
     motion = "turns about" if joint.is_angle else "slides along"
 
@@ -85,96 +86,106 @@ def _wrong_axis(m: Mechanism, rng: np.random.Generator) -> Made:
         T_parent_joint = joint.T_parent_joint @ T_exchange
         T_child_joint = joint.T_child_joint @ T_exchange
         turned = replace(joint, T_parent_joint=T_parent_joint, T_child_joint=T_child_joint)
-        return drawn_anew(_with_joints(m, turned))
+        return drawn_anew(_with_joints(mechanism, turned))
 
     return f"joint {joint.name} {motion} another axis of its frame", make
 
 
-def _swapped_bodies(m: Mechanism, rng: np.random.Generator) -> Made:
+def _swapped_bodies(mechanism: Mechanism, rng: np.random.Generator) -> NamedFault:
     """Exchange the children of two joints of one type."""
     groups: dict[str, list[Joint]] = {}
-    for j in m.joints:
-        groups.setdefault(j.type, []).append(j)
-    alike = [group for group in groups.values() if len(group) > 1]
-    group = some(alike, rng)
-    first, second = rng.permutation(len(group))[:2]
-    a = group[first]
-    b = group[second]
+    for joint in mechanism.joints:
+        groups.setdefault(joint.type, []).append(joint)
+    exchangeable_groups = [group for group in groups.values() if len(group) > 1]
+    group = random_item(exchangeable_groups, rng)
+    i, j = rng.permutation(len(group))[:2]
+    first = group[i]
+    second = group[j]
 
     def make() -> Mechanism:
-        return drawn_anew(_with_joints(m, replace(a, child=b.child), replace(b, child=a.child)))
+        first_changed = replace(first, child=second.child)
+        second_changed = replace(second, child=first.child)
+        return drawn_anew(_with_joints(mechanism, first_changed, second_changed))
 
-    return f"bodies {a.child} and {b.child} exchanged in {a.name} and {b.name}", make
+    return f"bodies {first.child} and {second.child} exchanged in {first.name} and {second.name}", make
 
 
-def _wrong_limit(m: Mechanism, rng: np.random.Generator) -> Made:
+def _wrong_limit(mechanism: Mechanism, rng: np.random.Generator) -> NamedFault:
     """Give limits in another unit, mirror or shift them; without limits, move a joint frame."""
-    limited = [joint for joint in m.active if joint.limits is not None]
-    if not limited:
-        return _moved_frame(m, rng)
-    joint = some(limited, rng)
+    limited_joints = [joint for joint in mechanism.active if joint.limits is not None]
+    if not limited_joints:
+        return _moved_frame(mechanism, rng)
+    joint = random_item(limited_joints, rng)
     assert joint.limits is not None
     low, high = joint.limits
-    unit = 180 / np.pi if joint.is_angle else 1000.0
-    shifted = ("shifted by their range", (high, 2 * high - low))
+    unit = 180 / np.pi if joint.is_angle else 1000.0  # degrees taken for radians, mm for m
+    shift = ("shifted by their range", (high, 2 * high - low))
     changes = (
         ("given in another unit, too wide", (low * unit, high * unit)),
         ("given in another unit, too narrow", (low / unit, high / unit)),
         ("mirrored at zero", (-high, -low)),
-        shifted,
+        shift,
     )
-    name, limits = some(changes, rng)
+    text, limits = random_item(changes, rng)
     if np.allclose(limits, joint.limits):  # symmetric limits do not change when mirrored
-        name, limits = shifted
+        text, limits = shift
     soft = None
     if joint.soft_limits is not None:
         soft = limits
     changed = replace(joint, limits=limits, soft_limits=soft)
-    return f"limits of {joint.name} {name}", lambda: _with_joints(m, changed)
+    return f"limits of {joint.name} {text}", lambda: _with_joints(mechanism, changed)
 
 
-def _mesh_fault(m: Mechanism, rng: np.random.Generator, text: str, of: Callable[[Mesh], Mesh]) -> Made:
+def _mesh_fault(
+    mechanism: Mechanism, rng: np.random.Generator, text: str, change: Callable[[Mesh], Mesh]
+) -> NamedFault:
     """Change the meshes of one body: of a body with a mated joint if there is one, because mating is checked."""
     mated_names = set()
-    for joint in m.joints:
+    for joint in mechanism.joints:
         if joint.mating:
             mated_names |= {joint.parent, joint.child}
-    meshed = [body for body in m.bodies if body.meshes]
-    mated = [body for body in meshed if body.name in mated_names]
-    chosen = some(mated or meshed, rng)
+    meshed_bodies = []
+    mated_bodies = []
+    for body in mechanism.bodies:
+        if not body.meshes:
+            continue
+        meshed_bodies.append(body)
+        if body.name in mated_names:
+            mated_bodies.append(body)
+    changed_body = random_item(mated_bodies or meshed_bodies, rng)
 
     def make() -> Mechanism:
-        meshes = [of(mesh) for mesh in chosen.meshes]
+        meshes = [change(mesh) for mesh in changed_body.meshes]
         bodies = []
-        for body in m.bodies:
-            if body is chosen:
+        for body in mechanism.bodies:
+            if body is changed_body:
                 body = replace(body, meshes=tuple(meshes))
             bodies.append(body)
-        return replace(m, bodies=tuple(bodies))
+        return replace(mechanism, bodies=tuple(bodies))
 
-    return f"the shapes of {chosen.name} {text}", make
+    return f"the shapes of {changed_body.name} {text}", make
 
 
-def _wrong_scale(m: Mechanism, rng: np.random.Generator) -> Made:
+def _wrong_scale(mechanism: Mechanism, rng: np.random.Generator) -> NamedFault:
     """Scale the shapes of a body, as mistakes of units do."""
-    factor = float(some((1000.0, 0.001, 25.4, 1 / 25.4, 1.05), rng))
+    factor = float(random_item((1000.0, 0.001, 25.4, 1 / 25.4, 1.05), rng))
 
     def scaled(mesh: Mesh) -> Mesh:
         return replace(mesh, vertices=factor * mesh.vertices)
 
-    return _mesh_fault(m, rng, f"scaled by {factor:.4g}", scaled)
+    return _mesh_fault(mechanism, rng, f"scaled by {factor:.4g}", scaled)
 
 
-def _inverted_mesh(m: Mechanism, rng: np.random.Generator) -> Made:
+def _inverted_mesh(mechanism: Mechanism, rng: np.random.Generator) -> NamedFault:
     """Turn the shapes of a body inside out."""
 
     def inverted(mesh: Mesh) -> Mesh:
         return replace(mesh, triangles=np.ascontiguousarray(mesh.triangles[:, ::-1]))
 
-    return _mesh_fault(m, rng, "turned inside out", inverted)
+    return _mesh_fault(mechanism, rng, "turned inside out", inverted)
 
 
-_MAKERS: dict[str, Callable[[Mechanism, np.random.Generator], Made]] = {
+_MAKERS: dict[str, Callable[[Mechanism, np.random.Generator], NamedFault]] = {
     "moved": _moved_frame,
     "turned": _turned_frame,
     "axis": _wrong_axis,

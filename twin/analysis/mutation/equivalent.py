@@ -23,13 +23,23 @@ from twin.planning.protocol import Protocol
 from twin.planning.trajectory import Trajectory
 
 _LIMITS = attrgetter("limits", "cone", "max_speed", "max_acceleration", "max_jerk")
+"""Function that returns what of a joint has no effect on poses."""
+
 _POSES = 200
+"""Number of random poses at which two formulas are compared."""
+
+_Q_CHANGE = 0.02
+"""Largest relative change of a joint value of the motion, for equations that start from joints."""
+
 _SHIFT = 30 * MM
 _TURN = 15 * DEG
 """Largest shift and rotation, along and about each axis, of random poses from poses of the motion."""
 
 _LEVER = 0.1
 """Length in m by which a rotation counts as a distance, so that the gaps of all loops have one unit."""
+
+_TURN_X = 3
+"""Number of the rotation about x among the axes of a joint, which are shifts first."""
 
 _SAME = 1e-12
 """Relative difference below which values of two formulas count as equal."""
@@ -38,23 +48,24 @@ _PLACE = 1e-9
 """Difference of pose entries (m for positions) below which two body poses count as equal."""
 
 
-def same_equations(a: Kinematics, b: Kinematics, trajectory: Trajectory, rng: np.random.Generator) -> str:
+def same_equations(kin: Kinematics, kin_faulty: Kinematics, trajectory: Trajectory, rng: np.random.Generator) -> str:
     """Return the reason why two formulas are equivalent; "" if they are not."""
     rows = rng.integers(len(trajectory.t), size=_POSES)
     shifts = rng.uniform(-1, 1, (_POSES, 3)) * _SHIFT
     turns = spatial.exp_so3(rng.uniform(-1, 1, (_POSES, 3)) * _TURN)
     Ts = trajectory.Ts_base_tool[rows] @ spatial.pose(turns, shifts)
-    planned = trajectory.q[rows]
-    q = planned * (1 + rng.uniform(-0.02, 0.02, planned.shape))
+    q_planned = trajectory.q[rows]
+    q = q_planned * (1 + rng.uniform(-_Q_CHANGE, _Q_CHANGE, q_planned.shape))
     count = 0
     with np.errstate(all="ignore"):
-        for one, two in zip(_values(a, Ts, q), _values(b, Ts, q), strict=True):
-            finite = np.isfinite(one)
-            if one.shape != two.shape or not np.array_equal(finite, np.isfinite(two)):
+        for values, values_faulty in zip(_values(kin, Ts, q), _values(kin_faulty, Ts, q), strict=True):
+            finite = np.isfinite(values)
+            finite_faulty = np.isfinite(values_faulty)
+            if values.shape != values_faulty.shape or not np.array_equal(finite, finite_faulty):
                 return ""
             if finite.any():
-                difference = np.abs(one[finite] - two[finite]).max()
-                size = np.abs(one[finite]).max()
+                difference = np.abs(values[finite] - values_faulty[finite]).max()
+                size = np.abs(values[finite]).max()
                 if difference > _SAME * (1 + size):
                     return ""
             count += int(finite.sum())
@@ -76,7 +87,7 @@ def _values(kin: Kinematics, Ts: Array, q: Array) -> Iterator[Array]:
     yield from passive.values()
 
 
-class Chain:
+class MatrixKinematics:
     """Kinematics of a mechanism from plain matrices: body poses along the tree, and loop closure by least squares."""
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -98,12 +109,14 @@ class Chain:
         self.start = np.array(start)
 
     def _rest(self, joint: Joint) -> Array:
-        rest = self.mechanism.rest
-        return joint.relative(rest[joint.parent], rest[joint.child])
+        """Return the pose (4, 4) of a joint's child frame in its parent frame, in the rest poses."""
+        rest_poses = self.mechanism.rest
+        return joint.relative(rest_poses[joint.parent], rest_poses[joint.child])
 
     def _start(self, joint: Joint, axis: int) -> float:
+        """Return the coordinate of a joint along or about one of its axes in the rest poses, in m or rad."""
         T = self._rest(joint)
-        if axis < 3:
+        if axis < _TURN_X:
             return float(T[axis, 3])
         if joint.name in self.balls:
             return 0.0
@@ -120,8 +133,8 @@ class Chain:
             else:
                 for axis, k in self.index.get(joint.name, []):
                     coordinates[axis] = x[k]
-            rest = self.balls.get(joint.name, np.eye(3))
-            motion = spatial.pose(rest @ spatial.exp_so3(coordinates[3:]), coordinates[:3])
+            R_rest = self.balls.get(joint.name, np.eye(3))
+            motion = spatial.pose(R_rest @ spatial.exp_so3(coordinates[_TURN_X:]), coordinates[:_TURN_X])
             T_base_joint = poses[joint.parent] @ joint.T_parent_joint @ motion
             poses[joint.child] = T_base_joint @ spatial.inverse(joint.T_child_joint)
         return poses
@@ -131,12 +144,12 @@ class Chain:
         poses = self.bodies(q, x)
         gaps = []
         for joint in self.mechanism.loops:
-            M = joint.relative(poses[joint.parent], poses[joint.child])
+            T_gap = joint.relative(poses[joint.parent], poses[joint.child])
             if joint.type in ("revolute", "cylindrical"):  # only the axes must be parallel
-                turn = np.cross(M[:3, 2], [0, 0, 1])
+                turn = np.cross(T_gap[:3, 2], [0, 0, 1])
             else:
-                turn = spatial.log_so3(M[:3, :3])
-            gap = np.concatenate([M[:3, 3], _LEVER * turn])
+                turn = spatial.log_so3(T_gap[:3, :3])
+            gap = np.concatenate([T_gap[:3, 3], _LEVER * turn])
             for axis in range(6):
                 if axis not in FREE_AXES[joint.type]:
                     gaps.append(gap[axis])
@@ -160,69 +173,72 @@ class Chain:
 
         if not len(x) or not len(self.gaps(q, x)):
             return x
-        return least_squares(lambda y: self.gaps(q, y), x, xtol=1e-15, ftol=1e-15, gtol=1e-15).x
+        return least_squares(lambda x_tried: self.gaps(q, x_tried), x, xtol=1e-15, ftol=1e-15, gtol=1e-15).x
 
 
-def same_motion(a: Mechanism, b: Mechanism, trajectory: Trajectory, places: int = 5) -> str:
+def same_motion(mechanism: Mechanism, mechanism_faulty: Mechanism, trajectory: Trajectory, places: int = 5) -> str:
     """Return the reason why limits, meshes and body poses of two mechanisms are equivalent; "" if they are not."""
-    if not _same_limits_and_meshes(a, b):
+    if not _same_limits_and_meshes(mechanism, mechanism_faulty):
         return ""
-    visible = [body.name for body in a.bodies if body.meshes]
-    visible.append(a.frame(a.tool).body)
-    chain_a = Chain(a)
-    chain_b = Chain(b)
-    state_a = chain_a.start
-    state_b = chain_b.start
+    visible = []
+    for body in mechanism.bodies:
+        if body.meshes:
+            visible.append(body.name)
+    visible.append(mechanism.frame(mechanism.tool).body)
+    kinematics = MatrixKinematics(mechanism)
+    kinematics_faulty = MatrixKinematics(mechanism_faulty)
+    x = kinematics.start
+    x_faulty = kinematics_faulty.start
     worst = 0.0
-    for k in np.linspace(0, len(trajectory.t) - 1, places).astype(int):
-        q = trajectory.q[k]
+    for sample in np.linspace(0, len(trajectory.t) - 1, places).astype(int):
+        q = trajectory.q[sample]
         # Each closure starts at the state before, so that both mechanisms stay in one assembly.
-        state_a = chain_a.close(q, state_a)
-        state_b = chain_b.close(q, state_b)
-        poses_a = chain_a.bodies(q, state_a)
-        poses_b = chain_b.bodies(q, state_b)
+        x = kinematics.close(q, x)
+        x_faulty = kinematics_faulty.close(q, x_faulty)
+        poses = kinematics.bodies(q, x)
+        poses_faulty = kinematics_faulty.bodies(q, x_faulty)
         for name in visible:
-            difference = float(np.abs(poses_a[name] - poses_b[name]).max())
+            difference = float(np.abs(poses[name] - poses_faulty[name]).max())
             worst = max(worst, difference)
         if worst > _PLACE:
             return ""
     return f"every body has the same pose at {places} times, within {worst:.1g} m"
 
 
-def _same_limits_and_meshes(a: Mechanism, b: Mechanism) -> bool:
+def _same_limits_and_meshes(mechanism: Mechanism, mechanism_faulty: Mechanism) -> bool:
     """Return whether limits of joints and meshes of bodies, which have no effect on poses, are the same."""
-    for joint_a, joint_b in zip(a.joints, b.joints, strict=True):
-        if _LIMITS(joint_a) != _LIMITS(joint_b):
+    for joint, joint_faulty in zip(mechanism.joints, mechanism_faulty.joints, strict=True):
+        if _LIMITS(joint) != _LIMITS(joint_faulty):
             return False
-    for body_a, body_b in zip(a.bodies, b.bodies, strict=True):
-        for mesh_a, mesh_b in zip(body_a.meshes, body_b.meshes, strict=True):
-            if not np.array_equal(mesh_a.vertices, mesh_b.vertices):
+    for body, body_faulty in zip(mechanism.bodies, mechanism_faulty.bodies, strict=True):
+        for mesh, mesh_faulty in zip(body.meshes, body_faulty.meshes, strict=True):
+            if not np.array_equal(mesh.vertices, mesh_faulty.vertices):
                 return False
-            if not np.array_equal(mesh_a.triangles, mesh_b.triangles):
+            if not np.array_equal(mesh.triangles, mesh_faulty.triangles):
                 return False
     return True
 
 
-def same_samples(a: Trajectory, b: Trajectory) -> str:
+def same_samples(trajectory: Trajectory, trajectory_faulty: Trajectory) -> str:
     """Return the reason why two trajectories are equivalent; "" if they are not."""
-    if a.phases is not b.phases:
+    if trajectory.phases is not trajectory_faulty.phases:
         return ""
     worst = 0.0
-    for name, values_a in vars(a).items():
-        if not isinstance(values_a, np.ndarray):
+    for name, values in vars(trajectory).items():
+        if not isinstance(values, np.ndarray):
             continue
-        values_b = getattr(b, name)
-        if values_a.shape != values_b.shape:
+        values_faulty = getattr(trajectory_faulty, name)
+        if values.shape != values_faulty.shape:
             return ""
-        worst = max(worst, float(np.nanmax(np.abs(values_a - values_b), initial=0.0)))
+        worst = max(worst, float(np.nanmax(np.abs(values - values_faulty), initial=0.0)))
     if worst > _SAME:
         return ""
     return f"all numbers of all samples agree within {worst:.1g}"
 
 
-def same_stage(a: Path, b: Path) -> str:
+def same_stage(stage: Path, stage_faulty: Path) -> str:
     """Return the reason why two stages are equivalent; "" if they are not."""
-    if _flattened(a) != _flattened(b):
+    if _flattened(stage) != _flattened(stage_faulty):
         return ""
     return "the flattened stages have the same text"
 
@@ -236,10 +252,14 @@ def _flattened(root: Path) -> str:
     return stage.Flatten(addSourceFileComment=False).ExportToString()
 
 
-def same_protocol(a: Protocol, b: Protocol) -> str:
+def same_protocol(protocol: Protocol, protocol_faulty: Protocol) -> str:
     """Return the reason why two protocols are equivalent; "" if they are not."""
-    numbers_a = {parameter.name: parameter.value for parameter in a.parameters()}
-    numbers_b = {parameter.name: parameter.value for parameter in b.parameters()}
-    if numbers_a != numbers_b or a.phases != b.phases:
+    has_same_numbers = _numbers(protocol) == _numbers(protocol_faulty)
+    if not has_same_numbers or protocol.phases != protocol_faulty.phases:
         return ""
     return "all numbers of the protocol are the same"
+
+
+def _numbers(protocol: Protocol) -> dict[str, float]:
+    """Return {name of a number of a protocol: its value}."""
+    return {parameter.name: parameter.value for parameter in protocol.parameters()}

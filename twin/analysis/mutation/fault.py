@@ -18,14 +18,16 @@ from twin.planning.trajectory import Trajectory
 Family = Literal["formula", "cad", "usd", "units", "timing"]
 
 FAMILIES: tuple[Family, ...] = ("formula", "cad", "usd", "units", "timing")
+"""Families of faults in the order of reports."""
 
-MEANING: dict[Family, str] = {  # as printed in the report
+MEANING: dict[Family, str] = {
     "formula": "one edit of the source of an equation",
     "cad": "a moved or rotated joint frame, a wrong limit, or a wrong shape",
     "usd": "one changed attribute of the written stage or motion",
     "units": "a value in the wrong unit, such as metres instead of millimetres",
     "timing": "motion too fast or too late, or shaft away from the RCM",
 }
+"""{family: what its faults are, as printed in the report}."""
 
 State = Literal["caught", "warned", "missed", "equivalent"]
 """State of a fault.
@@ -62,24 +64,27 @@ class SeededFault:
     trajectory: Callable[[], Trajectory] | None = None
 
 
-Made = tuple[str, Any]
-"""(short description of a fault, function that seeds the fault); the function becomes an attribute of `SeededFault`."""
+NamedFault = tuple[str, Any]
+"""(short description of a fault, function that seeds it); the function becomes an attribute of `SeededFault`.
+
+The type of the function is that of the attribute, which differs for each family.
+"""
 
 
-def drawn(
+def faults_in_turn(
     kinds: Sequence[str],
-    makers: Mapping[str, Callable[[Any, np.random.Generator], Made]],
+    makers: Mapping[str, Callable[[Any, np.random.Generator], NamedFault]],
     subject: Any,
     rng: np.random.Generator,
     count: int,
-) -> Iterator[tuple[str, Made]]:
+) -> Iterator[tuple[str, NamedFault]]:
     """Yield (kind, fault) for `count` faults of `subject`, in the order of `kinds`, repeated as often as necessary."""
     for i in range(count):
         kind = kinds[i % len(kinds)]
         yield kind, makers[kind](subject, rng)
 
 
-def some(items: Any, rng: np.random.Generator) -> Any:
+def random_item(items: Any, rng: np.random.Generator) -> Any:
     """Return one of the items at random."""
     return items[rng.integers(len(items))]
 
@@ -106,5 +111,5 @@ class Detection:
     seconds: float
 
     def as_dict(self) -> JsonObject:
-        """Return the outcome as plain data."""
+        """Return the result as plain data."""
         return asdict(self)

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.analysis.mutation.fault import SeededFault, some
+from twin.analysis.mutation.fault import SeededFault, random_item
 from twin.api.robot import Robot
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
@@ -37,6 +37,7 @@ KINDS: dict[str, tuple[str, ...]] = {
 """{kind of fault: kinds of edits that produce this fault}; every kind of fault is seeded equally often."""
 
 _TRIES = 40
+"""Maximum number of draws for each fault: some edits repeat others, or do not run."""
 
 
 def functions(formula: Formula) -> list[FunctionType]:
@@ -48,17 +49,17 @@ def functions(formula: Formula) -> list[FunctionType]:
     for equation in formula.equations:
         if equation.stage != "helper":
             queue.append(inspect.unwrap(equation.variants[equation.default]))
-    found: list[FunctionType] = []
+    functions_found: list[FunctionType] = []
     home = queue[0].__globals__
     while queue:
         function = queue.pop(0)
-        if function in found or function.__globals__ is not home:
+        if function in functions_found or function.__globals__ is not home:
             continue
-        found.append(function)
+        functions_found.append(function)
         for name in function.__code__.co_names:
             if inspect.isfunction(home.get(name)):
                 queue.append(home[name])
-    return found
+    return functions_found
 
 
 def faults(robot: Robot, rng: np.random.Generator, count: int) -> Iterator[SeededFault]:
@@ -72,14 +73,14 @@ def faults(robot: Robot, rng: np.random.Generator, count: int) -> Iterator[Seede
             sources.append(Source(function))
         except TwinError:  # a wrapper has no source text
             continue
-    parameters = {parameter.name for parameter in formula.parameters}
+    parameter_names = {parameter.name for parameter in formula.parameters}
     scope = equations[0].__globals__
     kinds = list(KINDS)
     texts: set[str] = set()
     for i in range(count):
         kind = kinds[i % len(kinds)]
         for _ in range(_TRIES):
-            edit = _draw(sources, parameters, scope, KINDS[kind], rng)
+            edit = _random_edit(sources, parameter_names, scope, KINDS[kind], rng)
             if edit is None:
                 continue
             text = patched([edit])
@@ -89,27 +90,36 @@ def faults(robot: Robot, rng: np.random.Generator, count: int) -> Iterator[Seede
             if not _compiles(text, robot):
                 continue
             what = f"{edit.function}, line {edit.line}: {edit.text}"
-            yield SeededFault("formula", kind, what, robot=_maker(robot, text))
+            yield SeededFault("formula", kind, what, robot=_robot_maker(robot, text))
             break
 
 
-def _draw(
+def _random_edit(
     sources: list[Source],
-    parameters: set[str],
+    parameter_names: set[str],
     scope: dict[str, Any],
     kinds: tuple[str, ...],
     rng: np.random.Generator,
 ) -> Edit | None:
-    source = some(sources, rng)
-    statements = [statement for statement in source.statements if not isinstance(statement.node, ast.FunctionDef)]
+    """Return an edit of one of these kinds in a statement drawn from all functions; None if it has none."""
+    source = random_item(sources, rng)
+    statements = []
+    for statement in source.statements:
+        if not isinstance(statement.node, ast.FunctionDef):
+            statements.append(statement)
     if not statements:
         return None
-    statement = some(statements, rng)
+    statement = random_item(statements, rng)
     arguments = set(source.arguments)
-    around = pool(source, statement, arguments, parameters & arguments, scope)
+    names_in_scope = pool(source, statement, arguments, parameter_names & arguments, scope)
     # A misprint changes one place; an edit that needs a definition elsewhere is none.
-    misprints = [edit for edit in statement_edits(source, statement, around, kinds) if edit.define is None]
-    return some(misprints, rng) if misprints else None
+    misprints = []
+    for edit in statement_edits(source, statement, names_in_scope, kinds):
+        if edit.define is None:
+            misprints.append(edit)
+    if not misprints:
+        return None
+    return random_item(misprints, rng)
 
 
 def _compiles(text: str, robot: Robot) -> bool:
@@ -125,7 +135,9 @@ def _compiles(text: str, robot: Robot) -> bool:
     return True
 
 
-def _maker(robot: Robot, text: str) -> Callable[[Path], Robot]:
+def _robot_maker(robot: Robot, text: str) -> Callable[[Path], Robot]:
+    """Return the function that writes a formula with this text to a folder, and returns the robot with it."""
+
     def make(folder: Path) -> Robot:
         # a file name for each text, because modules are cached by path
         digest = hashlib.sha256(text.encode()).hexdigest()

@@ -60,9 +60,14 @@ class Score(Result):
 
     def of(self, family: Family) -> list[Detection]:
         """Return the results of one family of faults."""
-        return [outcome for outcome in self.outcomes if outcome.family == family]
+        outcomes = []
+        for outcome in self.outcomes:
+            if outcome.family == family:
+                outcomes.append(outcome)
+        return outcomes
 
     def _count(self, *states: State) -> int:
+        """Return the number of faults that are in one of these states."""
         count = 0
         for outcome in self.outcomes:
             if outcome.state in states:
@@ -82,7 +87,9 @@ class Score(Result):
     @property
     def share(self) -> float:
         """`caught` divided by `counted`, 0..1."""
-        return self.caught / self.counted if self.counted else 1.0
+        if not self.counted:  # all faults were equivalent: none was missed
+            return 1.0
+        return self.caught / self.counted
 
     @property
     def passed(self) -> bool:
@@ -138,9 +145,9 @@ class Score(Result):
             "counted": self.counted,
             "caught": self.caught,
             "share": self.share,
-            "false_alarms": [f.as_dict() for f in self.false_alarms],
+            "false_alarms": [finding.as_dict() for finding in self.false_alarms],
             "families": self.families(),
-            "faults": [o.as_dict() for o in self.outcomes],
+            "faults": [outcome.as_dict() for outcome in self.outcomes],
         }
 
     def text(self) -> Iterator[Part]:
@@ -159,8 +166,10 @@ class Score(Result):
             cells = [family["family"]]
             for key in ("seeded", "caught", "warned", "missed", "equivalent"):
                 cells.append(str(family[key]))
-            most_frequent = list(family["by"].items())[:_SHOWN_CODES]
-            cells.append(", ".join(f"{code} {n}" for code, n in most_frequent))
+            codes = []
+            for code, number in list(family["by"].items())[:_SHOWN_CODES]:  # the most frequent first
+                codes.append(f"{code} {number}")
+            cells.append(", ".join(codes))
             rows.append(cells)
         head = ("family", "seeded", "caught", "only warned", "missed", "no effect", "caught by")
         yield TextTable(head, rows)
@@ -173,10 +182,11 @@ class Score(Result):
 
     def _listed(self, title: str, state: State) -> Iterator[Part]:
         """Yield a title and a line for each fault in a state; nothing without such faults."""
-        outcomes = [outcome for outcome in self.outcomes if outcome.state == state]
-        if not outcomes:
+        if not self._count(state):
             return
         yield ""
         yield f"  {title}"
-        for outcome in outcomes:
+        for outcome in self.outcomes:
+            if outcome.state != state:
+                continue
             yield f"    {outcome.family}, {outcome.kind}: {outcome.what} ({outcome.message})"

@@ -22,6 +22,7 @@ SHARES: dict[Family, int] = {"formula": 32, "cad": 24, "usd": 28, "units": 14, "
 """Number of faults of each family if the total is the default; other totals are divided in the same proportion."""
 
 Progress = Callable[[str, float], None]
+"""Function that is told what is being done, and the fraction that is done."""
 
 
 def selftest(
@@ -42,22 +43,27 @@ def selftest(
     Raises:
         TwinError: the robot has no equations, or its protocol cannot be planned.
     """
-    began = time.monotonic()
+    start = time.monotonic()
+    # plain values: they go to the second process
     task = (str(robot), protocol, tuple(families), count, seed)
     progress("correct robot", 0.0)
-    with Call(_share, *task, 1) as beside:
+    # first, because the other process then prepares its bench while this one does
+    with Call(_share, *task, 1) as second_process:
         with bench_of(str(robot), protocol) as bench:
-            alarms = [f for f in bench.correct.findings if f.severity in ("disagreement", "error")]
+            alarms = []
+            for finding in bench.correct_report.findings:
+                if finding.severity in ("disagreement", "error"):
+                    alarms.append(finding)
             outcomes = _judged(bench, families, count=count, seed=seed, share=0, progress=progress)
         progress("wait for the other process", 1.0)
-        outcomes |= beside.result()
+        outcomes |= second_process.result()
     in_order = [outcomes[i] for i in sorted(outcomes)]
     return Score(
         bench.robot.name,
-        protocol=bench.chosen.name,
+        protocol=bench.protocol.name,
         source=bench.robot.mechanism.source,
         seed=seed,
-        seconds=time.monotonic() - began,
+        seconds=time.monotonic() - start,
         outcomes=tuple(in_order),
         false_alarms=tuple(alarms),
     )
@@ -66,20 +72,24 @@ def selftest(
 @contextlib.contextmanager
 def bench_of(robot: str, protocol: str | None) -> Iterator[Bench]:
     """Yield the bench (robot, protocol, stage) for seeding faults, in a temporary folder."""
-    loaded = load(robot)
-    if loaded.files is None or not loaded.files.formula.is_file():
-        raise TwinError(f"{loaded.name} has no equations to check")
+    robot_loaded = load(robot)
+    if robot_loaded.files is None or not robot_loaded.files.formula.is_file():
+        raise TwinError(f"{robot_loaded.name} has no equations to check")
     with Scratch() as folder:
-        yield Bench(loaded, protocol, Path(folder))
+        yield Bench(robot_loaded, protocol, Path(folder))
 
 
-def drawn(bench: Bench, families: Sequence[Family], count: int, seed: int) -> list[SeededFault]:
+def random_faults(bench: Bench, families: Sequence[Family], count: int, seed: int) -> list[SeededFault]:
     """Return the random faults; each family has its own random stream, independent of the other families."""
-    shares: dict[Family, int] = {family: SHARES[family] for family in FAMILIES if family in families}
+    shares: dict[Family, int] = {}
+    for family in FAMILIES:
+        if family in families:
+            shares[family] = SHARES[family]
     faults: list[SeededFault] = []
-    for family, n in shared_out(count, shares).items():
+    for family, family_count in shared_out(count, shares).items():
+        # the index in FAMILIES, not among the chosen ones: a family has the same faults in every choice
         rng = np.random.default_rng([seed, FAMILIES.index(family)])
-        faults += _faults(family, bench, rng, n)
+        faults += _faults(family, bench, rng, family_count)
     return faults
 
 
@@ -89,45 +99,50 @@ def shared_out(count: int, shares: Mapping[Family, int]) -> dict[Family, int]:
     The numbers with the largest remainders are rounded up. Each family has at least one fault. If `count` is below the
     number of families, families without a fault are omitted.
     """
-    whole = sum(shares.values())
+    share_sum = sum(shares.values())
     least = 1 if count >= len(shares) else 0
     numbers: dict[Family, int] = {}
     remainders: dict[Family, float] = {}
     for family, share in shares.items():
-        numbers[family] = max(least, count * share // whole)
-        remainders[family] = count * share / whole - numbers[family]
+        numbers[family] = max(least, count * share // share_sum)
+        remainders[family] = count * share / share_sum - numbers[family]
     total = sum(numbers.values())
     while total != count:
         step = 1 if total < count else -1
-        candidates: list[Family] = [family for family in numbers if step > 0 or numbers[family] > least]
-        chosen = max(candidates, key=lambda family: step * remainders[family])
-        numbers[chosen] += step
-        remainders[chosen] -= step
+        candidates: list[Family] = []
+        for family, number in numbers.items():
+            if step > 0 or number > least:
+                candidates.append(family)
+        adjusted = max(candidates, key=lambda family: step * remainders[family])
+        numbers[adjusted] += step
+        remainders[adjusted] -= step
         total += step
     return {family: number for family, number in numbers.items() if number}
 
 
-def _faults(family: Family, bench: Bench, rng: np.random.Generator, n: int) -> Iterator[SeededFault]:
+def _faults(family: Family, bench: Bench, rng: np.random.Generator, count: int) -> Iterator[SeededFault]:
+    """Yield random faults of one family."""
     if family == "formula":
-        return formula.faults(bench.robot, rng, n)
+        return formula.faults(bench.robot, rng, count)
     if family == "cad":
-        return cad.faults(bench.robot.mechanism, rng, n)
+        return cad.faults(bench.robot.mechanism, rng, count)
     if family == "usd":
-        return usd.faults(bench.case().written or bench.stage, rng, n)
+        return usd.faults(bench.case().written or bench.stage, rng, count)
     if family == "units":
-        return units.faults(bench.robot, bench.file, rng, n)
-    return trajectory_faults.faults(bench.trajectory, bench.chosen, bench.planned, rng, n)
+        return units.faults(bench.robot, bench.protocol_file, rng, count)
+    return trajectory_faults.faults(bench.trajectory, bench.protocol, bench.planned, rng, count)
 
 
 def _judged(
     bench: Bench, families: Sequence[Family], count: int, seed: int, share: int, progress: Progress
 ) -> dict[int, Detection]:
-    faults = drawn(bench, families, count, seed)
+    """Return {index of a fault: its result} for every second fault, beginning with the index `share` (0 or 1)."""
+    faults = random_faults(bench, families, count, seed)
     indices = range(share, len(faults), 2)
     outcomes = {}
-    for k, i in enumerate(indices):
+    for done, i in enumerate(indices):
         fault = faults[i]
-        progress(f"{fault.family}: {fault.what}"[:60], (k + 1) / (len(indices) + 1))
+        progress(f"{fault.family}: {fault.what}"[:60], (done + 1) / (len(indices) + 1))
         outcomes[i] = bench.outcome(fault)
     return outcomes
 

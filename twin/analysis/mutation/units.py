@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import tomlkit
 
-from twin.analysis.mutation.fault import SeededFault, some
+from twin.analysis.mutation.fault import SeededFault, random_item
 from twin.api.robot import Robot
 from twin.planning.protocol import Protocol, load_protocol
 
@@ -21,6 +21,7 @@ KINDS = (
 
 _LENGTHS = ("m", "mm", "um", "µm")
 _ANGLES = ("deg", "rad")
+"""Units of the parameters that can be given in a wrong unit."""
 
 _TRIES = 10
 """Tries for each fault, at most: kinds that do not apply, and faults that were seeded before, are drawn as well."""
@@ -43,13 +44,15 @@ def faults(robot: Robot, protocol: Path, rng: np.random.Generator, count: int) -
             what = _MAKERS[kind](document, rng)
             if what is None:
                 continue
-            fault = SeededFault("units", kind, what, protocol=_reader(protocol, tomlkit.dumps(document)))
+            fault = SeededFault("units", kind, what, protocol=_protocol_maker(protocol, tomlkit.dumps(document)))
         if fault.what not in seeded:
             seeded.add(fault.what)
             yield fault
 
 
-def _reader(original: Path, text: str) -> Callable[[Path], Protocol]:
+def _protocol_maker(original: Path, text: str) -> Callable[[Path], Protocol]:
+    """Return the function that writes a protocol with this text to a folder, and reads it as if beside `original`."""
+
     def read(folder: Path) -> Protocol:
         path = folder / original.name
         path.write_text(text, encoding="utf-8")
@@ -68,8 +71,8 @@ def _parameter(robot: Robot, rng: np.random.Generator) -> SeededFault | None:
             candidates.append(parameter)
     if not candidates:
         return None
-    chosen = some(candidates, rng)
-    if chosen.unit in _ANGLES:
+    parameter_in_wrong_unit = random_item(candidates, rng)
+    if parameter_in_wrong_unit.unit in _ANGLES:
         factor = float(rng.choice((180 / np.pi, np.pi / 180)))
         units = "degrees instead of radians" if factor > 1 else "radians instead of degrees"
     else:
@@ -77,13 +80,13 @@ def _parameter(robot: Robot, rng: np.random.Generator) -> SeededFault | None:
         units = "mm instead of m" if factor > 1 else "m instead of mm"
 
     def make(folder: Path) -> Robot:
-        return robot.with_parameters({chosen.name: factor * chosen.value})
+        return robot.with_parameters({parameter_in_wrong_unit.name: factor * parameter_in_wrong_unit.value})
 
-    return SeededFault("units", "parameter", f"{chosen.name} with {units}", robot=make)
+    return SeededFault("units", "parameter", f"{parameter_in_wrong_unit.name} with {units}", robot=make)
 
 
 def _scaled(value: Any, factor: float) -> float:
-    # five significant digits, as in a hand-written file
+    """Return a number of a protocol times a factor, with five significant digits, as in a hand-written file."""
     return float(f"{factor * float(value):.5g}")
 
 
@@ -97,14 +100,15 @@ def _waypoint(document: Any, rng: np.random.Generator, key: str, least: float, f
             candidates.append(name)
     if not candidates:
         return None
-    chosen = some(candidates, rng)
-    values = waypoints[chosen][key]
-    waypoints[chosen][key] = [_scaled(value, factor) for value in values]
+    waypoint_name = random_item(candidates, rng)
+    values = waypoints[waypoint_name][key]
+    waypoints[waypoint_name][key] = [_scaled(value, factor) for value in values]
     quantity = key.partition("_")[0]
-    return f"{quantity} of waypoint '{chosen}' in {unit}"
+    return f"{quantity} of waypoint '{waypoint_name}' in {unit}"
 
 
 def _depth(document: Any, rng: np.random.Generator) -> str | None:
+    """Give a depth of a waypoint or an insertion in metres."""
     tables = []
     for waypoint in document["waypoints"].values():
         if waypoint.get("depth_mm"):
@@ -114,14 +118,15 @@ def _depth(document: Any, rng: np.random.Generator) -> str | None:
             tables.append(phase)
     if not tables:
         return None
-    table = some(tables, rng)
+    table = random_item(tables, rng)
     depth = float(table["depth_mm"])
     table["depth_mm"] = _scaled(depth, 1e-3)
     return f"a depth of {depth:g} mm in metres"
 
 
 def _limits(document: Any, rng: np.random.Generator, name: str, factor: float, unit: str) -> str:
-    kind = some(list(document["limits"]), rng)
+    """Multiply the speed of tip or rotation in one of the limits, or speed and acceleration."""
+    kind = random_item(list(document["limits"]), rng)
     limits = document["limits"][kind]
     if rng.integers(2) == 0:
         quantity = "speed and acceleration"
@@ -136,16 +141,19 @@ def _limits(document: Any, rng: np.random.Generator, name: str, factor: float, u
 
 
 def _trocar(document: Any, rng: np.random.Generator) -> str | None:
-    named = document.get("trocars_mm", {})
+    """Give the position of a trocar in metres."""
+    named_trocars = document.get("trocars_mm", {})
     places = []
     for key in ("trocar_mm", "rcm_mm"):
         if key in document:
             places.append((document, key, key))
-    for name in named:
-        places.append((named, name, f"trocar '{name}'"))
+    for name in named_trocars:
+        places.append((named_trocars, name, f"trocar '{name}'"))
     if not places:
         return None
-    table, key, what = some(places, rng) if named else places[0]
+    table, key, what = places[0]
+    if named_trocars:
+        table, key, what = random_item(places, rng)
     table[key] = [_scaled(value, 1e-3) for value in table[key]]
     return f"{what} in metres"
 

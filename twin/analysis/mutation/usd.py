@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, Vt
 
-from twin.analysis.mutation.fault import SeededFault, drawn, some
+from twin.analysis.mutation.fault import SeededFault, faults_in_turn, random_item
 from twin.core.units import DEG, MM
 
 KINDS = (
@@ -34,7 +34,7 @@ NamedEdit = tuple[str, Edit]
 def faults(root: Path, rng: np.random.Generator, count: int) -> Iterator[SeededFault]:
     """Yield faults of a stage; `root` is the layer with the motion or, without motion, the robot's root layer."""
     stage = Usd.Stage.Open(str(root))
-    for kind, (what, edit) in drawn(KINDS, _MAKERS, subject=stage, rng=rng, count=count):
+    for kind, (what, edit) in faults_in_turn(KINDS, _MAKERS, subject=stage, rng=rng, count=count):
         yield SeededFault("usd", kind, what, stage=_spoiler(root.name, edit))
 
 
@@ -45,7 +45,7 @@ def _spoiler(name: str, edit: Edit) -> Callable[[Path], None]:
         stage = Usd.Stage.Open(str(folder / name))
         edit(stage)
         for layer in stage.GetUsedLayers():
-            if layer.dirty and not layer.anonymous:
+            if layer.dirty and not layer.anonymous:  # the session layer has no file
                 layer.Save()
 
     return spoil
@@ -55,6 +55,7 @@ def _set_value(stage: Usd.Stage, path: str, value: object) -> None:
     """Set an attribute on the layer that currently defines its value."""
     attribute = stage.GetAttributeAtPath(path)
     stack = attribute.GetPropertyStack(Usd.TimeCode.Default())
+    # strongest first: a value in a weaker layer would stay hidden
     stage.SetEditTarget(Usd.EditTarget(stack[0].layer))
     attribute.Set(value, Usd.TimeCode.Default())
 
@@ -89,7 +90,7 @@ def _bodies(stage: Usd.Stage) -> list[Usd.Prim]:
 
 def _joint_frame_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
     """Move or rotate the frame of a joint on one of its bodies, by 0.1 to 1 mm or degrees."""
-    joint = str(some(_connecting_joints(stage), rng).GetPath())
+    joint = str(random_item(_connecting_joints(stage), rng).GetPath())
     side = int(rng.integers(2))
     if rng.integers(2):
         size = rng.uniform(0.1, 1.0) * MM
@@ -106,6 +107,7 @@ def _joint_frame_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
 
 
 _DRIVE_GAINS = ("physics:stiffness", "physics:damping", "physics:maxForce")
+"""Ends of the names of attributes of drives that have a unit."""
 
 
 def _drive_unit_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
@@ -116,16 +118,16 @@ def _drive_unit_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
             name = attribute.GetName()
             if name.startswith("drive:") and name.endswith(_DRIVE_GAINS) and attribute.Get():
                 gains.append(str(attribute.GetPath()))
-    path = some(gains, rng)
+    path = random_item(gains, rng)
     factors = (1000.0, 1e-3)
     if ":angular:" in path:
         factors = (180 / np.pi, np.pi / 180)
-    return _multiplied(path, float(some(factors, rng)))
+    return _multiplied(path, float(random_item(factors, rng)))
 
 
 def _moving_attributes(stage: Usd.Stage) -> list[Usd.Attribute]:
     """Return the attributes of moving bodies that have time samples."""
-    sampled = []
+    moving = []
     for body in _bodies(stage):
         for attribute in body.GetAuthoredAttributes():
             if not attribute.GetName().startswith("xformOp"):
@@ -137,8 +139,8 @@ def _moving_attributes(stage: Usd.Stage) -> list[Usd.Attribute]:
             start = _components(attribute.Get(codes[0]))
             later = _components(attribute.Get(codes[len(codes) // 3]))
             if not np.allclose(start, later):
-                sampled.append(attribute)
-    return sampled
+                moving.append(attribute)
+    return moving
 
 
 def _components(value: Gf.Vec3d | Gf.Vec3f | Gf.Quatd | Gf.Quatf) -> list[float]:
@@ -150,14 +152,14 @@ def _components(value: Gf.Vec3d | Gf.Vec3f | Gf.Quatd | Gf.Quatf) -> list[float]
 
 def _time_samples_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
     """Delay the motion of one body; without a motion, seed a fault of an inertia."""
-    sampled = _moving_attributes(stage)
-    if not sampled:
+    moving = _moving_attributes(stage)
+    if not moving:
         return _inertia_fault(stage, rng)
-    path = str(some(sampled, rng).GetPath())
+    path = str(random_item(moving, rng).GetPath())
     lag = int(rng.integers(1, 12))
 
-    def shift(s: Usd.Stage) -> None:
-        attribute = s.GetAttributeAtPath(path)
+    def shift(spoiled_stage: Usd.Stage) -> None:
+        attribute = spoiled_stage.GetAttributeAtPath(path)
         codes = attribute.GetTimeSamples()
         values = [attribute.Get(code) for code in codes]
         for k, code in enumerate(codes):
@@ -175,11 +177,14 @@ def _strongest(stack: list[Sdf.PropertySpec], key: str) -> Sdf.PropertySpec:
 
 def _inertia_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
     """Change the mass, the mass centre or the moments of a body, as mistakes of units and axes do."""
-    massive = [body for body in _bodies(stage) if UsdPhysics.MassAPI(body).GetMassAttr().Get()]
-    body = str(some(massive, rng).GetPath())
-    what = some(("mass", "turned", "unit", "centre"), rng)
+    bodies_with_mass = []
+    for prim in _bodies(stage):
+        if UsdPhysics.MassAPI(prim).GetMassAttr().Get():
+            bodies_with_mass.append(prim)
+    body = str(random_item(bodies_with_mass, rng).GetPath())
+    what = random_item(("mass", "turned", "unit", "centre"), rng)
     if what == "mass":
-        return _multiplied(f"{body}.physics:mass", float(some((10.0, 0.1, 1000.0, 1.5), rng)))
+        return _multiplied(f"{body}.physics:mass", float(random_item((10.0, 0.1, 1000.0, 1.5), rng)))
     if what == "centre":
         path = f"{body}.physics:centerOfMass"
         return f"{path} moved by 54 mm", _value_edit(path, lambda x: x + Gf.Vec3f(0.02, 0.03, -0.04))
@@ -200,18 +205,19 @@ def _inertia_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
 def _stage_units_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
     """State another unit of length or mass, or another axis that points up."""
     choices = (("metersPerUnit", 0.01), ("metersPerUnit", 0.001), ("upAxis", "Y"), ("kilogramsPerUnit", 0.001))
-    name, value = some(choices, rng)
+    name, value = random_item(choices, rng)
     return f"{name} = {value}", _metadata_edit(name, value)
 
 
 def _metadata_edit(name: str, value: object) -> Edit:
     """Return the edit that sets a metadata value in all layers, as a faulty converter would."""
 
-    def spoil(s: Usd.Stage) -> None:
-        for layer in s.GetUsedLayers():
+    def spoil(spoiled_stage: Usd.Stage) -> None:
+        for layer in spoiled_stage.GetUsedLayers():
             if not layer.anonymous and layer.pseudoRoot.HasInfo(name):
                 layer.pseudoRoot.SetInfo(name, value)
                 if name == "timeCodesPerSecond":
+                    # a stage whose two rates differ would be found by this alone
                     layer.pseudoRoot.SetInfo("framesPerSecond", value)
 
     return spoil
@@ -220,14 +226,17 @@ def _metadata_edit(name: str, value: object) -> Edit:
 def _loop_joint_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
     """Drop a joint that closes a loop, or make it a part of the articulation."""
     joints = _connecting_joints(stage)
-    closing = [joint for joint in joints if UsdPhysics.Joint(joint).GetExcludeFromArticulationAttr().Get()]
-    path = str(some(closing or joints, rng).GetPath())
+    closing = []
+    for joint in joints:
+        if UsdPhysics.Joint(joint).GetExcludeFromArticulationAttr().Get():
+            closing.append(joint)
+    path = str(random_item(closing or joints, rng).GetPath())
     if closing and rng.integers(3) == 0:
         name = f"{path}.physics:excludeFromArticulation"
         return f"{name} false", lambda s: _set_value(s, name, False)
 
-    def drop(s: Usd.Stage) -> None:
-        for layer in s.GetUsedLayers():
+    def drop(spoiled_stage: Usd.Stage) -> None:
+        for layer in spoiled_stage.GetUsedLayers():
             spec = layer.GetPrimAtPath(path)
             if spec is not None:
                 del spec.nameParent.nameChildren[spec.name]
@@ -248,29 +257,32 @@ def _limit_unit_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
                 candidates.append((joint, name))
     if not candidates:
         return _joint_frame_fault(stage, rng)
-    joint, name = some(candidates, rng)
+    joint, name = random_item(candidates, rng)
     factors = (1000.0, 0.001)
     if joint.IsA(UsdPhysics.RevoluteJoint):
         factors = (DEG, 1 / DEG)
-    return _multiplied(f"{joint.GetPath()}.{name}", float(some(factors, rng)))
+    return _multiplied(f"{joint.GetPath()}.{name}", float(random_item(factors, rng)))
 
 
 def _wrong_body_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
     """Connect a joint to a body to which it does not belong."""
-    prim = some(_connecting_joints(stage), rng)
+    prim = random_item(_connecting_joints(stage), rng)
     path = str(prim.GetPath())
     joint = UsdPhysics.Joint(prim)
-    now = joint.GetBody1Rel().GetTargets()[0]
-    connected = {now, *joint.GetBody0Rel().GetTargets()}
-    others = [body.GetPath() for body in _bodies(stage) if body.GetPath() not in connected]
-    other = str(some(others, rng))
+    body_before = joint.GetBody1Rel().GetTargets()[0]
+    connected = {body_before, *joint.GetBody0Rel().GetTargets()}
+    other_bodies = []
+    for body in _bodies(stage):
+        if body.GetPath() not in connected:
+            other_bodies.append(body.GetPath())
+    other_body = str(random_item(other_bodies, rng))
 
-    def change(s: Usd.Stage) -> None:
-        relation = UsdPhysics.Joint(s.GetPrimAtPath(path)).GetBody1Rel()
-        s.SetEditTarget(Usd.EditTarget(relation.GetPropertyStack()[0].layer))
-        relation.SetTargets([other])
+    def change(spoiled_stage: Usd.Stage) -> None:
+        relation = UsdPhysics.Joint(spoiled_stage.GetPrimAtPath(path)).GetBody1Rel()
+        spoiled_stage.SetEditTarget(Usd.EditTarget(relation.GetPropertyStack()[0].layer))
+        relation.SetTargets([other_body])
 
-    return f"{path} points to {other} instead of {now.name}", change
+    return f"{path} points to {other_body} instead of {body_before.name}", change
 
 
 def _quaternion_order_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
@@ -285,7 +297,7 @@ def _quaternion_order_fault(stage: Usd.Stage, rng: np.random.Generator) -> Named
                 paths.append(str(rotation.GetPath()))
     if not paths:
         return _joint_frame_fault(stage, rng)
-    path = some(paths, rng)
+    path = random_item(paths, rng)
 
     def reordered(quat: Gf.Quatf) -> Gf.Quatf:
         w, x, y, z = _components(quat)
@@ -297,7 +309,7 @@ def _quaternion_order_fault(stage: Usd.Stage, rng: np.random.Generator) -> Named
 def _mesh_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
     """Give a mesh in millimetres, or turn it inside out."""
     meshes = [prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)]
-    path = str(some(meshes, rng).GetPath())
+    path = str(random_item(meshes, rng).GetPath())
     if rng.integers(2):
         name = f"{path}.points"
         return f"{name} in mm", _value_edit(name, _in_millimetres)
@@ -316,21 +328,21 @@ def _reversed(indices: Vt.IntArray) -> Vt.IntArray:
 
 def _rest_pose_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
     """Move a body in the rest pose of the stage, by 0.2 to 2 mm."""
-    moved = set()
+    child_paths = set()
     for joint in _connecting_joints(stage):
-        moved |= set(UsdPhysics.Joint(joint).GetBody1Rel().GetTargets())
+        child_paths |= set(UsdPhysics.Joint(joint).GetBody1Rel().GetTargets())
     shifts = []
     for body in _bodies(stage):
-        if body.GetPath() not in moved:
+        if body.GetPath() not in child_paths:
             continue
         for attribute in body.GetAuthoredAttributes():
             if attribute.GetName().startswith("xformOp:translate"):
                 shifts.append(attribute)
-    path = str(some(shifts, rng).GetPath())
+    path = str(random_item(shifts, rng).GetPath())
     size = rng.uniform(0.2, 2.0) * MM
 
-    def move(s: Usd.Stage) -> None:
-        attribute = s.GetAttributeAtPath(path)
+    def move(spoiled_stage: Usd.Stage) -> None:
+        attribute = spoiled_stage.GetAttributeAtPath(path)
         stack = attribute.GetPropertyStack(Usd.TimeCode.Default())
         spec = _strongest(stack, "default").layer.GetAttributeAtPath(path)
         spec.default = spec.default + type(spec.default)(0, size, 0)
@@ -342,18 +354,18 @@ def _time_codes_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
     """State another rate, or another end, of the time codes."""
     end = stage.GetEndTimeCode()
     choices = (("timeCodesPerSecond", 24.0), ("endTimeCode", round(0.7 * end)), ("timeCodesPerSecond", 30.0))
-    name, value = some(choices, rng)
+    name, value = random_item(choices, rng)
     return f"{name} = {value:g}", _metadata_edit(name, value)
 
 
 def _axis_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
     """Let a joint turn about, or slide along, another axis of its frame."""
-    single = []
+    single_axis_joints = []
     for joint in _connecting_joints(stage):
         if joint.IsA(UsdPhysics.RevoluteJoint) or joint.IsA(UsdPhysics.PrismaticJoint):
-            single.append(joint)
-    path = f"{some(single, rng).GetPath()}.physics:axis"
-    value = some(("X", "Y"), rng)
+            single_axis_joints.append(joint)
+    path = f"{random_item(single_axis_joints, rng).GetPath()}.physics:axis"
+    value = random_item(("X", "Y"), rng)
     return f"{path} = {value}", lambda s: _set_value(s, path, value)
 
 
