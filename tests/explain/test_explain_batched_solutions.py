@@ -90,8 +90,8 @@ def test_a_choice_keeps_its_residuals_if_a_step_has_no_value(fails_at):
     """The shift of choice 0 has no effect, and choice 1 is wrong; rows cannot be evaluated after a step of choice 1."""
     newton = batched_solutions._Newton.__new__(batched_solutions._Newton)
     newton.expressions = 1
-    newton.free = False
-    newton.choices = [SimpleNamespace(cuts=(0,)), SimpleNamespace(cuts=(0,))]
+    newton.has_swivel = False
+    newton.choices = [SimpleNamespace(scalars=(0,)), SimpleNamespace(scalars=(0,))]
     newton.undecided = [0, 1]
     newton.batch = SimpleNamespace(fewest=1)
     newton._start = lambda: np.zeros((2, 3, 1))
@@ -143,7 +143,7 @@ def test_no_first_edit_is_tried_after_the_time(search, monkeypatch):
 
 def test_no_pair_of_expressions_is_compared_after_the_time(search):
     compared = []
-    search.cuts = lambda rows, deadline: [SimpleNamespace(function="f") for _ in range(5)]
+    search.scalars = lambda rows, deadline: [SimpleNamespace(function="f") for _ in range(5)]
     search._unexplained = lambda a, b, rows: compared.append((a, b)) or 1.0
     assert list(search.in_two([], Late(3))) == []
     assert len(compared) == 3
@@ -159,7 +159,7 @@ def test_no_part_of_the_choices_is_solved_after_the_time(search):
     search.step = SimpleNamespace(equation=SimpleNamespace(name="e"))
     search.coarse = SimpleNamespace(solved=solve)
     search.full = SimpleNamespace(solved=lambda *_: [])
-    search._binding = lambda cuts, rows: ()
+    search._binding = lambda scalars, rows: ()
     choices = [(n,) for n in range(3 * required_pairs._AT_ONCE)]
     assert list(search._solutions((), choices, [], Late(2))) == []
     assert solved == [required_pairs._AT_ONCE] * 2

@@ -43,7 +43,7 @@ def search():
     out = RepairSearch(judge)
     out.states = {}
     out.failing = [A, B]
-    out.base = {A: 9.0, B: 9.0}
+    out.worst_before = {A: 9.0, B: 9.0}
     out._runs_at_one_sample = lambda c: True
     out.functions = EditedFunctions(judge, judge)
     out.functions.perturbed = lambda c, rows: None
@@ -60,8 +60,8 @@ def pairs_found(search, *found):
         searches.append(deadline)
         return [candidate(*places, scores={B: 0.0}) for places in found], True
 
-    search.pair_search.found = double
-    search.position_pairs.found = lambda k, singles, shared, deadline: ([], True)
+    search.pair_search.pairs_for = double
+    search.position_pairs.pairs_for = lambda k, singles, shared, deadline: ([], True)
     return searches
 
 
@@ -106,12 +106,12 @@ def test_a_refused_pair_is_refused_when_it_is_tried_again(search, monkeypatch):
         trials, "trial_residuals", lambda judge, step, change, extra: {RowPlace("e", "printed", 0, 0, "x", 1): 0.0}
     )
     monkeypatch.setattr(trials, "worst", lambda r: r)
-    monkeypatch.setattr(RepairSearch, "dependence", SimpleNamespace(judged=lambda c, rows: None))
-    search.raw = {}
-    assert search.attempt(STEP, [edit(10), edit(20)]).serves
+    monkeypatch.setattr(RepairSearch, "dependence", SimpleNamespace(judge_dependence=lambda c, rows: None))
+    search.residuals_before = {}
+    assert search.attempt(STEP, [edit(10), edit(20)]).may_be_proposed
     search.rejected.add(frozenset([edit(10), edit(20)]))
-    assert not search.attempt(STEP, [edit(20), edit(10)]).serves
-    assert search.attempt(STEP, [edit(10)]).serves
+    assert not search.attempt(STEP, [edit(20), edit(10)]).may_be_proposed
+    assert search.attempt(STEP, [edit(10)]).may_be_proposed
 
 
 def chosen(search, *ways):
@@ -132,7 +132,7 @@ def test_no_reading_that_holds_by_chance_is_chosen(search):
 
 def test_what_is_chosen_agrees_with_whether_there_is_a_repair(search):
     """The only general reading is the last of many."""
-    many = range(repair_choice._WHOLE + 2)
+    many = range(repair_choice._MOST_CHECKED + 2)
     for start in many:
         search.states[start,] = BY_CHANCE
     search.states[many[-1],] = FormulaState(0, "")
@@ -152,7 +152,7 @@ def test_a_repair_confirmed_before_the_time_was_over_is_chosen(search):
 def test_a_remark_is_told_for_each_row_that_agrees_by_chance(search):
     """The second candidate also changes row A, which stays wrong after it."""
     search.states = {(0,): BY_CHANCE, (10,): BY_CHANCE, (20,): BY_CHANCE}
-    search.choice.mark(candidate(0, scores={A: 0.0}))
-    search.choice.mark(candidate(10, scores={A: 5.0, B: 0.0}))
-    search.choice.mark(candidate(20, scores={B: 0.0}))
+    search.choice.exclude(candidate(0, scores={A: 0.0}))
+    search.choice.exclude(candidate(10, scores={A: 5.0, B: 0.0}))
+    search.choice.exclude(candidate(20, scores={B: 0.0}))
     assert [starts(c) for c, _ in search.by_chance] == [[0], [10]]

@@ -17,7 +17,7 @@ from twin.core import spatial
 from twin.formula import symbolic
 from twin.robots import _authoring, load_formula
 from twin.validation.explain.conventions import ORDERS, conventions, dh_form
-from twin.validation.explain.judged_states import known
+from twin.validation.explain.judged_states import sampled_values
 from twin.validation.explain.rebuilt_functions import Matrix, Rebuilder, of_formula
 from twin.validation.explain.row_deviations import Judge
 
@@ -25,13 +25,13 @@ from twin.validation.explain.row_deviations import Judge
 @pytest.fixture(scope="module")
 def sils(sils_model):
     formula = load_formula("sils")
-    return formula, known(formula, sils_model)
+    return formula, sampled_values(formula, sils_model)
 
 
 @pytest.fixture(scope="module")
 def pa10():
     formula = load_formula("pa10")
-    return formula, known(formula, api.load("pa10").reference())
+    return formula, sampled_values(formula, api.load("pa10").reference())
 
 
 def turn(axis, a):

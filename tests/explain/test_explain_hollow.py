@@ -26,10 +26,10 @@ SEARCHES = int(os.environ.get("TWIN_SEARCHES", "4"))
 @pytest.fixture(scope="module")
 def sils(sils_model):
     from twin.robots import load_formula
-    from twin.validation.explain.judged_states import known
+    from twin.validation.explain.judged_states import sampled_values
 
     formula = load_formula("sils")
-    return formula, known(formula, sils_model)
+    return formula, sampled_values(formula, sils_model)
 
 
 def edit(search, row, old, new, nth=0, kind="name"):
@@ -69,8 +69,8 @@ def test_a_row_that_says_nothing_is_no_cure(row, changes, sils):
         c = search.attempt(search.judge.step("eq2"), made)
     assert c is not None
     assert c.scores[k] <= 1
-    assert c.hollow
-    assert not c.serves
+    assert c.is_trivial
+    assert not c.may_be_proposed
 
 
 @pytest.mark.nightly

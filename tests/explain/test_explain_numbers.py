@@ -9,7 +9,7 @@ from twin import api
 from twin.core.units import DEG
 from twin.robots import load_formula
 from twin.validation.explain.explain import explain
-from twin.validation.explain.judged_states import known
+from twin.validation.explain.judged_states import sampled_values
 from twin.validation.explain.parameter_fit import ParameterFit, ParameterResiduals
 from twin.validation.explain.row_deviations import Judge
 from twin.validation.explain.wrong_parameters import _covariance, identify
@@ -20,13 +20,13 @@ pytestmark = pytest.mark.usefixtures("sampled_once")
 @pytest.fixture(scope="module")
 def sils(sils_model):
     formula = load_formula("sils")
-    return formula, known(formula, sils_model)
+    return formula, sampled_values(formula, sils_model)
 
 
 @pytest.fixture(scope="module")
 def sher():
     formula = load_formula("sher")
-    return formula, known(formula, api.load("sher").reference())
+    return formula, sampled_values(formula, api.load("sher").reference())
 
 
 def wrong(case, **by):
@@ -136,7 +136,7 @@ def test_a_row_that_is_lost_at_other_values_leaves_no_residuals(sils, monkeypatc
     lost = residuals.residual({**residuals.start, "l_1": residuals.start["l_1"] + 1e-6})
     assert lost.shape == (size,)
     assert np.isnan(lost).all()
-    assert "l_1" not in [p.name for p in residuals.used()]
+    assert "l_1" not in [p.name for p in residuals.influential_parameters()]
     assert residuals.fit(("l_1",)).values[0] == residuals.start["l_1"]
 
 

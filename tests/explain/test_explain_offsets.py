@@ -11,20 +11,20 @@ from twin import api
 from twin.robots import load_formula
 from twin.robots._authoring import row
 from twin.validation.explain.joint_offsets import axes_text, offsets
-from twin.validation.explain.judged_states import known
+from twin.validation.explain.judged_states import sampled_values
 from twin.validation.explain.row_deviations import Judge
 
 
 @pytest.fixture(scope="module")
 def pa10():
     formula = load_formula("pa10")
-    return formula, known(formula, api.load("pa10").reference())
+    return formula, sampled_values(formula, api.load("pa10").reference())
 
 
 @pytest.fixture(scope="module")
 def psm():
     formula = load_formula("davinci_psm")
-    return formula, known(formula, api.load("davinci_psm").reference())
+    return formula, sampled_values(formula, api.load("davinci_psm").reference())
 
 
 def chain(q1, q2, q3, q4, q5, q6, q7, RL3, RL5, RL7, RL8):

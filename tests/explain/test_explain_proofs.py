@@ -45,7 +45,7 @@ def cure(formula, new):
     start = data.index(WRONG.encode()) + len(WRONG) - len("1)")
     line = data[:start].count(b"\n") + 1
     edit = Edit(path, line, start, start + 1, "1", new, "name", 0, "arm")
-    return [Candidate(SimpleNamespace(), [edit], {}, {}, broken=False)]
+    return [Candidate(SimpleNamespace(), [edit], {}, {}, breaks_row=False)]
 
 
 def judged(lapbot, formula, *news):
@@ -57,7 +57,7 @@ def judged(lapbot, formula, *news):
 @pytest.mark.slow
 def test_cures_that_are_one_function_are_merged(lapbot, wrong):
     result = judged(lapbot, wrong, "b", "a", "(b + 0.0000001)")
-    assert [[c.edits[0].new for c in group] for group in result.found.cures] == [["b", "a"], ["(b + 0.0000001)"]]
+    assert [[c.edits[0].new for c in group] for group in result.result.cures] == [["b", "a"], ["(b + 0.0000001)"]]
     assert result.merged == (True, False)
     identity, close = result.proofs
     assert identity == "identity, proved: 8 claims at all poses"
@@ -92,7 +92,7 @@ def test_an_edit_of_another_file_or_of_a_left_side_is_not_judged(lapbot, wrong):
 def test_without_a_prover_nothing_is_said(wrong):
     found = GroupResult([], [cure(wrong, "b")], None, 0.0, 1.0, 1)
     (result,) = proved(wrong, [found], None)
-    assert (result.found, result.proofs) == (found, ())
+    assert (result.result, result.proofs) == (found, ())
 
 
 @pytest.mark.slow

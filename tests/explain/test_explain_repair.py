@@ -11,7 +11,7 @@ import pytest
 from twin.robots import load_formula
 from twin.validation.explain.explain import ExplainOptions, explain
 from twin.validation.explain.function_source import patched
-from twin.validation.explain.judged_states import known
+from twin.validation.explain.judged_states import sampled_values
 from twin.validation.explain.repair_search import RepairSearch
 from twin.validation.explain.row_deviations import Judge
 
@@ -25,7 +25,7 @@ def sils():
 
 @pytest.fixture(scope="module")
 def reference(sils, sils_model):
-    return known(sils, sils_model)
+    return sampled_values(sils, sils_model)
 
 
 @pytest.fixture(scope="module")

@@ -47,13 +47,13 @@ def searched(name, folder, *changes):
 def test_two_edits_of_one_token_are_the_first_pair(tmp_path):
     """The rows of another equation show them: the mechanism has no value of what `outer` returns."""
     search = searched("hibou", tmp_path, *OUTER[0][1:])
-    one, other = next(search.pair_search.crossed(search.judge.step("outer")).apart(Deadline(30.0)))
+    one, other = next(search.pair_search.statement_pairs(search.judge.step("outer")).apart(Deadline(30.0)))
     assert (one.text, other.text) == OUTER[1]
 
 
 def test_values_of_many_pairs_are_those_of_each_pair(tmp_path):
     search = searched("hibou", tmp_path, *OUTER[0][1:])
-    crossed = search.pair_search.crossed(search.judge.step("outer"))
+    crossed = search.pair_search.statement_pairs(search.judge.step("outer"))
     first, second = (crossed.sites[i].statement for i in (1, 3))
     trials = [(edit,) for edit in crossed._tokens[first.index][::9]]
     compared = 0
@@ -91,10 +91,10 @@ def test_a_swivel_that_moves_a_row_on_a_line_is_found():
 def test_an_edit_of_a_scalar_to_a_vector_may_be_a_repair(tmp_path):
     """No value of the scalar a * RL3 makes the row agree, but the vector a * n does."""
     search = searched("pa10", tmp_path, ("return a * n + sqrt", "return a * RL3 + sqrt"))
-    crossed = search.pair_search.crossed(search.judge.step("elbow"))
+    crossed = search.pair_search.statement_pairs(search.judge.step("elbow"))
     site = crossed.sites[-1]
     edits = [e for e in site.edits if e.old == "RL3"]
-    likely = crossed.alone(site.statement, edits, Deadline(30.0))
+    likely = crossed.likely_edits(site.statement, edits, Deadline(30.0))
     assert {e.text for e in likely} == {"RL3 -> n"}
 
 
@@ -111,10 +111,10 @@ def test_an_edit_of_an_equation_that_others_call_is_judged_in_its_own_rows(tmp_p
     new = "asin(-u[1]) - pi / 2"
     edit = Edit(source.path, source.line_of(start), start, end, "asin(-u[1])", new, "missing", last.index, source.name)
     with np.errstate(all="ignore"):
-        candidate = search.everywhere([chain], [edit])
+        candidate = search.candidate_for([chain], [edit])
     assert candidate.scores["chain", 1, 0] <= 1
-    assert candidate.broken
-    assert search.choice.states.after([edit]).worse
+    assert candidate.breaks_row
+    assert search.choice.states.after([edit]).is_worse
 
 
 SLOW = (

@@ -9,10 +9,10 @@ import pytest
 
 from twin.core.errors import KinematicsError
 from twin.robots import load_formula
+from twin.validation.explain.edit_tidying import tidy
 from twin.validation.explain.explain import explain
 from twin.validation.explain.function_source import Source
-from twin.validation.explain.judged_states import known
-from twin.validation.explain.tidying import tidy
+from twin.validation.explain.judged_states import sampled_values
 
 pytestmark = pytest.mark.usefixtures("sampled_once")
 
@@ -74,7 +74,7 @@ def sils_text():
 
 @pytest.fixture(scope="module")
 def reference(sils_model):
-    return known(load_formula("sils"), sils_model)
+    return sampled_values(load_formula("sils"), sils_model)
 
 
 @pytest.mark.slow

@@ -119,9 +119,9 @@ def test_a_margin_that_accepts_what_no_joint_can_do_is_found():
 
 def test_a_measure_of_the_formulas_own_angles_is_named_and_not_accused():
     formula, model, _ = setting("pa10")
-    from twin.validation.explain.judged_states import known
+    from twin.validation.explain.judged_states import sampled_values
 
-    found = judged(formula, model, known(formula, model).run)
+    found = judged(formula, model, sampled_values(formula, model).run)
     assert found["swivel_zero", "type1"].status != "disagrees"
 
 

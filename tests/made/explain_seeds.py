@@ -47,10 +47,10 @@ def built_ins():
 def built_in(name):
     from twin import api
     from twin.robots import load_formula
-    from twin.validation.explain.judged_states import known
+    from twin.validation.explain.judged_states import sampled_values
 
     formula = load_formula(name)
-    return Case(name, _file_of(formula), formula, known(formula, api.load(name).reference()))
+    return Case(name, _file_of(formula), formula, sampled_values(formula, api.load(name).reference()))
 
 
 def stranger(path):

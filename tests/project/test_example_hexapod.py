@@ -13,7 +13,7 @@ from twin.core.errors import ProtocolError
 from twin.core.program_end import ProgramEndError
 from twin.validation.explain.explain import ExplainOptions, explain
 from twin.validation.explain.function_source import patched
-from twin.validation.explain.judged_states import known
+from twin.validation.explain.judged_states import sampled_values
 from twin.validation.explain.repair_search import RepairSearch
 from twin.validation.explain.row_deviations import Judge
 
@@ -98,7 +98,7 @@ def formula_of(robot, tmp_path_factory):
 @pytest.fixture(scope="module")
 def truths(model, formula_of):
     """The mechanism's values for each way to write the formula."""
-    return {text: known(formula_of(text), model) for text in (NUMPY, POINTS, CASADI)}
+    return {text: sampled_values(formula_of(text), model) for text in (NUMPY, POINTS, CASADI)}
 
 
 def test_parts_are_drawn_to_the_lengths_of_the_formula(robot):
@@ -164,7 +164,7 @@ def test_a_fault_of_one_token_is_found_and_undone(text, right, wrong, truths, fo
     line = text[: text.index(right)].count("\n") + 1
     for f in found:  # the first reading undoes it; where several make the same function, one is at that line
         assert line in {e.line for reading in f.cures[0] for e in reading.edits}
-    assert min(f.next for f in found) > 1e6
+    assert min(f.runner_up_residual for f in found) > 1e6
     cured = formula_of(patched(edits))
     assert Judge(cured, None, truths[text]).failing() == []
 
@@ -179,7 +179,7 @@ def test_points_that_are_right_are_not_blamed(truths, formula_of):
 @pytest.mark.slow
 def test_a_wrong_number_is_told_from_a_wrong_form(model, truths, formula_of):
     faulty = formula_of(NUMPY.replace('"r_b": mm(95.0', '"r_b": mm(95.1'))
-    reference = known(faulty, model)
+    reference = sampled_values(faulty, model)
     result = explain("hexapod", faulty, model, reference=reference, options=ExplainOptions(budget=0.5))
     assert result.identified is not None
     moved = {m.name: m.fitted for m in result.identified.moved}

@@ -5,17 +5,18 @@ of the rows after it; a cure is a function that makes the rows of a group agree,
 
 The modules, from the equations to the result:
 
-- text of equations: `function_source`, `tokens`, `tidying`, `augmented_assignments`
+- text of equations: `function_source`, `tokens`, `edit_tidying`, `augmented_assignments`
 - equations on arrays: `rebuilt_functions`, `plain_values`
 - values of the mechanism: `reference_values`, `judged_states`, `noise_limits`
-- rows compared with it: `equation_steps`, `row_deviations`, `swivel`, `suspects`, `coverage`, `invariants`
+- rows compared with it: `equation_steps`, `row_deviations`, `swivel`, `suspect_statements`, `coverage`, `invariants`
 - edits to try: `name_pool`, `statement_edits`, `parentheses`, `counterparts`, `analogies`, `term_texts`, `vector_texts`
 - one edit: `candidate`, `trials`, `dependence`, `formula_state`, `single_edits`
-- values that expressions must have: `shifts`, `inverses`, `expression`, `required_values`, `batched_solutions`
+- values that expressions must have: `expression_shifts`, `inverse_operations`, `expression`, `required_values`,
+  `batched_solutions`
 - two edits: `pair_search` with `required_pairs`, `term_pairs`, `statement_pairs` and `operand_pairs`; then
   `position_pairs` with `replacement_pairs`
 - the choice among repairs: `repair_search`, `repair_choice`, `edited_functions`, `parameter_coincidences`,
   `proved_repairs`
-- other explanations: `wrong_parameters` with `parameter_fit`, `conventions` with `joint_offsets`, `drawing`
+- other explanations: `wrong_parameters` with `parameter_fit`, `conventions` with `joint_offsets`, `cad_faults`
 - the result: `explain`, `possible_fixes`, `explanation` with its data, rows and repairs; all within a `deadline`
 """

@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 
 from twin.core.spatial import Array
+from twin.validation.explain.expression_shifts import Shift
 from twin.validation.explain.function_source import Edit, Source, Statement, apply, comprehension_targets
 from twin.validation.explain.plain_values import scalar_form, unwrapped
-from twin.validation.explain.shifts import Shift
 from twin.validation.explain.term_texts import Atom
 
 _LONGEST = 240
@@ -56,9 +56,13 @@ class _Template:
     row: frozenset[str] = frozenset()
 
 
+_Choices = tuple[_Template, list[dict[str, str]]]
+"""An expression, and choices of names {old: new} to write in it."""
+
+
 def scalar_values(code: CodeType, shift: Shift) -> Array | None:
     """Return the values (k,) of an expression in the scopes of a shift; None if it is no scalar, or zero everywhere."""
-    each = len(shift.shift) // len(shift.scopes)
+    each = len(shift.added) // len(shift.scopes)
     parts: list[Array] = []
     for scope in shift.scopes:
         values = _evaluated(code, scope, {}, each)
@@ -80,6 +84,7 @@ def _evaluated(code: CodeType, scope: Mapping[str, Any], names: Mapping[str, Any
     x = unwrapped(value)
     if not isinstance(x, int | float | np.number | np.ndarray) or isinstance(x, bool):
         return None
+    # NumPy makes an array of objects of a list of matrices, without an error.
     if np.shape(x) not in ((), (k,)) or np.asarray(x).dtype == object:
         return None
     return np.broadcast_to(np.asarray(x, float), (k,))
@@ -97,7 +102,7 @@ def _of_replacements(
 ) -> Iterator[tuple[str, Array]]:
     """Yield (text, values (k,)) of an expression for each choice of other names, by one evaluation for all."""
     count = len(replacements)
-    each = len(shift.shift) // len(shift.scopes)
+    each = len(shift.added) // len(shift.scopes)
     parts: list[Array] = []
     for scope in shift.scopes:
         names: dict[str, Any] = {}
@@ -106,7 +111,9 @@ def _of_replacements(
             columns: list[Array] = []
             for replaced in replacements:
                 x = unwrapped(scope.get(replaced.get(name, name)))
-                if not isinstance(x, int | float | np.number | np.ndarray) or np.shape(x) not in ((), (each,)):
+                is_number = isinstance(x, int | float | np.number | np.ndarray)
+                # One choice with a vector or a matrix makes the evaluation of all choices together impossible.
+                if not is_number or np.shape(x) not in ((), (each,)):
                     return
                 columns.append(np.broadcast_to(np.asarray(x, float), (each,)))
             names[name] = as_scalar(np.concatenate(columns))
@@ -125,8 +132,8 @@ def unread_names(source: Source, statement: Statement, fixed: Sequence[Edit] = (
     `fixed` are edits of the function that are made in any case: what they insert is read.
     """
     read: set[str] = set()
-    for other in source.statements:
-        read |= other.reads
+    for reader in source.statements:
+        read |= reader.reads
     for edit in fixed:
         read.update(re.findall(r"[A-Za-z_]\w*", edit.new))
     _, usable = source.names_at(statement)
@@ -145,7 +152,7 @@ def analogies(source: Source, statement: Statement, shift: Shift, fixed: Sequenc
         if scalar_values(compile(name, "<explain>", "eval"), shift) is not None:
             unread.append(name)
     if len(unread) > _MOST_UNREAD:
-        unread = []
+        unread = []  # most of them are unused on purpose, and the number of combinations explodes
     _, usable = source.names_at(statement)
     usable = usable | comprehension_targets(statement.node).keys()
     edits_of_file = [edit for edit in fixed if edit.path == source.path]
@@ -156,24 +163,25 @@ def analogies(source: Source, statement: Statement, shift: Shift, fixed: Sequenc
             _replacements(_templates(text, source.name), unread, usable),
             _of_other_rows(_row_templates(text, source.name), statement.reads & usable),
         ):
-            tried = 0
+            evaluated_count = 0
             for template, replacements in choices:
-                tried += len(replacements)
-                if tried > _MOST_TRIED:
+                evaluated_count += len(replacements)
+                if evaluated_count > _MOST_TRIED:
                     break
                 for written, values in _of_replacements(template, replacements, shift):
                     atoms.setdefault(written, Atom(written, values))
     return list(atoms.values())
 
 
-def _of_other_rows(templates: Sequence[_Template], own: Set[str]) -> Iterator[tuple[_Template, list[dict[str, str]]]]:
+def _of_other_rows(templates: Sequence[_Template], row_names: Set[str]) -> Iterator[_Choices]:
     """Yield expressions of other rows and choices of names {old: new} to write in them.
 
-    Names that only the other row has are replaced by names that only this row has; `own` are the names of this row.
+    Names that only the other row has are replaced by names that only this row has: by `row_names`, those of this row.
     """
     for template in templates:
-        foreign = [name for name in template.names if name not in own]
-        instead = sorted(own - template.row)
+        foreign = [name for name in template.names if name not in row_names]
+        instead = sorted(row_names - template.row)
+        # The number of permutations below grows with the factorial of this length.
         if not 0 < len(foreign) <= min(len(instead), _MOST_FOREIGN):
             continue
         choices: list[dict[str, str]] = []
@@ -182,20 +190,18 @@ def _of_other_rows(templates: Sequence[_Template], own: Set[str]) -> Iterator[tu
         yield template, choices
 
 
-def _replacements(
-    templates: Sequence[_Template], unread: Sequence[str], usable: set[str]
-) -> Iterator[tuple[_Template, list[dict[str, str]]]]:
+def _replacements(templates: Sequence[_Template], unread: Sequence[str], usable: set[str]) -> Iterator[_Choices]:
     """Yield expressions and choices of names {old: new} to write in them; as many unread names as possible first."""
     for size in range(len(unread), 0, -1):
-        for some in combinations(unread, size):
+        for inserted_names in combinations(unread, size):
             for template in templates:
-                foreign = {name for name in template.names if name not in usable}
+                foreign = set(template.names) - usable
                 if len(foreign) > size or len(template.names) < size:
                     continue
                 choices: list[dict[str, str]] = []
                 for replaced in permutations(template.names, size):
                     if foreign <= set(replaced):
-                        choices.append(dict(zip(replaced, some, strict=True)))
+                        choices.append(dict(zip(replaced, inserted_names, strict=True)))
                 if choices:
                     yield template, choices
 
@@ -205,8 +211,8 @@ def _written(template: _Template, replaced: Mapping[str, str]) -> str:
 
 
 @lru_cache(maxsize=16)
-def _templates(text: str, own: str) -> tuple[_Template, ...]:
-    """Return the different expressions of the functions of a file, those of the function `own` first, then the longest.
+def _templates(text: str, function_name: str) -> tuple[_Template, ...]:
+    """Return the different expressions of the functions of a file: those of `function_name` first, the longest first.
 
     The last ones are written with the expressions that their names are assigned, as they may be in another function.
     """
@@ -216,14 +222,14 @@ def _templates(text: str, own: str) -> tuple[_Template, ...]:
     for function in ast.parse(text).body:
         if not isinstance(function, ast.FunctionDef):
             continue
-        of_function = of_own if function.name == own else of_others
+        of_function = of_own if function.name == function_name else of_others
         assigned = _Inlined(_assigned_once(function))
         for statement in function.body:
             for node in ast.walk(statement):
                 if isinstance(node, ast.BinOp | ast.Call):
                     of_function.setdefault(ast.unparse(node), node)
-                    whole = assigned.visit(copy.deepcopy(node))
-                    inlined.setdefault(ast.unparse(whole), whole)
+                    inlined_node = assigned.visit(copy.deepcopy(node))
+                    inlined.setdefault(ast.unparse(inlined_node), inlined_node)
     templates: dict[str, _Template] = {}
     for texts in (of_own, of_others, inlined):
         for written in sorted(texts, key=lambda text: (-len(text), text)):
@@ -242,11 +248,11 @@ def _template(written: str, node: ast.expr, row: frozenset[str] = frozenset()) -
 
 
 @lru_cache(maxsize=16)
-def _row_templates(text: str, own: str) -> tuple[_Template, ...]:
-    """Return the expressions of the rows of the function `own` in a file, the longest first, each once."""
+def _row_templates(text: str, function_name: str) -> tuple[_Template, ...]:
+    """Return the expressions of the rows of one function of a file, the longest first, each once."""
     templates: dict[str, _Template] = {}
     for function in ast.parse(text).body:
-        if not isinstance(function, ast.FunctionDef) or function.name != own:
+        if not isinstance(function, ast.FunctionDef) or function.name != function_name:
             continue
         for statement in function.body:
             row: set[str] = set()

@@ -56,10 +56,10 @@ def augmented(sign: str, value: Value, other: Value) -> Value:
     Arrays of numbers stand for scalars of CasADi: they get a new value. All others are changed where Python does it, as
     lists and arrays of objects.
     """
-    anew, in_place = _OPERATIONS[sign]
+    make_new, change_in_place = _OPERATIONS[sign]
     if isinstance(value, np.ndarray) and value.dtype != object:
-        return anew(value, other)
-    return in_place(value, other)
+        return make_new(value, other)
+    return change_in_place(value, other)
 
 
 class _Rewriter(ast.NodeTransformer):
@@ -103,19 +103,22 @@ def rewritten(f: types.FunctionType) -> types.CodeType:
         return f.__code__
     tree = _Rewriter().visit(copy.deepcopy(node))  # the tree of the file stays as it is, because others read it
     tree.decorator_list = []
-    free = f.__code__.co_freevars
-    module = compile(ast.Module([_with_free(tree, free)], []), f.__code__.co_filename, "exec")
+    free_variables = f.__code__.co_freevars
+    statements = ast.Module([_with_free_variables(tree, free_variables)], [])
+    module = compile(statements, f.__code__.co_filename, "exec")
     code = _code_of(f.__code__.co_name, module)
-    if code is None or code.co_freevars != free:
+    # A closure holds one cell for each free variable, in their order: code with other ones cannot take its place.
+    if code is None or code.co_freevars != free_variables:
         return f.__code__
     return code.replace(co_firstlineno=f.__code__.co_firstlineno)
 
 
-def _with_free(tree: ast.FunctionDef, free: tuple[str, ...]) -> ast.FunctionDef:
+def _with_free_variables(tree: ast.FunctionDef, free_variables: tuple[str, ...]) -> ast.FunctionDef:
     """Return a function's definition inside of one whose arguments are its free variables; itself without any."""
-    if not free:
+    if not free_variables:
         return tree
-    arguments = ast.arguments([], [ast.arg(name) for name in free], None, [], [], None, [])
+    names = [ast.arg(name) for name in free_variables]
+    arguments = ast.arguments([], names, None, [], [], None, [])
     outer = ast.FunctionDef(_OUTER, arguments, [tree], [])
     return ast.fix_missing_locations(ast.copy_location(outer, tree))
 
@@ -138,8 +141,11 @@ def uses_casadi(names: Mapping[str, object]) -> bool:
     The scalars of other modules are NumPy's, and their arrays are changed in place.
     """
     for value in names.values():
-        module = value.__name__ if isinstance(value, types.ModuleType) else getattr(value, "__module__", None)
-        name = module if isinstance(module, str) else ""
-        if name == _SYMBOLIC or name.split(".")[0] == "casadi":
+        module = getattr(value, "__module__", None)
+        if isinstance(value, types.ModuleType):
+            module = value.__name__
+        if not isinstance(module, str):  # any object may have an attribute of this name
+            continue
+        if module == _SYMBOLIC or module.split(".")[0] == "casadi":
             return True
     return NAME in names

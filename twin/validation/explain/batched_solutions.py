@@ -22,10 +22,20 @@ from twin.validation.explain.candidate import residuals_with
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.equation_steps import RowKey
 from twin.validation.explain.expression import Site
-from twin.validation.explain.function_source import Edit
+from twin.validation.explain.expression_shifts import (
+    DIFFERENCE,
+    FEWEST,
+    SINGULAR,
+    STARTS,
+    STEPS,
+    TIGHT,
+    Shift,
+    cost,
+    shifted,
+)
+from twin.validation.explain.function_source import Edit, TextPlace
 from twin.validation.explain.rebuilt_functions import unguarded
 from twin.validation.explain.row_deviations import Judge, by_row
-from twin.validation.explain.shifts import DIFFERENCE, FEWEST, SINGULAR, STARTS, STEPS, TIGHT, Shift, cost, shifted
 
 _SIZES = (1, 4, 16, 64)
 """Numbers of choices that one evaluation may have."""
@@ -43,21 +53,21 @@ def _function_name(number: int) -> str:
 
 
 @dataclass(eq=False)
-class Cut:
+class LargestScalar:
     """A largest scalar expression of a statement.
 
     Attributes:
         site, node: the statement and the expression.
         slopes: derivatives (k, entries) of the residuals of each row that the expression moves.
         value: values (k,) of the expression.
-        several: whether it is computed several times, so that an edit may change it by another amount each time.
+        is_repeated: whether it is computed several times, so that an edit may change it by another amount each time.
     """
 
     site: Site
     node: ast.expr
     slopes: dict[RowKey, Array]
     value: Array = field(default_factory=lambda: np.zeros(0))
-    several: bool = False
+    is_repeated: bool = False
 
     @cached_property
     def function(self) -> tuple[Path, str]:
@@ -65,7 +75,7 @@ class Cut:
         return self.site.source.path, self.site.source.name
 
     @cached_property
-    def place(self) -> tuple[Path, int, int]:
+    def place(self) -> TextPlace:
         """File, first byte and end of the expression."""
         return (self.site.source.path, *self.site.source.span(self.node))
 
@@ -74,7 +84,7 @@ class Cut:
 class Choice:
     """Expressions whose values are unknown, the rows that must agree, and first shifts (k, expressions); None: zero."""
 
-    cuts: tuple[Cut, ...]
+    scalars: tuple[LargestScalar, ...]
     rows: tuple[RowKey, ...]
     start: Array | None = None
 
@@ -101,28 +111,36 @@ class Batch:
             deadline: time limit; choices that are not decided at its end are left out.
         """
         solutions: list[tuple[int, Array]] = []
-        for part in _parts([choice.cuts[0].function for choice in choices]):
+        functions: list[tuple[Path, str]] = []
+        for choice in choices:
+            functions.append(choice.scalars[0].function)
+        for part in _parts(functions):
             if deadline.passed:
                 break
+            choices_of_part = [choices[i] for i in part]
             with unguarded():
-                newton = _Newton(self, equation, fixed, [choices[i] for i in part])
+                newton = _Newton(self, equation, fixed, choices_of_part)
                 solutions_of_part = newton.run(deadline)
             for n, values in solutions_of_part:
                 solutions.append((part[n], values))
         return sorted(solutions, key=lambda solution: solution[0])
 
-    def slopes(self, equation: str, cuts: Sequence[Cut]) -> list[dict[RowKey, Array]]:
+    def slopes(self, equation: str, scalars: Sequence[LargestScalar]) -> list[dict[RowKey, Array]]:
         """Return, of each expression, the derivatives (k, entries) of the residuals of the rows that it moves."""
         rows = tuple(self.residuals)
-        slopes: list[dict[RowKey, Array]] = [{} for _ in cuts]
-        for part in _parts([cut.function for cut in cuts]):
-            choices = [Choice((cuts[i],), rows) for i in part]
+        slopes_of_scalar: dict[int, dict[RowKey, Array]] = {}
+        functions = [scalar.function for scalar in scalars]
+        for part in _parts(functions):
+            choices: list[Choice] = []
+            for i in part:
+                choices.append(Choice((scalars[i],), rows))
             with unguarded():
                 newton = _Newton(self, equation, (), choices)
                 slopes_of_part = newton.slopes()
-            for n, i in enumerate(part):
-                slopes[i] = slopes_of_part[n]
-        return slopes
+            for i, slopes in zip(part, slopes_of_part, strict=True):
+                slopes_of_scalar[i] = slopes
+        # The parts are sorted by function, the result is in the order of `scalars`.
+        return [slopes_of_scalar[i] for i in range(len(scalars))]
 
     @cached_property
     def residuals(self) -> dict[RowKey, Array]:
@@ -164,20 +182,22 @@ class _Newton:
         self.choices = list(choices)
         self.undecided = list(range(len(choices)))
         """Indices of the choices that are not decided yet."""
-        self.free = bool(batch.copies(1).step(equation).free)
-        cuts: dict[Cut, int] = {}
+        self.has_swivel = bool(batch.copies(1).step(equation).swivel)
+        scalars: dict[LargestScalar, int] = {}
         for choice in choices:
-            for cut in choice.cuts:
-                cuts.setdefault(cut, len(cuts))
-        self.numbers = cuts
+            for scalar in choice.scalars:
+                scalars.setdefault(scalar, len(scalars))
+        self.numbers = scalars
         """A number for each expression, with which its function in the edited text is named."""
         self.change = list(fixed)
-        for cut, number in cuts.items():
-            edit = shifted(cut.site.source, cut.site.statement, cut.node, _function_name(number), scope=False)
+        for scalar, number in scalars.items():
+            edit = shifted(scalar.site.source, scalar.site.statement, scalar.node, _function_name(number), scope=False)
             self.change.append(edit)
-        self.expressions = max(len(choice.cuts) for choice in choices)
+        self.expressions = 0
+        """Largest number of expressions of a choice; choices with fewer have columns without effect."""
         self.rows: list[RowKey] = []
         for choice in choices:
+            self.expressions = max(self.expressions, len(choice.scalars))
             for row in choice.rows:
                 if row not in self.rows:
                     self.rows.append(row)
@@ -191,16 +211,16 @@ class _Newton:
         if base is not None:  # without a value, it would seem that an expression moves nothing
             values, base = self._with_values(values, base)
         values[:, :, 0] += DIFFERENCE
-        moved = self._residuals(values)
+        residuals_ahead = self._residuals(values)
         slopes: list[dict[RowKey, Array]] = []
         for n in range(len(self.choices)):
             slopes_of_rows: dict[RowKey, Array] = {}
-            if base is not None and moved is not None:
+            if base is not None and residuals_ahead is not None:
                 first = 0  # the entries of all rows are beside each other
                 for row in self.rows:
                     last = first + self.batch.residuals[row].shape[1]
                     before = base[n, :, first:last]
-                    after = moved[n, :, first:last]
+                    after = residuals_ahead[n, :, first:last]
                     first = last
                     if not np.array_equal(before, after, equal_nan=True):
                         slopes_of_rows[row] = (after - before) / DIFFERENCE
@@ -210,28 +230,28 @@ class _Newton:
     def run(self, deadline: Deadline) -> list[tuple[int, Array]]:
         """Return (index, shifts) of the choices with a solution."""
         values = self._start()
-        r = self._residuals(values)
-        if r is None:
+        residuals = self._residuals(values)
+        if residuals is None:
             return []
-        values, r = self._with_values(values, r)
-        known = np.asarray(np.isfinite(r).all(axis=2))
-        enough = known.sum(axis=1) >= self.batch.fewest
-        values, r, known = self._only(enough, values, r, known)
+        values, residuals = self._with_values(values, residuals)
+        has_value = np.asarray(np.isfinite(residuals).all(axis=2))
+        enough = has_value.sum(axis=1) >= self.batch.fewest
+        values, residuals, has_value = self._only(enough, values, residuals, has_value)
         solutions: list[tuple[int, Array]] = []
         for _ in range(STEPS + 1):
             if not self.undecided:
                 break
-            size = _largest(r, known)
+            size = _largest(residuals, has_value)
             converged = size <= TIGHT
             for n in np.flatnonzero(converged).tolist():
                 solutions.append(self._solution(n, values))
-            values, r, known = self._only(~converged, values, r, known)
+            values, residuals, has_value = self._only(~converged, values, residuals, has_value)
             if not self.undecided or deadline.passed:
                 break
-            values, r, known, moved = self._ahead(values, r, known)
-            if not moved:
+            values, residuals, has_value, has_step = self._ahead(values, residuals, has_value)
+            if not has_step:
                 break
-        size = _largest(r, known)
+        size = _largest(residuals, has_value)
         for n in range(len(self.undecided)):
             if size[n] <= 1:
                 solutions.append(self._solution(n, values))
@@ -240,19 +260,19 @@ class _Newton:
     def _solution(self, n: int, values: Array) -> tuple[int, Array]:
         """Return (index of a choice, its shifts (poses, expressions)), for the choice `n` of those not decided."""
         choice = self.undecided[n]
-        count = len(self.choices[choice].cuts)
+        count = len(self.choices[choice].scalars)
         return choice, values[n][:, :count]
 
     def _start(self) -> Array:
         """Return the first values (choices, poses, unknowns): shifts, and then the swivel angle, if there is one."""
         poses = len(self.batch.poses)
-        values = np.zeros((len(self.choices), poses, self.expressions + self.free))
+        values = np.zeros((len(self.choices), poses, self.expressions + self.has_swivel))
         for i, choice in enumerate(self.choices):
             if choice.start is not None:
-                values[i, :, : len(choice.cuts)] = choice.start
-        if self.free:
+                values[i, :, : len(choice.scalars)] = choice.start
+        if self.has_swivel:
             step = self.batch.copies(len(self.choices)).step(self.equation)
-            (angle,) = step.free.values()
+            (angle,) = step.swivel.values()
             values[:, :, -1] = angle[: len(self.choices) * poses].reshape(-1, poses)
         return values
 
@@ -262,64 +282,66 @@ class _Newton:
             return values, r
         lacks_value: NDArray[np.bool_] = np.logical_not(np.isfinite(r).all(axis=(1, 2)))
         for factor in STARTS:
-            tried = values.copy()
-            tried[:, :, : self.expressions] = factor * self.scale[:, :, : self.expressions]
-            tried_residuals = self._residuals(tried)
-            if tried_residuals is None:
+            trial_values = values.copy()
+            trial_values[:, :, : self.expressions] = factor * self.scale[:, :, : self.expressions]
+            trial_residuals = self._residuals(trial_values)
+            if trial_residuals is None:
                 break
-            lower = _costs(tried_residuals) < _costs(r)
+            lower = _costs(trial_residuals) < _costs(r)
             better = (lacks_value[:, None] & lower)[:, :, None]
-            values = np.where(better, tried, values)
-            r = np.where(better, tried_residuals, r)
+            values = np.where(better, trial_values, values)
+            r = np.where(better, trial_residuals, r)
         return values, r
 
     def _only(
-        self, kept: NDArray[np.bool_], values: Array, r: Array, known: NDArray[np.bool_]
+        self, selected: NDArray[np.bool_], values: Array, residuals: Array, has_value: NDArray[np.bool_]
     ) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """Return the arrays of the choices `kept`; the others are decided."""
-        self.undecided = np.array(self.undecided, int)[kept].tolist()
-        return values[kept], r[kept], known[kept]
+        """Return the arrays of the choices `selected` (choices,); the others are decided."""
+        self.undecided = np.array(self.undecided, int)[selected].tolist()
+        return values[selected], residuals[selected], has_value[selected]
 
-    def _ahead(self, values: Array, r: Array, known: NDArray[np.bool_]) -> tuple[Array, Array, NDArray[np.bool_], bool]:
+    def _ahead(
+        self, values: Array, residuals: Array, has_value: NDArray[np.bool_]
+    ) -> tuple[Array, Array, NDArray[np.bool_], bool]:
         """Return (values, residuals, poses with residuals, whether a step was made), of choices that may be solved.
 
         No step is made if the rows cannot be evaluated after it.
         """
         slopes: list[Array] = []
         for u in range(values.shape[2]):
-            moved_values = values.copy()
-            moved_values[:, :, u] += DIFFERENCE
-            moved = self._residuals(moved_values)
-            if moved is None:
-                return values, r, known, False
-            slopes.append((moved - r) / DIFFERENCE)
-        step, unique = _steps(np.stack(slopes, axis=3), r, self._counts(), known, self.free)
-        step[~known] = 0.0
-        values, r, known = self._only(unique, values, r, known)
+            values_ahead = values.copy()
+            values_ahead[:, :, u] += DIFFERENCE
+            residuals_ahead = self._residuals(values_ahead)
+            if residuals_ahead is None:
+                return values, residuals, has_value, False
+            slopes.append((residuals_ahead - residuals) / DIFFERENCE)
+        step, unique = _steps(np.stack(slopes, axis=3), residuals, self._counts(), has_value, self.has_swivel)
+        step[~has_value] = 0.0
+        values, residuals, has_value = self._only(unique, values, residuals, has_value)
         step = step[unique]
         if not self.undecided:
-            return values, r, known, False
-        new = self._residuals(values + step)
-        if new is None:
-            return values, r, known, False
+            return values, residuals, has_value, False
+        new_residuals = self._residuals(values + step)
+        if new_residuals is None:
+            return values, residuals, has_value, False
         for _ in range(_HALVINGS):  # half the step where the residual grows
-            worse = known & ~(_costs(new) <= _costs(r))
+            worse = has_value & ~(_costs(new_residuals) <= _costs(residuals))
             if not worse.any():
                 break
             step = np.where(worse[:, :, None], step / 2, step)
-            new = self._residuals(values + step)
-            if new is None:
-                return values, r, known, False
+            new_residuals = self._residuals(values + step)
+            if new_residuals is None:
+                return values, residuals, has_value, False
         # Poses converge after different numbers of steps, so that the mean decides, not the largest residual.
-        is_nearer = _mean(new, known) <= _LEAST_PROGRESS * _mean(r, known)
-        agrees = _largest(new, known) <= 1.0
-        return *self._only(is_nearer | agrees, values + step, new, known), True
+        is_nearer = _mean(new_residuals, has_value) <= _LEAST_PROGRESS * _mean(residuals, has_value)
+        agrees = _largest(new_residuals, has_value) <= 1.0
+        return *self._only(is_nearer | agrees, values + step, new_residuals, has_value), True
 
     def _counts(self) -> NDArray[np.bool_]:
         """Return which unknowns (choices, unknowns) a choice has."""
-        is_unknown = np.ones((len(self.undecided), self.expressions + self.free), bool)
+        is_unknown = np.ones((len(self.undecided), self.expressions + self.has_swivel), bool)
         for n, i in enumerate(self.undecided):
-            is_unknown[n, len(self.choices[i].cuts) : self.expressions] = False
+            is_unknown[n, len(self.choices[i].scalars) : self.expressions] = False
         return is_unknown
 
     def _residuals(self, values: Array) -> Array | None:
@@ -331,10 +353,10 @@ class _Newton:
         for number in self.numbers.values():
             shifts[number] = Shift(k)
         for n, i in enumerate(self.undecided):
-            for u, cut in enumerate(self.choices[i].cuts):
-                shifts[self.numbers[cut]].shift[n * poses : (n + 1) * poses, 0] = values[n, :, u]
+            for u, scalar in enumerate(self.choices[i].scalars):
+                shifts[self.numbers[scalar]].added[n * poses : (n + 1) * poses, 0] = values[n, :, u]
         angle = None
-        if self.free:
+        if self.has_swivel:
             angle = np.zeros(k)
             angle[: count * poses] = values[:, :, -1].ravel()
         extra: dict[str, Any] = {}
@@ -368,24 +390,24 @@ class _Newton:
         self.scale = np.zeros((count, poses, unknowns))
         for n, i in enumerate(self.undecided):
             block = slice(n * poses, (n + 1) * poses)
-            for u, cut in enumerate(self.choices[i].cuts):
-                shift = shifts[self.numbers[cut]]
+            for u, scalar in enumerate(self.choices[i].scalars):
+                shift = shifts[self.numbers[scalar]]
                 self.scale[n, :, u] = shift.value[block, 0]
                 if shift.differs[block].any():  # no single value is required of it
                     residuals[n] = np.nan
         return residuals
 
 
-def _largest(r: Array, known: NDArray[np.bool_]) -> Array:
+def _largest(r: Array, has_value: NDArray[np.bool_]) -> Array:
     """Return the largest residual of each choice at its poses with residuals; infinite without a value."""
     size = np.abs(r).max(axis=2, initial=0.0)
-    known_size = np.where(known, size, 0.0)
+    known_size = np.where(has_value, size, 0.0)
     return np.nan_to_num(known_size.max(axis=1, initial=0.0), nan=np.inf)
 
 
-def _mean(r: Array, known: NDArray[np.bool_]) -> Array:
+def _mean(r: Array, has_value: NDArray[np.bool_]) -> Array:
     """Return the mean residual of each choice at its poses with residuals; infinite without a value."""
-    squares = np.where(known, np.sum(r**2, axis=2), 0.0)
+    squares = np.where(has_value, np.sum(r**2, axis=2), 0.0)
     size = np.sqrt(squares)
     return np.nan_to_num(size.mean(axis=1), nan=np.inf)
 
@@ -397,7 +419,7 @@ def _costs(r: Array) -> Array:
 
 
 def _steps(
-    J: Array, r: Array, counts: NDArray[np.bool_], known: NDArray[np.bool_], swivel: bool = False
+    J: Array, r: Array, counts: NDArray[np.bool_], has_value: NDArray[np.bool_], swivel: bool = False
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return (steps (choices, poses, unknowns) of Gauss-Newton, which choices have a unique finite one).
 
@@ -412,34 +434,34 @@ def _steps(
     triangle = np.zeros((*J.shape[:2], unknowns, unknowns))
     right = np.zeros((*J.shape[:2], unknowns))
     unique = np.ones(len(J), bool)
-    used = np.where(known[:, :, None, None], J, 0.0)
-    rest = np.where(known[:, :, None], -r, 0.0)
-    for u in range(unknowns):
-        column = used[..., u]
+    J_valued = np.where(has_value[:, :, None, None], J, 0.0)
+    unexplained = np.where(has_value[:, :, None], -r, 0.0)
+    for unknown in range(unknowns):
+        column = J_valued[..., unknown]
         size = np.sqrt(np.sum(column**2, axis=2))
-        for v, other in enumerate(columns):
-            part = np.sum(other * column, axis=2)
-            triangle[..., v, u] = part
-            column = column - part[..., None] * other
+        for v, earlier_column in enumerate(columns):
+            part = np.sum(earlier_column * column, axis=2)
+            triangle[..., v, unknown] = part
+            column = column - part[..., None] * earlier_column
         length = np.sqrt(np.sum(column**2, axis=2))
-        triangle[..., u, u] = length
-        singular = ~(length > SINGULAR * size) & known  # also if a derivative has no value
+        triangle[..., unknown, unknown] = length
+        singular = ~(length > SINGULAR * size) & has_value  # also if a derivative has no value
         needed = ~(alone[:, None] & agrees)
-        if swivel and u == unknowns - 1:
+        if swivel and unknown == unknowns - 1:
             needed = np.zeros_like(needed)
         singular &= needed | (size != 0)
-        unique &= ~singular.any(axis=1) | ~counts[:, u]
+        unique &= ~singular.any(axis=1) | ~counts[:, unknown]
         divisor = np.where(length > 0, length, 1.0)
         unit = column / divisor[..., None]
-        right[..., u] = np.sum(unit * rest, axis=2)
-        rest = rest - right[..., u, None] * unit
+        right[..., unknown] = np.sum(unit * unexplained, axis=2)
+        unexplained = unexplained - right[..., unknown, None] * unit
         columns.append(unit)
     step = np.zeros_like(right)
-    for u in reversed(range(unknowns)):
-        of_later = np.sum(triangle[..., u, u + 1 :] * step[..., u + 1 :], axis=2)
-        length = triangle[..., u, u]
-        has_step = counts[:, None, u] & (length > 0)
-        quotient = (right[..., u] - of_later) / np.where(has_step, length, 1.0)
-        step[..., u] = np.where(has_step, quotient, 0.0)
+    for unknown in reversed(range(unknowns)):
+        of_later = np.sum(triangle[..., unknown, unknown + 1 :] * step[..., unknown + 1 :], axis=2)
+        length = triangle[..., unknown, unknown]
+        has_step = counts[:, None, unknown] & (length > 0)
+        quotient = (right[..., unknown] - of_later) / np.where(has_step, length, 1.0)
+        step[..., unknown] = np.where(has_step, quotient, 0.0)
     unique &= np.isfinite(step).all(axis=(1, 2))
     return step, unique

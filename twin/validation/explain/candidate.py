@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -36,8 +37,8 @@ class Candidate:
         edits: one or two edits.
         extra: values of names that the edits define.
         scores: worst residual of each row that the edits change, in units of the tolerance.
-        broken: whether a row that agreed with the mechanism before the edits disagrees after them.
-        hollow: whether a repaired row is trivial: it agrees for any values of its symbols.
+        breaks_row: whether a row that agreed with the mechanism before the edits disagrees after them.
+        is_trivial: whether a repaired row is trivial: it agrees for any values of its symbols.
         dropped: symbols on which a repaired row no longer depends.
         changed: residuals (k, entries) of the changed rows.
         by_chance: whether the repaired rows agree only for the present values of equal or assumed parameters.
@@ -47,32 +48,35 @@ class Candidate:
     edits: list[Edit]
     extra: dict[str, Value]
     scores: dict[RowKey, float]
-    broken: bool
+    breaks_row: bool
     changed: dict[RowKey, Array] = field(default_factory=dict, repr=False)
-    hollow: bool = False
+    is_trivial: bool = False
     dropped: tuple[str, ...] = ()
     by_chance: bool = False
 
-    def take_over(self, other: Candidate) -> None:
+    def merge(self, other: Candidate) -> None:
         """Add what the same edits change in another equation; the worse of two residuals of a row counts."""
-        self.hollow |= other.hollow
-        self.broken |= other.broken
+        self.is_trivial |= other.is_trivial
+        self.breaks_row |= other.breaks_row
         self.dropped = tuple(sorted({*self.dropped, *other.dropped}))
         for row, residual in other.scores.items():
             self.scores[row] = max(residual, self.scores.get(row, 0.0))
         self.changed |= other.changed
 
-    def over(self, rows: Iterable[RowKey], base: dict[RowKey, float]) -> float:
+    def worst_over(self, rows: Iterable[RowKey], base: dict[RowKey, float]) -> float:
         """Return the worst residual over the given rows after the edits, in units of the tolerance.
 
         `base` is the worst residual of each row before the edits. It is used for rows that the edits do not change.
         """
-        return max(self.scores.get(row, base[row]) for row in rows)
+        residuals: list[float] = []
+        for row in rows:
+            residuals.append(self.scores.get(row, base[row]))
+        return max(residuals)
 
     @property
-    def serves(self) -> bool:
+    def may_be_proposed(self) -> bool:
         """Whether the candidate may be proposed: no row becomes wrong or trivial, and rows agree not only by chance."""
-        return not (self.broken or self.hollow or self.by_chance)
+        return not (self.breaks_row or self.is_trivial or self.by_chance)
 
     @property
     def rank(self) -> tuple[int, int, int, int]:
@@ -102,7 +106,8 @@ class GroupResult:
         rows: the rows of the group.
         cures: cures of the group; each cure is the list of its readings.
         runner_up: the best edit that does not fix the group; None if there is none.
-        after, next: worst residual of the best edit and of the runner-up, in units of the tolerance.
+        best_residual, runner_up_residual: worst residual after the best edit and after the runner-up, in units of the
+            tolerance.
         tried: number of evaluated edits.
         complete: whether every single edit was tried and, if no single edit is exact, every pair.
         seconds: duration of the search for pairs, in s.
@@ -111,8 +116,8 @@ class GroupResult:
     rows: list[RowKey]
     cures: list[list[Candidate]]
     runner_up: Candidate | None
-    after: float
-    next: float
+    best_residual: float
+    runner_up_residual: float
     tried: int
     complete: bool = True
     seconds: float = 0.0
@@ -166,17 +171,28 @@ def residuals_with(
     `extra` are functions in the edited text, `angle` is the swivel; see `Judge.trial`.
     """
     step = judge.step(equation)
-    called = []
-    if any(edit.function != step.source.name for edit in change):
-        called = [helper.function.__globals__ for helper in judge.helpers(step)]
-    for scope in called:  # the edited text of a called function looks the functions up there
-        scope.update(extra)
-    try:
+    with names_in_helpers(judge, step, change, extra):
         deviations = trial_residuals(judge, step, list(change), extra, angle)
-    finally:
-        for scope in called:
-            for name in extra:
-                scope.pop(name, None)
     if not deviations:
         return None
     return by_row(deviations)
+
+
+@contextmanager
+def names_in_helpers(judge: Judge, step: Step, change: Sequence[Edit], values: Mapping[str, Any]) -> Iterator[None]:
+    """Put names into the globals of the functions that an equation calls, if an edit is in one of these functions.
+
+    The edited text of such a function looks the names up there.
+    """
+    scopes: list[dict[str, Any]] = []
+    for edit in change:
+        if edit.function != step.source.name:
+            scopes = [helper.function.__globals__ for helper in judge.helpers(step)]
+    for scope in scopes:
+        scope.update(values)
+    try:
+        yield
+    finally:
+        for scope in scopes:
+            for name in values:
+                scope.pop(name, None)

@@ -6,7 +6,7 @@ Each convention is tried as a whole, because no edit of a single row has the sam
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import permutations, product
@@ -25,7 +25,7 @@ from twin.validation.explain.plain_values import enter, leave
 from twin.validation.explain.rebuilt_functions import Matrix, to_array, turn
 from twin.validation.explain.reference_values import ReferenceValues
 from twin.validation.explain.row_deviations import Judge, RowPlace, worst
-from twin.validation.explain.suspects import suspects
+from twin.validation.explain.suspect_statements import suspects
 
 _ROUNDING = 1e-9
 """Differences, in m or rad, that are rounding."""
@@ -36,7 +36,10 @@ _INVERTIBLE = 1e12
 _EXACT_ROW = 1e-12
 """Largest difference of two matrices of the same row of a Denavit-Hartenberg table."""
 
-_NAMED = (
+_DH_PROBE = (0.3, 0.7, 1.1, 0.45)
+"""Arguments, in m and rad, that show the form of a Denavit-Hartenberg row: they differ, so that only one order fits."""
+
+_NAMED_RATIOS = (
     (-1.0, "the opposite sign"),
     (1e3, "millimetres instead of metres"),
     (1e-3, "metres instead of millimetres"),
@@ -46,17 +49,17 @@ _NAMED = (
 """Ratios of a value of the formula and that of the mechanism, and what they say."""
 
 
-def conventions(judge: Judge, known: Sequence[Convention] | None = None) -> list[Convention]:
+def conventions(judge: Judge, general_conventions: Sequence[Convention] | None = None) -> list[Convention]:
     """Return the conventions that fix rows, sorted by the number of fixed rows, largest first.
 
-    `known` is the result of `general`; None: it is computed.
+    `general_conventions` is the result of `general`; None: it is computed.
     """
     if not judge.failing():
         return []
     with np.errstate(all="ignore"):
-        if known is None:
-            known = general(judge)
-        candidates = [*known, *_scalars(judge)]
+        if general_conventions is None:
+            general_conventions = general(judge)
+        candidates = [*general_conventions, *_scalars(judge)]
         if not candidates:  # a slow search, so only where nothing simpler was found
             candidates = list(offsets(judge))
     return sorted(candidates, key=lambda convention: (-len(convention.rows), convention.after))
@@ -68,16 +71,17 @@ def general(judge: Judge) -> list[Convention]:
         return [*_dh(judge), *_angles_in(judge), *_axes(judge), *_frames(judge), *_euler(judge)]
 
 
-def _cured(judge: Judge, other: Judge) -> tuple[list[RowPlace], float] | None:
-    """Return (rows that are wrong in `judge` and agree in `other`, the worst residual of these rows in `other`).
+def _cured(judge: Judge, other_judge: Judge) -> tuple[list[RowPlace], float] | None:
+    """Return (rows that are wrong in `judge` and agree in `other_judge`, the worst residual of these rows there).
 
-    Return None if there is no such row, or if a row that agrees in `judge` is wrong in `other`.
+    Return None if there is no such row, or if a row that agrees in `judge` is wrong in `other_judge`.
     """
     failing = judge.failing()
     worst_by_row: dict[RowKey, float] = {}
-    for place, residual in other.residuals.items():
+    for place, residual in other_judge.residuals.items():
         worst_by_row[place.key] = worst(residual)
     for place in judge.residuals:
+        # Helpers have no printed rows of their own: a convention may change what they pass on.
         if place in failing or judge.step(place.equation).stage == "helper":
             continue
         if worst_by_row.get(place.key, np.inf) > 1:
@@ -163,16 +167,18 @@ def _euler(judge: Judge) -> Iterator[Convention]:
     involved: set[str] = set()
     for place in wrong:
         involved.update(suspects(judge, place))
-    angle_values = np.column_stack([reference.symbols[name] for name in angles])
+    values_of_angles = [reference.symbols[name] for name in angles]
+    angle_values = np.column_stack(values_of_angles)
     for convention, values in _euler_conventions(reference.Ts[:, :3, :3]):
+        # The sine is also zero for angles that differ by full or half turns: those are the formula's own convention.
         if np.abs(np.sin(values - angle_values)).max() < _ROUNDING:
-            continue  # the formula's own convention
-        angles_by_name = dict(zip(angles, values.T, strict=True))
-        other = reference.with_values(angles_by_name)
-        # Few equations first: nearly all of the conventions fail there.
-        if not _one_agrees(judge.on(other, involved), wrong):
             continue
-        fix = _cured(judge, judge.on(other))
+        angles_by_name = dict(zip(angles, values.T, strict=True))
+        other_values = reference.with_values(angles_by_name)
+        # Few equations first: nearly all of the conventions fail there.
+        if not _one_agrees(judge.on(other_values, involved), wrong):
+            continue
+        fix = _cured(judge, judge.on(other_values))
         if fix is None:
             continue
         cured, after = fix
@@ -195,12 +201,17 @@ def _read(judge: Judge, symbols: Sequence[str]) -> bool:
 def _one_agrees(judge: Judge, places: Sequence[RowPlace]) -> bool:
     """Return whether at least one of some rows agrees in a judge."""
     rows = {place.key for place in places}
-    agreeing = {place.key for place, residual in judge.residuals.items() if worst(residual) <= 1}
-    return not rows.isdisjoint(agreeing)
+    for place, residual in judge.residuals.items():
+        if place.key not in rows:
+            continue
+        if worst(residual) <= 1:
+            return True
+    return False
 
 
 def _names(places: Iterable[RowPlace]) -> tuple[str, ...]:
-    return tuple(p.name for p in places)
+    names = [place.name for place in places]
+    return tuple(names)
 
 
 def _angles_in(judge: Judge) -> Iterator[Convention]:
@@ -212,8 +223,8 @@ def _angles_in(judge: Judge) -> Iterator[Convention]:
         ("angle", ("deg",), 180 / np.pi, in_degrees),
         ("length", ("mm", "m"), 1e3, in_mm),
     ):
-        other = judge.on(_scaled(judge, kind, units, factor))
-        cured = _cured_in_unit(judge, other, kind, factor)
+        other_judge = judge.on(_scaled(judge, kind, units, factor))
+        cured = _cured_in_unit(judge, other_judge, kind, factor)
         if cured and len(cured) == len(failing_names):
             yield Convention("unit", text, _names(cured), max(cured.values()))
 
@@ -221,7 +232,10 @@ def _angles_in(judge: Judge) -> Iterator[Convention]:
 def _scaled(judge: Judge, kind: str, units: Sequence[str], factor: float) -> ReferenceValues:
     """Return the mechanism's values with all angles or all lengths multiplied by a factor."""
     reference = judge.reference
-    scaled_parameters = {p.name for p in judge.formula.parameters if p.unit in units}
+    scaled_parameters: set[str] = set()
+    for parameter in judge.formula.parameters:
+        if parameter.unit in units:
+            scaled_parameters.add(parameter.name)
     symbols = dict(reference.symbols)
     for name, value in reference.symbols.items():
         if reference.kinds.get(name) == kind or name in scaled_parameters:
@@ -233,10 +247,10 @@ def _scaled(judge: Judge, kind: str, units: Sequence[str], factor: float) -> Ref
     return replace(reference, symbols=symbols)
 
 
-def _cured_in_unit(judge: Judge, other: Judge, kind: str, factor: float) -> dict[RowPlace, float]:
-    """Return {row that is wrong in `judge` and agrees in `other`: its residual}, where `other` has another unit."""
+def _cured_in_unit(judge: Judge, other_judge: Judge, kind: str, factor: float) -> dict[RowPlace, float]:
+    """Return {row that is wrong in `judge` and agrees in `other_judge`, which has another unit: its residual}."""
     residuals: dict[RowKey, Array] = {}
-    for place, residual in other.residuals.items():
+    for place, residual in other_judge.residuals.items():
         residuals.setdefault(place.key, residual)
     cured: dict[RowPlace, float] = {}
     for place, r in judge.residuals.items():
@@ -265,7 +279,7 @@ def _scalars(judge: Judge) -> Iterator[Convention]:
         angle = reference.kinds[place.symbol] == "angle"
         tolerance = judge.tolerance.angle if angle else judge.tolerance.length
         value = np.asarray(values[place.symbol], float)
-        for slope, text in (*_NAMED, (1.0, "")):
+        for slope, text in (*_NAMED_RATIOS, (1.0, "")):
             middle, after = _offset(value, true[:, 0], slope, angle, tolerance)
             if not after <= 1:  # also for NaN
                 continue
@@ -281,15 +295,18 @@ def _scalars(judge: Judge) -> Iterator[Convention]:
                 groups.setdefault(" and ".join(parts), []).append((place, after))
             break
     for message, rows in groups.items():
-        places = [place for place, _ in rows]
-        symbols = ", ".join(place.symbol for place in places)
-        after = max(after_of_row for _, after_of_row in rows)
+        places: list[RowPlace] = []
+        largest = 0.0
+        for place, after in rows:
+            places.append(place)
+            largest = max(largest, after)
+        symbols = [place.symbol for place in places]
         kind = "unit"
         if message.startswith("its zero"):
             kind = "offset"
         elif "sign" in message:
             kind = "sign"
-        yield Convention(kind, f"{symbols}: {message}", _names(places), after)
+        yield Convention(kind, f"{', '.join(symbols)}: {message}", _names(places), largest)
 
 
 def _offset(value: Array, true: Array, slope: float, angle: bool, tolerance: float) -> tuple[float, float]:
@@ -335,10 +352,18 @@ def _wrong_points(judge: Judge) -> list[_WrongPoint]:
         places = [place for place in failing if place.symbol in symbols]
         if not places or not values.keys() >= set(symbols):
             continue
-        coordinates = [to_array(values[part], reference.k) for part in symbols]
-        true_coordinates = [to_array(reference.symbols[part], reference.k) for part in symbols]
-        points.append(_WrongPoint(name, places, np.hstack(coordinates), np.hstack(true_coordinates)))
+        position = _stacked_columns(values, symbols, reference.k)
+        true_position = _stacked_columns(reference.symbols, symbols, reference.k)
+        points.append(_WrongPoint(name, places, position, true_position))
     return points
+
+
+def _stacked_columns(values: Mapping[str, Value], symbols: Sequence[str], k: int) -> Array:
+    """Return the values of symbols beside each other (k, entries of all)."""
+    columns: list[Array] = []
+    for symbol in symbols:
+        columns.append(to_array(values[symbol], k))
+    return np.hstack(columns)
 
 
 def _axes(judge: Judge) -> Iterator[Convention]:
@@ -346,11 +371,19 @@ def _axes(judge: Judge) -> Iterator[Convention]:
     points = _wrong_points(judge)
     if not points:
         return
-    value = np.vstack([point.value for point in points])
-    true = np.vstack([point.true for point in points])
+    names: list[str] = []
+    places: list[RowPlace] = []
+    values_of_points: list[Array] = []
+    true_of_points: list[Array] = []
+    for point in points:
+        names.append(point.name)
+        places += point.places
+        values_of_points.append(point.value)
+        true_of_points.append(point.true)
+    value = np.vstack(values_of_points)
+    true = np.vstack(true_of_points)
     if not np.isfinite(value).all():
         return
-    names = ", ".join(point.name for point in points)
     for P in signed_permutations()[1:]:
         for factor, unit in ((1.0, ""), (1e3, ", in millimetres")):
             largest = np.abs(value - factor * true @ P.T).max()
@@ -362,11 +395,8 @@ def _axes(judge: Judge) -> Iterator[Convention]:
             if np.linalg.det(P) < 0:
                 kind = "handedness"
                 handedness = ": a left-handed frame"
-            rows: list[RowPlace] = []
-            for point in points:
-                rows += point.places
-            text = f"points {names} use other axes{handedness}: {axes_text(P)}{unit}"
-            yield Convention(kind, text, _names(rows), after)
+            text = f"points {', '.join(names)} use other axes{handedness}: {axes_text(P)}{unit}"
+            yield Convention(kind, text, _names(places), after)
             return
 
 
@@ -401,6 +431,7 @@ def _other_frames(judge: Judge, true: Array, T: Array) -> tuple[str, float] | No
     if np.linalg.cond(T).max() < _INVERTIBLE:
         inverse = np.linalg.inv(T)
     best: tuple[str, float] | None = None
+    # Inversion, unit and base axes are tried; what is left must be one rotation of the tool, the same at all poses.
     for inversion, M in (("", T), ("inverted, ", inverse)):
         for unit, factor in (("", 1.0), ("its lengths in millimetres, ", 1e-3)):
             p = M[:, :3, 3] * factor
@@ -408,7 +439,6 @@ def _other_frames(judge: Judge, true: Array, T: Array) -> tuple[str, float] | No
                 position = float(np.abs(p @ P.T - true[:, :3, 3]).max() / judge.tolerance.length)
                 if position > 1:
                     continue
-                # The rotation of the tool must be the same at all poses.
                 R_tool = np.swapaxes(P @ M[:, :3, :3], 1, 2) @ true[:, :3, :3]
                 rotation = float(np.abs(R_tool - R_tool.mean(axis=0)).max() / judge.tolerance.angle)
                 if not rotation <= 1:
@@ -501,7 +531,9 @@ def _dh_row(form: str, order: tuple[int, ...], *values: Value) -> Matrix:
 
     `form` is "standard" or "modified"; `order` gives the positions of alpha, a, theta and d in `values`.
     """
-    columns = [np.atleast_1d(np.asarray(values[i], float)) for i in order]
+    columns: list[Array] = []
+    for i in order:
+        columns.append(np.atleast_1d(np.asarray(values[i], float)))
     alpha, a, theta, d = np.broadcast_arrays(*columns)
     about_x = _screw(turn(0)(alpha).a, 0, a)
     about_z = _screw(turn(2)(theta).a, 2, d)
@@ -525,17 +557,15 @@ def dh_form(function: Callable[..., Value]) -> tuple[str, tuple[int, ...]] | Non
     """
     if inspect.unwrap(function).__code__.co_argcount != 4:  # type: ignore[attr-defined]
         return None
-    probe = (0.3, 0.7, 1.1, 0.45)
     try:
-        T = function(*probe)
+        T = function(*_DH_PROBE)
     except Exception:
         return None
     if not isinstance(T, Matrix) or T.shape != (4, 4):
         return None
     for kind in ("modified", "standard"):
         for order in permutations(range(4)):
-            # The four values of the probe differ, so that only one order fits.
-            row = _dh_row(kind, order, *probe)
+            row = _dh_row(kind, order, *_DH_PROBE)
             if np.abs(row.a - T.a).max() < _EXACT_ROW:
                 return kind, order
     return None

@@ -28,7 +28,7 @@ _NUMBERS = {"pi"}
 """Names that always have the same value."""
 
 _Names = Mapping[str, str]
-"""Names of the whole expression, with those in the same places of the other expression."""
+"""Names of the longer expression, with those in the same places of the shorter one: {name: name there}."""
 
 
 def counterpart_edits(source: Source, statement: Statement) -> Iterator[Edit]:
@@ -36,25 +36,26 @@ def counterpart_edits(source: Source, statement: Statement) -> Iterator[Edit]:
     _, usable = source.names_at(statement)
     parents = parents_of(statement.node)
     unread = sorted(unread_names(source, statement))
-    seen: set[tuple[int, int, str]] = set()
-    wholes = _roots_of(source.data)
+    yielded: set[tuple[int, int, str]] = set()
+    roots_of_file = _roots_of(source.data)
     for node in _roots(statement.node):
         if len(_names(node)) < _FEWEST_NAMES:
             continue
-        for whole in wholes:
-            for part, counterpart, names in _with_gap(node, whole, {}):
-                renamed = any(old != new for old, new in names.items())
-                if renamed and len(names) < _FEWEST_RENAMED:
+        for root in roots_of_file:
+            for part, counterpart, names in _with_gap(node, root, {}):
+                is_renamed = list(names.keys()) != list(names.values())
+                # With other names, a short form such as a * b has counterparts everywhere.
+                if is_renamed and len(names) < _FEWEST_RENAMED:
                     continue
                 new = _written(source, counterpart, names, usable, unread)
                 if new is None:
                     continue
                 edit = _replacement(source, statement, part, parents.get(part), new)
                 key = (edit.start, edit.end, edit.new)
-                if key not in seen:
-                    seen.add(key)
+                if key not in yielded:
+                    yielded.add(key)
                     yield edit
-                if len(seen) == _MOST:
+                if len(yielded) == _MOST:
                     return
 
 
@@ -94,72 +95,72 @@ def _names(node: ast.AST) -> set[str]:
     return names - _NUMBERS
 
 
-def _matched(node: ast.AST, whole: ast.AST, names: _Names) -> _Names | None:
-    """Return the names with which `whole` becomes `node`, or None; `names` are known already."""
-    if type(node) is not type(whole):
-        return None
-    if isinstance(node, ast.Name) and isinstance(whole, ast.Name):
-        return _matched_names(node.id, whole.id, names)
-    if isinstance(node, ast.Constant) and isinstance(whole, ast.Constant):
-        if node.value != whole.value:
+def _matched(node: ast.AST, longer: ast.AST, names: _Names) -> _Names | None:
+    """Return the names with which `longer` becomes `node`, or None; `names` are matched already."""
+    if isinstance(node, ast.Name) and isinstance(longer, ast.Name):
+        return _matched_names(node.id, longer.id, names)
+    if isinstance(node, ast.Constant) and isinstance(longer, ast.Constant):
+        if node.value != longer.value:
             return None
         return names
-    if _called(node) != _called(whole) or _form(node) != _form(whole):
+    if not _is_same_operation(node, longer):
         return None
-    operands = _operands(node)
-    whole_operands = _operands(whole)
-    if len(operands) != len(whole_operands):
-        return None
-    for one, other in zip(operands, whole_operands, strict=True):
-        matched = _matched(one, other, names)
+    for operand, longer_operand in zip(_operands(node), _operands(longer), strict=True):
+        matched = _matched(operand, longer_operand, names)
         if matched is None:
             return None
         names = matched
     return names
 
 
-def _matched_names(name: str, name_of_whole: str, names: _Names) -> _Names | None:
+def _is_same_operation(node: ast.AST, other: ast.AST) -> bool:
+    """Return whether two syntax nodes differ at most in their operands, of which both have as many."""
+    if type(node) is not type(other) or _called(node) != _called(other):
+        return False
+    return _form(node) == _form(other) and len(_operands(node)) == len(_operands(other))
+
+
+def _matched_names(name: str, longer_name: str, names: _Names) -> _Names | None:
     """Return `names` with a further pair, or None if one of both names has another one already."""
-    if name in _NUMBERS or name_of_whole in _NUMBERS:
-        return names if name == name_of_whole else None
-    if name_of_whole in names:
-        return names if names[name_of_whole] == name else None
-    if name in names.values():
+    is_number = name in _NUMBERS or longer_name in _NUMBERS
+    if is_number and name == longer_name:
+        return names
+    if longer_name in names and names[longer_name] == name:
+        return names
+    if is_number or longer_name in names or name in names.values():
         return None
-    return {**names, name_of_whole: name}
+    return {**names, longer_name: name}
 
 
-def _with_gap(node: ast.AST, whole: ast.AST, names: _Names) -> Iterator[tuple[ast.expr, ast.expr, _Names]]:
-    """Yield (part of `node`, the part of `whole` that has more, names) where leaving that out gives `node`."""
-    for shorter in _shorter(whole):
+def _with_gap(node: ast.AST, longer: ast.AST, names: _Names) -> Iterator[tuple[ast.expr, ast.expr, _Names]]:
+    """Yield (part of `node`, the part of `longer` that has more, names) where leaving that out gives `node`."""
+    for shorter in _shorter(longer):
         matched = _matched(node, shorter, names)
-        if matched is not None and isinstance(node, ast.expr) and isinstance(whole, ast.expr):
-            yield node, whole, matched
-    if type(node) is not type(whole) or _called(node) != _called(whole) or _form(node) != _form(whole):
+        if matched is not None and isinstance(node, ast.expr) and isinstance(longer, ast.expr):
+            yield node, longer, matched
+    if not _is_same_operation(node, longer):
         return
     operands = _operands(node)
-    whole_operands = _operands(whole)
-    if len(operands) != len(whole_operands):
-        return
+    longer_operands = _operands(longer)
     for i in range(len(operands)):  # the operand in which something is missing; the others must match
-        known: _Names | None = names
+        matched_names: _Names | None = names
         for j in range(len(operands)):
-            if j != i and known is not None:
-                known = _matched(operands[j], whole_operands[j], known)
-        if known is not None:
-            yield from _with_gap(operands[i], whole_operands[i], known)
+            if j != i and matched_names is not None:
+                matched_names = _matched(operands[j], longer_operands[j], matched_names)
+        if matched_names is not None:
+            yield from _with_gap(operands[i], longer_operands[i], matched_names)
 
 
-def _shorter(whole: ast.AST) -> list[ast.expr]:
+def _shorter(node: ast.AST) -> list[ast.expr]:
     """Return what an operation becomes without one of its operands, or without itself."""
-    if isinstance(whole, ast.BinOp):
-        if isinstance(whole.op, ast.Add | ast.Mult):
-            return [whole.left, whole.right]
-        return [whole.left]
-    if isinstance(whole, ast.UnaryOp):
-        return [whole.operand]
-    if isinstance(whole, ast.Call) and _called(whole).endswith("sqrt") and len(whole.args) == 1:
-        return [whole.args[0]]
+    if isinstance(node, ast.BinOp):
+        if isinstance(node.op, ast.Add | ast.Mult):
+            return [node.left, node.right]
+        return [node.left]  # a divisor, subtrahend or exponent alone has another meaning
+    if isinstance(node, ast.UnaryOp):
+        return [node.operand]
+    if isinstance(node, ast.Call) and _called(node).endswith("sqrt") and len(node.args) == 1:
+        return [node.args[0]]
     return []
 
 
@@ -192,33 +193,36 @@ def _operands(node: ast.AST) -> list[ast.AST]:
     return list(ast.iter_child_nodes(node))
 
 
-def _written(source: Source, whole: ast.expr, names: _Names, usable: set[str], unread: Sequence[str]) -> str | None:
-    """Return the text of `whole` with the names of a statement, or None if one of them has no value there.
+def _written(
+    source: Source, counterpart: ast.expr, names: _Names, usable: set[str], unread: Sequence[str]
+) -> str | None:
+    """Return the text of `counterpart` with the names of a statement, or None if one of them has no value there.
 
     A name that only the missing part has stays as it is, or becomes the only name that nobody reads. Numbers are
     written as in the file.
     """
-    if any(isinstance(node, ast.Lambda) for node in ast.walk(whole)):  # its arguments are names of its own
-        return None
-    replaced = dict(names)
-    for name in sorted(_names(whole) - replaced.keys()):
-        instead = name
-        if name not in usable:
-            free = [other for other in unread if other not in replaced.values()]
-            if len(free) != 1:
-                return None
-            instead = free[0]
-        if instead in replaced.values():
+    for node in ast.walk(counterpart):
+        if isinstance(node, ast.Lambda):  # its arguments are names of its own
             return None
-        replaced[name] = instead
-    renamed = _Renamed(source, replaced)
-    text = ast.unparse(renamed.visit(copy.deepcopy(whole)))
-    for place, number in renamed.numbers.items():
-        text = text.replace(place, number)
+    new_names = dict(names)
+    for name in sorted(_names(counterpart) - new_names.keys()):
+        new_name = name
+        if name not in usable:
+            still_unread = set(unread).difference(new_names.values())
+            if len(still_unread) != 1:  # with several, any of them would be a guess
+                return None
+            (new_name,) = still_unread
+        if new_name in new_names.values():
+            return None
+        new_names[name] = new_name
+    renamer = _Renamer(source, new_names)
+    text = ast.unparse(renamer.visit(copy.deepcopy(counterpart)))
+    for placeholder, number in renamer.numbers.items():
+        text = text.replace(placeholder, number)
     return text
 
 
-class _Renamed(ast.NodeTransformer):
+class _Renamer(ast.NodeTransformer):
     """Gives other names to variables, not to functions, attributes and keywords, and keeps the text of numbers."""
 
     def __init__(self, source: Source, names: _Names) -> None:
@@ -228,8 +232,10 @@ class _Renamed(ast.NodeTransformer):
 
     def visit_Call(self, node: ast.Call) -> ast.Call:
         """Leave the function as it is."""
-        node.args = [self.visit(part) for part in node.args]
-        node.keywords = [self.visit(part) for part in node.keywords]
+        for i, argument in enumerate(node.args):
+            node.args[i] = self.visit(argument)
+        for i, keyword in enumerate(node.keywords):
+            node.keywords[i] = self.visit(keyword)
         return node
 
     def visit_Name(self, node: ast.Name) -> ast.Name:
@@ -244,9 +250,9 @@ class _Renamed(ast.NodeTransformer):
         """Return a name in the place of a number, which `ast.unparse` would write in another way."""
         if isinstance(node.value, bool) or not isinstance(node.value, int | float | complex):
             return node
-        place = f"number_{len(self.numbers)}_of_the_file"
-        self.numbers[place] = self.source.text(*self.source.span(node))
-        return ast.Name(place, ast.Load())
+        placeholder = f"number_{len(self.numbers)}_of_the_file"
+        self.numbers[placeholder] = self.source.text(*self.source.span(node))
+        return ast.Name(placeholder, ast.Load())
 
 
 def _replacement(source: Source, statement: Statement, node: ast.expr, parent: ast.AST | None, new: str) -> Edit:

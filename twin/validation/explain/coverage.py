@@ -13,15 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.core.findings import Finding, error
+from twin.core.provenance import Parameter
 from twin.formula.contract import unread
 from twin.formula.scalar import Value
-from twin.kinematics import compile_formula
 from twin.kinematics.margins import Margins
 from twin.reference import ReferenceModel
 from twin.reference.margin_zeros import Boundary, Judged
 from twin.validation.explain.equation_steps import Step
-from twin.validation.explain.row_deviations import Judge, worst
-from twin.validation.explain.suspects import passed
+from twin.validation.explain.judged_states import compiled_kinematics
+from twin.validation.explain.row_deviations import Judge
+from twin.validation.explain.suspect_statements import passed
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,9 @@ class Coverage:
 
 def coverage(judge: Judge, margin_results: Sequence[Judged]) -> Coverage:
     """Return the coverage of all rows; `margin_results` are those of `check_margins`."""
-    compared = {(place.equation, place.symbol) for place in judge.residuals}
+    compared: set[tuple[str, str]] = set()
+    for place in judge.residuals:
+        compared.add((place.equation, place.symbol))
     judged_margins: set[tuple[str, str]] = set()
     unjudged_margins: dict[tuple[str, str], Judged] = {}
     for result in margin_results:
@@ -45,9 +48,8 @@ def coverage(judge: Judge, margin_results: Sequence[Judged]) -> Coverage:
             judged_margins.add(row)
     # a row with several uses counts only if each of them was judged
     judged_margins -= unjudged_margins.keys()
-    known = compared | judged_margins
-    used_by_known = passed(judge, known)
-    judged = known | used_by_known
+    judged_directly = compared | judged_margins
+    judged = judged_directly | passed(judge, judged_directly)
     steps = {step.equation.name: step for step in judge.steps}
     rows = 0
     texts: list[str] = []
@@ -84,12 +86,11 @@ def check_margins(judge: Judge, model: ReferenceModel, parameters: dict[str, flo
         return []
     if not (formula.reach or formula.measures or formula.aspects):
         return []
-    extra_joints = model.mechanism.extra_joints(j.name for j in formula.joints)
-    kin = compile_formula(formula, judge.variants, parameters, extra_joints)
-    is_angle = {j.name: j.is_angle for j in model.mechanism.joints}
-    error = judge.tolerance.length
-    margins = Margins(kin, is_angle, tuple(samples.points), error)
-    boundary = Boundary(model, margins, samples.x, error)
+    kinematics = compiled_kinematics(formula, model, judge.variants, parameters)
+    is_angle = {joint.name: joint.is_angle for joint in model.mechanism.joints}
+    largest_error = judge.tolerance.length
+    margins = Margins(kinematics, is_angle, tuple(samples.points), largest_error)
+    boundary = Boundary(model, margins, samples.x, largest_error)
     return boundary.judge()
 
 
@@ -99,38 +100,41 @@ def unvalued(judge: Judge) -> list[Finding]:
     The missing symbol may be a parameter that no equation uses, under another name. Each unused parameter is therefore
     substituted for the symbol, and the resulting rows are compared with the mechanism.
     """
-    formula, reference = judge.formula, judge.reference
-    given = set(reference.symbols)
+    formula = judge.formula
+    valued_names = set(judge.reference.symbols)
     for equation in formula.equations:
-        given.update(equation.outputs)
+        valued_names.update(equation.outputs)
     unused_names = unread(formula, judge.variants)
-    unused = [p for p in formula.parameters if p.name in unused_names]
+    unused = [parameter for parameter in formula.parameters if parameter.name in unused_names]
     readers: dict[str, list[str]] = {}
     for step in judge.steps:
         for name in step.required:
-            if name not in given:
+            if name not in valued_names:
                 readers.setdefault(name, []).append(step.equation.name)
     findings: list[Finding] = []
     for name, equations in readers.items():
         where = ", ".join(equations)
-        fitting = [p for p in unused if _holds(judge, name, p.name, equations)]
-        if fitting:
-            p = fitting[0]
-            suggestion = (
-                f"replace {name} by {p.name} = {p.shown:g} {p.unit}: then every row of {where} that uses "
-                f"{p.name} agrees"
-            )
-        elif unused:
-            names = ", ".join(p.name for p in unused)
-            suggestion = f"give {name} a value, or replace it by a parameter that is not used: {names}"
-        else:
-            suggestion = f"give {name} a value among the parameters"
         message = f"{where} uses '{name}', which has no value"
+        suggestion = _suggestion(judge, name, equations, unused)
         findings.append(error("formula.unvalued", where, message, suggestion=suggestion))
     return findings
 
 
-def _holds(judge: Judge, name: str, parameter: str, equations: list[str]) -> bool:
+def _suggestion(judge: Judge, name: str, equations: list[str], unused: Sequence[Parameter]) -> str:
+    """Return what to do about a symbol without a value: the unused parameter that was meant, if the rows tell it."""
+    for parameter in unused:
+        if _agree_with(judge, name, parameter.name, equations):
+            return (
+                f"replace {name} by {parameter.name} = {parameter.shown:g} {parameter.unit}: then every row of "
+                f"{', '.join(equations)} that uses {parameter.name} agrees"
+            )
+    if unused:
+        names = [parameter.name for parameter in unused]
+        return f"give {name} a value, or replace it by a parameter that is not used: {', '.join(names)}"
+    return f"give {name} a value among the parameters"
+
+
+def _agree_with(judge: Judge, name: str, parameter: str, equations: list[str]) -> bool:
     """Return whether the rows of the equations agree if a symbol has the value of a parameter."""
     symbols = judge.reference.symbols
     values: dict[str, Value] = {}
@@ -139,5 +143,6 @@ def _holds(judge: Judge, name: str, parameter: str, equations: list[str]) -> boo
     values |= {**symbols, name: symbols[parameter]}
     reference = judge.reference.with_values(values)
     with np.errstate(all="ignore"):
-        residuals = judge.on(reference, equations).residuals
-    return bool(residuals) and all(worst(r) <= 1 for r in residuals.values())
+        other_judge = judge.on(reference, equations)
+    # Without residuals nothing was compared, so that nothing speaks for the parameter.
+    return bool(other_judge.residuals) and not other_judge.failing()

@@ -19,11 +19,12 @@ from twin.validation.explain.equation_steps import RowKey, Step
 from twin.validation.explain.function_source import Edit, Source
 from twin.validation.explain.rebuilt_functions import Matrix
 from twin.validation.explain.row_deviations import Judge
+from twin.validation.explain.tokens import names_in
 
-_STIR = 1e-3
+_PERTURBATION = 1e-3
 """Relative perturbation of a symbol, to test whether a row depends on the symbol."""
 
-_STILL = 1e-9
+_ROUNDING = 1e-9
 """Largest change of a residual that counts as rounding, relative to the larger of the residual and the tolerance."""
 
 _STEP = 1e-5
@@ -42,39 +43,42 @@ _PARALLEL = 1e-6
 class Dependence:
     """Dependence of the rows of a formula on symbols, at the mechanism's poses and at other values."""
 
-    def __init__(self, judge: Judge, shaken: Judge) -> None:
+    def __init__(self, judge: Judge, perturbed_judge: Judge) -> None:
         """Store the judge, and a judge of the same formula at perturbed values that no mechanism has."""
         self.judge = judge
-        self.bases = (judge, shaken)
-        self._stirred: dict[tuple[int, str, frozenset[str], str], Judge] = {}
+        self.bases = (judge, perturbed_judge)
+        self._perturbed: dict[tuple[int, str, frozenset[str], str], Judge] = {}
+        """Judges with one symbol perturbed, by index of the base, equation, judged equations, and symbol."""
         self._stepped: dict[tuple[str, str, int], Judge] = {}
+        """Judges with one unknown moved by a step, by equation, symbol and sign of the step."""
         self._symbol = {place.key: place.symbol for place in judge.residuals}
-        self._read: dict[tuple[str, RowKey], set[str]] = {}
+        self._symbols_read: dict[tuple[str, RowKey], set[str]] = {}
+        """Symbols on which an unedited row depends, by equation in which the edits are, and row."""
 
-    def judged(self, c: Candidate, rows: Collection[RowKey]) -> None:
-        """Set `hollow` and `dropped` of a candidate that repairs `rows`; see `Candidate`."""
+    def judge_dependence(self, c: Candidate, rows: Collection[RowKey]) -> None:
+        """Set `is_trivial` and `dropped` of a candidate that repairs `rows`; see `Candidate`."""
         if not rows:
             return
         for row in rows:
             if not (self._returns_own(c, row) or self.determined(c, row)):
-                c.hollow = True
+                c.is_trivial = True
                 return
         after = self._symbols_of(c.step, c.edits, rows)
         dropped: set[str] = set()
-        hollow = False
+        trivial = False
         for row in rows:
             before = self.reads(c.step, row, rows)
             if self._returns_own(c, row):
                 after[row].add(self._symbol[row])
             dropped |= before - after[row]
             if before and not after[row]:
-                hollow = True
+                trivial = True
         c.dropped = tuple(sorted(dropped))
         # A symbol that is still in the text but has no effect was multiplied by zero or cancelled. A single edit may
         # correctly restore a zero that was misprinted; for two edits this is not credible.
         if len(c.edits) > 1 and not dropped <= _touched(c):
-            hollow = True
-        c.hollow = hollow
+            trivial = True
+        c.is_trivial = trivial
 
     def _returns_own(self, c: Candidate, row: RowKey) -> bool:
         """Return whether an edited return statement gives a symbol that another row computes and that is judged there.
@@ -106,10 +110,10 @@ class Dependence:
     def reads(self, step: Step, row: RowKey, rows: Collection[RowKey] = ()) -> set[str]:
         """Return the symbols on which an unedited row depends; `rows`: further rows to evaluate in the same run."""
         name = step.equation.name
-        if (name, row) not in self._read:
-            for other, symbols in self._symbols_of(step, (), {row, *rows}).items():
-                self._read[name, other] = symbols
-        return self._read[name, row]
+        if (name, row) not in self._symbols_read:
+            for evaluated_row, symbols in self._symbols_of(step, (), {row, *rows}).items():
+                self._symbols_read[name, evaluated_row] = symbols
+        return self._symbols_read[name, row]
 
     # -- symbols of rows ----------------------------------------------------------------------------------------
 
@@ -117,25 +121,26 @@ class Dependence:
         """Return {row: symbols on which the row depends} after the edits `change`; no edits: the original rows."""
         name = step.equation.name
         equations = frozenset({name})
-        if any(row[0] != name for row in rows):  # rows of later equations depend on symbols through this equation
-            position = self.judge.steps.index(self.judge.step(name))
-            later = [other for other in self.judge.steps[position:] if other.stage == step.stage]
-            equations = frozenset(other.equation.name for other in later)
+        for row in rows:
+            if row[0] != name:  # rows of later equations depend on symbols through this equation
+                equations = frozenset(equations_from(self.judge, self.judge.step(name)))
         # An output that a later row uses is also a symbol of that row, with the mechanism's value.
         symbols = list(step.inputs)
         for output in step.equation.outputs:
-            if output in step.held and output not in step.inputs:
+            if output in step.compared_variables and output not in step.inputs:
                 symbols.append(output)
-        symbols_of_row: dict[RowKey, set[str]] = {row: set() for row in rows}
+        symbols_of_row: dict[RowKey, set[str]] = {}
+        for row in rows:
+            symbols_of_row[row] = set()
         for i, base in enumerate(self.bases):
             before = edited_residuals(base, name, change)
             if before is None:
                 continue
             for symbol in symbols:
-                moved = self._moved(i, step, equations, symbol)
-                if moved is None:
+                judge = self._with_perturbed(i, step, equations, symbol)
+                if judge is None:
                     continue
-                after = edited_residuals(moved, name, change)
+                after = edited_residuals(judge, name, change)
                 if after is None:
                     continue
                 for row in rows:
@@ -147,18 +152,21 @@ class Dependence:
                         symbols_of_row[row].add(symbol)
         return symbols_of_row
 
-    def _moved(self, i: int, step: Step, equations: frozenset[str], symbol: str) -> Judge | None:
-        """Return a judge of the given equations with one symbol perturbed; None if the symbol has no value."""
-        at = (i, step.equation.name, equations, symbol)
-        if at not in self._stirred:
+    def _with_perturbed(self, i: int, step: Step, equations: frozenset[str], symbol: str) -> Judge | None:
+        """Return a judge of the given equations with one symbol perturbed; None if the symbol has no value.
+
+        `i` is the index of the judge in `bases` whose other values it has.
+        """
+        key = (i, step.equation.name, equations, symbol)
+        if key not in self._perturbed:
             base = self.bases[i]
             # Results of earlier equations are reused.
             values = {**base.step(step.equation.name).computed, **base.reference.symbols}
             if symbol not in values:
                 return None
-            values[symbol] = _stirred(values[symbol], base.reference.k)
-            self._stirred[at] = base.on(base.reference.with_values(values), equations)
-        return self._stirred[at]
+            values[symbol] = _perturbed(values[symbol], base.reference.k)
+            self._perturbed[key] = base.on(base.reference.with_values(values), equations)
+        return self._perturbed[key]
 
     # -- unknowns of implicit rows ---------------------------------------------------------------------------
 
@@ -170,70 +178,71 @@ class Dependence:
         not be in the span of the other gradients.
         """
         step = self.judge.step(row[0])
-        outputs = [name for name in step.equation.outputs if name in step.known]
-        unknown = [name for name in outputs if name in step.inputs]
-        added: set[str] = set()  # new arguments of the function
-        for edit in c.edits:
-            if edit.define and not edit.define[1]:
-                added.add(edit.define[0])
-        unknown += [name for name in outputs if name in added and name not in unknown]
-        if not unknown:
+        unknowns = _own_unknowns(step, c.edits)
+        if not unknowns:
             return True
         kinds: dict[RowKey, str] = {}
-        scalar = False
+        is_scalar = False
         for place, residual in self.judge.residuals.items():
             if place.equation == row[0]:
                 kinds[place.key] = self.judge.reference.kinds[place.symbol]
             if place.key == row:
-                scalar = residual.shape[1] == 1
-        if not scalar:
+                is_scalar = residual.shape[1] == 1
+        if not is_scalar:
             return True
-        gradients = self._gradients(c, row[0], unknown, kinds)
+        gradients = self._gradients(c, row[0], unknowns, kinds)
         if gradients is None:
             return False
         own_gradient = gradients.pop(row)
-        known = np.isfinite(own_gradient).all(axis=1)
-        if not known.any():
+        has_value = np.isfinite(own_gradient).all(axis=1)
+        if not has_value.any():
             return False
         outside = own_gradient
         if gradients:
-            units = [_unit(gradient) for gradient in gradients.values()]
-            A = np.stack(units, axis=1)  # (k, rows, unknowns)
-            span = np.linalg.pinv(A, rcond=_NO_DIRECTION) @ A  # projects on the span of the other gradients
+            unit_gradients: list[Array] = []
+            for gradient in gradients.values():
+                unit_gradients.append(_unit(gradient))
+            A = np.stack(unit_gradients, axis=1)  # (k, rows, unknowns)
+            # pinv(A) A is the orthogonal projection on the span of the rows of A, the other gradients.
+            span = np.linalg.pinv(A, rcond=_NO_DIRECTION) @ A
             inside = (own_gradient[:, None, :] @ span)[:, 0]
             outside = own_gradient - inside
         is_outside = np.linalg.norm(outside, axis=1) > _PARALLEL
-        share = np.mean(is_outside[known])
+        share = np.mean(is_outside[has_value])
         return float(share) > _MOST_POSES
 
     def _gradients(
-        self, c: Candidate, equation: str, unknown: Sequence[str], kinds: Mapping[RowKey, str]
+        self, c: Candidate, equation: str, unknowns: Sequence[str], kinds: Mapping[RowKey, str]
     ) -> dict[RowKey, Array] | None:
         """Return {row: gradient (k, unknowns) of right minus left side in SI}, NaN for vectors; None after an error."""
         tolerance = self.judge.tolerance
-        slopes: dict[RowKey, list[Array]] = {row: [] for row in kinds}
-        for name in unknown:
+        slopes: dict[RowKey, list[Array]] = {}
+        for name in unknowns:
             above = self._sides(c, equation, name, 1)
             below = self._sides(c, equation, name, -1)
             if above is None or below is None:
                 return None
             for row, kind in kinds.items():
                 unit = tolerance.angle if kind == "angle" else tolerance.length
+                # Residuals are in units of the tolerance; the gradient is in SI, as the components are compared.
                 slope = (above[row] - below[row]) * (unit / (2 * _STEP))
+                column = np.full(len(slope), np.nan)
                 if slope.shape[1] == 1:
-                    slopes[row].append(slope[:, 0])
-                else:
-                    slopes[row].append(np.full(len(slope), np.nan))
-        return {row: np.stack(columns, axis=1) for row, columns in slopes.items()}
+                    column = slope[:, 0]
+                slopes.setdefault(row, []).append(column)
+        gradients: dict[RowKey, Array] = {}
+        for row, columns in slopes.items():
+            gradients[row] = np.stack(columns, axis=1)
+        return gradients
 
     def _sides(self, c: Candidate, equation: str, name: str, sign: int) -> dict[RowKey, Array] | None:
         """Return the residuals of an edited equation with one symbol moved by a step; None after an error."""
-        moved = (equation, name, sign)
-        if moved not in self._stepped:
+        key = (equation, name, sign)
+        if key not in self._stepped:
             values = {**self.judge.step(equation).computed, **self.judge.reference.symbols}
             values[name] = values[name] + sign * _STEP
-            self._stepped[moved] = self.judge.on(self.judge.reference.with_values(values), {equation})
-        judge = self._stepped[moved]
+            self._stepped[key] = self.judge.on(self.judge.reference.with_values(values), {equation})
+        judge = self._stepped[key]
         unedited = edited_residuals(judge, equation, ()) or {}
         if c.step.equation.name != equation:
             return unedited
@@ -243,6 +252,33 @@ class Dependence:
         return {**unedited, **changed}
 
 
+def equations_from(judge: Judge, step: Step) -> list[str]:
+    """Return the names of an equation and of the later ones of its stage, which may use its outputs."""
+    names: list[str] = []
+    for later in judge.steps[judge.steps.index(step) :]:
+        if later.stage == step.stage:
+            names.append(later.equation.name)
+    return names
+
+
+def _own_unknowns(step: Step, edits: Sequence[Edit]) -> list[str]:
+    """Return the compared outputs of an equation that it also uses: its arguments, and those that edits add to them."""
+    added_arguments: set[str] = set()
+    for edit in edits:
+        if edit.define and not edit.define[1]:
+            added_arguments.add(edit.define[0])
+    arguments: list[str] = []
+    added: list[str] = []
+    for name in step.equation.outputs:
+        if name not in step.known_outputs:
+            continue
+        if name in step.inputs:
+            arguments.append(name)
+        elif name in added_arguments:
+            added.append(name)
+    return arguments + added
+
+
 def _unit(gradient: Array) -> Array:
     """Return the unit vectors of gradients (k, n); zero where they are not finite."""
     length = np.linalg.norm(gradient, axis=1, keepdims=True)
@@ -250,27 +286,28 @@ def _unit(gradient: Array) -> Array:
     return np.where(np.isfinite(unit).all(axis=1, keepdims=True), unit, 0.0)
 
 
-def _stirred(x: Value, k: int) -> Value:
+def _perturbed(x: Value, k: int) -> Value:
     """Return a value with a perturbation of alternating sign, so that opposite effects do not cancel."""
     sign = np.where(np.arange(k) % 2, -1.0, 1.0)
-    added = _STIR / 10  # so that also a zero is changed
+    added = _PERTURBATION / 10  # so that also a zero is changed
     if isinstance(x, Matrix):
         # Each entry is changed by another amount, because changes by the same one may have no effect together.
         pattern = np.cos(1.0 + np.arange(x.a[0].size)).reshape(x.a[0].shape)
-        factor = 1 + _STIR * sign[:, None, None] * pattern
+        factor = 1 + _PERTURBATION * sign[:, None, None] * pattern
         return Matrix(x.a * factor + added * pattern)
     values = np.broadcast_to(np.asarray(x, float), (k,))
-    return values * (1 + _STIR * sign) + added * sign
+    return values * (1 + _PERTURBATION * sign) + added * sign
 
 
-def _differ(a: Array, b: Array) -> bool:
-    if a.shape != b.shape:
+def _differ(before: Array, after: Array) -> bool:
+    """Return whether residuals (k, entries) differ by more than rounding where both have a value."""
+    if before.shape != after.shape:
         return True
-    both = np.isfinite(a) & np.isfinite(b)
-    if not both.any():
-        return bool((np.isfinite(a) != np.isfinite(b)).any())
-    difference = np.abs(a - b)[both]
-    limit = _STILL * np.maximum(np.abs(a)[both], 1.0)
+    in_both = np.isfinite(before) & np.isfinite(after)
+    if not in_both.any():
+        return bool((np.isfinite(before) != np.isfinite(after)).any())
+    difference = np.abs(before - after)[in_both]
+    limit = _ROUNDING * np.maximum(np.abs(before)[in_both], 1.0)
     return bool((difference > limit).any())
 
 
@@ -292,7 +329,7 @@ def _names(text: str) -> set[str]:
         tree = ast.parse(text.strip() or "0")
     except SyntaxError:
         return set()
-    return {n.id for n in ast.walk(tree) if isinstance(n, ast.Name)}
+    return names_in(tree)
 
 
 def _origins(source: Source, index: int, names: set[str]) -> set[str]:

@@ -43,10 +43,10 @@ class _SameFunction:
 class EditedFunctions:
     """Compares the functions that result from edits."""
 
-    def __init__(self, judge: Judge, shaken: Judge) -> None:
-        """Set up for a judged formula; `shaken` judges it at perturbed values, which no mechanism has."""
+    def __init__(self, judge: Judge, perturbed_judge: Judge) -> None:
+        """Set up for a judged formula; `perturbed_judge` judges it at perturbed values, which no mechanism has."""
         self.judge = judge
-        self.shaken = shaken
+        self.perturbed_judge = perturbed_judge
 
     def distinct(self, exact: list[Candidate], rows: list[RowKey]) -> list[list[Candidate]]:
         """Group exact candidates by the resulting function; keep one candidate per different canonical text."""
@@ -64,24 +64,33 @@ class EditedFunctions:
 
     def text(self, c: Candidate) -> str:
         """Return the canonical text of the edited statements."""
-        places = {(edit.path, edit.function, edit.statement) for edit in c.edits}
+        edits_of_statement: dict[tuple[Path, str, int], list[Edit]] = {}
+        for edit in c.edits:
+            edits_of_statement.setdefault((edit.path, edit.function, edit.statement), []).append(edit)
         parts: list[str] = []
-        for path, name, i in sorted(places):
-            source = self._source(c, path, name)
-            edits = [edit for edit in c.edits if (edit.path, edit.function) == (path, name)]
+        for place in sorted(edits_of_statement):
+            edits = edits_of_statement[place]
+            _, name, i = place
+            source = self._source(c, edits[0])
             parts.append(f"{name}:{i}:{canonical(source, source.statements[i], edits)}")
         return "; ".join(parts)
 
-    def _source(self, c: Candidate, path: Path, name: str) -> Source:
-        own = c.step.source
-        if (path, name) == (own.path, own.name):
-            return own
-        called = [helper.source for helper in self.judge.helpers(c.step)]
-        return next(source for source in called if (source.path, source.name) == (path, name))
+    def _source(self, c: Candidate, edit: Edit) -> Source:
+        """Return the function in which an edit of a candidate is.
+
+        Raises:
+            LookupError: it is neither the candidate's equation nor a function that this equation calls.
+        """
+        if edit.is_of(c.step.source):
+            return c.step.source
+        for helper in self.judge.helpers(c.step):
+            if edit.is_of(helper.source):
+                return helper.source
+        raise LookupError(edit.function)
 
     def perturbed(self, c: Candidate, rows: list[RowKey]) -> dict[RowKey, Array] | None:
         """Return a candidate's residuals at perturbed values, to compare functions; None if a row has only NaN."""
-        deviations = edited_residuals(self.shaken, c.step.equation.name, c.edits)
+        deviations = edited_residuals(self.perturbed_judge, c.step.equation.name, c.edits)
         if not deviations:
             return None
         of_rows: dict[RowKey, Array] = {}
@@ -109,20 +118,25 @@ def _group_of(
 
 
 def _same(a: dict[RowKey, Array], b: dict[RowKey, Array]) -> bool:
-    """Return whether two edited equations are equivalent: their residuals differ by a constant factor only."""
+    """Return whether two edited equations are equivalent: their residuals differ by a constant factor only.
+
+    `a` and `b` are residuals (k, entries) by row. Any factor is allowed, because an implicit row may be multiplied by
+    one: it has the same solutions.
+    """
     if a.keys() != b.keys():
         return False
     for row in a:
         if a[row].shape != b[row].shape:
             return False
-        finite = np.isfinite(a[row])
-        if not np.array_equal(finite, np.isfinite(b[row])):
+        has_value = np.isfinite(a[row])
+        if not np.array_equal(has_value, np.isfinite(b[row])):
             return False
-        x = a[row][finite]
-        y = b[row][finite]
+        x = a[row][has_value]
+        y = b[row][has_value]
         size = float(np.abs(x).max(initial=0.0))
         if size == 0:
             continue
+        # The largest entry gives the factor with the smallest rounding.
         largest = int(np.argmax(np.abs(x)))
         factor = y[largest] / x[largest]
         if np.abs(y - x * factor).max() > _SAME * float(np.abs(y).max(initial=0.0)):
@@ -130,13 +144,15 @@ def _same(a: dict[RowKey, Array], b: dict[RowKey, Array]) -> bool:
     return True
 
 
-def canonical(source: Source, statement: Statement, change: list[Edit]) -> str:
-    """Return the edited statement with the operands of sums and products in a fixed order."""
-    edits = [e for e in change if e.statement == statement.index]
+def canonical(source: Source, statement: Statement, edits: Sequence[Edit]) -> str:
+    """Return a statement after its edits, with the operands of sums and products in a fixed order."""
     text = source.edited(statement, edits)
     if statement.returns:
         text = text.removeprefix("return").strip()
-    return "; ".join(_sorted(n) for n in ast.parse(text).body)
+    parts: list[str] = []
+    for node in ast.parse(text).body:
+        parts.append(_sorted(node))
+    return "; ".join(parts)
 
 
 def _is_sum(node: ast.AST) -> TypeGuard[ast.BinOp]:
@@ -152,8 +168,10 @@ def _is_minus(node: ast.AST) -> TypeGuard[ast.UnaryOp]:
 
 
 def _sorted(node: ast.AST) -> str:
+    """Return the canonical text of a syntax node; it is no Python, and only equal to that of the same formula."""
     if _is_sum(node) or _is_minus(node):
-        return f"({' '.join(sorted(_sum(node, '+')))})"
+        terms = sorted(_sum(node, "+"))
+        return f"({' '.join(terms)})"
     if _is_product(node):
         sign, factors = _product(node)
         return f"[{sign}{' '.join(sorted(factors))}]"

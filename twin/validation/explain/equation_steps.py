@@ -50,13 +50,25 @@ class RowPlace:
 class Step:
     """One equation, prepared to be run statement by statement.
 
-    `missing`: the symbols without a value, or the error, if the equation cannot be judged. `stuck`: whether a statement
-    uses an unknown name. `before`: the variables before each statement. `computed`: outputs of earlier equations.
-    `known`: outputs for which the mechanism also has a value. `gave`: values of the outputs of this equation; known
-    outputs have the mechanism's values. `held`: known outputs that the function assigns to a variable of the same name;
-    these outputs are compared at the assignment. `free`: name and values (k,) of the free parameter (the swivel angle
-    of a redundant mechanism), one value for each state. `without_value`: the places (statement, element of the returned
-    tuple) that use an unknown name or a wrong index, element -1 for a whole statement.
+    Attributes:
+        equation, variant, source: the equation, the judged variant of it, and the text of this variant's function.
+        codes: the compiled statements of the function.
+        scope: globals with which the statements run, see `Rebuilder.scope`.
+        inputs, required: arguments of the function, and those of them without a default.
+        missing: the symbols without a value, or the error, if the equation cannot be judged; else "".
+        stuck: whether a statement uses an unknown name.
+        without_value: the places (statement, element of the returned tuple) that use an unknown name or a wrong index;
+            element -1 stands for a whole statement.
+        before: the variables before each statement.
+        computed: outputs of earlier equations.
+        output_values: outputs of this equation; known outputs have the mechanism's values.
+        known_outputs: outputs for which the mechanism also has a value.
+        compared_variables: known outputs that the function assigns to a variable of the same name. They are compared at
+            the assignment, the other known outputs at the return.
+        plain: description of a function without printed rows; None for an equation with rows.
+        lines: line of each output in the return statement.
+        places: the rows by (statement, position, symbol).
+        swivel: name and values (k,) of the free parameter of a redundant mechanism; empty for other mechanisms.
     """
 
     equation: Equation
@@ -71,20 +83,21 @@ class Step:
     without_value: frozenset[tuple[int, int]] = frozenset()
     before: list[dict[str, Value]] = field(default_factory=list)
     computed: dict[str, Value] = field(default_factory=dict)
-    gave: dict[str, Value] = field(default_factory=dict)
-    known: frozenset[str] = frozenset()
-    held: frozenset[str] = frozenset()
+    output_values: dict[str, Value] = field(default_factory=dict)
+    known_outputs: frozenset[str] = frozenset()
+    compared_variables: frozenset[str] = frozenset()
     plain: PlainRows | None = None
     lines: tuple[int, ...] = ()
     places: dict[tuple[int, int, str], RowPlace] = field(default_factory=dict)
-    free: dict[str, Value] = field(default_factory=dict)
+    swivel: dict[str, Value] = field(default_factory=dict)
 
     def place(self, statement: int, position: int, symbol: str, line: int) -> RowPlace:
         """Return the `RowPlace` of a row of this equation; `position` is the position of `symbol` in the statement."""
-        k = (statement, position, symbol)
-        if k not in self.places:
-            self.places[k] = RowPlace(self.equation.name, self.variant, statement, position, symbol, line)
-        return self.places[k]
+        # One object for each row: `Judge.residuals` is keyed by them, and trials look rows up thousands of times.
+        row = (statement, position, symbol)
+        if row not in self.places:
+            self.places[row] = RowPlace(self.equation.name, self.variant, statement, position, symbol, line)
+        return self.places[row]
 
     @property
     def stage(self) -> Stage:

@@ -17,15 +17,16 @@ from twin.formula.contract import Formula
 from twin.formula.variant_choice import choose
 from twin.reference import ReferenceModel
 from twin.reference.margin_zeros import Judged
+from twin.validation.explain.cad_faults import Corrected, correct, findings_on_joints
+from twin.validation.explain.candidate import GroupResult
 from twin.validation.explain.coverage import check_margins, coverage, unvalued
-from twin.validation.explain.drawing import Corrected, correct, drawing
 from twin.validation.explain.equation_steps import Tolerance
 from twin.validation.explain.explanation import Explanation
-from twin.validation.explain.explanation_data import WrongRow
+from twin.validation.explain.explanation_data import Repair, WrongRow
 from twin.validation.explain.explanation_repairs import repair
 from twin.validation.explain.explanation_rows import wrong_margin, wrong_row
 from twin.validation.explain.invariants import invariants
-from twin.validation.explain.judged_states import Progress, judge_over_range, known, sample_states
+from twin.validation.explain.judged_states import Progress, judge_over_range, sample_states, sampled_values
 from twin.validation.explain.noise_limits import limits
 from twin.validation.explain.parameter_coincidences import coincidences, condition
 from twin.validation.explain.possible_fixes import possible_fixes
@@ -95,21 +96,23 @@ def explain(
     """
     task = _Task(formula, variants, parameters, options or ExplainOptions(), progress, _Laps())
     corrected = None
+    # With declared noise, gaps between parts are expected, and are no faults.
     if cad is not None and cad.noise is None:
         corrected = correct(formula, cad, task.judge_of, lambda fraction: progress("correct the CAD", fraction))
     task.laps.end("drawing")
-    drawn = _judge_of_drawing(task, model, reference, corrected)
-    judge = drawn
+    judge_as_drawn = _judge_as_drawn(task, model, reference, corrected)
+    judge = judge_as_drawn
     if judge is None:
         assert corrected is not None
         judge = corrected.judge
     assert judge is not None
-    made = partial(Explanation, robot, choose(formula, variants), seconds=task.laps.seconds)
-    answer = _Answer(task, made, _has_unjudged_equation(judge), [*_notes_on_points(judge), *judge.notes])
+    make = partial(Explanation, robot, choose(formula, variants), seconds=task.laps.seconds)
+    notes = [*_notes_on_points(judge), *judge.notes]
+    answer = _Answer(task, make, _has_unjudged_equation(judge), notes)
     if corrected is not None:
-        answer.made = partial(answer.made, drawing=corrected.findings, parts=corrected.parts)
+        answer.make = partial(answer.make, drawing=corrected.findings, parts=corrected.parts)
         if corrected.agrees or not judge.failing():
-            if drawn is None:
+            if judge_as_drawn is None:
                 answer.notes.append(
                     "the mechanism of the CAD cannot be moved; the rows were judged against the corrected CAD"
                 )
@@ -119,7 +122,7 @@ def explain(
             model = corrected.model
             answer.notes.append("the corrected CAD does not explain every row; the rows below were judged against it")
     if cad is not None and cad.noise is not None and judge.reference.run is not None:
-        answer.made = partial(answer.made, drawing=drawing(cad))
+        answer.make = partial(answer.make, drawing=findings_on_joints(cad))
         judge = task.judge(judge.reference, limits(cad.noise, cad, judge, parameters))
         task.laps.end("noise")
         if not judge.failing():
@@ -136,16 +139,23 @@ def explain(
 
 def _has_unjudged_equation(judge: Judge) -> bool:
     """Return whether an equation of the inverse or forward kinematics could not be judged."""
-    kinematic = [step for step in judge.steps if step.stage != "helper"]
-    return any(step.missing or step.stuck for step in kinematic)
+    for step in judge.steps:
+        if step.stage == "helper":
+            continue
+        if step.missing or step.stuck:
+            return True
+    return False
 
 
 def _notes_on_points(judge: Judge) -> list[str]:
     """Return a note on symbols that helpers define as named points, if there are any."""
     if not judge.reference.borrowed:
         return []
-    pairs = ", ".join(f"{symbol} (point {point})" for symbol, point in judge.reference.borrowed.items())
-    return [f"a helper defines symbols as named points; their positions are taken from the CAD: {pairs}"]
+    symbols: list[str] = []
+    for symbol, point in judge.reference.borrowed.items():
+        symbols.append(f"{symbol} (point {point})")
+    text = "a helper defines symbols as named points; their positions are taken from the CAD"
+    return [f"{text}: {', '.join(symbols)}"]
 
 
 @dataclass(frozen=True)
@@ -165,10 +175,10 @@ class _Task:
 
     def judge_of(self, model: ReferenceModel) -> Judge:
         """Return the judge of the equations at sampled states of a model."""
-        return self.judge(known(self.formula, model, self.parameters, variants=self.variants))
+        return self.judge(sampled_values(self.formula, model, self.parameters, variants=self.variants))
 
 
-def _judge_of_drawing(
+def _judge_as_drawn(
     task: _Task, model: ReferenceModel, reference: ReferenceValues | None, corrected: Corrected | None
 ) -> Judge | None:
     """Return the judge of the equations at states of the mechanism as it is drawn, or at those of `reference`.
@@ -180,7 +190,7 @@ def _judge_of_drawing(
     """
     try:
         if reference is None:
-            reference = known(task.formula, model, task.parameters, task.progress, task.variants)
+            reference = sampled_values(task.formula, model, task.parameters, task.progress, task.variants)
         task.laps.end("sample")
         task.progress("judge rows", 0.0)
         judge = task.judge(reference)
@@ -206,13 +216,14 @@ def _judge_elsewhere(task: _Task, model: ReferenceModel, judge: Judge, notes: li
     depends_on_swivel = False
     for group in coincidences(judge):
         notes.append(_note_on_coincidence(group))
-        depends_on_swivel |= any(parameter.name == judge.reference.free for parameter in group)
+        for parameter in group:
+            depends_on_swivel |= parameter.name == judge.reference.free_parameter
     if depends_on_swivel:
         # At the values of the formula, the rows agree; at other states of the redundant mechanism they do not.
         run = sample_states(model, regular=True)
-        other = task.judge(symbol_values(task.formula, run, model, task.parameters))
-        if other.failing():
-            return other
+        regular_judge = task.judge(symbol_values(task.formula, run, model, task.parameters))
+        if regular_judge.failing():
+            return regular_judge
     return judge
 
 
@@ -227,13 +238,13 @@ class _Answer:
 
     Attributes:
         task: what is explained, and how.
-        made: makes the explanation from its remaining fields.
+        make: makes the explanation from its remaining fields.
         skipped: whether an equation could not be judged, so that the verdict is not "agree".
         notes: remarks; later steps add theirs.
     """
 
     task: _Task
-    made: partial[Explanation]
+    make: partial[Explanation]
     skipped: bool
     notes: list[str]
 
@@ -242,8 +253,10 @@ class _Answer:
         verdict: Verdict = "disagree"
         if self.skipped or not judge.residuals:
             verdict = "unchecked"
-        rows = [wrong_row(judge, place, [], self.task.options.root) for place in judge.failing()]
-        return self.made(
+        rows: list[WrongRow] = []
+        for place in judge.failing():
+            rows.append(wrong_row(judge, place, [], self.task.options.root))
+        return self.make(
             verdict,
             explained=True,
             samples=judge.reference.k,
@@ -271,14 +284,16 @@ class _Answer:
             verdict = "unchecked"
         elif wrong:
             verdict = "disagree"
-        unjudged = [f"not judged: {text}" for text in covered.unjudged]
-        return self.made(
+        notes = list(self.notes)
+        for text in covered.unjudged:
+            notes.append(f"not judged: {text}")
+        return self.make(
             verdict,
             explained=not wrong,
             samples=judge.reference.k,
             invariants=tuple(unvalued(judge)),
             rows=tuple(wrong),
-            notes=(*self.notes, *unjudged),
+            notes=tuple(notes),
             judged=covered.rows - len(covered.unjudged),
             rows_of_formula=covered.rows,
         )
@@ -296,13 +311,18 @@ class _Answer:
         proved_results = proved(judge.formula, fixes.found, options.prover)
         if options.prover is not None:
             task.laps.end("prove")
-        results = [proved_result.found for proved_result in proved_results]
-        rows = [wrong_row(judge, place, results, options.root) for place in judge.failing()]
-        repairs = [repair(judge, fixes.search, result, options.root) for result in proved_results]
+        results: list[GroupResult] = []
+        repairs: list[Repair] = []
+        for proved_result in proved_results:
+            results.append(proved_result.result)
+            repairs.append(repair(judge, fixes.search, proved_result, options.root))
+        rows: list[WrongRow] = []
+        for place in judge.failing():
+            rows.append(wrong_row(judge, place, results, options.root))
         verdict: Verdict = "disagree"
         if self.skipped:
             verdict = "unchecked"
-        return self.made(
+        return self.make(
             verdict,
             explained=fixes.lead != "",
             samples=judge.reference.k,

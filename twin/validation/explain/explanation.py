@@ -88,8 +88,10 @@ class Explanation(Result):
 
     def text(self) -> Iterator[Part]:
         """Yield the verdict, the wrong rows, the violated invariants, and possible fixes."""
-        variants = ", ".join(f"{equation} {variant}" for equation, variant in self.variants.items())
-        yield f"{self.robot} · {variants} · {self.samples} poses of the mechanism"
+        variants: list[str] = []
+        for equation, variant in self.variants.items():
+            variants.append(f"{equation} {variant}")
+        yield f"{self.robot} · {', '.join(variants)} · {self.samples} poses of the mechanism"
         yield ""
         yield self._verdict_line()
         if self.drawing:
@@ -180,10 +182,11 @@ def row_lines(rows: Sequence[WrongRow], repairs: Sequence[Repair], samples: int)
     """Return the lines on the wrong rows, judged at `samples` poses."""
     faults = _first_changes(repairs)
     lines: list[Line] = []
+    has_sizes = False
     for row in rows:
+        has_sizes |= not row.why  # margins have a reason instead of a size
         lines += _row(row, faults.get(f"{row.equation}.{row.symbol}", ()))
-    has_sizes = any(not row.why for row in rows)  # margins have none
-    if lines and has_sizes:
+    if has_sizes:
         lines.insert(0, Line(f"  {_SIZES.format(samples)}", "dim"))
     return lines
 
@@ -244,6 +247,7 @@ def repair_lines(repairs: Sequence[Repair]) -> list[Part]:
 
 
 def _repair(repair: Repair) -> Iterator[Part]:
+    """Yield the lines on the repair of one group of rows; without a cure, the reason."""
     rows = ", ".join(repair.rows)
     if not repair.cures:
         yield Line(f"  {rows}: {repair.note}", "red")
@@ -255,12 +259,12 @@ def _repair(repair: Repair) -> Iterator[Part]:
         yield Line(f"  {rows}", "green")
     for i, cure in enumerate(repair.cures):
         for reading in cure:
-            mark = ""
+            bullet = ""
             if len(repair.cures) > 1:
-                mark = f"{i + 1}. "
+                bullet = f"{i + 1}. "
             elif reading is not cure[0]:
-                mark = "or "
-            yield from _reading(reading, f"    {mark}")
+                bullet = "or "
+            yield from _reading(reading, f"    {bullet}")
         if repair.proofs:
             colour = "green" if repair.proofs[i].startswith("identity") else "yellow"
             yield Line(f"        {repair.proofs[i]}", colour)
@@ -274,10 +278,12 @@ def _repair(repair: Repair) -> Iterator[Part]:
     yield Line(f"      {margin}; {_tried(repair)}", "dim")
 
 
-def _reading(reading: Reading, mark: str) -> Iterator[Line]:
-    """Yield one fix; its first line begins with `mark`."""
-    changes = " and ".join(f"{c.edit}   ({c.kind}, {c.file}:{c.line})" for c in reading.changes)
-    yield Line(mark + changes, "bold")
+def _reading(reading: Reading, bullet: str) -> Iterator[Line]:
+    """Yield one fix; its first line begins with `bullet`."""
+    changes: list[str] = []
+    for change in reading.changes:
+        changes.append(f"{change.edit}   ({change.kind}, {change.file}:{change.line})")
+    yield Line(bullet + " and ".join(changes), "bold")
     for line in reading.diff.splitlines():
         if not line.startswith(("---", "+++")):
             yield Line(f"        {line}", _DIFF_COLOURS.get(line[0], "dim"))

@@ -23,38 +23,49 @@ _LONGEST_PHRASE = 70
 """Maximum length of the text of an edit; a longer one ends with an ellipsis."""
 
 
-def repair(judge: Judge, search: RepairSearch, judged: ProvedResult, root: Path | None) -> Repair:
+def repair(judge: Judge, search: RepairSearch, proved_result: ProvedResult, root: Path | None) -> Repair:
     """Return what is said of the repairs of one group of rows; `root`: folder to which file names are relative."""
-    result = judged.found
+    result = proved_result.result
     cures: list[tuple[Reading, ...]] = []
-    for readings in result.cures:
-        cures.append(tuple(_reading(candidate, root) for candidate in _reported(readings)))
+    for candidates in result.cures:
+        readings: list[Reading] = []
+        for candidate in _reported(candidates):
+            readings.append(_reading(candidate, root))
+        cures.append(tuple(readings))
     runner_up = ""
     if result.runner_up is not None:
-        phrases = " and ".join(edit_phrase(edit) for edit in result.runner_up.edits)
-        runner_up = f"with {phrases}, the largest difference is {_size_text(judge, result.rows, result.next)}"
+        phrases: list[str] = []
+        for edit in result.runner_up.edits:
+            phrases.append(edit_phrase(edit))
+        size = _size_text(judge, result.rows, result.runner_up_residual)
+        runner_up = f"with {' and '.join(phrases)}, the largest difference is {size}"
     note = ""
     margin = 0.0
     if result.cures:
-        margin = result.next / max(result.after, _LEAST_RESIDUAL)
+        margin = result.runner_up_residual / max(result.best_residual, _LEAST_RESIDUAL)
     else:
         nearest = ""
         if runner_up:
             nearest = f"; the best one: {runner_up}"
         note = f"no edit and no pair of edits among those tried makes the rows agree{nearest}"
+    names: list[str] = []
+    before = 0.0
+    for row in result.rows:
+        names.append(row_name(judge, row))
+        before = max(before, search.worst_before[row])
     return Repair(
-        tuple(row_name(judge, row) for row in result.rows),
-        before=max(search.base[row] for row in result.rows),
-        after=result.after,
+        tuple(names),
+        before=before,
+        after=result.best_residual,
         margin=margin,
         runner_up=runner_up,
         cures=tuple(cures),
-        tie=_tie_text(cures, any(judged.merged)),
-        tried=search.tried,
+        tie=_tie_text(cures, any(proved_result.merged)),
+        tried=search.trial_count,
         complete=result.complete,
         note=note,
         seconds=round(result.seconds, 2),
-        proofs=judged.proofs,
+        proofs=proved_result.proofs,
     )
 
 
@@ -86,19 +97,23 @@ def _reported(readings: list[Candidate]) -> list[Candidate]:
 
     Edits in the equation's own rows are preferred to edits in helpers, and edits of single tokens to other edits.
     """
-    in_equation = [c for c in readings if c.edits[0].function == c.step.source.name]
+    in_equation: list[Candidate] = []
+    for candidate in readings:
+        if candidate.edits[0].function == candidate.step.source.name:
+            in_equation.append(candidate)
     preferred = in_equation or readings
     # An edit of a shared row would also change the default variant.
-    in_variant = [c for c in preferred if _in_changed_rows(c)]
+    in_variant = [candidate for candidate in preferred if _is_in_changed_rows(candidate)]
     preferred = in_variant or preferred
     of_tokens: list[Candidate] = []
     for candidate in preferred:
-        if all(edit.kind in TOKENS for edit in candidate.edits):
+        kinds = [edit.kind for edit in candidate.edits]
+        if set(kinds) <= set(TOKENS):
             of_tokens.append(candidate)
     return of_tokens or preferred[:1]
 
 
-def _in_changed_rows(candidate: Candidate) -> bool:
+def _is_in_changed_rows(candidate: Candidate) -> bool:
     """Return whether all edits are in the variant's own function, not in rows shared with the default variant."""
     source = candidate.step.source
     for edit in candidate.edits:
@@ -135,8 +150,11 @@ def _reading(candidate: Candidate, root: Path | None) -> Reading:
     diffs: list[str] = []
     lines_before: dict[Path, list[str]] = {}
     lines_after: dict[Path, list[str]] = {}
-    for path in sorted({edit.path for edit in candidate.edits}):
-        edits_of_file = [edit for edit in candidate.edits if edit.path == path]
+    edits_by_file: dict[Path, list[Edit]] = {}
+    for edit in candidate.edits:
+        edits_by_file.setdefault(edit.path, []).append(edit)
+    for path in sorted(edits_by_file):
+        edits_of_file = edits_by_file[path]
         diffs.append(diff(edits_of_file, shown_path(path, root)))
         lines_before[path] = path.read_text(encoding="utf-8").splitlines()
         lines_after[path] = patched(edits_of_file).splitlines()
@@ -148,5 +166,6 @@ def _reading(candidate: Candidate, root: Path | None) -> Reading:
         last_after = last + len(after) - len(before)  # the edits may add lines, such as definitions
         old = "\n".join(before[edit.line - 1 : last]).strip()
         new = "\n".join(after[edit.line - 1 : last_after]).strip()
-        changes.append(Change(shown_path(edit.path, root), edit.line, edit_phrase(edit), edit.kind, old, new))
+        file = shown_path(edit.path, root)
+        changes.append(Change(file, edit.line, edit_phrase(edit), edit.kind, old, new))
     return Reading(tuple(changes), "\n".join(diffs), note, candidate.dropped)

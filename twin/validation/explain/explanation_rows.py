@@ -26,8 +26,15 @@ def row_name(judge: Judge, row: RowKey) -> str:
 
 
 def row_symbol(judge: Judge, row: RowKey) -> str:
-    """Return the symbol that a row computes."""
-    return next(place.symbol for place in judge.residuals if place.key == row)
+    """Return the symbol that a row computes.
+
+    Raises:
+        LookupError: the row was not judged.
+    """
+    for place in judge.residuals:
+        if place.key == row:
+            return place.symbol
+    raise LookupError(row)
 
 
 def shown_path(path: Path, root: Path | None) -> str:
@@ -126,7 +133,9 @@ def wrong_margin(judge: Judge, margin: Judged, root: Path | None) -> WrongRow:
     file = ""
     line = 0
     text = ""
-    step = next((step for step in judge.steps if step.equation.name == margin.equation), None)
+    # An equation that cannot be split into rows has no step.
+    steps = {step.equation.name: step for step in judge.steps}
+    step = steps.get(margin.equation)
     if step is not None:
         source = step.source
         last = source.statements[-1]
@@ -167,7 +176,8 @@ def _meaning(judge: Judge, symbol: str) -> str:
             return f"{'xyz'[symbols.index(symbol)]} of point {name}"
     if symbol in judge.reference.borrowed:
         return f"point {judge.reference.borrowed[symbol]}"
-    if symbol in {joint.name for joint in formula.joints}:
+    names_of_joints = [joint.name for joint in formula.joints]
+    if symbol in names_of_joints:
         return f"joint {symbol}"
     if symbol in formula.passive:
         return f"passive joint {symbol}"
@@ -192,7 +202,7 @@ def _changed_term(candidate: Candidate) -> str:
         sign_of_right = "+" if isinstance(node.op, ast.Add) else "-"
         for operand, sign in ((node.left, "+"), (node.right, sign_of_right)):
             start, end = source.span(operand)
-            holds_edit = start <= edit.start and edit.end <= end
-            if holds_edit and not _is_sum(operand):
+            # A sum as an operand is split further.
+            if edit.is_within((start, end)) and not _is_sum(operand):
                 return f"{sign} {source.text(start, end)}"
     return ""

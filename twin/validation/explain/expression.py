@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from twin.core.spatial import Array
 from twin.validation.explain.candidate import REST, TOKENS
 from twin.validation.explain.deadline import Deadline
+from twin.validation.explain.expression_shifts import DIFFERENCE, Flat, Shift
 from twin.validation.explain.function_source import ByteRange, Edit, Source, Statement, apply
-from twin.validation.explain.inverses import inverse
+from twin.validation.explain.inverse_operations import inverse
 from twin.validation.explain.name_pool import NamePool
 from twin.validation.explain.plain_values import scalar_form, unwrapped
 from twin.validation.explain.required_values import expressions, scalar_atoms, written
-from twin.validation.explain.shifts import DIFFERENCE, Flat, Shift
 from twin.validation.explain.statement_edits import statement_edits
 from twin.validation.explain.term_texts import EQUAL, Atom
 from twin.validation.explain.tokens import parents_of
@@ -53,8 +53,11 @@ class Site:
     @cached_property
     def edits(self) -> tuple[Edit, ...]:
         """All single edits of the statement that require no new name."""
-        every = statement_edits(self.source, self.statement, self.pool, (*TOKENS, *REST))
-        return tuple(edit for edit in every if edit.define is None and edit.kind != "left side")
+        edits: list[Edit] = []
+        for edit in statement_edits(self.source, self.statement, self.pool, (*TOKENS, *REST)):
+            if edit.define is None and edit.kind != "left side":
+                edits.append(edit)
+        return tuple(edits)
 
     @cached_property
     def parents(self) -> dict[ast.AST, ast.AST]:
@@ -78,10 +81,10 @@ class Expression:
         """Store the expression `node`; `shift` has the scope, the value, and the poses at which rows have values."""
         self.site = site
         self.node = node
-        self.known: NDArray[np.bool_] = shift.known
+        self.valued_poses: NDArray[np.bool_] = shift.valued_poses
         self.deadline = deadline
         self.scopes = [dict(scope) for scope in shift.scopes]
-        self.k = len(shift.shift)
+        self.k = len(shift.added)
         self._span = site.source.span(node)
         self._size = _size(shift.value[:, 0])
         self._sizes: dict[ast.expr, float] = {}
@@ -104,8 +107,8 @@ class Expression:
                 continue
             shift = Flat(self.k, self.scopes)
             shift.value = values[:, None]
-            shift.shift = (needed - values)[:, None]
-            shift.known = self.known
+            shift.added = (needed - values)[:, None]
+            shift.valued_poses = self.valued_poses
             if atoms is None:
                 atoms = scalar_atoms(self.site.source, self.site.statement, shift)
             texts = written(self.site.source, self.site.statement, part, self.site.parents, shift, atoms)
@@ -118,29 +121,37 @@ class Expression:
         the part that give this value are looked up.
         """
         singles, _ = self.singles
-        within: dict[ast.expr, NDArray[np.intp]] = {}
+        singles_within: dict[ast.expr, NDArray[np.intp]] = {}
         for part in self.parts:
-            start, end = self.span_of(part)
-            indices = [i for i, edit in enumerate(singles) if start <= edit.start and edit.end <= end]
-            within[part] = np.array(indices, dtype=np.intp)
-        seen: set[tuple[int, int]] = set()
+            singles_within[part] = self.singles_within(part)
+        yielded: set[tuple[int, int]] = set()
         for i, first in enumerate(singles):
             for part in self.beside(first):
                 if self.deadline.passed:
                     return
-                inside = within[part]
+                inside = singles_within[part]
                 if not len(inside):
                     continue
                 needed = self.needed(part, (first,), wanted)
                 if needed is None:
                     continue
-                values = self.edited(part, singles, inside)
+                values = self.values_after(part, singles, inside)
                 fitting = inside[self._equal(values, needed, self._size_of(part))]
                 for j in fitting.tolist():
                     pair = (min(i, j), max(i, j))
-                    if pair not in seen:
-                        seen.add(pair)
+                    if pair not in yielded:
+                        yielded.add(pair)
                         yield first, singles[j]
+
+    def singles_within(self, part: ast.expr) -> NDArray[np.intp]:
+        """Return the indices in `singles` of the edits inside a part."""
+        span = self.span_of(part)
+        edits, _ = self.singles
+        indices: list[int] = []
+        for i, edit in enumerate(edits):
+            if edit.is_within(span):
+                indices.append(i)
+        return np.array(indices, dtype=np.intp)
 
     # -- parts ----------------------------------------------------------------------------------------------------
 
@@ -173,7 +184,10 @@ class Expression:
             todo += ast.iter_child_nodes(node)
 
     def needed(self, part: ast.expr, change: Sequence[Edit], wanted: Array) -> Array | None:
-        """Return the values (k,) of a part with which the expression after `change` has the values `wanted`."""
+        """Return the values (k,) of a part with which the expression after `change` has the values `wanted`.
+
+        Operations with an inverse are inverted; for others, Newton's method is used. None if it finds no values.
+        """
         inverted = self._inverted(part, change, wanted)
         if inverted is not None:
             return inverted
@@ -194,25 +208,26 @@ class Expression:
         values = self.value((), (start, end))
         if code is None or values is None:
             return None
-        known = self.known
-        limit = _EXACT * max(float(np.abs(wanted[known]).max()), EQUAL)
+        valued = self.valued_poses
+        limit = _EXACT * max(float(np.abs(wanted[valued]).max()), EQUAL)
         values = values.copy()
-        last = np.inf
+        previous_size = np.inf
         for _ in range(_NEWTON):
             result = self._run(code, values)
             if result is None:
                 return None
             error = result - wanted
-            size = float(np.abs(error[known]).max())
+            size = float(np.abs(error[valued]).max())
             if size <= limit:
                 return values
-            if not size < max(last, 10 * limit):  # also without a value
+            # Near the limit, rounding may make an error larger. The comparison is also false for NaN.
+            if not size < max(previous_size, 10 * limit):
                 return None
-            last = size
-            ahead = self._run(code, values + DIFFERENCE)
-            if ahead is None:
+            previous_size = size
+            result_ahead = self._run(code, values + DIFFERENCE)
+            if result_ahead is None:
                 return None
-            step = error / ((ahead - result) / DIFFERENCE)
+            step = error / ((result_ahead - result) / DIFFERENCE)
             values = values - np.where(np.isfinite(step), step, 0.0)
         return None
 
@@ -226,7 +241,7 @@ class Expression:
             if not isinstance(node, ast.expr) or not isinstance(child, ast.expr):
                 return None
             inner = inverse(node, child, values, lambda other: self.value(change, self.span_of(other)))
-            if inner is None or not np.isfinite(inner[self.known]).all():
+            if inner is None or not np.isfinite(inner[self.valued_poses]).all():
                 return None
             values = inner
         return values
@@ -238,19 +253,18 @@ class Expression:
         """The single edits inside the expression that give it a value, and these values (edits, k)."""
         edits_with_value: list[Edit] = []
         values: list[Array] = []
-        start, end = self._span
         for edit in self.site.edits:
             if self.deadline.passed:
                 break
-            if start <= edit.start and edit.end <= end:
+            if edit.is_within(self._span):
                 value = self.value((edit,), self._span)
                 if value is not None:
                     edits_with_value.append(edit)
                     values.append(value)
         return edits_with_value, np.array(values).reshape(len(edits_with_value), self.k)
 
-    def edited(self, part: ast.expr, singles: Sequence[Edit], inside: NDArray[np.intp]) -> Array:
-        """Return the values (edits, k) of a part after each of the edits `inside` it."""
+    def values_after(self, part: ast.expr, singles: Sequence[Edit], inside: NDArray[np.intp]) -> Array:
+        """Return the values (edits, k) of a part after each of some `singles`, of the indices `inside`; NaN if none."""
         if part not in self._tables:
             span = self.span_of(part)
             values = np.full((len(inside), self.k), np.nan)
@@ -280,28 +294,28 @@ class Expression:
         """
         if not len(values):
             return np.zeros(0, np.intp)
-        differences = values[:, self.known] - wanted[self.known]
+        differences = values[:, self.valued_poses] - wanted[self.valued_poses]
         turns = np.round(differences[:, :1] / (2 * np.pi))  # an angle may be found a full turn away
         differences = differences - 2 * np.pi * np.nan_to_num(turns)
-        limit = EQUAL * max(float(np.abs(wanted[self.known]).max()), size, _SMALLEST)
+        limit = EQUAL * max(float(np.abs(wanted[self.valued_poses]).max()), size, _SMALLEST)
         return np.flatnonzero(np.abs(differences).max(axis=1) <= limit)
 
     def value(self, change: Sequence[Edit], span: tuple[int, int]) -> Array | None:
         """Return the values (k,) of the text in `span` after the edits in it; None if it is not a scalar."""
         start, end = span
-        inside = [edit for edit in change if start <= edit.start and edit.end <= end]
+        inside = [edit for edit in change if edit.is_within(span)]
         code = expression_code(apply(self.site.source.data, inside, start, end))
         if code is None:
             return None
         return self._run(code, None)
 
-    def own(self, part: ast.expr) -> Array | None:
+    def present_value(self, part: ast.expr) -> Array | None:
         """Return the values (k,) of a part without edits; None if it is not a scalar."""
         return self.value((), self.span_of(part))
 
     def _run(self, code: CodeType, hole: Array | None) -> Array | None:
-        each = self.k // len(self.scopes)
         """Return the values (k,) of an expression in all scopes; `hole`: values (k,) of the part `_HOLE`, if any."""
+        each = self.k // len(self.scopes)
         parts: list[Array] = []
         for n, scope in enumerate(self.scopes):
             if hole is not None:

@@ -37,9 +37,10 @@ def edited_formula(formula: Formula, change: Sequence[Edit]) -> Iterator[Formula
     formula may read its statements.
     """
     path = source_path(formula)
-    if any(edit.path != path or edit.kind == "left side" for edit in change):
-        yield None
-        return
+    for edit in change:
+        if edit.path != path or edit.kind == "left side":
+            yield None
+            return
     with Scratch() as folder:
         file = Path(folder) / "formula.py"
         file.write_text(patched(change), encoding="utf-8")
@@ -48,7 +49,9 @@ def edited_formula(formula: Formula, change: Sequence[Edit]) -> Iterator[Formula
 
 def _loaded(formula: Formula, file: Path) -> Formula | None:
     """Return the edited formula in a file; None if it cannot be loaded."""
-    joints = [(joint.name, joint.kind == "revolute") for joint in formula.joints]
+    joints: list[tuple[str, bool]] = []
+    for joint in formula.joints:
+        joints.append((joint.name, joint.kind == "revolute"))
     try:
         return load_formula(file, formula.name, lambda: (joints, np.eye(4), None), trial=True)
     except KinematicsError:
@@ -63,21 +66,28 @@ _WORSE = 1.001
 class FormulaState:
     """State of a whole formula after edits: number of wrong rows, and whether it holds only by chance.
 
-    By chance means: only for the present values of equal or assumed parameters; see `varied`. `chance` is the
-    condition, "because a = b"; "" if the formula holds in general. `worse`: whether a row is further off than before.
-    `failing`: the wrong rows.
+    By chance means: only for the present values of equal or assumed parameters; see `parameter_coincidences`.
+
+    Attributes:
+        wrong: number of wrong rows.
+        chance: the condition, as "because a = b"; "" if the formula holds in general.
+        is_worse: whether a row is further off than before.
+        failing: the wrong rows.
     """
 
     wrong: int
     chance: str
-    worse: bool = False
+    is_worse: bool = False
     failing: frozenset[RowKey] = frozenset()
 
 
-def is_worse(base: Mapping[RowKey, float], row: RowKey, off: float) -> bool:
-    """Return whether a row with the worst residual `off` disagrees, and more than before; `base`: residuals before."""
-    before = base.get(row, np.inf)
-    return off > max(1.0, _WORSE * before)
+def is_worse(worst_before: Mapping[RowKey, float], row: RowKey, residual: float) -> bool:
+    """Return whether a row disagrees more than before edits; `residual`: its worst one after them.
+
+    `worst_before` are the worst residuals before. A row that had none does not count as worse.
+    """
+    before = worst_before.get(row, np.inf)
+    return residual > max(1.0, _WORSE * before)
 
 
 class FormulaStates:
@@ -86,7 +96,7 @@ class FormulaStates:
     def __init__(self, judge: Judge, base: Mapping[RowKey, float]) -> None:
         """Set up for a judged formula; `base` are the worst residuals of its rows, in units of the tolerance."""
         self.judge = judge
-        self.base = base
+        self.worst_before = base
         self.computed: dict[tuple[Edit, ...], FormulaState | None] = {}
 
     def is_known(self, change: Sequence[Edit]) -> bool:
@@ -107,15 +117,17 @@ class FormulaStates:
     def _state(self, formula: Formula) -> FormulaState:
         before = self.judge
         judge = Judge(formula, before.variants, before.reference, before.tolerance, before.limits)
-        failing = frozenset(place.key for place in judge.failing())
+        failing = frozenset(judge.failing_rows())
         wrong = len(failing)
-        worse = False
+        has_worse_row = False
         for place, residual in judge.residuals.items():
-            worse |= is_worse(self.base, place.key, worst(residual))
-        conditions = [condition(group) for group in coincidences(judge)]
+            has_worse_row |= is_worse(self.worst_before, place.key, worst(residual))
+        conditions: list[str] = []
+        for group in coincidences(judge):
+            conditions.append(condition(group))
         chance = " and ".join(conditions)
-        free = before.reference.free
-        if not wrong and not chance and free and closes(judge, {}) is False:
-            # The rows were judged at the best value of the free parameter, which need not be the formula's value.
-            chance = f"for another {free} than that of the equations"
-        return FormulaState(wrong, chance, worse, failing)
+        swivel = before.reference.free_parameter
+        if not wrong and not chance and swivel and closes(judge, {}) is False:
+            # The rows were judged at the best value of the swivel, which need not be the formula's value.
+            chance = f"for another {swivel} than that of the equations"
+        return FormulaState(wrong, chance, has_worse_row, failing)

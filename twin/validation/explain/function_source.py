@@ -15,7 +15,7 @@ from types import CodeType
 from twin.formula.equations import EquationRow, definition, rows
 from twin.formula.loader import text_of
 from twin.validation.explain import augmented_assignments
-from twin.validation.explain.tidying import tidy
+from twin.validation.explain.edit_tidying import tidy
 from twin.validation.explain.tokens import line_starts, span
 
 _BRANCHES = "the function returns from within a branch or a loop"
@@ -25,6 +25,9 @@ _AUGMENTED = re.compile(r"[-+*/@%]=")
 
 ByteRange = tuple[int, int]
 """First byte and end of a part of a file."""
+
+TextPlace = tuple[Path, int, int]
+"""File, first byte and end of an expression."""
 
 OUT = "_out_"
 """Name under which an executed function stores its return value."""
@@ -59,6 +62,15 @@ class Edit:
         """Return whether the edit replaces a part of its file."""
         start, end = part
         return self.start <= start and end <= self.end
+
+    def is_within(self, part: ByteRange) -> bool:
+        """Return whether the replaced text is in a part of its file, or, of an insertion, at its border."""
+        start, end = part
+        return start <= self.start and self.end <= end
+
+    def is_of(self, source: Source) -> bool:
+        """Return whether the edit is in the text of a function, not in that of a function that it calls."""
+        return (self.path, self.function) == (source.path, source.name)
 
     @property
     def text(self) -> str:
@@ -107,7 +119,11 @@ class Statement:
 
 def _names(node: ast.AST, *contexts: type[ast.expr_context]) -> set[str]:
     """Return the names in a syntax tree that are used in one of the given contexts."""
-    return {n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, contexts)}
+    names: set[str] = set()
+    for part in ast.walk(node):
+        if isinstance(part, ast.Name) and isinstance(part.ctx, contexts):
+            names.add(part.id)
+    return names
 
 
 def comprehension_targets(node: ast.AST) -> dict[str, list[ast.Name]]:
@@ -140,16 +156,20 @@ class Source:
             KinematicsError: the function has no editable source (a lambda, a built-in, a decorated wrapper).
         """
         body = rows(function)
-        f = inspect.unwrap(function)
-        self.path = Path(f.__code__.co_filename)  # type: ignore[attr-defined]
-        self.data = text_of(self.path, f.__globals__)  # type: ignore[attr-defined]
+        unwrapped = inspect.unwrap(function)
+        code = unwrapped.__code__  # type: ignore[attr-defined]
+        module_globals = unwrapped.__globals__  # type: ignore[attr-defined]
+        self.path = Path(code.co_filename)
+        self.data = text_of(self.path, module_globals)
         self._starts = line_starts(self.data)
-        self._casadi = augmented_assignments.uses_casadi(f.__globals__)  # type: ignore[attr-defined]
+        self._casadi = augmented_assignments.uses_casadi(module_globals)
         self.node = definition(function)
         self.name = self.node.name
-        code = f.__code__  # type: ignore[attr-defined]
         self.arguments = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
-        self.statements = tuple(self._statement(i, row) for i, row in enumerate(body))
+        statements: list[Statement] = []
+        for i, row in enumerate(body):
+            statements.append(self._statement(i, row))
+        self.statements = tuple(statements)
         self.plain = bool(body) and isinstance(body[-1].node, ast.Return)
         self.why = _BRANCHES
         for row in body:
@@ -165,7 +185,10 @@ class Source:
         If the statement is in a variant, the second set is smaller: a variant can only use its arguments, and names
         that it assigns before the statement. Otherwise the sets are equal.
         """
-        usable = {a.arg for a in ast.walk(statement.home.args) if isinstance(a, ast.arg)}
+        usable: set[str] = set()
+        for node in ast.walk(statement.home.args):
+            if isinstance(node, ast.arg):
+                usable.add(node.arg)
         valued = set(usable)
         for earlier in self.statements[: statement.index]:
             in_home = earlier.home is statement.home
@@ -184,9 +207,9 @@ class Source:
         writes: dict[str, None] = {}  # in the order of the text
         called: set[str] = set()
         entries: dict[str, None] = {}
-        targets: set[int] = set()
+        targets: set[int] = set()  # by identity: the same name may also be assigned elsewhere in the statement
         for names in comprehension_targets(node).values():
-            targets.update(id(name) for name in names)
+            targets.update(map(id, names))
         for part in ast.walk(node):
             if isinstance(part, ast.comprehension | ast.For):  # a loop variable is no symbol of the function
                 reads -= _names(part.target, ast.Load, ast.Store)
@@ -256,9 +279,11 @@ class Source:
         text = f"({self.edited(statement, edits)[len('return') :].strip()}\n)"
         value = ast.parse(text, mode="eval").body
         codes: list[CodeType] = []
-        if not isinstance(value, ast.Tuple) or any(isinstance(element, ast.Starred) for element in value.elts):
+        if not isinstance(value, ast.Tuple):
             return codes
         for element in value.elts:
+            if isinstance(element, ast.Starred):  # it stands for any number of outputs
+                return []
             assignment = f"{OUT} = ({ast.get_source_segment(text, element)}\n)"
             codes.append(_code(assignment, self.path, self._casadi))
         return codes
@@ -270,8 +295,9 @@ class Source:
             SyntaxError: the edited text is not valid Python, or the function is a variant (its text is in several
                 places).
         """
-        if any(s.home is not self.node for s in self.statements):
-            raise SyntaxError(f"{self.name}() changes rows of another function")
+        for statement in self.statements:
+            if statement.home is not self.node:
+                raise SyntaxError(f"{self.name}() changes rows of another function")
         return _code(apply(self.data, edits, *self.span(self.node)), self.path, self._casadi)
 
 
@@ -322,10 +348,16 @@ def finished(data: bytes, edits: list[Edit]) -> list[Edit]:
         if not isinstance(statement, ast.Assign | ast.AugAssign | ast.Return | ast.Expr):
             continue
         start, end = span(statement, starts)
-        inside = [edit for edit in remaining if start <= edit.start and edit.end <= end]
+        inside: list[Edit] = []
+        outside: list[Edit] = []
+        for edit in remaining:
+            if edit.is_within((start, end)):
+                inside.append(edit)
+            else:
+                outside.append(edit)
         if not inside:
             continue
-        remaining = [edit for edit in remaining if edit not in inside]
+        remaining = outside
         text = apply(data, inside, start, end).encode()
         tidied = tidy(text, _edited_parts(inside, start))
         if tidied == text:
@@ -353,16 +385,16 @@ def _tree(data: bytes) -> ast.Module:
     return ast.parse(data)
 
 
-def diff(edits: Iterable[Edit], shown: str | None = None) -> str:
+def diff(edits: Iterable[Edit], file_name: str | None = None) -> str:
     """Return the unified diff of edits of one file, without context, including the definitions that they require.
 
-    `shown` is the file name in the header of the diff; None: the path.
+    `file_name` is the name in the header of the diff; None: the path.
     """
     edits = list(edits)
     path = edits[0].path
     old = path.read_text(encoding="utf-8").splitlines()
     new = patched(edits).splitlines()
-    name = shown or str(path)
+    name = file_name or str(path)
     return "\n".join(difflib.unified_diff(old, new, name, name, n=0, lineterm=""))
 
 
@@ -372,11 +404,13 @@ def definitions(data: bytes, edit: Edit) -> list[Edit]:
     name, expression = edit.define
     starts = line_starts(data)
     around: list[ast.FunctionDef] = []
+    edited: list[ast.FunctionDef] = []
     for node in ast.walk(_tree(data)):
         if isinstance(node, ast.FunctionDef) and node.lineno <= edit.line <= (node.end_lineno or 0):
             around.append(node)
-    own = [function for function in around if function.name == edit.function]
-    for function in own or around:  # a shared row is in another function
+            if node.name == edit.function:
+                edited.append(node)
+    for function in edited or around:  # a shared row is in another function
         if not expression:
             last = function.args.args[-1]
             _, end_of_last = span(last, starts)
@@ -401,8 +435,11 @@ def _assigns_call(statement: ast.Assign, function: str) -> bool:
     values = [statement.value]
     if isinstance(statement.value, ast.Tuple):
         values = statement.value.elts
-    called = [value.func for value in values if isinstance(value, ast.Call)]
-    return any(getattr(f, "id", "") == function for f in called)
+    called: list[str] = []
+    for value in values:
+        if isinstance(value, ast.Call):
+            called.append(getattr(value.func, "id", ""))
+    return function in called
 
 
 def _insertion(edit: Edit, at: int, new: str, line: int) -> Edit:

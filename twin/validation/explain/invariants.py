@@ -49,6 +49,9 @@ _SCALE = 1.25
 _LENGTHS = ("mm", "m", "cm", "um")
 """Units of parameters that are lengths."""
 
+_NO_ERROR = 1e-300
+"""Minimum divisor where an error may be zero, as that of a row that is wrong only because it has no value."""
+
 _SAME_GROWTH = 1e-6
 """Largest difference of the growth of an error from that of a length, or of an angle, relative to the error."""
 
@@ -58,14 +61,16 @@ def formula_values(judge: Judge) -> dict[str, Value]:
     reference = judge.reference
     values: dict[str, Value] = {}
     units = {"length": judge.tolerance.length, "angle": judge.tolerance.angle}
-    for place, r in judge.residuals.items():
+    for place, residual in judge.residuals.items():
         symbol = place.symbol
         kind = reference.kinds[symbol]
         if kind == "pose":
             continue
-        if symbol in values and worst(r) == 0:  # a row that only passes on the mechanism's value says nothing new
+        if (
+            symbol in values and worst(residual) == 0
+        ):  # a row that only passes on the mechanism's value says nothing new
             continue
-        value = to_array(reference.symbols[symbol], reference.k) + r * units[kind]
+        value = to_array(reference.symbols[symbol], reference.k) + residual * units[kind]
         if isinstance(reference.symbols[symbol], Matrix):
             values[symbol] = Matrix(value[:, :, None])
         else:
@@ -102,28 +107,29 @@ def solved(judge: Judge) -> dict[str, Value]:
 def _solution(judge: Judge, equation: str, names: list[str]) -> Array | None:
     """Return the values (k, n) of an equation's inputs `names` that its outputs reproduce: x = A x + b.
 
-    None if the outputs are not linear in these inputs, or do not determine them.
+    b are the outputs at x = 0, column j of A the difference at the unit vector j. None if the outputs are not linear in
+    these inputs, or do not determine them.
     """
-    n = len(names)
-    b = _outputs_at(judge, equation, names, [0.0] * n)
-    tested = _outputs_at(judge, equation, names, [_OTHER_INPUT] * n)
-    if b is None or tested is None:
+    count = len(names)
+    outputs_at_zero = _outputs_at(judge, equation, names, [0.0] * count)
+    outputs_at_other = _outputs_at(judge, equation, names, [_OTHER_INPUT] * count)
+    if outputs_at_zero is None or outputs_at_other is None:
         return None
     columns: list[Array] = []
-    for unit in np.eye(n).tolist():
-        moved = _outputs_at(judge, equation, names, unit)
-        if moved is None:
+    for unit in np.eye(count).tolist():
+        outputs_at_unit = _outputs_at(judge, equation, names, unit)
+        if outputs_at_unit is None:
             return None
-        columns.append(moved - b)
+        columns.append(outputs_at_unit - outputs_at_zero)
     A = np.stack(columns, axis=2)
-    predicted = A.sum(axis=2) * _OTHER_INPUT + b
-    is_linear = np.allclose(predicted, tested, atol=_LINEAR)
+    predicted = A.sum(axis=2) * _OTHER_INPUT + outputs_at_zero
+    is_linear = np.allclose(predicted, outputs_at_other, atol=_LINEAR)
     if not is_linear or not np.isfinite(A).all():
         return None
-    M = np.eye(n) - A
+    M = np.eye(count) - A
     if not np.linalg.cond(M).max() < _DETERMINED:
         return None
-    x = np.linalg.solve(M, b[..., None])
+    x = np.linalg.solve(M, outputs_at_zero[..., None])
     return np.asarray(x[..., 0], np.float64)
 
 
@@ -160,7 +166,9 @@ def _points(judge: Judge, values: Mapping[str, Value]) -> dict[str, Array]:
     for name in judge.formula.points:
         parts = _parts(judge, name)
         if values.keys() >= set(parts):
-            coordinates = [to_array(values[part], judge.reference.k) for part in parts]
+            coordinates: list[Array] = []
+            for part in parts:
+                coordinates.append(to_array(values[part], judge.reference.k))
             positions[name] = np.hstack(coordinates)
     return positions
 
@@ -232,32 +240,39 @@ def _rods(judge: Judge, model: ReferenceModel, values: Mapping[str, Value]) -> I
     if reference.run is None or not wrong:
         return
     wrong_values = {name: values[name] for name in wrong}
-    moved = model.link_poses(_with_values(reference.run.x, model, wrong_values))
-    real = model.link_poses(reference.run.x)
+    moved_poses = model.link_poses(_with_values(reference.run.x, model, wrong_values))
+    real_poses = model.link_poses(reference.run.x)
     drive_of: dict[str, str] = {}  # by the body that the joint moves
     for joint in mechanism.tree:
         if joint.name in wrong:
             drive_of[joint.child] = joint.name
     for link in mechanism.bodies:
-        joints = [joint for joint in mechanism.joints if link.name in (joint.parent, joint.child)]
-        driven = [joint for joint in joints if _other_body(joint, link.name) in drive_of]
+        joints: list[Joint] = []
+        driven: list[Joint] = []
+        for joint in mechanism.joints:
+            if link.name not in (joint.parent, joint.child):
+                continue
+            joints.append(joint)
+            if _other_body(joint, link.name) in drive_of:
+                driven.append(joint)
         for joint in driven:
             if joint.type == "prismatic":  # its centre has no place of its own on the link
                 continue
             driving_body = _other_body(joint, link.name)
             drive = drive_of[driving_body]
-            pivot = _centre(joint, driving_body, moved)
-            held = _centre(joint, link.name, real)
-            for far in joints:
-                if far in driven:
+            pivot = _centre(joint, driving_body, moved_poses)
+            real_pivot = _centre(joint, link.name, real_poses)
+            for opposite_joint in joints:
+                if opposite_joint in driven:
                     continue
-                end = _centre(far, link.name, real)
-                real_length = np.linalg.norm(held - end, axis=1)
-                true = float(np.linalg.norm(held[0] - end[0]))
+                real_end = _centre(opposite_joint, link.name, real_poses)
+                real_length = np.linalg.norm(real_pivot - real_end, axis=1)
+                true = float(np.linalg.norm(real_pivot[0] - real_end[0]))
                 if true < _RIGID or np.ptp(real_length) > _RIGID:
                     continue
-                length = np.linalg.norm(pivot - end, axis=1)
-                what = f"with {drive} from the formula, '{link.name}' would be, from {joint.name} to {far.name},"
+                length = np.linalg.norm(pivot - real_end, axis=1)
+                ends = f"from {joint.name} to {opposite_joint.name}"
+                what = f"with {drive} from the formula, '{link.name}' would be, {ends},"
                 yield from _distance(judge, length, true, link.name, "invariant.rod", what)
 
 
@@ -339,15 +354,15 @@ def _rotations(judge: Judge) -> Iterator[Finding]:
             yield disagreement("invariant.rotation", where, text, Quantity(deviation), _ORTHOGONAL, word="")
 
 
-def outputs(judge: Judge, equation: str, given: Mapping[str, Value] = MappingProxyType({})) -> dict[str, Value]:
+def outputs(judge: Judge, equation: str, other_values: Mapping[str, Value] = MappingProxyType({})) -> dict[str, Value]:
     """Evaluate an equation; return its outputs by their names, or an empty dictionary after an error.
 
-    The outputs are not compared with the mechanism. `given` are values, by name, that replace inputs of the equation.
+    The outputs are not compared with the mechanism. `other_values` replace inputs of the equation, by name.
     """
     step = judge.step(equation)
     if step.missing or not step.before:
         return {}
-    scope = {**copied(step.before[0]), **given}
+    scope = {**copied(step.before[0]), **other_values}
     try:
         with np.errstate(all="ignore"):
             for code in step.codes:
@@ -380,7 +395,7 @@ def _dimensions(judge: Judge) -> Iterator[Finding]:
             factor = _SCALE
             unit = "a length"
         difference = float(np.abs(after - factor * before).max())
-        size = max(float(np.abs(before).max()), 1e-300)  # an error may be zero at some values
+        size = max(float(np.abs(before).max()), _NO_ERROR)
         if difference / size > _SAME_GROWTH:
             yield disagreement(
                 "invariant.dimension",
@@ -395,7 +410,10 @@ def _scaled(judge: Judge) -> ReferenceValues:
     """Return the values of a mechanism that is larger in all its lengths."""
     reference = judge.reference
     symbols = dict(reference.symbols)
-    lengths = {p.name for p in judge.formula.parameters if p.unit in _LENGTHS}
+    lengths: set[str] = set()
+    for parameter in judge.formula.parameters:
+        if parameter.unit in _LENGTHS:
+            lengths.add(parameter.name)
     for name, value in symbols.items():
         kind = reference.kinds.get(name)
         if kind == "pose":

@@ -60,9 +60,14 @@ def offsets(judge: Judge) -> Iterator[Convention]:
 def _search(judge: Judge, place: RowPlace) -> tuple[str, float] | None:
     """Return (text on the offsets, worst residual) of the first offsets with which the pose agrees, fewest first."""
     joints = [joint for joint in judge.formula.joints if joint.name in judge.reference.symbols]
-    # An offset of the first or last angle is a rotation of base or tool.
-    angles = [joint.name for joint in joints[1:-1] if joint.kind == "revolute"]
-    slides = [joint.name for joint in joints if joint.kind == "prismatic"]
+    angles: list[str] = []
+    slides: list[str] = []
+    for i, joint in enumerate(joints):
+        is_inner = 0 < i < len(joints) - 1  # an offset of the first or last angle is a rotation of base or tool
+        if joint.kind == "prismatic":
+            slides.append(joint.name)
+        elif joint.kind == "revolute" and is_inner:
+            angles.append(joint.name)
     true = judge.reference.symbols[place.symbol].a
     for turns in islice(_turned(angles), _TRIALS):
         T = _pose_with_offsets(judge, place, turns)
@@ -91,26 +96,29 @@ def _pose_with_offsets(judge: Judge, place: RowPlace, offsets: dict[str, float])
     symbols = dict(judge.reference.symbols)
     for name, offset in offsets.items():
         symbols[name] = symbols[name] + offset
-    forward = {step.equation.name for step in judge.steps if step.stage == "forward"}
-    other = judge.on(judge.reference.with_values(symbols), forward)
-    for other_place in other.residuals:
+    forward: set[str] = set()
+    for step in judge.steps:
+        if step.stage == "forward":
+            forward.add(step.equation.name)
+    judge_with_offsets = judge.on(judge.reference.with_values(symbols), forward)
+    for other_place in judge_with_offsets.residuals:
         if other_place.key != place.key:
             continue
-        T = formula_pose(other, other_place)
+        T = formula_pose(judge_with_offsets, other_place)
         if np.isfinite(T).all():
             return T
         return None
     return None
 
 
-def _end_rotations(F: Array, R: Array) -> tuple[Array, Array] | None:
+def _end_rotations(R_formula: Array, R_mechanism: Array) -> tuple[Array, Array] | None:
     """Return rotations of base and tool (3, 3) with R = base F tool at all poses (k, 3, 3); None if there are none.
 
     base^T R - F tool = 0 is linear in the unknowns base and tool; the solution must be unique up to a factor.
     """
     eye = np.eye(3)
     blocks: list[Array] = []
-    for f, r in zip(F, R, strict=True):
+    for f, r in zip(R_formula, R_mechanism, strict=True):
         # vec(base^T r) and vec(f tool), with the entries of a matrix row by row
         of_base = np.kron(eye, r.T)
         of_tool = np.kron(f, eye)
@@ -180,8 +188,8 @@ def _text(turns: dict[str, float], shifts: dict[str, float], base: Array, tool: 
         text += f"; tool axes {axes_text(tool.T)}"
     for end, p in zip(("tool", "base"), end_shifts.reshape(-1, 3), strict=False):
         if np.abs(p).max() > _NO_SHIFT:
-            shift_mm = ", ".join(f"{value:.6g}" for value in p / MM)
-            text += f"; {end} moved by ({shift_mm}) mm"
+            x, y, z = p / MM
+            text += f"; {end} moved by ({x:.6g}, {y:.6g}, {z:.6g}) mm"
     return text
 
 
@@ -189,15 +197,15 @@ def _sign(x: float) -> str:
     return "-" if x < 0 else "+"
 
 
-def axes_text(P: Array) -> str:
+def axes_text(R: Array) -> str:
     """Return a rotation as text: "x = -y, ..." for quarter turns, otherwise its angle."""
-    if np.abs(np.abs(P).max(axis=1) - 1).max() < _AXIS:
+    if np.abs(np.abs(R).max(axis=1) - 1).max() < _AXIS:
         parts: list[str] = []
-        for axis, row in zip("xyz", P, strict=True):
+        for axis, row in zip("xyz", R, strict=True):
             i = int(np.argmax(np.abs(row)))
             minus = "-" if row[i] < 0 else ""
             parts.append(f"{axis} = {minus}{'xyz'[i]}")
         return ", ".join(parts)
-    cosine = (np.trace(P) - 1) / 2
+    cosine = (np.trace(R) - 1) / 2
     angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
     return f"turned by {angle:.4f}°"

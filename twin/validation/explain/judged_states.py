@@ -10,7 +10,7 @@ import numpy as np
 from twin.core.errors import AssemblyError, TwinError
 from twin.core.spatial import Array
 from twin.formula.contract import Formula
-from twin.kinematics import compile_formula
+from twin.kinematics import Kinematics, compile_formula
 from twin.model.joint import Joint
 from twin.reference import Assembly, ReferenceModel, SolvedSamples
 from twin.reference.conditioning import conditioning
@@ -71,9 +71,9 @@ def sample_states(
     for shrink in _SHRINKING:
         for i, start in enumerate(starts):
             # The starts that are left share the samples that are missing.
-            wanted = (samples - len(states)) // (len(starts) - i)
+            missing_count = (samples - len(states)) // (len(starts) - i)
             box = shrink * half
-            q = start.q + box * rng.uniform(-1, 1, (wanted, len(half)))
+            q = start.q + box * rng.uniform(-1, 1, (missing_count, len(half)))
             states += _solved(model, np.clip(q, low, high), start)
             progress(len(states) / samples)
         if len(states) >= samples:
@@ -116,8 +116,8 @@ def _starts(model: ReferenceModel, regular: bool) -> list[Assembly]:
         starts = [model.home()]
     if not regular:
         return starts
-    states = np.array([start.x for start in starts])
-    values = conditioning(model, states, LENGTH_SCALE).stands
+    states = [start.x for start in starts]
+    values = conditioning(model, np.array(states), LENGTH_SCALE).stands
     regular_starts: list[Assembly] = []
     for start, value in zip(starts, values, strict=True):
         if value >= _REGULAR * values.max():
@@ -146,7 +146,7 @@ _MOST_OF_EACH = 12
 """Number of right and of wrong states at which equations are judged that are wrong in a part of the joint range."""
 
 
-def known(
+def sampled_values(
     formula: Formula,
     model: ReferenceModel,
     parameters: Mapping[str, float] | None = None,
@@ -158,18 +158,17 @@ def known(
     A redundant mechanism has many solutions for a pose. The formula is judged with two of them: the sampled solution,
     and the solution nearest to the formula's joint values. The solution with fewer wrong rows is returned.
     """
-    run = sample_states(model, progress=lambda fraction: progress("sample the mechanism", fraction))
+    states = sample_states(model, progress=lambda fraction: progress("sample the mechanism", fraction))
     if not (model.redundant and formula.has("inverse")):
-        return symbol_values(formula, run, model, parameters)
+        return symbol_values(formula, states, model, parameters)
     sampled = symbol_values(formula, sample_states(model, regular=True), model, parameters)
     try:
-        extra_joints = model.mechanism.extra_joints(j.name for j in formula.joints)
-        kin = compile_formula(formula, variants, parameters, extra_joints)
-        q = kin.inverse_many(run.Ts_base_tool)
-        near = model.run_poses(run.Ts_base_tool, near=np.where(np.isfinite(q), q, run.q))
+        kinematics = compiled_kinematics(formula, model, variants, parameters)
+        q = kinematics.inverse_many(states.Ts_base_tool)
+        nearest_states = model.run_poses(states.Ts_base_tool, near=np.where(np.isfinite(q), q, states.q))
     except TwinError:  # equations without a solution are reported row by row
         return sampled
-    nearest = symbol_values(formula, near, model, parameters)
+    nearest = symbol_values(formula, nearest_states, model, parameters)
     wrong_at_nearest = len(Judge(formula, variants, nearest).failing())
     if not wrong_at_nearest:
         return nearest
@@ -177,6 +176,22 @@ def known(
     if wrong_at_nearest < wrong_at_sampled:
         return nearest
     return sampled
+
+
+def compiled_kinematics(
+    formula: Formula,
+    model: ReferenceModel,
+    variants: Mapping[str, str] | str | None,
+    parameters: Mapping[str, float] | None,
+) -> Kinematics:
+    """Return the compiled equations of a formula, with the joints of the mechanism that it does not name.
+
+    Raises:
+        TwinError: a symbol has no value, or equations are missing.
+    """
+    names = [joint.name for joint in formula.joints]
+    extra_joints = model.mechanism.extra_joints(names)
+    return compile_formula(formula, variants, parameters, extra_joints)
 
 
 def judge_over_range(
@@ -190,25 +205,24 @@ def judge_over_range(
 
     States at which the inverse gives another solution of the same pose are left out: its rows differ, but are right.
     """
-    extra_joints = model.mechanism.extra_joints(j.name for j in formula.joints)
     try:
-        kin = compile_formula(formula, variants, parameters, extra_joints)
+        kinematics = compiled_kinematics(formula, model, variants, parameters)
     except TwinError:  # a symbol without a value, which is explained row by row
         return None
     tolerances = Tolerances()
     if tolerance is not None:
         tolerances = Tolerances(tolerance.length, tolerance.angle)
-    errors = range_errors(kin, model, tolerances, free_angles=False)
+    errors = range_errors(kinematics, model, tolerances, free_angles=False)
     is_wrong = errors.wrong(tolerances)
     wrong = np.flatnonzero(is_wrong)
     right = np.flatnonzero(errors.inside & errors.own & ~is_wrong)
     if not len(wrong):
         return None
-    # As many right states as wrong ones, so that an edit must keep what is right.
-    every = max(1, len(wrong) // _MOST_OF_EACH)
-    wrong_ones = wrong[::every][:_MOST_OF_EACH]
-    states = np.concatenate([wrong_ones, right[:_MOST_OF_EACH]])
-    run = model.collect(errors.drawn.run.x[states])
+    # The wrong states are spread over the range; with as many right ones, an edit must also keep what is right.
+    stride = max(1, len(wrong) // _MOST_OF_EACH)
+    spread = wrong[::stride][:_MOST_OF_EACH]
+    chosen = np.concatenate([spread, right[:_MOST_OF_EACH]])
+    run = model.collect(errors.drawn.run.x[chosen])
     judge = Judge(formula, variants, symbol_values(formula, run, model, parameters), tolerance)
     if not judge.failing():
         return None

@@ -33,7 +33,9 @@ def limits(noise: Noise, cad: CadModel, judge: Judge, parameters: Mapping[str, f
     (near the end of reach), its difference is not limited.
     """
     rng = np.random.default_rng(1)
-    draws = [_residuals(noise, cad, judge, parameters, rng) for _ in range(_DRAWS)]
+    draws: list[Residuals] = []
+    for _ in range(_DRAWS):
+        draws.append(_residuals(noise, cad, judge, parameters, rng))
     largest: dict[str, Array] = {}
     for place, residual in judge.residuals.items():
         changes: list[Array] = []
@@ -42,6 +44,7 @@ def limits(noise: Noise, cad: CadModel, judge: Judge, parameters: Mapping[str, f
                 changes.append(residuals[place] - residual)
         if not changes:
             continue
+        # About the judged mechanism, not about the mean of the draws: the errors in the CAD are one more draw.
         sigma_of_entries = np.sqrt(np.square(changes).mean(axis=0))
         # Entries of one value have similar errors; the largest of them is the most certain estimate.
         sigma = sigma_of_entries.max(axis=1, keepdims=True)

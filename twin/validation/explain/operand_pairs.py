@@ -51,24 +51,24 @@ class Rest(Protocol):
 def operand_pairs(site: Site, edits: Sequence[Edit], scope: Scope, rest: Rest, end: Deadline) -> Iterator[Evaluated]:
     """Yield the residuals after pairs of edits of a statement; `scope` has the values before it, at one pose."""
     source = site.source
-    within: dict[ast.AST, list[Edit]] = {}
+    edits_within: dict[ast.AST, list[Edit]] = {}
     for node in [site.statement.node, *site.parents]:
         if isinstance(node, ast.expr):
-            first, last = source.span(node)
-            within[node] = [edit for edit in edits if first <= edit.start and edit.end <= last]
-    kept: dict[ast.AST, list[_Group]] = {}
+            span = source.span(node)
+            edits_within[node] = [edit for edit in edits if edit.is_within(span)]
+    groups_of_operand: dict[ast.AST, list[_Group]] = {}
 
     def groups(operand: ast.AST) -> list[_Group]:
-        if operand not in kept:
-            kept[operand] = list(_groups(source, operand, within[operand], scope, end))
-        return kept[operand]
+        if operand not in groups_of_operand:  # an operand is in several pairs
+            groups_of_operand[operand] = list(_groups(source, operand, edits_within[operand], scope, end))
+        return groups_of_operand[operand]
 
     for node in [site.statement.node, *site.parents]:
-        operands = [child for child in ast.iter_child_nodes(node) if within.get(child)]
-        for one, other in combinations(operands, 2):
-            for firsts in groups(one):
-                for seconds in groups(other):
-                    yield from _of_groups(site, (one, other), firsts, seconds, scope, rest, end)
+        operands = [child for child in ast.iter_child_nodes(node) if edits_within.get(child)]
+        for first, second in combinations(operands, 2):
+            for firsts in groups(first):
+                for seconds in groups(second):
+                    yield from _of_groups(site, (first, second), firsts, seconds, scope, rest, end)
             if end.passed:
                 return
         for operand in operands:
@@ -85,13 +85,14 @@ def _beside(
     """Yield the edits of an operation itself, such as that of a sign, that do not touch one of its operands."""
     start, end = source.span(node)
     operand_start, operand_end = source.span(operand)
-    operand_spans = [source.span(other) for other in operands]
+    spans = [source.span(operand_of_node) for operand_of_node in operands]
     for edit in edits:
-        if edit.start < start or end < edit.end:
+        if not edit.is_within((start, end)):
             continue
         touches_operand = operand_start <= edit.end and edit.start <= operand_end
-        in_operand = any(first <= edit.start and edit.end <= last for first, last in operand_spans)
-        if not touches_operand and not in_operand:
+        # Pairs with an edit inside another operand are tried as pairs of operands.
+        is_in_operand = any(edit.is_within(span) for span in spans)
+        if not touches_operand and not is_in_operand:
             yield edit
 
 
@@ -109,10 +110,10 @@ def _groups(source: Source, operand: ast.AST, edits: Sequence[Edit], scope: Scop
             value = eval(code, dict(scope))
         except Exception:  # an edit may be any invalid text
             continue
-        kind = form(value, 1)
-        if kind is not None:
-            some, values = by_form.setdefault(kind, ([], []))
-            some.append((edit,))
+        form_of_value = form(value, 1)
+        if form_of_value is not None:
+            edits_of_form, values = by_form.setdefault(form_of_value, ([], []))
+            edits_of_form.append((edit,))
             values.append(value)
     yield from by_form.values()
 
@@ -137,27 +138,30 @@ def _of_groups(
         code = source.compiled(site.statement, changed)
     except (SyntaxError, ValueError):
         return
-    ones, values = firsts
-    count = len(ones)
+    edits_of_first, values_of_first = firsts
+    edits_of_second, values_of_second = seconds
+    count = len(edits_of_first)
     most = max(_MOST // count, 1)
-    for begin in range(0, len(seconds[0]), most):
+    for begin in range(0, len(edits_of_second), most):
         if end.passed:
             return
-        others = seconds[0][begin : begin + most]
-        size = count * len(others)
+        part = edits_of_second[begin : begin + most]
+        size = count * len(part)
         own_scope = copied(scope)
-        own_scope[_HOLES[0]] = tiled(stacked(values, 1), count, len(others))
+        own_scope[_HOLES[0]] = tiled(stacked(values_of_first, 1), count, len(part))
         if len(operands) == 2:
-            own_scope[_HOLES[1]] = stacked(seconds[1][begin : begin + most], count)
+            own_scope[_HOLES[1]] = stacked(values_of_second[begin : begin + most], count)
+        names = (OUT,) if site.statement.returns else site.statement.writes
         try:
             exec(code, own_scope)
-            names = (OUT,) if site.statement.returns else site.statement.writes
-            fits = all(form(own_scope[name], size) is not None for name in names)
+            forms = [form(own_scope[name], size) for name in names]
         except Exception:  # operands of forms that do not fit
             return
-        deviations = rest(site.statement, own_scope, size) if fits else None
+        if None in forms:
+            continue
+        deviations = rest(site.statement, own_scope, size)
         if deviations is not None:
-            yield others, ones, deviations
+            yield part, edits_of_first, deviations
 
 
 def _hole(source: Source, statement: Statement, operand: ast.AST, name: str) -> Edit:
@@ -171,10 +175,12 @@ def form(value: Value, size: int) -> Value:
     if isinstance(value, Matrix):
         return value.shape if len(value.a) in (1, size) else None
     if isinstance(value, list | tuple):
-        forms = tuple(form(entry, size) for entry in value)
+        forms: list[Value] = []
+        for entry in value:
+            forms.append(form(entry, size))
         if None in forms:
             return None
-        return type(value), forms
+        return type(value), tuple(forms)
     is_number = isinstance(value, bool | int | float | np.ndarray | np.number)
     # an array of objects may hold matrices, which have forms of their own
     if is_number and np.shape(value) in ((), (1,), (size,)) and np.asarray(value).dtype != object:
@@ -185,11 +191,19 @@ def form(value: Value, size: int) -> Value:
 def stacked(values: Sequence[Value], size: int) -> Value:
     """Return values of the same form, each of which has 1 or `size` values, as one array."""
     first = values[0]
-    if isinstance(first, Matrix):
-        return Matrix(np.concatenate([np.broadcast_to(v.a, (size, *first.shape)) for v in values]))
     if isinstance(first, list | tuple):
-        return type(first)(stacked([v[i] for v in values], size) for i in range(len(first)))
-    return np.concatenate([np.broadcast_to(np.asarray(v, float), (size,)) for v in values])
+        entries: list[Value] = []
+        for entries_of_values in zip(*values, strict=True):
+            entries.append(stacked(entries_of_values, size))
+        return type(first)(entries)
+    arrays: list[Array] = []
+    if isinstance(first, Matrix):
+        for value in values:
+            arrays.append(np.broadcast_to(value.a, (size, *first.shape)))
+        return Matrix(np.concatenate(arrays))
+    for value in values:
+        arrays.append(np.broadcast_to(np.asarray(value, float), (size,)))
+    return np.concatenate(arrays)
 
 
 def tiled(value: Value, size: int, count: int) -> Value:
@@ -199,7 +213,10 @@ def tiled(value: Value, size: int, count: int) -> Value:
     if isinstance(value, Matrix) and len(value.a) == size:
         return Matrix(np.tile(value.a, (count, 1, 1)))
     if isinstance(value, list | tuple):
-        return type(value)(tiled(entry, size, count) for entry in value)
+        entries: list[Value] = []
+        for entry in value:
+            entries.append(tiled(entry, size, count))
+        return type(value)(entries)
     if isinstance(value, np.ndarray) and value.shape == (size,):
         return np.tile(value, count)
     return value

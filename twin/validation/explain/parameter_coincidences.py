@@ -59,10 +59,12 @@ def groups(formula: Formula) -> list[tuple[Parameter, ...]]:
     stated = [parameter for parameter in formula.parameters if parameter.provenance != "DERIVED"]
     all_groups: list[tuple[Parameter, ...]] = []
     for i, parameter in enumerate(stated):
-        if not parameter.value:
+        if not parameter.value:  # many parameters are zero for reasons of their own
             continue
-        equal = [other for other in stated[i:] if _is_equal(parameter, other)]
-        is_part = any(set(equal) <= set(group) for group in all_groups)
+        equal = [candidate for candidate in stated[i:] if _is_equal(parameter, candidate)]
+        is_part = False
+        for group in all_groups:
+            is_part |= set(equal) <= set(group)
         if len(equal) > 1 and not is_part:
             all_groups.append(tuple(equal))
     for parameter in stated:
@@ -111,10 +113,10 @@ def closes(judge: Judge, values: Mapping[str, float]) -> bool | None:
     differences = _differences(judge, values)
     if differences is None:
         return None
-    known = np.isfinite(differences).all(axis=1)
-    if np.mean(known) < _LEAST_POSES:
+    has_value = np.isfinite(differences).all(axis=1)
+    if np.mean(has_value) < _LEAST_POSES:
         return None
-    return bool(np.abs(differences[known]).max() <= _CLOSED)
+    return bool(np.abs(differences[has_value]).max() <= _CLOSED)
 
 
 def coincidences(judge: Judge) -> list[tuple[Parameter, ...]]:
@@ -122,7 +124,10 @@ def coincidences(judge: Judge) -> list[tuple[Parameter, ...]]:
     values = _values(judge)
     if closes(judge, {}) is not True:
         return []
-    derived = [parameter.name for parameter in judge.formula.parameters if parameter.provenance == "DERIVED"]
+    derived: list[str] = []
+    for parameter in judge.formula.parameters:
+        if parameter.provenance == "DERIVED":
+            derived.append(parameter.name)
     coinciding: list[tuple[Parameter, ...]] = []
     for group in groups(judge.formula):
         other = changed(group, values)
@@ -143,29 +148,30 @@ def _closes_with(judge: Judge, values: Mapping[str, float], derived: Sequence[st
 
     A parameter that is derived from a varied one has another value as well, but no formula is known for it.
     """
-    before = _values(judge)
-    tried = np.array([before[name] for name in derived])
-    steps = np.maximum(np.abs(tried), _SMALLEST_SCALE) * _STEP
+    present_values = _values(judge)
+    start = [present_values[name] for name in derived]
+    x = np.array(start)
+    steps = np.maximum(np.abs(x), _SMALLEST_SCALE) * _STEP
     for _ in range(_NEWTON):
-        given = {**values, **dict(zip(derived, tried, strict=True))}
-        differences = _differences(judge, given)
+        parameters = {**values, **dict(zip(derived, x, strict=True))}
+        differences = _differences(judge, parameters)
         if differences is None:
             return False
         slopes: list[Array] = []
         for i, name in enumerate(derived):
-            moved = _differences(judge, {**given, name: tried[i] + steps[i]})
-            if moved is None:
+            differences_ahead = _differences(judge, {**parameters, name: x[i] + steps[i]})
+            if differences_ahead is None:
                 return False
-            slope = (moved - differences) / steps[i]
+            slope = (differences_ahead - differences) / steps[i]
             slopes.append(slope.ravel())
         J = np.stack(slopes, axis=1)
         r = differences.ravel()
-        known = np.isfinite(J).all(axis=1) & np.isfinite(r)
-        if not known.any():
+        has_value = np.isfinite(J).all(axis=1) & np.isfinite(r)
+        if not has_value.any():
             return False
-        step, *_ = np.linalg.lstsq(J[known], r[known], rcond=None)
-        tried = tried - step
-        if closes(judge, {**values, **dict(zip(derived, tried, strict=True))}):
+        step, *_ = np.linalg.lstsq(J[has_value], r[has_value], rcond=None)
+        x = x - step
+        if closes(judge, {**values, **dict(zip(derived, x, strict=True))}):
             return True
     return False
 
@@ -200,10 +206,10 @@ def _differences(judge: Judge, values: Mapping[str, float]) -> Array | None:
         if not inverse.keys() >= joints.keys():
             return None
         joints_of_inverse = {name: inverse[name] for name in joints}
-        again = _pose(judge, {**parameters, **joints_of_inverse})
-    if again is None or again.shape != pose.shape:
+        second_pose = _pose(judge, {**parameters, **joints_of_inverse})
+    if second_pose is None or second_pose.shape != pose.shape:
         return None
-    return (again - pose).reshape(len(pose), -1)
+    return (second_pose - pose).reshape(len(pose), -1)
 
 
 def _pose(judge: Judge, symbols: dict[str, object]) -> Array | None:
@@ -219,10 +225,13 @@ def _outputs(judge: Judge, symbols: dict[str, object], stage: str) -> dict[str, 
     reference = ReferenceValues(
         symbols, {}, judge.reference.k, judge.reference.Ts, None, judge.reference.coordinates, {}
     )
-    only = [step.equation.name for step in judge.steps if step.stage == stage]
-    run = judge.on(reference, only)
+    equations: list[str] = []
+    for step in judge.steps:
+        if step.stage == stage:
+            equations.append(step.equation.name)
+    judge_of_stage = judge.on(reference, equations)
     outputs: dict[str, object] = {}
-    for step in run.steps:
+    for step in judge_of_stage.steps:
         if not step.missing:
-            outputs.update(step.gave)
+            outputs.update(step.output_values)
     return outputs

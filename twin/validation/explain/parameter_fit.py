@@ -79,15 +79,20 @@ class ParameterResiduals:
         """Store the rows; `noise`: standard deviation, in units of the tolerance, added to the mechanism's values."""
         self.judge = judge
         self.deadline = deadline or Deadline()
-        self.start = {p.name: float(np.asarray(judge.reference.symbols[p.name])) for p in judge.formula.parameters}
+        self.start: dict[str, float] = {}
+        """Values of the parameters in SI with which the formula was judged."""
+        for parameter in judge.formula.parameters:
+            self.start[parameter.name] = float(np.asarray(judge.reference.symbols[parameter.name]))
         failing = judge.failing()
         # Helpers often only repeat the error of a printed row: helper rows are used only if all printed rows agree.
-        printed_fails = any(self._printed(p.equation) for p in failing)
+        printed_row_fails = False
+        for place in failing:
+            printed_row_fails |= self._is_printed(place.equation)
         self.rows: list[RowPlace] = []
         self.complete = True
         size = 0  # number of residuals of all used rows
         for place, residual in judge.residuals.items():
-            if printed_fails and not self._printed(place.equation):
+            if printed_row_fails and not self._is_printed(place.equation):
                 continue
             if np.isfinite(residual).all():
                 self.rows.append(place)
@@ -98,7 +103,7 @@ class ParameterResiduals:
         if noise:
             self.noise = noise * np.random.default_rng(seed).standard_normal(size)
 
-    def _printed(self, equation: str) -> bool:
+    def _is_printed(self, equation: str) -> bool:
         return self.judge.step(equation).stage != "helper"
 
     def residual(self, values: dict[str, float]) -> Array:
@@ -108,33 +113,34 @@ class ParameterResiduals:
             LateError: the time is over.
         """
         self.deadline.check()
-        other = self.judge.on(self.judge.reference.with_values(values))
+        judge = self.judge.on(self.judge.reference.with_values(values))
         without_value = np.full(self.noise.shape, np.nan)
         of_rows: list[Array] = [np.zeros(0)]  # there may be no rows
         for place in self.rows:
-            if place not in other.residuals:
+            if place not in judge.residuals:
                 return without_value
-            of_rows.append(other.residuals[place].ravel())
+            of_rows.append(judge.residuals[place].ravel())
         flat = np.concatenate(of_rows)
         if flat.shape != self.noise.shape:
             return without_value
         return flat + self.noise
 
-    def used(self) -> list[Parameter]:
+    def influential_parameters(self) -> list[Parameter]:
         """Return the parameters on which at least one row depends."""
-        base = self.residual(self.start)
-        used: list[Parameter] = []
-        for p in self.judge.formula.parameters:
-            start = self.start[p.name]
+        residual = self.residual(self.start)
+        influential: list[Parameter] = []
+        for parameter in self.judge.formula.parameters:
+            start = self.start[parameter.name]
             scale = max(abs(start), _SMALLEST_SCALE)
-            moved = self.residual({**self.start, p.name: start + _PROBE * scale})
-            if np.nanmax(np.abs(moved - base), initial=0.0) > _FELT:
-                used.append(p)
-        return used
+            changed_residual = self.residual({**self.start, parameter.name: start + _PROBE * scale})
+            if np.nanmax(np.abs(changed_residual - residual), initial=0.0) > _FELT:
+                influential.append(parameter)
+        return influential
 
     def fit(self, names: tuple[str, ...]) -> ParameterFit:
         """Fit the named parameters by least squares (Gauss-Newton, step halving; minimum norm if not identifiable)."""
-        x: Array = np.array([self.start[n] for n in names], float)
+        start = [self.start[name] for name in names]
+        x: Array = np.array(start, float)
         scale = np.maximum(np.abs(x), _SMALLEST_SCALE)
 
         def residual(values: Array) -> Array:
@@ -142,7 +148,8 @@ class ParameterResiduals:
             return self.residual({**self.start, **named_values})
 
         r = residual(x)
-        J = np.zeros((len(r), len(names)))  # derivatives by values in units of `scale`
+        # The derivatives are by values in units of `scale`, so that lengths and angles count alike in the cut-off.
+        J = np.zeros((len(r), len(names)))
         slow_steps = 0
         for _ in range(_STEPS):
             for i in range(len(names)):

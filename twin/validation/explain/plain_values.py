@@ -17,11 +17,19 @@ from twin.validation.explain.function_source import Source
 from twin.validation.explain.rebuilt_functions import Matrix
 
 
+def _numpy_functions() -> dict[str, Callable[..., Value]]:
+    """Return the functions of NumPy by the names that scalars of plain functions use."""
+    functions: dict[str, Callable[..., Value]] = {"if_else": np.where}
+    for name in METHODS:
+        functions[name] = getattr(np, name)
+    return functions
+
+
 class SampledScalar(Scalar):
     """A scalar with its values (k,) at all samples."""
 
     __slots__ = ()
-    functions = {**{n: getattr(np, n) for n in METHODS}, "if_else": np.where}  # noqa: RUF012
+    functions = _numpy_functions()
 
 
 def enter(x: Value) -> Value:
@@ -96,14 +104,20 @@ def _joint_vector(*q: Value) -> Matrix:
 
 
 def _joint_objects(*q: Value) -> Value:
-    return np.array([enter(x) for x in q], dtype=object)
+    objects: list[Value] = []
+    for values in q:
+        objects.append(enter(values))
+    return np.array(objects, dtype=object)
 
 
 def parts(row: PlainRows, value: Value) -> list[Value]:
     """Split the result of a plain function into one value per output."""
     if row.casadi:
         return row.spread(value, _matrix_entries)
-    return [leave(entry) for entry in row.spread(value, entries)]
+    values: list[Value] = []
+    for entry in row.spread(value, entries):
+        values.append(leave(entry))
+    return values
 
 
 def _matrix_entries(x: Value) -> list[Value] | None:
@@ -127,12 +141,14 @@ def copied(scope: Mapping[str, Value]) -> dict[str, Value]:
     return copies
 
 
-def held(source: Source, outputs: tuple[str, ...]) -> set[str]:
+def compared_variables(source: Source, outputs: tuple[str, ...]) -> set[str]:
     """Return the outputs that the function returns as a variable of the same name, assigned exactly once."""
     returned = getattr(source.statements[-1].node, "value", None)
     pairs: Iterable[tuple[object, ast.expr | None]] = ()
     if isinstance(returned, ast.Dict):
-        keys = [getattr(key, "value", None) for key in returned.keys]
+        keys: list[object] = []
+        for key in returned.keys:
+            keys.append(getattr(key, "value", None))  # a key that is no constant names no output
         pairs = zip(keys, returned.values, strict=True)
     else:
         elements = getattr(returned, "elts", [returned])

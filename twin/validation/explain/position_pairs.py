@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import chain
+from pathlib import Path
 
 import numpy as np
 
@@ -21,6 +22,9 @@ _SHARED_PART = 0.2
 _NEAR = 20.0
 """Difference, in units of the tolerance, up to which two effects add up to a residual."""
 
+_SEED = 3
+"""Seed of the direction in which effects are added: every run tries the same pairs."""
+
 _MOST_NEAR = 50
 """Maximum number of second edits whose effects are as near as this to what a first one leaves."""
 
@@ -32,7 +36,7 @@ class PositionPairs:
         """Set up the search; `trials` evaluates pairs."""
         self.trials = trials
 
-    def found(
+    def pairs_for(
         self, row: RowKey, singles: list[Candidate], shared: list[Candidate], deadline: Deadline
     ) -> tuple[list[Candidate], bool]:
         """Return (pairs of edits with which a row agrees or nearly agrees, whether all pairs were tried).
@@ -42,27 +46,29 @@ class PositionPairs:
         """
         trials = self.trials
         candidates: list[Candidate] = []
-        tried: set[frozenset[int]] = set()
+        seen_pairs: set[frozenset[int]] = set()
         likely_pairs = chain(self._additive(row, singles, deadline), self._with_shared(row, singles, shared, deadline))
         for a, b in likely_pairs:
             pair = frozenset((id(a), id(b)))
-            if pair in tried or not _fit(a, b):
+            if pair in seen_pairs or not _can_be_combined(a, b):
                 continue
-            tried.add(pair)
+            seen_pairs.add(pair)
             candidate = trials.attempt(a.step, [a.edits[0], b.edits[0]])
             if candidate is not None:
                 candidates.append(candidate)
         for candidate in candidates:
-            if candidate.serves and candidate.over([row], trials.base) <= 1:
+            if candidate.may_be_proposed and candidate.worst_over([row], trials.worst_before) <= 1:
                 return candidates, True
         complete = True
         for step, edits in self._moving(row, singles):
-            search = ReplacementPairs(trials.judge, trials.shaken, step, row, edits, deadline, self._undefined(step))
-            for first, second in search.found():
+            search = ReplacementPairs(
+                trials.judge, trials.perturbed_judge, step, row, edits, deadline, self._undefined(step)
+            )
+            for first, second in search.likely_pairs():
                 candidate = trials.attempt(step, [first, second])
                 if candidate is not None:
                     candidates.append(candidate)
-            trials.tried += search.evaluated
+            trials.trial_count += search.evaluated
             complete &= search.complete
         return candidates, complete
 
@@ -70,25 +76,26 @@ class PositionPairs:
         self, row: RowKey, singles: list[Candidate], deadline: Deadline
     ) -> Iterator[tuple[Candidate, Candidate]]:
         """Yield pairs of edits whose effects on a row add up to its residual, in one direction drawn at random."""
-        raw = self.trials.raw[row]
-        if not np.isfinite(raw).all():
+        before = self.trials.residuals_before[row]
+        if not np.isfinite(before).all():
             return
-        # A random direction: effects that add up to the residual in all entries add up in it.
-        weights = np.random.default_rng(3).standard_normal(raw.size)
+        # Effects that add up to the residual in all entries add up in any direction; few others do in a random one.
+        weights = np.random.default_rng(_SEED).standard_normal(before.size)
         weights /= np.linalg.norm(weights)
         candidates: list[Candidate] = []
         effects: list[float] = []
-        for c in singles:
-            after = c.changed.get(row)
-            if after is not None and after.shape == raw.shape and np.isfinite(after).all():
-                candidates.append(c)
-                effects.append(float(weights @ (after - raw).ravel()))
+        for candidate in singles:
+            after = candidate.changed.get(row)
+            if after is not None and after.shape == before.shape and np.isfinite(after).all():
+                candidates.append(candidate)
+                effects.append(float(weights @ (after - before).ravel()))
+        # Sorted by effect, the second edits for a first one are found by bisection.
         order = np.argsort(effects)
-        ordered = np.array(effects)[order]
-        target = -float(weights @ raw.ravel())
+        sorted_effects = np.array(effects)[order]
+        target = -float(weights @ before.ravel())
         for first, effect in zip(candidates, effects, strict=True):
             missing = target - effect
-            start, end = np.searchsorted(ordered, [missing - _NEAR, missing + _NEAR])
+            start, end = np.searchsorted(sorted_effects, [missing - _NEAR, missing + _NEAR])
             for j in order[start : min(end, start + _MOST_NEAR)]:
                 if deadline.passed:
                     return
@@ -109,8 +116,8 @@ class PositionPairs:
     def _undefined(self, step: Step) -> list[ByteRange]:
         """Return where names without a value stand in the statements of an equation on which failing rows depend."""
         ranges: list[ByteRange] = []
-        for other, sites in self.trials.sites():
-            if other is step:
+        for step_of_sites, sites in self.trials.sites():
+            if step_of_sites is step:
                 for site in sites:
                     ranges += site.undefined
         return ranges
@@ -118,35 +125,40 @@ class PositionPairs:
     def _moving(self, row: RowKey, singles: list[Candidate]) -> list[tuple[Step, list[Edit]]]:
         """Return the one-token edits that change a row, grouped by the equation in which they are tried."""
         step_of_row = self.trials.judge.step(row[0])
-        called = {(helper.source.path, helper.source.name) for helper in self.trials.judge.helpers(step_of_row)}
-        raw = self.trials.raw[row]
-        has_values = bool(np.isfinite(raw).all())
+        called: set[tuple[Path, str]] = set()
+        for helper in self.trials.judge.helpers(step_of_row):
+            called.add((helper.source.path, helper.source.name))
+        before = self.trials.residuals_before[row]
+        has_values = bool(np.isfinite(before).all())
         moving: list[tuple[Step, Edit]] = []
-        for c in singles:
+        for candidate in singles:
             # Without a value, the effect of a single edit may be invisible.
-            if not has_values or _moves(c, row, raw):
-                moving.append((c.step, c.edits[0]))
-        if step_of_row.stuck:
-            moving += self.trials.senseless
+            if not has_values or _moves(candidate, row, before):
+                moving.append((candidate.step, candidate.edits[0]))
+        if step_of_row.stuck:  # an edit without a value may have one beside the edit of the unknown name
+            moving += self.trials.edits_without_value
         edits_of_step: dict[str, tuple[Step, list[Edit]]] = {}
         for step, edit in moving:
             if edit.kind not in TOKENS or edit.kind == "left side":
                 continue
-            tried_in = step_of_row if (edit.path, edit.function) in called else step
-            _, edits = edits_of_step.setdefault(tried_in.equation.name, (tried_in, []))
+            step_to_try = step
+            if (edit.path, edit.function) in called:  # the row itself shows the effect, also if another equation calls
+                step_to_try = step_of_row
+            _, edits = edits_of_step.setdefault(step_to_try.equation.name, (step_to_try, []))
             edits.append(edit)
         return sorted(edits_of_step.values(), key=lambda group: group[0] is not step_of_row)
 
 
-def _fit(a: Candidate, b: Candidate) -> bool:
+def _can_be_combined(a: Candidate, b: Candidate) -> bool:
     """Return whether two single edits are in one function and do not touch each other."""
-    one = a.edits[0]
-    other = b.edits[0]
-    if a.step is not b.step or one.function != other.function or one.path != other.path:
+    first = a.edits[0]
+    second = b.edits[0]
+    if a.step is not b.step or first.function != second.function or first.path != second.path:
         return False
-    return one.end < other.start or other.end < one.start
+    return first.end < second.start or second.end < first.start
 
 
-def _moves(c: Candidate, row: RowKey, raw: Array) -> bool:
-    after = c.changed.get(row)
-    return after is not None and not np.array_equal(after, raw)
+def _moves(candidate: Candidate, row: RowKey, before: Array) -> bool:
+    """Return whether a candidate changes the residuals `before` (k, entries) of a row."""
+    after = candidate.changed.get(row)
+    return after is not None and not np.array_equal(after, before)

@@ -23,7 +23,7 @@ from twin.validation.explain.judged_states import Progress, sample_states
 from twin.validation.explain.reference_values import symbol_values
 from twin.validation.explain.repair_search import RepairSearch
 from twin.validation.explain.row_deviations import Judge, trial_residuals, worst
-from twin.validation.explain.suspects import shared
+from twin.validation.explain.suspect_statements import shared
 from twin.validation.explain.wrong_parameters import identify
 
 Lead = Literal["edits", "numbers", "edits or numbers", ""]
@@ -161,8 +161,10 @@ class _FixSearch:
     def _note_edits_by_chance(self, search: RepairSearch) -> None:
         """Remark on the edits that are no fixes because rows agree after them only by chance."""
         for candidate, reason in search.by_chance:
-            texts = "; ".join(edit_phrase(edit) for edit in candidate.edits)
-            self.remarks.append(f"`{texts}` makes rows agree only {reason}; it is no fix")
+            phrases: list[str] = []
+            for edit in candidate.edits:
+                phrases.append(edit_phrase(edit))
+            self.remarks.append(f"`{'; '.join(phrases)}` makes rows agree only {reason}; it is no fix")
 
     def _note_edits_beside_numbers(self, results: Sequence[GroupResult]) -> None:
         """Remark on the edits that would also make the rows agree, but are more changes than the fitted numbers."""
@@ -172,11 +174,15 @@ class _FixSearch:
 
     def _all_fixed(self, found_conventions: Sequence[Convention], rows: Sequence[RowKey]) -> bool:
         """Return whether conventions fix all the given rows."""
+        if not found_conventions:
+            return False
         fixed: set[str] = set()
         for convention in found_conventions:
             fixed.update(convention.rows)
-        names = {row_name(self.judge, row) for row in rows}
-        return bool(found_conventions) and names <= fixed
+        names: set[str] = set()
+        for row in rows:
+            names.add(row_name(self.judge, row))
+        return names <= fixed
 
 
 def simplest_explanation(
@@ -200,10 +206,10 @@ def simplest_explanation(
         return "edits"
     # The value of another parameter is as likely a misprint of its name.
     assert identified is not None
-    notes = [parameter.note for parameter in identified.moved]
-    if all(note.startswith("the value of") for note in notes):
-        return "edits or numbers"
-    return "numbers"
+    for parameter in identified.moved:
+        if not parameter.note.startswith("the value of"):
+            return "numbers"
+    return "edits or numbers"
 
 
 def _count_of_edits(results: Sequence[GroupResult], unrepaired: Sequence[RowKey]) -> int | None:
@@ -238,24 +244,27 @@ def held_out(
 
     If a repaired row agrees at all states of the search, but not at the new states, its agreement was a coincidence.
     """
-    fresh = _judge_at_new_states(judge, model)
-    if fresh is None or not any(result.cures for result in results):
+    new_judge = _judge_at_new_states(judge, model)
+    if new_judge is None:
         return results, unrepaired
-    failing = {place.key for place in fresh.failing()}
-    kept: list[GroupResult] = []
+    failing = new_judge.failing_rows()
+    checked: list[GroupResult] = []
     unexplained = list(unrepaired)
     for result in results:
         cures: list[list[Candidate]] = []
         for readings in result.cures:
-            holding = [candidate for candidate in readings if _holds(fresh, candidate, result.rows, failing)]
+            holding: list[Candidate] = []
+            for candidate in readings:
+                if _holds(new_judge, candidate, result.rows, failing):
+                    holding.append(candidate)
             if holding:
                 cures.append(holding)
         if result.cures and not cures:
             for row in result.rows:
                 if row not in unexplained:
                     unexplained.append(row)
-        kept.append(replace(result, cures=cures))
-    return kept, unexplained
+        checked.append(replace(result, cures=cures))
+    return checked, unexplained
 
 
 def _judge_at_new_states(judge: Judge, model: ReferenceModel) -> Judge | None:
@@ -264,20 +273,22 @@ def _judge_at_new_states(judge: Judge, model: ReferenceModel) -> Judge | None:
         run = sample_states(model, _HELD_OUT_STATES, _HELD_OUT_SEED, regular=model.redundant)
     except TwinError:
         return None
-    values = {p.name: float(judge.reference.symbols[p.name]) for p in judge.formula.parameters}
-    fresh = judge.on(symbol_values(judge.formula, run, model, values))
-    failing = {place.key for place in judge.failing()}
-    failing_at_new_states = {place.key for place in fresh.failing()}
-    if not failing_at_new_states <= failing:
+    values: dict[str, float] = {}
+    for parameter in judge.formula.parameters:
+        values[parameter.name] = float(judge.reference.symbols[parameter.name])
+    new_judge = judge.on(symbol_values(judge.formula, run, model, values))
+    # A row that is wrong only at the new states has a fault that the search could not see.
+    if not new_judge.failing_rows() <= judge.failing_rows():
         return None
-    return fresh
+    return new_judge
 
 
-def _holds(fresh: Judge, candidate: Candidate, rows: list[RowKey], failing: set[RowKey]) -> bool:
+def _holds(new_judge: Judge, candidate: Candidate, rows: list[RowKey], failing: set[RowKey]) -> bool:
     """Return whether the rows agree at the new states after a candidate's edits."""
     if candidate.extra:  # names defined by the edits have values only at the states of the search
         return True
-    residuals = trial_residuals(fresh, fresh.step(candidate.step.equation.name), candidate.edits)
+    step = new_judge.step(candidate.step.equation.name)
+    residuals = trial_residuals(new_judge, step, candidate.edits)
     if residuals is None:
         return False
     for place, residual in residuals.items():

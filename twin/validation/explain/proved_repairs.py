@@ -46,40 +46,42 @@ class ProvedResult:
     """The result of a search with proofs.
 
     Attributes:
-        found: the result; cures that are proved to be one function are merged.
+        result: the result of the search; cures that are proved to be one function are merged.
         proofs: the verdict on each cure.
         merged: for each cure, whether it is made of several that differ for other dimensions of the mechanism.
     """
 
-    found: GroupResult
+    result: GroupResult
     proofs: tuple[str, ...] = ()
     merged: tuple[bool, ...] = ()
 
 
-def proved(formula: Formula, found: Sequence[GroupResult], prover: RepairProver | None) -> list[ProvedResult]:
+def proved(formula: Formula, results: Sequence[GroupResult], prover: RepairProver | None) -> list[ProvedResult]:
     """Return the results of a search with the verdict on each cure; without a prover, as they are.
 
     A cure is proved together with the first cure of each other group: only a formula without wrong rows is an identity.
     """
-    if prover is None:
-        return [ProvedResult(result) for result in found]
-    results = []
-    proofs = _Proofs(formula, prover)
-    for result in found:
-        others = [edit for other in found if other is not result for edit in _first_edits(other)]
-        results.append(proofs.of(result, others))
-    return results
-
-
-def _first_edits(found: GroupResult) -> list[Edit]:
-    """Return the edits of the first cure; none if there is no cure."""
-    return _edits(found.cures[0]) if found.cures else []
+    proved_results: list[ProvedResult] = []
+    proofs: _Proofs | None = None
+    if prover is not None:
+        proofs = _Proofs(formula, prover)
+    for result in results:
+        if proofs is None:
+            proved_results.append(ProvedResult(result))
+            continue
+        edits_of_others: list[Edit] = []
+        for other_result in results:
+            if other_result is not result and other_result.cures:
+                edits_of_others += _edits(other_result.cures[0])
+        proved_results.append(proofs.of(result, edits_of_others))
+    return proved_results
 
 
 def _edits(cure: Sequence[Candidate]) -> list[Edit]:
     """Return the edits of the first reading that keeps all left sides; of the first one if none does."""
     for reading in cure:
-        if all(edit.kind != "left side" for edit in reading.edits):
+        kinds = [edit.kind for edit in reading.edits]
+        if "left side" not in kinds:  # an edit of a left side is no edit of the file alone, and cannot be proved
             return reading.edits
     return cure[0].edits
 
@@ -90,38 +92,45 @@ class _Proofs:
     def __init__(self, formula: Formula, prover: RepairProver) -> None:
         self.formula = formula
         self.prover = prover
-        self.known: dict[frozenset[Edit], ProofOfRepair] = {}
+        self._verdicts: dict[frozenset[Edit], ProofOfRepair] = {}
 
-    def of(self, found: GroupResult, others: Sequence[Edit]) -> ProvedResult:
-        """Return one result with its verdicts; `others` are the edits of the other groups."""
-        groups: list[list[Candidate]] = []
+    def of(self, result: GroupResult, edits_of_others: Sequence[Edit]) -> ProvedResult:
+        """Return one result with its verdicts; `edits_of_others` are those of the first cures of the other groups."""
+        cures: list[list[Candidate]] = []
         proofs: list[str] = []
         merged: list[bool] = []
-        functions: list[tuple[int, Formula]] = []  # the group of each proved function, and a formula with it
+        functions: list[tuple[int, Formula]] = []  # the index of the cure of each proved function, and its formula
         with ExitStack() as stack:  # the edited files exist while formulas are compared
-            for k, cure in enumerate(found.cures):
+            for n, cure in enumerate(result.cures):
                 edited = None
-                if k >= _MOST:
+                if n >= _MOST:
                     verdict = ProofOfRepair(f"not judged by the prover: only {_MOST} repairs of these rows are", False)
                 else:
-                    change = list(dict.fromkeys([*_edits(cure), *others]))
+                    change = list(dict.fromkeys([*_edits(cure), *edits_of_others]))
                     edited = stack.enter_context(edited_formula(self.formula, change))
                     verdict = self._verdict(edited, frozenset(change))
                 if edited is not None and verdict.proved:
-                    same = next((group for group, other in functions if self.prover.same(other, edited)), None)
-                    if same is not None:
-                        groups[same] = [*groups[same], *cure]
-                        merged[same] = True
+                    same_cure = self._index_of_same(functions, edited)
+                    if same_cure is not None:
+                        cures[same_cure] = [*cures[same_cure], *cure]
+                        merged[same_cure] = True
                         continue
-                    functions.append((len(groups), edited))
-                groups.append(cure)
+                    functions.append((len(cures), edited))
+                cures.append(cure)
                 proofs.append(verdict.text)
                 merged.append(False)
-        return ProvedResult(replace(found, cures=groups), tuple(proofs), tuple(merged))
+        return ProvedResult(replace(result, cures=cures), tuple(proofs), tuple(merged))
+
+    def _index_of_same(self, functions: Sequence[tuple[int, Formula]], edited: Formula) -> int | None:
+        """Return the index of the cure whose proved formula has the same values as another; None if there is none."""
+        for i, formula in functions:
+            if self.prover.same(formula, edited):
+                return i
+        return None
 
     def _verdict(self, edited: Formula | None, change: frozenset[Edit]) -> ProofOfRepair:
         if edited is None:
             return ProofOfRepair("not judged by the prover: the edit is not one of the formula's file alone", False)
-        if change not in self.known:
-            self.known[change] = self.prover.proof(edited)
-        return self.known[change]
+        if change not in self._verdicts:
+            self._verdicts[change] = self.prover.proof(edited)
+        return self._verdicts[change]

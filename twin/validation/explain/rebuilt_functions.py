@@ -39,13 +39,18 @@ class Matrix(np.lib.mixins.NDArrayOperatorsMixin):
         """Apply an operator or an elementwise function of NumPy; a product of shape (1, 1) is returned as a scalar."""
         if method != "__call__":
             return NotImplemented
-        parts = [_entries(x) for x in args]
+        arrays: list[Array] = []
+        shapes: set[tuple[int, ...]] = set()
+        for x in args:
+            array = _entries(x)
+            arrays.append(array)
+            if array.shape[1:] != (1, 1):
+                shapes.add(array.shape[1:])
         if ufunc is np.matmul:
-            return _matrix_or_scalar(np.matmul(*parts))
-        shapes = {p.shape[1:] for p in parts} - {(1, 1)}
-        if len(shapes) > 1:
+            return _matrix_or_scalar(np.matmul(*arrays))
+        if len(shapes) > 1:  # NumPy would repeat a row or a column; CasADi raises an error
             raise ValueError(f"shapes {sorted(shapes)} do not match")
-        return Matrix(ufunc(*parts))
+        return Matrix(ufunc(*arrays))
 
     def __matmul__(self, other: Value) -> Value:
         """Return the product; two matrices need no dispatch by NumPy, which takes longer than the product itself."""
@@ -129,9 +134,12 @@ def _entries(x: Value) -> Array:
 
 def _stack(args: tuple, axis: int) -> Value:
     """Return matrices and scalars as one matrix: below each other (`axis` 1), or beside each other (2)."""
-    if all(type(x) in (int, float) for x in args):
+    types_of_args = set(map(type, args))
+    if types_of_args <= {int, float}:  # most rows of tables: one array is made faster than one of each number
         numbers = np.array(args, float)
-        shape = (1, -1, 1) if axis == 1 else (1, 1, -1)
+        shape = (1, -1, 1)
+        if axis == 2:
+            shape = (1, 1, -1)
         return Matrix(numbers.reshape(shape))
     parts = [_entries(x) for x in args]
     k = max(map(len, parts))
@@ -338,46 +346,46 @@ _FAST = {"rotation_x": turn(0), "rotation_y": turn(1), "rotation_z": turn(2), "p
 """Functions of `symbolic` that have their own NumPy version."""
 
 
-_SHORT = 2048
-"""Maximum number of entries of an argument of a call whose result is kept."""
+_LONGEST_ARGUMENT = 2048
+"""Maximum number of entries of an argument of a call whose result is cached."""
 
-_MOST_KEPT = 2_000_000
-"""Maximum number of entries of the results that are kept of one function."""
+_MOST_CACHED = 2_000_000
+"""Maximum number of entries of the cached results of one function: 16 MB."""
 
 
-def _remembering(f: types.FunctionType) -> types.FunctionType:
-    """Return a function that keeps its results if they are matrices; `f` must call no function that can be edited.
+def _with_cache(f: types.FunctionType) -> types.FunctionType:
+    """Return a function that caches its results if they are matrices; `f` must call no function that can be edited.
 
-    The results are kept and given as copies, so that no caller can change them. While edits are tried, a row of a table
-    is evaluated thousands of times with the same values.
+    The results are cached and returned as copies, so that no caller can change them. While edits are tried, a row of a
+    table is evaluated thousands of times with the same values.
     """
     results: dict[Value, Matrix] = {}
-    state = {"entries": 0}
+    cache_size = {"entries": 0}
     # The new function has the globals of `f`, in which edits replace functions; what it needs itself is in its closure.
     key_of = _key
-    kept = Matrix
-    most = _MOST_KEPT
+    matrix_type = Matrix
+    most_entries = _MOST_CACHED
 
-    def remembered(*args: Value, **named: Value) -> Value:
+    def cached(*args: Value, **named: Value) -> Value:
         key = None
         if not named:
             key = key_of(args)
         if key is None:
             return f(*args, **named)
         if key in results:
-            return kept(results[key].a.copy())
+            return matrix_type(results[key].a.copy())
         value = f(*args)
-        if isinstance(value, kept):  # operators never change a matrix, but may change an array or a list
-            state["entries"] += value.a.size
-            if state["entries"] > most:
+        if isinstance(value, matrix_type):  # operators never change a matrix, but may change an array or a list
+            cache_size["entries"] += value.a.size
+            if cache_size["entries"] > most_entries:
                 results.clear()
-                state["entries"] = value.a.size
-            results[key] = kept(value.a.copy())
+                cache_size["entries"] = value.a.size
+            results[key] = matrix_type(value.a.copy())
         return value
 
-    remembering = types.FunctionType(remembered.__code__, f.__globals__, f.__name__, None, remembered.__closure__)
-    remembering.__wrapped__ = f  # type: ignore[attr-defined]
-    return remembering
+    with_cache = types.FunctionType(cached.__code__, f.__globals__, f.__name__, None, cached.__closure__)
+    with_cache.__wrapped__ = f  # type: ignore[attr-defined]
+    return with_cache
 
 
 def _is_leaf(f: types.FunctionType) -> bool:
@@ -408,13 +416,15 @@ def _key(args: tuple[Value, ...]) -> tuple[Value, ...] | None:
     """Return a key, equal only for equal arguments; None if an argument is long, or neither number nor matrix."""
     key: list[Value] = [_UNGUARDED.get()]
     for x in args:
-        a = x.a if isinstance(x, Matrix) else x
-        if isinstance(a, float):
-            key.append(a.hex())  # 0.0 and -0.0 are equal, but not their arc tangents
-        elif isinstance(a, int):
-            key.append(a)
-        elif isinstance(a, np.ndarray) and a.dtype == np.float64 and a.size <= _SHORT:
-            key.append((type(x), a.shape, a.tobytes()))
+        numbers = x
+        if isinstance(x, Matrix):
+            numbers = x.a
+        if isinstance(numbers, float):
+            key.append(numbers.hex())  # 0.0 and -0.0 are equal, but not their arc tangents
+        elif isinstance(numbers, int):
+            key.append(numbers)
+        elif isinstance(numbers, np.ndarray) and numbers.dtype == np.float64 and numbers.size <= _LONGEST_ARGUMENT:
+            key.append((type(x), numbers.shape, numbers.tobytes()))
         else:
             return None
     return tuple(key)
@@ -424,13 +434,14 @@ class Rebuilder:
     """Rebuilds functions for arrays; each function is rebuilt only once per instance."""
 
     def __init__(self) -> None:
-        self._done: dict[int, Value] = {}
-        self._keep: list[Value] = []  # references to the functions, so that their ids stay unique
+        self._rebuilt: dict[int, Value] = {}
+        """Rebuilt functions, modules and globals by the identity of the original."""
+        self._originals: list[Value] = []  # references, so that their identities stay unique
 
     def function(self, f: Callable) -> Callable:
         """Return the function rebuilt with numeric globals, defaults and closure."""
-        if id(f) in self._done:
-            return self._done[id(f)]
+        if id(f) in self._rebuilt:
+            return self._rebuilt[id(f)]
         if not isinstance(f, types.FunctionType):
             raise KinematicsError(f"{f!r} is not a plain Python function: it cannot be evaluated on arrays")
         scope = self.scope(f)
@@ -438,36 +449,38 @@ class Rebuilder:
         if NAME in scope:
             code = rewritten(f)
         rebuilt = types.FunctionType(code, scope, f.__name__, f.__defaults__, f.__closure__)
-        self._done[id(f)] = rebuilt  # before its closure, which may hold the function itself
-        self._keep.append(f)
+        self._rebuilt[id(f)] = rebuilt  # before its closure, which may hold the function itself
+        self._originals.append(f)
         if f.__closure__:
-            cells = tuple(types.CellType(self.value(cell.cell_contents)) for cell in f.__closure__)
-            rebuilt = types.FunctionType(code, scope, f.__name__, f.__defaults__, cells)
-            self._done[id(f)] = rebuilt
+            cells: list[types.CellType] = []
+            for cell in f.__closure__:
+                cells.append(types.CellType(self.value(cell.cell_contents)))
+            rebuilt = types.FunctionType(code, scope, f.__name__, f.__defaults__, tuple(cells))
+            self._rebuilt[id(f)] = rebuilt
         rebuilt.__kwdefaults__ = f.__kwdefaults__
         is_plain = not f.__closure__ and not f.__kwdefaults__ and of_formula(f)
         # In the rebuilt globals, an edited function may stand in for one of the formula; in the module's it never does.
         if is_plain and _is_leaf(f):
-            rebuilt = _remembering(rebuilt)
-            self._done[id(f)] = rebuilt
+            rebuilt = _with_cache(rebuilt)
+            self._rebuilt[id(f)] = rebuilt
         return rebuilt
 
     def scope(self, f: types.FunctionType) -> dict[str, Value]:
         """Return the globals of a function, each replaced by its numeric counterpart."""
         home = f.__globals__
-        if id(home) not in self._done:
+        if id(home) not in self._rebuilt:
             scope: dict[str, Value] = {}
             if uses_casadi(home):
                 scope[NAME] = augmented  # first, because the functions below are rebuilt with this scope
-            self._done[id(home)] = scope
-            self._keep.append(home)
+            self._rebuilt[id(home)] = scope
+            self._originals.append(home)
             for name, value in home.items():
                 if not name.startswith("__"):
                     scope[name] = self.value(value)
             scope["__builtins__"] = home.get("__builtins__", __builtins__)
             if home.get("__name__") == _SYMBOLIC:
                 scope |= _FAST
-        return self._done[id(home)]
+        return self._rebuilt[id(home)]
 
     def value(self, x: Value) -> Value:
         """Return the numeric counterpart of a global, or the global itself if there is none."""
@@ -485,14 +498,14 @@ class Rebuilder:
         return x
 
     def _module(self, module: types.ModuleType) -> types.SimpleNamespace:
-        if id(module) not in self._done:
+        if id(module) not in self._rebuilt:
             space = types.SimpleNamespace()
-            self._done[id(module)] = space
+            self._rebuilt[id(module)] = space
             for name, value in vars(module).items():
                 if not name.startswith("__"):
                     fast = _FAST.get(name) if module.__name__ == _SYMBOLIC else None
                     setattr(space, name, fast or self.value(value))
-        return self._done[id(module)]
+        return self._rebuilt[id(module)]
 
 
 _NOT_OURS = {

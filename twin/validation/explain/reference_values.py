@@ -36,8 +36,8 @@ class ReferenceValues:
         run: states of the mechanism, one for each sample; None if the values are not those of such states.
         coordinates: names and units of the pose coordinates, for messages.
         borrowed: {symbol: named point} for each symbol to which a helper assigns an unchanged named point.
-        free: name of the free parameter (swivel) of a redundant mechanism, or "". The value of this parameter in each
-            state is fitted to the rows that use the parameter.
+        free_parameter: name of the free parameter (swivel) of a redundant mechanism, or "". The value of this parameter
+            in each state is fitted to the rows that use the parameter.
     """
 
     symbols: Mapping[str, Value]
@@ -47,7 +47,7 @@ class ReferenceValues:
     run: SolvedSamples | None
     coordinates: tuple[tuple[str, str], ...]
     borrowed: Mapping[str, str]
-    free: str = ""
+    free_parameter: str = ""
 
     def with_values(self, values: Mapping[str, Value]) -> ReferenceValues:
         """Return a copy of this object with other values of some symbols, in SI."""
@@ -110,7 +110,9 @@ def symbol_values(
 
     `parameters` are values in SI by name, which replace those of the formula.
     """
-    symbols: dict[str, Value] = {p.name: float(p.value) for p in formula.parameters}
+    symbols: dict[str, Value] = {}
+    for parameter in formula.parameters:
+        symbols[parameter.name] = float(parameter.value)
     symbols |= dict(parameters or {})
     kinds: dict[str, Kind] = {POSE_SYMBOL: "pose"}
     pose = Matrix(run.Ts_base_tool)
@@ -131,7 +133,7 @@ def symbol_values(
         run=run,
         coordinates=units,
         borrowed=borrowed,
-        free=_free(formula, model),
+        free_parameter=_free_parameter(formula, model),
     )
 
 
@@ -182,7 +184,7 @@ def _add_points(
     return borrowed
 
 
-def _free(formula: Formula, model: ReferenceModel) -> str:
+def _free_parameter(formula: Formula, model: ReferenceModel) -> str:
     """Return the angle that only inverse rows use, if the mechanism is redundant; "" without exactly one such angle."""
     if not (model.redundant and formula.has("inverse") and formula.has("forward")):
         return ""
@@ -232,7 +234,11 @@ def _vector_of(element: ast.expr | None, arguments: Sequence[str]) -> list[str]:
     """Return the three arguments of which an expression makes a vector, such as `vertcat(x, y, z)`; else none."""
     if not isinstance(element, ast.Call) or getattr(element.func, "id", "") != "vertcat":
         return []
-    names = [part.id for part in element.args if isinstance(part, ast.Name)]
-    if len(element.args) != 3 or len(names) != 3 or not set(names) <= set(arguments):
+    names: list[str] = []
+    for part in element.args:
+        if not isinstance(part, ast.Name) or part.id not in arguments:
+            return []
+        names.append(part.id)
+    if len(names) != 3:
         return []
     return names

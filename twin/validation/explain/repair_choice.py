@@ -1,7 +1,7 @@
 """Choose among exact repairs: those that hold in general, and after which the fewest rows of the formula are wrong.
 
 A repair of a group of rows is a cure: a function that makes the rows agree. Different edits that result in this
-function are its readings; see `candidate.Found`. A list of cures is therefore a list of lists of candidates.
+function are its readings; see `candidate.GroupResult`. A list of cures is therefore a list of lists of candidates.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from twin.validation.explain.formula_state import FormulaStates
 from twin.validation.explain.function_source import Edit
 from twin.validation.explain.trials import Trials
 
-_WHOLE = 12
+_MOST_CHECKED = 12
 """Number of readings of one cure that are checked on the whole formula; further ones only until one is confirmed."""
 
 MOST_EXACT = 60
@@ -49,7 +49,7 @@ class RepairChoice:
     def __init__(self, trials: Trials, deadline: Deadline) -> None:
         """Set up for the wrong rows of `trials`; after `deadline`, few repairs are confirmed."""
         self.trials = trials
-        self.states = FormulaStates(trials.judge, trials.base)
+        self.states = FormulaStates(trials.judge, trials.worst_before)
         self.deadline = deadline
         self.by_chance: list[tuple[Candidate, str]] = []
         """Edits that make rows agree only by chance, which are no repairs, and the condition; see `FormulaState`."""
@@ -66,7 +66,7 @@ class RepairChoice:
         if self.is_rejected(c):
             return False
         after = self.states.after(c.edits)
-        return after is None or not (after.chance or after.worse)
+        return after is None or not (after.chance or after.is_worse)
 
     def has_repair(self, row: RowKey, candidates: list[Candidate]) -> bool:
         """Return whether one of the candidates repairs a row, and not by chance.
@@ -81,24 +81,24 @@ class RepairChoice:
                 return True
         return False
 
-    def mark(self, c: Candidate) -> None:
+    def exclude(self, c: Candidate) -> None:
         """Set `by_chance` of a candidate whose edits do not repair rows in general, so that it is not proposed.
 
-        If the rows agree only by chance, the candidate is also told (see `by_chance`), but only one for each row.
+        If the rows agree only by chance, the candidate is also reported in `by_chance`, but only one for each row.
         """
         after = self.states.after(c.edits)
         c.by_chance = True
         repaired = self._repaired(c)
-        for known, _ in self.by_chance:
-            if self._repaired(known) & repaired:
+        for reported, _ in self.by_chance:
+            if not repaired.isdisjoint(self._repaired(reported)):
                 return
         if after is not None and after.chance:
-            self._tell(c, after.chance)
+            self._report(c, after.chance)
 
-    def _tell(self, c: Candidate, chance: str) -> None:
-        """Remember that a candidate's edits make rows agree only by chance, unless that is remembered already."""
-        for known, condition_of_known in self.by_chance:
-            if frozenset(known.edits) == frozenset(c.edits) and condition_of_known == chance:
+    def _report(self, c: Candidate, chance: str) -> None:
+        """Add a candidate and the condition of its chance to `by_chance`, unless the same edits are there already."""
+        for reported, condition in self.by_chance:
+            if frozenset(reported.edits) == frozenset(c.edits) and condition == chance:
                 return
         self.by_chance.append((c, chance))
 
@@ -117,14 +117,19 @@ class RepairChoice:
         for n, cure in enumerate(cures):
             checked_cure = self._checked(cure, is_early=n < LATE)
             checked.append(checked_cure)
-            wrong_rows += [wrong for _, wrong in checked_cure.confirmed if wrong is not None]
-        least = min(wrong_rows, default=None)
-        kept: list[list[Candidate]] = []
-        for cure in checked:
-            readings = [c for c, wrong in cure.confirmed if wrong is None or wrong == least]
+            for _, wrong in checked_cure.confirmed:
+                if wrong is not None:
+                    wrong_rows.append(wrong)
+        fewest = min(wrong_rows, default=None)
+        best_cures: list[list[Candidate]] = []
+        for checked_cure in checked:
+            readings: list[Candidate] = []
+            for candidate, wrong in checked_cure.confirmed:
+                if wrong is None or wrong == fewest:
+                    readings.append(candidate)
             if readings:
-                kept.append([*readings, *cure.unchecked])
-        return kept
+                best_cures.append([*readings, *checked_cure.unchecked])
+        return best_cures
 
     def _checked(self, cure: Sequence[Candidate], is_early: bool) -> _CheckedCure:
         """Check the readings of a cure on the whole formula, as far as there is time.
@@ -136,14 +141,16 @@ class RepairChoice:
         unchecked: list[Candidate] = []
         for i, c in enumerate(cure):
             is_first = i == 0 and is_early
-            in_time = (i < _WHOLE or not confirmed) and not self.deadline.passed
+            in_time = (i < _MOST_CHECKED or not confirmed) and not self.deadline.passed
             if not (is_first or in_time or self.states.is_known(c.edits)):
                 unchecked.append(c)
                 continue
             if not self.is_general(c):
                 continue
             after = self.states.after(c.edits)
-            wrong = None if after is None else after.wrong
+            wrong = None
+            if after is not None:
+                wrong = after.wrong
             confirmed.append((c, wrong))
         return _CheckedCure(confirmed, unchecked)
 
@@ -158,18 +165,20 @@ class RepairChoice:
         if len(results) < 2 or self._hold_together(results):
             return results, []
         for n, result in enumerate(results):
-            for cure in result.cures[1:]:
+            for i, cure in enumerate(result.cures):
+                if i == 0:  # with the first cures, the repairs do not hold together
+                    continue
                 if self.deadline.passed:
                     break
-                others = [other for other in result.cures if other is not cure]
+                other_cures = result.cures[:i] + result.cures[i + 1 :]
                 changed = list(results)
-                changed[n] = replace(result, cures=[cure, *others])
+                changed[n] = replace(result, cures=[cure, *other_cures])
                 if self._hold_together(changed):
                     return changed, []
         unusual = max(results, key=lambda result: result.cures[0][0].rank)
         after = self.states.after(_first_edits(results))
         if after is not None and after.chance:
-            self._tell(unusual.cures[0][0], after.chance)
+            self._report(unusual.cures[0][0], after.chance)
         for candidate in unusual.cures[0]:
             candidate.by_chance = True
             self.trials.rejected.add(frozenset(candidate.edits))

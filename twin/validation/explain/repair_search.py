@@ -98,7 +98,7 @@ class RepairSearch(Trials):
     @cached_property
     def functions(self) -> EditedFunctions:
         """Comparison of the functions that result from edits."""
-        return EditedFunctions(self.judge, self.shaken)
+        return EditedFunctions(self.judge, self.perturbed_judge)
 
     def run(self, budget: float = 8.0) -> tuple[list[GroupResult], list[RowKey]]:
         """Search repairs; return (results by group of rows, rows without a repair).
@@ -134,32 +134,32 @@ class RepairSearch(Trials):
         self._candidates = []
         self._groups = []
         unrepaired = list(self.failing)
-        left_out: list[int] = []
-        rest_tried = False
-        by_required = False
+        skipped_stages: list[int] = []
+        all_kinds_tried = False
+        is_from_values = False
         # First one token; if this is not enough, terms, factors and parentheses; then the called functions. If several
         # edits repair the rows, one that repairs more of them is searched where they have something in common.
         for n, (in_called, kinds) in enumerate(_STAGES):
             settled = not unrepaired and len(self._groups) < 2
             # A value that must be often has several formulas: fewer of them than edits of one token make sense.
-            if settled and not by_required and (in_called or kinds == REST):
-                left_out.append(n)
+            if settled and not is_from_values and (in_called or kinds == REST):
+                skipped_stages.append(n)
                 continue
-            everywhere = self._stage(n, settled, unrepaired)
-            if everywhere and not in_called and kinds == REST:
-                rest_tried = True
-            unrepaired = self._covered()
+            tried_everywhere = self._stage(n, settled, unrepaired)
+            if tried_everywhere and not in_called and kinds == REST:
+                all_kinds_tried = True
+            unrepaired = self._group_rows()
             if n == _REQUIRED_AFTER and unrepaired:
                 unrepaired = self._from_values(unrepaired)
-                by_required = not unrepaired
-        if not rest_tried:
+                is_from_values = not unrepaired
+        if not all_kinds_tried:
             self._try_alternatives()
         results, unrepaired = self._results(unrepaired)
-        if unrepaired and left_out:
-            # The repair because of which these stages were left out holds only by chance.
-            for n in left_out:
+        if unrepaired and skipped_stages:
+            # The repair because of which these stages were skipped holds only by chance.
+            for n in skipped_stages:
                 self._stage(n, False, unrepaired)
-            results, unrepaired = self._results(self._covered())
+            results, unrepaired = self._results(self._group_rows())
         self.singles.until = self.deadline
         return results, unrepaired
 
@@ -190,7 +190,7 @@ class RepairSearch(Trials):
         self.singles.refute()  # first, because no value is required of expressions without a right one
         self._candidates += self.singles.counterparts(unrepaired)
         self._candidates += self.singles.required(unrepaired)
-        return self._covered()
+        return self._group_rows()
 
     def _try_alternatives(self) -> None:
         """Try all other edits of the statements in which one token suffices."""
@@ -225,18 +225,19 @@ class RepairSearch(Trials):
             while unrepaired:
                 row = unrepaired[0]
                 result, replaced = self._pair_result(row, unrepaired, results, late, deadline, budget)
-                results = [other for other in results if not any(other is old for old in replaced)]
+                identities = set(map(id, replaced))  # results with the same content may be of different rows
+                results = [earlier for earlier in results if id(earlier) not in identities]
                 results.append(result)
                 if not result.cures:
                     without_repair.append(row)
-                unrepaired = [other for other in unrepaired if other not in result.rows]
+                unrepaired = [left_row for left_row in unrepaired if left_row not in result.rows]
             if without_repair:
                 return results, without_repair
-            together, unrepaired = self.choice.together(results)
+            compatible, unrepaired = self.choice.together(results)
             if not unrepaired or budget <= 0 or deadline.passed:
-                return together, unrepaired
+                return compatible, unrepaired
             # What `together` left out is refused, so that others are found now.
-            results = [result for result in together if result.cures]
+            results = [result for result in compatible if result.cures]
 
     def _pair_result(
         self,
@@ -262,14 +263,14 @@ class RepairSearch(Trials):
         if budget > 0:
             pairs = self._beside_chance(row, singles, deadline.within(_CHANCE_PAIRS_PART * deadline.left))
             if not self.choice.has_repair(row, pairs):
-                pairs, complete = self.pair_search.found(row, singles, shared, deadline)
+                pairs, complete = self.pair_search.pairs_for(row, singles, shared, deadline)
             if not self.choice.has_repair(row, pairs):
                 evaluated = self.singles.deferred()
                 late += evaluated
                 singles += evaluated  # each may be one of a pair
                 pairs = list(late)
             if not self.choice.has_repair(row, pairs):
-                pairs, complete = self.position_pairs.found(row, singles, shared, deadline)
+                pairs, complete = self.position_pairs.pairs_for(row, singles, shared, deadline)
         result, replaced = self._widest(row, unrepaired, results, [*singles, *pairs], pairs)
         result.complete = result.complete and complete
         result.seconds = time.monotonic() - began
@@ -284,7 +285,7 @@ class RepairSearch(Trials):
         firsts: list[Candidate] = []
         for candidate in singles:
             repairs_row = candidate.scores.get(row, np.inf) <= 1
-            if candidate.by_chance and repairs_row and not (candidate.broken or candidate.hollow):
+            if candidate.by_chance and repairs_row and not (candidate.breaks_row or candidate.is_trivial):
                 firsts.append(candidate)
         firsts.sort(key=lambda candidate: candidate.rank)
         for candidate in firsts[:_CHANCES]:
@@ -298,20 +299,26 @@ class RepairSearch(Trials):
                         return pairs
                     if first.start <= second.end and second.start <= first.end:  # they touch each other
                         continue
-                    pair = self.everywhere(steps, [first, second])
+                    pair = self.candidate_for(steps, [first, second])
                     if pair is None or not self.exact([row], [pair]):
                         continue
-                    is_known = self.choice.is_general(pair) and self.choice.states.after(pair.edits) is not None
-                    if is_known:
+                    # `is_general` is also true if nothing is known; here, the pair must be known to hold.
+                    if self.choice.is_general(pair) and self.choice.states.after(pair.edits) is not None:
                         pairs.append(pair)
         return pairs
 
     def _source_of(self, candidate: Candidate, edit: Edit) -> Source:
-        """Return the function of an edit: the equation of its candidate, or a function that it calls."""
-        sources = [candidate.step.source]
+        """Return the function of an edit: the equation of its candidate, or a function that it calls.
+
+        Raises:
+            LookupError: it is neither.
+        """
+        if edit.is_of(candidate.step.source):
+            return candidate.step.source
         for helper in self.judge.helpers(candidate.step):
-            sources.append(helper.source)
-        return next(source for source in sources if (source.path, source.name) == (edit.path, edit.function))
+            if edit.is_of(helper.source):
+                return helper.source
+        raise LookupError(edit.function)
 
     def _widest(
         self,
@@ -326,8 +333,10 @@ class RepairSearch(Trials):
         A pair that is no repair, because it holds only by chance, replaces no result.
         """
         # An edit that fixes this row may also fix others, and rows of which a repair is known.
-        groups = self._cover(pairs, unrepaired)
-        group = next((group for group in groups if row in group), [])
+        group: list[RowKey] = []
+        for repaired_rows in self._groups_of(pairs, unrepaired):
+            if row in repaired_rows:
+                group = repaired_rows
         replaced: list[GroupResult] = []
         for result in results:
             if group and result.cures and self.exact([*group, *result.rows], pairs):
@@ -347,47 +356,54 @@ class RepairSearch(Trials):
 
     # -- groups -------------------------------------------------------------------------------------------------
 
-    def _covered(self) -> list[RowKey]:
-        """Put the failing rows in groups as in `_cover`; return those in no group.
+    def _group_rows(self) -> list[RowKey]:
+        """Put the failing rows in groups as in `_groups_of`; return those in no group.
 
         Edits that make a group agree only by chance are no repairs.
         """
         until = self.deadline.within(_CHANCE_PART * self.deadline.left)
         while True:
-            self._groups = self._cover(self._candidates, self.failing)
-            left_out = False
+            self._groups = self._groups_of(self._candidates, self.failing)
+            has_excluded = False
             for group in self._groups:
-                left_out |= self._leave_out(group, until)
-            if not left_out:
+                has_excluded |= self._exclude_by_chance(group, until)
+            if not has_excluded:
                 break
         grouped: set[RowKey] = set()
         for group in self._groups:
             grouped.update(group)
         return [row for row in self.failing if row not in grouped]
 
-    def _leave_out(self, group: list[RowKey], until: Deadline) -> bool:
-        """Mark the edits that repair a group if all of them do so only by chance; return whether they do."""
+    def _exclude_by_chance(self, group: list[RowKey], until: Deadline) -> bool:
+        """Exclude the edits that repair a group if all of them do so only by chance; return whether they do."""
         exact = self.exact(group, self._candidates)[:MOST_EXACT]
         for candidate in exact:
             if until.passed or self.choice.is_general(candidate):
                 return False
         for candidate in exact:
-            self.choice.mark(candidate)
+            self.choice.exclude(candidate)
         return bool(exact)
 
-    def _cover(self, candidates: list[Candidate], rows: list[RowKey]) -> list[list[RowKey]]:
-        """Return the rows in groups, the largest first, such that one single edit fixes all rows of a group."""
+    def _groups_of(self, candidates: list[Candidate], rows: list[RowKey]) -> list[list[RowKey]]:
+        """Return the rows in groups, the largest first, such that one single edit fixes all rows of a group.
+
+        That is the greedy cover of the rows: the smallest one takes far longer, and has seldom fewer groups.
+        """
         unrepaired = set(rows)
-        repaired: list[frozenset[RowKey]] = []
+        repaired: list[set[RowKey]] = []
         for candidate in candidates:
-            if candidate.serves:
-                fixed = [row for row, residual in candidate.scores.items() if residual <= 1]
-                repaired.append(frozenset(fixed) & unrepaired)
+            if not candidate.may_be_proposed:
+                continue
+            repaired_rows: set[RowKey] = set()
+            for row, residual in candidate.scores.items():
+                if residual <= 1 and row in unrepaired:
+                    repaired_rows.add(row)
+            repaired.append(repaired_rows)
         groups: list[list[RowKey]] = []
         while unrepaired:
-            largest: frozenset[RowKey] = frozenset()
-            for fixed_rows in repaired:
-                remaining = fixed_rows & unrepaired
+            largest: set[RowKey] = set()
+            for repaired_rows in repaired:
+                remaining = repaired_rows & unrepaired
                 if len(remaining) > len(largest):
                     largest = remaining
             if not largest:
@@ -396,28 +412,40 @@ class RepairSearch(Trials):
             unrepaired -= largest
         return groups
 
-    def _result(self, rows: list[RowKey], exact_from: list[Candidate], tried: list[Candidate]) -> GroupResult:
-        """Return the result for a group of rows: `exact_from` may have their repairs, `tried` the next best edit."""
-        exact = self.exact(rows, exact_from)[:MOST_EXACT]
+    def _result(self, rows: list[RowKey], repairs: list[Candidate], candidates: list[Candidate]) -> GroupResult:
+        """Return the result for a group of rows: `repairs` may repair them, `candidates` have the next best edit."""
+        exact = self.exact(rows, repairs)[:MOST_EXACT]
         every_cure = self.functions.distinct(exact, rows)
         cures = self.choice.best(every_cure)
         if every_cure and not cures:
             first = every_cure[0][0]
             state = self.choice.states.after(first.edits)
-            if state is not None and (state.chance or state.worse):
-                self.choice.mark(first)
-        repairs = {id(candidate) for candidate in exact}
+            if state is not None and (state.chance or state.is_worse):
+                self.choice.exclude(first)
+        best_residual = float("inf")
+        for candidate in exact:
+            best_residual = min(best_residual, candidate.worst_over(rows, self.worst_before))
+        if not exact:  # without a repair, the rows stay as they are
+            residuals = [self.worst_before[row] for row in rows]
+            best_residual = max(residuals)
+        identities = set(map(id, exact))
         runner_up: Candidate | None = None
-        least = float("inf")
-        for candidate in tried:
-            changes_rows = any(row in candidate.scores for row in rows)
-            if id(candidate) in repairs or not changes_rows:
+        runner_up_residual = float("inf")
+        for candidate in candidates:
+            changes_rows = not candidate.scores.keys().isdisjoint(rows)
+            if id(candidate) in identities or not changes_rows:
                 continue
-            residual = candidate.over(rows, self.base)
-            if residual > 1 and (residual < least or runner_up is None):
-                least = residual
+            residual = candidate.worst_over(rows, self.worst_before)
+            # The first one also counts if its residual is infinite.
+            if residual > 1 and (residual < runner_up_residual or runner_up is None):
+                runner_up_residual = residual
                 runner_up = candidate
-        after = max(self.base[row] for row in rows)
-        if exact:
-            after = min(candidate.over(rows, self.base) for candidate in exact)
-        return GroupResult(rows, cures, runner_up, after, least, self.tried, self.singles.complete)
+        return GroupResult(
+            rows=rows,
+            cures=cures,
+            runner_up=runner_up,
+            best_residual=best_residual,
+            runner_up_residual=runner_up_residual,
+            tried=self.trial_count,
+            complete=self.singles.complete,
+        )

@@ -20,12 +20,13 @@ from numpy.typing import NDArray
 from twin.core.spatial import Array
 from twin.formula.scalar import Scalar, Value
 from twin.validation.explain import plain_values
-from twin.validation.explain.candidate import aliases, edited_residuals
+from twin.validation.explain.candidate import aliases, edited_residuals, names_in_helpers
 from twin.validation.explain.deadline import Deadline
+from twin.validation.explain.dependence import equations_from
 from twin.validation.explain.equation_steps import RowKey, Step
 from twin.validation.explain.function_source import ByteRange, Edit
 from twin.validation.explain.rebuilt_functions import Matrix
-from twin.validation.explain.row_deviations import Judge
+from twin.validation.explain.row_deviations import Judge, by_row
 
 _PLACES = 2
 """Number of the mechanism's samples used to exclude pairs; one perturbed sample is added."""
@@ -39,10 +40,10 @@ _MANY = 4096
 
 @dataclass(frozen=True)
 class _Position:
-    """A token, and the edits that replace it; `free`: whether all these edits can be evaluated at once."""
+    """A token, and the edits that replace it; `is_batched`: whether all these edits can be evaluated at once."""
 
     edits: tuple[Edit, ...]
-    free: bool
+    is_batched: bool
 
     @property
     def start(self) -> int:
@@ -59,7 +60,7 @@ class ReplacementPairs:
     def __init__(
         self,
         judge: Judge,
-        shaken: Judge,
+        perturbed_judge: Judge,
         step: Step,
         row: RowKey,
         edits: Sequence[Edit],
@@ -68,12 +69,12 @@ class ReplacementPairs:
     ) -> None:
         """Set up the search.
 
-        `shaken` judges the formula at perturbed values; `edits` are single edits of one token that change the row.
-        `needed` are parts of the file that one of both edits must replace: names without a value.
+        `perturbed_judge` judges the formula at perturbed values; `edits` are single edits of one token that change the
+        row. `needed` are parts of the file that one of both edits must replace: names without a value.
         """
         self.needed = list(needed)
         self.judge = judge
-        self.shaken = shaken
+        self.perturbed_judge = perturbed_judge
         self.step = step
         self.row = row
         self.deadline = deadline
@@ -88,26 +89,30 @@ class ReplacementPairs:
 
     def _chosen_samples(self) -> NDArray[np.int_]:
         """Return the indices of the few samples, from those at which the row has a value."""
-        residual = next(r for p, r in self.judge.residuals.items() if p.key == self.row)
+        residual = by_row(self.judge.residuals)[self.row]
         valued = np.flatnonzero(np.isfinite(residual).all(axis=1))
         if len(valued) < _PLACES:
             valued = np.arange(self.judge.reference.k)
         return valued[np.linspace(0, len(valued) - 1, _PLACES).astype(int)]
 
-    def found(self) -> Iterator[tuple[Edit, Edit]]:
+    def likely_pairs(self) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs that make the row agree at a few poses but not at perturbed values; stop at the deadline.
 
         Call this method with NumPy's warnings disabled.
         """
-        for a, b in self._order():
+        for first, second in self._order():
             if self.deadline.passed:
                 return
             self.evaluated += 1
-            if a.edits[0].path == b.edits[0].path and a.start <= b.end and b.start <= a.end:
+            is_same_file = first.edits[0].path == second.edits[0].path
+            if is_same_file and first.start <= second.end and second.start <= first.end:
                 continue  # the edits overlap or touch
-            if not all(a.edits[0].replaces(part) or b.edits[0].replaces(part) for part in self.needed):
-                continue
-            yield from self._try(a, b)
+            if self._replaces_needed(first.edits[0], second.edits[0]):
+                yield from self._try(first, second)
+
+    def _replaces_needed(self, first: Edit, second: Edit) -> bool:
+        """Return whether two edits together replace all parts of the file without which the equation cannot run."""
+        return all(first.replaces(part) or second.replaces(part) for part in self.needed)
 
     @property
     def complete(self) -> bool:
@@ -149,16 +154,17 @@ class ReplacementPairs:
                 together.setdefault((str(edit.path), edit.start, edit.end), []).append(edit)
             else:
                 alone.append(_Position((edit,), False))
-        free: list[_Position] = []
+        batched: list[_Position] = []
         for group in together.values():
             if self.deadline.passed:
                 self._late = True
                 break
             scalar, single = self._split(group)
-            alone += [_Position((edit,), False) for edit in single]
+            for edit in single:
+                alone.append(_Position((edit,), False))
             if scalar:
-                free.append(_Position(tuple(scalar), True))
-        return free + alone
+                batched.append(_Position(tuple(scalar), True))
+        return batched + alone
 
     def _split(self, group: list[Edit]) -> tuple[list[Edit], list[Edit]]:
         """Split the edits of one token into those that can be evaluated at once, and those to try one by one."""
@@ -214,12 +220,13 @@ class ReplacementPairs:
             i, j = divmod(int(c), shape[1])
             yield a.edits[i], b.edits[j]
 
-    def _choice(self, p: _Position, axis: int) -> Edit:
+    def _choice(self, position: _Position, axis: int) -> Edit:
         """Return the edit that inserts all replacements of a token as an array, or its only replacement."""
-        if not p.free:
-            return p.edits[0]
-        words = ", ".join(e.new for e in p.edits)
-        return dataclasses.replace(p.edits[0], new=f"{_NAMES[axis]}({words})", kind="choice", define=None)
+        if not position.is_batched:
+            return position.edits[0]
+        words = [edit.new for edit in position.edits]
+        new = f"{_NAMES[axis]}({', '.join(words)})"
+        return dataclasses.replace(position.edits[0], new=new, kind="choice", define=None)
 
     def _residual(self, change: list[Edit], edits: Sequence[Edit], shape: tuple[int, int]) -> Array | None:
         """Return the row's residuals (combinations, samples, entries) after edits; the last sample is a perturbed one.
@@ -234,25 +241,18 @@ class ReplacementPairs:
             pick.size = n * (_PLACES + 1)
             pick.odd = set()
         step = judge.step(self.step.equation.name)
-        defined = [e for e in edits if e.define]
-        extra = aliases(judge, step, defined)
+        extra = aliases(judge, step, edits)
         if extra is None:
             return None
-        for edit in defined:
-            assert edit.define is not None
+        for edit in edits:
+            if edit.define is None:
+                continue
             name, expression = edit.define
             if not expression and name in judge.reference.symbols:  # a new argument of the function
                 extra[name] = plain_values.inside(step.plain, judge.reference.symbols[name])
         picks: dict[str, Value] = dict(zip(_NAMES, self._pick, strict=True))
-        called: list[dict[str, Value]] = []
-        if self._foreign(change):
-            called = [h.function.__globals__ for h in judge.helpers(step)]
-        for scope in called:
-            scope.update(picks)
-        deviations = edited_residuals(judge, self.step.equation.name, change, {**extra, **picks})
-        for scope in called:
-            for name in picks:
-                scope.pop(name, None)
+        with names_in_helpers(judge, step, change, picks):
+            deviations = edited_residuals(judge, self.step.equation.name, change, {**extra, **picks})
         if deviations is None or self.row not in deviations:
             return None
         r = deviations[self.row]
@@ -260,39 +260,36 @@ class ReplacementPairs:
             return None
         return r.reshape(n, _PLACES + 1, -1)[:count]
 
-    def _foreign(self, change: list[Edit]) -> bool:
-        return any(e.function != self.step.source.name for e in change)
-
     def _judge(self, n: int) -> Judge:
         """Return a judge at the few samples used to exclude pairs, repeated for n combinations."""
         if n not in self._tiled:
             step = self.step
             name = step.equation.name
-            on = {**step.computed, **self.judge.reference.symbols}
-            off = {**self.shaken.step(name).computed, **self.shaken.reference.symbols}
+            of_mechanism = {**step.computed, **self.judge.reference.symbols}
+            perturbed = {**self.perturbed_judge.step(name).computed, **self.perturbed_judge.reference.symbols}
             symbols: dict[str, Value] = {}
-            for symbol in on:
-                if symbol in off:
-                    symbols[symbol] = self._tile(on[symbol], off[symbol], n)
-            equations = {name}
+            for symbol, value in of_mechanism.items():
+                if symbol in perturbed:
+                    symbols[symbol] = self._tile(value, perturbed[symbol], n)
+            equations = [name]
             if self.row[0] != name:  # the row is in a later equation
-                later = self.judge.steps[self.judge.steps.index(step) :]
-                equations = {s.equation.name for s in later if s.stage == step.stage}
+                equations = equations_from(self.judge, step)
             reference = dataclasses.replace(self.judge.reference, symbols=symbols, k=n * (_PLACES + 1), run=None)
             self._tiled[n] = self.judge.on(reference, equations)
         return self._tiled[n]
 
-    def _tile(self, on: Value, off: Value, n: int) -> Value:
+    def _tile(self, value: Value, perturbed: Value, n: int) -> Value:
         """Return the few samples of a symbol's values, then one of its perturbed values, repeated n times."""
-        if isinstance(on, Matrix):
-            return Matrix(np.tile(self._few(on.a, off.a), (n, 1, 1)))
-        return np.tile(self._few(np.asarray(on, float), np.asarray(off, float)), n)
+        if isinstance(value, Matrix):
+            return Matrix(np.tile(self._few(value.a, perturbed.a), (n, 1, 1)))
+        return np.tile(self._few(np.asarray(value, float), np.asarray(perturbed, float)), n)
 
-    def _few(self, on: Array, off: Array) -> Array:
+    def _few(self, values: Array, perturbed: Array) -> Array:
+        """Return the few samples of values (k, ...) or (1, ...), then one of the perturbed values."""
         k = self.judge.reference.k
-        samples = np.broadcast_to(on, (k, *on.shape[1:]))[self._samples]
-        perturbed = np.broadcast_to(off, (k, *off.shape[1:]))[self._samples[:1]]
-        return np.concatenate([samples, perturbed])
+        samples = np.broadcast_to(values, (k, *values.shape[1:]))[self._samples]
+        perturbed_sample = np.broadcast_to(perturbed, (k, *perturbed.shape[1:]))[self._samples[:1]]
+        return np.concatenate([samples, perturbed_sample])
 
 
 _NAMES = ("_first_", "_second_")
@@ -341,16 +338,16 @@ class _Choice:
         return wrapper(expanded)
 
 
-def _is_value(e: Edit) -> bool:
+def _is_value(edit: Edit) -> bool:
     """Return whether old and new text of an edit are both a number or scalar, so that an array can contain both."""
-    if e.kind not in ("name", "parameter", "trig", "index", "number", "exponent"):
+    if edit.kind not in ("name", "parameter", "trig", "index", "number", "exponent"):
         return False
-    old = _parsed(e.old)
-    if isinstance(old, ast.Constant) and e.kind == "index":  # an index must stay a whole number
+    old = _parsed(edit.old)
+    if isinstance(old, ast.Constant) and edit.kind == "index":  # an index must stay a whole number
         return False
     if not isinstance(old, ast.Name | ast.Constant):
         return False
-    new = _parsed(e.new)
+    new = _parsed(edit.new)
     return new is not None and not isinstance(new, ast.Call)
 
 

@@ -21,18 +21,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.core.spatial import Array
-from twin.validation.explain.batched_solutions import Batch, Choice, Cut
+from twin.validation.explain.batched_solutions import Batch, Choice, LargestScalar
 from twin.validation.explain.candidate import residuals_with
 from twin.validation.explain.counterparts import counterpart_edits
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.equation_steps import RowKey, Step
 from twin.validation.explain.expression import Expression, Site
-from twin.validation.explain.function_source import Edit
+from twin.validation.explain.expression_shifts import FEWEST, Shift, shifted
+from twin.validation.explain.function_source import Edit, TextPlace
 from twin.validation.explain.plain_values import unwrapped
 from twin.validation.explain.rebuilt_functions import unguarded
 from twin.validation.explain.required_values import RequiredValues
 from twin.validation.explain.row_deviations import Judge, by_row, worst
-from twin.validation.explain.shifts import FEWEST, Shift, shifted
 from twin.validation.explain.term_pairs import with_term
 
 _FULL_TURNS = (0.5, -0.5, 1.0)
@@ -86,12 +86,12 @@ class RequiredPairs:
         self.step = step
         self.sites = sites
         self.failing = list(failing)
-        self.unsure: list[tuple[Path, int, int]] = []
+        self.unsure: list[TextPlace] = []
         """Places of expressions whose values may differ from call to call, so that one value of them proves nothing."""
-        self._cuts: list[Cut] | None = None
+        self._cuts: list[LargestScalar] | None = None
         self._in_loops: list[tuple[Site, ast.expr]] = []
         """The largest scalar expressions that an evaluation computes several times."""
-        self._first_shifts: dict[Cut, Array] = {}
+        self._first_shifts: dict[LargestScalar, Array] = {}
         self._arguments: dict[tuple[Path, str], list[Array]] = {}
 
     @property
@@ -111,9 +111,9 @@ class RequiredPairs:
 
     def _required_of_one(self, rows: Sequence[RowKey], deadline: Deadline) -> Iterator[tuple[Expression, Array]]:
         """Yield expressions with the values (k,) that they must have so that rows agree."""
-        choices = [(cut,) for cut in self.cuts(rows, deadline)]
-        for (cut,), (shift,) in self._solutions((), choices, rows, deadline):
-            yield Expression(cut.site, cut.node, shift, deadline), _required_values(shift)
+        choices = [(scalar,) for scalar in self.scalars(rows, deadline)]
+        for (scalar,), (shift,) in self._solutions((), choices, rows, deadline):
+            yield Expression(scalar.site, scalar.node, shift, deadline), _required_values(shift)
         for site, node in self._in_loops:
             if deadline.passed:
                 return
@@ -124,8 +124,8 @@ class RequiredPairs:
 
     def in_two(self, rows: Sequence[RowKey], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of edits in two expressions, the expressions first that explain most of the residuals."""
-        unexplained: list[tuple[float, tuple[Cut, Cut]]] = []
-        for a, b in combinations(self.cuts(rows, deadline), 2):
+        unexplained: list[tuple[float, tuple[LargestScalar, LargestScalar]]] = []
+        for a, b in combinations(self.scalars(rows, deadline), 2):
             if deadline.passed:
                 return
             if a.function == b.function:
@@ -147,7 +147,7 @@ class RequiredPairs:
                 yield from product(edits_of_a, edits_of_b)
         # Short formulas take longer than edits that are tried anyway, so that they come last.
         for pair in without_edit:
-            a, b = pair.cuts
+            a, b = pair.scalars
             shift_of_a, shift_of_b = pair.shifts
             edits_of_a = pair.edits_of_a or list(self._composed(a, shift_of_a, deadline))
             edits_of_b = pair.edits_of_b
@@ -162,20 +162,20 @@ class RequiredPairs:
 
         `composed`: whether the second edit may be a short formula.
         """
-        cuts = self.cuts(rows, deadline)
+        scalars = self.scalars(rows, deadline)
         for first in firsts:
             if deadline.passed:
                 return
-            choices: list[tuple[Cut, ...]] = []
-            for cut in cuts:
-                _, start, end = cut.place
+            choices: list[tuple[LargestScalar, ...]] = []
+            for scalar in scalars:
+                _, start, end = scalar.place
                 is_beside = first.end < start or end < first.start
-                if (first.path, first.function) == cut.function and is_beside:
-                    choices.append((cut,))
-            for (cut,), (shift,) in self._solutions((first,), choices, rows, deadline):
-                seconds = list(self._texts(cut, shift, deadline))
+                if (first.path, first.function) == scalar.function and is_beside:
+                    choices.append((scalar,))
+            for (scalar,), (shift,) in self._solutions((first,), choices, rows, deadline):
+                seconds = list(self._texts(scalar, shift, deadline))
                 if composed and not seconds:
-                    seconds = list(self._composed(cut, shift, deadline))
+                    seconds = list(self._composed(scalar, shift, deadline))
                 for second in seconds:
                     yield first, second
 
@@ -211,7 +211,7 @@ class RequiredPairs:
 
     def outside(self, edits: Sequence[Edit], deadline: Deadline) -> tuple[list[Edit], list[Edit]]:
         """Return (edits in no scalar expression, so that only `beside` finds a pair with them; the other edits)."""
-        places = [cut.place for cut in self.cuts(self.failing, deadline)]
+        places = [scalar.place for scalar in self.scalars(self.failing, deadline)]
         outside: list[Edit] = []
         inside: list[Edit] = []
         for edit in edits:
@@ -224,37 +224,37 @@ class RequiredPairs:
                 outside.append(edit)
         return outside, inside
 
-    def refuted(self, rows: Sequence[RowKey], deadline: Deadline) -> list[tuple[Path, int, int]]:
+    def refuted(self, rows: Sequence[RowKey], deadline: Deadline) -> list[TextPlace]:
         """Return the places of expressions with no value of which one of the wrong rows `rows` agrees.
 
         No single edit inside them can repair a row. Only rows with several entries can show this.
         """
         base = self.full.residuals
         trials: list[Choice] = []
-        possible: set[Cut] = set()  # expressions in which an edit may repair a row, as far as is known
-        cuts = self.cuts(rows, deadline)
-        for cut in cuts:
+        possible: set[LargestScalar] = set()  # expressions in which an edit may repair a row, as far as is known
+        scalars = self.scalars(rows, deadline)
+        for scalar in scalars:
             for row in rows:
-                if row not in cut.slopes:
+                if row not in scalar.slopes:
                     continue
                 r = base[row]
                 poses_with_value = np.isfinite(r).all(axis=1).sum()
                 # One entry has a right value nearly everywhere, and several calls may need several values.
-                if cut.several or r.shape[1] == 1 or poses_with_value < FEWEST:
-                    possible.add(cut)
+                if scalar.is_repeated or r.shape[1] == 1 or poses_with_value < FEWEST:
+                    possible.add(scalar)
                 for turn in (0.0, *_FULL_TURNS):
                     start = np.full((len(self.coarse.poses), 1), turn * np.pi)
-                    trials.append(Choice((cut,), (row,), start))
-        undecided = [trial for trial in trials if trial.cuts[0] not in possible]
+                    trials.append(Choice((scalar,), (row,), start))
+        undecided = [trial for trial in trials if trial.scalars[0] not in possible]
         for i, _ in self.coarse.solved(self.step.equation.name, (), undecided, deadline):
-            possible.add(undecided[i].cuts[0])
+            possible.add(undecided[i].scalars[0])
         if deadline.passed:  # expressions may be undecided
             return []
-        return [cut.place for cut in cuts if cut not in possible]
+        return [scalar.place for scalar in scalars if scalar not in possible]
 
     # -- expressions ------------------------------------------------------------------------------------------------
 
-    def cuts(self, rows: Sequence[RowKey], deadline: Deadline) -> list[Cut]:
+    def scalars(self, rows: Sequence[RowKey], deadline: Deadline) -> list[LargestScalar]:
         """Return the largest scalar expressions of the statements whose values move the rows."""
         if self._cuts is None:
             largest = self._largest_scalars(deadline)
@@ -262,18 +262,18 @@ class RequiredPairs:
                 return []
             self._cuts = largest
         moving = []
-        for cut in self._cuts:
-            if any(row in cut.slopes for row in rows):
-                moving.append(cut)
+        for scalar in self._cuts:
+            if any(row in scalar.slopes for row in rows):
+                moving.append(scalar)
         return moving
 
-    def _largest_scalars(self, deadline: Deadline) -> list[Cut] | None:
+    def _largest_scalars(self, deadline: Deadline) -> list[LargestScalar] | None:
         """Return the largest scalar expressions of the statements; None if the time is over.
 
         Those that are computed several times in an evaluation are stored in `_in_loops`.
         """
         todo: list[tuple[Site, ast.AST]] = [(site, site.statement.node) for site in self.sites]
-        cuts: list[Cut] = []
+        scalars: list[LargestScalar] = []
         while todo:
             if deadline.passed:
                 return None
@@ -288,22 +288,22 @@ class RequiredPairs:
             for (site, node), probe in zip(tried, self._probed(tried), strict=True):
                 is_scalar = False
                 if probe is not None:
-                    if probe.mixed or probe.several:
-                        self.unsure.append(Cut(site, node, {}).place)
-                    if probe.scalar and probe.several and not _is_inside(site, node, self._in_loops):
+                    if probe.has_mixed_values or probe.is_repeated:
+                        self.unsure.append(LargestScalar(site, node, {}).place)
+                    if probe.is_scalar and probe.is_repeated and not _is_inside(site, node, self._in_loops):
                         self._in_loops.append((site, node))
-                    if probe.scalar and not probe.mixed:
+                    if probe.is_scalar and not probe.has_mixed_values:
                         is_scalar = True
-                        cuts.append(Cut(site, node, {}, probe.value[:, 0], probe.several))
+                        scalars.append(LargestScalar(site, node, {}, probe.value[:, 0], probe.is_repeated))
                 if not is_scalar and not isinstance(node, ast.Subscript):
                     below += [(site, child) for child in ast.iter_child_nodes(node)]
             todo = below
-        slopes = self.full.slopes(self.step.equation.name, cuts)
-        moving: list[Cut] = []
-        for cut, moved in zip(cuts, slopes, strict=True):
+        slopes = self.full.slopes(self.step.equation.name, scalars)
+        moving: list[LargestScalar] = []
+        for scalar, moved in zip(scalars, slopes, strict=True):
             if moved:
-                moving.append(Cut(cut.site, cut.node, moved, cut.value, cut.several))
-        return sorted(moving, key=lambda cut: cut.place)
+                moving.append(LargestScalar(scalar.site, scalar.node, moved, scalar.value, scalar.is_repeated))
+        return sorted(moving, key=lambda scalar: scalar.place)
 
     def _probed(self, nodes: Sequence[tuple[Site, ast.expr]]) -> list[_Probe | None]:
         """Return the probes of expressions; None if the text with a probe cannot be evaluated, or is not."""
@@ -337,7 +337,7 @@ class RequiredPairs:
             return []
         return probes
 
-    def _unexplained(self, a: Cut, b: Cut, rows: Sequence[RowKey]) -> float:
+    def _unexplained(self, a: LargestScalar, b: LargestScalar, rows: Sequence[RowKey]) -> float:
         """Return the part of the residuals that small changes of two expressions cannot remove, on average."""
         base = self.full.residuals
         residuals: list[Array] = []
@@ -364,11 +364,11 @@ class RequiredPairs:
 
     # -- values -------------------------------------------------------------------------------------------------------
 
-    def _binding(self, cuts: Sequence[Cut], rows: Sequence[RowKey]) -> tuple[RowKey, ...]:
+    def _binding(self, scalars: Sequence[LargestScalar], rows: Sequence[RowKey]) -> tuple[RowKey, ...]:
         """Return the rows that determine the values of expressions: rows that agree must still agree."""
         binding = []
         for key, r in self.full.residuals.items():
-            moved = any(key in cut.slopes for cut in cuts)
+            moved = any(key in scalar.slopes for scalar in scalars)
             if moved and (key in rows or worst(r) <= 1):
                 binding.append(key)
         return tuple(binding)
@@ -376,11 +376,11 @@ class RequiredPairs:
     def _solutions(
         self,
         fixed: Sequence[Edit],
-        choices: Sequence[tuple[Cut, ...]],
+        choices: Sequence[tuple[LargestScalar, ...]],
         rows: Sequence[RowKey],
         deadline: Deadline,
-        starts: dict[tuple[Cut, ...], Array] | None = None,
-    ) -> Iterator[tuple[tuple[Cut, ...], list[Shift]]]:
+        starts: dict[tuple[LargestScalar, ...], Array] | None = None,
+    ) -> Iterator[tuple[tuple[LargestScalar, ...], list[Shift]]]:
         """Yield expressions and their shifts with which, after the edits `fixed`, the rows agree.
 
         `starts` are the first shifts (k, expressions); None: zero.
@@ -390,26 +390,26 @@ class RequiredPairs:
             if deadline.passed:
                 return
             tried: list[Choice] = []
-            for cuts in choices[first : first + _AT_ONCE]:
+            for scalars in choices[first : first + _AT_ONCE]:
                 start = None
                 if starts is not None:
-                    start = starts[cuts][self.coarse.poses]
-                tried.append(Choice(cuts, self._binding(cuts, rows), start))
+                    start = starts[scalars][self.coarse.poses]
+                tried.append(Choice(scalars, self._binding(scalars, rows), start))
             likely: list[Choice] = []
             for i, _ in self.coarse.solved(equation, fixed, tried, deadline):
                 start = None
                 if starts is not None:
-                    start = starts[tried[i].cuts]
-                likely.append(Choice(tried[i].cuts, tried[i].rows, start))
+                    start = starts[tried[i].scalars]
+                likely.append(Choice(tried[i].scalars, tried[i].rows, start))
             for i, values in self.full.solved(equation, fixed, likely, deadline):
                 shifts = self._at(fixed, likely[i], values)
                 if shifts is None:
                     continue
-                yield likely[i].cuts, shifts
+                yield likely[i].scalars, shifts
                 for other in self._of_one_sign(shifts):
                     same = self._at(fixed, likely[i], other)
                     if same is not None:
-                        yield likely[i].cuts, same
+                        yield likely[i].scalars, same
 
     def _of_one_sign(self, shifts: Sequence[Shift]) -> Iterator[Array]:
         """Yield shifts (k, expressions) after which an expression is positive at poses where it was negative.
@@ -417,12 +417,12 @@ class RequiredPairs:
         With a swivel, a radius may have either sign, because the angle may be half a turn further. The rows may
         disagree after the shifts.
         """
-        if not self.step.free:
+        if not self.step.swivel:
             return
-        values = np.hstack([shift.shift for shift in shifts])
+        values = np.hstack([shift.added for shift in shifts])
         for u, shift in enumerate(shifts):
-            x = shift.value[:, 0] + shift.shift[:, 0]
-            if (x[shift.known] < 0).any():
+            x = shift.value[:, 0] + shift.added[:, 0]
+            if (x[shift.valued_poses] < 0).any():
                 other = values.copy()
                 other[:, u] = np.abs(x) - shift.value[:, 0]
                 yield other
@@ -430,11 +430,11 @@ class RequiredPairs:
     def _at(self, fixed: Sequence[Edit], choice: Choice, values: Array) -> list[Shift] | None:
         """Return the shifts of expressions, with the names in their scope, for given values (k, expressions)."""
         shifts = []
-        for u in range(len(choice.cuts)):
+        for u in range(len(choice.scalars)):
             shift = Shift(len(values))
-            shift.shift = values[:, u : u + 1]
+            shift.added = values[:, u : u + 1]
             shifts.append(shift)
-        deviations = self._residuals(choice.cuts, shifts, fixed)
+        deviations = self._residuals(choice.scalars, shifts, fixed)
         if deviations is None or not deviations.keys() >= set(choice.rows):
             return None
         r = np.hstack([deviations[row] for row in choice.rows])
@@ -442,17 +442,17 @@ class RequiredPairs:
         if not (known.any() and np.abs(r[known]).max() <= 1):
             return None
         for shift in shifts:
-            shift.known = known
+            shift.valued_poses = known
         return shifts
 
     def _guesses(
-        self, pairs: Sequence[tuple[Cut, Cut]], rows: Sequence[RowKey], deadline: Deadline
-    ) -> dict[tuple[Cut, ...], Array]:
+        self, pairs: Sequence[tuple[LargestScalar, LargestScalar]], rows: Sequence[RowKey], deadline: Deadline
+    ) -> dict[tuple[LargestScalar, ...], Array]:
         """Return pairs of expressions with shifts (k, 2) near which the rows may agree.
 
         All combinations of some shifts are tried at few poses, for several pairs by one evaluation.
         """
-        starts: dict[tuple[Cut, ...], Array] = {}
+        starts: dict[tuple[LargestScalar, ...], Array] = {}
         for part in _together(pairs):
             if deadline.passed:
                 break
@@ -462,22 +462,22 @@ class RequiredPairs:
                     starts[a, b] = np.stack([self._shifts(a)[i], self._shifts(b)[j]], axis=1)
         return starts
 
-    def _guess(self, pairs: Sequence[tuple[Cut, Cut]], rows: Sequence[RowKey]) -> list[int | None]:
+    def _guess(self, pairs: Sequence[tuple[LargestScalar, LargestScalar]], rows: Sequence[RowKey]) -> list[int | None]:
         """Return the index of the shifts of `_shifts` after which least of the residuals is left, if little."""
         places, grid = self._at_few
         before = by_row(grid.residuals)
         few = len(places)
         each = _CHOICES**2 * few
-        shifts: dict[Cut, Shift] = {}
+        shifts: dict[LargestScalar, Shift] = {}
         for n, pair in enumerate(pairs):
-            for axis, cut in enumerate(pair):
-                shift = shifts.setdefault(cut, Shift(grid.reference.k))
+            for axis, scalar in enumerate(pair):
+                shift = shifts.setdefault(scalar, Shift(grid.reference.k))
                 shape = (1, _CHOICES, few)
                 if axis == 0:
                     shape = (_CHOICES, 1, few)
-                every = self._shifts(cut)[:, places].reshape(shape)
+                every = self._shifts(scalar)[:, places].reshape(shape)
                 mixed = np.broadcast_to(every, (_CHOICES, _CHOICES, few))
-                shift.shift[n * each : (n + 1) * each, 0] = mixed.ravel()
+                shift.added[n * each : (n + 1) * each, 0] = mixed.ravel()
         after = self._residuals(list(shifts), list(shifts.values()), (), grid)
         guesses: list[int | None] = []
         for n, pair in enumerate(pairs):
@@ -500,28 +500,28 @@ class RequiredPairs:
                 guesses.append(None)
         return guesses
 
-    def _shifts(self, cut: Cut) -> Array:
+    def _shifts(self, scalar: LargestScalar) -> Array:
         """Return the shifts (choices, k) of an expression that are tried first; the first one is zero."""
-        if cut not in self._first_shifts:
-            shifts = [multiple * cut.value for multiple in _MULTIPLES]
+        if scalar not in self._first_shifts:
+            shifts = [multiple * scalar.value for multiple in _MULTIPLES]
             for turn in _FULL_TURNS:
-                shifts.append(np.full_like(cut.value, turn * np.pi))
-            for value in self._scalars(cut)[:_NAMES]:
-                shifts.append(value - cut.value)
+                shifts.append(np.full_like(scalar.value, turn * np.pi))
+            for value in self._scalars(scalar)[:_NAMES]:
+                shifts.append(value - scalar.value)
             while len(shifts) < _CHOICES:
-                shifts.append(np.zeros_like(cut.value))
-            self._first_shifts[cut] = np.array(shifts)
-        return self._first_shifts[cut]
+                shifts.append(np.zeros_like(scalar.value))
+            self._first_shifts[scalar] = np.array(shifts)
+        return self._first_shifts[scalar]
 
-    def _scalars(self, cut: Cut) -> list[Array]:
+    def _scalars(self, scalar: LargestScalar) -> list[Array]:
         """Return the values (k,) of the scalar arguments of an expression's function, those that vary first."""
-        if cut.function not in self._arguments:
+        if scalar.function not in self._arguments:
             shift = Shift(self.judge.reference.k)
-            self._residuals((cut,), [shift])
+            self._residuals((scalar,), [shift])
             k = self.judge.reference.k
             varying: list[Array] = []
             constant: list[Array] = []
-            for name in cut.site.source.arguments:
+            for name in scalar.site.source.arguments:
                 x = unwrapped(shift.scope.get(name))
                 if not isinstance(x, int | float | np.ndarray) or np.shape(x) not in ((), (k,)):
                     continue
@@ -530,8 +530,8 @@ class RequiredPairs:
                     varying.append(values)
                 else:
                     constant.append(values)
-            self._arguments[cut.function] = varying + constant
-        return self._arguments[cut.function]
+            self._arguments[scalar.function] = varying + constant
+        return self._arguments[scalar.function]
 
     @cached_property
     def _at_few(self) -> tuple[NDArray[np.intp], Judge]:
@@ -550,25 +550,29 @@ class RequiredPairs:
             judge = self.judge.on(repeated)
         return places, judge
 
-    def _texts(self, cut: Cut, shift: Shift, deadline: Deadline) -> Iterator[Edit]:
+    def _texts(self, scalar: LargestScalar, shift: Shift, deadline: Deadline) -> Iterator[Edit]:
         """Yield single edits of an expression that shift its values."""
-        expression = Expression(cut.site, cut.node, shift, deadline)
+        expression = Expression(scalar.site, scalar.node, shift, deadline)
         return islice(expression.one(_required_values(shift)), _MOST_TEXTS)
 
-    def _composed(self, cut: Cut, shift: Shift, deadline: Deadline) -> Iterator[Edit]:
+    def _composed(self, scalar: LargestScalar, shift: Shift, deadline: Deadline) -> Iterator[Edit]:
         """Yield edits of an expression that shift its values by a term or factor."""
-        expression = Expression(cut.site, cut.node, shift, deadline)
+        expression = Expression(scalar.site, scalar.node, shift, deadline)
         return islice(expression.composed(_required_values(shift)), _MOST_TEXTS)
 
     def _residuals(
-        self, cuts: Sequence[Cut], shifts: Sequence[Shift], fixed: Sequence[Edit] = (), judge: Judge | None = None
+        self,
+        scalars: Sequence[LargestScalar],
+        shifts: Sequence[Shift],
+        fixed: Sequence[Edit] = (),
+        judge: Judge | None = None,
     ) -> dict[RowKey, Array] | None:
         """Return the residuals of the rows with shifted expressions, after the edits `fixed`."""
         change = list(fixed)
         extra: dict[str, Any] = {}
-        for i, cut in enumerate(cuts):
+        for i, scalar in enumerate(scalars):
             name = f"_required_{i}_"
-            change.append(shifted(cut.site.source, cut.site.statement, cut.node, name))
+            change.append(shifted(scalar.site.source, scalar.site.statement, scalar.node, name))
             extra[name] = shifts[i]
             shifts[i].begin()
         with unguarded():
@@ -579,7 +583,7 @@ class RequiredPairs:
 class _SolvedPair:
     """Two expressions with shifts after which rows agree, and the edits found so far that shift each of them."""
 
-    cuts: tuple[Cut, Cut]
+    scalars: tuple[LargestScalar, LargestScalar]
     shifts: tuple[Shift, Shift]
     edits_of_a: list[Edit]
     edits_of_b: list[Edit]
@@ -587,7 +591,7 @@ class _SolvedPair:
 
 def _required_values(shift: Shift) -> Array:
     """Return the values (k,) that a shifted scalar has."""
-    return (shift.value + shift.shift)[:, 0]
+    return (shift.value + shift.added)[:, 0]
 
 
 class _Probe(Shift):
@@ -595,14 +599,14 @@ class _Probe(Shift):
 
     def __init__(self, k: int) -> None:
         super().__init__(k)
-        self.scalar = True
+        self.is_scalar = True
         self.called = False
 
     def __call__(self, value: Any, scope: dict[str, Any] | None = None) -> Any:
         self.called = True
         x = unwrapped(value)
         if not self._is_scalar(x):
-            self.scalar = False
+            self.is_scalar = False
             return value
         super().__call__(value)
         return value
@@ -612,12 +616,14 @@ class _Probe(Shift):
         if not isinstance(x, int | float | np.ndarray | np.floating):
             return False
         numbers = np.asarray(x)
-        return numbers.dtype.kind in "if" and numbers.shape in ((), (len(self.shift),))
+        return numbers.dtype.kind in "if" and numbers.shape in ((), (len(self.added),))
 
 
-def _together(pairs: Sequence[tuple[Cut, Cut]]) -> Iterator[list[tuple[Cut, Cut]]]:
+def _together(
+    pairs: Sequence[tuple[LargestScalar, LargestScalar]],
+) -> Iterator[list[tuple[LargestScalar, LargestScalar]]]:
     """Yield the pairs in parts of one function each, which one evaluation can have."""
-    by_function: dict[tuple[Path, str], list[tuple[Cut, Cut]]] = {}
+    by_function: dict[tuple[Path, str], list[tuple[LargestScalar, LargestScalar]]] = {}
     for pair in pairs:
         part = by_function.setdefault(pair[0].function, [])
         part.append(pair)

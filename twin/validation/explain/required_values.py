@@ -13,7 +13,6 @@ import ast
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import islice
-from pathlib import Path
 from typing import TypeGuard
 
 import numpy as np
@@ -25,11 +24,11 @@ from twin.validation.explain.analogies import analogies, scalar_values
 from twin.validation.explain.candidate import residuals_with
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.equation_steps import RowKey, Step
-from twin.validation.explain.function_source import Edit, Source, Statement, comprehension_targets
-from twin.validation.explain.inverses import inverse
+from twin.validation.explain.expression_shifts import DIFFERENCE, Calls, Flat, Shift, shifted, solution
+from twin.validation.explain.function_source import Edit, Source, Statement, TextPlace, comprehension_targets
+from twin.validation.explain.inverse_operations import inverse
 from twin.validation.explain.rebuilt_functions import Matrix, unguarded
 from twin.validation.explain.row_deviations import Judge, Residuals, trial_residuals
-from twin.validation.explain.shifts import DIFFERENCE, Calls, Flat, Shift, shifted, solution
 from twin.validation.explain.swivel import fitted
 from twin.validation.explain.term_texts import Atom, Products, equal, factors, roots, sums, terms
 from twin.validation.explain.tokens import parents_of
@@ -70,7 +69,7 @@ class RequiredValues:
         rows: Sequence[RowKey],
         deadline: Deadline,
         fixed: Sequence[Edit] = (),
-        refuted: Sequence[tuple[Path, int, int]] = (),
+        refuted: Sequence[TextPlace] = (),
     ) -> None:
         """Set up the search for the wrong rows `rows`, which all depend on the equation of `step`.
 
@@ -109,7 +108,7 @@ class RequiredValues:
                 texts = writer(source, statement, node, parents, solved, atoms[calls])
                 yield from islice(texts, _MOST_EDITS)
                 if not entries and is_square(node):
-                    products = Products(_at_poses(atoms[calls], solved.known))
+                    products = Products(_at_poses(atoms[calls], solved.valued_poses))
                     yield from in_square(source, statement, node, parents, solved, atoms[calls], products)
 
     def _is_left_out(self, source: Source, node: ast.expr) -> bool:
@@ -131,7 +130,7 @@ class RequiredValues:
         base = self._residual(edit, at_zero, self._swivel)
         if base is None:
             return None
-        at_zero.shift = np.full_like(at_zero.shift, DIFFERENCE)
+        at_zero.added = np.full_like(at_zero.added, DIFFERENCE)
         moved = self._residual(edit, at_zero, self._swivel)
         if moved is None:
             return None
@@ -165,7 +164,7 @@ class RequiredValues:
         edit = shifted(source, statement, node, _NAME)
         shift = Shift(self.judge.reference.k)
         base = self._residual(edit, shift, self._swivel)
-        shift.shift = np.full_like(shift.shift, DIFFERENCE)
+        shift.added = np.full_like(shift.added, DIFFERENCE)
         moved = self._residual(edit, shift, self._swivel)
         if base is None or moved is None:
             return None
@@ -182,36 +181,36 @@ class RequiredValues:
 
         Return None without such shifts, or if `probe` was called once.
         """
-        count = probe.count
+        count = probe.call_count
         if not 1 < count <= _MOST_CALLS or self._swivel is not None:
             return None
         shift = Calls(self.judge.reference.k, count)
 
         def residual(values: Array) -> Array | None:
-            shift.shift = values
+            shift.added = values
             by_row = self._residual(edit, shift, None)
-            if by_row is None or shift.count != count or not by_row.keys() >= set(rows):
+            if by_row is None or shift.call_count != count or not by_row.keys() >= set(rows):
                 return None
             return np.hstack([by_row[row] for row in rows])
 
-        start = np.zeros_like(shift.shift)
+        start = np.zeros_like(shift.added)
         solved = solution(residual, start, lambda: shift.values.copy(), self.deadline)
         if solved is None:
             return None
-        _, shift.known = solved
+        _, shift.valued_poses = solved
         return shift.flat()
 
     def _fitted(self, edit: Edit, rows: Sequence[RowKey], entries: int) -> Shift | None:
         """Return the shift with which the rows agree at every pose; None if Gauss-Newton does not find it."""
         shift = Shift(self.judge.reference.k, entries)
-        unknowns = shift.shift.shape[1]
-        start = np.zeros_like(shift.shift)
+        unknowns = shift.added.shape[1]
+        start = np.zeros_like(shift.added)
         swivel = self._swivel
         if swivel is not None:  # it is one more unknown
             start = np.column_stack([start, swivel])
 
         def residual(values: Array) -> Array | None:
-            shift.shift = values[:, :unknowns]
+            shift.added = values[:, :unknowns]
             angle = None if swivel is None else values[:, -1]
             by_row = self._residual(edit, shift, angle)
             if by_row is None or not by_row.keys() >= set(rows):
@@ -226,7 +225,7 @@ class RequiredValues:
         solved = solution(residual, start, scale, self.deadline)
         if solved is None:
             return None
-        _, shift.known = solved
+        _, shift.valued_poses = solved
         return shift
 
     def _residual(self, edit: Edit, shift: Shift, angle: Array | None) -> dict[RowKey, Array] | None:
@@ -238,9 +237,9 @@ class RequiredValues:
     @cached_property
     def _swivel(self) -> Array | None:
         """The first values (k,) of the swivel angle: those that are best after the edits `fixed`; None without one."""
-        if not self.step.free:
+        if not self.step.swivel:
             return None
-        (angle,) = self.step.free.values()
+        (angle,) = self.step.swivel.values()
         if not self.fixed:
             return np.asarray(angle, float)
 
@@ -393,10 +392,10 @@ def written(
     def edit(new: str, kind: str) -> Edit:
         return _replaced(source, statement, node, parent, new, kind)
 
-    x = shift.value[shift.known, 0]
-    added = shift.shift[shift.known, 0]
+    x = shift.value[shift.valued_poses, 0]
+    added = shift.added[shift.valued_poses, 0]
     wanted = x + added
-    atoms = _at_poses(atoms, shift.known)
+    atoms = _at_poses(atoms, shift.valued_poses)
     if equal(wanted, -x):
         yield edit(f"-{factor_text}", "sign")
     if equal(wanted, x**2):
@@ -436,7 +435,7 @@ def _present(part: ast.expr, shift: Shift) -> Array | None:
 
 def _of_operands(node: ast.expr, shift: Shift) -> dict[ast.expr, Shift]:
     """Return the shifts of the operands of an expression that give it its required value; see `inverse`."""
-    wanted = shift.value[:, 0] + shift.shift[:, 0]
+    wanted = shift.value[:, 0] + shift.added[:, 0]
     shifts: dict[ast.expr, Shift] = {}
     for child in ast.iter_child_nodes(node):
         if not isinstance(child, ast.expr):
@@ -445,7 +444,7 @@ def _of_operands(node: ast.expr, shift: Shift) -> dict[ast.expr, Shift]:
         if needed is None:
             continue
         values = _present(child, shift)
-        if values is None or not np.isfinite((needed + values)[shift.known]).all():
+        if values is None or not np.isfinite((needed + values)[shift.valued_poses]).all():
             continue
         shifts[child] = _shift_of_part(shift, values, needed)
     return shifts
@@ -454,9 +453,9 @@ def _of_operands(node: ast.expr, shift: Shift) -> dict[ast.expr, Shift]:
 def _shift_of_part(shift: Shift, values: Array, wanted: Array) -> Flat:
     """Return the shift of a part of an expression from its values (k,) to others (k,), in the scopes of `shift`."""
     of_part = Flat(len(values), shift.scopes)
-    of_part.known = shift.known
+    of_part.valued_poses = shift.valued_poses
     of_part.value = values[:, None]
-    of_part.shift[shift.known, 0] = (wanted - values)[shift.known]
+    of_part.added[shift.valued_poses, 0] = (wanted - values)[shift.valued_poses]
     return of_part
 
 
@@ -484,9 +483,9 @@ def in_square(
     def value(part: ast.expr) -> Array | None:
         return _present(part, shift)
 
-    known = shift.known
+    known = shift.valued_poses
     with np.errstate(all="ignore"):
-        root = np.sqrt(shift.value[:, 0] + shift.shift[:, 0])
+        root = np.sqrt(shift.value[:, 0] + shift.added[:, 0])
     todo = [(node.left, root, -root)]
     while todo:
         part, first, second = todo.pop(0)
@@ -500,9 +499,9 @@ def in_square(
             with_factor = x * ratios[:_MOST_EITHER]
             for wanted in (*with_term, *with_factor):
                 of_part = Flat(len(present), shift.scopes)
-                of_part.known = known
+                of_part.valued_poses = known
                 of_part.value = present[:, None]
-                of_part.shift[known, 0] = wanted - x
+                of_part.added[known, 0] = wanted - x
                 yield from islice(written(source, statement, part, parents, of_part, atoms), _MOST_EDITS)
         for child in ast.iter_child_nodes(part):
             if not isinstance(child, ast.expr):
@@ -524,8 +523,8 @@ def _written_vectors(
     """Yield the edits that give an expression its required value, a vector."""
     start, end = source.span(node)
     text = source.text(start, end)
-    known = shift.known
+    known = shift.valued_poses
     scalars = _at_poses(atoms, known)
     vectors = _at_poses(vector_atoms(source, shift.scope, len(known)), known)
-    for new in vector_texts(text, node, shift.value[known], shift.shift[known], scalars, vectors):
+    for new in vector_texts(text, node, shift.value[known], shift.added[known], scalars, vectors):
         yield _replaced(source, statement, node, parents.get(node), new, "missing")

@@ -25,10 +25,10 @@ from twin.formula.scalar import Value
 from twin.formula.variant_choice import choose
 from twin.validation.explain import plain_values, rebuilt_functions
 from twin.validation.explain.equation_steps import Helper, RowKey, RowPlace, Step, Tolerance
+from twin.validation.explain.expression_shifts import Shift
 from twin.validation.explain.function_source import OUT, Edit, Source, Statement
 from twin.validation.explain.rebuilt_functions import Matrix, Rebuilder, to_array
 from twin.validation.explain.reference_values import ReferenceValues
-from twin.validation.explain.shifts import Shift
 from twin.validation.explain.swivel import fitted
 
 STAGES: tuple[Stage, ...] = ("inverse", "forward", "helper")
@@ -141,7 +141,7 @@ class Judge:
         computed: dict[str, Value] = {}
         if stage == "helper":
             for step in self.steps:
-                computed = {**step.gave, **computed}
+                computed = {**step.output_values, **computed}
         for step in self.steps:
             if step.stage != stage:
                 continue
@@ -152,21 +152,21 @@ class Judge:
                 step.missing = ", ".join(unknown)
                 self.notes.append(f"{step.equation.name} ({step.variant}) was not judged: {step.missing} is unknown")
                 continue
-            if self.reference.free in step.inputs:
+            if self.reference.free_parameter in step.inputs:
                 self._place(step, [], {})
             if not self._run_step(step):
                 continue
-            for name, value in step.gave.items():
+            for name, value in step.output_values.items():
                 computed.setdefault(name, value)
 
     def _prepare(self, step: Step, computed: Mapping[str, Value]) -> None:
         """Set the attributes of a step that depend on the mechanism's values and on the earlier equations."""
         names = step.equation.outputs
         step.computed = dict(computed)
-        step.known = frozenset(names).intersection(self.reference.kinds)
-        step.held = step.known
+        step.known_outputs = frozenset(names).intersection(self.reference.kinds)
+        step.compared_variables = step.known_outputs
         if step.plain is not None:
-            step.held = step.known & plain_values.held(step.source, names)
+            step.compared_variables = step.known_outputs & plain_values.compared_variables(step.source, names)
         last = step.source.statements[-1]
         returned = getattr(last.node, "value", None)
         # A tuple or a list has `elts`, a dictionary has `values`.
@@ -192,12 +192,12 @@ class Judge:
                     step.stuck = True
                     self.notes.append(f"{label} fails in line {statement.line}: {error}")
                 self._check(step, statement, statement.writes, scope, residuals)
-            step.gave = self._outputs(step, scope, residuals)
+            step.output_values = self._outputs(step, scope, residuals)
         except (NameError, IndexError) as error:
             step.without_value |= {(statement.index, -1)}
             step.stuck = True
             self._count_as_wrong(step, statement, residuals)
-            step.gave = {name: self.reference.symbols[name] for name in step.known}
+            step.output_values = {name: self.reference.symbols[name] for name in step.known_outputs}
             self.notes.append(f"{label} fails in line {statement.line}: {error}")
         except Exception as error:
             step.missing = str(error)
@@ -224,7 +224,7 @@ class Judge:
         """
         if statement.returns:
             return self._by_element(step, statement, edits, scope, error)
-        if not statement.writes or not step.held.issuperset(statement.writes):
+        if not statement.writes or not step.compared_variables.issuperset(statement.writes):
             raise error
         for i, name in enumerate(statement.writes):
             self._unknown(step.place(statement.index, i, name, statement.line), found)
@@ -251,7 +251,7 @@ class Judge:
             try:
                 exec(code, scope)
             except (NameError, IndexError):
-                if outputs[i] not in step.known:
+                if outputs[i] not in step.known_outputs:
                     raise
                 places.add((statement.index, i))
                 scope[OUT] = _NO_VALUE
@@ -267,14 +267,14 @@ class Judge:
         for later in step.source.statements[statement.index :]:
             for i, name in enumerate(later.writes):
                 # The last statement returns; it writes an output only by its position.
-                compared = step.known if later.returns else step.held
+                compared = step.known_outputs if later.returns else step.compared_variables
                 if name in compared and name not in seen:
                     seen.add(name)
                     line = step.lines[i] if later.returns else later.line
                     self._unknown(step.place(later.index, i, name, line), found)
         last = step.source.statements[-1]
         for i, name in enumerate(step.equation.outputs):
-            if name in step.known and name not in seen:
+            if name in step.known_outputs and name not in seen:
                 seen.add(name)
                 self._unknown(step.place(last.index, i, name, step.lines[i]), found)
 
@@ -286,15 +286,15 @@ class Judge:
         """Set the swivel angle of each state so that the residuals of the rows that use this angle are minimal."""
 
         def rows(angle: Array) -> Residuals:
-            step.free = {self.reference.free: angle}
+            step.swivel = {self.reference.free_parameter: angle}
             return self._retry(step, edits, extra, True, onwards=False)
 
         with contextlib.suppress(Exception):  # the same errors are raised and handled when the rows are run
-            step.free = {self.reference.free: fitted(rows, self.reference.k)}
+            step.swivel = {self.reference.free_parameter: fitted(rows, self.reference.k)}
 
     def _environment(self, step: Step, computed: Mapping[str, Value]) -> dict[str, Value]:
         """Return the variables with which an equation starts: its globals and its arguments."""
-        known = {**computed, **self.reference.symbols, **step.free}
+        known = {**computed, **self.reference.symbols, **step.swivel}
         if step.plain is not None:
             return {**step.scope, **plain_values.arguments(step.plain, known)}
         scope = dict(step.scope)
@@ -308,7 +308,7 @@ class Judge:
     ) -> None:
         """Store the residuals of a statement's outputs, then replace the outputs by the mechanism's values."""
         for i, name in enumerate(names):
-            if name not in step.held:
+            if name not in step.compared_variables:
                 continue
             place = step.place(statement.index, i, name, statement.line)
             if place in found:  # the statement has no value
@@ -326,7 +326,7 @@ class Judge:
         last = len(step.source.statements) - 1
         outputs: dict[str, Value] = {}
         for i, name in enumerate(names):
-            if name not in step.known:
+            if name not in step.known_outputs:
                 outputs[name] = values[i]
                 continue
             place = step.place(last, i, name, step.lines[i])
@@ -388,10 +388,10 @@ class Judge:
         replaced: list[tuple[dict[str, Value], str, Value]] = []
         if foreign:
             replaced = self._patch(step, foreign)
-        free = step.free
+        free = step.swivel
         try:
             if free and angle is not None:
-                step.free = {self.reference.free: angle}
+                step.swivel = {self.reference.free_parameter: angle}
             elif free:
                 self._place(step, own_edits, extra)
                 for value in extra.values():
@@ -402,7 +402,7 @@ class Judge:
                 residuals |= self._from_before(step, foreign)
             return residuals
         finally:
-            step.free = free
+            step.swivel = free
             for scope, name, original in replaced:
                 scope[name] = original
 
@@ -488,7 +488,7 @@ class Judge:
                     self._count_as_wrong(step, statement, residuals)
                     return residuals
                 self._check(step, statement, names, scope, residuals)
-                dirty |= set(names) - step.held
+                dirty |= set(names) - step.compared_variables
                 continue
             if statement.returns:
                 return residuals
@@ -551,7 +551,7 @@ class Judge:
             if later.stage != step.stage or later.missing:
                 continue
             if not changed & set(later.inputs):
-                computed = {**later.gave, **computed}
+                computed = {**later.output_values, **computed}
                 continue
             # Do not reuse earlier results: a helper that this equation calls may be edited.
             scope = {**plain_values.copied(later.before[0]), **later.scope}
@@ -612,6 +612,10 @@ class Judge:
     def failing(self) -> list[RowPlace]:
         """Return the rows whose residual exceeds the tolerance or is NaN."""
         return [place for place, residual in self.residuals.items() if worst(residual) > 1]
+
+    def failing_rows(self) -> set[RowKey]:
+        """Return the keys of the rows of `failing`."""
+        return {place.key for place in self.failing()}
 
 
 def _add_helpers(source: Source, scope: Mapping[str, Value], found: dict[int, Helper]) -> None:

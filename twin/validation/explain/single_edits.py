@@ -10,12 +10,12 @@ from twin.validation.explain.candidate import Candidate
 from twin.validation.explain.counterparts import counterpart_edits
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.equation_steps import Helper, RowKey, Step
-from twin.validation.explain.function_source import Edit, Source, Statement
+from twin.validation.explain.function_source import Edit, Source, Statement, TextPlace
 from twin.validation.explain.name_pool import pool
 from twin.validation.explain.pair_search import PairSearch
 from twin.validation.explain.required_values import RequiredValues
 from twin.validation.explain.statement_edits import statement_edits
-from twin.validation.explain.suspects import available
+from twin.validation.explain.suspect_statements import available
 from twin.validation.explain.trials import Trials
 
 _REQUIRED_PART = 0.4
@@ -23,9 +23,6 @@ _REQUIRED_PART = 0.4
 
 _REFUTE_PART = 0.25
 """Maximum part of the remaining time to find expressions in which no single edit can repair a row."""
-
-TextPlace = tuple[Path, int, int]
-"""File, first byte and end of an expression."""
 
 
 class SingleEdits:
@@ -99,7 +96,7 @@ class SingleEdits:
                     steps += others
                 if likely is not None and edit not in likely:
                     # With a swivel, one edit takes as long as ten others, so that only likely ones are evaluated.
-                    if not step.free:
+                    if not step.swivel:
                         self._deferred.append((steps, edit))
                     continue
                 self._evaluate(steps, edit, candidates)
@@ -149,11 +146,11 @@ class SingleEdits:
 
     def _evaluate(self, steps: list[Step], edit: Edit, candidates: list[Candidate]) -> None:
         """Add the candidate for an edit to `candidates`; an edit without a value is kept, as one of a pair may have."""
-        candidate = self.trials.everywhere(steps, [edit])
+        candidate = self.trials.candidate_for(steps, [edit])
         if candidate is not None:
             candidates.append(candidate)
         else:
-            self.trials.senseless.append((steps[0], edit))
+            self.trials.edits_without_value.append((steps[0], edit))
 
     def _is_late(self) -> bool:
         """Return whether the time of the stage is over; then the search is not complete."""
@@ -169,16 +166,16 @@ class SingleEdits:
         without a right value are left out, unless a row agrees: such an edit makes another value of a scalar, a vector.
         """
         refuted = {edit for edit in every if self._is_refuted(edit)}
-        if not step.free and not refuted:
+        if not step.swivel and not refuted:
             return None
-        search = self.pair_search.crossed(step)
+        search = self.pair_search.statement_pairs(step)
         agreeing: set[Edit] | None = None
-        if step.free:
+        if step.swivel:
             if search is not None:
-                agreeing = search.alone(statement, list(every), self.until)
+                agreeing = search.likely_edits(statement, list(every), self.until)
             return agreeing
         if search is not None:
-            agreeing = search.alone(statement, list(refuted), self.until)
+            agreeing = search.likely_edits(statement, list(refuted), self.until)
         others = set(every) - refuted
         if agreeing is None:
             return others
@@ -192,11 +189,11 @@ class SingleEdits:
         failing = self.trials.failing
         refuted: set[TextPlace] = set()
         possible: set[TextPlace] = set()
-        for double in self.pair_search.doubles:
-            without_value = set(double.refuted(failing, until))
+        for pairs_of_equation in self.pair_search.required_pairs:
+            without_value = set(pairs_of_equation.refuted(failing, until))
             refuted |= without_value
-            possible |= {cut.place for cut in double.cuts(failing, until)} - without_value
-            possible |= set(double.unsure)
+            possible |= {scalar.place for scalar in pairs_of_equation.scalars(failing, until)} - without_value
+            possible |= set(pairs_of_equation.unsure)
             if until.passed:  # other equations might use the same expressions; these edits are tried after the pairs
                 break
         self.refuted = []
@@ -235,7 +232,7 @@ class SingleEdits:
             search = RequiredValues(self.judge, step, rows, until, refuted=self.refuted)
             for edit in search.edits(source, statement):
                 with_edits.add((source.path, statement.start))
-                candidate = self.trials.everywhere([step, *others], [edit])
+                candidate = self.trials.candidate_for([step, *others], [edit])
                 if candidate is not None:
                     candidates.append(candidate)
         return candidates
@@ -270,7 +267,7 @@ class SingleEdits:
                         return candidates
                     tried.add(edit)
                     steps = [step, *self.trials.callers(source, step)]
-                    candidate = self.trials.everywhere(steps, [edit])
+                    candidate = self.trials.candidate_for(steps, [edit])
                     if candidate is not None:
                         candidates.append(candidate)
         return candidates

@@ -14,7 +14,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations, product
-from pathlib import Path
 from types import CodeType
 
 import numpy as np
@@ -26,7 +25,7 @@ from twin.validation.explain.candidate import TOKENS
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.equation_steps import RowKey
 from twin.validation.explain.expression import Site
-from twin.validation.explain.function_source import OUT, ByteRange, Edit, Statement
+from twin.validation.explain.function_source import OUT, ByteRange, Edit, Statement, TextPlace
 from twin.validation.explain.operand_pairs import Evaluated, form, operand_pairs, stacked, tiled
 from twin.validation.explain.plain_values import copied
 from twin.validation.explain.rebuilt_functions import unguarded
@@ -109,7 +108,7 @@ class StatementPairs:
         self._codes: dict[tuple[Edit, ...], CodeType | None] = {}
         self._kept: dict[tuple[int, tuple[tuple[Edit, ...], ...], float | None], list[_Values]] = {}
 
-    def apart(self, deadline: Deadline, scalars: Sequence[tuple[Path, int, int]] = ()) -> Iterator[tuple[Edit, Edit]]:
+    def apart(self, deadline: Deadline, scalars: Sequence[TextPlace] = ()) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of edits in different statements after which a row agrees at one pose, of one token first.
 
         Pairs of other kinds are left out if both are in the expressions at the places `scalars`, because
@@ -127,7 +126,7 @@ class StatementPairs:
             for first, second in places:
                 if deadline.passed:
                     return
-                result_is_used = not self.step.held.issuperset(first.writes)
+                result_is_used = not self.step.compared_variables.issuperset(first.writes)
                 if not (result_is_used or first.index in self._undefined):
                     continue
                 # a name without a value elsewhere would still have none
@@ -169,7 +168,7 @@ class StatementPairs:
             pairs.sort(key=_edits_of_other_kinds)  # misprints of one token are likeliest
             yield from pairs[:_MOST_FOUND]
 
-    def alone(self, statement: Statement, edits: Sequence[Edit], deadline: Deadline) -> set[Edit] | None:
+    def likely_edits(self, statement: Statement, edits: Sequence[Edit], deadline: Deadline) -> set[Edit] | None:
         """Return the edits of a statement that may be repairs: a row agrees at one pose, or the edit was not evaluated.
 
         Return None if this is not known, because rows are not linear in sine and cosine of the swivel.
@@ -208,14 +207,14 @@ class StatementPairs:
     @cached_property
     def _angles(self) -> tuple[float | None, ...]:
         """The swivel angles in rad at which rows are evaluated; one None without a swivel."""
-        if self.step.free:
+        if self.step.swivel:
             return _THIRDS
         return (None,)
 
     @cached_property
     def _linear(self) -> bool:
         """Whether the rows are linear in sine and cosine of the swivel; see `_at_best_angle`."""
-        if not self.step.free:
+        if not self.step.swivel:
             return True
         last = self.step.source.statements[-1]
         at_angles: list[dict[RowKey, Array]] = []
@@ -419,13 +418,13 @@ class StatementPairs:
 
     def _before(self, statement: Statement, angle: float | None) -> _Scope | None:
         """Return the values before a statement at the pose; None if an earlier statement has no value."""
-        free = self.step.free
+        free = self.step.swivel
         if free and angle is not None:
-            self.step.free = dict.fromkeys(free, np.array([angle]))
+            self.step.swivel = dict.fromkeys(free, np.array([angle]))
         try:
             scope = self.judge.start(self.step)
         finally:
-            self.step.free = free
+            self.step.swivel = free
         earlier = self.step.source.statements[: statement.index]
         if not self._between(earlier, scope):
             return None
@@ -437,7 +436,7 @@ class StatementPairs:
             for statement in statements:
                 if not self.judge.ran(self.step, statement, self.step.codes[statement.index], (), scope, {}):
                     return False
-                for name in self.step.held.intersection(statement.writes):
+                for name in self.step.compared_variables.intersection(statement.writes):
                     scope[name] = self.judge.reference.symbols[name]
         except Exception:  # an edit of an earlier statement may make any text invalid
             return False

@@ -15,10 +15,10 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.validation.explain.expression import Expression
+from twin.validation.explain.expression_shifts import Flat
 from twin.validation.explain.function_source import Edit
-from twin.validation.explain.inverses import inverse
+from twin.validation.explain.inverse_operations import inverse
 from twin.validation.explain.required_values import in_square, is_square, scalar_atoms, written
-from twin.validation.explain.shifts import Flat
 from twin.validation.explain.term_texts import Atom, Products, factors, in_product, terms
 
 _MOST_WRITTEN = 12
@@ -29,9 +29,9 @@ def with_term(expression: Expression, wanted: Array) -> Iterator[tuple[Edit, Edi
     """Yield pairs of a single edit and a term or factor, after which the expression has the values `wanted` (k,)."""
     site = expression.site
     scope = Flat(expression.k, expression.scopes)
-    scope.known = expression.known
+    scope.valued_poses = expression.valued_poses
     atoms = scalar_atoms(site.source, site.statement, scope)
-    atoms_where_known = [Atom(atom.text, atom.values[expression.known]) for atom in atoms]
+    atoms_where_known = [Atom(atom.text, atom.values[expression.valued_poses]) for atom in atoms]
     products = Products(atoms_where_known)
     yield from _in_the_same_part(expression, wanted, atoms_where_known, products)
     yield from _in_another_part(expression, wanted, atoms, products)
@@ -41,7 +41,7 @@ def _in_the_same_part(
     expression: Expression, wanted: Array, atoms: Sequence[Atom], products: Products
 ) -> Iterator[tuple[Edit, Edit]]:
     """Yield pairs of an edit of a part, and a term or factor of this part."""
-    known = expression.known
+    known = expression.valued_poses
     singles, _ = expression.singles
     for part in expression.parts:
         if expression.deadline.passed:
@@ -57,7 +57,7 @@ def _in_the_same_part(
         if needed is None:
             continue
         edits = [singles[i] for i in inside]
-        after_edits = expression.edited(part, singles, np.array(inside, np.intp))[:, known]
+        after_edits = expression.values_after(part, singles, np.array(inside, np.intp))[:, known]
         if _takes_term(expression, part):
             missing_terms = needed[known] - after_edits
             for edit, values in _likely(edits, missing_terms, products):
@@ -131,7 +131,7 @@ def _in_another_part(
             if needed is not None:
                 edits_with_needs.setdefault(part, []).append((edit, needed))
     for part, with_needs in edits_with_needs.items():
-        values_of_part = expression.own(part)
+        values_of_part = expression.present_value(part)
         if values_of_part is None or expression.deadline.passed:
             continue
         edits = [edit for edit, _ in with_needs]
@@ -152,7 +152,7 @@ def _completed(
     products: Products,
 ) -> Iterator[tuple[Edit, Edit]]:
     """Yield pairs of one of `edits`, and an edit that gives a part with `values` (k,) those of `needs` (edits, k)."""
-    known = expression.known
+    known = expression.valued_poses
     with np.errstate(all="ignore"):
         by_term = products.likely(needs[:, known] - values[known])
         by_factor = products.likely(needs[:, known] / values[known])
@@ -171,9 +171,9 @@ def _completed(
 def _shift(expression: Expression, values: Array, wanted: Array) -> Flat:
     """Return the shift of a part from its values (k,) to those (k,) that it must have."""
     shift = Flat(expression.k, expression.scopes)
-    shift.known = expression.known
+    shift.valued_poses = expression.valued_poses
     shift.value = values[:, None]
-    shift.shift = (wanted - values)[:, None]
+    shift.added = (wanted - values)[:, None]
     return shift
 
 
@@ -205,10 +205,10 @@ def _inner_parts(
         for child in ast.iter_child_nodes(node):
             if not isinstance(child, ast.expr):
                 continue
-            inner_wanted = inverse(node, child, wanted, expression.own)
+            inner_wanted = inverse(node, child, wanted, expression.present_value)
             if inner_wanted is None:
                 continue
-            inner_values = expression.own(child)
+            inner_values = expression.present_value(child)
             if inner_values is not None:
                 queue.append((child, inner_values, inner_wanted))
 

@@ -47,6 +47,15 @@ def parents_of(root: ast.AST) -> dict[ast.AST, ast.AST]:
     return parents
 
 
+def names_in(root: ast.AST) -> set[str]:
+    """Return the names in a syntax tree, read or assigned."""
+    names: set[str] = set()
+    for node in ast.walk(root):
+        if isinstance(node, ast.Name):
+            names.add(node.id)
+    return names
+
+
 def tokens_of(text: str) -> list[Token]:
     """Return the names, numbers and operators of an expression, in the order of the text."""
     lines = line_starts(text)

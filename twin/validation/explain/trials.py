@@ -16,7 +16,7 @@ from twin.validation.explain.formula_state import is_worse
 from twin.validation.explain.function_source import Edit, Source, Statement
 from twin.validation.explain.name_pool import pool
 from twin.validation.explain.row_deviations import Judge, trial_residuals, worst
-from twin.validation.explain.suspects import available, suspects, unread
+from twin.validation.explain.suspect_statements import available, suspects, unread
 
 
 class Trials:
@@ -25,20 +25,20 @@ class Trials:
     def __init__(self, judge: Judge) -> None:
         """Set up trials for the wrong rows of `judge`."""
         self.judge = judge
-        self.raw: dict[RowKey, Array] = {}
+        self.residuals_before: dict[RowKey, Array] = {}
         """Residuals (k, entries) of the rows before edits."""
-        self.base: dict[RowKey, float] = {}
+        self.worst_before: dict[RowKey, float] = {}
         """Worst residual of each row before edits, in units of the tolerance."""
         for place, residual in judge.residuals.items():
-            self.raw[place.key] = residual
-            self.base[place.key] = worst(residual)
+            self.residuals_before[place.key] = residual
+            self.worst_before[place.key] = worst(residual)
         wrong = judge.failing()
         wrong_printed = [place for place in wrong if judge.step(place.equation).stage != "helper"]
         # Wrong helpers often only repeat the error of a printed equation: repair helpers only if all other rows agree.
         self.targets = wrong_printed or wrong
         self.failing = [place.key for place in self.targets]
-        self.tried = 0
-        self.senseless: list[tuple[Step, Edit]] = []
+        self.trial_count = 0
+        self.edits_without_value: list[tuple[Step, Edit]] = []
         """Edits without a value; a second edit may change that."""
         self.rejected: set[frozenset[Edit]] = set()
         """Edits that make rows agree only by chance together with the repairs of other rows; they are no repairs."""
@@ -104,7 +104,7 @@ class Trials:
                 callers.append(step)
         return callers
 
-    def everywhere(self, steps: list[Step], change: list[Edit]) -> Candidate | None:
+    def candidate_for(self, steps: list[Step], change: list[Edit]) -> Candidate | None:
         """Return the candidate for edits of one function, judged in all equations that it affects; None: cannot run.
 
         Besides `steps`, the equation is judged that the function itself is, which others may call as well.
@@ -121,21 +121,21 @@ class Trials:
             candidate = self.attempt(step, change)
             if candidate is None:
                 if first is not None:
-                    first.broken = True
+                    first.breaks_row = True
                 return first
             if step.source.name != change[0].function:
                 judged.update(equation for equation, _, _ in candidate.scores)
             if first is None:
                 first = candidate
             else:
-                first.take_over(candidate)
+                first.merge(candidate)
         if first is not None:
             first.step = every_step[0]
         return first
 
     def attempt(self, step: Step, change: list[Edit]) -> Candidate | None:
         """Return the candidate for edits of one equation, or None if the edited formula is not valid."""
-        self.tried += 1
+        self.trial_count += 1
         extra = aliases(self.judge, step, change)
         if extra is None:
             return None
@@ -144,20 +144,20 @@ class Trials:
             return None
         worsts: dict[RowKey, float] = {}
         changed: dict[RowKey, Array] = {}
-        broken = False
+        breaks_row = False
         for place, residual in residuals.items():
             row = place.key
             worsts[row] = worst(residual)
-            broken |= is_worse(self.base, row, worsts[row])
-            if row in self.raw:
+            breaks_row |= is_worse(self.worst_before, row, worsts[row])
+            if row in self.residuals_before:
                 changed[row] = residual
-            if row not in self.base and worsts[row] > 1:  # a return statement that was not reached before
-                broken = True
-        candidate = Candidate(step, change, extra, worsts, broken, changed)
+            if row not in self.worst_before and worsts[row] > 1:  # a return statement that was not reached before
+                breaks_row = True
+        candidate = Candidate(step, change, extra, worsts, breaks_row, changed)
         candidate.by_chance = self.is_rejected(candidate.edits)
-        if not broken:
+        if not breaks_row:
             repaired = [row for row in self.failing if worsts.get(row, np.inf) <= 1]
-            self.dependence.judged(candidate, repaired)
+            self.dependence.judge_dependence(candidate, repaired)
         return candidate
 
     def is_rejected(self, change: Sequence[Edit]) -> bool:
@@ -165,7 +165,7 @@ class Trials:
         return any(some.issubset(change) for some in self.rejected)
 
     @cached_property
-    def shaken(self) -> Judge:
+    def perturbed_judge(self) -> Judge:
         """Judge of the formula with each number perturbed at random; rows that still agree do so by coincidence."""
         return self.judge.on(self.judge.reference.perturbed())
 
@@ -177,14 +177,14 @@ class Trials:
     @cached_property
     def dependence(self) -> Dependence:
         """Dependence of the rows on symbols."""
-        return Dependence(self.judge, self.shaken)
+        return Dependence(self.judge, self.perturbed_judge)
 
     def entries(self, step: Step) -> int:
         """Return the largest number of entries of a failing row of an equation."""
         entries = 0
         for key in self.failing:
             if key[0] == step.equation.name:
-                entries = max(entries, self.raw[key].shape[1])
+                entries = max(entries, self.residuals_before[key].shape[1])
         return entries
 
     def exact(self, rows: list[RowKey], candidates: list[Candidate]) -> list[Candidate]:
@@ -192,7 +192,7 @@ class Trials:
         exact: list[Candidate] = []
         for candidate in candidates:
             changes_rows = any(row in candidate.scores for row in rows)
-            if candidate.serves and changes_rows and candidate.over(rows, self.base) <= 1:
+            if candidate.may_be_proposed and changes_rows and candidate.worst_over(rows, self.worst_before) <= 1:
                 exact.append(candidate)
         exact.sort(key=lambda candidate: candidate.rank)
         return [candidate for candidate in exact if candidate.extra or self._runs_at_one_sample(candidate)]

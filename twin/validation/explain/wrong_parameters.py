@@ -72,7 +72,7 @@ def identify(
     residuals = ParameterResiduals(judge, noise, deadline=deadline)
     if alone and not (residuals.complete and judge.failing()):
         return None
-    parameters = residuals.used()
+    parameters = residuals.influential_parameters()
     if not parameters:
         return None
     before = worst(residuals.residual(residuals.start))

@@ -27,7 +27,11 @@ def unread(step: Step) -> set[int]:
     indices: set[int] = set()
     read: set[str] = set()
     for statement in reversed(step.source.statements):
-        if not (statement.returns or step.held.intersection(statement.writes) or read.intersection(statement.writes)):
+        if not (
+            statement.returns
+            or step.compared_variables.intersection(statement.writes)
+            or read.intersection(statement.writes)
+        ):
             indices.add(statement.index)
         read |= statement.reads
     return indices
@@ -100,7 +104,7 @@ def _trace(judge: Judge, step: Step, index: int, position: int, out: dict[str, s
         written = wanted & set(statements[i].writes)
         if not written:
             continue
-        if written <= step.held:  # compared there, and then replaced by the mechanism's values
+        if written <= step.compared_variables:  # compared there, and then replaced by the mechanism's values
             wanted -= written
             continue
         indices.add(i)
@@ -121,6 +125,6 @@ def _maker(judge: Judge, step: Step, name: str) -> Step | None:
     for other in judge.steps:
         if other is step:
             break
-        if name in other.gave and (other.stage == step.stage or step.stage == "helper"):
+        if name in other.output_values and (other.stage == step.stage or step.stage == "helper"):
             return other
     return None

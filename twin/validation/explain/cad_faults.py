@@ -58,10 +58,10 @@ class Corrected:
 
 
 @dataclass(frozen=True)
-class _Tried:
+class _Correction:
     """The CAD with one combination of parts corrected; `model`, `judge`: None if the mechanism cannot be assembled."""
 
-    chosen: tuple[Suspect, ...]
+    suspects: tuple[Suspect, ...]
     model: ReferenceModel | None = None
     judge: Judge | None = None
 
@@ -86,101 +86,117 @@ class _Tried:
         wrong = _MORE_THAN_ALL
         if self.judge is not None:
             wrong = len(self.judge.failing())
-        return _score(self.chosen), self.closes, self.agrees, -wrong
+        return _score(self.suspects), self.closes, self.agrees, -wrong
 
 
 def correct(
     formula: Formula,
     cad: CadModel,
-    judged: Callable[[ReferenceModel], Judge],
+    judge_of: Callable[[ReferenceModel], Judge],
     progress: Callable[[float], None] = lambda f: None,
 ) -> Corrected | None:
     """Find the faults of the CAD and judge the rows with the corrected CAD; None if the parts of every joint meet.
 
-    Lengths declared in the description are evidence. `judged` is a function that returns a judge of the rows for a
-    mechanism.
+    Lengths declared in the description are evidence. `judge_of` returns the judge of the rows for a mechanism.
     """
-    findings = drawing(cad)
+    findings = findings_on_joints(cad)
     if not findings:
         return None
-    lengths = {p.name: float(p.value) for p in formula.parameters}
+    lengths: dict[str, float] = {}
+    for parameter in formula.parameters:
+        lengths[parameter.name] = float(parameter.value)
     all_faults = faults(cad, lengths)
     located = [fault for fault in all_faults if fault.suspects]
-    tried: list[_Tried] = []
+    corrections: list[_Correction] = []
     if located:
-        tried = _tried(cad, located, judged, progress)
-    best = _best(tried)
+        corrections = _corrections(cad, located, judge_of, progress)
+    best = _best(corrections)
     chosen: dict[tuple[str, ...], Suspect] = {}
-    for fault, suspect in zip(located, best.chosen, strict=False):
+    for fault, suspect in zip(located, best.suspects, strict=False):
         chosen[fault.joints] = suspect
     parts: list[FaultyPart] = []
     for fault in all_faults:
-        parts.append(_part(fault, findings, chosen.get(fault.joints), best, tried))
+        parts.append(_part(fault, findings, chosen.get(fault.joints), best, corrections))
+    # A fault without a suspect stays in the corrected CAD, so that agreement with it proves nothing.
     agrees = best.agrees and len(located) == len(all_faults)
     return Corrected(findings, tuple(parts), best.model, best.judge, agrees)
 
 
-def _tried(
+def _corrections(
     cad: CadModel,
     located: Sequence[FrameMismatch],
-    judged: Callable[[ReferenceModel], Judge],
+    judge_of: Callable[[ReferenceModel], Judge],
     progress: Callable[[float], None],
-) -> list[_Tried]:
+) -> list[_Correction]:
     """Correct combinations of parts, one suspect for each fault, those with the most evidence in the CAD first."""
-    combinations = product(*(fault.suspects for fault in located))
+    suspects_of_faults = [fault.suspects for fault in located]
+    combinations = product(*suspects_of_faults)
     choices = sorted(islice(combinations, _MOST_SORTED), key=_score, reverse=True)
-    best = _score(choices[0])
-    tried: list[_Tried] = []
-    for i, chosen in enumerate(choices[:_MOST]):
-        some_agrees = any(combination.agrees for combination in tried)
+    best_score = _score(choices[0])
+    corrections: list[_Correction] = []
+    some_agrees = False
+    for i, suspects in enumerate(choices[:_MOST]):
         # Less evidence is enough only as long as no combination makes every row agree.
-        if _score(chosen) < best and some_agrees:
+        if _score(suspects) < best_score and some_agrees:
             break
         progress(i / min(_MOST, len(choices)))
-        tried.append(_put_right(cad, chosen, judged))
-    return tried
+        correction = _corrected(cad, suspects, judge_of)
+        some_agrees |= correction.agrees
+        corrections.append(correction)
+    return corrections
 
 
-def _best(tried: Sequence[_Tried]) -> _Tried:
+def _best(corrections: Sequence[_Correction]) -> _Correction:
     """Return the best combination: of those with which every row agrees, if there are any, otherwise of all."""
-    agreeing = [combination for combination in tried if combination.agrees]
-    return max(agreeing or tried, default=_Tried(()), key=lambda combination: combination.rank)
+    agreeing = _agreeing(corrections)
+    return max(agreeing or corrections, default=_Correction(()), key=lambda correction: correction.rank)
+
+
+def _agreeing(corrections: Sequence[_Correction]) -> list[_Correction]:
+    """Return the combinations with which every compared row agrees."""
+    return [correction for correction in corrections if correction.agrees]
 
 
 def _score(suspects: Sequence[Suspect]) -> int:
     """Return how much evidence in the CAD there is against suspected parts together."""
-    return sum(suspect.score for suspect in suspects)
+    score = 0
+    for suspect in suspects:
+        score += suspect.score
+    return score
 
 
-def drawing(cad: CadModel) -> tuple[Finding, ...]:
+def findings_on_joints(cad: CadModel) -> tuple[Finding, ...]:
     """Return the findings on joints whose parts do not meet in the CAD."""
-    return tuple(finding for finding in cad.findings if finding.code in CODES)
+    findings = [finding for finding in cad.findings if finding.code in CODES]
+    return tuple(findings)
 
 
-def _put_right(cad: CadModel, chosen: Sequence[Suspect], judged: Callable[[ReferenceModel], Judge]) -> _Tried:
-    """Return the CAD with the chosen parts corrected, assembled and judged."""
+def _corrected(cad: CadModel, suspects: Sequence[Suspect], judge_of: Callable[[ReferenceModel], Judge]) -> _Correction:
+    """Return the CAD with the suspected parts corrected, assembled and judged."""
     faces = dict(cad.measured)
-    given: dict[tuple[str, str], Array] = {}
-    for suspect in chosen:
-        given |= suspect.given
+    given_positions: dict[tuple[str, str], Array] = {}
+    for suspect in suspects:
+        given_positions |= suspect.given
         measured = suspect.faces[suspect.body]
-        corrected = measured
-        if suspect.features:
-            corrected = {name: measured[name] for name in measured if name in suspect.features}
-        faces[suspect.body] = {**faces[suspect.body], **corrected}
+        faces_of_body = dict(faces[suspect.body])
+        for name, face in measured.items():
+            # Without named features, the whole part is in the wrong place.
+            if not suspect.features or name in suspect.features:
+                faces_of_body[name] = face
+        faces[suspect.body] = faces_of_body
     try:
-        model = ReferenceModel(frames.moved(cad.mechanism, cad.description, faces, given))
-        return _Tried(tuple(chosen), model, judged(model))
+        model = ReferenceModel(frames.moved(cad.mechanism, cad.description, faces, given_positions))
+        return _Correction(tuple(suspects), model, judge_of(model))
     except TwinError:  # the mechanism cannot be assembled, or can hardly be moved
-        return _Tried(tuple(chosen))
+        return _Correction(tuple(suspects))
 
 
 def _part(
     fault: FrameMismatch,
     findings: Sequence[Finding],
     chosen: Suspect | None,
-    top: _Tried,
-    tried: Sequence[_Tried],
+    best: _Correction,
+    corrections: Sequence[_Correction],
 ) -> FaultyPart:
     """Return the result about one fault, as text and data; `chosen`: the suspect in the best combination."""
     gaps: list[str] = []
@@ -196,18 +212,20 @@ def _part(
         text = f"{head}: no single faulty part explains these gaps"
         return FaultyPart(fault.joints, "", (), "", (), (), text)
     others = [suspect for suspect in fault.suspects if suspect is not chosen]
-    told_by, why, undecided = _decide(chosen, others, top, tried)
-    alternatives = tuple(_name(suspect) for suspect in undecided)
+    told_by, why, undecided = _decide(chosen, others, best, corrections)
+    alternatives: list[str] = []
+    for suspect in undecided:
+        alternatives.append(_name(suspect))
     text = f"{head}: {_name(chosen)} is wrong"
     if alternatives:
         text += f", or {', or '.join(alternatives)}; CAD and rows do not determine which"
     elif why:
         text += f" ({'; '.join(why[:2])})"
-    return FaultyPart(fault.joints, chosen.body, chosen.features, told_by, tuple(why), alternatives, text)
+    return FaultyPart(fault.joints, chosen.body, chosen.features, told_by, tuple(why), tuple(alternatives), text)
 
 
 def _decide(
-    chosen: Suspect, others: list[Suspect], top: _Tried, tried: Sequence[_Tried]
+    chosen: Suspect, others: list[Suspect], best: _Correction, corrections: Sequence[_Correction]
 ) -> tuple[str, list[str], list[Suspect]]:
     """Return (kind of evidence as in `FaultyPart.told_by`, evidence as text, alternative parts)."""
     why = list(chosen.for_it)
@@ -215,33 +233,36 @@ def _decide(
         why += suspect.against_it
     if not others:
         return "joints", [*why, "the other part of the joint has no gaps at further joints"], []
-    closes: list[bool] = []  # for each of the others: whether the loops close with it
-    agrees: list[bool] = []
-    undecided: list[Suspect] = []
+    other_may_close = False
+    undecided: list[Suspect] = []  # those with which the rows agree, as far as is known
     for suspect in others:
         # A part with which no combination was tried may also be the faulty one.
-        with_it = [combination for combination in tried if suspect in combination.chosen]
-        closes.append(not with_it or any(combination.closes for combination in with_it))
-        agrees.append(not with_it or any(combination.agrees for combination in with_it))
-        if agrees[-1]:
+        may_close = True
+        may_agree = True
+        with_suspect = [correction for correction in corrections if suspect in correction.suspects]
+        if with_suspect:
+            may_close = any(correction.closes for correction in with_suspect)
+            may_agree = bool(_agreeing(with_suspect))
+        other_may_close |= may_close
+        if may_agree:
             undecided.append(suspect)
-    has_most_evidence = max(suspect.score for suspect in others) < chosen.score
-    none_agrees = not any(combination.agrees for combination in tried)
-    if has_most_evidence and (top.agrees or none_agrees):
+    scores_of_others = [suspect.score for suspect in others]
+    has_most_evidence = max(scores_of_others) < chosen.score
+    if has_most_evidence and (best.agrees or not _agreeing(corrections)):
         return "drawing", why, []
-    if top.closes and not any(closes):
+    if best.closes and not other_may_close:
         return "loops", [*why, "the loops close at every pose only if this part is corrected"], []
-    if top.agrees and not any(agrees):
+    if best.agrees and not undecided:
         return "rows", [*why, "every row agrees only if this part is corrected"], []
-    if not top.agrees:
+    if not best.agrees:
         return "", why, others
     return "", why, undecided
 
 
 def _name(suspect: Suspect) -> str:
     if suspect.given:
-        joints = ", ".join(joint for joint, _ in suspect.given)
-        return f"'{suspect.body}' (the numbers for the position of {joints} on this body)"
+        joints = [joint for joint, _ in suspect.given]
+        return f"'{suspect.body}' (the numbers for the position of {', '.join(joints)} on this body)"
     if not suspect.features:
         return f"the placement of '{suspect.body}' in the CAD"
     return f"'{suspect.body}' at its {' and '.join(suspect.features)}"

@@ -46,35 +46,35 @@ SINGULAR = 1e-9
 
 
 class Shift:
-    """A function that returns its first argument plus `shift`, and stores this argument and the scope.
+    """A function that returns its first argument plus `added`, and stores this argument and the scope.
 
     Where the argument has no value, such as a root of a negative number, it counts as zero: the shift is the value.
 
     Attributes:
         entries: number of entries of the argument, a vector; 0 for a scalar, which is stored as one entry.
-        shift: what is added (k, entries).
+        added: what is added (k, entries).
         value: the latest argument (k, entries).
-        known: the poses (k,) at which the row has a value.
+        valued_poses: the poses (k,) at which the row has a value.
         scope: the names at the latest call, with their values.
         differs: the poses (k,) at which the calls since `begin` had different arguments.
-        several: whether there was more than one call since `begin`.
-        count: number of these calls.
+        is_repeated: whether there was more than one call since `begin`.
+        call_count: number of these calls.
     """
 
     def __init__(self, k: int, entries: int = 0) -> None:
         self.entries = entries
-        self.shift: Array = np.zeros((k, max(entries, 1)))
-        self.value: Array = self.shift
-        self.known: NDArray[np.bool_] = np.ones(k, bool)
+        self.added: Array = np.zeros((k, max(entries, 1)))
+        self.value: Array = self.added
+        self.valued_poses: NDArray[np.bool_] = np.ones(k, bool)
         self.scope: dict[str, Any] = {}
         self.differs: NDArray[np.bool_] = np.zeros(k, bool)
-        self.several = False
-        self.count = 0
+        self.is_repeated = False
+        self.call_count = 0
         self._called = False
-        self._latest = self.shift
+        self._latest = self.added
 
     @property
-    def mixed(self) -> bool:
+    def has_mixed_values(self) -> bool:
         """Whether the calls since `begin` had different arguments."""
         return bool(self.differs.any())
 
@@ -85,9 +85,9 @@ class Shift:
 
     def begin(self) -> None:
         """Forget the calls of earlier evaluations."""
-        self.differs = np.zeros(len(self.shift), bool)
-        self.several = False
-        self.count = 0
+        self.differs = np.zeros(len(self.added), bool)
+        self.is_repeated = False
+        self.call_count = 0
         self._called = False
 
     def __call__(self, value: Any, scope: dict[str, Any] | None = None) -> Any:
@@ -95,25 +95,25 @@ class Shift:
 
         A scalar is also shifted as a column: an edit may have removed a factor that is a vector.
         """
-        k = len(self.shift)
+        k = len(self.added)
         x = unwrapped(value)
         is_scalar = not isinstance(x, Matrix) and np.shape(x) in ((), (k,))
         is_vector = isinstance(x, Matrix) and x.shape == (self.entries, 1)
         if not (is_scalar or is_vector):
             raise TypeError("not a scalar, and not a vector of this length")
-        values = np.broadcast_to(to_array(x, k), self.shift.shape)
+        values = np.broadcast_to(to_array(x, k), self.added.shape)
         if self._called:
             both_without_value = np.isnan(values) & np.isnan(self._latest)
             same = (values == self._latest) | both_without_value
             self.differs = self.differs | ~same.all(axis=1)
-            self.several = True
-        self.count += 1
+            self.is_repeated = True
+        self.call_count += 1
         self._called = True
         self._latest = values
         self.value = np.where(np.isnan(values), 0.0, values)  # without a value, the shift is the value
         if scope is not None:
             self.scope = scope
-        shifted_value = self.value + self.shift
+        shifted_value = self.value + self.added
         if self.entries:
             return Matrix(shifted_value[:, :, None])
         return _in_form_of(value, shifted_value[:, 0])
@@ -131,7 +131,7 @@ class Calls(Shift):
 
     def __init__(self, k: int, calls: int) -> None:
         super().__init__(k)
-        self.shift = np.zeros((k, calls))
+        self.added = np.zeros((k, calls))
         self.values: Array = np.zeros((k, calls))
         self._scopes: list[dict[str, Any]] = [{} for _ in range(calls)]
 
@@ -143,24 +143,24 @@ class Calls(Shift):
     def __call__(self, value: Any, scope: dict[str, Any] | None = None) -> Any:
         """Return the value with the shift of this call; raise TypeError if it is no scalar, or one call too many."""
         x = unwrapped(value)
-        call = self.count
-        k, calls = self.shift.shape
+        call = self.call_count
+        k, calls = self.added.shape
         is_scalar = not isinstance(x, Matrix) and np.shape(x) in ((), (k,))
         if not is_scalar or call == calls:
             raise TypeError("not a scalar, or more calls than shifts")
-        self.count += 1
+        self.call_count += 1
         values = to_array(x, k)[:, 0]
         self.values[:, call] = np.where(np.isnan(values), 0.0, values)  # without a value, the shift is the value
         if scope is not None:
             self._scopes[call] = scope
-        return _in_form_of(value, self.values[:, call] + self.shift[:, call])
+        return _in_form_of(value, self.values[:, call] + self.added[:, call])
 
     def flat(self) -> Shift:
         """Return one shift for all calls, with the values of the first call first."""
-        flat = Flat(self.shift.size, self._scopes)
-        flat.shift = self.shift.T.reshape(-1, 1)
+        flat = Flat(self.added.size, self._scopes)
+        flat.added = self.added.T.reshape(-1, 1)
         flat.value = self.values.T.reshape(-1, 1)
-        flat.known = np.tile(self.known, self.shift.shape[1])
+        flat.valued_poses = np.tile(self.valued_poses, self.added.shape[1])
         return flat
 
 
