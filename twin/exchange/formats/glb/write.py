@@ -38,6 +38,13 @@ _INDICES = 34963
 _STILL = 1e-10
 """Maximum change of a pose (in m, and in entries of the rotation matrix) that is not animated."""
 
+_NORMAL_STEPS = 10_000
+"""Steps from 0 to 1 to which components of normals are rounded: normals in one step are equal."""
+
+_STEP_OFFSET = _NORMAL_STEPS + 1
+_STEP_COUNT = 2 * _NORMAL_STEPS + 3
+"""Number that makes the steps from -1 to 1 positive, and a number above the highest of these steps."""
+
 _MOST_UINT16 = 65535
 """Maximum number of vertices with 16-bit indices; glTF reserves the highest index."""
 
@@ -53,16 +60,20 @@ def glb_bytes(mechanism: Mechanism, clips: Sequence[Clip] = (), link_poses: Mapp
 
     `link_poses` contains T_world_body (4, 4) of every body at rest; None: the poses at home with closed loops.
     """
-    rest = home_poses(mechanism) if link_poses is None else link_poses
+    rest_poses = home_poses(mechanism) if link_poses is None else link_poses
     document = _Document()
     root, frames = node_names(mechanism, clips)
     children: list[int] = []
     nodes: list[JsonObject] = [{"name": root, "rotation": list(UP_XYZW), "children": children}]
-    index = {}
+    node_of_body = {}
     for body in mechanism.bodies:
-        index[body.name] = len(nodes)
+        node_of_body[body.name] = len(nodes)
         children.append(len(nodes))
-        node: JsonObject = {"name": body.name, **_trs(rest[body.name]), "extras": _link_extras(mechanism, body)}
+        node: JsonObject = {
+            "name": body.name,
+            **_translation_and_rotation(rest_poses[body.name]),
+            "extras": _link_extras(mechanism, body),
+        }
         mesh = document.mesh(body, mechanism.materials)
         if mesh is not None:
             node["mesh"] = mesh
@@ -70,15 +81,21 @@ def glb_bytes(mechanism: Mechanism, clips: Sequence[Clip] = (), link_poses: Mapp
     for frame in mechanism.frames:
         if frame.name not in frames:
             continue
-        link = nodes[index[frame.body]]
+        link = nodes[node_of_body[frame.body]]
         link.setdefault("children", []).append(len(nodes))
-        nodes.append({"name": frames[frame.name], **_trs(frame.T_body_frame), "extras": {"frame": frame.name}})
-    moving = moving_paths(clips, rest)
+        nodes.append(
+            {
+                "name": frames[frame.name],
+                **_translation_and_rotation(frame.T_body_frame),
+                "extras": {"frame": frame.name},
+            }
+        )
+    moving = moving_paths(clips, rest_poses)
     animations = []
     if moving:
         for clip in clips:
-            animations.append(document.animation(clip, index, moving))
-    about = {
+            animations.append(document.animation(clip, node_of_body, moving))
+    asset_extras = {
         "schema": "twin-glb",
         "version": 1,
         "robot": mechanism.name,
@@ -86,7 +103,7 @@ def glb_bytes(mechanism: Mechanism, clips: Sequence[Clip] = (), link_poses: Mapp
         "units": "m, kg, s",
         "frame": "links below the root node: z-up right-handed",
     }
-    return document.packed(mechanism.name, about, nodes, animations)
+    return document.packed(mechanism.name, asset_extras, nodes, animations)
 
 
 def _link_extras(mechanism: Mechanism, body: Body) -> JsonObject:
@@ -120,11 +137,11 @@ def bends_glb(name: str, bends: Sequence[Bend]) -> bytes:
             keys = bend.changes()
             channels.append({"sampler": len(samplers), "target": {"node": node, "path": "weights"}})
             samplers.append(document.keys(bend.times[keys], factors[keys].reshape(-1, 1), "SCALAR"))
-    about = {"schema": "twin-deformables", "version": 1, "units": "m, kg, s"}
+    asset_extras = {"schema": "twin-deformables", "version": 1, "units": "m, kg, s"}
     animations: list[JsonObject] = []
     if channels:
         animations.append({"name": "motion", "channels": channels, "samplers": samplers})
-    return document.packed(name, about, nodes, animations)
+    return document.packed(name, asset_extras, nodes, animations)
 
 
 def node_names(mechanism: Mechanism, clips: Sequence[Clip]) -> tuple[str, dict[str, str]]:
@@ -132,25 +149,25 @@ def node_names(mechanism: Mechanism, clips: Sequence[Clip]) -> tuple[str, dict[s
 
     All names are unique, because Unity and three.js address nodes by name only.
     """
-    taken = {body.name for body in mechanism.bodies}
+    used_names = {body.name for body in mechanism.bodies}
 
     def free(name: str) -> str:
-        while name in taken:
+        while name in used_names:
             name += "_"
-        taken.add(name)
+        used_names.add(name)
         return name
 
     root = free(mechanism.name)
-    wanted = {mechanism.tool}
-    wanted.update(clip.frame for clip in clips)
+    frames_of_clips = {mechanism.tool}
+    frames_of_clips.update(clip.frame for clip in clips)
     names = {}
     for frame in mechanism.frames:
-        if frame.name in wanted:
+        if frame.name in frames_of_clips:
             names[frame.name] = free(f"frame_{frame.name}")
     return root, names
 
 
-def moving_paths(clips: Sequence[Clip], rest: Mapping[str, Array]) -> set[tuple[str, str]]:
+def moving_paths(clips: Sequence[Clip], rest_poses: Mapping[str, Array]) -> set[tuple[str, str]]:
     """Return (link, "translation" or "rotation") for each link property that changes in at least one clip.
 
     Every clip animates all these properties. Otherwise, if a clip did not animate a property, players would keep the
@@ -159,7 +176,7 @@ def moving_paths(clips: Sequence[Clip], rest: Mapping[str, Array]) -> set[tuple[
     moving = set()
     for clip in clips:
         for name, Ts in clip.links.items():
-            change = np.abs(Ts - rest[name])
+            change = np.abs(Ts - rest_poses[name])
             if change[:, :3, 3].max() > _STILL:
                 moving.add((name, "translation"))
             if change[:, :3, :3].max() > _STILL:
@@ -175,32 +192,39 @@ def surface(vertices: Array, triangles: np.ndarray) -> tuple[np.ndarray, np.ndar
     """
     corners = np.asarray(triangles).ravel()
     # Normals that differ by less than a step of 1e-4 are equal; the steps are 1 to 20001, and never negative.
-    steps = np.round(corner_normals(vertices, triangles) * 1e4).astype(np.int64) + 10001
+    steps = np.round(corner_normals(vertices, triangles) * _NORMAL_STEPS).astype(np.int64) + _STEP_OFFSET
     # Vertex and normal are encoded as one integer: sorting rows of four numbers takes ten times as long.
-    normal_key = (steps[:, 0] * 20003 + steps[:, 1]) * 20003 + steps[:, 2]
+    normal_key = (steps[:, 0] * _STEP_COUNT + steps[:, 1]) * _STEP_COUNT + steps[:, 2]
     _, normal_index = np.unique(normal_key, return_inverse=True)
     corner_key = corners.astype(np.int64) * len(corners) + normal_index
-    _, first, index = np.unique(corner_key, return_index=True, return_inverse=True)
+    _, first_corner_of_vertex, vertex_of_corner = np.unique(corner_key, return_index=True, return_inverse=True)
     # Adding 0 removes negative zeros.
-    points = np.asarray(vertices, float)[corners[first]].astype("<f4") + np.float32(0)
-    normals = (steps[first] - 10001).astype(float)
+    points = np.asarray(vertices, float)[corners[first_corner_of_vertex]].astype("<f4") + np.float32(0)
+    normals = (steps[first_corner_of_vertex] - _STEP_OFFSET).astype(float)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    faces = index.reshape(-1, 3)
-    a = points[faces[:, 0]]
-    b = points[faces[:, 1]]
-    c = points[faces[:, 2]]
-    degenerate = np.all(a == b, axis=1) | np.all(b == c, axis=1) | np.all(c == a, axis=1)
+    faces = vertex_of_corner.reshape(-1, 3)
+    first_corner = points[faces[:, 0]]
+    second_corner = points[faces[:, 1]]
+    third_corner = points[faces[:, 2]]
+    degenerate = (
+        np.all(first_corner == second_corner, axis=1)
+        | np.all(second_corner == third_corner, axis=1)
+        | np.all(third_corner == first_corner, axis=1)
+    )
     return points, (normals + 0.0).astype("<f4"), faces[~degenerate]
 
 
 class _Document:
-    """Builder of a glTF document: collects meshes, materials, buffers and accessors."""
+    """Builder of a glTF document: collects meshes, materials, buffers and accessors.
+
+    The binary chunk has four parts, each a buffer view: vertices, keys of animations, and indices of 16 and 32 bits.
+    """
 
     def __init__(self) -> None:
         self._parts: dict[str, list[bytes]] = {"vertices": [], "keys": [], "uint16": [], "uint32": []}
         self._sizes = dict.fromkeys(self._parts, 0)
         self._accessors: list[tuple[str, JsonObject]] = []
-        self._known: dict[tuple[str, bool, bytes], int] = {}
+        self._accessor_of_keys: dict[tuple[str, bool, bytes], int] = {}
         self._meshes: list[JsonObject] = []
         self._materials: dict[Material, int] = {}
 
@@ -222,8 +246,9 @@ class _Document:
             faces = np.concatenate(shifted)
             if not len(faces):
                 continue
-            points = np.concatenate([part_points for part_points, _, _ in surfaces])
-            normals = np.concatenate([part_normals for _, part_normals, _ in surfaces])
+            all_points, all_normals, _ = zip(*surfaces, strict=True)
+            points = np.concatenate(all_points)
+            normals = np.concatenate(all_normals)
             primitives.append(self._primitive(points, normals, faces, material, len(points) <= _MOST_UINT16))
         if not primitives:
             return None
@@ -255,13 +280,13 @@ class _Document:
         """
         mesh = bend.mesh
         faces = mesh.triangles
-        a = mesh.vertices[faces[:, 0]]
-        b = mesh.vertices[faces[:, 1]]
-        c = mesh.vertices[faces[:, 2]]
+        first_corner = mesh.vertices[faces[:, 0]]
+        second_corner = mesh.vertices[faces[:, 1]]
+        third_corner = mesh.vertices[faces[:, 2]]
         # The sum of the normals of the triangles at a vertex, weighted by their areas.
         normals = np.zeros_like(mesh.vertices)
-        for k in range(3):
-            np.add.at(normals, faces[:, k], np.cross(b - a, c - a))
+        for corner in range(3):  # `add.at` also adds twice where two triangles share the vertex, unlike `+=`
+            np.add.at(normals, faces[:, corner], np.cross(second_corner - first_corner, third_corner - first_corner))
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         material = Material(mesh.name, mesh.color_rgba, mesh.finish)
         primitive = self._primitive(mesh.vertices, normals, faces, material, short=False)
@@ -314,7 +339,7 @@ class _Document:
         data = values.tobytes()
         # Links that move together have the same keys, which are stored once.
         if part == "keys":
-            stored = self._known.setdefault((kind, bounds, data), len(self._accessors))
+            stored = self._accessor_of_keys.setdefault((kind, bounds, data), len(self._accessors))
             if stored < len(self._accessors):
                 return stored
         self._parts[part].append(data)
@@ -327,10 +352,10 @@ class _Document:
 
         glTF forbids empty lists.
         """
-        used = [part for part in self._parts if self._sizes[part]]
+        used_parts = [part for part in self._parts if self._sizes[part]]
         views = []
         start = 0
-        for part in used:
+        for part in used_parts:
             view: JsonObject = {"buffer": 0, "byteOffset": start, "byteLength": self._sizes[part]}
             if part == "vertices":
                 view |= {"byteStride": 12, "target": _VERTICES}
@@ -338,14 +363,17 @@ class _Document:
                 view["target"] = _INDICES
             views.append(view)
             start += _aligned(self._sizes[part])
-        lists = {
+        lists: JsonObject = {
             "meshes": self._meshes,
             "materials": [_material(material) for material in self._materials],
-            "accessors": [{"bufferView": used.index(part), **accessor} for part, accessor in self._accessors],
+            "accessors": [{"bufferView": used_parts.index(part), **accessor} for part, accessor in self._accessors],
             "bufferViews": views,
             "buffers": [{"byteLength": start}] if start else [],
         }
-        return {name: entries for name, entries in lists.items() if entries}
+        for name in list(lists):
+            if not lists[name]:
+                del lists[name]
+        return lists
 
     def packed(self, name: str, about: JsonMapping, nodes: list[JsonObject], animations: list[JsonObject]) -> bytes:
         """Return the content of a .glb file with one scene, whose root is the first node.
@@ -365,7 +393,7 @@ class _Document:
         for part, chunks in self._parts.items():
             content = b"".join(chunks)
             binary += content.ljust(_aligned(self._sizes[part]), b"\0")
-        return _pack(document, binary)
+        return _container(document, binary)
 
 
 def _aligned(size: int) -> int:
@@ -373,7 +401,7 @@ def _aligned(size: int) -> int:
     return (size + 3) // 4 * 4
 
 
-def _trs(T: Array) -> JsonObject:
+def _translation_and_rotation(T: Array) -> JsonObject:
     """Return a node's pose as translation and rotation, because glTF cannot animate nodes with a matrix."""
     xyzw = quaternions_xyzw(T[None])[0]
     return {"translation": (T[:3, 3] + 0.0).tolist(), "rotation": (xyzw + 0.0).tolist()}
@@ -394,13 +422,14 @@ def _material(material: Material) -> JsonObject:
     return entry
 
 
-def _pack(document: JsonMapping, binary: bytes) -> bytes:
-    text = json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
-    text = text.ljust(_aligned(len(text)), b" ")
-    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text
+def _container(document: JsonMapping, binary: bytes) -> bytes:
+    content = json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
+    content = content.ljust(_aligned(len(content)), b" ")
+    chunks = struct.pack("<I4s", len(content), b"JSON") + content
     if binary:
-        chunks += struct.pack("<II", len(binary), 0x004E4942) + binary
-    return struct.pack("<III", 0x46546C67, 2, 12 + len(chunks)) + chunks
+        chunks += struct.pack("<I4s", len(binary), b"BIN\0") + binary
+    header = struct.Struct("<4sII")  # mark, version, size of the whole file
+    return header.pack(b"glTF", 2, header.size + len(chunks)) + chunks
 
 
 def write(order: Order, folder: Path) -> list[Finding]:

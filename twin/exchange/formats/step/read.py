@@ -28,7 +28,7 @@ from twin.exchange.read.source import Findings, Imported, Names, Options, warnin
 from twin.exchange.read.text import one_line, rows, table, toml
 from twin.model.mechanism import Mechanism
 
-DRIVE = (
+DRIVE_COMMENT = (
     "",
     "# Only simulators require drives: one for each driven joint.",
     "# [[drive]]",
@@ -43,6 +43,13 @@ DRIVE = (
 
 _GROUND = ("base", "frame", "ground", "world", "housing", "fixed")
 """Words in body names that identify the base, in order of precedence."""
+
+
+_MOST_EXAMPLES = 3
+"""Number of movable pairs of parts that a finding names."""
+
+_MOST_NODES = 6
+"""Number of inner nodes that a finding names."""
 
 
 @dataclass
@@ -85,29 +92,29 @@ def read_skeleton(path: Path) -> Skeleton:
     names = Names("node", by_node, findings)
     parts: dict[str, list[Part]] = {}
     nodes: dict[str, str] = {}
-    for node, own in by_node.items():
+    for node, node_parts in by_node.items():
         body = names[node]
-        parts[body] = own
+        parts[body] = node_parts
         nodes[body] = node
-        _note_copies(node, own, findings)
+        _note_copies(node, node_parts, findings)
     base = _base(parts)
     findings.note("base", f"body '{base}' is assumed to be the base; change `base` if another body is fixed.", base)
     findings.warn("mass", "a STEP has no densities: bodies have no mass until [material.*] states the densities.", base)
     pairs = find_pairs(parts)
     proposals, unused = propose(parts, pairs, base)
-    held = set(parts) - {base}
+    bodies_without_joint = set(parts) - {base}
     for proposal in proposals:
-        held -= {proposal.parent, proposal.child}
+        bodies_without_joint -= {proposal.parent, proposal.child}
         if proposal.misses or proposal.pair.near:
-            findings.append(_near(proposal))
+            findings.append(_inexact_fit(proposal))
     for pair in unused:
-        findings.append(_unused(pair))
-    for node, own in by_node.items():
-        moving = _inside(node, own)
-        if moving is not None:
-            findings.append(moving)
-    if held:
-        listed = sorted(held)
+        findings.append(_unused_fit(pair))
+    for node, node_parts in by_node.items():
+        moving_parts = _moving_parts(node, node_parts)
+        if moving_parts is not None:
+            findings.append(moving_parts)
+    if bodies_without_joint:
+        listed = sorted(bodies_without_joint)
         text = (
             f"no joint is proposed for {', '.join(listed)}: none of their bores, pins, rails or balls fits a face of "
             "another body."
@@ -151,7 +158,7 @@ def _base(names: Iterable[str]) -> str:
     return bodies[0]
 
 
-def _near(proposal: Proposal) -> Finding:
+def _inexact_fit(proposal: Proposal) -> Finding:
     text = (
         f"joint {proposal.name} of '{proposal.parent}' and '{proposal.child}' ({proposal.pair.radii}): the joint's two "
         f"frames are {proposal.miss} apart in the CAD. The joint is proposed (confidence {proposal.pair.confidence}), "
@@ -160,7 +167,7 @@ def _near(proposal: Proposal) -> Finding:
     return finding("warning", "import.near", proposal.name, text, Quantity(proposal.offset, "m"), word="")
 
 
-def _unused(pair: Pair) -> Finding:
+def _unused_fit(pair: Pair) -> Finding:
     """Return a finding that a fit is not used for a joint."""
     deviation = "exactly"
     if pair.near:
@@ -174,25 +181,30 @@ def _unused(pair: Pair) -> Finding:
     return warning("left", text, pair.a.body)
 
 
-def _inside(node: str, parts: list[Part]) -> Finding | None:
+def _moving_parts(node: str, parts: list[Part]) -> Finding | None:
     """Return a finding if pins or balls can move in bores or cups of the same node; else None."""
-    numbered = {str(i): [part] for i, part in enumerate(parts)}  # each part as a body of its own
-    pairs = [pair for pair in find_pairs(numbered) if pair.movable()]
+    parts_as_bodies: dict[str, list[Part]] = {}
+    for number, part in enumerate(parts):
+        parts_as_bodies[str(number)] = [part]
+    pairs = [pair for pair in find_pairs(parts_as_bodies) if pair.movable()]
     if not pairs:
         return None
-    inner = set()
+    inner_nodes = set()
     for part in parts:
         if node in part.chain[:-1]:
-            inner.add(part.chain[part.chain.index(node) + 1])
-    examples = ", ".join(f"'{pair.a.part.name}' in or on '{pair.b.part.name}'" for pair in pairs[:3])
-    if len(pairs) > 3:
-        examples += f" and {len(pairs) - 3} more"
-    names = ", ".join(sorted(inner)[:6])
-    if len(inner) > 6:
+            inner_nodes.add(part.chain[part.chain.index(node) + 1])
+    examples: list[str] = []
+    for pair in pairs[:_MOST_EXAMPLES]:
+        examples.append(f"'{pair.a.part.name}' in or on '{pair.b.part.name}'")
+    example_text = ", ".join(examples)
+    if len(pairs) > _MOST_EXAMPLES:
+        example_text += f" and {len(pairs) - _MOST_EXAMPLES} more"
+    names = ", ".join(sorted(inner_nodes)[:_MOST_NODES])
+    if len(inner_nodes) > _MOST_NODES:
         names += ", ..."
     text = (
-        f"node '{node}' is read as one body, but some parts of the node can move relative to others: {examples}. If "
-        f"these are joints, write a [body.*] with `node` for each moving inner node ({names}), or export the "
+        f"node '{node}' is read as one body, but some parts of the node can move relative to others: {example_text}. "
+        f"If these are joints, write a [body.*] with `node` for each moving inner node ({names}), or export the "
         "sub-assembly as separate nodes."
     )
     return warning("inside", text, node)
@@ -234,17 +246,16 @@ def write_skeleton(
     Returns:
         (files, mechanism): the written files, with the description first; the mechanism with all bodies fixed.
     """
-    made: list[Mechanism] = []
+    mechanisms: list[Mechanism] = []  # filled by `write_cad`, whose result `write_robot` does not return
 
-    def cad(folder: Path) -> Mechanism:
+    def write_cad(folder: Path) -> Mechanism:
         shutil.copyfile(source, folder / f"{name}.step")
         (folder / f"{name}.toml").write_text(describe(skeleton, name, source.name), "utf-8")
-        made.append(read_mechanism(folder / f"{name}.toml", with_mass=False).mechanism)
-        return made[0]
+        mechanisms.append(read_mechanism(folder / f"{name}.toml", with_mass=False).mechanism)
+        return mechanisms[0]
 
-    files = write_robot(name, target, cad, skeleton.findings, source, force)
-    mechanism = made[0]  # `write_robot` has called `cad`
-    return files, mechanism
+    files = write_robot(name, target, write_cad, skeleton.findings, source, force)
+    return files, mechanisms[0]
 
 
 def describe(skeleton: Skeleton, name: str, source: str) -> str:
@@ -263,7 +274,7 @@ def describe(skeleton: Skeleton, name: str, source: str) -> str:
         '# parts = ["*"] # names of parts, with * and ?',
         '# provenance = "ASSUMED"',
         '# note = "where the density comes from"',
-        *DRIVE,
+        *DRIVE_COMMENT,
         "",
         "# [[limit]]",
         '# joints = ["NAME"]',
@@ -282,7 +293,7 @@ def describe(skeleton: Skeleton, name: str, source: str) -> str:
         if body in features:
             lines += table(f"[feature.{body}]", **features[body])
     for proposal in skeleton.proposals:
-        lines += _proposed(proposal)
+        lines += _joint_comment(proposal)
     origin = "{ position_mm = [0, 0, 0], angles_deg = [0, 0, 0] }"
     for body in skeleton.parts:
         if body == skeleton.base:
@@ -290,7 +301,7 @@ def describe(skeleton: Skeleton, name: str, source: str) -> str:
         lines += table("[[joint]]", name=f"hold_{body}", type="fixed", parent=skeleton.base, child=body)
         lines += [f"on_parent = {origin}", f"on_child = {origin}"]
     middle = _middle(skeleton.parts[skeleton.tool]) / MM
-    position = [round(float(x), 3) for x in middle]
+    position = [round(coordinate, 3) for coordinate in middle.tolist()]
     lines += [
         "",
         "[frame.tool] # at the middle of the outermost body: move it to the tool",
@@ -302,7 +313,7 @@ def describe(skeleton: Skeleton, name: str, source: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _proposed(proposal: Proposal) -> list[str]:
+def _joint_comment(proposal: Proposal) -> list[str]:
     """Return the lines of a proposed joint, which are comments."""
     lines = ["", f"# {one_line(proposal.why)}"]
     if proposal.misses:

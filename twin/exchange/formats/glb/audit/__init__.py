@@ -46,17 +46,20 @@ def read_gltf(path: Path, ledger: Ledger) -> Content:
         "handedness": "right (glTF)",
         "generator": str(asset.get("generator", "")),
     }
-    required = [str(e) for e in file.json.get("extensionsRequired", []) if e not in _UNDERSTOOD]
-    if required:
-        text = f"the file requires the extension {', '.join(required)}, which the audit does not support."
+    unsupported: list[str] = []
+    for extension in file.json.get("extensionsRequired", []):
+        if extension not in _UNDERSTOOD:
+            unsupported.append(str(extension))
+    if unsupported:
+        text = f"the file requires the extension {', '.join(unsupported)}, which the audit does not support."
         ledger.add("gltf.extension", "error", text, suggestion="export the file without this extension")
     check_asset(asset, content, ledger)
     record_clip_extras(file, content)
     if ROBOT in content.stated:
         check_node_extras(nodes, ledger)
     # Also accessors that nothing uses are read, because reading reports their faults.
-    for i in range(len(file.items("accessors"))):
-        file.accessor(i)
+    for number in range(len(file.items("accessors"))):
+        file.accessor(number)
     links = tuple(node.name for node in nodes if node.is_link and node.name)
     content.declared = links or None
     if links:  # files without links, such as those of organs, have other features
@@ -65,25 +68,25 @@ def read_gltf(path: Path, ledger: Ledger) -> Content:
     check_names(file, nodes, clips.animated)
     check_scene(file, nodes, order, ledger)
     check_matrices(nodes, clips.animated, ledger)
-    rest = clips.world({})
-    check_scales(nodes, rest, clips.animated, ledger)
-    shown = [node for node in nodes if node.name and (node.is_link or not links)]
-    for node in shown:
-        content.rest[node.name] = clips.z_up(rest[node.index])[0]
-    for clip in clips.read(shown):
+    rest_poses = clips.world({})
+    check_scales(nodes, rest_poses, clips.animated, ledger)
+    posed_nodes = [node for node in nodes if node.name and (node.is_link or not links)]
+    for node in posed_nodes:
+        content.rest[node.name] = clips.z_up(rest_poses[node.index])[0]
+    for clip in clips.read(posed_nodes):
         check_poses(ledger, clip, "gltf")
         content.clips.append(clip)
     _check_clip_names(content)
     check_materials(file)
     check_normals(file)
-    content.shapes, content.colors, content.finishes = read_link_shapes(file, nodes, rest)
+    content.shapes, content.colors, content.finishes = read_link_shapes(file, nodes, rest_poses)
     if links:
-        content.physics = _physics(nodes, rest, ledger)
+        content.physics = _physics(nodes, rest_poses, ledger)
     _add_count_rows(ledger)
     return content
 
 
-_CHECKS = {
+_CODES_OF_CHECKS = {
     "quaternions: length, sign, step": ("gltf.quaternion", "gltf.quaternion_sign", "gltf.step"),
     "winding and normals": ("gltf.winding", "gltf.winding_mixed", "gltf.normal", "gltf.normals_against"),
     "alpha": ("gltf.alpha",),
@@ -104,7 +107,7 @@ _CHECKS = {
 def _add_count_rows(ledger: Ledger) -> None:
     """Add a row for each check of one file, with the number of its findings."""
     counts = Counter(finding.code for finding in ledger.found)
-    for check, codes in _CHECKS.items():
+    for check, codes in _CODES_OF_CHECKS.items():
         count = sum(counts[code] for code in codes)
         ledger.row(check, float(count), "found", 0.0)
 
@@ -118,15 +121,15 @@ def _check_clip_names(content: Content) -> None:
             return  # one finding is enough
 
 
-def _physics(nodes: list[Node], world: list[Array], ledger: Ledger) -> FilePhysics:
+def _physics(nodes: list[Node], world_poses: list[Array], ledger: Ledger) -> FilePhysics:
     """Return the mechanism data of the nodes and their `extras`: masses, names of joints, poses of frames, meshes."""
     physics = FilePhysics(tuple(node.name for node in nodes if node.is_link))
-    shown = dict.fromkeys(physics.links, False)
+    has_mesh = dict.fromkeys(physics.links, False)
     for node in nodes:
         extras = node.extras
         owner = link_above(nodes, node)
         if owner is not None and "mesh" in node.spec:
-            shown[owner.name] = True
+            has_mesh[owner.name] = True
         if node.is_link:
             if extras.get("whole") is False:
                 physics.partly_shown |= {node.name}
@@ -134,17 +137,19 @@ def _physics(nodes: list[Node], world: list[Array], ledger: Ledger) -> FilePhysi
                 physics.masses[node.name] = FileMass(float(extras["mass"]))
             joints = extras.get("joints")
             if isinstance(joints, list):
-                repeated = sorted({str(name) for name in joints if joints.count(name) > 1})
-                if repeated:
-                    text = f"link '{node.name}' lists joint '{repeated[0]}' more than once."
-                    ledger.wrong("gltf.duplicate_joint", text, node.name)
+                repeated: set[str] = set()
                 for name in joints:
                     physics.joints.append(FileJoint((str(name),), "", node.name))
+                    if joints.count(name) > 1:
+                        repeated.add(str(name))
+                if repeated:
+                    text = f"link '{node.name}' lists joint '{min(repeated)}' more than once."
+                    ledger.wrong("gltf.duplicate_joint", text, node.name)
         elif isinstance(extras.get("frame"), str) and owner is not None:
-            T_world_link, _ = poses.split(world[owner.index][0])
-            T_world_frame, _ = poses.split(world[node.index][0])
+            T_world_link, _ = poses.split(world_poses[owner.index][0])
+            T_world_frame, _ = poses.split(world_poses[node.index][0])
             physics.frames[extras["frame"]] = FileFrame(owner.name, poses.inverse(T_world_link) @ T_world_frame)
-    physics.shown = shown
+    physics.shown = has_mesh
     return physics
 
 

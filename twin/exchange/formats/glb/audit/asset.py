@@ -22,6 +22,9 @@ _CONVENTIONS = {
 }
 """Entries of these extras that are the same in every file."""
 
+_CLIP_ENTRIES = ("title", "rate", "between_position", "between_rotation", "joint_gap")
+"""Entries of the extras of a clip."""
+
 
 def check_asset(asset: JsonObject, content: Content, ledger: Ledger) -> None:
     """Report the version, and entries in the extras of a file of twin that are missing or not those of its numbers."""
@@ -39,7 +42,8 @@ def check_asset(asset: JsonObject, content: Content, ledger: Ledger) -> None:
             text = (
                 f"asset.extras: '{key}' is {extras.get(key)!r}; for links and poses as in this file it is {expected!r}."
             )
-            ledger.wrong("gltf.units" if key == "units" else "gltf.asset", text, key)
+            code = "gltf.units" if key == "units" else "gltf.asset"
+            ledger.wrong(code, text, key)
     for key in ("robot", "model_hash"):
         if not extras.get(key):
             ledger.wrong("gltf.asset", f"asset.extras: '{key}' is missing or empty.", key)
@@ -67,12 +71,14 @@ def record_clip_extras(file: Gltf, content: Content) -> None:
     """Store what the extras of the clips state about them."""
     for spec in file.items("animations"):
         extras = spec.get("extras")
-        if isinstance(extras, dict):
-            stated = ("title", "rate", "between_position", "between_rotation", "joint_gap")
-            missing = [key for key in stated if key not in extras]
-            if missing and ROBOT in content.stated:
-                text = f"clip '{spec.get('name')}' does not state its {missing[0]}."
-                file.ledger.wrong("gltf.clip", text, missing[0], suggestion="export the file again")
-            for key in stated:
-                if key in extras:
-                    content.stated[f"{key} of clip '{spec.get('name')}'"] = extras[key]
+        if not isinstance(extras, dict):
+            continue
+        missing: list[str] = []
+        for key in _CLIP_ENTRIES:
+            if key in extras:
+                content.stated[f"{key} of clip '{spec.get('name')}'"] = extras[key]
+            else:
+                missing.append(key)
+        if missing and ROBOT in content.stated:  # files of others need not state them
+            text = f"clip '{spec.get('name')}' does not state its {missing[0]}."
+            file.ledger.wrong("gltf.clip", text, missing[0], suggestion="export the file again")

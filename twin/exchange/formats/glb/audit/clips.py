@@ -13,12 +13,15 @@ from twin.exchange.audit.file_content import FileClip, check_quaternions, check_
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError
 from twin.exchange.formats.glb.audit.container import Gltf, is_index
-from twin.exchange.formats.glb.audit.nodes import Node, local
+from twin.exchange.formats.glb.audit.nodes import Node, local_matrices
 
 PATHS = {"translation": 3, "rotation": 4, "scale": 3}
 """Animated properties of a node, and the count of numbers of a value."""
 
 MODES = ("LINEAR", "STEP", "CUBICSPLINE")
+
+_CONSTANT = 1e-6
+"""Largest change of a property, in m or components of a quaternion, that counts as a rounding error."""
 
 _SCALED = 1e-4
 """Largest change of the scale of a link in a clip that counts as a rounding error."""
@@ -54,34 +57,42 @@ class Channel:
             return np.repeat(self.values, len(t), axis=0)
         inside = np.clip(t, self.times[0], self.times[-1])
         # The last key belongs to the interval before it.
-        i = np.clip(np.searchsorted(self.times, inside, side="right") - 1, 0, len(self.times) - 2)
-        length = self.times[i + 1] - self.times[i]
-        u = (inside - self.times[i]) / length
-        a = self.values[i]
-        b = self.values[i + 1]
+        before = np.clip(np.searchsorted(self.times, inside, side="right") - 1, 0, len(self.times) - 2)
+        length = self.times[before + 1] - self.times[before]
+        fraction = (inside - self.times[before]) / length
+        value_before = self.values[before]
+        value_after = self.values[before + 1]
         if self.mode == "STEP":
-            return np.where((u >= 1)[:, None], b, a)
+            return np.where((fraction >= 1)[:, None], value_after, value_before)
         if self.mode == "CUBICSPLINE" and self.incoming is not None and self.outgoing is not None:
-            return _spline(a, self.outgoing[i], b, self.incoming[i + 1], u[:, None], length[:, None])
+            return _hermite(
+                value_before,
+                self.outgoing[before],
+                value_after,
+                self.incoming[before + 1],
+                fraction[:, None],
+                length[:, None],
+            )
         if self.path == "rotation":
-            return poses.slerp(a, b, u)
-        return (1 - u)[:, None] * a + u[:, None] * b
+            return poses.slerp(value_before, value_after, fraction)
+        return (1 - fraction)[:, None] * value_before + fraction[:, None] * value_after
 
     @property
     def jumps(self) -> bool:
         """Whether the property changes, and only at the keys."""
-        if self.mode != "STEP" or len(self.values) <= 2:
+        if self.mode != "STEP" or len(self.values) <= 2:  # with two keys, the value changes only at the end
             return False
-        return bool(np.ptp(self.values, axis=0).max() > 1e-6)
+        return bool(np.ptp(self.values, axis=0).max() > _CONSTANT)
 
 
-def _spline(a: Array, outgoing: Array, b: Array, incoming: Array, s: Array, length: Array) -> Array:
+def _hermite(start_value: Array, outgoing: Array, end_value: Array, incoming: Array, s: Array, length: Array) -> Array:
     """Return cubic Hermite interpolation at fractions s of intervals, as in appendix C of the glTF specification.
 
-    The values at the ends are `a` and `b`, the tangents `outgoing` and `incoming`. All arguments are (j, n) or (j, 1).
+    The values at the ends are `start_value` and `end_value`, the tangents `outgoing` and `incoming`. All arguments are
+    (j, n) or (j, 1).
     """
-    start = (2 * s**3 - 3 * s**2 + 1) * a + length * (s**3 - 2 * s**2 + s) * outgoing
-    return start + (-2 * s**3 + 3 * s**2) * b + length * (s**3 - s**2) * incoming
+    start = (2 * s**3 - 3 * s**2 + 1) * start_value + length * (s**3 - 2 * s**2 + s) * outgoing
+    return start + (-2 * s**3 + 3 * s**2) * end_value + length * (s**3 - s**2) * incoming
 
 
 class Clips:
@@ -93,38 +104,40 @@ class Clips:
         self._ledger = file.ledger
         self._clips: list[tuple[str, list[Channel]]] = []
         self.animated: set[int] = set()
-        for i, spec in enumerate(file.items("animations")):
-            name = str(spec.get("name") or f"animation {i}")
-            clip = list(channels(file, spec, name))
-            self._clips.append((name, clip))
-            self.animated |= {channel.node for channel in clip}
+        for number, spec in enumerate(file.items("animations")):
+            name = str(spec.get("name") or f"animation {number}")
+            clip_channels = list(channels(file, spec, name))
+            self._clips.append((name, clip_channels))
+            for channel in clip_channels:
+                self.animated.add(channel.node)
 
-    def world(self, moved: dict[int, dict[str, Array]]) -> list[Array]:
+    def world(self, animated_values: dict[int, dict[str, Array]]) -> list[Array]:
         """Return T_world_node (k, 4, 4) of every node, in the world of the file; (1, 4, 4) if the node does not move.
 
-        `moved` contains the animated values: {index of the node: {property: values (k, n)}}.
+        `animated_values` is {index of the node: {property: values (k, n)}}.
         """
-        placed: list[Array] = [np.eye(4)[None]] * len(self._nodes)
-        for i in self._order:
-            node = self._nodes[i]
-            T = local(node, moved.get(i, {}))
-            placed[i] = T if node.parent < 0 else placed[node.parent] @ T
-        return placed
+        world_matrices: list[Array] = [np.eye(4)[None]] * len(self._nodes)
+        for index in self._order:
+            node = self._nodes[index]
+            T = local_matrices(node, animated_values.get(index, {}))
+            world_matrices[index] = T if node.parent < 0 else world_matrices[node.parent] @ T
+        return world_matrices
 
-    def z_up(self, M: Array) -> Array:
+    def z_up(self, matrices: Array) -> Array:
         """Convert matrices (k, 4, 4) in the file's world (y up) to poses (k, 4, 4) in a world with z up."""
-        T, _ = poses.split(M)
+        T, _ = poses.split(matrices)
         return poses.pose(poses.R_Z_UP_Y_UP) @ T
 
-    def read(self, shown: list[Node]) -> Iterator[FileClip]:
-        """Yield each clip of the file, with the poses of the nodes in `shown` at all key times of the clip."""
-        for name, found in self._clips:
-            usable = [channel for channel in found if len(channel.times)]
+    def read(self, shown_nodes: list[Node]) -> Iterator[FileClip]:
+        """Yield each clip of the file, with the poses of the nodes `shown_nodes` at all key times of the clip."""
+        for name, clip_channels in self._clips:
+            usable = [channel for channel in clip_channels if len(channel.times)]
             if not usable:
                 text = f"clip '{name}' has no valid channel that moves, rotates or scales a node."
                 self._ledger.add("gltf.empty_clip", "warning", text, name)
                 continue
-            times = np.unique(np.concatenate([channel.times for channel in usable]))
+            key_times = [channel.times for channel in usable]
+            times = np.unique(np.concatenate(key_times))
             count = len(times) * len(self._nodes)
             if count > MOST_POSES:
                 text = (
@@ -134,19 +147,19 @@ class Clips:
                 raise ReadError(text, "gltf.size")
             self._report_jumps(name, usable)
             halfway = (times[1:] + times[:-1]) / 2
-            middle = self._placed(usable, shown, halfway)
-            yield FileClip(name, times, self._placed(usable, shown, times), middle=middle)
+            middle = self._poses_at(usable, shown_nodes, halfway)
+            yield FileClip(name, times, self._poses_at(usable, shown_nodes, times), middle=middle)
 
-    def _placed(self, channels: list[Channel], shown: list[Node], times: Array) -> dict[str, Array]:
-        """Return {node: T_world_node (k, 4, 4)} of the nodes in `shown` at times (k,) in s, in a world with z up."""
-        moved: dict[int, dict[str, Array]] = {}
+    def _poses_at(self, channels: list[Channel], shown_nodes: list[Node], times: Array) -> dict[str, Array]:
+        """Return {node: T_world_node (k, 4, 4)} of the nodes `shown_nodes` at times (k,) in s, in a world with z up."""
+        animated_values: dict[int, dict[str, Array]] = {}
         for channel in channels:
-            moved.setdefault(channel.node, {})[channel.path] = channel.at(times)
-        world = self.world(moved)
-        placed = {}
-        for node in shown:
-            placed[node.name] = np.broadcast_to(self.z_up(world[node.index]), (len(times), 4, 4))
-        return placed
+            animated_values.setdefault(channel.node, {})[channel.path] = channel.at(times)
+        world = self.world(animated_values)
+        link_poses = {}
+        for node in shown_nodes:
+            link_poses[node.name] = np.broadcast_to(self.z_up(world[node.index]), (len(times), 4, 4))
+        return link_poses
 
     def _report_jumps(self, clip: str, channels: list[Channel]) -> None:
         """Report channels with STEP interpolation: their motion jumps from key to key."""
@@ -163,19 +176,19 @@ def channels(file: Gltf, spec: JsonObject, clip: str) -> Iterator[Channel]:
     """Yield the valid channels of an animation; report the faults of invalid channels."""
     samplers = spec.get("samplers", [])
     animated: set[tuple[int, str]] = set()
-    timed: dict[bytes, bool] = {}
-    for i, entry in enumerate(spec.get("channels", [])):
+    usable_times: dict[bytes, bool] = {}
+    for number, entry in enumerate(spec.get("channels", [])):
         target = entry.get("target", {})
         path = target.get("path")
         node = target.get("node")
         if path in ("weights", "pointer"):  # of morph targets, and of an extension: they move no link
             continue
         if path not in PATHS:
-            text = f"clip '{clip}', channel {i}: the target has the path '{path}', which glTF does not define."
+            text = f"clip '{clip}', channel {number}: the target has the path '{path}', which glTF does not define."
             file.ledger.wrong("gltf.channel", text, clip)
             continue
         if node is None:
-            file.ledger.wrong("gltf.channel", f"clip '{clip}', channel {i}: the target has no node.", clip)
+            file.ledger.wrong("gltf.channel", f"clip '{clip}', channel {number}: the target has no node.", clip)
             continue
         label = str(file.item("nodes", node).get("name") or f"node {node}")
         if (node, path) in animated:
@@ -184,8 +197,8 @@ def channels(file: Gltf, spec: JsonObject, clip: str) -> Iterator[Channel]:
         animated.add((node, path))
         index = entry.get("sampler")
         if not is_index(index, len(samplers)):
-            raise ReadError(f"clip '{clip}', channel {i}: there is no sampler {index}", "gltf.reference")
-        reader = _ChannelReader(file, clip, node, path, label, timed)
+            raise ReadError(f"clip '{clip}', channel {number}: there is no sampler {index}", "gltf.reference")
+        reader = _ChannelReader(file, clip, node, path, label, usable_times)
         channel = reader.read(samplers[index])
         if channel is not None:
             yield channel
@@ -195,7 +208,7 @@ def channels(file: Gltf, spec: JsonObject, clip: str) -> Iterator[Channel]:
 class _ChannelReader:
     """Reader of a channel: property `path` of a node, which is named `label` in reports.
 
-    `timed` collects for all channels of a clip whether their key times can be used: most share one array of times.
+    `usable_times` collects for all channels of a clip whether their key times can be used: most share one array.
     """
 
     file: Gltf
@@ -203,7 +216,7 @@ class _ChannelReader:
     node: int
     path: str
     label: str
-    timed: dict[bytes, bool]
+    usable_times: dict[bytes, bool]
 
     def read(self, sampler: JsonObject) -> Channel | None:
         """Return the channel with the keys of a sampler; None, with findings, if they cannot be used."""
@@ -221,11 +234,11 @@ class _ChannelReader:
         if mode not in MODES:
             ledger.wrong("gltf.channel", f"clip '{self.clip}': interpolation '{mode}' is unknown.", self.label)
             return None
-        if not self._usable(times, ledger):
+        if not self._has_usable_times(times, ledger):
             return None
         # A key of a spline is three values: incoming tangent, value, outgoing tangent.
-        per_key = 3 if mode == "CUBICSPLINE" else 1
-        expected = per_key * len(times)
+        values_per_key = 3 if mode == "CUBICSPLINE" else 1
+        expected = values_per_key * len(times)
         if values.shape != (expected, PATHS[self.path]):
             count, width = values.shape
             text = (
@@ -256,9 +269,9 @@ class _ChannelReader:
         extras = self.file.item("nodes", self.node).get("extras")
         return isinstance(extras, dict) and bool(extras.get("link"))
 
-    def _usable(self, times: Array, ledger: Ledger) -> bool:
+    def _has_usable_times(self, times: Array, ledger: Ledger) -> bool:
         """Return whether key times can be used; report faults of each array of times once."""
         key = times.tobytes()
-        if key not in self.timed:
-            self.timed[key] = check_times(ledger, times, self.clip, "gltf")
-        return self.timed[key]
+        if key not in self.usable_times:
+            self.usable_times[key] = check_times(ledger, times, self.clip, "gltf")
+        return self.usable_times[key]

@@ -17,11 +17,24 @@ from twin.core.json_types import JsonObject
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, ReadError
 
-_TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_WIDTH = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+_DTYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+"""Types of NumPy, by the numbers of glTF for the types of components."""
+
+_WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
+"""Numbers in an element of an accessor."""
+
+# The first four bytes of a GLB, "glTF", and the kinds of its chunks, "JSON" and "BIN", as little-endian numbers.
 _MAGIC = 0x46546C67
 _JSON = 0x4E4F534A
 _BIN = 0x004E4942
+
+_HEADER_SIZE = 12
+_CHUNK_HEADER_SIZE = 8
+_SMALLEST = _HEADER_SIZE + _CHUNK_HEADER_SIZE
+"""Sizes in bytes: of the header of a GLB, of that of a chunk, and of a GLB with an empty chunk."""
+
+_BOUND_ROUNDING = 1e-6
+"""Relative difference of a stated minimum or maximum that is only rounding: the data are in single precision."""
 
 MOST_NUMBERS = 50_000_000
 """Maximum number of numbers in one accessor."""
@@ -82,8 +95,8 @@ class Gltf:
 
     def _accessor(self, index: int, spec: JsonObject) -> Array:
         name = f"accessor {index}"
-        kind = _TYPES.get(spec.get("componentType", 0))
-        width = _WIDTH.get(spec.get("type", ""))
+        kind = _DTYPES.get(spec.get("componentType", 0))
+        width = _WIDTHS.get(spec.get("type", ""))
         if kind is None or width is None:
             text = f"{name}: componentType {spec.get('componentType')} and type {spec.get('type')} are not supported"
             raise ReadError(text, "gltf.accessor")
@@ -148,7 +161,7 @@ class Gltf:
             raise ReadError(text, "gltf.bounds")
         indices = sparse["indices"]
         replacements = sparse["values"]
-        kind = np.dtype(_TYPES[indices["componentType"]])
+        kind = np.dtype(_DTYPES[indices["componentType"]])
         column = self._view(indices, _Layout(name, count, 1, kind))
         rows = column[:, 0].astype(int)
         values = self._view(replacements, replace(layout, count=count))
@@ -174,12 +187,13 @@ class Gltf:
                 text = f"{name}: {key} has {len(stated)} numbers, not {len(actual)}."
                 self.ledger.wrong("gltf.minmax", text, name)
                 continue
-            # min and max are decimal numbers in JSON; the data are in single precision.
             differences = np.abs(stated - actual)
-            k = int(np.argmax(differences))
-            if differences[k] > 1e-6 * max(1.0, abs(actual[k])):
-                text = f"{name}: the stated {key} is {stated[k]:.7g}, but the actual {key} is {actual[k]:.7g}."
-                size = Measured(stated[k], actual[k])
+            column = int(np.argmax(differences))
+            if differences[column] > _BOUND_ROUNDING * max(1.0, abs(actual[column])):
+                text = (
+                    f"{name}: the stated {key} is {stated[column]:.7g}, but the actual {key} is {actual[column]:.7g}."
+                )
+                size = Measured(stated[column], actual[column])
                 advice = "state the minimum and maximum of the stored numbers"
                 self.ledger.wrong("gltf.minmax", text, name, size=size, suggestion=advice)
 
@@ -210,12 +224,12 @@ def open_gltf(path: Path, ledger: Ledger) -> Gltf:
     Raises:
         ReadError: the file is not glTF, or is inconsistent.
     """
-    text = path.read_bytes()
+    json_bytes = path.read_bytes()
     binary = None
-    if text.startswith(b"glTF"):
-        text, binary = _chunks(text, ledger)
+    if json_bytes.startswith(b"glTF"):  # a GLB, whatever its suffix
+        json_bytes, binary = _chunks(json_bytes, ledger)
     try:
-        parsed = json.loads(text.decode("utf-8"))
+        parsed = json.loads(json_bytes.decode("utf-8"))
     except (UnicodeDecodeError, ValueError, RecursionError) as error:
         raise ReadError(f"the file's JSON cannot be read: {str(error)[:120]}", "gltf.json") from error
     if not isinstance(parsed, dict) or not isinstance(parsed.get("asset"), dict):
@@ -224,15 +238,15 @@ def open_gltf(path: Path, ledger: Ledger) -> Gltf:
     if not str(version).startswith("2."):
         raise ReadError(f"the file is glTF {version!r}, expected 2.0", "gltf.version")
     file = Gltf(path, ledger, parsed, [])
-    for i, spec in enumerate(file.items("buffers")):
-        file.buffers.append(_buffer(path, i, spec, binary))
+    for number, spec in enumerate(file.items("buffers")):
+        file.buffers.append(_buffer(path, number, spec, binary))
     return file
 
 
 def _chunks(data: bytes, ledger: Ledger) -> tuple[bytes, bytes | None]:
     """Return (JSON, binary chunk or None) of a GLB."""
-    if len(data) < 20:
-        raise ReadError(f"the file has {len(data)} bytes; a GLB has at least 20", "gltf.header")
+    if len(data) < _SMALLEST:
+        raise ReadError(f"the file has {len(data)} bytes; a GLB has at least {_SMALLEST}", "gltf.header")
     magic, version, length = struct.unpack_from("<III", data)
     if magic != _MAGIC or version != 2:
         raise ReadError(f"the header states version {version}, expected 2", "gltf.version")
@@ -241,22 +255,22 @@ def _chunks(data: bytes, ledger: Ledger) -> tuple[bytes, bytes | None]:
         raise ReadError(f"{text}: it is truncated", "gltf.header")
     if length != len(data):
         ledger.wrong("gltf.header", f"{text}.", size=Measured(float(len(data)), length))
-    found: dict[int, bytes] = {}
-    position = 12
-    while position + 8 <= length:
+    chunks: dict[int, bytes] = {}
+    position = _HEADER_SIZE
+    while position + _CHUNK_HEADER_SIZE <= length:
         size, kind = struct.unpack_from("<II", data, position)
-        start = position + 8
+        start = position + _CHUNK_HEADER_SIZE
         end = start + size
         if end > length:
             text = f"a chunk of {size} bytes at byte {position} extends beyond the end of the file"
             raise ReadError(text, "gltf.header")
         if size % 4:
             ledger.wrong("gltf.alignment", f"the chunk at byte {position} is not padded to 4 bytes.")
-        found.setdefault(kind, data[start:end])  # readers take the first chunk of a kind
+        chunks.setdefault(kind, data[start:end])  # readers take the first chunk of a kind
         position = end
-    if _JSON not in found:
+    if _JSON not in chunks:
         raise ReadError("the file has no JSON chunk", "gltf.header")
-    return found[_JSON], found.get(_BIN)
+    return chunks[_JSON], chunks.get(_BIN)
 
 
 def _buffer(path: Path, index: int, spec: JsonObject, binary: bytes | None) -> bytes:

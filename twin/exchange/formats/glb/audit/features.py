@@ -8,7 +8,7 @@ from typing import Any
 from twin.core.json_types import JsonObject
 from twin.exchange.audit.report import Ledger
 
-_READ: Mapping[str, tuple[str, ...]] = {
+_READ_ENTRIES: Mapping[str, tuple[str, ...]] = {
     "": (
         "asset",
         "scene",
@@ -42,16 +42,16 @@ _READ: Mapping[str, tuple[str, ...]] = {
 
 def check_features(document: JsonObject, ledger: Ledger) -> None:
     """Report entries that the audit does not read. In a file as twin writes it they are faults, in others a note."""
-    found: dict[str, str] = {}
+    unread_entries: dict[str, str] = {}
     for kind, key, where in _unread("", document, ""):
-        found.setdefault(f"{kind}.{key}".lstrip("."), where)
-    if not found:
+        unread_entries.setdefault(f"{kind}.{key}".lstrip("."), where)
+    if not unread_entries:
         return
-    names = ", ".join(found)
+    names = ", ".join(unread_entries)
     asset = document.get("asset", {})
     if str(asset.get("generator", "")).startswith("twin "):
         text = f"the file has {names}, which twin does not write: it can change what viewers show, and is not compared."
-        ledger.wrong("gltf.feature", text, next(iter(found.values())), suggestion="export the file again")
+        ledger.wrong("gltf.feature", text, next(iter(unread_entries.values())), suggestion="export the file again")
     else:
         ledger.add("gltf.feature", "info", f"not read and not compared: {names}.")
 
@@ -62,11 +62,11 @@ def _unread(kind: str, value: Any, where: str) -> Iterator[tuple[str, str, str]]
         for entry in value:
             yield from _unread(kind, entry, where)
     elif isinstance(value, dict):
-        known = _READ[kind]
+        read_keys = _READ_ENTRIES[kind]
         where = str(value.get("name") or where)
         for key, entry in value.items():
             inner = f"{kind}.{key}".lstrip(".")
-            if key not in known:
+            if key not in read_keys:
                 yield kind, key, where
-            elif inner in _READ:
+            elif inner in _READ_ENTRIES:
                 yield from _unread(inner, entry, where)

@@ -30,7 +30,7 @@ def read_link_shapes(
     """Check every mesh once; return the shapes of the links in their frames, and the shares of colours and finishes."""
     palette = Palette()
     finishes = Palette()
-    known: dict[int, tuple[Array, Array]] = {}
+    checked_meshes: dict[int, tuple[Array, Array]] = {}
     parts: dict[str, list[LinkShape]] = {}
     for node in nodes:
         if "mesh" not in node.spec:
@@ -38,17 +38,17 @@ def read_link_shapes(
         index = node.spec["mesh"]
         mesh = file.item("meshes", index)
         name = str(mesh.get("name") or node.label)
-        if index not in known:
-            _check_shown(mesh, name, file.ledger)
-            known[index] = _corners(file, mesh, name)
-        vertices, triangles = known[index]
+        if index not in checked_meshes:
+            _check_primitives(mesh, name, file.ledger)
+            checked_meshes[index] = _checked_triangles(file, mesh, name)
+        vertices, triangles = checked_meshes[index]
         owner = link_above(nodes, node)
         if owner is None or not owner.name or not len(triangles):
             continue
         T_world_link, _ = poses.split(world[owner.index][0])
-        M = poses.inverse(T_world_link) @ world[node.index][0]
-        points = vertices @ M[:3, :3].T + M[:3, 3]
-        # `_corners` has reported the faults of the mesh.
+        M_link_node = poses.inverse(T_world_link) @ world[node.index][0]  # may scale, so it is no pose
+        points = vertices @ M_link_node[:3, :3].T + M_link_node[:3, 3]
+        # `_checked_triangles` has reported the faults of the mesh: those found here go nowhere.
         shape = check_mesh(Ledger(""), name, points, triangles, None, "gltf")
         if shape is not None:
             parts.setdefault(owner.name, []).append(shape)
@@ -67,7 +67,11 @@ def check_normals(file: Gltf) -> None:
     smooth = 0
     for number, mesh in enumerate(file.items("meshes")):
         primitives = mesh.get("primitives") or []
-        if any("NORMAL" in primitive.get("attributes", {}) for primitive in primitives):
+        has_normals = False
+        for primitive in primitives:
+            if "NORMAL" in primitive.get("attributes", {}):
+                has_normals = True
+        if has_normals:
             smooth += 1
         elif primitives:
             faceted.append(str(mesh.get("name") or f"mesh {number}"))
@@ -76,18 +80,18 @@ def check_normals(file: Gltf) -> None:
         file.ledger.add("gltf.normal", "warning", text, faceted[0], suggestion="write the normals of the mesh")
 
 
-def _check_shown(mesh: JsonObject, name: str, ledger: Ledger) -> None:
+def _check_primitives(mesh: JsonObject, name: str, ledger: Ledger) -> None:
     """Report a mesh that shows nothing, or not all of its primitives."""
     primitives = mesh.get("primitives")
     if not primitives:
         ledger.wrong("gltf.mesh", f"mesh '{name}' has no primitives: it shows nothing.", name)
         return
-    drawn = []
+    previous = []
     for number, primitive in enumerate(primitives):
-        if primitive in drawn:
+        if primitive in previous:
             text = f"mesh '{name}': primitive {number} is the same as another: its surface is there twice."
             ledger.wrong("gltf.mesh", text, name, suggestion="leave one of the two out")
-        drawn.append(primitive)
+        previous.append(primitive)
         if "POSITION" not in primitive.get("attributes", {}):
             text = f"mesh '{name}': primitive {number} has no POSITION: viewers do not show it."
             ledger.wrong("gltf.mesh", text, name, suggestion="give each primitive the points of its triangles")
@@ -134,7 +138,7 @@ def _check_counts(file: Gltf, primitive: JsonObject, count: int, name: str) -> N
             file.ledger.wrong("gltf.count", text, name, suggestion="give each point one value of each attribute")
 
 
-def _corners(file: Gltf, mesh: JsonObject, name: str) -> tuple[Array, Array]:
+def _checked_triangles(file: Gltf, mesh: JsonObject, name: str) -> tuple[Array, Array]:
     """Check a mesh, and return the points (n, 3) and triangles (m, 3) of all its primitives."""
     points = [np.zeros((0, 3))]
     faces = [np.zeros((0, 3), int)]
@@ -180,8 +184,8 @@ def _corners(file: Gltf, mesh: JsonObject, name: str) -> tuple[Array, Array]:
 def _triangles(indices: Array, mode: Any) -> Array:
     """Return the triangles (m, 3) of a primitive with corners (n,)."""
     if mode == _TRIANGLES:
-        whole = len(indices) // 3 * 3
-        return indices[:whole].reshape(-1, 3)
+        usable = len(indices) // 3 * 3
+        return indices[:usable].reshape(-1, 3)
     if mode == _STRIP and len(indices) > 2:
         strip = np.stack([indices[:-2], indices[1:-1], indices[2:]], axis=1)
         # Every second triangle of a strip has the opposite order of corners.

@@ -14,8 +14,8 @@ _ALPHA_MODES = ("OPAQUE", "MASK", "BLEND")
 
 def check_materials(file: Gltf) -> None:
     """Report unknown values, and transparent materials that are shown opaque: the default alphaMode is OPAQUE."""
-    for i, spec in enumerate(file.items("materials")):
-        name = str(spec.get("name") or f"material {i}")
+    for number, spec in enumerate(file.items("materials")):
+        name = str(spec.get("name") or f"material {number}")
         pbr = spec.get("pbrMetallicRoughness", {})
         alpha = 1.0
         if isinstance(pbr, dict):

@@ -23,17 +23,21 @@ def check_scene(file: Gltf, nodes: list[Node], order: list[int], ledger: Ledger)
     roots: Any = []
     if isinstance(number, int) and 0 <= number < len(scenes):
         roots = scenes[number].get("nodes", [])
-    inside = {i for i in roots if isinstance(i, int)} if isinstance(roots, list) else set()
-    if isinstance(roots, list) and len(inside) < len(roots):
-        text = f"the scene lists one of its {len(roots)} root nodes twice: glTF requires that each is there once."
-        ledger.wrong("gltf.scene", text, "scene")
-    for i in order:
-        if nodes[i].parent in inside:
-            inside.add(i)
+    inside: set[int] = set()
+    if isinstance(roots, list):
+        for root in roots:
+            if isinstance(root, int):
+                inside.add(root)
+        if len(inside) < len(roots):
+            text = f"the scene lists one of its {len(roots)} root nodes twice: glTF requires that each is there once."
+            ledger.wrong("gltf.scene", text, "scene")
+    for index in order:
+        if nodes[index].parent in inside:
+            inside.add(index)
     absent: list[str] = []
     for node in nodes:
-        marked = node.is_link or node.extras.get("frame")
-        if node.index not in inside and (marked or "mesh" in node.spec):
+        is_named_part = node.is_link or node.extras.get("frame")
+        if node.index not in inside and (is_named_part or "mesh" in node.spec):
             absent.append(node.label)
     if absent:
         text = f"{len(absent)} links, frames or shapes, such as '{absent[0]}', are not in the scene that viewers show."
@@ -43,22 +47,23 @@ def check_scene(file: Gltf, nodes: list[Node], order: list[int], ledger: Ledger)
 def check_names(file: Gltf, nodes: list[Node], animated: set[int]) -> None:
     """Report names that two nodes share, animated nodes without a name, and links that are named otherwise."""
     ledger = file.ledger
-    first: dict[str, Node] = {}
+    first_nodes: dict[str, Node] = {}
     for node in nodes:
         if not node.name:
             continue
-        other = first.setdefault(node.name, node)
-        if other is node:
+        first_node = first_nodes.setdefault(node.name, node)
+        if first_node is node:
             continue
-        matters = {node.index, other.index} & animated or node.is_link or other.is_link
+        moves = {node.index, first_node.index} & animated or node.is_link or first_node.is_link
+        severity = "disagreement" if moves else "warning"
         text = (
-            f"nodes {other.index} and {node.index} are both named '{node.name}': players that find nodes by name may "
-            "move the wrong node."
+            f"nodes {first_node.index} and {node.index} are both named '{node.name}': players that find nodes by name "
+            "may move the wrong node."
         )
-        ledger.add("gltf.duplicate_name", "disagreement" if matters else "warning", text, node.name)
-    for i in sorted(animated):
-        if not nodes[i].name:
-            ledger.add("gltf.unnamed", "warning", f"animated node {i} has no name.", f"node {i}")
+        ledger.add("gltf.duplicate_name", severity, text, node.name)
+    for index in sorted(animated):
+        if not nodes[index].name:
+            ledger.add("gltf.unnamed", "warning", f"animated node {index} has no name.", f"node {index}")
     for node in nodes:
         if not node.is_link:
             continue
@@ -80,18 +85,18 @@ def check_matrices(nodes: list[Node], animated: set[int], ledger: Ledger) -> Non
 
 def check_scales(nodes: list[Node], world: list[Array], animated: set[int], ledger: Ledger) -> None:
     """Report mirrored links and meshes, and scaled links; without links, scaled nodes that are animated."""
-    declared = any(node.is_link for node in nodes)
+    has_links = any(node.is_link for node in nodes)
     for node in nodes:
-        M = world[node.index][0]
-        _, scale = poses.split(M)
+        M_world_node = world[node.index][0]
+        _, scale = poses.split(M_world_node)
         deviation = np.abs(scale - 1)
-        if np.linalg.det(M[:3, :3]) < 0 and (node.is_link or "mesh" in node.spec):
+        if np.linalg.det(M_world_node[:3, :3]) < 0 and (node.is_link or "mesh" in node.spec):
             text = f"node '{node.label}' is mirrored, which is not a rigid motion."
             severity = "disagreement" if node.is_link else "warning"
             advice = "mirror the points of the mesh and reverse its faces"
             ledger.add("gltf.mirrored", severity, text, node.label, size=Measured(-1.0, 0.0), suggestion=advice)
             continue
-        moves = node.is_link if declared else node.index in animated
+        moves = node.is_link if has_links else node.index in animated
         if moves and np.max(deviation) > _SCALE_TOL:
             x, y, z = scale
             text = f"node '{node.label}' is scaled by {x:.5g}, {y:.5g}, {z:.5g} in the world."

@@ -65,13 +65,13 @@ def link_above(nodes: list[Node], node: Node) -> Node | None:
     return node if node.is_link else None
 
 
-def local(node: Node, moved: dict[str, Array]) -> Array:
-    """Return the matrices T_parent_node (k or 1, 4, 4) of a node; `moved` maps properties to their animated values."""
-    if node.matrix is not None and not moved:
+def local_matrices(node: Node, animated_values: dict[str, Array]) -> Array:
+    """Return the matrices T_parent_node (k or 1, 4, 4) of a node; `animated_values` is {property: values (k, n)}."""
+    if node.matrix is not None and not animated_values:
         return node.matrix[None]
-    xyzw = np.atleast_2d(moved.get("rotation", node.rotation))
-    translation = np.atleast_2d(moved.get("translation", node.translation))
-    scale = np.atleast_2d(moved.get("scale", node.scale))
+    xyzw = np.atleast_2d(animated_values.get("rotation", node.rotation))
+    translation = np.atleast_2d(animated_values.get("translation", node.translation))
+    scale = np.atleast_2d(animated_values.get("scale", node.scale))
     T = poses.pose(poses.rotation(xyzw), translation)
     if np.any(scale != 1):
         # The scale may be animated while the pose is not.
@@ -90,8 +90,8 @@ def read_nodes(file: Gltf) -> list[Node]:
     specs = file.items("nodes")
     parents = _parents(file, specs)
     nodes = []
-    for i, spec in enumerate(specs):
-        node = _node(i, spec, parents[i], _repeats(specs, parents, i))
+    for index, spec in enumerate(specs):
+        node = _node(index, spec, parents[index], _is_copy_of_ancestor(specs, parents, index))
         nodes.append(node)
         length = float(np.linalg.norm(node.rotation))
         if abs(length - 1) > UNIT_TOL:
@@ -103,12 +103,12 @@ def read_nodes(file: Gltf) -> list[Node]:
 def _parents(file: Gltf, specs: list[JsonObject]) -> list[int]:
     """Return the index of each node's parent; -1 for nodes without parent."""
     parents = [-1] * len(specs)
-    for i, spec in enumerate(specs):
+    for index, spec in enumerate(specs):
         for child in spec.get("children", []):
             file.item("nodes", child)
-            if parents[child] >= 0 or child == i:
-                raise ReadError(f"node {child} has two parents, {parents[child]} and {i}", "gltf.tree")
-            parents[child] = i
+            if parents[child] >= 0 or child == index:
+                raise ReadError(f"node {child} has two parents, {parents[child]} and {index}", "gltf.tree")
+            parents[child] = index
     return parents
 
 
@@ -127,14 +127,14 @@ def _node(index: int, spec: JsonObject, parent: int, copied: bool) -> Node:
     return Node(index, name, parent, translation, rotation, scale, matrix, spec, copied)
 
 
-def _repeats(specs: list[JsonObject], parents: list[int], i: int) -> bool:
-    """Return whether an ancestor of node `i` is marked as the same link as the node."""
-    link = _extras(specs[i]).get("link")
+def _is_copy_of_ancestor(specs: list[JsonObject], parents: list[int], index: int) -> bool:
+    """Return whether an ancestor of node `index` is marked as the same link as the node."""
+    link = _extras(specs[index]).get("link")
     visited = set()  # the nodes may be their own ancestors, which `parents_first` reports
-    while link and parents[i] >= 0 and i not in visited:
-        visited.add(i)
-        i = parents[i]
-        if _extras(specs[i]).get("link") == link:
+    while link and parents[index] >= 0 and index not in visited:
+        visited.add(index)
+        index = parents[index]
+        if _extras(specs[index]).get("link") == link:
             return True
     return False
 
@@ -144,7 +144,7 @@ def _extras(spec: JsonObject) -> JsonObject:
     return extras if isinstance(extras, dict) else {}
 
 
-def numbers(value: Any, n: int, name: str) -> Array:
+def numbers(value: Any, count: int, name: str) -> Array:
     """Return a JSON list of n finite numbers as an array (n,).
 
     Raises:
@@ -153,9 +153,9 @@ def numbers(value: Any, n: int, name: str) -> Array:
     try:
         array = np.array(value, float)
     except (TypeError, ValueError) as error:
-        raise ReadError(f"{name} is not a list of {n} numbers", "gltf.json") from error
-    if array.shape != (n,) or not np.all(np.isfinite(array)):
-        raise ReadError(f"{name} is not a list of {n} finite numbers", "gltf.json")
+        raise ReadError(f"{name} is not a list of {count} numbers", "gltf.json") from error
+    if array.shape != (count,) or not np.all(np.isfinite(array)):
+        raise ReadError(f"{name} is not a list of {count} finite numbers", "gltf.json")
     return array
 
 
@@ -171,9 +171,9 @@ def parents_first(nodes: list[Node]) -> list[int]:
     order: list[int] = []
     pending = list(children.get(-1, []))
     while pending:
-        i = pending.pop()
-        order.append(i)
-        pending += children.get(i, [])
+        index = pending.pop()
+        order.append(index)
+        pending += children.get(index, [])
     if len(order) < len(nodes):
         # A cycle has no root, and is never reached.
         missing = min(set(range(len(nodes))) - set(order))
