@@ -14,6 +14,9 @@ from pathlib import Path
 from twin.core.errors import NoMechanismError, SourceError
 from twin.core.foreign.text import check_depth, read_text
 
+_FEWEST_COLUMNS = 3
+"""Columns from which a table of a text can be one of parameters; smaller ones state something else."""
+
 ROWS = 100
 """Maximum number of rows of a table."""
 
@@ -65,7 +68,7 @@ def read_cells(path: Path) -> Cells:
     except OSError as error:
         raise SourceError(f"{path}: cannot be read ({error.strerror or error})") from error
     if suffix == ".toml":
-        return _of_toml(path, text)
+        return _cells_of_toml(path, text)
     if suffix == ".tex":
         lines = _lines_of_latex(text)
     elif suffix == ".md":
@@ -74,19 +77,19 @@ def read_cells(path: Path) -> Cells:
         lines = _lines_of_csv(path, text)
     if not lines:
         raise NoMechanismError(f"{path}: the file has no table: a line of headings, then a line for each joint")
-    (line, headings), *rest = lines
-    cells = Cells(headings, line, stated=_stated(text))
-    for line, row in rest:
+    (line, headings), *row_lines = lines
+    cells = Cells(headings, line, stated=_statements_beside_table(text))
+    for line, row in row_lines:
         if len(row) != len(headings) and not cells.fault:
             cells.fault = (
                 f"{path}:{line}: the row has {len(row)} cells ({' | '.join(row)[:80]}), but there are {len(headings)} "
                 f"headings ({' | '.join(headings)[:120]}): write all cells"
             )
         cells.rows.append(TableRow(line, dict(zip(headings, row, strict=False))))
-    return _bounded(path, cells)
+    return _with_checked_count(path, cells)
 
 
-def _bounded(path: Path, cells: Cells) -> Cells:
+def _with_checked_count(path: Path, cells: Cells) -> Cells:
     if not cells.rows:
         cells.fault = f"{path}:{cells.line}: the table has no rows: write one for each joint"
     if len(cells.rows) > ROWS:
@@ -94,29 +97,29 @@ def _bounded(path: Path, cells: Cells) -> Cells:
     return cells
 
 
-def _stated(text: str) -> dict[str, str]:
+def _statements_beside_table(text: str) -> dict[str, str]:
     stated: dict[str, str] = {}
     for line in text.splitlines():
-        found = _COMMENT.match(line)
-        if found:
-            key = found[1].lower().rstrip("s")
-            stated[key.replace("unit", "units")] = found[2]
+        match = _COMMENT.match(line)
+        if match:
+            key = match[1].lower().rstrip("s")
+            stated[key.replace("unit", "units")] = match[2]
     return stated
 
 
 def _lines_of_csv(path: Path, text: str) -> list[tuple[int, list[str]]]:
     """Return (line, cells) of the lines that are neither empty nor comments."""
-    kept: list[tuple[int, str]] = []
+    table_lines: list[tuple[int, str]] = []
     for number, line in enumerate(text.splitlines(), 1):
         # "#" alone in the first cell of the first line is the heading of the joints' numbers
-        numbers = not kept and re.match(r"\s*#\s*[,;\t]", line)
+        numbers = not table_lines and re.match(r"\s*#\s*[,;\t]", line)
         if line.strip() and (numbers or not line.lstrip().startswith("#")):
-            kept.append((number, line))
-    if not kept:
+            table_lines.append((number, line))
+    if not table_lines:
         return []
-    separator = _separator(kept[0][1])
+    separator = _separator(table_lines[0][1])
     lines: list[tuple[int, list[str]]] = []
-    for number, line in kept:
+    for number, line in table_lines:
         if separator:
             try:
                 cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
@@ -142,7 +145,7 @@ _TITLE = re.compile(r"#{1,6}\s+[^|\s]")
 def _lines_of_markdown(text: str) -> list[tuple[int, list[str]]]:
     """Return (line, cells) of the first table with at least three columns; lines of rules and titles are left out."""
     lines: list[tuple[int, list[str]]] = []
-    ruled = False
+    after_rule = False
     for number, line in enumerate(text.splitlines(), 1):
         bare = re.sub("[│┃║|]", "|", line.strip())
         if _TITLE.match(bare):
@@ -151,11 +154,12 @@ def _lines_of_markdown(text: str) -> list[tuple[int, list[str]]]:
             continue
         cells = [cell.strip() for cell in bare.strip("|").split("|")]
         # Below the headings, single dashes are the rule of the table; further down they are cells.
-        dashes = ruled and len(lines) >= 1 and all(re.fullmatch("[-–—−]", cell) for cell in cells)
-        if lines and "|" in bare and not re.search(r"[^\W_]", bare):
-            ruled = True
-        if "|" in bare and (dashes or re.search(r"[^\W_]", bare)):
-            if lines or len(cells) >= 3:
+        has_words = re.search(r"[^\W_]", bare) is not None
+        is_row_of_dashes = after_rule and len(lines) >= 1 and all(re.fullmatch("[-–—−]", cell) for cell in cells)
+        if lines and "|" in bare and not has_words:
+            after_rule = True
+        if "|" in bare and (is_row_of_dashes or has_words):
+            if lines or len(cells) >= _FEWEST_COLUMNS:
                 lines.append((number, cells))
         elif lines and not re.search("[-=─━═]", bare):
             break
@@ -171,20 +175,21 @@ _RULES = re.compile(
 def _lines_of_latex(text: str) -> list[tuple[int, list[str]]]:
     """Return (line, cells) of the rows of the first table with at least three columns."""
     text = re.sub(r"(?<!\\)%.*", "", text)
-    for found in _ENVIRONMENT.finditer(text):
-        line = text.count("\n", 0, found.start(2)) + 1
+    for match in _ENVIRONMENT.finditer(text):
+        line = text.count("\n", 0, match.start(2)) + 1
         rows: list[tuple[int, list[str]]] = []
-        body = found[2]
-        if found[1] not in ("bmatrix", "pmatrix", "matrix"):
+        body = match[2]
+        if match[1] not in ("bmatrix", "pmatrix", "matrix"):
             body = _without_arguments(body)
-            line += found[2].count("\n") - body.count("\n")
+            line += match[2].count("\n") - body.count("\n")
         for part in re.split(r"\\\\(?:\[[^\]]*\])?|\\tabularnewline", body):
             bare = _RULES.sub(" ", part)
             if "&" in bare:
                 before = bare[: len(bare) - len(bare.lstrip())]
-                rows.append((line + before.count("\n"), [cell.strip() for cell in bare.split("&")]))
+                cells = [cell.strip() for cell in bare.split("&")]
+                rows.append((line + before.count("\n"), cells))
             line += part.count("\n")
-        if rows and len(rows[0][1]) >= 3:
+        if rows and len(rows[0][1]) >= _FEWEST_COLUMNS:
             return rows
     return []
 
@@ -196,16 +201,19 @@ def _without_arguments(body: str) -> str:
         if not bare.startswith(("{", "[")):
             return body
         depth = 0
-        for i, character in enumerate(bare):
-            depth += {"{": 1, "[": 1, "}": -1, "]": -1}.get(character, 0)
+        for index, character in enumerate(bare):
+            if character in "{[":
+                depth += 1
+            elif character in "}]":
+                depth -= 1
             if depth == 0:
-                body = bare[i + 1 :]
+                body = bare[index + 1 :]
                 break
         else:
             return body
 
 
-def _of_toml(path: Path, text: str) -> Cells:
+def _cells_of_toml(path: Path, text: str) -> Cells:
     """Return the rows `[[joint]]` of a TOML file; its other keys are `convention` and `units`."""
     check_depth(path, "TOML", text)
     try:
@@ -225,25 +233,26 @@ def _of_toml(path: Path, text: str) -> Cells:
         stated[key] = value
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise NoMechanismError(f"{path}: the file has no [[joint]]: write a table [[joint]] for each row")
-    heads = [number for number, line in enumerate(lines, 1) if re.match(r"\s*\[\[\s*joint\s*\]\]", line)]
+    row_starts = [number for number, line in enumerate(lines, 1) if re.match(r"\s*\[\[\s*joint\s*\]\]", line)]
     headings: list[str] = []
-    cells = Cells(headings, heads[0] if heads else 1, stated=stated)
-    for i, row in enumerate(rows):
-        line = heads[i] if i < len(heads) else 1
+    cells = Cells(headings, row_starts[0] if row_starts else 1, stated=stated)
+    for index, row in enumerate(rows):
+        line = row_starts[index] if index < len(row_starts) else 1
         for key, value in row.items():
             if isinstance(value, bool) or not isinstance(value, str | int | float):
                 where = _line_of(lines, line, key)
                 raise SourceError(f"{path}:{where}: {key} = {str(value)[:60]} is not a number or a text")
             if key not in headings:
                 headings.append(key)
-        cells.rows.append(TableRow(line, {key: str(value) for key, value in row.items()}))
+        texts = dict(zip(row, map(str, row.values()), strict=True))
+        cells.rows.append(TableRow(line, texts))
     for row in cells.rows:
         for heading in headings:
             if heading not in row.cells:
                 raise SourceError(
                     f"{path}:{row.line}: this [[joint]] has no {heading}, but another has: write all keys"
                 )
-    return _bounded(path, cells)
+    return _with_checked_count(path, cells)
 
 
 def _line_of(lines: list[str], after: int, key: str) -> int:

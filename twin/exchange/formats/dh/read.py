@@ -49,6 +49,9 @@ _TITLES = {
     "hayati": "Hayati",
 }
 
+_LINE_LENGTH = 120
+"""Longest line of the text of a formula.py."""
+
 _TYPES: dict[str, JointType] = {"revolute": "revolute", "prismatic": "prismatic", "fixed": "fixed"}
 
 
@@ -62,26 +65,27 @@ def read(path: Path, options: Options) -> Imported:
     """
     table = read_table(path, options.dh)
     findings = Findings()
-    for text in table.guessed:
+    for text in table.assumptions:
         findings.warn("dh", text, path.name)
     findings.note("dh", f"The convention of the table is {_TITLES[table.convention]}.", path.name)
-    wanted: list[str] = []
-    for i, row in enumerate(table.rows):
-        wanted.append(row.name or f"q{i + 1}")
-    names = Names("joint", wanted, findings) if len(set(wanted)) == len(wanted) else None
+    labels: list[str] = []
+    for number, row in enumerate(table.rows):
+        labels.append(row.name or f"q{number + 1}")
+    # A table may repeat a name, as of two arms; then the joints are numbered.
+    names = Names("joint", labels, findings) if len(set(labels)) == len(labels) else None
     bodies = [Body("link0")]
     joints: list[Joint] = []
-    for i, (row, label) in enumerate(zip(table.rows, wanted, strict=True)):
-        name = names[label] if names is not None else f"q{i + 1}"
+    for number, (row, label) in enumerate(zip(table.rows, labels, strict=True)):
+        name = names[label] if names is not None else f"q{number + 1}"
         T_parent_joint = _product(row, _BEFORE[table.convention])
         T_joint_child = _product(row, _AFTER[table.convention])
-        child = f"link{i + 1}"
+        child = f"link{number + 1}"
         bodies.append(Body(child))
         joints.append(
             Joint(
                 name,
                 _TYPES[row.kind],
-                bodies[i].name,
+                bodies[number].name,
                 child,
                 T_parent_joint,
                 spatial.inverse(T_joint_child),
@@ -98,11 +102,15 @@ def read(path: Path, options: Options) -> Imported:
 def _product(row: DhRow, steps: Sequence[Step]) -> Array:
     T = np.eye(4)
     for motion, parameter in steps:
-        T = T @ _motion(motion, row.values[parameter].value if parameter in row.values else 0.0)
+        value = 0.0
+        if parameter in row.values:
+            value = row.values[parameter].value
+        T = T @ _motion(motion, value)
     return T
 
 
 def _motion(motion: str, value: float) -> Array:
+    """Return the pose (4, 4) of a turn such as "Rx" by a value in rad, or of a move such as "Tz" by one in m."""
     axis = np.eye(3)["xyz".index(motion[1])]
     if motion[0] == "R":
         return spatial.pose(spatial.exp_so3(value * axis))
@@ -115,7 +123,7 @@ def equations(path: Path, table: DhTable, joints: Sequence[Joint]) -> str:
     names: list[str] = []
     lines: list[str] = []
     coordinate = 0
-    for i, (row, joint) in enumerate(zip(table.rows, joints, strict=True)):
+    for number, (row, joint) in enumerate(zip(table.rows, joints, strict=True)):
         factors: list[str] = []
         for motion, parameter in _BEFORE[table.convention] + (_COORDINATE,) + _AFTER[table.convention]:
             if (motion, parameter) == _COORDINATE:
@@ -124,24 +132,27 @@ def equations(path: Path, table: DhTable, joints: Sequence[Joint]) -> str:
                     coordinate += 1
                 continue
             quantity = row.values.get(parameter)
-            if quantity is not None and quantity.shown:
-                name = f"{parameter}_{i + 1}"
+            if quantity is not None and quantity.stated_value:
+                name = f"{parameter}_{number + 1}"
                 names.append(name)
-                parameters.append(f'    "{name}": {_stated(quantity, path, row.line)},')
+                parameters.append(f'    "{name}": {_parameter_code(quantity, path, row.line)},')
                 factors.append(_factor(motion, name))
         if factors:
             lines.append(f"    T = T @ {' @ '.join(factors)}  # {joint.name}")
-    units = ", ".join(f"{j.name} ({'rad' if j.is_angle else 'm'})" for j in joints if j.active)
-    arguments = "".join(f", {name}" for name in names)
-    signature = f"def forward(q{arguments}):"
-    if len(signature) > 120:
-        listed = "".join(f"    {name},\n" for name in names)
-        signature = f"def forward(\n    q,\n{listed}):"
-    stated = "\n".join(parameters)
-    product = "\n".join(lines)
+    coordinates: list[str] = []
+    for joint in joints:
+        if joint.active:
+            coordinate_unit = "rad" if joint.is_angle else "m"
+            coordinates.append(f"{joint.name} ({coordinate_unit})")
+    signature = f"def forward({', '.join(('q', *names))}):"
+    if len(signature) > _LINE_LENGTH:
+        argument_lines = ",\n    ".join(("q", *names))
+        signature = f"def forward(\n    {argument_lines},\n):"
+    parameter_lines = "\n".join(parameters)
+    product_lines = "\n".join(lines)
     return f'''"""Equations of {_in_quotes(path.stem)}: the product of the rows of {_in_quotes(path.name)}.
 
-The convention of the table is {_TITLES[table.convention]}. Joints, in the order of q: {units}.
+The convention of the table is {_TITLES[table.convention]}. Joints, in the order of q: {", ".join(coordinates)}.
 """
 
 import numpy as np
@@ -149,7 +160,7 @@ import numpy as np
 from twin.formula import {_imported(table)}
 
 PARAMETERS = {{
-{stated}
+{parameter_lines}
 }}
 
 
@@ -165,18 +176,18 @@ def move(axis, length):
 
 {signature}
     T = np.eye(4)
-{product}
+{product_lines}
     return T
 '''
 
 
 def _imported(table: DhTable) -> str:
-    used = {"pose", "rotation_x", "rotation_y", "rotation_z"}
+    functions = {"pose", "rotation_x", "rotation_y", "rotation_z"}
     for row in table.rows:
         for quantity in row.values.values():
-            if quantity.shown:
-                used.add(_function(quantity.unit))
-    return ", ".join(sorted(used))
+            if quantity.stated_value:
+                functions.add(_function(quantity.unit))
+    return ", ".join(sorted(functions))
 
 
 def _function(unit: str) -> str:
@@ -188,11 +199,11 @@ def _in_quotes(text: str) -> str:
     return re.sub(r'["\\]', "_", one_line(text))
 
 
-def _stated(quantity: CellQuantity, path: Path, line: int) -> str:
+def _parameter_code(quantity: CellQuantity, path: Path, line: int) -> str:
     """Return a parameter as code, with the line of the table as its source."""
-    shown = quantity.shown * 10 if quantity.unit == "cm" else quantity.shown
+    value = quantity.stated_value * 10 if quantity.unit == "cm" else quantity.stated_value
     source = _in_quotes(path.name)
-    return f'{_function(quantity.unit)}({shown!r}, "CITED", "{source}, line {line}")'
+    return f'{_function(quantity.unit)}({value!r}, "CITED", "{source}, line {line}")'
 
 
 def _factor(motion: str, name: str) -> str:

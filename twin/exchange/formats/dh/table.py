@@ -10,24 +10,29 @@ The four conventions, for row i with the coordinate q in theta or d:
 
 from __future__ import annotations
 
-import ast
 import math
-import operator
 import re
-import unicodedata
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
+from typing import NamedTuple, NoReturn
 
 from twin.core.errors import NoMechanismError, SourceError, UnsupportedError
 from twin.core.units import DEG, LENGTH, MM
+from twin.exchange.formats.dh.cell_numbers import (
+    COORDINATE,
+    UNITS,
+    CellNumber,
+    cell_number,
+    has_coordinate,
+    is_quarter_turn_in_rad,
+    plain_text,
+)
 from twin.exchange.formats.dh.cells import Cells, TableRow, read_cells
 from twin.exchange.read.source import DhOptions
 
 CONVENTIONS = ("standard", "modified", "khalil", "hayati")
 
-_CALLED = {
+_CONVENTION_WORDS = {
     "standard": "standard",
     "classic": "standard",
     "classical": "standard",
@@ -47,7 +52,7 @@ _CALLED = {
 _NEGATIONS = frozenset({"not", "no", "non", "never", "neither", "nor", "without", "unlike", "isn"})
 """Words that turn a statement of the convention into its contrary: "not modified" says nothing definite."""
 
-_KINDS = {
+_KIND_WORDS = {
     "revolute": "revolute",
     "continuous": "revolute",
     "r": "revolute",
@@ -85,24 +90,28 @@ _HEADINGS = {
 }
 """{column: its headings, without signs, indices and units}."""
 
-_GREEK = {"α": "alpha", "⍺": "alpha", "β": "beta", "γ": "gamma", "θ": "theta", "ϑ": "theta", "σ": "sigma", "μ": "mu"}
-
 _LENGTHS = ("a", "d", "r", "b")
 _ANGLES = ("alpha", "theta", "beta", "gamma")
 
 _LIKE_COORDINATE = ("offset", "lower", "upper")
 """Columns in the unit of the joint's coordinate."""
 
-_UNITS = {
-    **{"mm": "mm", "millimetre": "mm", "millimeter": "mm", "cm": "cm", "m": "m", "metre": "m", "meter": "m"},
-    **{"deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "rad": "rad", "radian": "rad", "radians": "rad"},
-}
-"""{name of a unit: unit}."""
-
-_SIZE = {"mm": MM, "cm": LENGTH["cm"], "m": 1.0, "deg": DEG, "rad": 1.0}
+_UNIT_SIZES = {"mm": MM, "cm": LENGTH["cm"], "m": 1.0, "deg": DEG, "rad": 1.0}
 
 _TURN = 2 * math.pi
 """Largest plain number in a column with multiples of pi: a larger one is in degrees."""
+
+
+_POSSIBLE_UNITS = {"length": ("mm", "cm", "m"), "angle": ("deg", "rad")}
+"""{quantity: its units}; the last one is that of a table of zeros."""
+
+
+class _UnitStatement(NamedTuple):
+    """A unit, what states it, and the line of the file where it does."""
+
+    place: str
+    unit: str
+    line: int
 
 
 @dataclass(frozen=True)
@@ -111,12 +120,12 @@ class CellQuantity:
 
     Attributes:
         value: its value in m or rad.
-        shown: the number in the unit of the table.
+        stated_value: the number in the unit of the table.
         unit: the unit: "mm", "cm", "m", "deg" or "rad".
     """
 
     value: float
-    shown: float
+    stated_value: float
     unit: str
 
 
@@ -146,36 +155,38 @@ class DhRow:
 
 @dataclass(frozen=True)
 class DhTable:
-    """A table whose convention and units are known. `guessed` says what had to be taken as usual."""
+    """A table whose convention and units are known. `assumptions` are sentences on what was taken as usual."""
 
     convention: str
     rows: list[DhRow]
-    guessed: list[str]
+    assumptions: list[str]
 
 
 def unit_size(unit: str) -> float:
     """Return the size of the unit of a `CellQuantity` in m or rad."""
-    return _SIZE[unit]
+    return _UNIT_SIZES[unit]
 
 
-def read_table(path: Path, given: DhOptions) -> DhTable:
+def read_table(path: Path, options: DhOptions) -> DhTable:
     """Return the table of a file.
 
     Raises:
         SourceError: the table cannot be read, or does not say what is needed; the message names file, line and value.
     """
-    return _Reader(path, read_cells(path), given).read()
+    return _Reader(path, read_cells(path), options).read()
 
 
 class _Reader:
-    def __init__(self, path: Path, cells: Cells, given: DhOptions) -> None:
-        self.path, self.cells, self.given = path, cells, given
+    def __init__(self, path: Path, cells: Cells, options: DhOptions) -> None:
+        self.path = path
+        self.cells = cells
+        self.options = options
         self.columns: dict[str, str] = {}
         """{column: its heading}."""
         self.heading_units: dict[str, str] = {}
-        self.before: set[str] = set()
+        self.previous_index: set[str] = set()
         """Columns whose heading has the index of the joint before."""
-        self.guessed: list[str] = []
+        self.assumptions: list[str] = []
 
         self.recognised = False
         """Whether the headings are those of a table of Denavit-Hartenberg parameters."""
@@ -185,41 +196,42 @@ class _Reader:
         kind = SourceError if self.recognised else NoMechanismError
         raise kind(f"{self.path}:{line}: {message}")
 
-    def lacks(self, line: int, message: str) -> NoReturn:
+    def refuse(self, line: int, message: str) -> NoReturn:
         """Raise an error for a table without a fault that does not say all that is needed."""
         kind = UnsupportedError if self.recognised else NoMechanismError
         raise kind(f"{self.path}:{line}: {message}")
 
     def read(self) -> DhTable:
-        self._headings()
+        self._read_headings()
         if self.cells.fault:
-            raise (SourceError if self.recognised else NoMechanismError)(self.cells.fault)
-        convention = self._convention()
+            kind_of_error = SourceError if self.recognised else NoMechanismError
+            raise kind_of_error(self.cells.fault)
+        convention = self._find_convention()
         self._require_columns(convention)
         self.moving = ("theta", "r") if convention == "khalil" else ("theta", "d")
-        kinds = self._kinds()
-        self._units(kinds)
+        kinds = self._find_kinds()
+        self._find_units(kinds)
         rows: list[DhRow] = []
         for i, (row, kind) in enumerate(zip(self.cells.rows, kinds, strict=True)):
             self._check_number(i, row)
             rows.append(self._row(row, kind, convention))
         self._check_order(kinds)
-        return DhTable(convention, rows, self.guessed)
+        return DhTable(convention, rows, self.assumptions)
 
-    def _headings(self) -> None:
-        known: list[str] = []
+    def _read_headings(self) -> None:
+        known_headings: list[str] = []
         for names in _HEADINGS.values():
-            known += names
-        strange: list[str] = []
+            known_headings += names
+        unknown_headings: list[str] = []
         repeated: list[str] = []
         for heading in self.cells.headings:
-            name, unit, before = _bare(heading)
+            name, unit, before = _split_heading(heading)
             column = None
             for candidate, names in _HEADINGS.items():
                 if name in names:
                     column = candidate
             if column is None:
-                strange.append(heading)
+                unknown_headings.append(heading)
                 continue
             if column in self.columns:
                 text = f"the headings '{self.columns[column]}' and '{heading}' mean the same"
@@ -231,61 +243,74 @@ class _Reader:
             if unit:
                 self.heading_units[column] = unit
             if before:
-                self.before.add(column)
+                self.previous_index.add(column)
         stated = set(self.columns)
         self.recognised = {"alpha", "theta", "d"} <= stated and not stated.isdisjoint({"a", "r"})
         if repeated:
             self.fail(self.cells.line, repeated[0])
-        if strange:
-            text = f"the heading '{strange[0]}' is not known: rename or remove the column. Known are "
-            self.lacks(self.cells.line, text + ", ".join(n for n in known if n and n != "#"))
+        if unknown_headings:
+            text = f"the heading '{unknown_headings[0]}' is not known: rename or remove the column. Known are "
+            words = [word for word in known_headings if word not in ("", "#")]
+            self.refuse(self.cells.line, text + ", ".join(words))
 
-    def _convention(self) -> str:
-        """Return the convention that the user, a key or the headings state; none is guessed."""
-        said: dict[str, str] = {}
-        if self.given.convention:
-            said["--dh"] = self.given.convention
+    def _find_convention(self) -> str:
+        """Return the convention that the user, a key or the headings state; none is assumptions."""
+        statements: dict[str, str] = {}
+        if self.options.convention:
+            statements["--dh"] = self.options.convention
         if stated := self.cells.stated.get("convention"):
-            word = re.sub(r"[^a-z-]+", " ", stated.lower()).split()
-            names = {_CALLED[w] for w in word if w in _CALLED}
-            if not _NEGATIONS.isdisjoint(word):
+            words = re.sub(r"[^a-z-]+", " ", stated.lower()).split()
+            names: set[str] = set()
+            for word in words:
+                if word in _CONVENTION_WORDS:
+                    names.add(_CONVENTION_WORDS[word])
+            if not _NEGATIONS.isdisjoint(words):
                 names = set()
-            # "modified DH": the word beside it says which
-            names = names - {"standard"} if len(names) > 1 and "standard" not in word else names
+            # "modified DH": the word beside "DH" says which
+            if len(names) > 1 and "standard" not in words:
+                names.discard("standard")
             if len(names) != 1:
                 choice = ", ".join(CONVENTIONS)
                 self.fail(self.cells.line, f"there is no convention '{stated}'; use one of {choice}")
-            said["the key `convention`"] = names.pop()
-        if {"a", "alpha"} <= self.before:
-            said["the index i-1 of a and alpha"] = "modified"
+            statements["the key `convention`"] = names.pop()
+        if {"a", "alpha"} <= self.previous_index:
+            statements["the index i-1 of a and alpha"] = "modified"
         if {"gamma", "b", "r"} <= set(self.columns):
-            said["the columns gamma, b and r"] = "khalil"
+            statements["the columns gamma, b and r"] = "khalil"
         if "beta" in self.columns:
-            said["the column beta"] = "hayati"
-        if re.fullmatch("θⱼ dⱼ aⱼ [⍺α]ⱼ.*", " ".join(h for h in self.cells.headings if h)):
-            said["the headings of the Robotics Toolbox"] = "standard"
+            statements["the column beta"] = "hayati"
+        headings = " ".join(filter(None, self.cells.headings))
+        if re.fullmatch("θⱼ dⱼ aⱼ [⍺α]ⱼ.*", headings):
+            statements["the headings of the Robotics Toolbox"] = "standard"
         if "kind" in self.columns:
             for row in self.cells.rows:
                 name = row.cells[self.columns["kind"]].lower()
                 if name.endswith("mdh"):
-                    said[f"the kind '{name}'"] = "modified"
+                    statements[f"the kind '{name}'"] = "modified"
                 elif name.endswith("dh"):
-                    said[f"the kind '{name}'"] = "standard"
-        if len(set(said.values())) > 1:
-            rows = " and ".join(f"{who} says {what}" for who, what in said.items())
-            self.fail(self.cells.line, f"the convention is contradictory: {rows}")
-        if not said:
+                    statements[f"the kind '{name}'"] = "standard"
+        if len(set(statements.values())) > 1:
+            contradiction = " and ".join(f"{place} says {convention}" for place, convention in statements.items())
+            self.fail(self.cells.line, f"the convention is contradictory: {contradiction}")
+        if not statements:
             headings = " | ".join(self.cells.headings)
             text = (
                 f"the headings ({headings}) do not say which convention the table has, and the robots would differ: "
                 "state it by --dh standard (distal, Denavit-Hartenberg), --dh modified (proximal, Craig), --dh khalil "
                 "or --dh hayati"
             )
-            self.lacks(self.cells.line, text)
-        return next(iter(said.values()))
+            self.refuse(self.cells.line, text)
+        return next(iter(statements.values()))
 
     def _require_columns(self, convention: str) -> None:
-        needed = {"alpha", "theta", "d", "r"} if convention == "khalil" else {"a", "alpha", "theta", "d"}
+        """Require the columns of a convention, and no others."""
+        needed = {"a", "alpha", "theta", "d"}
+        optional = {"joint", "offset", "kind", "lower", "upper"}
+        if convention == "khalil":
+            needed = {"alpha", "theta", "d", "r"}
+            optional |= {"gamma", "b", "antecedent", "mu"}
+        elif convention == "hayati":
+            optional.add("beta")
         if convention != "khalil" and "a" not in self.columns and "r" in self.columns:
             self.columns["a"] = self.columns.pop("r")  # some texts call the length r
             if "r" in self.heading_units:
@@ -297,96 +322,100 @@ class _Reader:
                 f"the {convention} convention needs the columns {', '.join(missing)}, but the headings are {headings}"
             )
             self.fail(self.cells.line, text)
-        allowed = {"joint", "offset", "kind", "lower", "upper", *needed}
-        allowed |= {"gamma", "b", "antecedent", "mu"} if convention == "khalil" else set()
-        allowed |= {"beta"} if convention == "hayati" else set()
         for column in self.columns:
-            if column not in allowed:
+            if column not in needed | optional:
                 text = f"the {convention} convention has no column '{self.columns[column]}': remove it"
                 self.fail(self.cells.line, text)
 
-    def _units(self, kinds: list[str]) -> None:
+    def _find_units(self, kinds: list[str]) -> None:
         """Find the two units of the table; a second unit for lengths or for angles is an error."""
         self.unit = {
-            "length": self._unit("length", _LENGTHS, self.given.length, kinds),
-            "angle": self._unit("angle", _ANGLES, self.given.angle, kinds),
+            "length": self._find_unit("length", _LENGTHS, self.options.length, kinds),
+            "angle": self._find_unit("angle", _ANGLES, self.options.angle, kinds),
         }
 
-    def _unit(self, what: str, columns: tuple[str, ...], given: str | None, kinds: list[str]) -> str:
-        of_kind = ("mm", "cm", "m") if what == "length" else ("deg", "rad")
-        said: list[tuple[str, str, int]] = []
-        if given:
-            said.append(("--units", given, self.cells.line))
+    def _units_beside_cells(self, quantity: str, columns: tuple[str, ...], option: str | None) -> list[_UnitStatement]:
+        """Return the units of a quantity that the option, the key `units` and the headings state, in this order."""
+        possible = _POSSIBLE_UNITS[quantity]
+        statements: list[_UnitStatement] = []
+        if option:
+            statements.append(_UnitStatement("--units", option, self.cells.line))
         for word in re.split(r"[,;\s]+", self.cells.stated.get("units", "")):
-            unit = _UNITS.get(word.lower())
+            unit = UNITS.get(word.lower())
             if word and unit is None:
-                names = ", ".join(dict.fromkeys(_UNITS.values()))
+                names = ", ".join(dict.fromkeys(UNITS.values()))
                 self.fail(self.cells.line, f"units: there is no unit '{word}'; use two of {names}")
-            if unit is not None and unit in of_kind:
-                said.append(("the key `units`", unit, self.cells.line))
+            if unit is not None and unit in possible:
+                statements.append(_UnitStatement("the key `units`", unit, self.cells.line))
         for column in columns:
             unit = self.heading_units.get(column)
             if column in self.columns and unit:
-                if unit not in of_kind:
-                    text = f"the heading '{self.columns[column]}' has the unit {unit}, but {column} is a {what}"
-                    self.fail(self.cells.line, text)
-                said.append((f"the heading '{self.columns[column]}'", unit, self.cells.line))
+                heading = f"the heading '{self.columns[column]}'"
+                if unit not in possible:
+                    self.fail(self.cells.line, f"{heading} has the unit {unit}, but {column} is a {quantity}")
+                statements.append(_UnitStatement(heading, unit, self.cells.line))
         for column in _LIKE_COORDINATE:
             unit = self.heading_units.get(column, "")
-            if unit in of_kind:
-                said.append((f"the heading '{self.columns[column]}'", unit, self.cells.line))
-        plain: list[tuple[str, float, int]] = []
-        multiples: list[tuple[str, str, int]] = []
-        kind_of_unit = "prismatic" if what == "length" else "revolute"
+            if unit in possible:
+                statements.append(_UnitStatement(f"the heading '{self.columns[column]}'", unit, self.cells.line))
+        return statements
+
+    def _find_unit(self, quantity: str, columns: tuple[str, ...], option: str | None, kinds: list[str]) -> str:
+        """Return the unit of a quantity, "length" or "angle"; all places that state one must state the same."""
+        possible = _POSSIBLE_UNITS[quantity]
+        statements = self._units_beside_cells(quantity, columns, option)
+        unitless: list[tuple[str, float, int]] = []
+        multiples: list[_UnitStatement] = []
+        kind_of_unit = "prismatic" if quantity == "length" else "revolute"
         for row, kind in zip(self.cells.rows, kinds, strict=True):
             # offset and limits have the unit of the coordinate of their row
-            stated_here = (*columns, *_LIKE_COORDINATE) if kind == kind_of_unit else columns
-            for column in stated_here:
+            columns_with_unit = (*columns, *_LIKE_COORDINATE) if kind == kind_of_unit else columns
+            for column in columns_with_unit:
                 if column not in self.columns:
                     continue
                 text = row.cells[self.columns[column]]
-                found = self._parsed(column, text)
-                if found is None:
+                number = self._number(column, text)
+                if number is None:
                     continue
-                if found.unit:
-                    if found.unit not in of_kind:
-                        self.fail(row.line, f"{column} = '{text}' is in {found.unit}, but {column} is a {what}")
-                    said.append((f"{column} = '{text}'", found.unit, row.line))
-                elif found.of_pi:
-                    multiples.append((f"{column} = '{text}'", "rad", row.line))
-                elif found.value:
-                    plain.append((f"{column} = '{text}'", found.value, row.line))
-        if multiples and what == "angle":
-            said.append(multiples[0])
-        for who, unit, line in said:
-            if unit != said[0][1]:
-                text = (
-                    f"mixed units: {said[0][0]} is in {said[0][1]}, but {who} in {unit}. Use one unit for every {what}"
-                )
-                self.fail(line, text)
-        if multiples and what == "angle":
-            for who, value, line in plain:
-                if said[0][0] == multiples[0][0] and abs(value) > _TURN:
-                    text = f"mixed units: {multiples[0][0]} is in rad, but {who} is more than a turn in rad"
+                if number.unit:
+                    if number.unit not in possible:
+                        self.fail(row.line, f"{column} = '{text}' is in {number.unit}, but {column} is a {quantity}")
+                    statements.append(_UnitStatement(f"{column} = '{text}'", number.unit, row.line))
+                elif number.of_pi:
+                    multiples.append(_UnitStatement(f"{column} = '{text}'", "rad", row.line))
+                elif number.value:
+                    unitless.append((f"{column} = '{text}'", number.value, row.line))
+        is_angle = quantity == "angle"
+        if multiples and is_angle:
+            statements.append(multiples[0])
+        if not statements:
+            if not unitless:  # all zeros: any unit will do
+                return possible[-1]
+            place, _, line = unitless[0]
+            example = "m,rad" if is_angle else "mm,deg"
+            text = f"the unit of {quantity}s ({place}) is not stated: {' or '.join(possible)}?"
+            self.refuse(line, f"{text} Give it by --units, as in --units {example}")
+        first = statements[0]
+        for place, unit, line in statements:
+            if unit != first.unit:
+                text = f"mixed units: {first.place} is in {first.unit}, but {place} in {unit}"
+                self.fail(line, f"{text}. Use one unit for every {quantity}")
+        if multiples and is_angle and first.place == multiples[0].place:  # only multiples of pi state the unit
+            for place, value, line in unitless:
+                if abs(value) > _TURN:
+                    text = f"mixed units: {first.place} is in rad, but {place} is more than a turn in rad"
                     self.fail(line, f"{text}. Use one unit for every angle")
-        if said:
-            return said[0][1]
-        if plain:
-            units = " or ".join(of_kind)
-            example = "mm,deg" if what == "length" else "m,rad"
-            text = f"the unit of {what}s ({plain[0][0]}) is not stated: {units}?"
-            self.lacks(plain[0][2], f"{text} Give it by --units, as in --units {example}")
-        return of_kind[-1]
+        return first.unit
 
-    def _check_number(self, i: int, row: TableRow) -> None:
+    def _check_number(self, index: int, row: TableRow) -> None:
         """Require that rows with numbers count from the first: 1, 2, 4 lacks a row."""
         if "joint" not in self.columns:
             return
         heading = self.columns["joint"]
-        number = re.fullmatch(r"(?:[A-Za-z]+[ _]?)?(\d+)", _plain(row.cells[heading]))
-        first = re.fullmatch(r"(?:[A-Za-z]+[ _]?)?(\d+)", _plain(self.cells.rows[0].cells[heading]))
-        if number and first and int(number[1]) != int(first[1]) + i:
-            text = f"the row of joint {int(first[1]) + i} is missing: row {i + 1} is joint {number[1]}"
+        number = re.fullmatch(r"(?:[A-Za-z]+[ _]?)?(\d+)", plain_text(row.cells[heading]))
+        first = re.fullmatch(r"(?:[A-Za-z]+[ _]?)?(\d+)", plain_text(self.cells.rows[0].cells[heading]))
+        if number and first and int(number[1]) != int(first[1]) + index:
+            text = f"the row of joint {int(first[1]) + index} is missing: row {index + 1} is joint {number[1]}"
             self.fail(row.line, f"{text}. Write a row for each joint, in their order")
 
     def _check_order(self, kinds: list[str]) -> None:
@@ -398,8 +427,8 @@ class _Reader:
             if kind == "fixed":
                 fixed += 1
                 continue
-            text = _plain(row.cells[self.columns[self.moving[kind == "prismatic"]]])
-            coordinate = _VARIABLE.search(text)
+            text = plain_text(row.cells[self.columns[self.moving[kind == "prismatic"]]])
+            coordinate = COORDINATE.search(text)
             number = re.search(r"\d+", coordinate[0]) if coordinate else None
             if number is None:
                 continue
@@ -416,33 +445,37 @@ class _Reader:
             last = index
             fixed = 0
 
-    def _kinds(self) -> list[str]:
+    def _find_kinds(self) -> list[str]:
         """Return the type of each joint."""
         slide = self.moving[1]
         kinds: list[str] = []
         for row in self.cells.rows:
-            turns = _is_variable(row.cells[self.columns["theta"]])
-            slides = _is_variable(row.cells[self.columns[slide]])
+            turns = has_coordinate(row.cells[self.columns["theta"]])
+            slides = has_coordinate(row.cells[self.columns[slide]])
             if turns and slides:
                 text = f"theta and {slide} are both variables ({row.cells[self.columns['theta']]}, "
                 text += f"{row.cells[self.columns[slide]]}): a joint has one. Write the number of the other"
                 self.fail(row.line, text)
-            marked = "revolute" if turns else "prismatic" if slides else ""
+            kind_of_coordinate = ""
+            if turns:
+                kind_of_coordinate = "revolute"
+            elif slides:
+                kind_of_coordinate = "prismatic"
             if "kind" in self.columns:
                 word = row.cells[self.columns["kind"]]
-                name = _plain(word).lower().replace(" ", "")
-                kind = _KINDS.get(re.sub("^jointmodel|m?dh$", "", name))
+                name = plain_text(word).lower().replace(" ", "")
+                kind = _KIND_WORDS.get(re.sub("^jointmodel|m?dh$", "", name))
                 if kind is None:
                     text = f"there is no kind of joint '{word}'; use revolute, prismatic, fixed, R, P, 0, 1 or 2"
                     self.fail(row.line, text)
-                if marked and kind != marked:
+                if kind_of_coordinate and kind != kind_of_coordinate:
                     text = f"the kind '{word}' contradicts the variable in {'theta' if turns else slide}"
                     self.fail(row.line, text)
                 kinds.append(kind)
             else:
-                kinds.append(marked or "fixed")
+                kinds.append(kind_of_coordinate or "fixed")
         if "kind" not in self.columns and set(kinds) == {"fixed"}:
-            self.guessed.append(
+            self.assumptions.append(
                 "no column and no variable (q1, theta_1) states the kinds of the joints: all are hinges, and theta is "
                 "their offset."
             )
@@ -450,7 +483,7 @@ class _Reader:
         for row, kind in zip(self.cells.rows, kinds, strict=True):
             if kind == "fixed" and "kind" not in self.columns:
                 text = f"the row in line {row.line} has no coordinate, unlike others: it is a fixed joint."
-                self.guessed.append(text)
+                self.assumptions.append(text)
         if set(kinds) == {"fixed"}:
             self.fail(self.cells.line, "all joints are fixed, so there is no mechanism")
         return kinds
@@ -463,27 +496,29 @@ class _Reader:
             values[parameter] = self._value(row, parameter)
         parallel = False
         if convention == "hayati":
-            text = _plain(row.cells[self.columns["beta"]]) if "beta" in self.columns else ""
+            text = plain_text(row.cells[self.columns["beta"]]) if "beta" in self.columns else ""
             parallel = text not in ("", "-")
             if parallel:
                 values["beta"] = self._value(row, "beta")
                 if values["d"].value:
-                    shown = row.cells[self.columns["d"]]
-                    self.fail(row.line, f"a row of Hayati with beta has no d, but d = '{shown}': write 0 or -")
+                    text_of_d = row.cells[self.columns["d"]]
+                    self.fail(row.line, f"a row of Hayati with beta has no d, but d = '{text_of_d}': write 0 or -")
                 if kind == "prismatic":
                     self.fail(row.line, "a row of Hayati with beta is a hinge: leave beta empty ('-') for a slide")
         self._check_tree(row, convention)
         if "offset" in self.columns:
-            moved = self.moving[kind == "prismatic"]
-            offset = self._value(row, "offset", moved)
-            own = values[moved]
-            values[moved] = CellQuantity(own.value + offset.value, own.shown + offset.shown, own.unit)
+            coordinate = self.moving[kind == "prismatic"]
+            offset = self._value(row, "offset", coordinate)
+            constant = values[coordinate]
+            values[coordinate] = CellQuantity(
+                constant.value + offset.value, constant.stated_value + offset.stated_value, constant.unit
+            )
         return DhRow(row.line, self._name(row), kind, values, parallel, self._limits(row, kind))
 
     def _check_tree(self, row: TableRow, convention: str) -> None:
         if convention != "khalil" or "antecedent" not in self.columns:
             return
-        text = _plain(row.cells[self.columns["antecedent"]])
+        text = plain_text(row.cells[self.columns["antecedent"]])
         before = self.cells.rows.index(row)
         if text != str(before):
             why = f"the antecedent of joint {before + 1} is '{text}', but only chains are read: write {before}"
@@ -492,205 +527,74 @@ class _Reader:
     def _name(self, row: TableRow) -> str:
         if "joint" not in self.columns:
             return ""
-        text = _plain(row.cells[self.columns["joint"]])
+        text = plain_text(row.cells[self.columns["joint"]])
         return text if re.search("[A-Za-z]", text) else ""
 
     def _limits(self, row: TableRow, kind: str) -> tuple[float, float] | None:
         if kind == "fixed" or not {"lower", "upper"} <= set(self.columns):
             return None
-        like = "theta" if kind == "revolute" else "d"
-        low = self._value(row, "lower", like).value
-        high = self._value(row, "upper", like).value
+        coordinate = "theta" if kind == "revolute" else "d"
+        low = self._value(row, "lower", coordinate).value
+        high = self._value(row, "upper", coordinate).value
         if not low < high:
-            shown = f"{row.cells[self.columns['lower']]} and {row.cells[self.columns['upper']]}"
-            self.fail(row.line, f"the lower limit is not below the upper limit: {shown}")
+            bounds = f"{row.cells[self.columns['lower']]} and {row.cells[self.columns['upper']]}"
+            self.fail(row.line, f"the lower limit is not below the upper limit: {bounds}")
         return low, high
 
     def _value(self, row: TableRow, column: str, like: str = "") -> CellQuantity:
         """Return the constant part of a cell; `like` is the parameter whose unit it has."""
         if column not in self.columns:
             return ZERO
-        what = "length" if (like or column) in _LENGTHS else "angle"
-        unit = self.unit[what]
+        quantity = "length" if (like or column) in _LENGTHS else "angle"
+        unit = self.unit[quantity]
         text = row.cells[self.columns[column]]
-        if column == "d" and _plain(text) == "-" and "beta" in self.columns:
+        if column == "d" and plain_text(text) == "-" and "beta" in self.columns:
             return ZERO
-        found = self._parsed(column, text)
-        if found is not None and found.factor not in (0.0, 1.0):
-            why = f"{column} = '{text}': the coordinate has the factor {found.factor:g}, but must have 1"
+        number = self._number(column, text)
+        if number is not None and number.factor not in (0.0, 1.0):
+            why = f"{column} = '{text}': the coordinate has the factor {number.factor:g}, but must have 1"
             self.fail(row.line, f"{why}. Turn the axis, or write a table of the joints without their gears")
         stated_unit = self.heading_units.get(column, unit)
         if stated_unit != unit:
             heading = self.columns[column]
             self.fail(row.line, f"mixed units: the heading '{heading}' is in {stated_unit}, but '{text}' is in {unit}")
-        if found is None or not math.isfinite(found.value):
+        if number is None or not math.isfinite(number.value):
             name = self.columns[column] or column
             hint = "write a number, a multiple of pi, or for the coordinate its name, as in q1 + 90"
             self.fail(row.line, f"{name} = '{text}' is not a number: {hint}")
-        if found.unit and found.unit != unit:
+        if number.unit and number.unit != unit:
             self.fail(row.line, f"mixed units: {column} = '{text}', but the table is in {unit}")
-        if found.of_pi and unit == "deg":
+        if number.of_pi and unit == "deg":
             self.fail(row.line, f"mixed units: {column} = '{text}' is a multiple of pi, but the table is in degrees")
-        if what == "angle" and unit == "deg" and not found.unit and _is_quarter_in_rad(found.value):
+        if quantity == "angle" and unit == "deg" and not number.unit and is_quarter_turn_in_rad(number.value):
             why = f"{column} = '{text}' is a quarter or half turn in rad, but the table is in degrees"
             self.fail(row.line, f"mixed units: {why}. Write it in degrees, or give its unit: {text} deg")
-        return CellQuantity(found.value * _SIZE[unit], found.value, unit)
+        return CellQuantity(number.value * _UNIT_SIZES[unit], number.value, unit)
 
-    def _parsed(self, column: str, text: str) -> _Number | None:
+    def _number(self, column: str, text: str) -> CellNumber | None:
         """Return the number of a cell; only where the coordinate can be, its name stands for 0."""
-        return _parsed(text, column in self.moving)
+        return cell_number(text, column in self.moving)
 
 
-def _is_quarter_in_rad(value: float) -> bool:
-    """Return whether a number is a quarter or half turn in rad, written with three digits or more."""
-    return any(abs(abs(value) - turn) < 3e-4 for turn in (0.5 * math.pi, math.pi))
-
-
-@dataclass(frozen=True)
-class _Number:
-    """A constant, its unit or "", whether it is a multiple of pi, the factor of the coordinate (0: there is none)."""
-
-    value: float
-    unit: str
-    of_pi: bool
-    factor: float
-
-
-_SUBSCRIPTS = str.maketrans("₀₁₂₃₄₅₆₇₈₉₊₋ⱼᵢ⁻⁺", "0123456789+-ji-+")
-
-
-_SUPERSCRIPT = re.compile("(?<=[0-9])([⁺⁻]?[⁰¹²³⁴⁵⁶⁷⁸⁹]+)")
-"""An exponent: 10⁻³. After another sign, as in q⁻, it is a part of a name."""
-
-
-def _power(found: re.Match[str]) -> str:
-    exponent = unicodedata.normalize("NFKC", found[1]).replace("−", "-")
-    return f"**({exponent})"
-
-
-def _plain(text: str) -> str:
-    """Return a text without the marks of LaTeX and Markdown, with ASCII signs and the names of Greek letters."""
-    text = _SUPERSCRIPT.sub(_power, text)
-    text = text.translate(_SUBSCRIPTS)
-    for letter, name in _GREEK.items():
-        text = text.replace(letter, name)
-    text = unicodedata.normalize("NFKC", text)
-    text = re.sub(r"\\(?:[dt]?frac)\{([^{}]*)\}\{([^{}]*)\}", r"((\1)/(\2))", text)
-    text = re.sub(r"\\(?:mathrm|text|textbf|mathbf|textit|bm|boldsymbol|rm|operatorname)\s*\{([^{}]*)\}", r"\1", text)
-    text = re.sub(r"\\sqrt\{([^{}]*)\}", r"sqrt(\1)", text)
-    text = re.sub(r"\^\s*\{?\s*(?:\\circ|\\degree|∘|o)\s*\}?|\\degree|\\si\{\\degree\}|[º˚]", "°", text)
-    text = re.sub(r"\\(?:cdot|times)", "*", text)
-    text = text.replace("\\varepsilon", "").replace("\\vartheta", "theta").replace("\\,", " ").replace("\\ ", " ")
-    text = re.sub(r"\\(alpha|beta|gamma|theta|sigma|mu|pi)", r"\1", text).replace("π", "pi").replace("·", "*")
-    text = re.sub("[−–—‐‑]", "-", text).replace("×", "*").replace("÷", "/")
-    text = re.sub(r"\\[a-zA-Z]+|[${}`\\]", "", text).strip()
-    text = re.sub(r"(?<=10)\s*\^\s*\(?\s*([+-]?\d+)\s*\)?", r"**(\1)", text)
-    bold = re.fullmatch(r"\*\*([^*].*?)\*\*", text)
-    return bold[1].strip() if bold else text
-
-
-def _bare(heading: str) -> tuple[str, str, bool]:
+def _split_heading(heading: str) -> tuple[str, str, bool]:
     """Return (name without index and unit, unit or "", whether the index is that of the joint before)."""
-    text = _plain(heading)
+    text = plain_text(heading)
     unit = ""
-    found = re.search(r"[\[(/,]\s*([A-Za-z°]+)\s*[\])]?\s*$", text) or re.search(r"[_\s](mm|cm|m|deg|rad)$", text)
-    if found and found[1].lower() in _UNITS and found.start():
-        unit = _UNITS[found[1].lower()]
-        text = text[: found.start()]
+    match = re.search(r"[\[(/,]\s*([A-Za-z°]+)\s*[\])]?\s*$", text) or re.search(r"[_\s](mm|cm|m|deg|rad)$", text)
+    if match and match[1].lower() in UNITS and match.start():
+        unit = UNITS[match[1].lower()]
+        text = text[: match.start()]
     text = re.sub(r"[\s_]+", "", text).lower()
-    before = re.search(r"(?<=.)\(?[ijkn]-1\)?$", text)
-    if before:
-        return text[: before.start()], unit, True
-    if text in _every_heading():
+    previous_index = re.search(r"(?<=.)\(?[ijkn]-1\)?$", text)
+    if previous_index:
+        return text[: previous_index.start()], unit, True
+    if text in _known_headings():
         return text, unit, False
     return re.sub(r"(?<=.)\(?[ijkn]\)?$", "", text), unit, False
 
 
-def _every_heading() -> set[str]:
-    return {name for names in _HEADINGS.values() for name in names}
-
-
-_VARIABLE = re.compile(
-    r"(?<![\w.])(?:q|theta|d|r)_?\s*\(?(?:\d+|[ij])\)?\s*\*?(?:\(t\))?|(?<![\w.])(?:q|theta|var|variable)\b|^\*$"
-)
-"""The coordinate of a joint in a cell: q1, theta_1, d3*, q."""
-
-
-def _is_variable(text: str) -> bool:
-    return _VARIABLE.search(_plain(text)) is not None
-
-
-_OPERATORS: dict[type, Callable[[float, float], float]] = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
-    ast.Div: operator.truediv,
-}
-
-
-_CODE = re.compile(r"\d_\d|(?<![\w.])0[xobXOB]")
-"""Numbers of Python that no paper prints: 1_0, 0x10."""
-
-
-def _parsed(text: str, moving: bool) -> _Number | None:
-    """Return the number of a cell, and if `moving`, the factor of its coordinate; None if it is not a number.
-
-    The number of "q1 + pi/2" is pi/2.
-    """
-    rest = _plain(text)
-    if moving:
-        rest = _VARIABLE.sub(" COORDINATE ", rest, count=1)
-    unit = ""
-    found = re.search(r"(?<=[\d.)\s])\s*(mm|cm|m|deg|degrees|rad|°)$", rest) or re.search("°", rest)
-    if found:
-        unit = _UNITS[found[0].strip().lower()]
-        rest = rest.replace("°", "") if found[0].strip() == "°" else rest[: found.start()]
-    of_pi = "pi" in rest.lower()
-    rest = re.sub(r"(?<=\d)\s*(?=pi)", "*", rest.strip(), flags=re.IGNORECASE)
-    if not rest or len(rest) > 100 or _CODE.search(rest):
-        return None
-    try:
-        values: list[float] = []
-        for coordinate in ("0", "1", "2"):
-            with_coordinate = rest.replace("COORDINATE", coordinate).strip()
-            values.append(_evaluated(ast.parse(with_coordinate, mode="eval").body))
-        factor = values[1] - values[0]
-        if values[2] - values[1] != factor:
-            return None
-        return _Number(values[0], unit, of_pi, round(factor, 9))
-    except (SyntaxError, ValueError, ZeroDivisionError, OverflowError, RecursionError, MemoryError):
-        return None
-
-
-def _evaluated(node: ast.expr) -> float:
-    """Return the value of numbers, pi, sqrt(), signs, the four operations and powers of ten.
-
-    Raises:
-        ValueError: it is another expression.
-    """
-    if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool):
-        return float(node.value)
-    if isinstance(node, ast.Name) and node.id.lower() == "pi":
-        return math.pi
-    if isinstance(node, ast.Attribute) and node.attr == "pi":  # np.pi, math.pi
-        return math.pi
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-        return -_evaluated(node.operand)
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.UAdd):
-        return _evaluated(node.operand)
-    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow):
-        exponent = _evaluated(node.right)
-        # only powers of ten are a way to print a number
-        if _evaluated(node.left) != 10.0 or abs(exponent) > 30 or exponent != int(exponent):
-            raise ValueError
-        return float(f"1e{int(exponent)}")
-    if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
-        return _OPERATORS[type(node.op)](_evaluated(node.left), _evaluated(node.right))
-    if (
-        isinstance(node, ast.Call)
-        and isinstance(node.func, ast.Name)
-        and node.func.id == "sqrt"
-        and len(node.args) == 1
-    ):
-        return math.sqrt(_evaluated(node.args[0]))
-    raise ValueError
+def _known_headings() -> set[str]:
+    headings: set[str] = set()
+    for names in _HEADINGS.values():
+        headings.update(names)
+    return headings
