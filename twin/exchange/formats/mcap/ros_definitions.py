@@ -34,6 +34,7 @@ DEFINITIONS = {
 """{package/name of a message: its fields, one a line}."""
 
 _RULE = "=" * 80
+"""Line between the definitions of two messages, as in the files of ros2 bag."""
 
 
 def full_name(name: str) -> str:
@@ -44,8 +45,8 @@ def full_name(name: str) -> str:
 
 def short_name(name: str) -> str:
     """Return the name of a message without "msg", as ROS 1 writes it and `DEFINITIONS` does."""
-    package, _, rest = name.partition("/")
-    return f"{package}/{rest.removeprefix('msg/')}"
+    package, _, message = name.partition("/")
+    return f"{package}/{message.removeprefix('msg/')}"
 
 
 @cache
@@ -55,19 +56,19 @@ def full_text(name: str) -> str:
     `name` is a key of `DEFINITIONS`.
     """
     parts = [DEFINITIONS[name]]
-    for inner in _inner(name):
+    for inner in _inner_messages(name):
         parts.append(f"{_RULE}\nMSG: {inner}\n{DEFINITIONS[inner]}")
     return "\n".join(parts)
 
 
-def _inner(name: str) -> list[str]:
+def _inner_messages(name: str) -> list[str]:
     """Return the names of the messages in a message, each once, in the order of their first use."""
-    found: list[str] = []
+    messages: list[str] = []
     waiting = [name]
     while waiting:
         for line in DEFINITIONS[waiting.pop(0)].splitlines():
             kind = line.split()[0].removesuffix("[]")
-            if kind in DEFINITIONS and kind not in found:
-                found.append(kind)
+            if kind in DEFINITIONS and kind not in messages:
+                messages.append(kind)
                 waiting.append(kind)
-    return found
+    return messages

@@ -14,13 +14,15 @@ from twin.core.spatial import Array
 WORLD = "world"
 """Name of the frame to which transforms are relative."""
 
-_NANO = 1_000_000_000
+_NANOSECONDS = 1_000_000_000
+"""Nanoseconds in a second."""
 
 
 def time_of(t: float) -> JsonObject:
     """Return a time in s as builtin_interfaces/Time."""
-    nanoseconds = round(t * _NANO)
-    return {"sec": nanoseconds // _NANO, "nanosec": nanoseconds % _NANO}
+    # Rounded as a whole: a part of a second that rounds to a full one must count as a second.
+    sec, nanosec = divmod(round(t * _NANOSECONDS), _NANOSECONDS)
+    return {"sec": sec, "nanosec": nanosec}
 
 
 def header(t: float, frame: str = "") -> JsonObject:
@@ -59,11 +61,11 @@ def wrench_stamped(t: float, frame: str, force: Array) -> JsonObject:
 
 def transforms(t: float, poses: Mapping[str, Array]) -> JsonObject:
     """Return tf2_msgs/TFMessage of poses {frame: T_world_frame (4, 4)}."""
-    found = []
+    stamped = []
     for name, T in poses.items():
         transform = {"translation": _vector(T[:3, 3]), "rotation": _quaternion(T[:3, :3])}
-        found.append({"header": header(t, WORLD), "child_frame_id": name, "transform": transform})
-    return {"transforms": found}
+        stamped.append({"header": header(t, WORLD), "child_frame_id": name, "transform": transform})
+    return {"transforms": stamped}
 
 
 def operating_state(t: float, state: str, is_busy: bool, is_homed: bool = True) -> JsonObject:

@@ -24,7 +24,8 @@ from twin.exchange.write.clip import quaternions_xyzw
 WORLD = "world"
 """Name of the frame to which the poses are relative."""
 
-_NANO = 1_000_000_000
+_NANOSECONDS = 1_000_000_000
+"""Nanoseconds in a second."""
 
 
 def _object(title: str, **properties: Any) -> JsonObject:
@@ -67,11 +68,11 @@ def write_mcap(
         "/joint_states": _object("foxglove.JointStates", timestamp=_TIME, joints={"type": "array", "items": _JOINT}),
         "/console": _object("twin.Console", timestamp=_TIME, **dict.fromkeys(console, _NUMBER)),
     }
-    nanoseconds = np.round(np.asarray(t) * _NANO).astype(int).tolist()
+    nanoseconds = np.round(np.asarray(t) * _NANOSECONDS).astype(int).tolist()
     # Lists of Python numbers are much faster to read one by one than arrays.
-    places = {}
+    link_poses = {}
     for link, T_world_link in links.items():
-        places[link] = (T_world_link[:, :3, 3].tolist(), quaternions_xyzw(T_world_link).tolist())
+        link_poses[link] = (T_world_link[:, :3, 3].tolist(), quaternions_xyzw(T_world_link).tolist())
     values = _lists(joints)
     numbers = _lists(console)
     with Path(path).open("wb") as file:
@@ -81,17 +82,18 @@ def write_mcap(
         for topic, schema in schemas.items():
             schema_id = writer.register_schema(schema["title"], "jsonschema", json.dumps(schema).encode())
             channels[topic] = writer.register_channel(topic, "json", schema_id)
-        for k, ns in enumerate(nanoseconds):
-            stamp = {"sec": ns // _NANO, "nsec": ns % _NANO}
+        for sample, time in enumerate(nanoseconds):
+            sec, nsec = divmod(time, _NANOSECONDS)
+            stamp = {"sec": sec, "nsec": nsec}
             transforms = []
-            for link, (positions, quaternions) in places.items():
-                transforms.append(_transform(stamp, link, positions[k], quaternions[k]))
+            for link, (positions, quaternions) in link_poses.items():
+                transforms.append(_transform(stamp, link, positions[sample], quaternions[sample]))
             states = []
             for joint, coordinates in values.items():
-                states.append({"name": joint, "position": coordinates[k]})
+                states.append({"name": joint, "position": coordinates[sample]})
             row: JsonObject = {"timestamp": stamp}
             for name, column in numbers.items():
-                row[name] = column[k]
+                row[name] = column[sample]
             messages = {
                 "/tf": {"transforms": transforms},
                 "/joint_states": {"timestamp": stamp, "joints": states},
@@ -99,7 +101,8 @@ def write_mcap(
             }
             for topic, message in messages.items():
                 data = json.dumps(message, separators=(",", ":"), allow_nan=False).encode()
-                writer.add_message(channels[topic], log_time=ns, publish_time=ns, data=data, sequence=k)
+                channel = channels[topic]
+                writer.add_message(channel, log_time=time, publish_time=time, data=data, sequence=sample)
         writer.finish()
     return Path(path)
 

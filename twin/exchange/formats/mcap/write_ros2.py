@@ -19,7 +19,8 @@ from twin.core.spatial import Array
 from twin.exchange.formats.mcap import ros_messages as ros
 from twin.exchange.formats.mcap.ros_definitions import full_name, full_text
 
-_NANO = 1_000_000_000
+_NANOSECONDS = 1_000_000_000
+"""Nanoseconds in a second."""
 
 
 @dataclass(frozen=True)
@@ -61,10 +62,10 @@ def write_ros2_mcap(
         for kind, _ in topics.values():
             if kind not in schemas:
                 schemas[kind] = writer.register_msgdef(full_name(kind), full_text(kind))
-        for k, seconds in enumerate(np.asarray(t).tolist()):
-            nanoseconds = round(seconds * _NANO)
-            for topic, (kind, make) in topics.items():
-                writer.write_message(topic, schemas[kind], make(k), nanoseconds, nanoseconds, k)
+        for sample, seconds in enumerate(np.asarray(t).tolist()):
+            time = round(seconds * _NANOSECONDS)
+            for topic, (kind, message_of) in topics.items():
+                writer.write_message(topic, schemas[kind], message_of(sample), time, time, sample)
         writer.finish()
     return Path(path)
 
@@ -78,21 +79,22 @@ def _topics(
     scale: Array,
 ) -> dict[str, tuple[str, Callable[[int], JsonObject]]]:
     """Return {topic: (message type, function of the number of a sample that returns its message)}."""
-    found: dict[str, tuple[str, Callable[[int], JsonObject]]] = {}
+    topics: dict[str, tuple[str, Callable[[int], JsonObject]]] = {}
 
-    def transforms(k: int) -> JsonObject:
-        return ros.transforms(t[k], {name: poses[k] for name, poses in links.items()})
+    def transforms(sample: int) -> JsonObject:
+        poses_of_sample = {name: poses[sample] for name, poses in links.items()}
+        return ros.transforms(t[sample], poses_of_sample)
 
-    found["/tf"] = ("tf2_msgs/TFMessage", transforms)
+    topics["/tf"] = ("tf2_msgs/TFMessage", transforms)
     for robot, values in joints.items():
-        found[f"/{robot.upper()}/measured_js"] = ("sensor_msgs/JointState", _joint_states(t, values))
+        topics[f"/{robot.upper()}/measured_js"] = ("sensor_msgs/JointState", _joint_states(t, values))
     for name, hand in hands.items():
-        found[f"/{name}/measured_cp"] = ("geometry_msgs/PoseStamped", _poses(t, hand.poses))
-        found[f"/{name}/gripper/angle"] = ("std_msgs/Float64", _numbers(hand.grip))
+        topics[f"/{name}/measured_cp"] = ("geometry_msgs/PoseStamped", _poses(t, hand.poses))
+        topics[f"/{name}/gripper/angle"] = ("std_msgs/Float64", _numbers(hand.grip))
     for pedal, pressed in pedals.items():
-        found[f"/footpedals/{pedal}"] = ("sensor_msgs/Joy", _joys(t, pressed))
-    found["/console/teleop/scale"] = ("std_msgs/Float64", _numbers(scale))
-    return found
+        topics[f"/footpedals/{pedal}"] = ("sensor_msgs/Joy", _joys(t, pressed))
+    topics["/console/teleop/scale"] = ("std_msgs/Float64", _numbers(scale))
+    return topics
 
 
 def _joint_states(t: Array, values: Mapping[str, Array]) -> Callable[[int], JsonObject]:

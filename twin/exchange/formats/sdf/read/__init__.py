@@ -47,11 +47,17 @@ TYPES: dict[str, JointType] = {
 _OTHER_TYPES = ("revolute2", "universal", "screw", "gearbox", "piston")
 """Joint types of SDF that a mechanism cannot express."""
 
-_ENDLESS = 1e16
+_UNLIMITED = 1e16
 """Magnitude in m or rad from which a limit means "no limit" in SDF."""
 
+_POSE_ROUNDING = 1e-12
+"""Difference of equal poses, in m and in entries of rotation matrices, that is only rounding."""
 
-_READ = {
+_SHORTEST_QUATERNION = 1e-9
+"""Length up to which a quaternion is zero, and so no rotation."""
+
+
+_READ_ELEMENTS = {
     "model": {"link", "joint", "frame", "pose"},
     "link": {"visual", "collision", "inertial", "pose"},
     "joint": {"parent", "child", "axis", "pose"},
@@ -82,6 +88,16 @@ def read_sdf(path: Path, root: str | None = None) -> Imported:
 
 
 class _Sdf:
+    """Reader of one model of a file.
+
+    Attributes:
+        model: the model to read, flat: with the content of nested models and includes.
+        links, elements: {name: element} of the links, and of links, joints and frames.
+        poses: {name: T_model_x (4, 4)} of elements whose pose has been resolved.
+        T_world_model: pose of the model in the world.
+        efforts: {joint: maximum effort in N or N m}.
+    """
+
     def __init__(self, path: Path, root: str | None) -> None:
         self.xml = Xml(path, "sdf")
         self.path = path
@@ -92,7 +108,7 @@ class _Sdf:
     def read(self) -> Imported:
         links = self.xml.named(self.model, "link")
         joints = self.xml.named(self.model, "joint")
-        marks = self.xml.named(self.model, "frame")
+        frame_elements = self.xml.named(self.model, "frame")
         if not links:
             text = f"{self.path}: the model has no <link>, so there is no mechanism"
             if joints:
@@ -100,46 +116,50 @@ class _Sdf:
             raise NoMechanismError(text)
         self.links = links
         # before SDF 1.7, a joint may have the name of a link: where a pose refers to the name, it is the link
-        self.elements = {**marks, **joints, **links}
+        self.elements = {**frame_elements, **joints, **links}
         self.poses: dict[str, Array] = {}
-        self.T_world_model = self._placed()
+        self.T_world_model = self._model_pose()
         body_names = Names("link", links, self.findings, reserved=(WORLD,))
         joint_names = Names("joint", joints, self.findings)
-        made: list[Joint] = []
+        mechanism_joints: list[Joint] = []
         for name, element in joints.items():
-            made.append(self._joint(name, joint_names[name], element, body_names))
-        parents = {joint.parent for joint in made}
-        grounded = "world" in parents
-        if grounded and "world" in links:
+            mechanism_joints.append(self._joint(name, joint_names[name], element, body_names))
+        parents = {joint.parent for joint in mechanism_joints}
+        is_grounded = WORLD in parents
+        if is_grounded and WORLD in links:
             self.xml.fail("link 'world'", "the name 'world' is reserved for the world")
         base = WORLD
-        if not grounded:
-            root = self._base(made, body_names)
+        if not is_grounded:
+            root = self._base(mechanism_joints, body_names)
             mount = self._mount(root, body_names, set(joint_names.values()))
             if mount is None:
                 base = root
             else:
-                made.insert(0, mount)
-                grounded = True
+                mechanism_joints.insert(0, mount)
+                is_grounded = True
         bodies: list[Body] = []
-        if grounded:
+        if is_grounded:
             bodies.append(Body(WORLD))
         for name, link in links.items():
             bodies.append(self._body(name, body_names[name], link))
-        frames = self._frames(marks, body_names)
+        frames = self._frames(frame_elements, body_names)
         couplings: list[Coupling] = []
         for name, joint in joints.items():
             coupling = self._mimic(name, joint, joint_names)
             if coupling is not None:
                 couplings.append(coupling)
         followers = {coupling.joints[0] for coupling in couplings}
-        made = self._drive(made, base, followers, joint_names)
-        self.findings += _left_out(self.model, self.xml)
+        mechanism_joints = self._with_driven_joints(mechanism_joints, base, followers, joint_names)
+        self.findings += _find_left_out(self.model, self.xml)
         for text in self.xml.repaired:
             self.findings.warn("xml", text, self.path.name)
-        efforts = {joint_names[joint]: effort for joint, effort in self.efforts.items()}
+        efforts: dict[str, float] = {}
+        for name, effort in self.efforts.items():
+            efforts[joint_names[name]] = effort
         robot = self.model.get("name") or self.path.stem
-        imported = assemble(self.path, robot, base, bodies, made, frames, couplings, self.findings, efforts=efforts)
+        imported = assemble(
+            self.path, robot, base, bodies, mechanism_joints, frames, couplings, self.findings, efforts=efforts
+        )
         mechanism = replace(imported.mechanism, gravity=self._gravity())
         unlimited = set()
         for name, joint in joints.items():
@@ -153,18 +173,18 @@ class _Sdf:
         inertia = self._inertia(name, link)
         return Body(body, tuple(meshes), inertia, shows_all(link, len(meshes)))
 
-    def _frames(self, marks: dict[str, Element], body_names: Names) -> list[Frame]:
+    def _frames(self, frame_elements: dict[str, Element], body_names: Names) -> list[Frame]:
         """Return the frames of the model. Frames that only mark a merged model are hidden, so they are left out."""
-        shown = [name for name, element in marks.items() if not element.get("hidden")]
-        names = Names("frame", shown, self.findings)
+        visible_frames = [name for name, element in frame_elements.items() if not element.get("hidden")]
+        names = Names("frame", visible_frames, self.findings)
         frames: list[Frame] = []
-        for mark in shown:
-            link = self._attached(mark)
-            T_link_mark = spatial.inverse(self._at(link)) @ self._at(mark)
-            frames.append(Frame(names[mark], body_names[link], T_link_mark))
+        for frame in visible_frames:
+            link = self._carrier(frame)
+            T_link_frame = spatial.inverse(self._pose_in_model(link)) @ self._pose_in_model(frame)
+            frames.append(Frame(names[frame], body_names[link], T_link_frame))
         return frames
 
-    def _placed(self) -> Array:
+    def _model_pose(self) -> Array:
         """Return T_world_model (4, 4), the pose of the model in the world."""
         where = f"model '{self.model.get('name')}'"
         pose = self.model.find("pose")
@@ -176,60 +196,60 @@ class _Sdf:
             self.findings.warn("pose", text, where)
             return np.eye(4)
         T_world_placed = self._pose(self.model, where)
-        return T_world_placed @ spatial.inverse(self._at(self.model.get("placement_frame") or ""))
+        return T_world_placed @ spatial.inverse(self._pose_in_model(self.model.get("placement_frame") or ""))
 
     def _gravity(self) -> tuple[float, float, float]:
         """Return the gravity of the world in m/s2; that of the earth if the file states none."""
         text = self.xml.root.findtext("world/gravity")
         return stated_gravity(self.xml.numbers("world", "gravity", text, 3, EARTH), self.findings)
 
-    def _mount(self, root: str, names: Names, taken: set[str]) -> Joint | None:
+    def _mount(self, root: str, names: Names, taken_names: set[str]) -> Joint | None:
         """Return the joint from the world to the link `root`, in a model without a joint to the world.
 
         The model floats, unless it is static. None for a static model whose link `root` is at the origin of the
-        world. `taken` are the names of the other joints.
+        world. `taken_names` are the names of the other joints.
         """
         link_of = {names[link]: link for link in self.links}
-        T_world_link = self.T_world_model @ self._at(link_of[root])
-        static = (self.model.findtext("static") or "").strip() in ("true", "1")
+        T_world_link = self.T_world_model @ self._pose_in_model(link_of[root])
+        is_static = (self.model.findtext("static") or "").strip() in ("true", "1")
         # A product of poses has rounding errors of about 1e-16.
-        if static and np.allclose(T_world_link, np.eye(4), rtol=0.0, atol=1e-12):
+        if is_static and np.allclose(T_world_link, np.eye(4), rtol=0.0, atol=_POSE_ROUNDING):
             return None
-        kind: JointType = "fixed" if static else "free"
-        suffix = "mount" if static else "free"
+        kind: JointType = "fixed" if is_static else "free"
+        suffix = "mount" if is_static else "free"
         name = f"{root}_{suffix}"
-        while name in taken:
+        while name in taken_names:
             name += "_1"
-        if not static:
+        if not is_static:
             text = f"no joint fixes link '{root}' to the world: the robot floats, by joint '{name}'."
             self.findings.warn("free", text, root)
         return Joint(name, kind, WORLD, root, T_world_link)
 
-    def _drive(self, joints: list[Joint], base: str, followers: set[str], names: Names) -> list[Joint]:
+    def _with_driven_joints(self, joints: list[Joint], base: str, followers: set[str], names: Names) -> list[Joint]:
         """Return the joints, with `active` set to True for the driven joints.
 
         If plug-ins name driven joints, only these joints are driven. Otherwise, all joints are driven except followers
         (`mimic`) and joints that close a loop.
         """
-        plugged = self._plugged(names)
-        closing = self._closing(joints, base)
-        driven = plugged
-        if not plugged:
-            driven = {joint.name for joint in joints} - closing
-        drives: list[Joint] = []
+        plugin_joints = self._plugin_joints(names)
+        closing_joints = self._loop_closing_joints(joints, base)
+        driven = plugin_joints
+        if not plugin_joints:
+            driven = {joint.name for joint in joints} - closing_joints
+        joints_with_drives: list[Joint] = []
         for joint in joints:
             active = joint.active and joint.name in driven and joint.name not in followers
-            if active and joint.name in closing:
+            if active and joint.name in closing_joints:
                 fault = "the joint is driven, but closes a loop: list it before the passive joints"
                 self.xml.refuse(f"joint '{joint.name}'", fault)
-            drives.append(replace(joint, active=active))
-        if closing and not plugged:
-            listed = ", ".join(sorted(closing))
+            joints_with_drives.append(replace(joint, active=active))
+        if closing_joints and not plugin_joints:
+            listed = ", ".join(sorted(closing_joints))
             text = f"no plug-in names a driven joint: all joints are driven except {listed}, which close loops."
             self.findings.warn("driven", text, base)
-        return drives
+        return joints_with_drives
 
-    def _plugged(self, names: Names) -> set[str]:
+    def _plugin_joints(self, names: Names) -> set[str]:
         """Return the joints that plug-ins of the model drive."""
         plugged: set[str] = set()
         for plugin in self.model.iter("plugin"):
@@ -239,7 +259,7 @@ class _Sdf:
                     plugged.add(names[joint])
         return plugged
 
-    def _closing(self, joints: list[Joint], base: str) -> set[str]:
+    def _loop_closing_joints(self, joints: list[Joint], base: str) -> set[str]:
         """Return the joints that close loops of the mechanism made of these joints, if none of them is driven."""
         # A dictionary keeps the order in which bodies occur first: the order decides which joints close the loops.
         bodies = {base: Body(base)}
@@ -262,7 +282,8 @@ class _Sdf:
             return None
         leader = element.get("joint") or ""
         if leader not in names:
-            self.xml.fail(where, unknown("joint", leader, [e for e in self.elements if e in names]))
+            joints = [name for name in self.elements if name in names]
+            self.xml.fail(where, unknown("joint", leader, joints))
         if element.get("axis", "axis") != "axis":
             self.xml.refuse(where, "the joint mimics a second axis, which is not supported")
         ratio = self.xml.number(where, "multiplier", element.findtext("multiplier"), 1.0)
@@ -298,7 +319,7 @@ class _Sdf:
             values = self.xml.numbers(where, "pose", pose.text, 7, None)
             x, y, z, w = values[3:]
             length = float(np.linalg.norm(values[3:]))
-            if not length > 1e-9:
+            if not length > _SHORTEST_QUATERNION:
                 self.xml.fail(where, f"pose: the quaternion {x:g} {y:g} {z:g} {w:g} has length 0")
             return spatial.pose(spatial.matrix_from_quat_wxyz(np.array([w, x, y, z]) / length), values[:3])
         if notation != "euler_rpy":
@@ -309,7 +330,7 @@ class _Sdf:
             angles = angles * (np.pi / 180)
         return spatial.pose(rpy(angles), values[:3])
 
-    def _at(self, name: str, seen: tuple[str, ...] = ()) -> Array:
+    def _pose_in_model(self, name: str, visited: tuple[str, ...] = ()) -> Array:
         """Return T_model_x (4, 4) for x, the link, joint or frame with the given name."""
         if name in ("__model__", ""):
             return np.eye(4)
@@ -319,25 +340,25 @@ class _Sdf:
             return self.poses[name]
         if name not in self.elements:
             raise SourceError(f"{self.path}: pose, relative_to: {unknown('link, joint or frame', name, self.elements)}")
-        if name in seen:
-            self.xml.fail(f"'{name}'", f"the pose is relative to itself: {' -> '.join((*seen, name))}")
+        if name in visited:
+            self.xml.fail(f"'{name}'", f"the pose is relative to itself: {' -> '.join((*visited, name))}")
         element = self.elements[name]
-        T_model_relative = self._at(_relative_to(element), (*seen, name))
+        T_model_relative = self._pose_in_model(_relative_to(element), (*visited, name))
         T_relative_x = self._pose(element, f"{element.tag} '{name}'")
         self.poses[name] = T_model_relative @ T_relative_x
         return self.poses[name]
 
-    def _at_joint(self, name: str, joint: Element) -> Array:
+    def _joint_pose(self, name: str, joint: Element) -> Array:
         """Return T_model_joint (4, 4), also of a joint that has the name of a link."""
         if self.elements[name] is joint:
-            return self._at(name)
-        return self._at(_relative_to(joint)) @ self._pose(joint, f"joint '{name}'")
+            return self._pose_in_model(name)
+        return self._pose_in_model(_relative_to(joint)) @ self._pose(joint, f"joint '{name}'")
 
-    def _attached(self, name: str, seen: tuple[str, ...] = ()) -> str:
+    def _carrier(self, name: str, visited: tuple[str, ...] = ()) -> str:
         """Return the link that carries the link, joint or frame with the given name."""
         if name in self.links:
             return name
-        if name in seen:
+        if name in visited:
             raise SourceError(f"{self.path}: frame '{name}' is attached to itself")
         element = self.elements.get(name)
         if element is None:
@@ -350,38 +371,38 @@ class _Sdf:
         if not carrier:
             # A frame without `attached_to` belongs to the model, whose canonical link is its first one.
             carrier = next(iter(self.links))
-        return self._attached(carrier, (*seen, name))
+        return self._carrier(carrier, (*visited, name))
 
     # -- parts ----------------------------------------------------------------------------------------
 
-    def _joint(self, name: str, new: str, joint: Element, names: Names) -> Joint:
+    def _joint(self, name: str, label: str, joint: Element, names: Names) -> Joint:
         where = f"joint '{name}'"
         kind = joint.get("type")
         if kind in _OTHER_TYPES:
             self.xml.refuse(where, unknown("joint type", str(kind), TYPES))
         if kind not in TYPES:
             self.xml.fail(where, unknown("joint type", str(kind), TYPES))
-        parent = self._end(where, joint, "parent")
-        child = self._end(where, joint, "child")
+        parent = self._end_link(where, joint, "parent")
+        child = self._end_link(where, joint, "child")
         if child == "world":
             self.xml.fail(where, "the child of the joint is the world: exchange parent and child")
-        T_model_joint = self._at_joint(name, joint)
+        T_model_joint = self._joint_pose(name, joint)
         values: dict = {}
         if kind in ("revolute", "continuous", "prismatic"):
             T_model_joint, values = self._axis(name, where, kind, joint, T_model_joint)
-        T_parent_joint = spatial.inverse(self._at(parent)) @ T_model_joint
-        T_child_joint = spatial.inverse(self._at(child)) @ T_model_joint
+        T_parent_joint = spatial.inverse(self._pose_in_model(parent)) @ T_model_joint
+        T_child_joint = spatial.inverse(self._pose_in_model(child)) @ T_model_joint
         parent_body = parent if parent == "world" else names[parent]
-        return Joint(new, TYPES[kind], parent_body, names[child], T_parent_joint, T_child_joint, **values)
+        return Joint(label, TYPES[kind], parent_body, names[child], T_parent_joint, T_child_joint, **values)
 
-    def _end(self, where: str, joint: Element, end: str) -> str:
+    def _end_link(self, where: str, joint: Element, end: str) -> str:
         """Return the link at an end of a joint, `parent` or `child`; "world" is the world."""
         link = (joint.findtext(end) or "").strip()
         if link == "world":
             return link
         if link not in self.elements:
             self.xml.fail(f"{where}, {end}", unknown("link", link, self.links))
-        return self._attached(link)
+        return self._carrier(link)
 
     def _axis(self, name: str, where: str, kind: str, joint: Element, T: Array) -> tuple[Array, dict]:
         axis = joint.find("axis")
@@ -397,7 +418,7 @@ class _Sdf:
         direction = self.xml.axis(where, "axis xyz", components, (0, 0, 1))
         if expressed:
             R_joint_model = T[:3, :3].T
-            direction = R_joint_model @ self._at(expressed)[:3, :3] @ direction
+            direction = R_joint_model @ self._pose_in_model(expressed)[:3, :3] @ direction
         values: dict = {"active": True}
         low = None
         high = None
@@ -407,9 +428,9 @@ class _Sdf:
         values["limits"] = limits(self.path, low, high, name, self.findings)
         speed = self.xml.number(where, "velocity", axis.findtext("limit/velocity"), 0.0)
         effort = self.xml.number(where, "effort", axis.findtext("limit/effort"), 0.0)
-        if 0 < speed < _ENDLESS:
+        if 0 < speed < _UNLIMITED:
             values["max_speed"] = speed
-        if 0 < effort < _ENDLESS:
+        if 0 < effort < _UNLIMITED:
             self.efforts[name] = effort
         return T @ along(direction), values
 
@@ -423,7 +444,7 @@ class _Sdf:
         if magnitude in ("inf", "infinity"):
             return None
         value = self.xml.number(where, key, text)
-        return value if abs(value) < _ENDLESS else None
+        return value if abs(value) < _UNLIMITED else None
 
     def _inertia(self, name: str, link: Element) -> Inertia | None:
         where = f"link '{name}'"
@@ -446,18 +467,18 @@ class _Sdf:
             if geometry is None or not len(geometry):
                 self.xml.fail(where, f"a <{element.tag}> has no shape in a <geometry>")
             shape = geometry[0]
-            solid = None
+            triangle_mesh = None
             if shape.tag == "mesh":
                 scale = self.xml.numbers(where, "mesh scale", shape.findtext("scale"), 3, (1, 1, 1))
                 uri = (shape.findtext("uri") or "").strip()
-                solid = mesh_file(uri, self.path.parent, scale, name, self.findings)
+                triangle_mesh = mesh_file(uri, self.path.parent, scale, name, self.findings)
             elif shape.tag in SIZES:
-                solid = sized(self.xml, where, shape.tag, shape.findtext, self.findings)
+                triangle_mesh = sized(self.xml, where, shape.tag, shape.findtext, self.findings)
             else:
                 self.findings.warn("shape", f"{where}: a <{shape.tag}> is not shown.", name)
-            if solid is None:
+            if triangle_mesh is None:
                 continue
-            vertices, triangles = solid
+            vertices, triangles = triangle_mesh
             label = identifier(f"{name}_shape")
             if meshes:
                 label += f"_{len(meshes) + 1}"
@@ -467,10 +488,10 @@ class _Sdf:
 
     def _color(self, element: Element, where: str) -> Color:
         """Return the colour of a <visual>; its transparency reduces the alpha."""
-        r, g, b, alpha = stated_color(element.findtext("material/diffuse"), where, self.findings)
+        red, green, blue, alpha = stated_color(element.findtext("material/diffuse"), where, self.findings)
         transparency = self.xml.number(where, "transparency", element.findtext("transparency"), 0.0)
         alpha *= 1.0 - transparency
-        return (r, g, b, min(max(alpha, 0.0), 1.0))
+        return (red, green, blue, min(max(alpha, 0.0), 1.0))
 
 
 def _relative_to(element: Element) -> str:
@@ -487,34 +508,39 @@ def _relative_to(element: Element) -> str:
     return relative
 
 
-def _left_out(model: Element, xml: Xml) -> Findings:
-    found = Findings()
+def _find_left_out(model: Element, xml: Xml) -> Findings:
+    findings = Findings()
     if xml.root.find("world") is not None:
-        others: set[str] = set()
+        unread_elements: set[str] = set()
         for world in xml.root.findall("world"):
-            others.update(str(element.tag) for element in world)
-        others -= {"model", "gravity"}
-        if others:
-            listed = ", ".join(sorted(others))
-            found.note("unread", f"the elements {listed} of the world are not read.", "world")
-    _walk(model, "model", f"model '{model.get('name')}'", found)
-    return found
+            for element in world:
+                unread_elements.add(str(element.tag))
+        unread_elements -= {"model", "gravity"}
+        if unread_elements:
+            listed = ", ".join(sorted(unread_elements))
+            findings.note("unread", f"the elements {listed} of the world are not read.", "world")
+    _report_children(model, "model", f"model '{model.get('name')}'", findings)
+    return findings
 
 
-def _walk(element: Element, kind: str, where: str, found: Findings) -> None:
+def _report_children(element: Element, kind: str, where: str, findings: Findings) -> None:
     for child in element:
         tag = str(child.tag)
-        named = f"{where}, {tag} '{child.get('name')}'" if child.get("name") else f"{where}, {tag}"
+        name = child.get("name")
+        label = f"{where}, {tag}"
+        if name:
+            label += f" '{name}'"
         if tag == "collision" and element.find("visual") is not None:
-            found.note("collision", f"{named} is not imported: the visual meshes are used for collision.", where)
-        elif tag not in _READ[kind]:
-            _tell(child, tag, where, found)
-        elif tag in _READ:
-            short = f"{tag} '{child.get('name')}'" if tag in ("link", "joint") else named
-            _walk(child, tag, short, found)
+            findings.note("collision", f"{label} is not imported: the visual meshes are used for collision.", where)
+        elif tag not in _READ_ELEMENTS[kind]:
+            _report_unread(child, tag, where, findings)
+        elif tag in _READ_ELEMENTS:
+            if tag in ("link", "joint"):  # their names are unique in the model, so no more is needed
+                label = f"{tag} '{name}'"
+            _report_children(child, tag, label, findings)
 
 
-def _tell(child: Element, tag: str, where: str, found: Findings) -> None:
+def _report_unread(child: Element, tag: str, where: str, findings: Findings) -> None:
     if tag in ("dynamics", "stiffness", "dissipation"):
         values: list[str] = []
         for element in child.iter():  # begins with `child` itself, which may have a value or children
@@ -523,14 +549,14 @@ def _tell(child: Element, tag: str, where: str, found: Findings) -> None:
                 values.append(f"{element.tag} {text}")
         if values:
             listed = ", ".join(values)
-            found.warn("friction", f"{where}: {listed} is not imported.", where)
+            findings.warn("friction", f"{where}: {listed} is not imported.", where)
     elif tag == "plugin" and child.find(".//joint_name") is not None:
         text = f"{where}: of <plugin> '{child.get('name', '')}', only the names of the driven joints are read."
-        found.note("unread", text, where)
+        findings.note("unread", text, where)
     elif tag in _HARMLESS:
-        found.note("unread", f"{where}: <{tag}> is not imported.", where)
+        findings.note("unread", f"{where}: <{tag}> is not imported.", where)
     else:
-        found.warn("unread", f"{where}: <{tag}> is not read.", where)
+        findings.warn("unread", f"{where}: <{tag}> is not read.", where)
 
 
 def read(path: Path, options: Options) -> Imported:

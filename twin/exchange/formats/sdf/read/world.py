@@ -41,14 +41,14 @@ def robot_of(xml: Xml, root: str | None, findings: Findings) -> Element:
             or models are nested too deeply. The three errors above are kinds of it.
         BudgetError: too many files are included, or one exceeds the limits for XML.
     """
-    _express_axes(xml.root)
-    known: dict[str, Element] = {}
-    taken: list[Path] = []
+    _state_frames_of_axes(xml.root)
+    models: dict[str, Element] = {}
+    included_files: list[Path] = []
     missing: list[str] = []
     for scope in (xml.root, *xml.root.findall("world")):
         for element in scope:
             if element.tag == "include":
-                model = _included(xml, element, 0, taken)
+                model = _included(xml, element, 0, included_files)
                 if model is None:
                     uri = (element.findtext("uri") or "").strip()
                     where = f"include {uri}"
@@ -57,39 +57,42 @@ def robot_of(xml: Xml, root: str | None, findings: Findings) -> Element:
                     continue
             elif element.tag == "model":
                 model = copy.deepcopy(element)
-                _resolve(xml, model, 0, taken)
+                _resolve(xml, model, 0, included_files)
             else:
                 continue
             name = model.get("name") or ""
-            if name in known:
+            if name in models:
                 raise SourceError(f"{xml.path}: model '{name}': the name is used twice")
-            known[name] = model
-    if missing and not known:
+            models[name] = model
+    if missing and not models:
         text = f"the file has no <model>, and include {missing[0]} is missing: put it beside the folder of the SDF file"
-        raise _missing(missing[0])(f"{xml.path}: {text}")
-    if not known:
+        raise _error_for_missing(missing[0])(f"{xml.path}: {text}")
+    if not models:
         raise NoMechanismError(f"{xml.path}: the file has no <model>")
-    jointed = [n for n, m in known.items() if next(m.iter("joint"), None) is not None]
+    with_joints = [name for name, model in models.items() if model.find(".//joint") is not None]
     if root is not None:
-        if root not in known:
-            raise SourceError(f"{xml.path}: --root: {unknown('model', root, known)}")
-        own = root
+        if root not in models:
+            raise SourceError(f"{xml.path}: --root: {unknown('model', root, models)}")
+        chosen = root
     else:
-        robots = jointed or list(known)
+        robots = with_joints or list(models)
         if len(robots) > 1:
-            what = "models with joints" if jointed else "models, none with joints"
-            text = f"the file has {len(robots)} {what}: {', '.join(robots)}. Choose one with --root NAME."
+            kind = "models with joints" if with_joints else "models, none with joints"
+            text = f"the file has {len(robots)} {kind}: {', '.join(robots)}. Choose one with --root NAME."
             raise UnsupportedError(f"{xml.path}: {text}")
-        own = robots[0]
-    for name in known:
-        if name != own:
-            text = f"model '{name}' is left out, because it does not belong to robot '{own}'."
-            findings.append((warning if name in jointed else note)("prop", text, name))
-    _flatten(xml, known[own])
-    return known[own]
+        chosen = robots[0]
+    for name in models:
+        if name != chosen:
+            text = f"model '{name}' is left out, because it does not belong to robot '{chosen}'."
+            if name in with_joints:
+                findings.append(warning("prop", text, name))
+            else:
+                findings.append(note("prop", text, name))
+    _flatten(xml, models[chosen])
+    return models[chosen]
 
 
-def _express_axes(root: Element) -> None:
+def _state_frames_of_axes(root: Element) -> None:
     """State the axes of SDF before 1.7 as those of SDF 1.7: `use_parent_model_frame` becomes `expressed_in`.
 
     Until SDF 1.4, all axes are in the frame of the model. The same is done by the files 1_4.convert and 1_6.convert of
@@ -112,59 +115,62 @@ def _express_axes(root: Element) -> None:
             xyz.set("expressed_in", ORIGIN)
 
 
-def _resolve(xml: Xml, model: Element, depth: int, taken: list[Path]) -> None:
-    """Replace each include in a model by the included model; `taken` contains the files included so far."""
+def _resolve(xml: Xml, model: Element, depth: int, included_files: list[Path]) -> None:
+    """Replace each include in a model by the included model; `included_files` contains the files included so far."""
     if depth > _DEEPEST:
         raise SourceError(
             f"{xml.path}: models are nested in more than {_DEEPEST} levels; check that no model includes itself"
         )
-    for i, element in enumerate(list(model)):
+    for position, element in enumerate(list(model)):
         if element.tag == "include":
             uri = (element.findtext("uri") or "").strip()
-            inner = _included(xml, element, depth + 1, taken)
+            inner = _included(xml, element, depth + 1, included_files)
             if inner is None:
                 text = f"model '{model.get('name')}': include {uri} is missing: put it into the folder of the SDF file"
-                raise _missing(uri)(f"{xml.path}: {text}")
-            model[i] = inner
+                raise _error_for_missing(uri)(f"{xml.path}: {text}")
+            model[position] = inner
         elif element.tag == "model":
-            _resolve(xml, element, depth + 1, taken)
+            _resolve(xml, element, depth + 1, included_files)
 
 
-def _included(xml: Xml, include: Element, depth: int, taken: list[Path]) -> Element | None:
+def _included(xml: Xml, include: Element, depth: int, included_files: list[Path]) -> Element | None:
     """Return the included model, with the name and pose stated in the include; None if the included file is missing."""
     uri = (include.findtext("uri") or "").strip()
     if not uri:
         xml.fail("<include>", "the <uri> is missing")
-    if frame := (include.findtext("placement_frame") or "").strip():
+    frame = (include.findtext("placement_frame") or "").strip()
+    if frame:
         text = f"placement_frame = '{frame}' is not supported: expand the model (gz sdf -p)"
         xml.refuse(f"include {uri}", text)
     file = _file(uri, xml.path.parent)
     if file is None:
         return None
     own_names = ("", xml.path.resolve().parent.name)
-    if file.samefile(xml.path) and (_remote(uri) or _package(uri) not in own_names):
+    if file.samefile(xml.path) and (_is_remote(uri) or _package(uri) not in own_names):
         return None  # the file that was found is the including one, although another model is named
-    taken.append(file)
-    if len(taken) > INCLUDES:
-        over(file, "SDF", "number of included files so far", len(taken), INCLUDES)
-    other = Xml(file, "sdf")
-    _express_axes(other.root)
-    models = other.root.findall("model")
+    included_files.append(file)
+    if len(included_files) > INCLUDES:
+        over(file, "SDF", "number of included files so far", len(included_files), INCLUDES)
+    included = Xml(file, "sdf")
+    _state_frames_of_axes(included.root)
+    models = included.root.findall("model")
     if len(models) != 1:
         raise SourceError(f"{file}: included by {xml.path.name}: expected one model, found {len(models)}")
     model = copy.deepcopy(models[0])
     for address in model.iter("uri"):  # resolve mesh files relative to the folder of the included file
-        place = find((address.text or "").strip(), file.parent)
-        address.text = str(place.resolve()) if place is not None else address.text
-    _resolve(other, model, depth, taken)
-    if name := (include.findtext("name") or "").strip():
+        mesh_file = find((address.text or "").strip(), file.parent)
+        if mesh_file is not None:
+            address.text = str(mesh_file.resolve())
+    _resolve(included, model, depth, included_files)
+    name = (include.findtext("name") or "").strip()
+    if name:
         model.set("name", name)
     if (include.get("merge") or "").strip() in ("true", "1"):
         model.set(_MERGED, "true")
     pose = include.find("pose")
     if pose is not None:
-        for own in model.findall("pose"):
-            model.remove(own)
+        for stated_pose in model.findall("pose"):
+            model.remove(stated_pose)
         model.append(copy.deepcopy(pose))
     return model
 
@@ -174,31 +180,33 @@ def _file(uri: str, beside: Path) -> Path | None:
 
     The search includes the folder `beside` and up to four of its parent folders.
     """
-    if _remote(uri):
+    if _is_remote(uri):
         uri = uri.rstrip("/").rpartition("/")[2]  # nothing is downloaded; search a local copy instead
     for name in (f"{uri}/model.sdf", f"{uri}.sdf", uri):
-        found = find(name, beside)
-        if found is not None:
-            return found
+        file = find(name, beside)
+        if file is not None:
+            return file
     return None
 
 
-def _missing(uri: str) -> type[SourceError]:
+def _error_for_missing(uri: str) -> type[SourceError]:
     """Return the error for a missing include: one of a server or a package may be elsewhere, a path is wrong."""
-    if _remote(uri) or _package(uri):
+    if _is_remote(uri) or _package(uri):
         return IncompleteError
     return SourceError
 
 
-def _remote(uri: str) -> bool:
+def _is_remote(uri: str) -> bool:
     """Return whether a URI names a model on a server."""
     return uri.startswith(("http://", "https://"))
 
 
 def _package(uri: str) -> str:
     """Return the name of the model in a `model://` or `package://` address; "" for other addresses."""
-    scheme, mark, rest = uri.partition("://")
-    return rest.strip("/").partition("/")[0] if mark and scheme in ("model", "package") else ""
+    scheme, separator, address = uri.partition("://")
+    if not separator or scheme not in ("model", "package"):
+        return ""
+    return address.strip("/").partition("/")[0]
 
 
 def _flatten(xml: Xml, model: Element) -> None:
@@ -209,23 +217,23 @@ def _flatten(xml: Xml, model: Element) -> None:
             xml.refuse(f"model '{name}'", "placement_frame is not supported: expand the model (gz sdf -p)")
         _flatten(xml, inner)
         model.remove(inner)
-        links = [e for e in inner if e.tag == "link"]
+        links = inner.findall("link")
         if not links:
             continue
-        placed = inner.find("pose")  # pose of the inner model; it refers to frames of the outer model
-        pose = Element("pose") if placed is None else copy.deepcopy(placed)
+        inner_pose = inner.find("pose")  # pose of the inner model; it refers to frames of the outer model
+        pose = Element("pose") if inner_pose is None else copy.deepcopy(inner_pose)
         merged = inner.get(_MERGED) is not None
-        own_frame = f"_merged__{name}__{ORIGIN}" if merged else f"{name}::{ORIGIN}"
+        inner_frame = f"_merged__{name}__{ORIGIN}" if merged else f"{name}::{ORIGIN}"
         prefix = "" if merged else f"{name}::"
         canonical = inner.get("canonical_link") or links[0].get("name", "")
         for element in inner:
             for owner, key in _references(element):
-                value = owner.get(key) if key else (owner.text or "").strip()
+                value = _reference(owner, key)
                 if value == ORIGIN:
-                    _set(owner, key, own_frame)
+                    _set_reference(owner, key, inner_frame)
                 elif value and value != "world":
-                    _set(owner, key, f"{prefix}{value}")
-        origin = Element("frame", {"name": own_frame, "hidden": "true", "attached_to": f"{prefix}{canonical}"})
+                    _set_reference(owner, key, f"{prefix}{value}")
+        origin = Element("frame", {"name": inner_frame, "hidden": "true", "attached_to": f"{prefix}{canonical}"})
         pose.set("relative_to", pose.get("relative_to") or ORIGIN)
         origin.append(pose)
         for element in inner:
@@ -235,18 +243,29 @@ def _flatten(xml: Xml, model: Element) -> None:
                     pose = Element("pose")
                     element.append(pose)
                 if not pose.get("relative_to"):
-                    pose.set("relative_to", own_frame)
+                    pose.set("relative_to", inner_frame)
                 if element.tag == "frame":
-                    element.set("attached_to", own_frame)
-        for element in (
-            () if merged else model
-        ):  # the nested model's name refers to its frame; of other models, only <pose> is searched
-            of = element.find("pose") if element.tag == "model" else element
-            for owner, key in () if of is None else _references(of):
-                if (owner.get(key) if key else (owner.text or "").strip()) == name and key != "name":
-                    _set(owner, key, own_frame)
+                    element.set("attached_to", inner_frame)
+        if not merged:
+            _refer_to_frame(model, name, inner_frame)
         model.append(origin)
-        model.extend(e for e in inner if e.tag != "pose")
+        for element in inner:
+            if element.tag != "pose":
+                model.append(element)
+
+
+def _refer_to_frame(model: Element, name: str, frame: str) -> None:
+    """Replace references to the nested model `name` by references to its frame; of other models, only in <pose>."""
+    for element in model:
+        searched = element
+        if element.tag == "model":
+            pose = element.find("pose")
+            if pose is None:
+                continue
+            searched = pose
+        for owner, key in _references(searched):
+            if key != "name" and _reference(owner, key) == name:
+                _set_reference(owner, key, frame)
 
 
 def _references(element: Element) -> Iterator[tuple[Element, str]]:
@@ -263,7 +282,14 @@ def _references(element: Element) -> Iterator[tuple[Element, str]]:
             yield inner, "joint"
 
 
-def _set(element: Element, key: str, value: str) -> None:
+def _reference(element: Element, key: str) -> str | None:
+    """Return the name that an attribute `key` states; of key "", that of the element's text."""
+    if key:
+        return element.get(key)
+    return (element.text or "").strip()
+
+
+def _set_reference(element: Element, key: str, value: str) -> None:
     if key:
         element.set(key, value)
     else:
