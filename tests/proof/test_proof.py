@@ -29,7 +29,7 @@ from twin.proof.claims import judged
 from twin.proof.precise import certainly_not_zero
 from twin.proof.program import ProgramStep
 from twin.proof.prove import prove
-from twin.proof.values import Degree, ExactValue, RootMark
+from twin.proof.values import Degree, ExactValue, RootSignature
 
 STATES = 1024
 MUTANTS = int(os.environ.get("TWIN_PROOF_MUTANTS", "12"))
@@ -435,8 +435,8 @@ def test_a_number_of_60_digits_is_not_zero_beyond_its_own_error():
 )
 def test_no_zero_among_found_states_is_luck_or_none_by_the_share_at_drawn_states(share, known, different):
     residue = np.ones(known, np.uint64)
-    mark = RootMark(residue, np.ones(known, bool))
-    number = ExactValue(residue, np.ones(known, bool), np.full(known, 1e-11), Degree(1, roots=frozenset({mark})))
+    signature = RootSignature(residue, np.ones(known, bool))
+    number = ExactValue(residue, np.ones(known, bool), np.full(known, 1e-11), Degree(1, roots=frozenset({signature})))
     claim = judged("a", "it is zero", [number], np.ones(known, bool), {}, [], known, share=share)
     assert claim.status == "unproved"
     assert claim.different == different

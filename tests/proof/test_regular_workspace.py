@@ -143,7 +143,7 @@ def _circle_slopes(x):
 def test_a_solution_is_enclosed_and_where_there_is_none_nothing_is():
     m = np.array([[1.01, 0.99], [-1.0, -1.001], [0.0, 0.0], [5.0, 5.0]])
     found = krawczyk.solve(_circle, _circle_slopes, m)
-    assert found.found.tolist() == [True, True, False, False]
+    assert found.solved.tolist() == [True, True, False, False]
     assert found.x[0].contains([1.0, 1.0]).all()
     assert found.x[1].contains([-1.0, -1.0]).all()
 

@@ -85,7 +85,7 @@ def test_a_turned_loop_joint_is_not_closed_along_a_path() -> None:
     poses = {name: T[None] for name, T in mechanism.rest.items()}
     for one, expected in ((mechanism, True), (changed(mechanism, loop.name, np.diag([1.0, -1.0, -1.0, 1.0])), False)):
         linkage = Linkage(one)
-        values, balls = linkage.drawn(poses)
+        values, balls = linkage.coordinates_at(poses)
         coordinates = constant(values, 1)
         models: dict[str, TaylorModel] = {name: constant(R, 1) for name, R in balls.items()}
         placed = linkage.place(coordinates, models)

@@ -19,13 +19,13 @@ from twin.proof.program import ProgramStep
 from twin.proof.random_states import ProofStates
 from twin.proof.replay import Notes, RootedStates, replay
 from twin.proof.transforms import Matrix
-from twin.proof.values import ExactValue, RootMark, Truths, Value
+from twin.proof.values import ExactValue, RootSignature, Truths, Value
 
 _ROOTED_STATES = 256
 """Largest number of states with all roots that are kept for a claim."""
 
-_REASONS = 3
-"""Number of numbers without an exact form that a claim names."""
+_NAMED_REASONS = 3
+"""Number of parameters, lengths and operations without an exact form that a claim names."""
 
 _POINT = "point "
 """What precedes the name of a point among the outputs of the equations."""
@@ -63,7 +63,7 @@ class Attempt:
     uncovered: set[str] = field(default_factory=set)
     uncovered_points: list[str] = field(default_factory=list)
     shares: list[float] = field(default_factory=list)
-    roots: list[tuple[int, RootMark, int]] = field(default_factory=list)
+    roots: list[tuple[int, RootSignature, int]] = field(default_factory=list)
     rootless: bool = False
     notes: Notes = field(default_factory=Notes)
     reach: list[ProgramStep] = field(default_factory=list)
@@ -78,39 +78,39 @@ def attempted(
     If `only_refute`, the equations are computed with double precision alone, so that nothing is proved; the claims
     about the inverse are left out if one about the forward equations is refuted.
     """
-    work = Attempt(states, variants, zero_shares, uncovered_points=list(states.formula.points))
+    attempt = Attempt(states, variants, zero_shares, uncovered_points=list(states.formula.points))
     results_of = _evaluated if only_refute else _replayed
     formula = states.formula
     state = list(states.state.values())
     if not formula.has("forward"):
         outputs = formula_side.from_pose(formula, variants, coordinates=True)
-        results = results_of(work, outputs, state)
-        _claim_inverse(work, results, _inside(work, results))
-        return work
+        results = results_of(attempt, outputs, state)
+        _claim_inverse(attempt, results, _inside(attempt, results))
+        return attempt
     outputs = formula_side.from_joints(formula, variants)
-    results = results_of(work, outputs, state)
-    inside = _inside(work, results)
-    _claim_mechanism(work, "forward", results, states.state, inside)
-    if only_refute and any(claim.status == "refuted" for claim in work.claims):
-        return work
+    results = results_of(attempt, outputs, state)
+    inside = _inside(attempt, results)
+    _claim_joints_fit(attempt, "forward", results, states.state, inside)
+    if only_refute and "refuted" in [claim.status for claim in attempt.claims]:
+        return attempt
     if formula.has("inverse"):
         outputs = formula_side.from_pose(formula, variants, coordinates=False)
-        inverse_results = results_of(work, outputs, results["pose"])
-        inside = inside & _inside(work, inverse_results)
-        _claim_inverse(work, inverse_results, inside)
-    return work
+        inverse_results = results_of(attempt, outputs, results["pose"])
+        inside = inside & _inside(attempt, inverse_results)
+        _claim_inverse(attempt, inverse_results, inside)
+    return attempt
 
 
 def with_roots(states: ProofStates, variants: Mapping[str, str], groups: Sequence[RootGroup]) -> ProofStates:
     """Return the states where all roots of one of some groups exist in the field."""
-    kept = np.zeros(states.count, bool)
+    rooted_mask = np.zeros(states.count, bool)
     for group in groups:
-        places = _rooted(states, variants, group)
-        kept[places[:_ROOTED_STATES]] = True
-    return states.at(np.flatnonzero(kept))
+        places = _rooted_places(states, variants, group)
+        rooted_mask[places[:_ROOTED_STATES]] = True
+    return states.at(np.flatnonzero(rooted_mask))
 
 
-def _rooted(states: ProofStates, variants: Mapping[str, str], group: RootGroup) -> NDArray[np.integer]:
+def _rooted_places(states: ProofStates, variants: Mapping[str, str], group: RootGroup) -> NDArray[np.integer]:
     """Return the places of the states where the roots of a group exist."""
     first, second = group
     formula = states.formula
@@ -120,38 +120,42 @@ def _rooted(states: ProofStates, variants: Mapping[str, str], group: RootGroup) 
         outputs = formula_side.from_pose(formula, variants, coordinates=True)
     pose = outputs.names.index("pose")
     inputs = [list(states.state.values()), list(states.parameters.values())]
-    needed = [pose] if second else []  # the second function is one of the pose
+    needed = []
+    if second:
+        needed = [pose]  # the second function is one of the pose
     rooted = RootedStates(first, needed, np.arange(states.count))
     results = replay(outputs.function, inputs, Notes(), rooted)
     if not second:
         return rooted.places
     parameters = [values.taken(value, rooted.places) for value in states.parameters.values()]
-    rooted_again = RootedStates(second, [], np.arange(len(rooted.places)))
+    # numbered among the states that the first function has left
+    rooted_in_second = RootedStates(second, [], np.arange(len(rooted.places)))
     outputs = formula_side.from_pose(formula, variants, coordinates=False)
-    replay(outputs.function, [results[pose], parameters], Notes(), rooted_again)
-    return rooted.places[rooted_again.places]
+    replay(outputs.function, [results[pose], parameters], Notes(), rooted_in_second)
+    return rooted.places[rooted_in_second.places]
 
 
-def _replayed(work: Attempt, outputs: Outputs, state: Sequence[Value]) -> dict[str, list[Value]]:
+def _replayed(attempt: Attempt, outputs: Outputs, state: Sequence[Value]) -> dict[str, list[Value]]:
     """Return the outputs of the equations at a state."""
-    inputs = [list(state), list(work.states.parameters.values())]
+    inputs = [list(state), list(attempt.states.parameters.values())]
     # what has no exact form in the first function is a reason in the second one too
-    work.notes = Notes(inexact=list(work.notes.inexact))
-    results = replay(outputs.function, inputs, work.notes)
-    work.rootless |= work.notes.rootless
-    number = 0
-    if work.shares:  # the share of the first function is known when the second one is repeated
-        number = 1
-    for mark, instruction in work.notes.roots:
-        work.roots.append((number, mark, instruction))
+    attempt.notes = Notes(inexact=list(attempt.notes.inexact))
+    results = replay(outputs.function, inputs, attempt.notes)
+    attempt.rootless |= attempt.notes.rootless
+    function_index = 0
+    if attempt.shares:  # the share of the first function is known when the second one is repeated
+        function_index = 1
+    for root_signature, instruction_number in attempt.notes.roots:
+        attempt.roots.append((function_index, root_signature, instruction_number))
     return dict(zip(outputs.names, results, strict=True))
 
 
-def _evaluated(work: Attempt, outputs: Outputs, state: Sequence[Value]) -> dict[str, list[Value]]:
+def _evaluated(attempt: Attempt, outputs: Outputs, state: Sequence[Value]) -> dict[str, list[Value]]:
     """Return the outputs of the equations at a state, with real values alone."""
-    numbers = np.array([values.real_of(value) for value in state])
-    parameters = np.array([values.real_of(value) for value in work.states.parameters.values()])
-    matrices = outputs.function.call([numbers, parameters.reshape(-1, work.states.count)])
+    count = attempt.states.count
+    numbers = values.stacked_reals(state, count)
+    parameters = values.stacked_reals(attempt.states.parameters.values(), count)
+    matrices = outputs.function.call([numbers, parameters])
     results: dict[str, list[Value]] = {}
     for name, matrix in zip(outputs.names, matrices, strict=True):
         results[name] = [values.unknown(row) for row in matrix.full()]
@@ -169,28 +173,30 @@ def within_reach(results: Results, states: int) -> Truths:
     return inside
 
 
-def _inside(work: Attempt, results: Results) -> Truths:
+def _inside(attempt: Attempt, results: Results) -> Truths:
     """Return the states within reach, and keep their share, the margins, and the answers of conditions there."""
-    inside = within_reach(results, work.states.count)
+    inside = within_reach(results, attempt.states.count)
     for margin in results.get("reach", ()):
         node = values.scalar(margin).node
         if node is not None:
-            work.reach.append(node)
-    work.shares.append(float(inside.mean()))
-    for answers in work.notes.conditions:
-        work.sides.append(answers & inside)
-        work.sides.append(~answers & inside)
+            attempt.reach.append(node)
+    attempt.shares.append(float(inside.mean()))
+    for answers in attempt.notes.conditions:
+        attempt.sides.append(answers & inside)
+        attempt.sides.append(~answers & inside)
     return inside
 
 
 def _matrix(entries: Sequence[Value]) -> Matrix:
     """Return a pose (16,), row by row, as rows."""
-    numbers = [values.scalar(entry) for entry in entries]
-    return [numbers[4 * i : 4 * i + 4] for i in range(4)]
+    rows: Matrix = [[], [], [], []]
+    for place, entry in enumerate(entries):
+        rows[place // 4].append(values.scalar(entry))
+    return rows
 
 
-def _claim_mechanism(
-    work: Attempt,
+def _claim_joints_fit(
+    attempt: Attempt,
     stage: str,
     results: Results,
     joints: Mapping[str, Value],
@@ -199,133 +205,138 @@ def _claim_mechanism(
     """Claim that all joints fit where the equations put tool and joints; return the placed bodies.
 
     Args:
-        work: the attempt, which gets the claims.
+        attempt: gets the claims.
         stage: "forward" or "inverse", the equations that are judged.
         results: their results.
         joints: {active joint: its value}.
         inside: the states (k,) within reach.
     """
-    exact = work.states.exact
-    known = dict(joints)
+    exact = attempt.states.exact
+    joint_values = dict(joints)
     if "passive" in results:
-        known |= zip(work.states.formula.passive, results["passive"], strict=True)
-    placed = mechanism.place(exact, known, _matrix(results["pose"]))
+        joint_values |= zip(attempt.states.formula.passive, results["passive"], strict=True)
+    placed = mechanism.place(exact, joint_values, _matrix(results["pose"]))
     uncovered = set(placed.missing)
     for joint in placed.closing:
-        numbers = mechanism.conditions(exact, placed, joint, known.get(joint.name))
+        numbers = mechanism.conditions(exact, placed, joint, joint_values.get(joint.name))
         sentence = f"joint {joint.name} ({joint.type}) between {joint.parent} and {joint.child} fits"
-        _claim(work, f"{stage}: joint {joint.name}", sentence, numbers, inside)
+        _claim(attempt, f"{stage}: joint {joint.name}", sentence, numbers, inside)
     for body, sentence, numbers in mechanism.slides(exact, placed):
-        _claim(work, f"{stage}: {body}", sentence, numbers, inside)
+        _claim(attempt, f"{stage}: {body}", sentence, numbers, inside)
         uncovered.remove(body)
-    work.uncovered |= uncovered
+    attempt.uncovered |= uncovered
     for name in joints:
-        joint = work.states.robot.joint(name)
+        joint = attempt.states.robot.joint(name)
         unplaced = {joint.parent, joint.child} & uncovered
         if unplaced:
             body = min(unplaced)
             reason = f"no joint with a known value places {body}; give the passive joints in the formula"
             sentence = f"joint {name} between {joint.parent} and {joint.child} fits"
-            work.claims.append(unclaimed(f"{stage}: joint {name}", sentence, reason))
+            attempt.claims.append(unclaimed(f"{stage}: joint {name}", sentence, reason))
     return placed
 
 
-def _claim_inverse(work: Attempt, results: Results, inside: Truths) -> None:
+def _claim_inverse(attempt: Attempt, results: Results, inside: Truths) -> None:
     """Claim that the joints of the inverse equations put the tool and the named points where the equations say."""
-    formula = work.states.formula
+    formula = attempt.states.formula
     names = [joint.name for joint in formula.joints]
     joints = dict(zip(names, results["joints"], strict=True))
-    placed = _claim_mechanism(work, "inverse", results, joints, inside)
-    claimed = _claim_points(work, placed, results, inside)
-    claimed |= _claim_distances(work, results, inside)
-    work.uncovered_points = [name for name in formula.points if name not in claimed]
+    placed = _claim_joints_fit(attempt, "inverse", results, joints, inside)
+    claimed = _claim_points(attempt, placed, results, inside)
+    claimed |= _claim_distances(attempt, results, inside)
+    # in the order of the formula, as they are listed
+    attempt.uncovered_points = [name for name in formula.points if name not in claimed]
     if "again" in results:
         numbers = list(mechanism.deviations(_matrix(results["again"]), _matrix(results["pose"])))
         sentence = "forward equations of the joints of the inverse equations give the pose"
-        _claim(work, "forward of inverse", sentence, numbers, inside)
+        _claim(attempt, "forward of inverse", sentence, numbers, inside)
 
 
-def _claim_points(work: Attempt, placed: mechanism.PlacedBodies, results: Results, inside: Truths) -> set[str]:
+def _claim_points(attempt: Attempt, placed: mechanism.PlacedBodies, results: Results, inside: Truths) -> set[str]:
     """Claim that points of the equations are where the placed bodies have them; return the names of these points."""
     claimed: set[str] = set()
-    for point in work.states.robot.points:
+    for point in attempt.states.robot.points:
         entries = results.get(_POINT + point.name)
-        p_base = mechanism.point_in_base(work.states.exact, placed, point)
+        p_base = mechanism.point_in_base(attempt.states.exact, placed, point)
         if entries is None or p_base is None:
             continue
         claimed.add(point.name)
         if len(entries) != len(p_base):
             raise KinematicsError(
-                f"formula '{work.states.formula.name}': point '{point.name}' has {len(entries)} entries, not 3: "
+                f"formula '{attempt.states.formula.name}': point '{point.name}' has {len(entries)} entries, not 3: "
                 "return (3,)"
             )
         numbers = []
-        for own, stated in zip(p_base, entries, strict=True):
-            numbers.append(values.difference(own, values.scalar(stated)))
+        for coordinate, stated_coordinate in zip(p_base, entries, strict=True):
+            numbers.append(values.difference(coordinate, values.scalar(stated_coordinate)))
         sentence = f"point {point.name} of the equations is that of {point.body}"
-        _claim(work, f"inverse: point {point.name}", sentence, numbers, inside)
+        _claim(attempt, f"inverse: point {point.name}", sentence, numbers, inside)
     return claimed
 
 
-def _claim_distances(work: Attempt, results: Results, inside: Truths) -> set[str]:
+def _claim_distances(attempt: Attempt, results: Results, inside: Truths) -> set[str]:
     """Claim that points of the equations on one body keep their distances; return the names of these points."""
     claimed: set[str] = set()
-    for first, second in combinations(work.states.robot.points, 2):
+    for first, second in combinations(attempt.states.robot.points, 2):
         has_both = _POINT + first.name in results and _POINT + second.name in results
         if first.body != second.body or not has_both:
             continue
         claimed |= {first.name, second.name}
         square = _square(results, first.name, second.name)
-        own_square = _own_square(work.states.exact, first, second)
-        distance = values.difference(square, own_square)
+        square_on_body = _square_on_body(attempt.states.exact, first, second)
+        distance = values.difference(square, square_on_body)
         # exactly, squares are compared, because they have no root; in real values, the lengths in m
-        distance = replace(distance, real=np.sqrt(square.real) - np.sqrt(own_square.real))
+        distance = replace(distance, real=np.sqrt(square.real) - np.sqrt(square_on_body.real))
         sentence = f"points {first.name} and {second.name} of the equations keep their distance on {first.body}"
-        _claim(work, f"inverse: {first.name} to {second.name}", sentence, [distance], inside)
-        claim = work.claims[-1]
+        _claim(attempt, f"inverse: {first.name} to {second.name}", sentence, [distance], inside)
+        claim = attempt.claims[-1]
         if claim.error:
-            work.claims[-1] = replace(claim, error=f"{claim.error} of the square")
+            attempt.claims[-1] = replace(claim, error=f"{claim.error} of the square")
     return claimed
 
 
 def _square(results: Results, first: str, second: str) -> ExactValue:
-    """Return the square of the distance of two points of the equations, in m2."""
+    """Return the square of the distance of two points, by the results of the equations, in m2."""
     vector = []
-    for a, b in zip(results[_POINT + first], results[_POINT + second], strict=True):
-        vector.append(values.difference(values.scalar(a), values.scalar(b)))
+    for first_coordinate, second_coordinate in zip(results[_POINT + first], results[_POINT + second], strict=True):
+        vector.append(values.difference(values.scalar(first_coordinate), values.scalar(second_coordinate)))
     return _length_squared(vector)
 
 
-def _own_square(exact: ExactMechanism, first: Point, second: Point) -> ExactValue:
-    """Return the square of the distance of two points of a body, in m2."""
-    p = exact.point(first.body, first.p_body, first.name)
-    q = exact.point(second.body, second.p_body, second.name)
-    return _length_squared([values.difference(a, b) for a, b in zip(p, q, strict=True)])
+def _square_on_body(exact: ExactMechanism, first: Point, second: Point) -> ExactValue:
+    """Return the square of the distance of two points of a body, by the numbers of the CAD, in m2."""
+    p_first = exact.point(first.body, first.p_body, first.name)
+    p_second = exact.point(second.body, second.p_body, second.name)
+    vector = []
+    for first_coordinate, second_coordinate in zip(p_first, p_second, strict=True):
+        vector.append(values.difference(first_coordinate, second_coordinate))
+    return _length_squared(vector)
 
 
 def _length_squared(vector: Sequence[ExactValue]) -> ExactValue:
     """Return the square of the length of a vector (3,)."""
     square = values.product(vector[0], vector[0])
-    for x in vector[1:]:
-        square = values.total(square, values.product(x, x))
+    for coordinate in vector[1:]:
+        square = values.total(square, values.product(coordinate, coordinate))
     return square
 
 
 def _claim(
-    work: Attempt,
+    attempt: Attempt,
     name: str,
     sentence: str,
     numbers: Iterator[ExactValue] | list[ExactValue],
     inside: Truths,
 ) -> None:
-    """Judge a claim and keep it."""
-    states = work.states
+    """Judge that some numbers are zero at the states `inside`, and add the claim to the attempt."""
+    states = attempt.states
     numbers = list(numbers)
-    reasons = [f"parameter {key}" for key in states.inexact]
+    # after `numbers`: an iterator recognises the lengths of the CAD while it is read
+    reasons = [f"parameter {name_of_parameter}" for name_of_parameter in states.inexact]
     reasons += dict.fromkeys(states.exact.drawing.unrecognised)
-    reasons += dict.fromkeys(work.notes.inexact)
-    reasons = reasons[:_REASONS]
-    share = work.zero_shares.get(name)
+    reasons += dict.fromkeys(attempt.notes.inexact)
+    reasons = reasons[:_NAMED_REASONS]
+    share = attempt.zero_shares.get(name)
     claim = judged(
         name,
         sentence,
@@ -333,8 +344,8 @@ def _claim(
         inside,
         state=states.real,
         reasons=reasons,
-        drawn=states.drawn_states,
-        sides=work.sides,
+        drawn_states=states.drawn_states,
+        sides=attempt.sides,
         share=share,
     )
-    work.claims.append(replace(claim, reach=tuple(work.reach)))
+    attempt.claims.append(replace(claim, reach=tuple(attempt.reach)))

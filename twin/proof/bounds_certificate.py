@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 
 import casadi as ca
+import numpy as np
 
 from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
@@ -65,11 +66,12 @@ def equations_side(
     outputs = formula_side.from_joints(formula, chosen)
     symbols = outputs.function.sx_in()
     results = dict(zip(outputs.names, outputs.function(*symbols), strict=True))
-    path = {joint.name for joint in mechanism.path(mechanism.frame(mechanism.tool).body)}
+    tool_body = mechanism.frame(mechanism.tool).body
+    joints_to_tool = {joint.name for joint in mechanism.path(tool_body)}
     passive: dict[str, ca.SX] = {}
     if "passive" in results:
         for name, value in zip(formula.passive, ca.vertsplit(results["passive"]), strict=True):
-            if name in path:
+            if name in joints_to_tool:
                 passive[name] = value
     entries = ca.vertcat(results["pose"], *passive.values())
     function = ca.Function("pose", symbols, [ca.densify(entries)])
@@ -84,7 +86,7 @@ def equations_side(
     return {
         "name": "equations",
         "rows": rows,
-        "pose": [places[4 * i : 4 * i + 4] for i in range(3)],
+        "pose": [places[0:4], places[4:8], places[8:12]],
         "joints": dict(zip(passive, places[POSE_ENTRIES:], strict=True)),
     }
 
@@ -119,6 +121,7 @@ def _rows(name: str, function: ca.Function, inputs: list[list[Row]]) -> tuple[li
             row = add(_ONE_OPERAND[operation], operands[0])
         elif operation in (ca.OP_ADD, ca.OP_TWICE):
             row = add("add", operands[0], operands[-1])
+        # a certificate knows neither differences nor quotients: its checker stays short
         elif operation == ca.OP_SUB:
             opposite = add("negative", operands[1])
             row = add("add", operands[0], opposite)
@@ -149,5 +152,5 @@ def mechanism_side(mechanism: Mechanism) -> JsonObject:
 
 
 def _numbers(T: Array) -> list[list[float]]:
-    """Return the first three rows of a pose (4, 4)."""
-    return [[float(entry) for entry in row] for row in T[:3]]
+    """Return the first three rows of a pose (4, 4); the fourth is always 0, 0, 0, 1."""
+    return np.asarray(T[:3], float).tolist()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import casadi as ca
 import numpy as np
 
 from twin.core.spatial import Array
@@ -31,19 +30,18 @@ def bounded_conditions(conditions: EquationConditions, answers: Mapping[int, boo
     """
     if not answers:
         return set()
-    chosen = list(answers)
-    expressions = [conditions[i].margin for i in chosen]
-    margin_function = IntervalFunction(ca.Function("margins", [conditions.state], [ca.vertcat(*expressions)]))
+    indices = list(answers)
+    margin_function = IntervalFunction(conditions.margins_of(indices))
     coordinates = len(limits)
     # lowest and highest corners (n, boxes) of the boxes in which a condition is still open
     low = np.array(limits[:, :1])
     high = np.array(limits[:, 1:])
-    open_boxes = {i: np.ones(1, bool) for i in chosen}
+    open_boxes = dict.fromkeys(indices, np.ones(1, bool))
     closed: set[int] = set()
     for halving in range(_HALVINGS * coordinates):
-        state = [intervals.between(low[axis], high[axis]) for axis in range(coordinates)]
+        state = list(map(intervals.between, low, high))
         (margins,) = margin_function([state])
-        for i, margin in zip(chosen, margins, strict=True):
+        for i, margin in zip(indices, margins, strict=True):
             if i in closed:
                 continue
             has_answer = conditions[i].has(answers[i], margin)
@@ -51,14 +49,15 @@ def bounded_conditions(conditions: EquationConditions, answers: Mapping[int, boo
             if not open_boxes[i].any():
                 closed.add(i)
                 del open_boxes[i]
-        kept = np.zeros(low.shape[1], bool)
+        open_mask = np.zeros(low.shape[1], bool)
         for is_open in open_boxes.values():
-            kept |= is_open
-        if not kept.any() or 2 * kept.sum() > MOST_BOXES:
+            open_mask |= is_open
+        # all conditions share the boxes, so that a margin that several have is computed once
+        if not open_mask.any() or 2 * open_mask.sum() > MOST_BOXES:
             break
-        low, high = _halved(low[:, kept], high[:, kept], halving % coordinates)
+        low, high = _halved(low[:, open_mask], high[:, open_mask], halving % coordinates)
         for i, is_open in open_boxes.items():
-            open_boxes[i] = np.tile(is_open[kept], 2)
+            open_boxes[i] = np.tile(is_open[open_mask], 2)
     return closed
 
 

@@ -82,17 +82,20 @@ def examined_conditions(
             measures and aspects depend on are left out.
     """
     conditions = EquationConditions(formula, variants, drawn_parameters, measures=bool(unclaimed))
-    ranges = {name: limits_of[name] for name in conditions.names}
+    ranges = {}
+    limits = []
+    for name in conditions.names:
+        ranges[name] = limits_of[name]
+        _, low, high = limits_of[name]
+        limits.append([low, high])
     # a stream of random numbers of its own: the states are others than those of the claims
     state = draws.named(np.random.default_rng([seed, 1]), ranges, _CONDITION_STATES)
-    limits = np.array([[low, high] for _, low, high in ranges.values()])
-    drawn = np.array([values.real_of(value) for value in state.values()])
-    published = drawn.copy()
-    parameters = {parameter.name: float(parameter.value) for parameter in formula.parameters}
-    for place, name in enumerate(conditions.names):
-        if name in drawn_parameters:
-            published[place] = parameters[name]
-    return examined(conditions, drawn, published, limits, unclaimed)
+    drawn_values = values.stacked_reals(state.values(), _CONDITION_STATES)
+    published = drawn_values.copy()
+    for parameter in formula.parameters:
+        if parameter.name in drawn_parameters:
+            published[conditions.names.index(parameter.name)] = float(parameter.value)
+    return examined(conditions, drawn_values, published, np.array(limits), unclaimed)
 
 
 def examined(
@@ -110,7 +113,7 @@ def examined(
     state = state[:, has_values & within]
     count = len(conditions)
     if not len(conditions) or not state.shape[1]:
-        empty = {name: np.zeros(0) for name in conditions.names}
+        empty = dict.fromkeys(conditions.names, np.zeros(0))
         return BranchReport(
             count=count,
             drawn=0,
@@ -126,7 +129,7 @@ def examined(
         )
     answers = _answers_at(conditions, state, unclaimed)
     bounded = bounded_conditions(conditions, answers.single, limits)
-    searched = [i for i in answers.single if i not in bounded]
+    searched = [index for index in answers.single if index not in bounded]
     other_states = other_answers(conditions, searched, state, limits)
     silent = list(answers.silent)
     open_texts = []
@@ -190,11 +193,11 @@ def _answers_at(conditions: EquationConditions, state: Array, unclaimed: Collect
         is_true = condition.has(True, margins[i])
         if is_true.any() and not is_true.all():
             # the claims were judged at other states: an answer that is rare may not be among those
-            is_fewer = is_true
+            has_rarer = is_true
             if is_true.sum() > (~is_true).sum():
-                is_fewer = ~is_true
-            if is_fewer.sum() < _RARE:
-                answers.rare.append(state[:, is_fewer][:, :_KEPT_RARE])
+                has_rarer = ~is_true
+            if has_rarer.sum() < _RARE:
+                answers.rare.append(state[:, has_rarer][:, :_KEPT_RARE])
                 if condition.only_affects(unclaimed):
                     answers.silent.append(conditions.effect(i))
             continue
@@ -214,7 +217,17 @@ def _state_without_value(conditions: EquationConditions, state: Array) -> dict[s
     faults = np.flatnonzero(within & ~has_values)
     if not len(faults):
         return {}
-    return {name: float(x) for name, x in zip(conditions.names, state[:, faults[0]], strict=True)}
+    # the values are plain numbers, which JSON can hold
+    return dict(zip(conditions.names, state[:, faults[0]].tolist(), strict=True))
+
+
+def states_one_by_one(values_of: Mapping[str, Array]) -> list[dict[str, float]]:
+    """Return {name: value} at each of j states, given {name: values (j,)}."""
+    names = list(values_of)
+    states = []
+    for state in zip(*values_of.values(), strict=True):
+        states.append(dict(zip(names, map(float, state), strict=True)))
+    return states
 
 
 def _joined(states: Sequence[Array], coordinates: int) -> Array:

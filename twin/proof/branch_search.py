@@ -34,10 +34,10 @@ _NEIGHBOURS = 4
 _NEIGHBOUR_PART = (-0.05, 1.0)
 """Where these states are, as parts of the distance within which a state is drawn near another (`NEAR_PART`)."""
 
-_KEPT = 16
+_MOST_FOUND = 16
 """Maximum number of states that are kept of those where one condition has another answer."""
 
-_KEPT_REFUSED = 240
+_MOST_REFUSED = 240
 """The same of those where the other answer leaves no value."""
 
 
@@ -58,9 +58,7 @@ def other_answers(
     """
     if not chosen:
         return []
-    expressions = [conditions[i].margin for i in chosen]
-    margin_function = ca.Function("margin", [conditions.state], [ca.vertcat(*expressions)])
-    margins = margin_function(state).full()
+    margins = conditions.margins_of(chosen)(state).full()
     states = []
     for margin, i in zip(margins, chosen, strict=True):
         sizes = np.where(np.isfinite(margin), np.abs(margin), np.inf)
@@ -79,35 +77,41 @@ def _search(conditions: EquationConditions, i: int, answer: bool, starts: Array,
     gradient = ca.Function(
         "gradient", [conditions.state], [condition.margin, ca.jacobian(condition.margin, conditions.state)]
     )
-    n, start_count = starts.shape
+    coordinate_count, start_count = starts.shape
+    # each start with each aim, side by side
     x = np.repeat(starts, len(_AIMS), axis=1)
     function = gradient.map(x.shape[1])
     # the search goes towards negative signed margins
-    sign = 1.0 if answer else -1.0
-    most = _KEPT_REFUSED if refused else _KEPT
-    kept: list[Array] = []
+    sign = -1.0
+    if answer:
+        sign = 1.0
+    most_states = _MOST_FOUND
+    if refused:
+        most_states = _MOST_REFUSED
+    found_states: list[Array] = []
     aim = np.zeros(0)
     for step in range(_STEPS):
-        margin, slope = (matrix.full() for matrix in function(x))
-        has_other_answer = np.isfinite(margin[0]) & condition.has(not answer, margin[0])
-        margin = sign * margin[0]
-        slope = sign * slope[0].reshape(x.shape[1], n).T
+        margin_row, slope_row = function(x)
+        margin = margin_row.full()[0]
+        has_other_answer = np.isfinite(margin) & condition.has(not answer, margin)
+        margin = sign * margin
+        slope = sign * slope_row.full()[0].reshape(x.shape[1], coordinate_count).T
         if step == 0:
             aim = np.tile(_AIMS, start_count) * np.abs(margin)
         if refused:
-            kept += list(x[:, has_other_answer].T)
+            found_states += list(x[:, has_other_answer].T)
         elif has_other_answer.any():
             has_values, within = conditions.has_values_and_reach(x)
             candidates = x[:, has_other_answer & has_values & within]
             steady = _is_steady(gradient, condition, not answer, candidates, limits)
-            kept += list(candidates[:, steady].T)
-        if len(kept) >= most:
+            found_states += list(candidates[:, steady].T)
+        if len(found_states) >= most_states:
             break
         with np.errstate(divide="ignore", invalid="ignore"):
             newton = -(margin + aim) / (slope**2).sum(axis=0) * slope
         newton = np.where(np.isfinite(newton), newton, 0.0)
         x = np.clip(x + newton, limits[:, :1], limits[:, 1:])
-    return np.array(kept[:most]).reshape(-1, n).T
+    return np.array(found_states[:most_states]).reshape(-1, coordinate_count).T
 
 
 def _is_steady(
@@ -119,7 +123,7 @@ def _is_steady(
     """
     steady = np.ones(state.shape[1], bool)
     width = NEAR_PART * (limits[:, 1:] - limits[:, :1])
-    generator = np.random.default_rng(0)
+    generator = np.random.default_rng(0)  # the same neighbours in each proof
     for _ in range(_NEIGHBOURS):
         neighbours = state + width * generator.uniform(*_NEIGHBOUR_PART, state.shape)
         margin, _ = gradient(np.clip(neighbours, limits[:, :1], limits[:, 1:]))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
+from itertools import islice
 
 from twin.core.json_types import JsonObject
 from twin.proof import program
@@ -33,16 +34,19 @@ def certificate(
         motions: what is proved along protocols, with the SHA-256 of each protocol's file.
     """
     # numbers that are 0 in the equations and in the mechanism, as a point at the origin, need no certificate
-    proved = [claim for claim in proof.claims if claim.status == "proved" and program.depends(claim.nodes)]
+    proved = []
     nodes = []
-    for claim in proved:
-        nodes += [*claim.nodes, *claim.reach]
-    rows, places = program.rows(nodes)
-    row_of = dict(zip(map(id, nodes), places, strict=True))
+    for claim in proof.claims:
+        if claim.status == "proved" and program.depends(claim.nodes):
+            proved.append(claim)
+            nodes += [*claim.nodes, *claim.reach]
+    rows, row_numbers = program.rows(nodes)
     claims = []
+    # the numbers are in the order in which the nodes were listed above
+    remaining = iter(row_numbers)
     for claim in proved:
-        zero = [row_of[id(node)] for node in claim.nodes]
-        reach = [row_of[id(node)] for node in claim.reach]
+        zero = list(islice(remaining, len(claim.nodes)))
+        reach = list(islice(remaining, len(claim.reach)))
         claims.append({"name": claim.name, "claim": claim.sentence, "zero": zero, "reach": reach})
     data: JsonObject = {
         "schema": SCHEMA,
@@ -60,6 +64,7 @@ def certificate(
 
 def digest(data: Mapping[str, object]) -> str:
     """Return the SHA-256 of a certificate's content without its own entry `sha256`."""
-    content = {key: value for key, value in data.items() if key != "sha256"}
+    content = dict(data)
+    content.pop("sha256", None)
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
     return hashlib.sha256(text.encode("ascii")).hexdigest()

@@ -17,7 +17,7 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.proof.draws import STEPS
 from twin.proof.program import ProgramStep
-from twin.proof.values import ExactValue, RootMark, Truths
+from twin.proof.values import ExactValue, RootSignature, Truths
 
 Status = Literal["proved", "refuted", "unproved"]
 
@@ -27,16 +27,16 @@ ROUNDING = 1e-6
 ENOUGH = 8
 """Number of states with an exact zero that a proof needs."""
 
-_SURE = -12.0
+_LARGEST_LOG_ODDS = -12.0
 """Largest decimal logarithm of the odds of chance with which a claim is proved."""
 
 _ROUNDING_OF_ROOTS = 1e-9
 """The same as `ROUNDING`, for a claim with roots: a wrong sign may be as small as that."""
 
-_DOUBTFUL = 16
+_MOST_DOUBTFUL = 16
 """Maximum number of states that are kept to look at the signs of roots with more digits."""
 
-_MANY = 64
+_EXPECTED_WITH_ZERO = 64
 """Number of exact values of which one would be zero by chance if a claim is true, but for roots with other signs."""
 
 _CHANCE = 1e-6
@@ -87,7 +87,7 @@ class JudgedClaim:
     nodes: tuple[ProgramStep, ...] = ()
     reach: tuple[ProgramStep, ...] = ()
     needs_more_states: bool = False
-    roots: frozenset[RootMark] = frozenset()
+    roots: frozenset[RootSignature] = frozenset()
     different: bool = False
     undefined: int = 0
     doubtful: tuple[Mapping[str, float], ...] = ()
@@ -108,7 +108,7 @@ def judged(
     inside: Truths,
     state: Mapping[str, Array],
     reasons: Sequence[str],
-    drawn: int,
+    drawn_states: int,
     sides: Sequence[Truths] = (),
     share: float | None = None,
 ) -> JudgedClaim:
@@ -121,12 +121,13 @@ def judged(
         inside: the states (k,) within reach.
         state: {name of a random number: its real values (k,)}.
         reasons: texts of what has no exact form, for a claim that is not proved.
-        drawn: number of states that were drawn; those without roots may have been left out.
+        drawn_states: number of states that were drawn; those without roots may have been left out.
         sides: the states (k,) with each answer of each condition: with roots, zeros must be among them as often.
         share: share of the exact values that are zero at other states, if it is known; None: that at these.
     """
     at_states = _Numbers.of(numbers, inside)
     sizes = at_states.largest
+    # nothing is claimed where the equations say that the mechanism is out of reach
     sizes[~inside] = 0
     undefined = int(np.isnan(sizes).sum())
     sizes[np.isnan(sizes)] = 0
@@ -135,7 +136,7 @@ def judged(
     has_roots = bool(at_states.roots)
     evidence = _Evidence(
         within=int(inside.sum()),
-        drawn=drawn,
+        drawn=drawn_states,
         exact=int(at_states.known.sum()),
         zeros=int(is_zero.sum()),
         undefined=undefined,
@@ -143,19 +144,20 @@ def judged(
         degree=at_states.degree,
         roots=len(at_states.roots),
         # with roots, an exact value may be not zero only because a root has its other sign in the field
-        is_missed=has_roots and _is_missed(is_zero, at_states.known, sides, share),
+        misses_zeros=has_roots and _misses_zeros(is_zero, at_states.known, sides, share),
     )
     status, reason = evidence.verdict(reasons)
     witness: dict[str, float] = {}
     if status == "refuted":
-        witness = _at(state, worst)
+        witness = _real_state(state, worst)
     nodes: tuple[ProgramStep, ...] = ()
-    if status != "unproved" and None not in at_states.nodes:
-        nodes = tuple(node for node in at_states.nodes if node is not None)
+    if status != "unproved":
+        nodes = at_states.all_nodes()
     doubtful: list[dict[str, float]] = []
     if has_roots and status == "proved":
         not_zero = np.flatnonzero(at_states.known & ~at_states.zero)
-        doubtful = [_at(state, int(place)) for place in not_zero[:_DOUBTFUL]]
+        for place in not_zero[:_MOST_DOUBTFUL]:
+            doubtful.append(_real_state(state, int(place)))
     is_open = status == "unproved" and evidence.within > 0 and not undefined
     error, error_terms = at_states.error
     return JudgedClaim(
@@ -192,7 +194,7 @@ class _Evidence:
         largest: the largest real value.
         degree: bound of the degree of each number, as `Degree.zeros`.
         roots: number of roots in the numbers.
-        is_missed: whether no zeros are on one side of a condition, although chance would have put one there.
+        misses_zeros: whether no zeros are on one side of a condition, although chance would have put one there.
     """
 
     within: int
@@ -203,7 +205,7 @@ class _Evidence:
     largest: float
     degree: int
     roots: int
-    is_missed: bool
+    misses_zeros: bool
 
     @property
     def log_odds(self) -> float:
@@ -219,15 +221,15 @@ class _Evidence:
     def is_different(self) -> bool:
         """Whether exact values are not zero, or may not be."""
         if self.roots:
-            return self.is_missed or self.is_unclear
+            return self.misses_zeros or self.is_unclear
         return self.zeros < self.exact
 
     @property
     def needs_more_states(self) -> bool:
         """Whether few states have all roots in the field, so that others may decide."""
-        has_few = self.zeros < ENOUGH or _SURE <= self.log_odds < 0
+        has_few = self.zeros < ENOUGH or _LARGEST_LOG_ODDS <= self.log_odds < 0
         # where many exact values are known and none is zero, luck is no reason
-        return self.roots > 0 and has_few and (self.zeros > 0 or self.exact < _MANY)
+        return self.roots > 0 and has_few and (self.zeros > 0 or self.exact < _EXPECTED_WITH_ZERO)
 
     def verdict(self, reasons: Sequence[str]) -> tuple[Status, str]:
         """Return the status of the claim, and why it is not proved.
@@ -252,10 +254,10 @@ class _Evidence:
         if self.is_unclear:
             reason = f"a value is {self.largest:.1g}: rounding, or roots with other signs; the exact values do not tell"
             return "unproved", reason
-        if self.is_missed:
+        if self.misses_zeros:
             reason = "the exact values are not zero where a condition has one of its answers: a difference below 1e-6"
             return "unproved", reason
-        if self.zeros >= ENOUGH and self.log_odds < _SURE:
+        if self.zeros >= ENOUGH and self.log_odds < _LARGEST_LOG_ODDS:
             return "proved", ""
         return "unproved", self._shortage(reasons)
 
@@ -277,8 +279,8 @@ class _Evidence:
         return "the exact values are not zero: a difference below 1e-6, or roots with other signs"
 
 
-def _at(state: Mapping[str, Array], place: int) -> dict[str, float]:
-    """Return the real values of the random numbers at a state."""
+def _real_state(state: Mapping[str, Array], place: int) -> dict[str, float]:
+    """Return {name of a random number: its real value} at the state with an index."""
     return {name: float(values[place]) for name, values in state.items()}
 
 
@@ -293,14 +295,14 @@ class _Numbers:
         degree: bound of the degree of each of them, as `Degree.zeros`.
         roots: the roots in them.
         error: the shortest polynomial that is not zero, and its number of terms; ("", 0) if there is none.
-        nodes: the operations of each.
+        nodes: the operations of each; None if they have no exact form.
     """
 
     known: Truths
     zero: Truths
     largest: Array
     degree: int
-    roots: frozenset[RootMark]
+    roots: frozenset[RootSignature]
     error: tuple[str, int]
     nodes: list[ProgramStep | None]
 
@@ -311,7 +313,7 @@ class _Numbers:
         zero = np.ones(len(inside), bool)
         largest = np.zeros(len(inside))
         degree = 1
-        roots: frozenset[RootMark] = frozenset()
+        roots: frozenset[RootSignature] = frozenset()
         errors = []
         nodes = []
         for number in numbers:
@@ -329,8 +331,17 @@ class _Numbers:
         error = min(errors, key=lambda text_and_terms: len(text_and_terms[0]), default=("", 0))
         return _Numbers(known, zero, largest, degree, roots, error, nodes)
 
+    def all_nodes(self) -> tuple[ProgramStep, ...]:
+        """Return the operations of all numbers; none if those of one are unknown."""
+        nodes = []
+        for node in self.nodes:
+            if node is None:
+                return ()
+            nodes.append(node)
+        return tuple(nodes)
 
-def _is_missed(zero: Truths, known: Truths, sides: Sequence[Truths], share: float | None) -> bool:
+
+def _misses_zeros(zero: Truths, known: Truths, sides: Sequence[Truths], share: float | None) -> bool:
     """Return whether no zeros are on one side of a condition, although chance would have put one there.
 
     `share` is the share of exact values that are zero by the signs of roots; None: that of `zero` (k,) in `known` (k,).

@@ -10,6 +10,7 @@ from twin.proof.branch_report import BranchReport
 from twin.proof.claims import JudgedClaim, unclaimed
 from twin.proof.precise import certainly_not_zero
 from twin.proof.proof_result import Proof
+from twin.proof.refused_states import state_text
 
 _PRECISE_STATES = 64
 """Maximum number of states that were found at which signs of roots are judged with more digits."""
@@ -31,13 +32,15 @@ def for_all_parameters(published: Proof, general: Proof) -> Proof:
     """
     claims = []
     is_special = False  # whether a claim is only proved for the published parameters
-    for claim, other in zip(published.claims, general.claims, strict=True):
-        is_better = other.status == "proved" or (claim.status == "unproved" and other.zeros >= claim.zeros)
-        kept = claim
-        if is_better and other.status != "refuted":
-            kept = other
-        claims.append(kept)
-        is_special |= kept.status == "proved" and other.status != "proved"
+    for claim, general_claim in zip(published.claims, general.claims, strict=True):
+        chosen_claim = claim
+        if general_claim.status == "proved":
+            chosen_claim = general_claim
+        elif general_claim.status == claim.status == "unproved" and general_claim.zeros >= claim.zeros:
+            # both are open: the one with more evidence says more about what is missing
+            chosen_claim = general_claim
+        claims.append(chosen_claim)
+        is_special |= chosen_claim.status == "proved" and general_claim.status != "proved"
     if is_special or not general.count("proved"):
         return replace(published, claims=tuple(claims))
     return replace(published, claims=tuple(claims), drawn=general.drawn, fixed=general.fixed, ranges=general.ranges)
@@ -46,10 +49,10 @@ def for_all_parameters(published: Proof, general: Proof) -> Proof:
 def with_rooted_states(proof: Proof, with_all_roots: Proof) -> Proof:
     """Return the proof with the claims that need states where all roots exist, taken from one at such states."""
     claims = []
-    for claim, other in zip(proof.claims, with_all_roots.claims, strict=True):
-        is_better = other.status != "unproved" or other.zeros > claim.zeros
+    for claim, rooted_claim in zip(proof.claims, with_all_roots.claims, strict=True):
+        is_better = rooted_claim.status != "unproved" or rooted_claim.zeros > claim.zeros
         if claim.needs_more_states and is_better:
-            claims.append(other)
+            claims.append(rooted_claim)
         else:
             claims.append(claim)
     return replace(proof, claims=tuple(claims))
@@ -58,11 +61,11 @@ def with_rooted_states(proof: Proof, with_all_roots: Proof) -> Proof:
 def without_contradicted(proof: Proof, other_states: Proof) -> Proof:
     """Return the proof without the proofs of claims that are wrong, or not exactly zero, at other states."""
     claims = []
-    for claim, other in zip(proof.claims, other_states.claims, strict=True):
-        if other.status == "refuted":
-            claims.append(other)
-        elif claim.status == "proved" and (other.different or other.undefined):
-            claims.append(replace(claim, status="unproved", reason=other.reason, nodes=()))
+    for claim, other_claim in zip(proof.claims, other_states.claims, strict=True):
+        if other_claim.status == "refuted":
+            claims.append(other_claim)
+        elif claim.status == "proved" and (other_claim.different or other_claim.undefined):
+            claims.append(replace(claim, status="unproved", reason=other_claim.reason, nodes=()))
         else:
             claims.append(claim)
     return replace(proof, claims=tuple(claims))
@@ -74,15 +77,17 @@ def with_signs(claims: Iterable[JudgedClaim], rare: Sequence[Mapping[str, float]
     They are judged where exact values were not zero, and at states where conditions have rare answers: some of `rare`,
     each {random number: its value}.
     """
+    # at most `_PRECISE_STATES` of them, spread over all conditions: numbers of 60 digits are slow
     chosen = rare[:: 1 + len(rare) // _PRECISE_STATES]
     judged = []
     for claim in claims:
-        wrong = 0.0
+        certain_error = 0.0
         if claim.status == "proved" and claim.roots:
-            wrong = certainly_not_zero(claim.nodes, [*claim.doubtful, *chosen])
-        if wrong:
+            certain_error = certainly_not_zero(claim.nodes, [*claim.doubtful, *chosen])
+        if certain_error:
             reason = (
-                f"with the signs of its roots, a value is {wrong:.3g} at a state within reach: a difference below 1e-6"
+                f"with the signs of its roots, a value is {certain_error:.3g} at a state within reach: a difference "
+                "below 1e-6"
             )
             claim = replace(claim, status="unproved", reason=reason, nodes=())
         judged.append(claim)
@@ -106,14 +111,14 @@ def with_conditions(proof: Proof, report: BranchReport) -> Proof:
             f"change results of which nothing is claimed: {_some_of(report.silent)}"
         )
         claims.append(unclaimed("results without a claim", sentence, reason))
-    beyond = None
+    refused_claim = None
     if proof.refused is not None:
-        beyond = proof.refused.claim()
-    if beyond is not None:
-        claims.append(beyond)
+        refused_claim = proof.refused.claim()
+    if refused_claim is not None:
+        claims.append(refused_claim)
     elif report.without_value:
         sentence = "the equations have a value at each pose within reach"
-        state = ", ".join(f"{name} = {value:.6g}" for name, value in report.without_value.items())
+        state = state_text(report.without_value)
         reason = f"they have neither a value nor a negative margin at {state}: the mechanism may reach it, or may not"
         claims.append(unclaimed("values", sentence, reason))
     return replace(proof, claims=tuple(claims), branches=report)

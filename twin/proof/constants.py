@@ -19,10 +19,14 @@ _DENOMINATORS = 240
 """Largest denominator of a fraction that multiplies a root, or that is a part of a half turn or of a number."""
 
 _GRID = 10**7
-"""Decimals of a drawing: 0.1 micrometres in m."""
+"""Steps in a metre of the decimals of a drawing: 0.1 micrometres."""
 
 _ROUNDING = 4e-16
 """Rounding error of a number up to 1 that was computed with double precision, as 6e-17 for the cosine of 90 degrees."""
+
+
+_COSINE_ROUNDING = 1e-14
+"""Rounding error of cosine and sine of a rounded multiple of 30 or 45 degrees within a few turns."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +40,11 @@ class ExactNumber:
     parts: tuple[tuple[int, Fraction], ...]
 
     def __float__(self) -> float:
-        return math.fsum(float(fraction) * math.sqrt(radicand) for radicand, fraction in self.parts)
+        terms = []
+        for radicand, fraction in self.parts:
+            terms.append(float(fraction) * math.sqrt(radicand))
+        # rounded once, whatever the order of the parts
+        return math.fsum(terms)
 
     @property
     def residue(self) -> int:
@@ -79,7 +87,12 @@ def both(first: ExactNumber, second: ExactNumber) -> ExactNumber:
     totals: dict[int, Fraction] = {}
     for radicand, fraction in (*first.parts, *second.parts):
         totals[radicand] = totals.get(radicand, Fraction(0)) + fraction
-    return ExactNumber(tuple((radicand, fraction) for radicand, fraction in sorted(totals.items()) if fraction))
+    # sorted, so that equal numbers have equal parts
+    parts = []
+    for radicand, fraction in sorted(totals.items()):
+        if fraction:
+            parts.append((radicand, fraction))
+    return ExactNumber(tuple(parts))
 
 
 def _text(fraction: Fraction) -> str:
@@ -97,6 +110,7 @@ def _root(radicand: int, prime: int) -> int:
         return 1
     if radicand == 6:
         return _root(2, prime) * _root(3, prime) % prime
+    # the root that is itself a square, as `field.root` has it: a product of two is the root of the product
     return pow(radicand, (prime + 1) // 4, prime)
 
 
@@ -140,13 +154,13 @@ def exact_angle(value: float, tolerance: float = 4e-15) -> tuple[ExactNumber, Ex
     """Return cosine and sine of an angle in rad that is a multiple of 30 or of 45 degrees; None for other angles."""
     if not math.isfinite(value):
         return None
-    for part in (6, 4):
+    for part in (6, 4):  # 30 degrees are a sixth of a half turn, 45 degrees a fourth
         parts = value / (math.pi / part)
         if abs(parts - round(parts)) > tolerance * max(1.0, abs(parts)):
             continue
         angle = round(parts) * math.pi / part
-        cosine = recognised(math.cos(angle), 1e-14)
-        sine = recognised(math.sin(angle), 1e-14)
+        cosine = recognised(math.cos(angle), _COSINE_ROUNDING)
+        sine = recognised(math.sin(angle), _COSINE_ROUNDING)
         if cosine is not None and sine is not None:
             return cosine, sine
     return None

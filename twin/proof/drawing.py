@@ -45,7 +45,7 @@ class Drawing:
         unrecognised: numbers without an exact form, as texts with their body.
         recognised: {length as text: its exact form}, for lengths that are no decimals.
         near: {length without an exact form as text: the root of a drawing that it is, but for its last digit}.
-        largest: the largest difference in m or rad between a number and its exact form.
+        largest: the largest difference in m or rad so far between a number and its exact form.
     """
 
     def __init__(
@@ -95,6 +95,7 @@ class Drawing:
         theta = 0.0
         along = 0.0
         shift = p
+        # parallel axes have no single common normal: then all of the shift lies before the bend
         if lean > ANGLE_TOLERANCE:
             normal = np.array([-z[1], z[0], 0.0]) / lean
             theta = math.atan2(normal[1], normal[0])
@@ -147,11 +148,18 @@ class Drawing:
             return self._recognised(exact_length, value)
         text = f"{value * 1e3:.9g} mm of {what}"
         self.unrecognised.append(text)
-        lengths = {name: float(length) for name, length in self._lengths.items() if length}
-        near = near_length(value, lengths)
-        if near:
-            self.near[text] = near
+        near_root = near_length(value, self._float_lengths())
+        if near_root:
+            self.near[text] = near_root
         return values.unknown(np.full(self.states, value))
+
+    def _float_lengths(self) -> dict[str, float]:
+        """Return {parameter: its length in m} of the parameters that are not 0."""
+        lengths = {}
+        for name, length in self._lengths.items():
+            if length:
+                lengths[name] = float(length)
+        return lengths
 
     def _exact_length(self, value: float) -> ExactNumber | None:
         """Return the exact form of a length in m; None if there is none."""
@@ -172,7 +180,9 @@ class Drawing:
         if multiple is not None:
             return multiple
         for parameters in self._sums:
-            published = sum(parameter.published for parameter in parameters)
+            published = 0.0
+            for parameter in parameters:
+                published += parameter.published
             multiple = self._multiple(math.remainder(value - published, 2 * math.pi))
             if multiple is None:
                 continue
@@ -223,22 +233,22 @@ def _exact_length(value: float, lengths: tuple[Fraction, ...]) -> ExactNumber | 
     if number is not None:
         return number
     for size, part in _parts(lengths):
-        rest = _on_grid(value - size)
-        if rest is not None:
-            return constants.both(part, rest)
+        remainder = _on_grid(value - size)
+        if remainder is not None:
+            return constants.both(part, remainder)
     return None
 
 
 @cache
 def _parts(lengths: tuple[Fraction, ...]) -> list[tuple[float, ExactNumber]]:
     """Return the parts of parameters that a length may contain, each with its value."""
-    opposite = [-part for part in _PARTS]
     parts = []
     for length in lengths:
         for radicand in (1, *ROOTS):
-            for part in (*_PARTS, *opposite):
-                number = constants.exact(part * length, radicand)
-                parts.append((float(number), number))
+            for signed_length in (length, -length):
+                for part in _PARTS:
+                    number = constants.exact(part * signed_length, radicand)
+                    parts.append((float(number), number))
     return parts
 
 
@@ -258,6 +268,6 @@ def _sums(angles: Sequence[Angle]) -> Iterator[tuple[Angle, ...]]:
         yield (angle,)
         yield (values.turned_back(angle),)
     for first, second in combinations(angles, 2):
-        for a in (first, values.turned_back(first)):
-            for b in (second, values.turned_back(second)):
-                yield a, b
+        for signed_first in (first, values.turned_back(first)):
+            for signed_second in (second, values.turned_back(second)):
+                yield signed_first, signed_second

@@ -19,10 +19,10 @@ from twin.proof.values import Angle, Degree, ExactValue, Value
 STEPS = 2**49
 """Number of fractions among which a random number is drawn; the odds of a chance zero are a degree divided by this."""
 
-_NEAR = 2**4
+_NEAR_FRACTIONS = 2**4
 """Number of fractions among which one near a given value is drawn."""
 
-NEAR_PART = 512.0 * _NEAR / STEPS
+NEAR_PART = 512.0 * _NEAR_FRACTIONS / STEPS
 """Largest distance of what is drawn near a given value from it, as a part of the range.
 
 The fractions are above the value, but for half a step. Those of an angle are tangents, which are up to 1273 wide.
@@ -31,7 +31,7 @@ The fractions are above the value, but for half a step. Those of an angle are ta
 _ANGLE_TOLERANCE = 1e-12
 """Tolerance of an angle that is a multiple of 30 or of 45 degrees, in multiples of these."""
 
-_OPEN = 0.999
+_OPEN_SHARE = 0.999
 """Share of half a turn to each side within which angles are drawn: the tangent of half of it must exist."""
 
 
@@ -52,7 +52,9 @@ def number(
     step = (Fraction(high) - first) / STEPS
     multiples = generator.integers(0, STEPS, states)
     if near is not None:
-        multiples = np.round((near - low) / (high - low) * STEPS).astype(np.int64) + multiples % _NEAR
+        nearest_multiples = np.round((near - low) / (high - low) * STEPS).astype(np.int64)
+        # not the nearest fraction itself: repeated states must be others
+        multiples = nearest_multiples + multiples % _NEAR_FRACTIONS
     multiples = np.clip(multiples, 0, STEPS - 1).astype(np.uint64)
     real = low + (high - low) * (multiples.astype(float) / STEPS)
     steps = np.full(states, field.residue(step), np.uint64)
@@ -82,13 +84,13 @@ def turn(
     sine are fractions of t.
     """
     start = _nearest((low + high) / 2)
-    farthest = _OPEN * math.pi
+    farthest = _OPEN_SHARE * math.pi
     first = math.tan(max(low - start, -farthest) / 2)
     last = math.tan(min(high - start, farthest) / 2)
-    near_t = None
+    near_tangents = None
     if near is not None:
-        near_t = np.tan(np.clip(near - start, -farthest, farthest) / 2)
-    t = number(generator, first, last, states, name, near=near_t)
+        near_tangents = np.tan(np.clip(near - start, -farthest, farthest) / 2)
+    t = number(generator, first, last, states, name, near=near_tangents)
     one = values.constant(1.0, states)
     square = values.product(t, t)
     scale = values.reciprocal(values.total(one, square))
@@ -97,6 +99,7 @@ def turn(
     real = 2 * np.arctan(t.real)
     turned_by = fixed_angle(start, states)
     angle = values.turned(turned_by, Angle(cosine, sine, real))
+    # for a certificate, cosine and sine are inputs: it does not repeat how they were drawn
     cosine = replace(angle.cosine, node=ProgramStep("cosine", text=name))
     sine = replace(angle.sine, node=ProgramStep("sine", text=name))
     if formulas:
@@ -132,11 +135,13 @@ def named(
 
     `formulas`: whether they are variables of formulas. `near`: {name: values (k,) near which they are}.
     """
-    drawn: dict[str, Value] = {}
+    values_of: dict[str, Value] = {}
     for name, (is_angle, low, high) in ranges.items():
-        draw = turn if is_angle else number
-        values_near = None
+        near_values = None
         if near is not None:
-            values_near = near[name]
-        drawn[name] = draw(generator, low, high, states, name, formulas, values_near)
-    return drawn
+            near_values = near[name]
+        if is_angle:
+            values_of[name] = turn(generator, low, high, states, name, formulas, near_values)
+        else:
+            values_of[name] = number(generator, low, high, states, name, formulas, near_values)
+    return values_of

@@ -10,7 +10,7 @@ from twin.formula.contract import Formula
 from twin.model.mechanism import Mechanism
 from twin.proof import field, formula_side, values
 from twin.proof.attempt import within_reach
-from twin.proof.branch_report import examined_conditions
+from twin.proof.branch_report import examined_conditions, states_one_by_one
 from twin.proof.claims import JudgedClaim, judged, unclaimed
 from twin.proof.combined_proof import with_signs
 from twin.proof.formula_side import Outputs
@@ -19,7 +19,7 @@ from twin.proof.random_states import ProofStates, random_states
 from twin.proof.replay import Notes, replay
 from twin.proof.values import Angle, ExactValue, Value
 
-_REFUSED = 8
+_EVERY_REFUSED = 8
 """Of the states at which a search found that a condition leaves no value, one in so many is judged."""
 
 
@@ -48,20 +48,21 @@ def equal_outputs(
             if report.open:
                 reason = f"a condition has one answer at all drawn states: {report.open[0]}"
                 claims.append(unclaimed("conditions", "all answers of the conditions were judged", reason))
-            near = {}
+            centres = {}
+            repeated = {}
             for name in states.state:
                 # where one of them has no value, the other must have none
-                near[name] = np.concatenate([report.states[name], report.refused[name][::_REFUSED]])
-            count = len(next(iter(near.values())))
-            if not count:
+                centres[name] = np.concatenate([report.states[name], report.refused[name][::_EVERY_REFUSED]])
+                repeated[name] = np.tile(centres[name], REPEATS_PER_STATE)
+            states_of_report = states_one_by_one(centres)
+            if not states_of_report:
                 continue
-            repeated = {name: np.tile(numbers, REPEATS_PER_STATE) for name, numbers in near.items()}
-            besides = random_states(first, robot, count * REPEATS_PER_STATE, seed, near=repeated)
-            for i, other in enumerate(_compared(besides, first, second, variants)):
-                if other.status == "refuted" or other.different or other.undefined:
-                    claims[i] = other
-            for state in range(count):
-                rare.append({name: float(numbers[state]) for name, numbers in near.items()})
+            count = len(states_of_report) * REPEATS_PER_STATE
+            nearby_states = random_states(first, robot, count, seed, near=repeated)
+            for i, nearby_claim in enumerate(_compared(nearby_states, first, second, variants)):
+                if nearby_claim.status == "refuted" or nearby_claim.different or nearby_claim.undefined:
+                    claims[i] = nearby_claim
+            rare += states_of_report
     return with_signs(claims, rare)
 
 
@@ -91,14 +92,14 @@ def _claims(
     second = _replayed(states, functions[1], state)
     inside = within_reach(first, states.count) | within_reach(second, states.count)
     for name in sorted({*first, *second}):
-        own = first.get(name, ())
-        other = second.get(name, ())
+        first_values = first.get(name, ())
+        second_values = second.get(name, ())
         numbers: list[ExactValue] = []
-        if len(own) != len(other):  # one of them has no such output
+        if len(first_values) != len(second_values):  # one of them has no such output
             numbers.append(values.unknown(np.full(states.count, np.nan)))
         else:
-            for a, b in zip(own, other, strict=True):
-                numbers += _differences(a, b)
+            for first_value, second_value in zip(first_values, second_values, strict=True):
+                numbers += _differences(first_value, second_value)
         sentence = f"both give the same {name}"
         yield judged(f"{stage}: {name}", sentence, numbers, inside, states.real, (), states.drawn_states)
 

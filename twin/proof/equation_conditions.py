@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import casadi as ca
 import numpy as np
@@ -38,7 +38,7 @@ class EquationConditions:
         Args:
             formula: the equations.
             variants: the chosen variant of each equation.
-            drawn: parameters that are part of the state.
+            drawn: names of the parameters that are part of the state.
             measures: whether those that only measures of singularity or aspects depend on are among them.
         """
         self._has_forward = formula.has("forward")
@@ -49,11 +49,17 @@ class EquationConditions:
         self.names = (*state_side.state, *drawn)
         symbols = {name: ca.SX.sym(name) for name in self.names}
         self.state = ca.vertcat(*symbols.values())
-        joints_or_coordinates = ca.vertcat(*[symbols[name] for name in state_side.state])
-        parameters = ca.vertcat(*[symbols.get(p.name, ca.SX(float(p.value))) for p in formula.parameters])
+        joints_or_coordinates = self.state[: len(state_side.state)]
+        parameter_values = []
+        for parameter in formula.parameters:
+            published = ca.SX(float(parameter.value))
+            parameter_values.append(symbols.get(parameter.name, published))
+        parameters = ca.vertcat(*parameter_values)
         results, self._conditions = expressions_and_conditions(formula, state_side, [joints_or_coordinates, parameters])
         must_be_finite = [results["pose"]]
-        margins_of_reach = [results["reach"]] if "reach" in results else []
+        margins_of_reach = []
+        if "reach" in results:
+            margins_of_reach.append(results["reach"])
         if "joints" in results:
             must_be_finite.append(results["joints"])
         elif formula.has("inverse"):
@@ -65,8 +71,7 @@ class EquationConditions:
             must_be_finite.append(inverse_results["joints"])
             if "reach" in inverse_results:
                 margins_of_reach.append(inverse_results["reach"])
-        margins = [condition.margin for condition in self._conditions]
-        self.margins = ca.Function("margins", [self.state], [ca.vertcat(*margins)])
+        self.margins = self.margins_of(range(len(self._conditions)))
         self.values = ca.Function("values", [self.state], [ca.vertcat(*must_be_finite), ca.vertcat(*margins_of_reach)])
 
     def __len__(self) -> int:
@@ -77,6 +82,11 @@ class EquationConditions:
 
     def __iter__(self) -> Iterator[EquationCondition]:
         return iter(self._conditions)
+
+    def margins_of(self, indices: Sequence[int]) -> ca.Function:
+        """Return the margins of some conditions, as a function of the state."""
+        margins = [self._conditions[i].margin for i in indices]
+        return ca.Function("margins", [self.state], [ca.vertcat(*margins)])
 
     def has_values_and_reach(self, state: Array) -> tuple[Truths, Truths]:
         """Return which states (n, k) have values, and which are within reach by the margins of the equations.

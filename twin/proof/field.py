@@ -105,9 +105,9 @@ def inverse(a: Residues) -> Residues:
     inverses = np.array([pow(int(levels[-1][0]), -1, prime())], np.uint64)
     for numbers in reversed(levels[:-1]):
         pairs = np.empty_like(numbers)
-        whole = inverses[: len(numbers) // 2]
-        pairs[0::2] = multiply(whole, numbers[1::2])
-        pairs[1::2] = multiply(whole, numbers[0::2])
+        pair_inverses = inverses[: len(numbers) // 2]
+        pairs[0::2] = multiply(pair_inverses, numbers[1::2])
+        pairs[1::2] = multiply(pair_inverses, numbers[0::2])
         inverses = pairs
     return np.where(a == 0, np.uint64(0), inverses[: len(a)])
 

@@ -44,8 +44,8 @@ class Form:
             ((monomial, coefficient),) = self.terms.items()
             return _term(coefficient, _powers(monomial)).removeprefix("+ ")
         common = _common(self.terms)
-        sizes = [abs(coefficient) for coefficient in self.terms.values()]
-        size = min(sizes, key=lambda fraction: (fraction.denominator, fraction))  # the simplest one
+        # the simplest coefficient stands before the bracket
+        size = min(map(abs, self.terms.values()), key=lambda fraction: (fraction.denominator, fraction))
         largest_first = sorted(self.terms.items(), key=lambda term: (-term[1], term[0]))
         parts = []
         for monomial, coefficient in largest_first:
@@ -107,12 +107,12 @@ def product(a: Form | None, b: Form | None) -> Form | None:
     if a is None or b is None:
         return None
     terms: dict[Monomial, Fraction] = {}
-    for first, x in a.terms.items():
-        for second, y in b.terms.items():
+    for first, first_coefficient in a.terms.items():
+        for second, second_coefficient in b.terms.items():
             powers = dict(first)
             for name, exponent in second:
                 powers[name] = powers.get(name, 0) + exponent
-            _reduce(terms, powers, x * y)
+            _reduce(terms, powers, first_coefficient * second_coefficient)
     return _short(terms)
 
 
@@ -129,24 +129,28 @@ def _reduce(terms: dict[Monomial, Fraction], powers: dict[str, int], coefficient
         if exponent < 2:
             continue
         if name.startswith(_ROOT):
-            rest = {**powers, name: exponent - 2}
-            _reduce(terms, rest, coefficient * int(name.removeprefix(_ROOT)))
+            reduced_powers = {**powers, name: exponent - 2}
+            _reduce(terms, reduced_powers, coefficient * int(name.removeprefix(_ROOT)))
             return
         if name.startswith(_SINE):
-            rest = {**powers, name: exponent - 2}
-            _reduce(terms, rest, coefficient)
-            other = _COSINE + name.removeprefix(_SINE)
-            _reduce(terms, {**rest, other: rest.get(other, 0) + 2}, -coefficient)
+            reduced_powers = {**powers, name: exponent - 2}
+            _reduce(terms, reduced_powers, coefficient)
+            cosine_name = _COSINE + name.removeprefix(_SINE)
+            _reduce(terms, {**reduced_powers, cosine_name: reduced_powers.get(cosine_name, 0) + 2}, -coefficient)
             return
     roots = [radicand for radicand in ROOTS if powers.get(f"{_ROOT}{radicand}")]
     if len(roots) == 2:  # sqrt 2 sqrt 3 = sqrt 6, sqrt 2 sqrt 6 = 2 sqrt 3, sqrt 3 sqrt 6 = 3 sqrt 2
         first, second = roots
         (third,) = set(ROOTS) - set(roots)
-        rest = {**powers, f"{_ROOT}{first}": 0, f"{_ROOT}{second}": 0, f"{_ROOT}{third}": 1}
-        _reduce(terms, rest, coefficient * _FACTORS_OF_ROOTS[third])
+        reduced_powers = {**powers, f"{_ROOT}{first}": 0, f"{_ROOT}{second}": 0, f"{_ROOT}{third}": 1}
+        _reduce(terms, reduced_powers, coefficient * _FACTORS_OF_ROOTS[third])
         return
-    kept = [(name, exponent) for name, exponent in powers.items() if exponent]
-    _add(terms, tuple(sorted(kept)), coefficient)
+    _add(terms, tuple(sorted(_monomial(powers))), coefficient)
+
+
+def _monomial(powers: Mapping[str, int]) -> Monomial:
+    """Return the powers {variable: exponent} that are not 0, in their order."""
+    return tuple((name, exponent) for name, exponent in powers.items() if exponent)
 
 
 def _add(terms: dict[Monomial, Fraction], monomial: Monomial, coefficient: Fraction) -> None:
@@ -167,11 +171,11 @@ def _short(terms: dict[Monomial, Fraction]) -> Form | None:
 
 def _common(terms: Mapping[Monomial, Fraction]) -> Monomial:
     """Return the powers that all monomials have in common."""
-    monomials = [dict(monomial) for monomial in terms]
+    first, *others = map(dict, terms)
     shared = []
-    for name, exponent in monomials[0].items():
+    for name, exponent in first.items():
         smallest = exponent
-        for powers in monomials[1:]:
+        for powers in others:
             smallest = min(smallest, powers.get(name, 0))
         if smallest:
             shared.append((name, smallest))
@@ -183,7 +187,7 @@ def _divided(monomial: Monomial, common: Monomial) -> Monomial:
     powers = dict(monomial)
     for name, exponent in common:
         powers[name] -= exponent
-    return tuple((name, exponent) for name, exponent in powers.items() if exponent)
+    return _monomial(powers)
 
 
 def _powers(monomial: Monomial) -> str:

@@ -43,14 +43,14 @@ class FormulaBoxes:
         pose = outputs.function.sx_in(0)
         parameters = outputs.function.sx_in(1)
         results = dict(zip(outputs.names, outputs.function(pose, parameters), strict=True))
-        driven = [joint.name for joint in formula.joints]
-        symbols = dict(zip(driven, ca.vertsplit(results["joints"]), strict=True))
+        names = [joint.name for joint in formula.joints]
+        symbols = dict(zip(names, ca.vertsplit(results["joints"]), strict=True))
         if "passive" in results:
             symbols |= zip(formula.passive, ca.vertsplit(results["passive"]), strict=True)
         missing = [name for name in joints if name not in symbols]
         if missing:
             raise TwinError(f"{formula.name}: the equations give no value of joint {', '.join(missing)}")
-        values = ca.vertcat(*[symbols[name] for name in joints])
+        values = ca.vertcat(*map(symbols.__getitem__, joints))
         margins = []
         for limit in limits:
             total = 0
@@ -63,7 +63,7 @@ class FormulaBoxes:
         self._aspects: ca.Function | None = None
         if formula.aspects:
             self._aspects = formula_side.aspects(formula, variants)
-        self._parameters = np.array([float(parameter.value) for parameter in formula.parameters])
+        self._parameters = formula_side.parameter_values(formula)
 
     def values(self, p: Array) -> Array:
         """Return joint values (n, k) in m and rad at tool positions (n, 3) in m; NaN where there are none."""
@@ -89,16 +89,13 @@ class FormulaBoxes:
 
     def outside(self, low: Array, high: Array) -> Certainty:
         """Return where a margin of reach or of a limit is negative at all positions of boxes with corners (n, 3)."""
-        pose = []
-        for i in range(4):
-            for j in range(4):
-                if i == 3:
-                    pose.append(intervals.exactly(float(j == 3)))
-                elif j == 3:
-                    pose.append(intervals.between(low[:, i], high[:, i]))
-                else:
-                    pose.append(intervals.exactly(self.R[i, j]))
-        parameters = [intervals.decimals(value) for value in self._parameters]
+        pose = []  # row by row
+        for axis in range(3):
+            pose += map(intervals.exactly, self.R[axis])
+            pose.append(intervals.between(low[:, axis], high[:, axis]))
+        pose += map(intervals.exactly, (0.0, 0.0, 0.0, 1.0))
+        # a parameter is written as a decimal: the interval contains it, not only the number nearest to it
+        parameters = list(map(intervals.decimals, self._parameters))
         (margins,) = self._margins([pose, parameters])
         outside = np.zeros(len(low), bool)
         for margin in margins:

@@ -55,11 +55,12 @@ def tool_pose(
     results = dict(zip(outputs.names, outputs.function(*symbols), strict=True))
     parameters = _parameters(formula, symbols[1], results, tolerances)
     pose = ca.Function("pose", symbols, [results["pose"]])
-    entries = []
-    for entry in _evaluate(formula.name, pose, [state, parameters]):
-        entries.append(_as_sum(formula.name, entry))
-    rows = [entries[4 * i : 4 * i + 4] for i in range(4)]
-    joints = dict(zip([joint.name for joint in formula.joints], state, strict=True))
+    rows: list[list[TrigonometricSum]] = [[], [], [], []]
+    for entry_number, entry in enumerate(_evaluate(formula.name, pose, [state, parameters])):
+        rows[entry_number // 4].append(_as_sum(formula.name, entry))
+    joints: dict[str, Operand] = {}
+    for joint, value in zip(formula.joints, state, strict=True):
+        joints[joint.name] = value
     if "passive" in results:
         for name, value in zip(formula.passive, ca.vertsplit(results["passive"]), strict=True):
             function = ca.Function(name, symbols, [value])
@@ -174,11 +175,11 @@ def _total(name: str, a: Operand, b: Operand) -> Operand:
 
 def _product(name: str, a: Operand, b: Operand) -> Operand:
     """Return a b; a whole multiple of an angle is an angle."""
-    for factor, other in ((a, b), (b, a)):
-        if isinstance(other, AngleSum) and isinstance(factor, TrigonometricSum) and factor.number is not None:
+    for factor, angle in ((a, b), (b, a)):
+        if isinstance(angle, AngleSum) and isinstance(factor, TrigonometricSum) and factor.number is not None:
             value, radius = factor.number
             if radius == 0 and value == round(value):
-                return _scaled(other, int(value))
+                return _scaled(angle, int(value))
     return _as_sum(name, a) * _as_sum(name, b)
 
 
@@ -205,8 +206,9 @@ def _as_sum(name: str, operand: Operand) -> TrigonometricSum:
 def _scaled(angle: AngleSum, factor: int) -> AngleSum:
     """Return a whole multiple of an angle."""
     multiples = {}
-    if factor:
-        multiples = {place: factor * multiple for place, multiple in angle.multiples.items()}
+    if factor:  # no multiple is 0
+        for place, multiple in angle.multiples.items():
+            multiples[place] = factor * multiple
     radius = abs(factor) * angle.radius + abs(factor * angle.phase) * _ROUNDED
     return AngleSum(multiples, factor * angle.phase, radius)
 
@@ -216,9 +218,10 @@ def _turned(a: AngleSum, b: AngleSum) -> AngleSum:
     multiples = dict(a.multiples)
     for place, multiple in b.multiples.items():
         multiples[place] = multiples.get(place, 0) + multiple
-    kept = {place: multiple for place, multiple in multiples.items() if multiple}
+        if not multiples[place]:
+            del multiples[place]
     phase = a.phase + b.phase
-    return AngleSum(kept, phase, a.radius + b.radius + abs(phase) * _ROUNDED)
+    return AngleSum(multiples, phase, a.radius + b.radius + abs(phase) * _ROUNDED)
 
 
 def _reciprocal(name: str, value: TrigonometricSum) -> TrigonometricSum:
@@ -231,5 +234,6 @@ def _reciprocal(name: str, value: TrigonometricSum) -> TrigonometricSum:
     if abs(centre) <= radius:
         raise TwinError(f"{name}: the forward equations divide by a value that depends on the joints, or that may be 0")
     inverse = 1.0 / centre
+    # |1/c - 1/x| = |x - c| / |c x|, at most with |x - c| = radius towards 0
     spread = radius / (abs(centre) * (abs(centre) - radius)) * (1 + 8 * _ROUNDED)
     return trigonometric.constant(inverse, spread + abs(inverse) * _ROUNDED)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import casadi as ca
+import numpy as np
 
 from twin.core.errors import KinematicsError
+from twin.core.spatial import Array
 from twin.formula import equation_values, symbolic
 from twin.formula.contract import POSE_SYMBOL, Formula
 from twin.formula.scalar import Value
@@ -38,8 +40,7 @@ def from_joints(formula: Formula, variants: Mapping[str, str], measures: bool = 
     With `measures`, measures of singularity and aspects, of which nothing is claimed, are outputs too.
     """
     parameters = _parameters(formula)
-    names = tuple(joint.name for joint in formula.joints)
-    state = {name: ca.SX.sym(name) for name in names}
+    state = _symbols(_joint_names(formula))
     symbols = equation_values.run(formula, variants, {**parameters, **state}, "forward")
     T = _pose(formula, symbols)
     symbols = {**equation_values.from_pose(formula, T), **symbols, POSE_SYMBOL: T}
@@ -56,7 +57,7 @@ def from_pose(formula: Formula, variants: Mapping[str, str], coordinates: bool, 
     """
     parameters = _parameters(formula)
     if coordinates:
-        state = {name: ca.SX.sym(name) for name in formula.coordinates.names}
+        state = _symbols(formula.coordinates.names)
         T = equation_values.to_pose(formula, {**parameters, **state})
         symbols: Mapping[str, Value] = {**parameters, **state, POSE_SYMBOL: T}
     else:
@@ -64,13 +65,14 @@ def from_pose(formula: Formula, variants: Mapping[str, str], coordinates: bool, 
         T = symbolic.unflat(ca.vertcat(*state.values()), 4, 4)
         symbols = {**parameters, **equation_values.from_pose(formula, T)}
     symbols = equation_values.run(formula, variants, symbols, "inverse")
-    names = tuple(joint.name for joint in formula.joints)
+    names = _joint_names(formula)
     joints = equation_values.gather(formula, symbols, names, "joint")
     outputs = {"pose": symbolic.flat(T), "joints": joints}
     if formula.has("forward"):
+        # from the joints alone: the symbols of the inverse equations must not stand in for those of the forward ones
         joint_symbols = {name: symbols[name] for name in names}
-        again = equation_values.run(formula, variants, {**parameters, **joint_symbols}, "forward")
-        outputs["again"] = symbolic.flat(_pose(formula, again))
+        forward_symbols = equation_values.run(formula, variants, {**parameters, **joint_symbols}, "forward")
+        outputs["again"] = symbolic.flat(_pose(formula, forward_symbols))
     symbols = equation_values.run(formula, variants, symbols, "forward")
     outputs |= _of_helpers(formula, variants, symbols, measures)
     return _function(formula, state, parameters, outputs)
@@ -87,10 +89,14 @@ def aspects(formula: Formula, variants: Mapping[str, str]) -> ca.Function:
     symbols: Mapping[str, Value] = {**parameters, **equation_values.from_pose(formula, T)}
     for stage in ("inverse", "forward", "helper"):
         symbols = equation_values.run(formula, variants, symbols, stage)
-    names = tuple(aspect.symbol for aspect in formula.aspects)
-    signs = equation_values.gather(formula, symbols, names, "aspect")
     preferred = ca.DM([aspect.preferred for aspect in formula.aspects])
-    return ca.Function("aspects", [state, _column(parameters)], [signs * preferred])
+    return ca.Function("aspects", [state, _column(parameters)], [_aspects(formula, symbols) * preferred])
+
+
+def _aspects(formula: Formula, symbols: Mapping[str, Value]) -> ca.SX:
+    """Return the signs that distinguish assemblies, as a column."""
+    names = tuple(aspect.symbol for aspect in formula.aspects)
+    return equation_values.gather(formula, symbols, names, "aspect")
 
 
 def _of_helpers(
@@ -113,16 +119,30 @@ def _of_helpers(
             p = equation_values.gather(formula, symbols, symbol, what)
         outputs[f"point {name}"] = p
     if measures:
-        of_measures = tuple(measure.symbol for measure in formula.measures)
-        of_aspects = tuple(aspect.symbol for aspect in formula.aspects)
-        outputs["measures"] = equation_values.gather(formula, symbols, of_measures, "measure")
-        outputs["aspects"] = equation_values.gather(formula, symbols, of_aspects, "aspect")
+        measure_symbols = tuple(measure.symbol for measure in formula.measures)
+        outputs["measures"] = equation_values.gather(formula, symbols, measure_symbols, "measure")
+        outputs["aspects"] = _aspects(formula, symbols)
     return outputs
+
+
+def _joint_names(formula: Formula) -> tuple[str, ...]:
+    """Return the names of the active joints."""
+    return tuple(joint.name for joint in formula.joints)
 
 
 def _parameters(formula: Formula) -> dict[str, ca.SX]:
     """Return {parameter: its symbol}."""
-    return {parameter.name: ca.SX.sym(parameter.name) for parameter in formula.parameters}
+    return _symbols(parameter.name for parameter in formula.parameters)
+
+
+def _symbols(names: Iterable[str]) -> dict[str, ca.SX]:
+    """Return {name: a symbol with this name}."""
+    return {name: ca.SX.sym(name) for name in names}
+
+
+def parameter_values(formula: Formula) -> Array:
+    """Return the published values (n,) of the parameters, in their order and units."""
+    return np.array([float(parameter.value) for parameter in formula.parameters])
 
 
 def _pose_symbols() -> dict[str, ca.SX]:
@@ -157,7 +177,10 @@ def _function(
     Raises:
         KinematicsError: an equation calls a table or another compiled function.
     """
-    columns = [ca.densify(ca.SX(value)) for value in outputs.values()]
+    columns = []
+    for value in outputs.values():
+        # an entry that is always 0 is left out otherwise, and its output would have fewer entries than its name says
+        columns.append(ca.densify(ca.SX(value)))
     function = ca.Function("equations", [ca.vertcat(*state.values()), _column(parameters)], columns)
     for number in range(function.n_instructions()):
         if function.instruction_id(number) == ca.OP_CALL:

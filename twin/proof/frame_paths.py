@@ -16,7 +16,7 @@ from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.proof import interval_pose
 from twin.proof.interval_pose import IntervalPose
-from twin.proof.rigid_frame import joint_frames, rigid_frame
+from twin.proof.rigid_frame import RigidFrame, joint_frames, rigid_frame
 
 _PLACING = ("revolute", "prismatic", "fixed")
 """Types of joints that place a body."""
@@ -60,11 +60,10 @@ class FramePath:
     @property
     def coordinates(self) -> set[int]:
         """Numbers of the coordinates that move the frame in its root."""
-        numbers = {step.joint for _, step in self.joints}
+        moving = list(self.joints)
         if self.carrier is not None:
-            _, step = self.carrier
-            numbers.add(step.joint)
-        return numbers
+            moving.append(self.carrier)
+        return {step.joint for _, step in moving}
 
 
 class FramePaths:
@@ -104,13 +103,16 @@ class FramePaths:
             self._extend(joint)
             pending.remove(joint)
             joint = self._next_joint(pending)
+        holders_of: dict[str, int] = {}  # {body: number of its joints}
+        for joint in self.mechanism.joints:
+            for body in (joint.parent, joint.child):
+                holders_of[body] = holders_of.get(body, 0) + 1
         unplaced = {body.name for body in self.mechanism.bodies} - set(self._steps)
         for body in sorted(unplaced):
-            holders = [joint for joint in self.mechanism.joints if body in (joint.parent, joint.child)]
-            if len(holders) > 1:
+            if holders_of.get(body, 0) > 1:
                 raise TwinError(f"{self.mechanism.name}: no joint of known type places body {body} from base or tool")
         # a body that a single joint holds closes no loop
-        return [joint for joint in pending if not {joint.parent, joint.child} & unplaced]
+        return [joint for joint in pending if unplaced.isdisjoint((joint.parent, joint.child))]
 
     def _next_joint(self, pending: list[Joint]) -> Joint | None:
         """Return the first joint that places a body; None if there is none."""
@@ -129,22 +131,25 @@ class FramePaths:
         on_parent, on_child = self.frames(joint)
         turns = joint.type == "revolute"
         if joint.parent in self._steps:
-            known = joint.parent
-            new = joint.child
+            placed_body = joint.parent
+            new_body = joint.child
             step = PathStep(on_parent, on_child.inverse(), number, 1, turns)
         else:
-            known = joint.child
-            new = joint.parent
+            placed_body = joint.child
+            new_body = joint.parent
             step = PathStep(on_child, on_parent.inverse(), number, -1, turns)
-        self._steps[new] = (*self._steps[known], step)
-        self._roots[new] = self._roots[known]
-        self._routes[new] = (*self._routes[known], (joint, step.sign))
+        self._steps[new_body] = (*self._steps[placed_body], step)
+        self._roots[new_body] = self._roots[placed_body]
+        self._routes[new_body] = (*self._routes[placed_body], (joint, step.sign))
 
     def frames(self, joint: Joint) -> tuple[IntervalPose, IntervalPose]:
         """Return the frames of a joint on its parent and its child."""
-        frames = joint_frames(self.mechanism.name, joint.name, joint.T_parent_joint, joint.T_child_joint)
-        on_parent, on_child = (replace(frame, p_radius=frame.p_radius + self.tolerance) for frame in frames)
-        return interval_pose.fixed(on_parent), interval_pose.fixed(on_child)
+        on_parent, on_child = joint_frames(self.mechanism.name, joint.name, joint.T_parent_joint, joint.T_child_joint)
+        return self._widened(on_parent), self._widened(on_child)
+
+    def _widened(self, frame: RigidFrame) -> IntervalPose:
+        """Return the poses of a joint's frame whose origin may be off by the tolerance."""
+        return interval_pose.fixed(replace(frame, p_radius=frame.p_radius + self.tolerance))
 
     def is_from_tool(self, body: str) -> bool:
         """Return whether a body is placed from the tool."""
@@ -213,12 +218,12 @@ def in_carrier(first: FramePath, second: FramePath) -> tuple[FramePath, FramePat
 
     All further joints of that path then move in a frame that does not turn with the first one.
     """
-    for own, other in ((first, second), (second, first)):
-        if own.from_tool or not own.joints or not own.joints[0][1].turns:
+    for path, other_path in ((first, second), (second, first)):
+        if path.from_tool or not path.joints or not path.joints[0][1].turns:
             continue
-        shortened = FramePath(False, own.joints[1:], own.end)
-        carried = FramePath(other.from_tool, other.joints, other.end, own.joints[0])
-        if own is first:
+        shortened = FramePath(False, path.joints[1:], path.end)
+        carried = FramePath(other_path.from_tool, other_path.joints, other_path.end, path.joints[0])
+        if path is first:
             return shortened, carried
         return carried, shortened
     return first, second

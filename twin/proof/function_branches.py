@@ -86,16 +86,21 @@ def expressions_and_conditions(
         inputs: expressions of the inputs of this function, as columns.
     """
     function = outputs.function
-    results = [ca.SX.zeros(function.sparsity_out(k)) for k in range(function.n_out())]
+    results = []
+    for output in range(function.n_out()):
+        results.append(ca.SX.zeros(function.sparsity_out(output)))
     steps = instructions(function)
     walk = _Walk(inputs)
     for step in steps:
         if step.operation == ca.OP_OUTPUT:
             output, entry = step.port
-            results[output].nz[entry] = walk.memory[step.operands[0]]
+            results[output].nz[entry] = walk.memory[step.operands[0]]  # nz: by instructions, zeros are left out
         else:
             walk.take(step)
-    required = [k for k, name in enumerate(outputs.names) if name in _REQUIRED]
+    required = set()
+    for output, name in enumerate(outputs.names):
+        if name in _REQUIRED:
+            required.add(output)
     undefined = undefined_answers(steps, required, walk.choosing)
     effects = _effects(formula, outputs.names, steps, walk.choosing)
     conditions = []
@@ -140,8 +145,10 @@ class _Walk:
             if condition is None:
                 self._note_use(step)
             self._note_choice(step, operands)
-            apply = ca.SX.unary if len(operands) == 1 else ca.SX.binary
-            value = apply(step.operation, *operands)
+            if len(operands) == 1:
+                value = ca.SX.unary(step.operation, *operands)
+            else:
+                value = ca.SX.binary(step.operation, *operands)
         self.memory[step.target] = value
         self._conditions.pop(step.target, None)
         if condition is not None:
@@ -161,9 +168,12 @@ class _Walk:
             instruction, is_negated = self._conditions[step.operands[0]]
             return instruction, not is_negated
         if operation in (ca.OP_AND, ca.OP_OR):
-            parts = [self._margin_at(place) for place in step.operands]
-            combine = ca.fmin if operation == ca.OP_AND else ca.fmax
-            self.margins[step.number] = combine(*parts)
+            first, second = map(self._margin_at, step.operands)
+            # both are true where the smaller margin is positive, one of them where the larger one is
+            if operation == ca.OP_AND:
+                self.margins[step.number] = ca.fmin(first, second)
+            else:
+                self.margins[step.number] = ca.fmax(first, second)
             return step.number, False
         return None
 
@@ -203,7 +213,9 @@ def _effects(
 ) -> dict[int, frozenset[str]]:
     """Return, for each condition that chooses, the names of the results that depend on it; `names`: of the outputs."""
     conditions_at: dict[int, set[int]] = {}  # {place: conditions on which its value depends}
-    results_of: dict[int, set[str]] = {number: set() for number in choosing}
+    results_of: dict[int, set[str]] = {}
+    for number in choosing:
+        results_of[number] = set()
     for step in steps:
         conditions: set[int] = set()
         for place in step.operands:

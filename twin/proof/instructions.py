@@ -9,9 +9,6 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-OPERATION_NAMES = {getattr(ca, name): name.removeprefix("OP_").lower() for name in dir(ca) if name.startswith("OP_")}
-"""{CasADi's number of an operation: its name, as "log"}."""
-
 
 @dataclass(frozen=True)
 class Instruction:
@@ -32,6 +29,19 @@ class Instruction:
     target: int = -1
     port: tuple[int, int] = (-1, -1)
     constant: float = 0.0
+
+
+def _operation_names() -> dict[int, str]:
+    """Return {CasADi's number of an operation: its name, as "log"}."""
+    names = {}
+    for constant in dir(ca):
+        if constant.startswith("OP_"):
+            names[getattr(ca, constant)] = constant.removeprefix("OP_").lower()
+    return names
+
+
+OPERATION_NAMES = _operation_names()
+"""{CasADi's number of an operation: its name, as "log"}."""
 
 
 def instructions(function: ca.Function) -> list[Instruction]:

@@ -44,6 +44,9 @@ def _truth(certain: Certainty, possible: Certainty) -> Intervals:
     return Intervals(certain.astype(float), possible.astype(float))
 
 
+# each answer is certain if it holds for all values of both intervals, and possible if its opposite is not certain
+
+
 def _less(a: Intervals, b: Intervals) -> Intervals:
     return _truth(a < b, ~(a >= b))
 
@@ -180,10 +183,7 @@ class IntervalFunction:
             operands = [results[source] for source in sources]
             results[number] = _evaluated(operation, operands)
         results[_NO_RESULT] = intervals.exactly(0.0)
-        outputs = []
-        for numbers in self._outputs:
-            outputs.append([results[number] for number in numbers])
-        return outputs
+        return [list(map(results.__getitem__, numbers)) for numbers in self._outputs]
 
 
 def _evaluated(operation: int, operands: list[Intervals]) -> Intervals:

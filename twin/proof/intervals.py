@@ -48,6 +48,9 @@ _LIBRARY_ANGLE = 2.0**-48
 _LIBRARY_SHARE = 2.0**-49
 """Bound of the relative error of exponential and logarithm: 8 units in the last place."""
 
+_SUBNORMAL = 1e-300
+"""Bound of the error of exponentials below the smallest normal number, 2e-308."""
+
 _LARGEST_ANGLE = 2.0**20
 """Angles in rad beyond which sine and cosine are only known to be in [-1, 1]."""
 
@@ -238,9 +241,27 @@ def as_intervals(value: Intervals | ArrayLike) -> Intervals:
 
 def stack(values: Sequence[Intervals], axis: int = 0) -> Intervals:
     """Return intervals stacked along a new axis, after broadcasting to one shape."""
-    lows = np.broadcast_arrays(*[value.low for value in values])
-    highs = np.broadcast_arrays(*[value.high for value in values])
-    return Intervals(np.stack(lows, axis), np.stack(highs, axis))
+    lows, highs = _ends(values)
+    return Intervals(
+        np.stack(np.broadcast_arrays(*lows), axis),
+        np.stack(np.broadcast_arrays(*highs), axis),
+    )
+
+
+def joined(values: Sequence[Intervals], axis: int) -> Intervals:
+    """Return intervals one after the other along an axis."""
+    lows, highs = _ends(values)
+    return Intervals(np.concatenate(lows, axis), np.concatenate(highs, axis))
+
+
+def _ends(values: Sequence[Intervals]) -> tuple[list[Array], list[Array]]:
+    """Return the low and the high ends of some arrays of intervals."""
+    lows = []
+    highs = []
+    for value in values:
+        lows.append(value.low)
+        highs.append(value.high)
+    return lows, highs
 
 
 def hull(a: Intervals, b: Intervals) -> Intervals:
@@ -248,6 +269,7 @@ def hull(a: Intervals, b: Intervals) -> Intervals:
     return Intervals(np.minimum(a.low, b.low), np.maximum(a.high, b.high))
 
 
+# fmax and fmin, unlike maximum and minimum, take the number where the other one is NaN
 def common(a: Intervals, b: Intervals) -> Intervals:
     """Return the common part of two enclosures of the same values; an unknown enclosure restricts nothing."""
     return Intervals(np.fmax(a.low, b.low), np.fmin(a.high, b.high))
@@ -263,8 +285,8 @@ PI = Intervals(np.asarray(np.pi), np.nextafter(np.asarray(np.pi), 4.0))
 def square(x: Intervals) -> Intervals:
     """Return x^2."""
     with np.errstate(all="ignore"):
-        found = _rounded(x.smallest**2, x.largest**2, _UNDERFLOW)
-    return Intervals(np.maximum(found.low, 0.0), found.high)
+        enclosure = _rounded(x.smallest**2, x.largest**2, _UNDERFLOW)
+    return Intervals(np.maximum(enclosure.low, 0.0), enclosure.high)
 
 
 def root(x: Intervals) -> Intervals:
@@ -331,11 +353,17 @@ def arccosine(x: Intervals) -> Intervals:
 def direction(y: Intervals, x: Intervals) -> Intervals:
     """Return atan2(y, x) in rad; [-pi, pi] where the values may include the origin or a half turn."""
     cut = ~((x.low > 0) | (y.low > 0) | (y.high < 0))
-    corners = [np.arctan2(b, a) for b in (y.low, y.high) for a in (x.low, x.high)]
+    # monotonic in x and in y where the box does not meet the cut: the extremes are at its corners
+    corners = (
+        np.arctan2(y.low, x.low),
+        np.arctan2(y.low, x.high),
+        np.arctan2(y.high, x.low),
+        np.arctan2(y.high, x.high),
+    )
     low = np.minimum(np.minimum(corners[0], corners[1]), np.minimum(corners[2], corners[3])) - _LIBRARY_ANGLE
     high = np.maximum(np.maximum(corners[0], corners[1]), np.maximum(corners[2], corners[3])) + _LIBRARY_ANGLE
-    everywhere = np.isnan(low + high)
-    cut &= ~everywhere
+    is_unknown = np.isnan(low + high)
+    cut &= ~is_unknown
     return Intervals(np.where(cut, -PI.high, low), np.where(cut, PI.high, high))
 
 
@@ -345,7 +373,8 @@ def exponential(x: Intervals) -> Intervals:
         low = np.exp(x.low)
         high = np.exp(x.high)
         # results below the smallest normal number have no relative bound
-        return Intervals(np.maximum(low - low * _LIBRARY_SHARE - 1e-300, 0.0), high * (1 + _LIBRARY_SHARE) + 1e-300)
+        smallest = np.maximum(low - low * _LIBRARY_SHARE - _SUBNORMAL, 0.0)
+        return Intervals(smallest, high * (1 + _LIBRARY_SHARE) + _SUBNORMAL)
 
 
 def logarithm(x: Intervals) -> Intervals:
@@ -370,10 +399,10 @@ def total(x: Intervals, axis: int) -> Intervals:
     """Return the sum along an axis."""
     lows = np.moveaxis(x.low, axis, 0)
     highs = np.moveaxis(x.high, axis, 0)
-    found = exactly(np.zeros(lows.shape[1:]))
+    sums = exactly(np.zeros(lows.shape[1:]))
     for low, high in zip(lows, highs, strict=True):
-        found = found + Intervals(low, high)
-    return found
+        sums = sums + Intervals(low, high)
+    return sums
 
 
 # ------------------------------------------------------------------------------------------- matrices
@@ -391,9 +420,9 @@ def product(A: Intervals | Array, B: Intervals | Array) -> Intervals:
         # one product with all rows is faster than many small ones
         *stacked, rows, terms = first.shape
         flat = Intervals(first.low.reshape(-1, terms), first.high.reshape(-1, terms))
-        found = product(flat, second)
+        flat_product = product(flat, second)
         shape = (*stacked, rows, second.shape[1])
-        return Intervals(found.low.reshape(shape), found.high.reshape(shape))
+        return Intervals(flat_product.low.reshape(shape), flat_product.high.reshape(shape))
     A_middle = first.middle
     A_radius = first.radius
     B_middle = second.middle

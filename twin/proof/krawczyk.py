@@ -16,13 +16,13 @@ from twin.core.spatial import Array
 from twin.proof import intervals
 from twin.proof.intervals import Certainty, Intervals
 
-_TRIES = 3
+_BOXES = 3
 """Number of boxes that are tried around a prediction, each wider than the one before."""
 
-_WIDER = 1.3
+_FIRST_FACTOR = 1.3
 """Radius of the first box as a multiple of the part of first order."""
 
-_MARGIN = 1.1
+_NEXT_FACTOR = 1.1
 """Radius of the next box as a multiple of the radius that would fit if the derivatives did not vary more."""
 
 _SMALLEST_RADIUS = 1e-9
@@ -31,13 +31,19 @@ _SMALLEST_RADIUS = 1e-9
 _POWERS = 4
 """Number of steps in which a vector approaches that of the largest eigenvalue."""
 
+_KEPT_SHARE = 1e-3
+"""Share of the vector of the step before that is added in each of these steps."""
+
+_SMALLEST_COMPONENT = 1e-6
+"""Added to each component of this vector, whose largest one is 1."""
+
 
 @dataclass(frozen=True, eq=False)
 class Solutions:
     """Enclosures of solutions.
 
     Attributes:
-        found: (n,) whether there is exactly one solution in the box for each parameter.
+        solved: (n,) whether there is exactly one solution in the box for each parameter.
         x: (n, k) boxes; unknown where none was found.
         shift: (n, k) `C F(m, P)`: the first-order part of x is m - shift.
         inverse: (n, k, k) the matrices C.
@@ -45,7 +51,7 @@ class Solutions:
         contraction: (n, k, k) enclosures of `1 - C dF/dx`.
     """
 
-    found: Certainty
+    solved: Certainty
     x: Intervals
     shift: Intervals
     inverse: Array
@@ -54,12 +60,13 @@ class Solutions:
 
     def functionals(self, m: Array, weights: Array) -> Intervals:
         """Return enclosures (n, w) of `weights` (w, k) times x, narrower than from the enclosures of x."""
+        # x = m - C F + (1 - C dF/dx) (x - m): a weighted sum of the right side has no sum of the widths of x
         rows = intervals.product(intervals.exactly(weights), intervals.exactly(self.inverse))
         first = intervals.product(rows, self.values[..., None])[..., 0]
         centre = intervals.product(intervals.exactly(weights), intervals.exactly(m[..., None]))[..., 0]
-        rest = intervals.product(intervals.exactly(weights), self.contraction)
+        weighted_contraction = intervals.product(intervals.exactly(weights), self.contraction)
         distance = self.x - m
-        second = intervals.product(rest, distance[..., None])[..., 0]
+        second = intervals.product(weighted_contraction, distance[..., None])[..., 0]
         return centre - first + second
 
 
@@ -74,29 +81,30 @@ def solve(
     inverse = _inverses(jacobian(centre).middle)
     values = residual(centre)
     shift = intervals.product(intervals.exactly(inverse), values[..., None])[..., 0]
-    radius = np.maximum(_WIDER * shift.largest, _SMALLEST_RADIUS)
-    count, unknowns = m.shape
-    identity = np.eye(unknowns)
-    found = np.zeros(count, bool)
+    radius = np.maximum(_FIRST_FACTOR * shift.largest, _SMALLEST_RADIUS)
+    solved = np.zeros(len(m), bool)
     x = intervals.unknown(m.shape)
-    contraction = intervals.unknown((count, unknowns, unknowns))
-    for _ in range(_TRIES):
-        tried = intervals.around(m, radius)
-        step = intervals.exactly(identity) - intervals.product(intervals.exactly(inverse), jacobian(tried))
-        mapped = centre - shift + intervals.product(step, (tried - m)[..., None])[..., 0]
-        inside = mapped.within(tried).all(axis=1)
-        new = inside & ~found
-        x = _replaced(x, mapped, new[:, None])
-        contraction = _replaced(contraction, step, new[:, None, None])
-        found |= inside
-        if found.all():
+    for _ in range(_BOXES):
+        box = intervals.around(m, radius)
+        contraction = _contraction(inverse, jacobian(box))
+        mapped = centre - shift + intervals.product(contraction, (box - m)[..., None])[..., 0]
+        inside = mapped.within(box).all(axis=1)
+        x = _replaced(x, mapped, (inside & ~solved)[:, None])
+        solved |= inside
+        if solved.all():
             break
-        radius = _fitting_radius(step.largest, shift.largest)
+        radius = _fitting_radius(contraction.largest, shift.largest)
     # the solution is in K: between it and m, the derivatives vary less
     spanned = intervals.hull(x, centre)
-    narrow = intervals.exactly(identity) - intervals.product(intervals.exactly(inverse), jacobian(spanned))
-    second = centre - shift + intervals.product(narrow, (x - m)[..., None])[..., 0]
-    return Solutions(found, intervals.common(x, second), shift, inverse, values, narrow)
+    contraction = _contraction(inverse, jacobian(spanned))
+    narrower = centre - shift + intervals.product(contraction, (x - m)[..., None])[..., 0]
+    return Solutions(solved, intervals.common(x, narrower), shift, inverse, values, contraction)
+
+
+def _contraction(inverse: Array, slopes: Intervals) -> Intervals:
+    """Return 1 - C dF/dx (n, k, k) for matrices C = `inverse` and enclosures `slopes` of dF/dx."""
+    identity = np.eye(inverse.shape[-1])
+    return intervals.exactly(identity) - intervals.product(intervals.exactly(inverse), slopes)
 
 
 def _fitting_radius(contraction: Array, shift: Array) -> Array:
@@ -108,11 +116,12 @@ def _fitting_radius(contraction: Array, shift: Array) -> Array:
     usable = np.all(np.isfinite(contraction), axis=(1, 2)) & np.all(np.isfinite(shift), axis=1)
     matrices = np.eye(unknowns) - np.where(usable[:, None, None], contraction, 0.0)
     with np.errstate(all="ignore"):
+        # singular matrices would stop the solution for all boxes; a negative determinant has no radius either
         usable &= np.linalg.slogdet(matrices)[0] > 0
     matrices[~usable] = np.eye(unknowns)
     radius = np.linalg.solve(matrices, shift[..., None])[..., 0]
     usable &= (radius >= shift).all(axis=1)
-    return np.where(usable[:, None], _MARGIN * radius + _SMALLEST_RADIUS, np.nan)
+    return np.where(usable[:, None], _NEXT_FACTOR * radius + _SMALLEST_RADIUS, np.nan)
 
 
 def regular(matrices: Intervals) -> Certainty:
@@ -121,15 +130,13 @@ def regular(matrices: Intervals) -> Certainty:
     With C near the inverse, E = 1 - C A has a spectral radius below 1 if |E| v < v for a positive vector v (Perron and
     Frobenius); then C A is regular, hence A.
     """
-    inverse = _inverses(matrices.middle)
-    size = matrices.shape[-1]
-    error = intervals.exactly(np.eye(size)) - intervals.product(intervals.exactly(inverse), matrices)
-    magnitude = error.largest
+    magnitude = _contraction(_inverses(matrices.middle), matrices).largest
     v = np.ones(magnitude.shape[:-1])
     with np.errstate(all="ignore"):
         for _ in range(_POWERS):
-            v = (magnitude @ v[..., None])[..., 0] + 1e-3 * v
-            v = v / v.max(axis=-1, keepdims=True) + 1e-6
+            # the part of v before keeps a component positive that no power reaches; so does the number that is added
+            v = (magnitude @ v[..., None])[..., 0] + _KEPT_SHARE * v
+            v = v / v.max(axis=-1, keepdims=True) + _SMALLEST_COMPONENT
     image = intervals.product(intervals.exactly(magnitude), intervals.exactly(v)[..., None])[..., 0]
     return np.all(image.high < v, axis=-1)
 
@@ -145,4 +152,5 @@ def _inverses(matrices: Array) -> Array:
 
 
 def _replaced(old: Intervals, new: Intervals, where: Certainty) -> Intervals:
+    """Return `new` where a condition is certain, and `old` elsewhere."""
     return Intervals(np.where(where, new.low, old.low), np.where(where, new.high, old.high))

@@ -82,10 +82,12 @@ class ClosingConditions:
         self._paths = FramePaths(mechanism, tolerance)
         self.names = self._paths.names
         self.active = np.array([mechanism.joint(name).active for name in self.names])
+        self.closures: list[Closure] = []
         for joint in self._paths.closing:
             if joint.active:
                 raise TwinError(f"{mechanism.name}: the active joint {joint.name} closes a loop; nothing encloses it")
-        self.closures = [self._closure(joint) for joint in self._paths.closing if joint.type != "free"]
+            if joint.type != "free":
+                self.closures.append(self._closure(joint))
 
     def _closure(self, joint: Joint) -> Closure:
         """Return a joint between two placed bodies, with paths from their last common body."""
@@ -115,20 +117,24 @@ class ClosingConditions:
     @property
     def groups(self) -> list[tuple[list[Closure], list[int]]]:
         """(closures, numbers of their coordinates) that share coordinates: at a given tool pose, each by itself."""
+        # each closure joins all groups with which it shares a coordinate
         groups: list[tuple[list[Closure], set[int]]] = []
         for closure in self.closures:
             closures = [closure]
             numbers = set(closure.coordinates)
-            apart = []
+            separate_groups = []
             for group in groups:
                 group_closures, group_numbers = group
                 if group_numbers & numbers:
                     closures = [*group_closures, *closures]
                     numbers |= group_numbers
                 else:
-                    apart.append(group)
-            groups = [*apart, (closures, numbers)]
-        return [(closures, sorted(numbers)) for closures, numbers in groups]
+                    separate_groups.append(group)
+            groups = [*separate_groups, (closures, numbers)]
+        sorted_groups = []
+        for closures, numbers in groups:
+            sorted_groups.append((closures, sorted(numbers)))
+        return sorted_groups
 
     def route(self, body: str) -> tuple[bool, tuple[tuple[Joint, int], ...]]:
         """Return whether a body is placed from the tool, and its joints: each with 1 from parent to child, else -1."""
@@ -176,8 +182,7 @@ class ClosingConditions:
                 continue
             first = moved_frame(closure.first, x, tool)
             second = moved_frame(closure.second, x, tool)
-            product = first.pose.R[..., 2] * second.pose.R[..., 2]
-            cosines.append((closure.joint, intervals.total(product, -1)))
+            cosines.append((closure.joint, _dot(first.pose.R[..., 2], second.pose.R[..., 2])))
         return cosines
 
     def aligned(self, x: Intervals, tool: ToolBox) -> Certainty:
@@ -193,15 +198,18 @@ class ClosingConditions:
                 continue
             first = moved_frame(closure.first, x, tool).pose.R
             second = moved_frame(closure.second, x, tool).pose.R
-            is_aligned &= intervals.total(first[..., 2] * second[..., 2], -1) > 0.0
+            is_aligned &= _dot(first[..., 2], second[..., 2]) > 0.0
             if kind in ("prismatic", "fixed"):
-                is_aligned &= intervals.total(first[..., 1] * second[..., 1], -1) > 0.0
+                is_aligned &= _dot(first[..., 1], second[..., 1]) > 0.0
         return is_aligned
 
 
 def rows_of(closures: Sequence[Closure]) -> int:
     """Return the number of closing conditions."""
-    return sum(_ROWS[closure.joint.type] for closure in closures)
+    count = 0
+    for closure in closures:
+        count += _ROWS[closure.joint.type]
+    return count
 
 
 def are_lengths(closures: Sequence[Closure]) -> list[bool]:
@@ -212,39 +220,49 @@ def are_lengths(closures: Sequence[Closure]) -> list[bool]:
         lengths = 3
         if kind in ("cylindrical", "prismatic"):
             lengths = 2  # their origins may differ along the axis
-        are_lengths_of_all += [row < lengths for row in range(_ROWS[kind])]
+        sines = _ROWS[kind] - lengths
+        are_lengths_of_all += [True] * lengths + [False] * sines
     return are_lengths_of_all
 
 
 def _conditions(closure: Closure, first: MovedFrame, second: MovedFrame) -> list[Intervals]:
     """Return the numbers (n,) that are zero if a joint fits between its two frames."""
     kind = closure.joint.type
-    d = second.pose.p - first.pose.p
-    conditions = _along(closure, first, d)
+    shift = second.pose.p - first.pose.p
+    conditions = _along(closure, first, shift)
     if kind != "spherical":
         conditions += _leaning(kind, first, second.pose.R[..., 2], second.pose.R[..., 1])
     return conditions
 
 
-def _along(closure: Closure, first: MovedFrame, d: Intervals) -> list[Intervals]:
+def _along(closure: Closure, first: MovedFrame, shift: Intervals) -> list[Intervals]:
     """Return the conditions of a shift d (n, 3), or of its derivative.
 
     Where both origins must meet, they may be in a constant frame; a slide needs the frame of the joint.
     """
     kind = closure.joint.type
     if kind in ("cylindrical", "prismatic"):
-        return [intervals.total(first.pose.R[..., i] * d, -1) for i in range(2)]
+        return [_dot(first.pose.R[..., 0], shift), _dot(first.pose.R[..., 1], shift)]
     if kind == "spherical":
-        return [d[..., i] for i in range(3)]
-    turned = intervals.product(d, closure.R_root)
-    return [turned[..., i] for i in range(3)]
+        return _coordinates(shift)
+    return _coordinates(intervals.product(shift, closure.R_root))
+
+
+def _coordinates(vectors: Intervals) -> list[Intervals]:
+    """Return x, y and z (n,) of vectors (n, 3)."""
+    return [vectors[..., 0], vectors[..., 1], vectors[..., 2]]
+
+
+def _dot(a: Intervals, b: Intervals) -> Intervals:
+    """Return the scalar products (n,) of vectors (n, 3)."""
+    return intervals.total(a * b, -1)
 
 
 def _leaning(kind: str, first: MovedFrame, z: Intervals, y: Intervals) -> list[Intervals]:
     """Return the conditions of the second frame's z and y axes, or of their derivatives (n, 3)."""
-    sines = [intervals.total(first.pose.R[..., i] * z, -1) for i in range(2)]
+    sines = [_dot(first.pose.R[..., 0], z), _dot(first.pose.R[..., 1], z)]
     if kind in ("prismatic", "fixed"):
-        sines.append(intervals.total(first.pose.R[..., 0] * y, -1))
+        sines.append(_dot(first.pose.R[..., 0], y))
     return sines
 
 

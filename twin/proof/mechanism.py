@@ -41,7 +41,9 @@ class ExactMechanism:
         self.drawing = drawing
         self.states = drawing.states
         self._links: dict[tuple[str, bytes], Matrix] = {}
-        self._frames = {body.name: self._reference(body.name) for body in mechanism.bodies}
+        self._frames: dict[str, Array] = {}
+        for body in mechanism.bodies:
+            self._frames[body.name] = self._reference(body.name)
 
     def link(self, body: str, T_body_frame: Array, what: str) -> Matrix:
         """Return the pose of a frame of a body, given in the frame of the CAD, in that which represents the body."""
@@ -66,12 +68,14 @@ class ExactMechanism:
                 frames.append(joint.T_child_joint)
             elif body == joint.parent:
                 frames.append(joint.T_parent_joint)
-        points = [point.p_body for point in self.mechanism.points if point.body == body]
         references = frames[:1]
-        for p in points:
-            at_point = np.array(references[0])
-            at_point[:3, 3] = p
-            references.append(at_point)
+        points = []
+        for point in self.mechanism.points:
+            if point.body == body:
+                points.append(point.p_body)
+                at_point = np.array(references[0])
+                at_point[:3, 3] = point.p_body
+                references.append(at_point)
         best = np.eye(4)
         fewest = np.inf  # numbers of the body's joints and points without an exact form
         for reference in references:
@@ -99,15 +103,15 @@ def motion(joint: Joint, value: Value, states: int) -> Matrix:
     return identity(states)
 
 
-def moved(T: Matrix, p: list[ExactValue]) -> list[ExactValue]:
+def transformed(T: Matrix, p: list[ExactValue]) -> list[ExactValue]:
     """Return a point (3,) of a body in the frame of its pose T."""
-    out = []
+    coordinates = []
     for i in range(3):
         coordinate = T[i][3]
         for k in range(3):
             coordinate = values.total(coordinate, values.product(T[i][k], p[k]))
-        out.append(coordinate)
-    return out
+        coordinates.append(coordinate)
+    return coordinates
 
 
 @dataclass(frozen=True)
@@ -166,7 +170,10 @@ def place(exact: ExactMechanism, joints: Mapping[str, Value], T_base_tool: Matri
                 poses[joint.parent] = compose(poses[joint.child], inverse(T_parent_child))
             pending.remove(joint)
             advanced = True
-    closing = [joint for joint in pending if joint.parent in poses and joint.child in poses]
+    closing = []
+    for joint in pending:
+        if joint.parent in poses and joint.child in poses:
+            closing.append(joint)
     missing = [body.name for body in mechanism.bodies if body.name not in poses]
     return PlacedBodies(poses, closing, missing)
 
@@ -178,17 +185,18 @@ def judges(mechanism: Mechanism, joint: str, missing: Collection[str]) -> bool:
     only carries what hangs on it, or that holds a body of `missing`, is not judged.
     """
     edges = [(mechanism.base, mechanism.frame(mechanism.tool).body)]  # the given pose of the tool
-    own: tuple[str, str] | None = None
-    for other in mechanism.joints:
-        if {other.parent, other.child} & set(missing):
+    ends_of_joint: tuple[str, str] | None = None
+    for candidate in mechanism.joints:
+        ends = (candidate.parent, candidate.child)
+        if set(ends) & set(missing):
             continue
-        if other.name == joint:
-            own = (other.parent, other.child)
+        if candidate.name == joint:
+            ends_of_joint = ends
         else:
-            edges.append((other.parent, other.child))
-    if own is None:
+            edges.append(ends)
+    if ends_of_joint is None:
         return False
-    parent, child = own
+    parent, child = ends_of_joint
     reached = {parent}  # the bodies to which a way leads from the parent, without the joint itself
     count = 0
     while len(reached) > count:
@@ -206,11 +214,10 @@ def slides(exact: ExactMechanism, placed: PlacedBodies) -> Iterator[tuple[str, s
     """
     for name in placed.missing:
         joints = [joint for joint in exact.mechanism.joints if name in (joint.parent, joint.child)]
-        by_type = {joint.type: joint for joint in joints}
-        if len(joints) != 2 or set(by_type) != {"prismatic", "spherical"}:
+        types = sorted(joint.type for joint in joints)
+        if types != ["prismatic", "spherical"]:
             continue
-        slide = by_type["prismatic"]
-        ball = by_type["spherical"]
+        slide, ball = sorted(joints, key=lambda joint: joint.type)
         carrier, T_carrier_slide = _other_end(slide, name)
         holder, T_holder_ball = _other_end(ball, name)
         if carrier not in placed.poses or holder not in placed.poses:
@@ -220,10 +227,11 @@ def slides(exact: ExactMechanism, placed: PlacedBodies) -> Iterator[tuple[str, s
         centre = compose(inverse(T_base_slide), T_base_ball)
         T_body_slide = exact.link(name, _own_end(slide, name), f"joint {slide.name}")
         T_body_ball = exact.link(name, _own_end(ball, name), f"joint {ball.name}")
-        own = compose(inverse(T_body_slide), T_body_ball)
+        centre_on_body = compose(inverse(T_body_slide), T_body_ball)
         # along the slide, z, the centre may be anywhere
-        numbers = [values.difference(centre[i][3], own[i][3]) for i in range(2)]
-        yield name, f"{carrier} slides through the ball of {name} in {holder}", numbers
+        x_difference = values.difference(centre[0][3], centre_on_body[0][3])
+        y_difference = values.difference(centre[1][3], centre_on_body[1][3])
+        yield name, f"{carrier} slides through the ball of {name} in {holder}", [x_difference, y_difference]
 
 
 def point_in_base(exact: ExactMechanism, placed: PlacedBodies, point: Point) -> list[ExactValue] | None:
@@ -232,7 +240,7 @@ def point_in_base(exact: ExactMechanism, placed: PlacedBodies, point: Point) -> 
     A body that is not placed, as a cannula, still has the centre of its ball joint where the other body holds it.
     """
     if point.body in placed.poses:
-        return moved(placed.poses[point.body], exact.point(point.body, point.p_body, point.name))
+        return transformed(placed.poses[point.body], exact.point(point.body, point.p_body, point.name))
     for joint in exact.mechanism.joints:
         if joint.type != "spherical" or point.body not in (joint.parent, joint.child):
             continue
@@ -240,7 +248,7 @@ def point_in_base(exact: ExactMechanism, placed: PlacedBodies, point: Point) -> 
         centre = _own_end(joint, point.body)[:3, 3]
         if holder in placed.poses and np.abs(centre - point.p_body).max() <= LENGTH_TOLERANCE:
             T = compose(placed.poses[holder], exact.link(holder, T_holder_ball, f"joint {joint.name}"))
-            return [T[i][3] for i in range(3)]
+            return [T[0][3], T[1][3], T[2][3]]
     return None
 
 

@@ -68,7 +68,7 @@ def at_joints(mechanism: Mechanism, joints: list[str], q: Array) -> MechanismSta
     if why:
         raise TwinError(f"{mechanism.name}: where it can be assembled is unknown: {why}")
     linkage = Linkage(mechanism)
-    values, balls = _drawn(linkage, len(q))
+    values, balls = _rest_coordinates(linkage, len(q))
     targets = values[:, linkage.driven]
     names = [joint.name for joint in mechanism.active]
     for column, name in enumerate(joints):
@@ -87,9 +87,8 @@ def at_poses(mechanism: Mechanism, T_base_tool: Array) -> MechanismStates:
     why = supported(mechanism)
     if why:
         raise TwinError(f"{mechanism.name}: where it can be assembled is unknown: {why}")
-    held = _held(mechanism)
-    linkage = Linkage(held)
-    values, balls = _drawn(linkage, len(T_base_tool))
+    linkage = Linkage(_with_driven_tool(mechanism))
+    values, balls = _rest_coordinates(linkage, len(T_base_tool))
     tool = mechanism.frame(mechanism.tool)
     T_rest = mechanism.rest.get(tool.body, np.eye(4)) @ tool.T_body_frame
     R = T_rest[:3, :3].T @ T_base_tool[:, :3, :3]
@@ -100,7 +99,7 @@ def at_poses(mechanism: Mechanism, T_base_tool: Array) -> MechanismStates:
     return _assembled(linkage, mechanism, values, balls, targets)
 
 
-def _held(mechanism: Mechanism) -> Mechanism:
+def _with_driven_tool(mechanism: Mechanism) -> Mechanism:
     """Return the mechanism whose tool is moved by six driven joints from the base; its own joints follow.
 
     The six joints are zero in the rest poses: shifts along x, y and z of the base, then turns about z, y and x of the
@@ -112,54 +111,57 @@ def _held(mechanism: Mechanism) -> Mechanism:
     T_base_rest[:3, 3] = T_rest[:3, 3]
     bodies = list(mechanism.bodies)
     joints = []
-    rest = dict(mechanism.rest)
+    rest_poses = dict(mechanism.rest)
     parent = mechanism.base
     before = T_base_rest  # pose of the carried frame in base, then in the frame of the body before
     moves: tuple[tuple[JointType, tuple[int, ...]], ...] = (("prismatic", (0, 1, 2)), ("revolute", (2, 1, 0)))
     for kind, axes in moves:
         motion = "shift" if kind == "prismatic" else "turn"
         for axis in axes:
-            T_body_joint = _along(axis)
+            T_body_joint = _z_along(axis)
             name = f"tool_{motion}_{_DIRECTIONS[axis]}"
             bodies.append(Body(name))
             joints.append(Joint(name, kind, parent, name, before @ T_body_joint, T_body_joint, active=True))
             parent = name
             before = np.eye(4)
-            rest[name] = T_base_rest
+            rest_poses[name] = T_base_rest
             if kind == "prismatic" and axis == 2:
                 # after the last shift, the turns are about the axes of the tool at rest
                 before[:3, :3] = T_rest[:3, :3]
                 T_base_rest = T_rest
     # the six bodies stand in the tool frame at rest; the last one holds the tool
-    joints += [replace(joint, active=False, drive=None) for joint in mechanism.joints]
+    for joint in mechanism.joints:
+        joints.append(replace(joint, active=False, drive=None))
     joints.append(Joint("tool_held", "fixed", parent, tool.body, np.eye(4), tool.T_body_frame))
     return replace(
         mechanism,
         bodies=tuple(bodies),
         joints=tuple(joints),
-        rest=rest,
+        rest=rest_poses,
         postures={},
         actuators=(),
         transmissions=(),
     )
 
 
-def _along(axis: int) -> Array:
+def _z_along(axis: int) -> Array:
     """Return a pose (4, 4) without a shift whose z is along x, y or z, by its number."""
     T = np.eye(4)
     T[:3, :3] = np.roll(np.eye(3), axis + 1, axis=0)
     return T
 
 
-def _drawn(linkage: Linkage, count: int) -> tuple[Array, dict[str, Array]]:
+def _rest_coordinates(linkage: Linkage, count: int) -> tuple[Array, dict[str, Array]]:
     """Return coordinates (count, m) and rotations (count, 3, 3) of the balls in the poses of the CAD."""
     mechanism = linkage.mechanism
     poses = {}
     for body in mechanism.bodies:
         T_base_body = mechanism.rest.get(body.name, np.eye(4))
         poses[body.name] = np.asarray(T_base_body)[None]
-    values, balls = linkage.drawn(poses)
-    rotations = {name: np.repeat(R, count, axis=0) for name, R in balls.items()}
+    values, balls = linkage.coordinates_at(poses)
+    rotations = {}
+    for name, R in balls.items():
+        rotations[name] = np.repeat(R, count, axis=0)
     return np.repeat(values, count, axis=0), rotations
 
 
@@ -176,7 +178,7 @@ def _assembled(
         targets: values of the driven coordinates (k, n) at the states.
     """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        values, rotations = _led(linkage, values, balls, targets)
+        values, rotations = _moved_to_targets(linkage, values, balls, targets)
         prediction = TaylorModel(values[None], np.zeros(values.shape))
         if linkage.closes:
             enclosure = enclosed(linkage, prediction, rotations)
@@ -197,25 +199,24 @@ def _assembled(
 
 def _motors_within(mechanism: Mechanism, linkage: Linkage, values: Array) -> Truths:
     """Return where (k,) all motors certainly are within their limits, at coordinates (k, m)."""
-    q = np.column_stack([values[:, linkage.index(joint.name)] for joint in mechanism.active])
-    limits_of = {actuator.name: actuator.limits for actuator in mechanism.actuators}
-    positions = mechanism.motors(q)
+    columns = [linkage.index(joint.name) for joint in mechanism.active]
+    positions = dict(zip(mechanism.motor_names, mechanism.motors(values[:, columns]).T, strict=True))
     within = np.ones(len(values), bool)
-    for j, name in enumerate(mechanism.motor_names):
-        limits = limits_of.get(name)
-        if limits is not None:
-            low, high = limits
-            motor = positions[:, j]
-            within &= (motor >= low + _WITHIN) & (motor <= high - _WITHIN)
+    for actuator in mechanism.actuators:
+        if actuator.limits is not None and actuator.name in positions:
+            low, high = actuator.limits
+            position = positions[actuator.name]
+            within &= (position >= low + _WITHIN) & (position <= high - _WITHIN)
     return within
 
 
-def _led(
+def _moved_to_targets(
     linkage: Linkage, values: Array, balls: dict[str, Array], targets: Array
 ) -> tuple[Array, dict[str, TaylorModel]]:
     """Return coordinates (k, m) and rotations of balls after small steps to the states; see `_assembled`."""
     start = values[:, linkage.driven].copy()
     if linkage.closes:
+        # one step could end in another assembly, or in none
         for step in range(1, _STEPS + 1):
             values[:, linkage.driven] = start + step / _STEPS * (targets - start)
             iterations = _ITERATIONS

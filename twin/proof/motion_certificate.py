@@ -89,11 +89,14 @@ def motion_certificate(
         return None
     linkage = Linkage(mechanism)
     pieces = _pieces(predicted, linkage)
-    proved = [claim for claim in proof.claims if claim.status == "proved"]
     _, _, _, predictions, _ = pieces[0]
-    if predictions is None:
-        proved = [claim for claim in proved if claim.group in DRIVEN]
-    if not proved:
+    bounds = []
+    for claim in proof.claims:
+        # without predictions, the certificate says nothing of the bodies
+        has_base = predictions is not None or claim.group in DRIVEN
+        if claim.status == "proved" and has_base:
+            bounds.append(_bound(claim, linkage, path))
+    if not bounds:
         return None
     data: JsonObject = {
         "schema": SCHEMA,
@@ -103,10 +106,10 @@ def motion_certificate(
         "path": {
             "frame_in_tool": path.T_tool_frame[:3].tolist(),
             "shaft": path.shaft_axis.tolist(),
-            "phases": [_phase(phase) for phase in path.phases],
+            "phases": list(map(_phase, path.phases)),
         },
         "pieces": pieces,
-        "bounds": [_bound(claim, linkage, path) for claim in proved],
+        "bounds": bounds,
     }
     return {**data, "sha256": digest(data)}
 
@@ -164,26 +167,26 @@ def _one_coordinate(linkage: Linkage, joint: str) -> JsonObject:
 def _about_motor(claim: MotionClaim, linkage: Linkage) -> JsonObject:
     """Return a motor's position as a sum of driven coordinates, with its limits if the bound is one of them."""
     mechanism = linkage.mechanism
-    (actuator,) = [actuator for actuator in mechanism.actuators if actuator.name == claim.name]
+    actuators = {actuator.name: actuator for actuator in mechanism.actuators}
     # positions of the motors are linear: row i of this matrix has the weights of motor i
     matrix = mechanism.motors(np.eye(len(mechanism.active))).T
     weights = matrix[mechanism.motor_names.index(claim.name)]
     row: JsonObject = {"coordinates": list(linkage.driven), "weights": weights.tolist()}
     if claim.group == groups.MOTOR_LIMIT:
-        row["limits"] = _limits(actuator.limits)
+        row["limits"] = _limits(actuators[claim.name].limits)
     return row
 
 
 def _about_gap(name: str, linkage: Linkage, path: TimedPath) -> JsonObject:
     """Return the distance of two carriages on one rail as a difference of driven coordinates."""
-    (pair,) = [(gap.first, gap.second) for gap in path.gaps if gap.name == name]
+    gaps = {gap.name: gap for gap in path.gaps}
+    gap = gaps[name]
     # carriages do not pass one another: the sign of the distance is that at the start
-    coefficients = path.phases[0].coefficients
-    first, second = [float(np.polynomial.chebyshev.chebval(-1.0, coefficients[:, i])) for i in pair]
+    start = np.asarray(np.polynomial.chebyshev.chebval(-1.0, path.phases[0].coefficients))
     sign = -1.0
-    if first > second:
+    if start[gap.first] > start[gap.second]:
         sign = 1.0
-    coordinates = [linkage.driven[i] for i in pair]
+    coordinates = [linkage.driven[gap.first], linkage.driven[gap.second]]
     return {"coordinates": coordinates, "weights": [sign, -sign], "limits": [0.0, None]}
 
 
@@ -193,7 +196,7 @@ def _about_passive_limit(joint: Joint, linkage: Linkage) -> JsonObject:
     The entries are those of the rotation R of the joint: R00, R11, R10, R01 and R22, with the weights "cosine"; the
     sum is the cosine of the angle from the middle of the limits, or of that of the cone.
     """
-    spanning = [other.name for other in linkage.mechanism.tree]
+    spanning = [tree_joint.name for tree_joint in linkage.mechanism.tree]
     if joint.cone is None and joint.name in spanning:
         return {**_one_coordinate(linkage, joint.name), "limits": _limits(joint.limits)}
     row: JsonObject = {"joint": _joint(joint)}
@@ -217,19 +220,15 @@ def _mechanism(mechanism: Mechanism, linkage: Linkage) -> JsonObject:
         scale = 1.0
         if mechanism.joint(coupling.joints[0]).is_angle:
             scale = ARM
-        couplings.append(
-            {
-                "coordinates": [linkage.index(name) for name in coupling.joints],
-                "ratios": [scale * ratio for ratio in coupling.ratios],
-                "total": scale * coupling.total,
-            }
-        )
+        coordinates = list(map(linkage.index, coupling.joints))
+        ratios = [scale * ratio for ratio in coupling.ratios]
+        couplings.append({"coordinates": coordinates, "ratios": ratios, "total": scale * coupling.total})
     return {
         "base": mechanism.base,
         "tool": {"body": tool.body, "frame": tool.T_body_frame[:3].tolist()},
         "driven": list(linkage.driven),
-        "tree": [_joint(joint) for joint in mechanism.tree],
-        "loops": [_joint(joint) for joint in mechanism.loops],
+        "tree": list(map(_joint, mechanism.tree)),
+        "loops": list(map(_joint, mechanism.loops)),
         "couplings": couplings,
     }
 
@@ -290,12 +289,12 @@ def _pieces(predicted: PredictedPieces, linkage: Linkage) -> list[Any]:
         jacobian = predicted.jacobian.copy()
     is_known = predicted.proved
     for name, c in predicted.balls.items():
-        own = [i for i, place in enumerate(linkage.places) if place.joint == name]
+        ball_indices = linkage.indices(name)
         turns = _turns(c)
         middle_turns = turns[0, :, 1]
         is_known = is_known and bool(np.abs(middle_turns).max() < _STEEPEST)
-        coordinates[:, :, own] = turns
-        columns = [passive.index(i) for i in own]
+        coordinates[:, :, ball_indices] = turns
+        columns = list(map(passive.index, ball_indices))
         jacobian[:, :, columns] = jacobian[:, :, columns] @ _turning(turns[0])
     _remove_full_turns(coordinates, linkage)
     inverses = jacobian
@@ -319,11 +318,16 @@ def _pieces(predicted: PredictedPieces, linkage: Linkage) -> list[Any]:
 def _rounded(matrix: Array) -> list[list[float]]:
     """Return a matrix in few digits, without the noise of rounding instead of zeros."""
     noise = _NOISE * float(np.abs(matrix).max(initial=0.0))
-    kept = np.where(np.abs(matrix) > noise, matrix, 0.0)
+    without_noise = np.where(np.abs(matrix) > noise, matrix, 0.0)
     rows = []
-    for row in kept.tolist():
-        rows.append([float(f"{x:.{_DIGITS - 1}e}") for x in row])
+    for row in without_noise.tolist():
+        rows.append([_shortened(entry) for entry in row])
     return rows
+
+
+def _shortened(number: float) -> float:
+    """Return a number rounded to `_DIGITS` significant digits."""
+    return float(f"{number:.{_DIGITS - 1}e}")
 
 
 def _turns(c: Array) -> Array:
@@ -361,7 +365,7 @@ def _turning(turns: Array) -> Array:
 def _remove_full_turns(coordinates: Array, linkage: Linkage) -> None:
     """Subtract full turns from passive angles (order + 1, N, m), so that they do not jump from piece to piece."""
     for i in linkage.passive:
-        if linkage.places[i].slides:
+        if linkage.coordinates[i].slides:
             continue
         starts = np.asarray(np.polynomial.polynomial.polyval(-1.0, coordinates[:, :, i]))
         ends = np.asarray(np.polynomial.polynomial.polyval(1.0, coordinates[:, :, i]))

@@ -91,13 +91,13 @@ def _seen_from(frame: MovedFrame, before: IntervalPose, step: PathStep, x: Inter
     """Return a frame as it is seen from a body that a revolute joint moves; `before`: pose of this joint's frame."""
     R = intervals.transposed(before.turned(x[:, step.joint] * float(step.sign)).R)
     p = _turned_by(R, frame.pose.p - before.p)
-    seen = MovedFrame(IntervalPose(intervals.product(R, frame.pose.R), p))
+    relative_frame = MovedFrame(IntervalPose(intervals.product(R, frame.pose.R), p))
     for number, (axis, lever) in frame.axes.items():
         turned_lever = None
         if lever is not None:
             turned_lever = _turned_by(R, lever)
-        seen.axes[number] = _turned_by(R, axis), turned_lever
+        relative_frame.axes[number] = _turned_by(R, axis), turned_lever
     # the joint turns the body, hence what is seen from it backwards
     axis = intervals.exactly(np.array([[0.0, 0.0, -float(step.sign)]]))
-    seen.axes[step.joint] = axis, seen.pose.p
-    return seen
+    relative_frame.axes[step.joint] = axis, relative_frame.pose.p
+    return relative_frame

@@ -19,7 +19,7 @@ _DIGITS = 60
 """Number of digits."""
 
 _UNIT = 1e-58
-"""Bound of the relative rounding error of an operation."""
+"""Bound of the relative rounding error of an operation, which is at most 5e-60, with a margin."""
 
 _SLACK = 1 + 1e-12
 """Factor by which bounds are increased, because they are computed in double precision."""
@@ -54,10 +54,12 @@ def numbers_at(nodes: Iterable[ProgramStep], state: StateOfFractions) -> list[Pr
     rows, places = program.rows(nodes)
     with localcontext(Context(prec=_DIGITS)):
         results = _results(rows, _constants(rows), state)
-    numbers = []
+    numbers: list[PreciseNumber | None] = []
     for place in places:
         result = results[place]
-        numbers.append(result if isinstance(result, PreciseNumber) else None)
+        if not isinstance(result, PreciseNumber):
+            result = None
+        numbers.append(result)
     return numbers
 
 
@@ -83,7 +85,11 @@ def certainly_not_zero(nodes: Iterable[ProgramStep], states: Iterable[Mapping[st
 
 def _constants(rows: Sequence[Row]) -> dict[int, _Result]:
     """Return {number of a row: its value} of the constants."""
-    return {number: _constant(row) for number, row in enumerate(rows) if row[0] in ("number", "real")}
+    constants: dict[int, _Result] = {}
+    for number, row in enumerate(rows):
+        if row[0] in ("number", "real"):
+            constants[number] = _constant(row)
+    return constants
 
 
 def _results(
@@ -178,6 +184,7 @@ def _product(a: PreciseNumber, b: PreciseNumber) -> PreciseNumber:
 
 def _reciprocal(a: PreciseNumber) -> PreciseNumber | None:
     """Return 1 / a; it is not defined where a may be 0."""
+    # with an error of at most half of a, that of 1 / a is at most twice the error of first order
     if not a.size > 2 * a.error:
         return None
     value = 1 / a.value

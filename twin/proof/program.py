@@ -31,7 +31,9 @@ class ProgramStep:
 
 def number(value: ExactNumber) -> ProgramStep:
     """Return a constant, as "1/2*sqrt(3) + 5"."""
-    words = [f"{fraction}*sqrt({radicand})" for radicand, fraction in value.parts]
+    words = []
+    for radicand, fraction in value.parts:
+        words.append(f"{fraction}*sqrt({radicand})")
     return ProgramStep("number", text=" + ".join(words) or _ZERO)
 
 
@@ -51,32 +53,34 @@ def is_one(node: ProgramStep | None) -> bool:
 
 def operation(name: str, *operands: ProgramStep | None) -> ProgramStep | None:
     """Return an operation; None if an operand is unknown. What adds 0 or multiplies by 0 or 1 is left out."""
-    known = [operand for operand in operands if operand is not None]
-    if len(known) != len(operands):
-        return None
+    known_operands = []
+    for operand in operands:
+        if operand is None:
+            return None
+        known_operands.append(operand)
     if name in ("add", "multiply"):
-        first, second = known
-        for one, other in ((first, second), (second, first)):
-            if name == "add" and one.text == _ZERO:
-                return other
-            if name == "multiply" and one.text == _ONE:
-                return other
-            if name == "multiply" and one.text == _ZERO:
-                return one
-    if name == "negative" and known[0].text == _ZERO:
-        return known[0]
-    return ProgramStep(name, tuple(known))
+        first, second = known_operands
+        for factor, remaining_operand in ((first, second), (second, first)):
+            if name == "add" and factor.text == _ZERO:
+                return remaining_operand
+            if name == "multiply" and factor.text == _ONE:
+                return remaining_operand
+            if name == "multiply" and factor.text == _ZERO:
+                return factor
+    if name == "negative" and known_operands[0].text == _ZERO:
+        return known_operands[0]
+    return ProgramStep(name, tuple(known_operands))
 
 
 def depends(nodes: Iterable[ProgramStep]) -> bool:
     """Return whether one of some results depends on the state."""
     waiting = list(nodes)
-    seen: set[int] = set()
+    visited: set[int] = set()
     while waiting:
         node = waiting.pop()
-        if id(node) in seen:
+        if id(node) in visited:
             continue
-        seen.add(id(node))
+        visited.add(id(node))
         if node.name in ("input", "cosine", "sine"):
             return True
         waiting += node.operands
@@ -85,10 +89,11 @@ def depends(nodes: Iterable[ProgramStep]) -> bool:
 
 def rows(results: Iterable[ProgramStep]) -> tuple[list[Row], list[int]]:
     """Return all operations that results need, operands first, and the number of the row of each result."""
-    places: dict[int, int] = {}
-    found: list[Row] = []
-    kept = list(results)
-    for result in kept:
+    # by identity: an operation that two results share is one row, and comparing operands would walk all of them
+    places: dict[int, int] = {}  # {id of a node: number of its row}
+    all_rows: list[Row] = []
+    result_nodes = list(results)
+    for result in result_nodes:
         # depth first without recursion, because a formula has thousands of operations in a chain
         waiting = [result]
         while waiting:
@@ -101,7 +106,12 @@ def rows(results: Iterable[ProgramStep]) -> tuple[list[Row], list[int]]:
                 waiting += open_operands
                 continue
             waiting.pop()
-            places[id(node)] = len(found)
-            operands = [places[id(operand)] for operand in node.operands]
-            found.append([node.name, *(operands or [node.text])])
-    return found, [places[id(result)] for result in kept]
+            places[id(node)] = len(all_rows)
+            row: Row = [node.name]
+            if node.operands:
+                row += [places[id(operand)] for operand in node.operands]
+            else:
+                row.append(node.text)
+            all_rows.append(row)
+    numbers_of_results = [places[id(result)] for result in result_nodes]
+    return all_rows, numbers_of_results

@@ -62,21 +62,21 @@ class Proof:
 
     def count(self, status: str) -> int:
         """Return the number of claims with a status."""
-        return sum(claim.status == status for claim in self.claims)
+        return [claim.status for claim in self.claims].count(status)
 
 
 def proof_of(attempt: Attempt, states: int) -> Proof:
     """Return the proof of one attempt, with a number of drawn states."""
-    made = attempt.states
-    drawing = made.exact.drawing
+    proof_states = attempt.states
+    drawing = proof_states.exact.drawing
     return Proof(
         claims=tuple(attempt.claims),
         states=states,
         inside=min(attempt.shares),
         branches=None,
-        drawn=tuple(made.drawn),
-        fixed=tuple(name for name in angles(made.formula) if name not in made.drawn),
-        inexact=tuple(made.inexact),
+        drawn=tuple(proof_states.drawn),
+        fixed=tuple(name for name in angles(proof_states.formula) if name not in proof_states.drawn),
+        inexact=tuple(proof_states.inexact),
         largest=drawing.largest,
         unrecognised=tuple(dict.fromkeys(drawing.unrecognised)),
         recognised=dict(drawing.recognised),
@@ -84,7 +84,7 @@ def proof_of(attempt: Attempt, states: int) -> Proof:
         uncovered=tuple(sorted(attempt.uncovered)),
         uncovered_points=tuple(attempt.uncovered_points),
         uncovered_values=tuple(_uncovered_values(attempt)),
-        ranges=made.ranges,
+        ranges=proof_states.ranges,
     )
 
 
@@ -96,8 +96,9 @@ def near_in_equations(formula: Formula, variants: Mapping[str, str]) -> dict[str
         if parameter.unit in ("mm", "m") and parameter.value:
             lengths[parameter.name] = float(parameter.value)
     for name, length in lengths.items():
-        others = {other: value for other, value in lengths.items() if other != name}
-        near[f"parameter {name}, {1e3 * length:.12g} mm"] = near_length(length, others)
+        other_lengths = dict(lengths)
+        del other_lengths[name]
+        near[f"parameter {name}, {1e3 * length:.12g} mm"] = near_length(length, other_lengths)
     if formula.has("inverse"):
         outputs = formula_side.from_pose(formula, variants, coordinates=not formula.has("forward"))
     else:
@@ -117,7 +118,10 @@ def _uncovered_values(attempt: Attempt) -> list[str]:
     for joint in formula.passive:
         if not mechanism.judges(robot, joint, attempt.uncovered):
             names.append(f"passive joint {joint}")
-    names += [f"margin {name}" for name in formula.reach]
-    names += [f"measure {measure.name}" for measure in formula.measures]
-    names += [f"aspect {aspect.symbol}" for aspect in formula.aspects]
+    for margin in formula.reach:
+        names.append(f"margin {margin}")
+    for measure in formula.measures:
+        names.append(f"measure {measure.name}")
+    for aspect in formula.aspects:
+        names.append(f"aspect {aspect.symbol}")
     return names

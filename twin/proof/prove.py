@@ -12,7 +12,7 @@ from twin.formula.contract import Formula
 from twin.model.mechanism import Mechanism
 from twin.proof import combined_proof, field
 from twin.proof.attempt import Attempt, RootGroup, attempted, with_roots
-from twin.proof.branch_report import BranchReport, examined_conditions
+from twin.proof.branch_report import BranchReport, examined_conditions, states_one_by_one
 from twin.proof.claims import JudgedClaim
 from twin.proof.constants import exact_angle
 from twin.proof.proof_result import Proof, near_in_equations, proof_of
@@ -41,7 +41,7 @@ REPEATS_PER_STATE = 16
 _FORMULA_STATES = 16
 """Number of states at which formulas are computed; they do not depend on it."""
 
-_MOST_KEPT = 8192
+_MOST_CACHED = 8192
 """Maximum number of states that are kept for the next proof."""
 
 _ANGLE_TOLERANCE = 1e-12
@@ -65,23 +65,24 @@ class Prover:
         self.formula = formula
         self.robot = robot
         self.seed = seed
-        self._kept: dict[tuple[int, int, tuple[str, ...], bool], ProofStates] = {}
+        # {(prime, number of states, drawn parameters, whether they are variables of formulas): the states}
+        self._cache: dict[tuple[int, int, tuple[str, ...], bool], ProofStates] = {}
 
     def states(self, count: int, drawn: Collection[str] = (), formulas: bool = False) -> ProofStates:
         """Return random states; for the arguments see `random_states`."""
         key = (field.prime(), count, tuple(drawn), formulas)
-        if key in self._kept:
-            return self._kept[key]
+        if key in self._cache:
+            return self._cache[key]
         states = random_states(self.formula, self.robot, count, self.seed, drawn, formulas)
-        if count <= _MOST_KEPT:
-            self._kept[key] = states
+        if count <= _MOST_CACHED:
+            self._cache[key] = states
         return states
 
     def refuted(self, variants: Mapping[str, str], count: int = FIRST_STATES) -> tuple[JudgedClaim, ...]:
         """Return the claims that are wrong at one of the first states: no proof, but a fast refutation."""
         with field.modulo(field.PRIMES[0]):
             attempt = attempted(self.states(count), variants, {}, only_refute=True)
-        return tuple(claim for claim in attempt.claims if claim.status == "refuted")
+        return tuple(claim for claim in attempt.claims if claim.status == "refuted")  # in the order of the claims
 
     def proof(
         self,
@@ -158,6 +159,7 @@ class _ProofRun:
         """Return all claims and their verdicts."""
         published = self._with_published_parameters()
         proof = published.proof
+        # one wrong pose is enough: the rest would only confirm it
         if proof.count("refuted"):
             return self._explained(proof)
         if not proof.inside:
@@ -169,10 +171,7 @@ class _ProofRun:
         proof = self._with_found_states(proof, report)
         proof = self._judged_near(proof, self._even_states(proof.ranges))
         self.progress("the signs of roots", 0.98)
-        names = list(report.states)
-        rare = []
-        for state in zip(*report.states.values(), strict=True):
-            rare.append(dict(zip(names, state, strict=True)))
+        rare = states_one_by_one(report.states)
         proof = replace(proof, claims=combined_proof.with_signs(proof.claims, rare))
         return combined_proof.with_conditions(proof, report)
 
@@ -210,7 +209,8 @@ class _ProofRun:
         prover = self.prover
         self.progress("conditions", 0.95)
         unclaimed = list(proof.uncovered_values)
-        unclaimed += [f"point {name}" for name in proof.uncovered_points]
+        for name in proof.uncovered_points:
+            unclaimed.append(f"point {name}")
         return examined_conditions(prover.formula, self.variants, proof.drawn, proof.ranges, prover.seed, unclaimed)
 
     def _explained(self, proof: Proof) -> Proof:
@@ -218,7 +218,7 @@ class _ProofRun:
         self.progress("the errors as formulas", 0.5)
         with_formulas = self._attempt((), _FORMULA_STATES, formulas=True).proof
         formulas = {claim.name: claim for claim in with_formulas.claims}
-        names = [name for name in angles(self.prover.formula) if name in proof.inexact]
+        inexact_angles = [name for name in angles(self.prover.formula) if name in proof.inexact]
         general: Proof | None = None
         claims = []
         for claim in proof.claims:
@@ -226,12 +226,12 @@ class _ProofRun:
                 claims.append(claim)
                 continue
             fractions = rational_witness(claim, proof.ranges)
-            if not fractions and names:
+            if not fractions and inexact_angles:
                 # angles as 52 degrees have no exact form: fractions near them are part of the witness
                 if general is None:
                     self.progress("witnesses in fractions", 0.8)
-                    general = self._attempt(names, _TRIAL_STATES).proof
-                fractions = self._witness_near(claim.name, general, names)
+                    general = self._attempt(inexact_angles, _TRIAL_STATES).proof
+                fractions = self._witness_near(claim.name, general, inexact_angles)
             formula = formulas[claim.name]
             claims.append(replace(claim, error=formula.error, error_terms=formula.error_terms, fractions=fractions))
         return replace(proof, claims=tuple(claims))
@@ -254,7 +254,10 @@ class _ProofRun:
         joint makes a full turn: branches elsewhere would hardly be met.
         """
         generator = np.random.default_rng([self.prover.seed, 2])
-        return {name: generator.uniform(low, high, _EVEN_STATES) for name, (_, low, high) in ranges.items()}
+        even_values = {}
+        for name, (_, low, high) in ranges.items():
+            even_values[name] = generator.uniform(low, high, _EVEN_STATES)
+        return even_values
 
     def _attempt(
         self,
@@ -291,11 +294,14 @@ class _ProofRun:
 
     def _for_other_parameters(self, published: _JudgedAttempt) -> _JudgedAttempt:
         """Return the proof for all values of the parameters for which it holds, and the attempt with these values."""
-        names = angles(self.prover.formula)
-        inexact = published.proof.inexact
-        # the parameters without an exact form together, because an angle of the CAD may be a sum of two
-        groups = [[name for name in names if name in inexact]]
-        groups += [[name] for name in names if name not in inexact]
+        inexact_group = []
+        groups = [inexact_group]
+        for name in angles(self.prover.formula):
+            if name in published.proof.inexact:
+                # these together, because an angle of the CAD may be a sum of two
+                inexact_group.append(name)
+            else:
+                groups.append([name])
         steps = 2 + len(groups)  # the published parameters, each group, and all of them together
         for number, group in enumerate(groups):
             self.progress(f"other values of {', '.join(group)}", (1 + number) / steps)
@@ -327,8 +333,8 @@ class _ProofRun:
 
     def _with_found_states(self, proof: Proof, report: BranchReport) -> Proof:
         """Return the proof after its claims were judged at states with rare answers of conditions."""
-        near = {name: np.tile(numbers, REPEATS_PER_STATE) for name, numbers in report.states.items()}
-        return self._judged_near(proof, near)
+        repeated = {name: np.tile(numbers, REPEATS_PER_STATE) for name, numbers in report.states.items()}
+        return self._judged_near(proof, repeated)
 
     def _judged_near(self, proof: Proof, near: Mapping[str, Array]) -> Proof:
         """Return the proof after its claims were judged near given values (k,) of the random numbers."""
@@ -351,8 +357,8 @@ def _root_groups(proof: Proof, attempt: Attempt) -> list[RootGroup]:
             continue
         first_roots: set[int] = set()
         second_roots: set[int] = set()
-        for function, mark, instruction in attempt.roots:
-            if mark not in attempted_claim.roots:
+        for function, root_signature, instruction in attempt.roots:
+            if root_signature not in attempted_claim.roots:
                 continue
             if function == 0:
                 first_roots.add(instruction)

@@ -88,16 +88,19 @@ class ProofStates:
     @cached_property
     def real(self) -> dict[str, Array]:
         """{random number: its real values (k,)}."""
-        reals = {name: values.real_of(value) for name, value in self.state.items()}
+        random_values = dict(self.state)
         for name in self.drawn:
-            reals[name] = values.real_of(self.parameters[name])
-        return reals
+            random_values[name] = self.parameters[name]
+        return {name: values.real_of(value) for name, value in random_values.items()}
 
     def at(self, places: NDArray[np.integer]) -> ProofStates:
         """Return some of the states, given by their places (m,)."""
-        parameters = {name: values.taken(value, places) for name, value in self.parameters.items()}
-        state = {name: values.taken(value, places) for name, value in self.state.items()}
-        return replace(self, parameters=parameters, state=state)
+        return replace(self, parameters=_taken(self.parameters, places), state=_taken(self.state, places))
+
+
+def _taken(named_values: Mapping[str, Value], places: NDArray[np.integer]) -> dict[str, Value]:
+    """Return {name: value} at some of the states, given by their places (m,)."""
+    return {name: values.taken(value, places) for name, value in named_values.items()}
 
 
 def angles(formula: Formula) -> list[str]:
@@ -164,10 +167,10 @@ def _set_parameters(
             low = value - SPREAD_PARAMETER
             high = value + SPREAD_PARAMETER
             proof_states.ranges[name] = (True, low, high)
-            values_near = None
+            near_values = None
             if near is not None:
-                values_near = near[name]
-            angle = draws.turn(generator, low, high, states, name, near=values_near)
+                near_values = near[name]
+            angle = draws.turn(generator, low, high, states, name, near=near_values)
             proof_states.parameters[name] = replace(angle, published=value)
             proof_states.drawn.append(name)
         else:
@@ -185,6 +188,7 @@ def _joint_ranges(formula: Formula, robot: Mechanism) -> dict[str, tuple[bool, f
         if joint.kind == "revolute":
             widest = math.pi
         low, high = robot.joint(joint.name).limits or (-widest, widest)
+        # a locked joint has one value; the equations must hold for all of them
         if not low < high:
             low, high = -widest, widest
         if not math.isfinite(low) or not math.isfinite(high):

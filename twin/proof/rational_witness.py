@@ -28,11 +28,15 @@ def rational_witness(
         ranges: {random number: (whether it is an angle, low, high)}, in m and rad.
         parameters: numbers whose fractions are always the nearest ones.
     """
-    if not claim.nodes or not all(name in ranges for name in claim.witness):
+    if not claim.nodes or not ranges.keys() >= claim.witness.keys():
         return {}
     for state in _states(claim, ranges, parameters):
         if _is_inside(claim, state, ranges) and _is_wrong(claim, state):
-            return {name: _text(value, ranges[name][0]) for name, value in state.items()}
+            texts = {}
+            for name, value in state.items():
+                is_angle, _, _ = ranges[name]
+                texts[name] = _text(value, is_angle)
+            return texts
     return {}
 
 
@@ -49,10 +53,12 @@ def _is_inside(claim: JudgedClaim, state: StateOfFractions, ranges: Mapping[str,
 
 def _is_wrong(claim: JudgedClaim, state: StateOfFractions) -> bool:
     """Return whether a number that must be zero certainly is not; not if one of them is undefined at the state."""
-    numbers = numbers_at(claim.nodes, state)
-    if None in numbers:
-        return False
-    return any(number is not None and number.size > ROUNDING + number.error for number in numbers)
+    is_wrong = False
+    for number in numbers_at(claim.nodes, state):
+        if number is None:
+            return False
+        is_wrong |= number.size > ROUNDING + number.error
+    return is_wrong
 
 
 def _states(
@@ -73,12 +79,12 @@ def _states(
         yield state
 
 
-def _in_range(value: Fraction, near: float, is_angle: bool, low: float, high: float) -> bool:
+def _in_range(value: Fraction, witness_value: float, is_angle: bool, low: float, high: float) -> bool:
     """Return whether a length, or the angle next to `near` with this tangent of its half, is in its range."""
     if not is_angle:
         return low <= value <= high
-    difference = math.remainder(2 * math.atan(value) - near, math.tau)
-    return low <= near + difference <= high
+    difference = math.remainder(2 * math.atan(value) - witness_value, math.tau)
+    return low <= witness_value + difference <= high
 
 
 def _text(value: Fraction, is_angle: bool) -> str:

@@ -23,7 +23,7 @@ from twin.proof.formula_side import POSE_ENTRIES
 _DRAWN = 2048
 """Number of states that are drawn evenly within the ranges."""
 
-_COMPARED = 192
+_MOST_COMPARED = 192
 """Maximum number of them that are compared with the mechanism; the same of those that a search found."""
 
 SENTENCE = "the equations have values wherever the mechanism can be assembled within the limits of all joints"
@@ -53,9 +53,16 @@ class RefusedStates:
             return None
         if self.without_value:
             return replace(unclaimed("values", SENTENCE, ""), status="refuted", witness=dict(self.witness))
-        state = ", ".join(f"{name} = {value:.6g}" for name, value in self.witness.items())
-        reason = f"a margin of the equations is negative, or not a number, at {state}, where it can"
+        reason = f"a margin of the equations is negative, or not a number, at {state_text(self.witness)}, where it can"
         return unclaimed("values", SENTENCE, reason)
+
+
+def state_text(state: Mapping[str, float]) -> str:
+    """Return {name: value} as text, "q1 = 0.25, q2 = -1"."""
+    words = []
+    for name, value in state.items():
+        words.append(f"{name} = {value:.6g}")
+    return ", ".join(words)
 
 
 def refused_states(
@@ -77,11 +84,17 @@ def refused_states(
         seed: of the random numbers.
     """
     conditions = EquationConditions(formula, variants, ())
-    limits = np.array([ranges[name][1:] for name in conditions.names])  # (n, 2): low, high
+    limits = []
+    searched = []
+    for name in conditions.names:
+        _, low, high = ranges[name]
+        limits.append([low, high])
+        searched.append(found[name])
+    bounds = np.array(limits)
+    # a stream of random numbers of its own: the states are others than those of the claims
     generator = np.random.default_rng([seed, 3])
-    drawn = generator.uniform(limits[:, :1], limits[:, 1:], (len(limits), _DRAWN))
-    searched = np.array([found[name] for name in conditions.names])
-    state = np.hstack([_refused(conditions, searched), _refused(conditions, drawn)])
+    drawn = generator.uniform(bounds[:, :1], bounds[:, 1:], (len(limits), _DRAWN))
+    state = np.hstack([_refused(conditions, np.array(searched)), _refused(conditions, drawn)])
     if not state.shape[1]:
         return RefusedStates(0, 0, 0, {}, False)
     values, _ = conditions.values(state)
@@ -96,13 +109,13 @@ def refused_states(
         return None
     reached = of_mechanism.within
     # a state without a value tells more than one with a negative margin
-    best = np.flatnonzero(reached & ~has_values)
-    without_value = len(best) > 0
+    contradictions = np.flatnonzero(reached & ~has_values)
+    without_value = len(contradictions) > 0
     if not without_value:
-        best = np.flatnonzero(reached)
+        contradictions = np.flatnonzero(reached)
     witness: dict[str, float] = {}
-    if len(best):
-        witness = {name: float(x) for name, x in zip(conditions.names, state[:, best[0]], strict=True)}
+    if len(contradictions):
+        witness = dict(zip(conditions.names, state[:, contradictions[0]].tolist(), strict=True))
     return RefusedStates(
         compared=state.shape[1],
         unknown=int((~of_mechanism.closed).sum()),
@@ -113,9 +126,9 @@ def refused_states(
 
 
 def _refused(conditions: EquationConditions, state: Array) -> Array:
-    """Return some of the states (n, k) that are not within reach, or without a value there."""
+    """Return at most `_MOST_COMPARED` of the states (n, k) that are not within reach, or without a value there."""
     if not state.shape[1]:
         return state
     has_values, within = conditions.has_values_and_reach(state)
     refused = np.flatnonzero(~(has_values & within))
-    return state[:, refused[:: 1 + len(refused) // _COMPARED]]
+    return state[:, refused[:: 1 + len(refused) // _MOST_COMPARED]]

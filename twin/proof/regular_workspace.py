@@ -24,8 +24,8 @@ BATCH = 2048
 """Number of boxes at once."""
 
 
-_CORNERS = np.stack(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0], indexing="ij"), -1).reshape(-1, 3)
-"""Corners of a box, as shares of its edges."""
+_ROUNDED_COUNT = 1e-9
+"""Part of a brick by which a side may be longer than a whole number of them."""
 
 CLOSED = 1e-9
 """Largest value, in m or as a sine, of a condition that follows from the others."""
@@ -102,13 +102,13 @@ class LoopGroup:
         closures: their closing joints.
         coordinates: numbers of their coordinates.
         rows: numbers of independent conditions, as many as coordinates.
-        others: numbers of the other conditions.
+        redundant: numbers of the other conditions, which follow from these.
     """
 
     closures: list[Closure]
     coordinates: list[int]
     rows: list[int]
-    others: list[int]
+    redundant: list[int]
 
 
 class BoxJudge:
@@ -148,15 +148,14 @@ class BoxJudge:
         tool = self._tool(p[None], p[None])
         count = len(loops.names)
         self.groups = []
+        free = list(loops.names)
         for closures, coordinates in loops.groups:
             J = loops.jacobian(closures, intervals.exactly(x), tool, coordinates).middle[0]
             rows = independent_rows(J, range(len(coordinates)))
-            others = [row for row in range(len(J)) if row not in rows]
-            self.groups.append(LoopGroup(closures, coordinates, rows, others))
-        enclosed: set[int] = set()
-        for group in self.groups:
-            enclosed.update(group.coordinates)
-        free = [name for i, name in enumerate(loops.names) if i not in enclosed]
+            redundant = sorted(set(range(len(J))) - set(rows))
+            self.groups.append(LoopGroup(closures, coordinates, rows, redundant))
+            for number in coordinates:
+                free.remove(loops.names[number])
         if free:
             raise TwinError(f"no loop determines the values of {', '.join(free)} from the tool pose")
         # passive joints and the tool move while the active joints are at rest
@@ -210,7 +209,7 @@ class BoxJudge:
             limit = intervals.cosine(intervals.decimals(joint.cone or 0.0))
             within &= cosine >= limit
             outside |= cosine < limit
-        rest, closed = self._closed(x, tool)
+        redundant_sizes, closed = self._closed(x, tool)
         closed &= assembled
         if self.ideal is not None and closed.any():
             closed[closed] = self.ideal.closes(m[closed], low[closed], high[closed])
@@ -222,12 +221,12 @@ class BoxJudge:
         # in a regular box the assembly stays the same; which one the equations prefer is evaluated at its middle and
         # its corners, with rounding: no proof
         preferred = np.ones(len(low), bool)
-        for share in (0.5, *_CORNERS):
+        for share in (0.5, *_grid(2, 2, 2)):  # as shares of the edges
             preferred &= self.equations.preferred(low + share * (high - low))
         proved = reached & regular & preferred
         judged.proved[numbers] = proved
         judged.outside[numbers] |= outside & assembled
-        judged.redundant = float(np.max(rest[proved], initial=0.0))
+        judged.redundant = float(np.max(redundant_sizes[proved], initial=0.0))
         reasons = {
             "no assembly": ~assembled,
             "other conditions": assembled & ~closed,
@@ -246,8 +245,8 @@ class BoxJudge:
         x = Intervals(np.array(x.low), np.array(x.high))
         values = intervals.exactly(np.zeros((len(m), len(self.limits))))
         for group in self.groups:
-            solutions = self._solved(group, m, tool)
-            assembled &= solutions.found
+            solutions = self._solutions(group, m, tool)
+            assembled &= solutions.solved
             x.low[:, group.coordinates] = solutions.x.low
             x.high[:, group.coordinates] = solutions.x.high
             # a limit of joints of several groups is the sum of its parts
@@ -271,15 +270,15 @@ class BoxJudge:
         closed = (lengths <= CLOSED + self.loops.play) & (sines <= CLOSED) & self.loops.aligned(x, tool)
         return np.maximum(lengths, sines), closed
 
-    def _solved(self, group: LoopGroup, m: Array, tool: ToolBox) -> Solutions:
+    def _solutions(self, group: LoopGroup, m: Array, tool: ToolBox) -> Solutions:
         """Return the joint values of a group around the predictions m (n, k)."""
         rows = np.array(group.rows)
-        whole = Intervals(np.array(m), np.array(m))
+        joint_values = Intervals(np.array(m), np.array(m))
 
         def with_values(part: Intervals) -> Intervals:
-            whole.low[:, group.coordinates] = part.low
-            whole.high[:, group.coordinates] = part.high
-            return whole
+            joint_values.low[:, group.coordinates] = part.low
+            joint_values.high[:, group.coordinates] = part.high
+            return joint_values
 
         def residual(part: Intervals) -> Intervals:
             return self.loops.residual(group.closures, with_values(part), tool)[:, rows]
@@ -295,26 +294,26 @@ class BoxJudge:
         for group in self.groups:
             J = self.loops.jacobian(group.closures, x, tool, self.moving)
             blocks.append(J[:, np.array(group.rows)])
-        low = np.concatenate([block.low for block in blocks], axis=1)
-        high = np.concatenate([block.high for block in blocks], axis=1)
-        if low.shape[1] != low.shape[2]:
-            return np.zeros(len(low), bool)
-        return krawczyk.regular(Intervals(low, high))
+        derivatives = intervals.joined(blocks, axis=1)
+        _, rows, columns = derivatives.shape
+        if rows != columns:  # more motions than conditions, or fewer: nothing is known
+            return np.zeros(len(derivatives), bool)
+        return krawczyk.regular(derivatives)
 
     def _redundant(self, x: Intervals, tool: ToolBox) -> tuple[Array, Array]:
         """Return the largest lengths and sines (n,) of the conditions that are not among the independent ones."""
         lengths = np.zeros(len(x))
         sines = np.zeros(len(x))
         for group in self.groups:
-            if not group.others:
+            if not group.redundant:
                 continue
-            rest = self.loops.residual(group.closures, x, tool).largest
+            condition_sizes = self.loops.residual(group.closures, x, tool).largest
             is_length = are_lengths(group.closures)
-            for row in group.others:
+            for row in group.redundant:
                 if is_length[row]:
-                    lengths = np.maximum(lengths, rest[:, row])
+                    lengths = np.maximum(lengths, condition_sizes[:, row])
                 else:
-                    sines = np.maximum(sines, rest[:, row])
+                    sines = np.maximum(sines, condition_sizes[:, row])
         return lengths, sines
 
 
@@ -339,13 +338,14 @@ def cover(
         halvings: how often a brick is halved.
         progress: called with a label and the finished fraction.
     """
-    counts = np.maximum(np.ceil((high - low) / (edge * 2**halvings) - 1e-9).astype(int), 1)
+    # a side that is a whole number of bricks but for rounding gets no brick more
+    counts = np.maximum(np.ceil((high - low) / (edge * 2**halvings) - _ROUNDED_COUNT).astype(int), 1)
     edges = (high - low) / (counts * 2**halvings)
     # corners in whole numbers of the smallest edges: neighbours share their faces exactly
     corners = _grid(*counts) * 2**halvings
     waiting = _batches(corners, halvings)
     total = float(np.prod(high - low))
-    state = _Cover(low, edges)
+    bricks = _Cover(low, edges)
     finished = 0.0
     octants = _grid(2, 2, 2)
     while waiting:
@@ -359,26 +359,28 @@ def cover(
         is_cut = np.zeros(len(numbers), bool)
         if level:
             is_cut = undecided
-        state.keep(judged, numbers, level, volume, is_cut)
+        bricks.keep(judged, numbers, level, volume, is_cut)
         if level and undecided.any():
             parts = (numbers[undecided][:, None] + octants * 2 ** (level - 1)).reshape(-1, 3)
             waiting += _batches(parts, level - 1)
             finished += volume * (~undecided).sum()
         else:
             finished += volume * len(numbers)
-        progress(f"{state.boxes} boxes", min(finished / total, 1.0))
-    return state.result(judge.R)
+        progress(f"{bricks.boxes} boxes", min(finished / total, 1.0))
+    return bricks.result(judge.R)
 
 
 def _grid(*counts: int) -> np.ndarray:
     """Return the points (n, 3) of a grid of whole numbers from 0 to the counts along x, y and z, without these."""
-    axes = [np.arange(count) for count in counts]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    return np.moveaxis(np.indices(counts), 0, -1).reshape(-1, 3)
 
 
 def _batches(corners: np.ndarray, level: int) -> list[tuple[np.ndarray, int]]:
     """Return (corners (n, 3), level) of at most `BATCH` bricks at a time."""
-    return [(corners[first : first + BATCH], level) for first in range(0, len(corners), BATCH)]
+    batches = []
+    for first in range(0, len(corners), BATCH):
+        batches.append((corners[first : first + BATCH], level))
+    return batches
 
 
 class _Cover:
@@ -391,7 +393,6 @@ class _Cover:
         outside: volume in m3 where a limit is certainly exceeded.
         open: {reason: volume in m3} of the smallest bricks where nothing is proved.
         redundant: see `RegularWorkspace`.
-        proved: (lower corners, upper corners) (n, 3) in m of proved bricks.
     """
 
     def __init__(self, low: Array, edges: Array) -> None:
@@ -401,23 +402,33 @@ class _Cover:
         self.outside = 0.0
         self.open: dict[str, float] = {}
         self.redundant = 0.0
-        self.proved: list[tuple[Array, Array]] = []
+        self._proved_low: list[Array] = []  # lower corners (n, 3) in m of the proved bricks of each call of `keep`
+        self._proved_high: list[Array] = []
 
-    def keep(self, judged: _Judged, numbers: np.ndarray, level: int, volume: float, cut: Certainty) -> None:
-        """Keep the verdicts of bricks with corners `numbers` (n, 3), in smallest edges; some will be cut."""
-        self.boxes += len(numbers)
+    def keep(self, judged: _Judged, corner_numbers: np.ndarray, level: int, volume: float, is_cut: Certainty) -> None:
+        """Keep the verdicts of n bricks of one size.
+
+        Args:
+            judged: the verdicts.
+            corner_numbers: (n, 3) lower corners, in smallest edges from `low`.
+            level: how often the bricks can still be halved.
+            volume: volume of each brick in m3.
+            is_cut: (n,) which of them will be cut, so that their parts are judged in their place.
+        """
+        self.boxes += len(corner_numbers)
         self.outside += volume * float((judged.outside & ~judged.proved).sum())
         self.redundant = max(self.redundant, judged.redundant)
-        corners = numbers[judged.proved]
-        self.proved.append((self.low + self.edges * corners, self.low + self.edges * (corners + 2**level)))
-        rest = ~(judged.outside | judged.proved | cut)
+        corners = corner_numbers[judged.proved]
+        self._proved_low.append(self.low + self.edges * corners)
+        self._proved_high.append(self.low + self.edges * (corners + 2**level))
+        undecided = ~(judged.outside | judged.proved | is_cut)
         for reason, which in judged.reasons.items():
-            amount = volume * float((which & rest).sum())
+            amount = volume * float((which & undecided).sum())
             self.open[reason] = self.open.get(reason, 0.0) + amount
 
     def result(self, R: Array) -> RegularWorkspace:
         """Return what is proved."""
-        low = np.concatenate([first for first, _ in self.proved])
-        high = np.concatenate([last for _, last in self.proved])
+        low = np.concatenate(self._proved_low)
+        high = np.concatenate(self._proved_high)
         volume = float(np.prod(high - low, axis=1).sum())
         return RegularWorkspace(low, high, R, volume, self.outside, self.open, self.edges, self.boxes, self.redundant)

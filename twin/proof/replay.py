@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from twin.core.spatial import Array
 from twin.proof import values
 from twin.proof.instructions import OPERATION_NAMES, Instruction, instructions
-from twin.proof.values import Angle, DrawnCondition, RootMark, Truths, Value
+from twin.proof.values import Angle, DrawnCondition, RootSignature, Truths, Value
 
 
 def _with_sign_of(a: Value, b: Value) -> Value:
@@ -88,7 +88,7 @@ class Notes:
 
     conditions: list[Truths] = field(default_factory=list)
     inexact: list[str] = field(default_factory=list)
-    roots: list[tuple[RootMark, int]] = field(default_factory=list)
+    roots: list[tuple[RootSignature, int]] = field(default_factory=list)
     rootless: bool = False
 
 
@@ -131,10 +131,10 @@ class RootedStates:
         """Return the places (m,) of the states that stay after an instruction; None if all do."""
         if instruction not in self.roots:
             return None
-        kept = values.known_at(result)
-        if not kept.any() or kept.all():
+        has_root = values.known_at(result)
+        if not has_root.any() or has_root.all():
             return None
-        places = np.flatnonzero(kept)
+        places = np.flatnonzero(has_root)
         self.places = self.places[places]
         return places
 
@@ -171,15 +171,21 @@ def replay(
             result = _result(step.operation, operands)
         _note(notes, step, operands, result)
         memory[step.target] = result
-        kept = None
+        kept_places = None
         if rooted is not None:
-            kept = rooted.narrowed(step.number, result)
-        if kept is not None:
-            memory = {place: values.taken(value, kept) for place, value in memory.items()}
-            inputs = [[values.taken(value, kept) for value in column] for column in inputs]
-            outputs = [[values.taken(value, kept) for value in column] for column in outputs]
-            states = len(kept)
+            kept_places = rooted.narrowed(step.number, result)
+        if kept_places is not None:
+            for place, value in memory.items():
+                memory[place] = values.taken(value, kept_places)
+            inputs = _columns_at(inputs, kept_places)
+            outputs = _columns_at(outputs, kept_places)
+            states = len(kept_places)
     return outputs
+
+
+def _columns_at(columns: Sequence[Sequence[Value]], places: NDArray[np.integer]) -> list[list[Value]]:
+    """Return columns of values at some of their states, given by their places (m,)."""
+    return [[values.taken(value, places) for value in column] for column in columns]
 
 
 def _result(operation: int, operands: Sequence[Value]) -> Value:
@@ -193,10 +199,15 @@ def _result(operation: int, operands: Sequence[Value]) -> Value:
 
 def _real(operation: int, operands: Sequence[Value]) -> Array:
     """Return the real values (k,) of an operation without an exact form, such as a logarithm."""
-    symbols = [ca.SX.sym("x") for _ in operands]
-    apply = ca.SX.unary if len(operands) == 1 else ca.SX.binary
-    function = ca.Function("operation", symbols, [apply(operation, *symbols)])
-    rows = [values.real_of(operand).reshape(1, -1) for operand in operands]
+    x = ca.SX.sym("x")
+    y = ca.SX.sym("y")
+    if len(operands) == 1:
+        function = ca.Function("operation", [x], [ca.SX.unary(operation, x)])
+    else:
+        function = ca.Function("operation", [x, y], [ca.SX.binary(operation, x, y)])
+    rows = []
+    for operand in operands:
+        rows.append(values.real_of(operand).reshape(1, -1))  # one column for each state
     return function.call(rows)[0].full()[0]
 
 
@@ -205,22 +216,24 @@ def _note(notes: Notes, step: Instruction, operands: Sequence[Value], result: Va
     operation = step.operation
     if operation in _CHOOSING:
         notes.conditions.append(_CHOOSING[operation](*operands))
-    old_roots: set[RootMark] = set()
+    old_roots: set[RootSignature] = set()
     for operand in operands:
         old_roots |= _roots(operand)
-    for mark in _roots(result) - old_roots:
-        notes.roots.append((mark, step.number))
-    is_first_unknown = not values.known_at(result).any() and all(values.known_at(a).any() for a in operands)
-    if not is_first_unknown:
+    for root_signature in _roots(result) - old_roots:
+        notes.roots.append((root_signature, step.number))
+    if values.known_at(result).any():
         return
+    for operand in operands:
+        if not values.known_at(operand).any():
+            return  # another operation, before this one, is the reason
     if operation == ca.OP_INPUT:
         return  # a parameter, or a result of other equations, of which the reason is kept
     notes.inexact.append(f"operation {OPERATION_NAMES.get(operation, operation)}")
-    if operation in _ROOTS and all(_is_constant(operand) for operand in operands):
+    if operation in _ROOTS and all(map(_is_constant, operands)):
         notes.rootless = True
 
 
-def _roots(value: Value) -> frozenset[RootMark]:
+def _roots(value: Value) -> frozenset[RootSignature]:
     """Return the roots in a value."""
     if isinstance(value, Angle):
         return value.cosine.degree.roots | value.sine.degree.roots

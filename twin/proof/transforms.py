@@ -18,7 +18,9 @@ def compose(A: Matrix, B: Matrix) -> Matrix:
     for i in range(3):
         row = []
         for j in range(4):
-            terms = [_product(A[i][k], B[k][j]) for k in range(3)]
+            terms = []
+            for k in range(3):
+                terms.append(_product(A[i][k], B[k][j]))
             if j == 3:
                 terms.append(A[i][3])
             row.append(_total(terms))
@@ -30,8 +32,10 @@ def inverse(A: Matrix) -> Matrix:
     """Return the inverse of a pose: the transposed rotation, and the origin of the other frame."""
     rows = []
     for i in range(3):
-        moved = _total([_product(A[k][i], A[k][3]) for k in range(3)])
-        rows.append([A[0][i], A[1][i], A[2][i], values.minus(moved)])
+        products = []
+        for k in range(3):
+            products.append(_product(A[k][i], A[k][3]))
+        rows.append([A[0][i], A[1][i], A[2][i], values.minus(_total(products))])
     return [*rows, A[3]]
 
 
@@ -47,18 +51,25 @@ def _product(a: ExactValue, b: ExactValue) -> ExactValue:
 
 def _total(terms: Sequence[ExactValue]) -> ExactValue:
     """Return the sum of terms."""
-    kept = [term for term in terms if not program.is_zero(term.node)]
-    if not kept:
+    nonzero_terms = [term for term in terms if not program.is_zero(term.node)]
+    if not nonzero_terms:
         return terms[0]
-    result = kept[0]
-    for term in kept[1:]:
+    result = nonzero_terms[0]
+    for term in nonzero_terms[1:]:
         result = values.total(result, term)
     return result
 
 
 def identity(states: int) -> Matrix:
     """Return the pose without motion."""
-    return [[values.constant(float(i == j), states) for j in range(4)] for i in range(4)]
+    zero = values.constant(0.0, states)
+    one = values.constant(1.0, states)
+    return [
+        [one, zero, zero, zero],
+        [zero, one, zero, zero],
+        [zero, zero, one, zero],
+        [zero, zero, zero, one],
+    ]
 
 
 def turn(angle: Angle, axis: Literal["x", "z"]) -> Matrix:

@@ -143,20 +143,20 @@ class TrigonometricSum:
         exponents = self.exponents()[:, list(places)]
         parts = []
         for row in np.unique(exponents, axis=0):
-            own = (exponents == row).all(axis=1)
-            parts.append(TrigonometricSum(self.keys[own], self.centre[own], self.radius[own], self.degree))
+            in_part = (exponents == row).all(axis=1)
+            parts.append(TrigonometricSum(self.keys[in_part], self.centre[in_part], self.radius[in_part], self.degree))
         return parts
 
     def exponents(self) -> Keys:
         """Return the exponents (n, VARIABLES) of the terms."""
-        rest = self.keys.copy()
-        exponents = np.zeros((rest.size, VARIABLES), np.int64)
+        remaining_digits = self.keys.copy()
+        exponents = np.zeros((remaining_digits.size, VARIABLES), np.int64)
         half = _BASE // 2
         for place in range(VARIABLES):
             # a negative digit borrows from the next one
-            digits = (rest + half) % _BASE - half
+            digits = (remaining_digits + half) % _BASE - half
             exponents[:, place] = digits
-            rest = (rest - digits) // _BASE
+            remaining_digits = (remaining_digits - digits) // _BASE
         return exponents
 
     def bound(self) -> float:
@@ -217,14 +217,18 @@ def wave(angle: AngleSum, sine: bool) -> TrigonometricSum:
             raise TwinError(
                 f"a sine or cosine of {multiple} times a joint angle; at most {_LARGEST_EXPONENT} times are possible"
             )
-    key = sum(_unit(place) * exponent for place, exponent in exponents.items())
+    key = 0
+    degree = 0
+    for place, exponent in exponents.items():
+        key += _unit(place) * exponent
+        degree = max(degree, abs(exponent))
+    # cos a = (e^(i a) + e^(-i a)) / 2, sin a = (e^(i a) - e^(-i a)) / 2i: two terms with conjugate coefficients
     half = 0.5 * np.exp(1j * angle.phase)
     if sine:
         half = half * -1j
     error = 0.5 * (angle.radius + 8 * 2.0**-52)
     if key == 0:
         return constant(float(2 * half.real), 2 * error)
-    degree = max(abs(exponent) for exponent in exponents.values())
     keys = np.array([key, -key], np.int64)
     return _collected(keys, np.array([half, np.conj(half)]), np.array([error, error]), degree)
 
@@ -233,7 +237,13 @@ def stacked(entries: list[list[TrigonometricSum]]) -> TrigonometricSum:
     """Return a sum of matrices from a matrix of sums."""
     rows = len(entries)
     columns = len(entries[0])
-    keys = np.unique(np.concatenate([entry.keys for row in entries for entry in row]))
+    all_keys = []
+    degree = 0
+    for row in entries:
+        for entry in row:
+            all_keys.append(entry.keys)
+            degree = max(degree, entry.degree)
+    keys = np.unique(np.concatenate(all_keys))
     centre = np.zeros((keys.size, rows, columns), complex)
     radius = np.zeros((keys.size, rows, columns))
     for i, row in enumerate(entries):
@@ -241,7 +251,6 @@ def stacked(entries: list[list[TrigonometricSum]]) -> TrigonometricSum:
             places = np.searchsorted(keys, entry.keys)
             centre[places, i, j] = entry.centre
             radius[places, i, j] = entry.radius
-    degree = max(entry.degree for row in entries for entry in row)
     return TrigonometricSum(keys, centre, radius, degree)
 
 

@@ -35,9 +35,12 @@ def undefined_answers(
     has_undefined = any(step.operation == ca.OP_CONST and np.isnan(step.constant) for step in steps)
     undefined = {}
     for number in conditions:
-        answers = []
+        answers = set()
+        # most equations write no "not a number": then no answer needs a look at all instructions
         if has_undefined and steps[number].operation in _CONDITIONS:
-            answers = [answer for answer in (False, True) if _leaves_nothing(steps, required, number, answer)]
+            for answer in (False, True):
+                if _leaves_nothing(steps, required, number, answer):
+                    answers.add(answer)
         undefined[number] = frozenset(answers)
     return undefined
 

@@ -7,7 +7,7 @@ the logarithm of a length, keeps its real value and is unknown in the field.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import count
@@ -31,7 +31,7 @@ Truths = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
-class RootMark:
+class RootSignature:
     """A root, by the residues (k,) of its argument and whether they are known (k,)."""
 
     residue: Residues
@@ -49,7 +49,7 @@ class RootMark:
 ALIKE = 4
 """Number of states at which arguments of roots are equal, each by chance with odds of 1e-9 at most."""
 
-_marks: WeakValueDictionary[int, RootMark] = WeakValueDictionary()
+_signatures: WeakValueDictionary[int, RootSignature] = WeakValueDictionary()
 """The roots of the values that exist, by numbers that grow."""
 
 
@@ -65,7 +65,7 @@ class Degree:
 
     numerator: int = 0
     factors: Mapping[int, tuple[int, int]] = field(default_factory=dict)
-    roots: frozenset[RootMark] = frozenset()
+    roots: frozenset[RootSignature] = frozenset()
 
     @property
     def denominator(self) -> int:
@@ -76,8 +76,8 @@ class Degree:
         """Return the degree of a sum, over the least common denominator."""
         factors = dict(self.factors)
         for factor, (degree, exponent) in other.factors.items():
-            _, own = factors.get(factor, (degree, 0))
-            factors[factor] = (degree, max(own, exponent))
+            _, own_exponent = factors.get(factor, (degree, 0))
+            factors[factor] = (degree, max(own_exponent, exponent))
         common = Degree(0, factors).denominator
         first = self.numerator + common - self.denominator
         second = other.numerator + common - other.denominator
@@ -87,21 +87,21 @@ class Degree:
         """Return the degree of a product."""
         factors = dict(self.factors)
         for factor, (degree, exponent) in other.factors.items():
-            _, own = factors.get(factor, (degree, 0))
-            factors[factor] = (degree, own + exponent)
+            _, own_exponent = factors.get(factor, (degree, 0))
+            factors[factor] = (degree, own_exponent + exponent)
         return Degree(self.numerator + other.numerator, factors, self.roots | other.roots)
 
     def inverse(self) -> Degree:
         """Return the degree of the reciprocal value; the numerator becomes a new factor."""
         factors = {}
         if self.numerator:
-            factors[next(_numbers)] = (self.numerator, 1)
+            factors[next(_identifiers)] = (self.numerator, 1)
         return Degree(self.denominator, factors, self.roots)
 
-    def root(self, mark: RootMark) -> Degree:
-        """Return the degree of the root of the function; the mark distinguishes it from other roots."""
+    def root(self, signature: RootSignature) -> Degree:
+        """Return the degree of the root of the function; its signature distinguishes it from other roots."""
         half = -(-(self.numerator + self.denominator) // 2)
-        return Degree(half, self.factors, self.roots | {mark})
+        return Degree(half, self.factors, self.roots | {signature})
 
     def either(self, other: Degree) -> Degree:
         """Return a degree that holds for both functions."""
@@ -114,8 +114,8 @@ class Degree:
         return max(self.numerator, 1) << len(self.roots)
 
 
-_numbers = count()
-"""Numbers of roots and of factors of denominators."""
+_identifiers = count()
+"""Identifiers of roots and of factors of denominators, each used once."""
 
 
 @dataclass(frozen=True)
@@ -197,10 +197,10 @@ def _constant(digits: str, states: int, _prime: int) -> ExactValue:
         residue = exact.residue
         form = forms.number(exact)
         node = program.number(exact)
-    known = np.broadcast_to(np.bool_(exact is not None), states)
+    is_exact = np.broadcast_to(np.bool_(exact is not None), states)
     real = np.broadcast_to(np.float64(value), states)
     residues = np.broadcast_to(np.uint64(residue), states)
-    return ExactValue(residues, known, real, constant=value, form=form, node=node)
+    return ExactValue(residues, is_exact, real, constant=value, form=form, node=node)
 
 
 def exact(number: ExactNumber, states: int) -> ExactValue:
@@ -218,6 +218,12 @@ def unknown(real: Array) -> ExactValue:
 def real_of(value: Value) -> Array:
     """Return the real values (k,); a condition is 1 or 0."""
     return value.real.astype(float)
+
+
+def stacked_reals(numbers: Iterable[Value], states: int) -> Array:
+    """Return the real values (n, k) of n numbers at k states."""
+    rows = list(map(real_of, numbers))
+    return np.array(rows).reshape(-1, states)  # (0, k) without numbers
 
 
 def taken(value: Value, places: NDArray[np.integer]) -> Value:
@@ -296,9 +302,9 @@ def minus(a: ExactValue) -> ExactValue:
 
 def multiply(a: Value, b: Value) -> Value:
     """Return a b; a whole multiple or a half of an angle is an angle."""
-    for factor, other in ((a, b), (b, a)):
-        if isinstance(other, Angle) and isinstance(factor, ExactValue) and factor.constant is not None:
-            return _multiple(other, factor.constant)
+    for factor, angle_operand in ((a, b), (b, a)):
+        if isinstance(angle_operand, Angle) and isinstance(factor, ExactValue) and factor.constant is not None:
+            return _multiple(angle_operand, factor.constant)
     return product(scalar(a), scalar(b))
 
 
@@ -340,6 +346,7 @@ def divide(a: Value, b: Value) -> Value:
     numerator = scalar(a)
     denominator = scalar(b)
     quotient = product(numerator, reciprocal(denominator))
+    # the product with a reciprocal is rounded twice; the quotient of the equations once
     with np.errstate(divide="ignore", invalid="ignore"):
         return replace(quotient, real=numerator.real / denominator.real)
 
@@ -360,18 +367,18 @@ def root(a: Value) -> ExactValue:
     residue = prime.root(number.residue)
     squares = prime.multiply(residue, residue) == number.residue
     known = number.known & squares
-    return ExactValue(residue, known, real, number.degree.root(_mark_of(number)), node=node)
+    return ExactValue(residue, known, real, number.degree.root(_signature_of(number)), node=node)
 
 
-def _mark_of(argument: ExactValue) -> RootMark:
-    """Return the mark of a root; arguments that are equal at all states where both are known have one root."""
-    for number in sorted(_marks):  # in the order in which they were made: the same seed gives the same proof
-        mark = _marks.get(number)
-        if mark is not None and mark.fits(argument):
-            return mark
-    mark = RootMark(argument.residue, argument.known)
-    _marks[next(_numbers)] = mark
-    return mark
+def _signature_of(argument: ExactValue) -> RootSignature:
+    """Return the signature of a root; arguments that are equal at all states where both are known have one root."""
+    for identifier in sorted(_signatures):  # in the order in which they were made: the same seed gives the same proof
+        signature = _signatures.get(identifier)
+        if signature is not None and signature.fits(argument):
+            return signature
+    signature = RootSignature(argument.residue, argument.known)
+    _signatures[next(_identifiers)] = signature
+    return signature
 
 
 def power(a: Value, exponent: Value) -> Value:
@@ -430,12 +437,13 @@ def angle(value: Value) -> Angle:
             return Angle(exact(exact_cosine, states), exact(exact_sine, states), number.real)
     # the part of a conditional expression that is not chosen is the number 0
     known = number.known & (number.residue == 0) & (number.real == 0)
-    one = program.number(exact_of(1))
-    zero = program.number(exact_of(0))
-    if not known.all():
-        one = zero = None
-    cosine = ExactValue(np.ones(states, np.uint64), known, np.cos(number.real), node=one)
-    sine = ExactValue(np.zeros(states, np.uint64), known, np.sin(number.real), node=zero)
+    cosine_node = None
+    sine_node = None
+    if known.all():
+        cosine_node = program.number(exact_of(1))
+        sine_node = program.number(exact_of(0))
+    cosine = ExactValue(np.ones(states, np.uint64), known, np.cos(number.real), node=cosine_node)
+    sine = ExactValue(np.zeros(states, np.uint64), known, np.sin(number.real), node=sine_node)
     return Angle(cosine, sine, number.real)
 
 
@@ -475,6 +483,7 @@ def _half(a: Angle) -> Angle:
     one = constant(1.0, states)
     two = constant(2.0, states)
     half = a.real / 2
+    # only the square of the cosine is an algebraic function of the angle's: its sign is that of the real value
     cosine = root(product(total(one, a.cosine), reciprocal(two)))
     cosine = _either(DrawnCondition(np.cos(half) < 0), minus(cosine), cosine)
     sine = product(a.sine, reciprocal(product(two, cosine)))
@@ -485,7 +494,8 @@ def direction(y: Value, x: Value) -> Angle:
     """Return atan2(y, x)."""
     opposite = scalar(y)
     adjacent = scalar(x)
-    length = root(total(product(opposite, opposite), product(adjacent, adjacent)))
+    square_of_length = total(product(opposite, opposite), product(adjacent, adjacent))
+    length = root(square_of_length)
     scale = reciprocal(length)
     real = np.arctan2(opposite.real, adjacent.real)
     cosine = replace(product(adjacent, scale), real=np.cos(real))
@@ -496,7 +506,8 @@ def direction(y: Value, x: Value) -> Angle:
 def of_cosine(x: Value) -> Angle:
     """Return acos(x)."""
     cosine = scalar(x)
-    sine = root(_rest(cosine))
+    # the root with the sign + in real values: acos has angles from 0 to a half turn
+    sine = root(_one_less_square(cosine))
     with np.errstate(invalid="ignore"):
         return Angle(cosine, sine, np.arccos(cosine.real))
 
@@ -504,12 +515,12 @@ def of_cosine(x: Value) -> Angle:
 def of_sine(x: Value) -> Angle:
     """Return asin(x)."""
     sine = scalar(x)
-    cosine = root(_rest(sine))
+    cosine = root(_one_less_square(sine))
     with np.errstate(invalid="ignore"):
         return Angle(cosine, sine, np.arcsin(sine.real))
 
 
-def _rest(a: ExactValue) -> ExactValue:
+def _one_less_square(a: ExactValue) -> ExactValue:
     """Return 1 - a^2."""
     return difference(constant(1.0, len(a.real)), product(a, a))
 

@@ -48,7 +48,9 @@ def _path(loops: ClosingConditions, body: str, T_body_joint: Array) -> JsonObjec
             second = joint.T_parent_joint
         steps.append(["frame", _numbers(first)])
         if joint.type != "fixed":
-            motion = "turn" if joint.type == "revolute" else "slide"
+            motion = "slide"
+            if joint.type == "revolute":
+                motion = "turn"
             steps.append([motion, loops.names.index(joint.name), sign])
         steps.append(["inverse", _numbers(second)])
     steps.append(["frame", _numbers(T_body_joint)])
@@ -57,18 +59,18 @@ def _path(loops: ClosingConditions, body: str, T_body_joint: Array) -> JsonObjec
 
 def limits_as_data(limits: Sequence[LinearLimit]) -> list[JsonObject]:
     """Return limits of sums of joint values, in m and rad."""
-    return [{"name": limit.name, "weights": dict(limit.weights), "least": limit.least} for limit in limits]
+    rows = []
+    for limit in limits:
+        rows.append({"name": limit.name, "weights": dict(limit.weights), "least": limit.least})
+    return rows
 
 
 def boxes_as_data(proof: RegularWorkspace, joints: Array) -> list[list[list[float]]]:
     """Return [lower corner, upper corner, joint values (k,) near the middle] of each proved box, in m and rad."""
-    near = np.round(joints, _NEAR_DECIMALS).tolist()
-    rows = []
-    for low, high, values in zip(proof.low.tolist(), proof.high.tolist(), near, strict=True):
-        rows.append([low, high, values])
-    return rows
+    joint_values = np.round(joints, _NEAR_DECIMALS).tolist()
+    return list(map(list, zip(proof.low.tolist(), proof.high.tolist(), joint_values, strict=True)))
 
 
 def _numbers(T: Array) -> list[list[float]]:
     """Return the first three rows of a pose (4, 4)."""
-    return [[float(entry) for entry in row] for row in T[:3]]
+    return np.asarray(T[:3], float).tolist()

@@ -21,7 +21,7 @@ from twin.core import spatial
 from twin.core.spatial import Array
 from twin.proof.motion.linkage import Linkage, PlacedLinkage, rotation_of
 from twin.proof.motion.pieces import OVERLAP
-from twin.proof.motion.taylor import TaylorModel, constant, joined
+from twin.proof.motion.taylor import TaylorModel, constant, stacked
 
 _ITERATIONS = 6
 """Largest number of Newton steps at the states through which a prediction passes."""
@@ -61,6 +61,12 @@ _SMALLEST_RATE = 1e-15
 
 _RELATIVE_ZERO = 1e-9
 """Singular values of the loops' Jacobian below this fraction of the largest one count as zero."""
+
+_SMALLEST_DIAGONAL = 1e-12
+"""Smallest entry of the diagonal of a triangular matrix that is inverted, in m per m or rad."""
+
+_LARGEST_NORM = 0.9
+"""Largest norm |E| with which a determinant is bounded: at 1, its bound is infinite."""
 
 _MARGIN = 1.0 + 1e-12
 """Factor by which bounds are increased, because sums and products of bounds are rounded."""
@@ -124,14 +130,13 @@ def closed_linkage(linkage: Linkage, q: TaylorModel, poses: Poses) -> ClosedLink
     """
     order = q.order
     count = q.shape[0]
-    drawn, drawn_balls = linkage.drawn(poses)
+    initial_values, balls = linkage.coordinates_at(poses)
     places = nodes(order)
     powers = places[:, None] ** np.arange(order + 1)
     # the driven coordinates at the nodes, (N, order + 1, n)
     driven = np.einsum("ik,kaj->aij", powers, q.c).reshape(count * len(places), -1)
-    values = drawn.copy()
+    values = initial_values.copy()
     values[:, linkage.driven] = driven
-    balls = drawn_balls
     if linkage.closes:
         values, balls = solved(linkage, values, balls)
     to_powers = np.asarray(np.linalg.inv(powers), np.float64)
@@ -139,7 +144,7 @@ def closed_linkage(linkage: Linkage, q: TaylorModel, poses: Poses) -> ClosedLink
     values = _continued(linkage, values)
     c = np.einsum("ki,aij->kaj", to_powers, values)
     c[:, :, linkage.driven] = q.c
-    r = np.zeros((count, len(linkage.places)))
+    r = np.zeros((count, len(linkage.coordinates)))
     r[:, linkage.driven] = q.r
     prediction = TaylorModel(c, r)
     rotations = {}
@@ -147,9 +152,9 @@ def closed_linkage(linkage: Linkage, q: TaylorModel, poses: Poses) -> ClosedLink
         rotations[name] = _ball(R.reshape(count, len(places), 3, 3), to_powers)
     if not linkage.closes:
         placed = linkage.place(prediction, rotations)
-        free = len(linkage.passive) == 0
+        has_no_passive = len(linkage.passive) == 0
         zero = np.zeros(count)
-        none = np.zeros((count, len(linkage.passive)))
+        no_passive = np.zeros((count, len(linkage.passive)))
         return ClosedLinkage(
             placed=placed,
             coordinates=prediction,
@@ -160,17 +165,17 @@ def closed_linkage(linkage: Linkage, q: TaylorModel, poses: Poses) -> ClosedLink
             gap=zero,
             prediction=prediction,
             balls=rotations,
-            image=none,
-            box=none,
-            closed=np.full(count, free),
+            image=no_passive,
+            box=no_passive,
+            closed=np.full(count, has_no_passive),
         )
     return enclosed(linkage, prediction, rotations)
 
 
 def _continued(linkage: Linkage, values: Array) -> Array:
     """Return coordinates (N, nodes, m) whose angles do not jump by full turns from node to node."""
-    for i, place in enumerate(linkage.places):
-        if place.part == "turn" and not place.active:
+    for i, coordinate in enumerate(linkage.coordinates):
+        if coordinate.part == "turn" and not coordinate.active:
             values[:, :, i] = np.unwrap(values[:, :, i], axis=1)
     return values
 
@@ -204,10 +209,10 @@ def solved(
     rotations = dict(balls)
     passive = linkage.passive
     for _ in range(iterations):
-        at = constant(values, 0)
-        models = {name: constant(R, 0) for name, R in rotations.items()}
-        placed = linkage.place(at, models)
-        gaps = linkage.gaps(placed, at).c[0]
+        model = constant(values, 0)
+        ball_models = {name: constant(R, 0) for name, R in rotations.items()}
+        placed = linkage.place(model, ball_models)
+        gaps = linkage.gaps(placed, model).c[0]
         jacobian = linkage.jacobian(placed).c[0][:, :, passive]
         if not (np.isfinite(gaps).all() and np.isfinite(jacobian).all()):
             break
@@ -215,12 +220,12 @@ def solved(
         steps = np.clip(steps, -longest, longest)
         turns: dict[str, Array] = {}
         for column, i in enumerate(passive):
-            place = linkage.places[i]
-            if place.part in ("turn", "slide"):
+            coordinate = linkage.coordinates[i]
+            if coordinate.part in ("turn", "slide"):
                 values[:, i] += steps[:, column]
             else:
-                turn = turns.setdefault(place.joint, np.zeros((len(values), 3)))
-                turn[:, "xyz".index(place.part)] = steps[:, column]
+                turn = turns.setdefault(coordinate.joint, np.zeros((len(values), 3)))
+                turn[:, "xyz".index(coordinate.part)] = steps[:, column]
         for name, turn in turns.items():
             rotations[name] = rotations[name] @ spatial.exp_so3(turn)
         if np.abs(steps).max(initial=0.0) < _SOLVED:
@@ -235,11 +240,11 @@ def enclosed(linkage: Linkage, prediction: TaylorModel, balls: Mapping[str, Tayl
     placed = linkage.place(prediction, balls)
     gaps = linkage.gaps(placed, prediction)
     centre = linkage.jacobian(placed).c[0][:, :, passive]
-    known = np.isfinite(centre).all(axis=(1, 2))
-    inverse = np.linalg.pinv(np.where(known[:, None, None], centre, 0.0), rcond=_RELATIVE_ZERO)
+    is_finite = np.isfinite(centre).all(axis=(1, 2))
+    inverse = np.linalg.pinv(np.where(is_finite[:, None, None], centre, 0.0), rcond=_RELATIVE_ZERO)
     move = gaps[..., None].before(inverse)[..., 0].sizes()
     radius = _FIRST_FACTOR * move + _FIRST_BOX
-    box = np.zeros((count, len(linkage.places)))
+    box = np.zeros((count, len(linkage.coordinates)))
     closed = np.zeros(count, bool)
     image = radius
     contraction = np.full(count, np.inf)
@@ -250,13 +255,13 @@ def enclosed(linkage: Linkage, prediction: TaylorModel, balls: Mapping[str, Tayl
         placed_box = linkage.place(inside, balls)
         full = linkage.jacobian(placed_box)
         product = full[:, :, passive].before(inverse)
-        rest = (product - np.eye(len(passive))).sizes()
-        spread = (rest @ radius[..., None])[..., 0]
+        defect = (product - np.eye(len(passive))).sizes()
+        spread = (defect @ radius[..., None])[..., 0]
         image = (move + spread) * _MARGIN
         with np.errstate(invalid="ignore", divide="ignore"):
             scaled = spread / radius
         contraction = np.where(np.isfinite(scaled), scaled, np.inf).max(axis=1) * _MARGIN
-        closed = known & (image < radius).all(axis=1) & (contraction < 1)
+        closed = is_finite & (image < radius).all(axis=1) & (contraction < 1)
         if closed.all():
             break
         grown = np.where(np.isfinite(image), np.minimum(_GROWTH * image, _LARGEST_BOX), _LARGEST_BOX)
@@ -267,8 +272,8 @@ def enclosed(linkage: Linkage, prediction: TaylorModel, balls: Mapping[str, Tayl
     placed = linkage.place(coordinates, balls)
     closed = closed & linkage.aligned(placed)
     full = linkage.jacobian(placed)
-    within = (full[:, :, passive].sizes() @ np.where(closed[:, None], image, 0.0)[..., None])[..., 0]
-    gap = np.where(closed, (gaps.sizes() + within).max(axis=1) * _MARGIN, np.inf)
+    image_gaps = (full[:, :, passive].sizes() @ np.where(closed[:, None], image, 0.0)[..., None])[..., 0]
+    gap = np.where(closed, (gaps.sizes() + image_gaps).max(axis=1) * _MARGIN, np.inf)
     return ClosedLinkage(
         placed=placed,
         coordinates=coordinates,
@@ -302,12 +307,13 @@ def connected(closed: ClosedLinkage, linkage: Linkage, before: Array, after: Arr
     ends = np.einsum("ak,kai->ai", powers_after, closed.prediction.c)[:-1]
     starts = np.einsum("ak,kai->ai", powers_before, closed.prediction.c)[1:]
     difference = ends - starts
-    for i, place in enumerate(linkage.places):
-        if place.part == "turn":
+    for i, coordinate in enumerate(linkage.coordinates):
+        if coordinate.part == "turn":
+            # each piece was unwrapped by itself: the same angle may be full turns apart
             turns = np.round(difference[:, i] / (2 * np.pi))
             difference[:, i] -= 2 * np.pi * turns
-    away = np.abs(difference)
-    away = away[:, linkage.passive]
+    distance = np.abs(difference)
+    distance = distance[:, linkage.passive]
     for name, R in closed.balls.items():
         R_end = np.einsum("ak,kaij->aij", powers_after, R.c)[:-1]
         R_start = np.einsum("ak,kaij->aij", powers_before, R.c)[1:]
@@ -317,17 +323,17 @@ def connected(closed: ClosedLinkage, linkage: Linkage, before: Array, after: Arr
         errors = 1.01 * np.linalg.norm(entries, axis=(1, 2))
         turn = turn + errors[:-1] + errors[1:] + _ROTATION_ERROR
         for column, i in enumerate(linkage.passive):
-            if linkage.places[i].joint == name:
-                away[:, column] = 1.1 * turn
+            if linkage.coordinates[i].joint == name:
+                distance[:, column] = 1.1 * turn
     sizes = np.abs(closed.prediction.c).sum(axis=0)[:, linkage.passive]
-    away = away + _VALUE_ERROR * (sizes[:-1] + sizes[1:])
+    distance = distance + _VALUE_ERROR * (sizes[:-1] + sizes[1:])
     # each box that contains a motion, seen from the middle of the other piece's box
-    of_piece = away + 2.0 * closed.image[:-1]
-    of_next = away + 2.0 * closed.image[1:]
-    is_inside_next = (of_piece <= closed.box[1:]).all(axis=1)
-    is_inside_piece = (of_next <= closed.box[:-1]).all(axis=1)
-    same = is_inside_next | is_inside_piece
-    return same & closed.closed[:-1] & closed.closed[1:]
+    distance_in_piece = distance + 2.0 * closed.image[:-1]
+    distance_in_next = distance + 2.0 * closed.image[1:]
+    is_inside_next = (distance_in_piece <= closed.box[1:]).all(axis=1)
+    is_inside_piece = (distance_in_next <= closed.box[:-1]).all(axis=1)
+    is_connected = is_inside_next | is_inside_piece
+    return is_connected & closed.closed[:-1] & closed.closed[1:]
 
 
 def rates(closed: ClosedLinkage, linkage: Linkage, driven: TaylorModel) -> TaylorModel:
@@ -338,8 +344,8 @@ def rates(closed: ClosedLinkage, linkage: Linkage, driven: TaylorModel) -> Taylo
     """
     count = driven.shape[0]
     order = driven.order
-    c = np.zeros((order + 1, count, len(linkage.places)))
-    r = np.zeros((count, len(linkage.places)))
+    c = np.zeros((order + 1, count, len(linkage.coordinates)))
+    r = np.zeros((count, len(linkage.coordinates)))
     c[:, :, linkage.driven] = driven.c
     r[:, linkage.driven] = driven.r
     if closed.full_jacobian is None or closed.inverse is None or closed.jacobian is None:
@@ -353,13 +359,13 @@ def rates(closed: ClosedLinkage, linkage: Linkage, driven: TaylorModel) -> Taylo
         remainder = (product @ y[..., None])[..., 0] + right
         y = TaylorModel((y - remainder).c, np.zeros(y.shape))
     remainder = ((product @ y[..., None])[..., 0] + right).sizes()
-    rest = (product - np.eye(len(linkage.passive))).sizes()
-    # |error| <= remainder + rest |error|: a vector that this maps into itself is a bound
+    defect = (product - np.eye(len(linkage.passive))).sizes()
+    # |error| <= remainder + defect |error|: a vector that this maps into itself is a bound
     bound = remainder
     for _ in range(_RATE_STEPS):
-        bound = remainder + (rest @ bound[..., None])[..., 0]
+        bound = remainder + (defect @ bound[..., None])[..., 0]
     bound = _RATE_FACTOR * bound + _SMALLEST_RATE
-    mapped = (remainder + (rest @ bound[..., None])[..., 0]) * _MARGIN
+    mapped = (remainder + (defect @ bound[..., None])[..., 0]) * _MARGIN
     proven = np.all(mapped <= bound, axis=1) & closed.closed
     bound = np.where(proven[:, None], bound, np.inf)
     c[:, :, linkage.passive] = y.c
@@ -381,13 +387,13 @@ def determinant(closed: ClosedLinkage) -> tuple[TaylorModel, Array] | None:
     middle = np.where(np.isfinite(J.c[0]), J.c[0], 0.0)
     upper = np.linalg.qr(middle, mode="r")
     diagonal = np.abs(np.diagonal(upper, axis1=1, axis2=2))
-    regular = diagonal.min(axis=1) > 1e-12
+    regular = diagonal.min(axis=1) > _SMALLEST_DIAGONAL
     upper = np.where(regular[:, None, None], upper, np.eye(size))
     inverse = np.triu(np.linalg.inv(upper))
     scaled = J @ inverse
     E = scaled.swapped() @ scaled - np.eye(size)
     norm = np.sqrt((E.sizes() ** 2).sum(axis=(1, 2))) * (1.0 + 1e-12)
-    small = regular & closed.closed & (norm < 0.9)
+    small = regular & closed.closed & (norm < _LARGEST_NORM)
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.where(small, 0.25 * norm**2 / (1.0 - norm) * (1.0 + 1e-9) + 1e-13 * size, np.inf)
     trace = stacked_trace(E) * 0.5
@@ -405,5 +411,5 @@ def start_determinant(logs: TaylorModel, error: Array) -> tuple[float, float]:
 
 def stacked_trace(E: TaylorModel) -> TaylorModel:
     """Return the traces (N,) of matrices (N, n, n)."""
-    diagonal = [E[:, i, i][..., None] for i in range(E.shape[-1])]
-    return joined(diagonal, axis=1).total(-1)
+    diagonal = [E[:, i, i] for i in range(E.shape[-1])]
+    return stacked(diagonal).total(-1)

@@ -102,7 +102,7 @@ class Linkage:
 
     Attributes:
         mechanism: the mechanism.
-        places: the coordinates, in the order of the tree.
+        coordinates: the coordinates, in the order of the tree.
         driven, passive: indices of the driven coordinates, in the order of q, and of the others.
         tool: the tool frame on its body.
     """
@@ -114,13 +114,13 @@ class Linkage:
             TwinError: a frame of a joint, or that of the tool, is no rotation but for rounding.
         """
         self.mechanism = mechanism
-        self.places: list[LinkageCoordinate] = []
+        self.coordinates: list[LinkageCoordinate] = []
         for joint in mechanism.tree:
             for part in _parts(joint):
-                self.places.append(LinkageCoordinate(joint.name, part, joint.active))
-        self.passive = [i for i, place in enumerate(self.places) if not place.active]
-        names = [place.joint for place in self.places]
-        self.driven = [names.index(joint.name) for joint in mechanism.active]
+                self.coordinates.append(LinkageCoordinate(joint.name, part, joint.active))
+        self.passive = [i for i, coordinate in enumerate(self.coordinates) if not coordinate.active]
+        # q has the order of the mechanism, which need not be that of the tree
+        self.driven = [self.index(joint.name) for joint in mechanism.active]
         self._moved = self._masks()
         self._frames: dict[str, tuple[RigidFrame, RigidFrame]] = {}
         for joint in mechanism.joints:
@@ -137,11 +137,10 @@ class Linkage:
 
     def _masks(self) -> dict[str, np.ndarray]:
         """Return {body: mask (m,) of the coordinates that move it}."""
-        masks = {self.mechanism.base: np.zeros(len(self.places), bool)}
+        masks = {self.mechanism.base: np.zeros(len(self.coordinates), bool)}
         for joint in self.mechanism.tree:
             mask = masks[joint.parent].copy()
-            for i, place in enumerate(self.places):
-                mask[i] |= place.joint == joint.name
+            mask[self.indices(joint.name)] = True
             masks[joint.child] = mask
         return masks
 
@@ -231,19 +230,19 @@ class Linkage:
         """Return the derivatives (N, rows, m) of the gaps with respect to the coordinates."""
         rows = []
         axes = placed.columns.axes
-        slides = np.array([place.slides for place in self.places])
+        slides = self._slides()
         for joint in self.mechanism.loops:
             first, second, _, R = self.relative(placed, joint)
             # a coordinate that moves both bodies, or none, changes no gap; one of the parent counts backwards
-            moved = self._moved[joint.child].astype(float) - self._moved[joint.parent]
-            w = (axes @ first.R) * moved[:, None]
-            turns = w * (~slides)[:, None].astype(float)
+            relative_motion = self._moved[joint.child].astype(float) - self._moved[joint.parent]
+            axes_in_first = (axes @ first.R) * relative_motion[:, None]
+            turns = axes_in_first * (~slides)[:, None].astype(float)
             lever = second.p[:, None, :] - placed.columns.centres
-            of_turns = (cross(axes, lever) @ first.R) * (moved * ~slides)[:, None]
-            offsets = of_turns + w * slides[:, None].astype(float)
+            of_turns = (cross(axes, lever) @ first.R) * (relative_motion * ~slides)[:, None]
+            offsets = of_turns + axes_in_first * slides[:, None].astype(float)
             rows += _rate_rows(joint, offsets, turns, R)
         for coupling in self.mechanism.couplings:
-            row = np.zeros((axes.shape[0], len(self.places)))
+            row = np.zeros((axes.shape[0], len(self.coordinates)))
             for name, ratio in zip(coupling.joints, coupling.ratios, strict=True):
                 row[:, self.index(name)] = ratio * self._scale(coupling.joints[0])
             rows.append(constant(row, axes.order))
@@ -256,19 +255,30 @@ class Linkage:
 
         `rates` (N, m) are the rates of the coordinates.
         """
-        slides = np.array([place.slides for place in self.places])
-        moved = self._moved[body]
+        slides = self._slides()
+        is_moved = self._moved[body]
         axes = placed.columns.axes
         lever = p[:, None, :] - placed.columns.centres
-        turning = axes * rates[..., None] * (moved & ~slides)[:, None].astype(float)
-        sliding = axes * rates[..., None] * (moved & slides)[:, None].astype(float)
+        turning = axes * rates[..., None] * (is_moved & ~slides)[:, None].astype(float)
+        sliding = axes * rates[..., None] * (is_moved & slides)[:, None].astype(float)
         velocity = (cross(turning, lever) + sliding).total(-2)
         return velocity, turning.total(-2)
 
+    def _slides(self) -> np.ndarray:
+        """Return (m,) which coordinates are lengths."""
+        return np.array([coordinate.slides for coordinate in self.coordinates])
+
+    def indices(self, joint: str) -> list[int]:
+        """Return the indices of the coordinates of a joint of the tree."""
+        indices = []
+        for i, coordinate in enumerate(self.coordinates):
+            if coordinate.joint == joint:
+                indices.append(i)
+        return indices
+
     def index(self, joint: str) -> int:
         """Return the index of the (last) coordinate of a joint of the tree."""
-        indices = [i for i, place in enumerate(self.places) if place.joint == joint]
-        return indices[-1]
+        return self.indices(joint)[-1]
 
     def _scale(self, joint: str) -> float:
         """Return the length in m of a unit of a joint's coordinate, in gaps: `ARM` of an angle, 1 of a length."""
@@ -276,7 +286,7 @@ class Linkage:
             return ARM
         return 1.0
 
-    def drawn(self, poses: Mapping[str, Array]) -> tuple[Array, dict[str, Array]]:
+    def coordinates_at(self, poses: Mapping[str, Array]) -> tuple[Array, dict[str, Array]]:
         """Return (coordinates (k, m), {ball joint: rotations (k, 3, 3)}) at body poses {body: (k, 4, 4)}."""
         columns = []
         balls = {}
@@ -325,9 +335,14 @@ def _turned(R: TaylorModel, angle: TaylorModel, axis: int) -> TaylorModel:
     return stacked(columns)
 
 
+def _locked_axes(joint: Joint) -> list[int]:
+    """Return the axes x, y, z, by numbers, along which a joint does not let its child move."""
+    return [axis for axis in range(3) if axis not in joint.free_axes]
+
+
 def _gap_rows(joint: Joint, offset: TaylorModel, R: TaylorModel) -> list[TaylorModel]:
     """Return the gaps of a loop joint along and about its locked axes."""
-    rows = [offset[:, axis] for axis in range(3) if axis not in joint.free_axes]
+    rows = [offset[:, axis] for axis in _locked_axes(joint)]
     if joint.type in ("fixed", "prismatic"):
         for i, j in _ANTISYMMETRIC:
             rows.append((R[:, i, j] - R[:, j, i]) * (ARM / 2))
@@ -346,7 +361,7 @@ def _rate_rows(joint: Joint, offsets: TaylorModel, turns: TaylorModel, R: Taylor
         turns: (N, m, 3) rotation of the second frame by each coordinate, in the first frame.
         R: (N, 3, 3) rotation of the second frame in the first.
     """
-    rows = [offsets[..., axis] for axis in range(3) if axis not in joint.free_axes]
+    rows = [offsets[..., axis] for axis in _locked_axes(joint)]
     if joint.type == "spherical":
         return rows
     changes = []  # (N, m, 3) derivatives of the columns of R
@@ -372,13 +387,11 @@ def rotation_of(quaternions: TaylorModel) -> TaylorModel:
     yy = y * y
     zz = z * z
     # divided by the square of the length: the quaternions need not be unit ones
-    share = (ww + xx + yy + zz).inverted()
+    share = (ww + xx + yy + zz).inverted()  # 1 / |quaternion|^2
     entries = [
         [ww + xx - yy - zz, (x * y - w * z) * 2.0, (x * z + w * y) * 2.0],
         [(x * y + w * z) * 2.0, ww - xx + yy - zz, (y * z - w * x) * 2.0],
         [(x * z - w * y) * 2.0, (y * z + w * x) * 2.0, ww - xx - yy + zz],
     ]
-    rows = []
-    for row in entries:
-        rows.append(stacked([entry * share for entry in row]))
-    return stacked(rows, -2)
+    rows = [stacked(row) for row in entries]
+    return stacked(rows, -2) * share[:, None, None]

@@ -39,6 +39,9 @@ SPEED_EXCESS = 1e-3
 TOUCHING = 1e-12
 """Distance in m or rad by which a limit of a joint may be exceeded: rounding of a motion that ends at its limit."""
 
+_EXPONENTIAL_ERROR = 1e-12
+"""Bound of the relative rounding error of the exponential of a logarithm of a determinant."""
+
 _DEEPEST_OPEN = 3
 """How often a piece is halved at most on which no motion of the passive joints is proved."""
 
@@ -146,18 +149,27 @@ class MotionProof:
 
     def count(self, status: str) -> int:
         """Return the number of claims with a status."""
-        return sum(claim.status == status for claim in self.claims)
+        return [claim.status for claim in self.claims].count(status)
 
 
 @dataclass(frozen=True)
 class _Round:
-    """Everything on the pieces of one round."""
+    """Everything on the N pieces of one round.
+
+    Attributes:
+        pieces: the pieces.
+        cells: the M cells of time in them.
+        enclosures: all values, on the cells.
+        closed: (N,) whether a motion of the passive joints is proved on each piece.
+        is_connected: (N - 1,) whether it goes on in that of the next piece.
+        linkage: the mechanism on the pieces; None if nothing was enclosed.
+    """
 
     pieces: Pieces
     cells: TimeCells
-    found: list[Enclosure]
+    enclosures: list[Enclosure]
     closed: np.ndarray
-    goes_on: np.ndarray
+    is_connected: np.ndarray
     linkage: ClosedLinkage | None = None
 
 
@@ -204,8 +216,8 @@ def _judged(linkage: Linkage, path: TimedPath, pieces: Pieces, states: States) -
     slopes = []
     values = []
     for k, phase in enumerate(path.phases):
-        own = pieces.some(pieces.phase == k)
-        on_phase, slope = on_pieces(phase.coefficients, own.middle, own.half, ORDER)
+        phase_pieces = pieces.some(pieces.phase == k)
+        on_phase, slope = on_pieces(phase.coefficients, phase_pieces.middle, phase_pieces.half, ORDER)
         q.append(on_phase)
         slopes.append(slope)
         at_nodes = np.polynomial.polynomial.polyval(places, on_phase.c)  # (N, n, nodes)
@@ -214,12 +226,13 @@ def _judged(linkage: Linkage, path: TimedPath, pieces: Pieces, states: States) -
     rate = joined(slopes)
     closed = closed_linkage(linkage, driven, states(np.concatenate(values)))
     cells = cells_of(pieces, path.phases, ORDER)
-    found = list(enclosures(linkage, path, cells, driven, rate, closed))
+    value_enclosures = list(enclosures(linkage, path, cells, driven, rate, closed))
+    # pieces are longer than their intervals: the border with the next one lies inside both
     border = np.full(len(pieces), 1.0 / (1.0 + OVERLAP))
-    goes_on = np.ones(max(len(pieces) - 1, 0), bool)
+    is_connected = np.ones(max(len(pieces) - 1, 0), bool)
     if linkage.closes:
-        goes_on = connected(closed, linkage, border, -border)
-    return _Round(pieces, cells, found, closed.closed, goes_on, closed)
+        is_connected = connected(closed, linkage, border, -border)
+    return _Round(pieces, cells, value_enclosures, closed.closed, is_connected, closed)
 
 
 def _to_halve(judged: _Round, possible: np.ndarray, possible_open: np.ndarray) -> np.ndarray:
@@ -228,12 +241,12 @@ def _to_halve(judged: _Round, possible: np.ndarray, possible_open: np.ndarray) -
     `possible` (N,) says which pieces may be halved, `possible_open` which of those on which no motion is proved.
     """
     still_open = ~judged.closed
-    still_open[:-1] |= ~judged.goes_on
-    still_open[1:] |= ~judged.goes_on
+    still_open[:-1] |= ~judged.is_connected
+    still_open[1:] |= ~judged.is_connected
     if (still_open & ~possible_open).any():
         return np.zeros(len(still_open), bool)  # nothing will be proved of the whole path
     wide = still_open
-    for enclosure in judged.found:
+    for enclosure in judged.enclosures:
         if enclosure.group == groups.LOOP_GAP:
             continue
         loose = _loose(enclosure)
@@ -277,9 +290,9 @@ def _proof(path: TimedPath, judged: _Round) -> MotionProof:
     cells = judged.cells
     times = np.zeros(len(cells.piece) + 1)
     for k, phase in enumerate(path.phases):
-        own = np.flatnonzero(cells.phase == k)
-        times[own] = phase.times(cells.first[own])
-        times[own[-1] + 1] = phase.start + phase.duration
+        phase_cells = np.flatnonzero(cells.phase == k)
+        times[phase_cells] = phase.times(cells.first[phase_cells])
+        times[phase_cells[-1] + 1] = phase.start + phase.duration
     claims = []
     curves = {}
     for enclosure in _continued(judged):
@@ -307,7 +320,9 @@ def _predicted(judged: _Round) -> PredictedPieces | None:
     """Return the predictions of the last round."""
     if judged.linkage is None:
         return None
-    jacobian = judged.linkage.jacobian
+    jacobian = None
+    if judged.linkage.jacobian is not None:
+        jacobian = judged.linkage.jacobian.c[0]
     first, last = judged.pieces.ends
     return PredictedPieces(
         phase=judged.pieces.phase,
@@ -315,8 +330,8 @@ def _predicted(judged: _Round) -> PredictedPieces | None:
         last=last,
         coordinates=judged.linkage.prediction.c,
         balls={name: R.c for name, R in judged.linkage.balls.items()},
-        jacobian=None if jacobian is None else jacobian.c[0],
-        proved=bool(judged.closed.all() and judged.goes_on.all()),
+        jacobian=jacobian,
+        proved=bool(judged.closed.all() and judged.is_connected.all()),
     )
 
 
@@ -326,18 +341,18 @@ def _continued(judged: _Round) -> list[Enclosure]:
     The motion of the passive joints is that which begins at the start. After a piece on which it may have jumped to
     another assembly, values of that other assembly say nothing about it.
     """
-    breaks = np.flatnonzero(~judged.goes_on)
+    breaks = np.flatnonzero(~judged.is_connected)
     if not len(breaks):
-        return judged.found
+        return judged.enclosures
     after = judged.cells.piece > breaks[0]
-    found = []
-    for enclosure in judged.found:
+    cut_enclosures = []
+    for enclosure in judged.enclosures:
         if enclosure.group not in DRIVEN:
             low = np.where(after, -np.inf, enclosure.low)
             high = np.where(after, np.inf, enclosure.high)
             enclosure = replace(enclosure, low=low, high=high)
-        found.append(enclosure)
-    return found
+        cut_enclosures.append(enclosure)
+    return cut_enclosures
 
 
 def _claim(path: TimedPath, judged: _Round, enclosure: Enclosure, times: Array) -> MotionClaim:
@@ -349,7 +364,7 @@ def _claim(path: TimedPath, judged: _Round, enclosure: Enclosure, times: Array) 
     reason = ""
     if not np.isfinite(bound):
         status = "unproved"
-        reason = _open(path, judged, times)
+        reason = _reason_unknown(path, judged, times)
     elif certain > limit:
         status = "refuted"
         cell = int(np.argmax(low))
@@ -358,16 +373,22 @@ def _claim(path: TimedPath, judged: _Round, enclosure: Enclosure, times: Array) 
     else:
         status = "unproved"
         reason = "the bound is not tight enough to decide"
-    averaged = any(phase.smoothing > 0 for phase in path.phases)
-    if enclosure.group in SPEEDS and averaged:
+    is_averaged = any(phase.smoothing > 0 for phase in path.phases)
+    if enclosure.group in SPEEDS and is_averaged:
+        # an average over time is never faster, but what was enclosed is the motion before it
         status = "unproved"
         reason = "the motion is averaged over time to keep a jerk limit"
-    smallest, largest = certain, bound
+    smallest = certain
+    largest = bound
+    limit_of_claim = enclosure.limit
     if enclosure.smallest:
-        smallest, largest = -bound, -certain
+        smallest = -bound
+        largest = -certain
     if enclosure.group == groups.DETERMINANT:
-        smallest = float(np.exp(smallest)) * (1.0 - 1e-12)
-        largest = float(np.exp(largest)) * (1.0 + 1e-12)
+        # enclosed by its logarithm; what is claimed is that it is not 0
+        smallest = float(np.exp(smallest)) * (1.0 - _EXPONENTIAL_ERROR)
+        largest = float(np.exp(largest)) * (1.0 + _EXPONENTIAL_ERROR)
+        limit_of_claim = 0.0
     return MotionClaim(
         name=enclosure.name,
         group=enclosure.group,
@@ -375,7 +396,7 @@ def _claim(path: TimedPath, judged: _Round, enclosure: Enclosure, times: Array) 
         smallest=enclosure.smallest,
         low=smallest,
         high=largest,
-        limit=enclosure.limit if enclosure.group != groups.DETERMINANT else 0.0,
+        limit=limit_of_claim,
         status=status,
         phase=path.phases[judged.cells.phase[cell]].name,
         t=0.5 * float(times[cell] + times[cell + 1]),
@@ -383,12 +404,12 @@ def _claim(path: TimedPath, judged: _Round, enclosure: Enclosure, times: Array) 
     )
 
 
-def _open(path: TimedPath, judged: _Round, times: Array) -> str:
+def _reason_unknown(path: TimedPath, judged: _Round, times: Array) -> str:
     """Return why a value is unknown somewhere."""
-    if judged.closed.all() and judged.goes_on.all():
+    if judged.closed.all() and judged.is_connected.all():
         return "the bound is infinite"
     if judged.closed.all():
-        piece = int(np.flatnonzero(~judged.goes_on)[0]) + 1
+        piece = int(np.flatnonzero(~judged.is_connected)[0]) + 1
         text = "it is not proved that the motion of the passive joints goes on in that of the piece before"
     else:
         piece = int(np.flatnonzero(~judged.closed)[0])

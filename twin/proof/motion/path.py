@@ -52,12 +52,12 @@ class TimedPhase:
         squares = self.rates**2
         spans = 2 * np.diff(self.grid) / (self.rates[1:] + self.rates[:-1])
         ends = np.concatenate([[0.0], np.cumsum(spans)])
-        i = np.clip(np.searchsorted(self.grid, s, side="right") - 1, 0, len(spans) - 1)
-        part = (s - self.grid[i]) / (self.grid[i + 1] - self.grid[i])
-        rate = np.sqrt(np.maximum(squares[i] + part * (squares[i + 1] - squares[i]), 0.0))
-        total = np.maximum(rate + self.rates[i], 1e-300)
-        out = self.start + ends[i] + 2 * (s - self.grid[i]) / total
-        return out + self.smoothing / 2
+        segment = np.clip(np.searchsorted(self.grid, s, side="right") - 1, 0, len(spans) - 1)
+        fraction = (s - self.grid[segment]) / (self.grid[segment + 1] - self.grid[segment])
+        rate = np.sqrt(np.maximum(squares[segment] + fraction * (squares[segment + 1] - squares[segment]), 0.0))
+        total = np.maximum(rate + self.rates[segment], 1e-300)
+        times = self.start + ends[segment] + 2 * (s - self.grid[segment]) / total
+        return times + self.smoothing / 2
 
 
 class RailGap(NamedTuple):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,6 +33,9 @@ _AXIS_ERROR = 1e-12
 
 _SCALE_ERROR = 1e-15
 """Bound of the relative rounding error of a speed that is divided by its limit."""
+
+_LARGEST_DEFECT = 0.5
+"""Largest norm of 1 - M X with which the rounding of the inverse X of a motor matrix M is bounded; below 1."""
 
 _FUNCTION_ERROR = 4e-15
 """Bound of the error of NumPy's inverse functions for angles within a turn, in rad."""
@@ -93,13 +96,13 @@ def cells_of(pieces: Pieces, phases: tuple[TimedPhase, ...], order: int) -> Time
     piece = []
     first = []
     last = []
-    for i in range(len(pieces)):
-        a = first_of_pieces[i]
-        b = last_of_pieces[i]
-        grid = phases[pieces.phase[i]].grid
-        inside = grid[(grid > a + _SHORTEST_CELL) & (grid < b - _SHORTEST_CELL)]
-        edges = np.concatenate([[a], inside, [b]])
-        piece.append(np.full(len(edges) - 1, i))
+    for piece_number in range(len(pieces)):
+        piece_start = first_of_pieces[piece_number]
+        piece_end = last_of_pieces[piece_number]
+        grid = phases[pieces.phase[piece_number]].grid
+        inside = grid[(grid > piece_start + _SHORTEST_CELL) & (grid < piece_end - _SHORTEST_CELL)]
+        edges = np.concatenate([[piece_start], inside, [piece_end]])
+        piece.append(np.full(len(edges) - 1, piece_number))
         first.append(edges[:-1])
         last.append(edges[1:])
     index = np.concatenate(piece)
@@ -126,18 +129,18 @@ def _squares(phases: tuple[TimedPhase, ...], phase: np.ndarray, centre: Array, h
     c = np.zeros((order + 1, len(centre)))
     r = np.zeros(len(centre))
     for k, timed in enumerate(phases):
-        own = phase == k
+        in_phase = phase == k
         squares = timed.rates**2  # at the grid points
-        i = np.clip(np.searchsorted(timed.grid, centre[own], side="right") - 1, 0, len(squares) - 2)
+        segment = np.clip(np.searchsorted(timed.grid, centre[in_phase], side="right") - 1, 0, len(squares) - 2)
         slopes = np.diff(squares) / np.diff(timed.grid)
-        slope = slopes[i]
+        slope = slopes[segment]
         # near an end the cell may reach into the next segment by the rounding of s
         beside = np.abs(np.concatenate([slopes[:1], slopes, slopes[-1:]]))
-        steepest = np.maximum(np.maximum(beside[i], beside[i + 1]), beside[i + 2])
-        c[0, own] = squares[i] + (centre[own] - timed.grid[i]) * slope
+        steepest = np.maximum(np.maximum(beside[segment], beside[segment + 1]), beside[segment + 2])
+        c[0, in_phase] = squares[segment] + (centre[in_phase] - timed.grid[segment]) * slope
         if order > 0:
-            c[1, own] = slope * half[own]
-        r[own] = 32 * _UNIT * (squares[i] + squares[i + 1]) + 4 * _SHORTEST_CELL * steepest
+            c[1, in_phase] = slope * half[in_phase]
+        r[in_phase] = 32 * _UNIT * (squares[segment] + squares[segment + 1]) + 4 * _SHORTEST_CELL * steepest
     return TaylorModel(c, r)
 
 
@@ -155,11 +158,11 @@ def enclosures(
         closed: the mechanism on the pieces.
     """
     yield from _driven(linkage, path, cells, q, slopes)
-    known = closed.closed[cells.piece]
+    is_closed = closed.closed[cells.piece]
     for enclosure in _of_mechanism(linkage, path, cells, slopes, closed):
-        low = np.where(known, enclosure.low, -np.inf)
-        high = np.where(known, enclosure.high, np.inf)
-        yield Enclosure(**{**vars(enclosure), "low": low, "high": high})
+        low = np.where(is_closed, enclosure.low, -np.inf)
+        high = np.where(is_closed, enclosure.high, np.inf)
+        yield replace(enclosure, low=low, high=high)
 
 
 # ------------------------------------------------------------------------------------------- driven joints
@@ -218,7 +221,7 @@ def _motor_rows(mechanism: Mechanism) -> tuple[Array, Array]:
     rounding = (len(M) + 4) * 2 * _UNIT * (np.abs(M) @ np.abs(X) + np.eye(len(M)))
     E = np.abs(np.eye(len(M)) - M @ X) + rounding
     norm = float(E.sum(axis=1).max())
-    if not norm < 0.5:
+    if not norm < _LARGEST_DEFECT:
         return X, np.full_like(X, np.inf)
     # |X| |E|, and what follows is at most the norms of X and E^2 / (1 - E)
     beyond = float(np.abs(X).sum(axis=1).max()) * norm**2 / (1.0 - norm)
@@ -266,9 +269,9 @@ def _of_mechanism(
         yield from _passive(linkage, cells, closed, joint)
     tool = mechanism.frame(mechanism.tool)
     in_tool = rigid_frame(path.T_tool_frame, f"{path.protocol}: pose of the moved frame")
-    moved = closed.placed.frames[tool.body].then(linkage.tool).then(in_tool)
-    yield from _rcm(path, cells, moved)
-    yield from _tip(linkage, path, cells, slopes, closed, moved)
+    tool_frame = closed.placed.frames[tool.body].then(linkage.tool).then(in_tool)
+    yield from _rcm(path, cells, tool_frame)
+    yield from _tip(linkage, path, cells, slopes, closed, tool_frame)
     if linkage.closes:
         gap = closed.gap[cells.piece]
         yield Enclosure(groups.LOOPS, groups.LOOP_GAP, "m", 0.0 * gap, gap, np.inf, smallest=False)
@@ -286,7 +289,7 @@ def _of_mechanism(
 def _passive(linkage: Linkage, cells: TimeCells, closed: ClosedLinkage, joint: Joint) -> Iterator[Enclosure]:
     """Yield the distances of a passive joint from its limits and its cone."""
     name = joint.name
-    spanning = [other.name for other in linkage.mechanism.tree]
+    spanning = [tree_joint.name for tree_joint in linkage.mechanism.tree]
     _, _, offset, R = linkage.relative(closed.placed, joint)
     if joint.cone is not None:
         low, high = cells.of(R[:, 2, 2]).range()
@@ -324,8 +327,8 @@ def _angle(joint: Joint, cells: TimeCells, R: TaylorModel) -> tuple[Array, Array
     with np.errstate(divide="ignore", invalid="ignore"):
         lower = np.arctan(np.minimum(low / nearest, low / farthest)) - 8 * _FUNCTION_ERROR
         upper = np.arctan(np.maximum(high / nearest, high / farthest)) + 8 * _FUNCTION_ERROR
-    known = nearest > 0
-    return np.where(known, middle + lower, -np.inf), np.where(known, middle + upper, np.inf)
+    is_bounded = nearest > 0
+    return np.where(is_bounded, middle + lower, -np.inf), np.where(is_bounded, middle + upper, np.inf)
 
 
 def _as_poses(R: Array) -> Array:
@@ -333,19 +336,19 @@ def _as_poses(R: Array) -> Array:
     return spatial.pose(R, np.zeros((len(R), 3)))
 
 
-def _rcm(path: TimedPath, cells: TimeCells, moved: PlacedFrame) -> Iterator[Enclosure]:
+def _rcm(path: TimedPath, cells: TimeCells, tool_frame: PlacedFrame) -> Iterator[Enclosure]:
     """Yield the distance of the shaft from the RCM, separately where it is enforced and where it is monitored."""
-    axis = cells.of((moved.R @ path.shaft_axis[:, None])[..., 0])
-    tip = cells.of(moved.p)
+    axis = cells.of((tool_frame.R @ path.shaft_axis[:, None])[..., 0])
+    tip = cells.of(tool_frame.p)
     for enforced in (True, False):
         with_rcm = np.zeros(len(cells.phase), bool)
         places = np.zeros((len(cells.phase), 3))
         for k, phase in enumerate(path.phases):
             if phase.rcm is None or phase.enforced != enforced:
                 continue
-            own = cells.phase == k
-            with_rcm |= own
-            places[own] = phase.rcm
+            in_phase = cells.phase == k
+            with_rcm |= in_phase
+            places[in_phase] = phase.rcm
         if not with_rcm.any():
             continue
         distance = cross(tip - places, axis)
@@ -363,15 +366,15 @@ def _tip(
     cells: TimeCells,
     slopes: TaylorModel,
     closed: ClosedLinkage,
-    moved: PlacedFrame,
+    tool_frame: PlacedFrame,
 ) -> Iterator[Enclosure]:
     """Yield the speeds of the moved frame, as fractions of the limits of their phases."""
     body = linkage.mechanism.frame(linkage.mechanism.tool).body
-    velocity, turning = linkage.twist(closed.placed, body, moved.p, rates(closed, linkage, slopes))
-    tip_limits = [phase.tip_speed for phase in path.phases]
-    rotation_limits = [phase.rotation_speed for phase in path.phases]
+    velocity, turning = linkage.twist(closed.placed, body, tool_frame.p, rates(closed, linkage, slopes))
+    tip_limits = np.array([phase.tip_speed for phase in path.phases])
+    rotation_limits = np.array([phase.rotation_speed for phase in path.phases])
     for name, vector, limits in ((groups.TIP, velocity, tip_limits), (groups.ROTATION, turning, rotation_limits)):
-        scale = 1.0 / np.array(limits)[cells.phase]
+        scale = 1.0 / limits[cells.phase]
         on_cells = cells.of(vector)
         low, high = _root(((on_cells * on_cells).total() * cells.square).range())
         yield Enclosure(

@@ -62,30 +62,30 @@ def _coefficients(coefficients: Array, x: Array, terms: int) -> tuple[Array, Arr
     """Return (Taylor coefficients (terms + 1, N, n) of the series at x (N,), bounds of their errors)."""
     count = len(x)
     before = np.zeros((terms + 1, count))  # t_{j-1}
-    now = np.zeros((terms + 1, count))  # t_j
-    now[0] = 1.0
+    current = np.zeros((terms + 1, count))  # t_j
+    current[0] = 1.0
     # errors of t_j, and the sums of the errors that were added up to j
     error = np.zeros((terms + 1, count))
     added = np.zeros((terms + 1, count))
-    values = coefficients[0] * now[:, :, None]
+    values = coefficients[0] * current[:, :, None]
     bounds = np.zeros(values.shape)
     sizes = np.abs(values)
     for j in range(1, len(coefficients)):
-        lower = np.zeros_like(now)
-        lower[1:] = now[:-1]
+        lower = np.zeros_like(current)
+        lower[1:] = current[:-1]
         lower_error = np.zeros_like(error)
         lower_error[1:] = error[:-1]
         factor = 2.0
         if j == 1:
             factor = 1.0  # T_1 = x T_0
-        after = factor * x * now + factor * lower - before
-        size = factor * np.abs(x) * np.abs(now) + factor * np.abs(lower) + np.abs(before)
+        after = factor * x * current + factor * lower - before
+        size = factor * np.abs(x) * np.abs(current) + factor * np.abs(lower) + np.abs(before)
         # the rounding of x (one unit) counts like that of a product
         added = added + 6 * _UNIT * size + factor * lower_error
         error = (error + added) * _UP
-        before = now
-        now = after
-        term = coefficients[j] * now[:, :, None]
+        before = current
+        current = after
+        term = coefficients[j] * current[:, :, None]
         values = values + term
         bounds = bounds + np.abs(coefficients[j]) * error[:, :, None]
         sizes = sizes + np.abs(term)

@@ -34,7 +34,11 @@ _TINY = 1e-290
 _FUNCTION_ERROR = 2.0**-49
 """Error of the sine and the cosine of NumPy, 16 units in the last place of 1; NumPy documents 4."""
 
+_LARGEST_EXPONENT = 700.0
+"""Exponents beyond which the exponential would overflow."""
+
 Product = Callable[[Array, Array], Array]
+"""Function that multiplies two arrays, entry by entry or as matrices."""
 
 
 def _up(bound: Array) -> Array:
@@ -154,12 +158,13 @@ class TaylorModel:
         """Return sine and cosine."""
         sine = np.sin(self.c[0])
         cosine = np.cos(self.c[0])
-        rest, size = self._rest()
+        varying_part, size = self._rest()
         # the derivatives of the sine: sine, cosine, -sine, -cosine, and again
         cycle = (sine, cosine, -sine, -cosine)
         left_out = size ** (self.order + 1) / math.factorial(self.order + 1)
-        errors = left_out + 2 * _FUNCTION_ERROR * np.exp(np.minimum(size, 700.0))
-        powers = rest._powers()
+        # sum of size^k / k!, which the errors of the rounded sines and cosines are multiplied by
+        errors = left_out + 2 * _FUNCTION_ERROR * np.exp(np.minimum(size, _LARGEST_EXPONENT))
+        powers = varying_part._powers()
         factors_of_sine = []
         factors_of_cosine = []
         for k in range(self.order + 1):
@@ -172,7 +177,7 @@ class TaylorModel:
 
     def root(self) -> TaylorModel:
         """Return the square root; unknown (r infinite) where the function may be zero or negative."""
-        rest, size = self._rest()
+        varying_part, size = self._rest()
         base = self.c[0]
         smallest = base - size
         positive = smallest > 0
@@ -185,18 +190,19 @@ class TaylorModel:
             binomial *= (0.5 - k) / (k + 1)
         last = binomial_of_root(self.order + 1)
         left_out = abs(last) * nearest ** (0.5 - self.order - 1) * size ** (self.order + 1)
-        return _from_factors(rest, size, factors[:-1], left_out, positive)
+        return _from_factors(varying_part, size, factors[:-1], left_out, positive)
 
     def inverted(self) -> TaylorModel:
         """Return the reciprocal of a positive function; unknown (r infinite) where the function may be zero."""
-        rest, size = self._rest()
+        varying_part, size = self._rest()
         base = self.c[0]
         positive = base - size > 0
         safe = np.where(positive, base, 1.0)
         nearest = np.where(positive, base - size, 1.0) / _UP
+        # the Taylor coefficients of 1 / x at the constant term, with alternating signs
         factors = [(-1.0) ** k * safe ** (-1.0 - k) for k in range(self.order + 1)]
         left_out = (size / safe) ** (self.order + 1) / nearest
-        return _from_factors(rest, size, factors, left_out, positive)
+        return _from_factors(varying_part, size, factors, left_out, positive)
 
     def _rest(self) -> tuple[TaylorModel, Array]:
         """Return (the functions without their constant term, bounds of their absolute values)."""
@@ -255,31 +261,42 @@ def constant(values: Array, order: int) -> TaylorModel:
 
 def stacked(models: Sequence[TaylorModel], axis: int = -1) -> TaylorModel:
     """Return models side by side along a new dimension, counted from the end."""
-    c = np.stack(np.broadcast_arrays(*[model.c for model in models]), axis=axis)
-    r = np.stack(np.broadcast_arrays(*[model.r for model in models]), axis=axis)
+    coefficients, bounds = _coefficients_and_bounds(models)
+    c = np.stack(np.broadcast_arrays(*coefficients), axis=axis)
+    r = np.stack(np.broadcast_arrays(*bounds), axis=axis)
     return TaylorModel(c, r)
 
 
-def joined(models: Sequence[TaylorModel], axis: int = 0) -> TaylorModel:
-    """Return models one after the other along a dimension of the entries, counted from the front."""
-    c = np.concatenate([model.c for model in models], axis=axis + 1)
-    return TaylorModel(c, np.concatenate([model.r for model in models], axis=axis))
+def joined(models: Sequence[TaylorModel]) -> TaylorModel:
+    """Return models one after the other along the first dimension of the entries."""
+    coefficients, bounds = _coefficients_and_bounds(models)
+    return TaylorModel(np.concatenate(coefficients, axis=1), np.concatenate(bounds, axis=0))
+
+
+def _coefficients_and_bounds(models: Sequence[TaylorModel]) -> tuple[list[Array], list[Array]]:
+    """Return the arrays `c` and the arrays `r` of some models."""
+    coefficients = []
+    bounds = []
+    for model in models:
+        coefficients.append(model.c)
+        bounds.append(model.r)
+    return coefficients, bounds
 
 
 def cross(a: TaylorModel, b: TaylorModel) -> TaylorModel:
     """Return cross products over the last dimension."""
     parts = []
-    for i, j in ((1, 2), (2, 0), (0, 1)):
+    for i, j in ((1, 2), (2, 0), (0, 1)):  # x = a_y b_z - a_z b_y, and so on
         parts.append(a[..., i] * b[..., j] - a[..., j] * b[..., i])
     return stacked(parts)
 
 
 def binomial_of_root(k: int) -> float:
     """Return the binomial coefficient (1/2 over k)."""
-    out = 1.0
+    binomial = 1.0
     for i in range(k):
-        out *= (0.5 - i) / (i + 1)
-    return out
+        binomial *= (0.5 - i) / (i + 1)
+    return binomial
 
 
 def _product(a: TaylorModel, b: TaylorModel, times: Product, terms: int) -> TaylorModel:
@@ -305,22 +322,22 @@ def _product(a: TaylorModel, b: TaylorModel, times: Product, terms: int) -> Tayl
 
 def _combined(powers: Sequence[TaylorModel], factors: Sequence[Array]) -> TaylorModel:
     """Return the sum of factors times powers."""
-    out = powers[0] * factors[0]
+    combination = powers[0] * factors[0]
     for power, factor in zip(powers[1:], factors[1:], strict=True):
-        out = out + power * factor
-    return out
+        combination = combination + power * factor
+    return combination
 
 
 def _from_factors(
-    rest: TaylorModel, size: Array, factors: Sequence[Array], left_out: Array, known: np.ndarray
+    varying_part: TaylorModel, size: Array, factors: Sequence[Array], left_out: Array, is_known: np.ndarray
 ) -> TaylorModel:
-    """Return the sum of rounded factors times powers of `rest`; infinitely wide where it is not known."""
+    """Return the sum of rounded factors times powers of `varying_part`; infinitely wide where it is not known."""
     with np.errstate(over="ignore", invalid="ignore"):
         rounding = np.zeros(size.shape)
         for k, factor in enumerate(factors):
             rounding = rounding + np.abs(factor) * size**k
-        out = _combined(rest._powers(), factors).widened(left_out + 32 * _UNIT * rounding)
-    return TaylorModel(np.where(known, out.c, 0.0), np.where(known, out.r, np.inf))
+        combination = _combined(varying_part._powers(), factors).widened(left_out + 32 * _UNIT * rounding)
+    return TaylorModel(np.where(is_known, combination.c, 0.0), np.where(is_known, combination.r, np.inf))
 
 
 _MATRICES: dict[int, Array] = {}
