@@ -32,7 +32,7 @@ def card(monkeypatch) -> ProcessorAsGpu:
     """A GPU of this computer, which takes any number of samples."""
     card = ProcessorAsGpu()
     monkeypatch.setattr(gpu, "found", lambda: (card, ""))
-    monkeypatch.setattr(kernel_module, "_MANY", 1)
+    monkeypatch.setattr(kernel_module, "_FEWEST_GPU_SAMPLES", 1)
     monkeypatch.setattr(evaluator, "_MANY", 1)  # few poses would be computed by CasADi, which has other roundings
     return card
 
@@ -67,7 +67,7 @@ def test_operation_is_what_the_processor_computes(name, card):
 
 @pytest.mark.parametrize("samples", [1, 127, 128, 129, 1000])
 def test_samples_pass_in_blocks(samples, card, monkeypatch):
-    monkeypatch.setattr(gpu_kernel, "_BLOCK", 128)
+    monkeypatch.setattr(gpu_kernel, "_BLOCK_SAMPLES", 128)
     kernel = product()
     rng = np.random.default_rng(0)
     x = rng.normal(size=(2, samples))
@@ -95,7 +95,7 @@ def test_slices_and_given_arrays_are_read_and_filled(card):
 
 
 def test_samples_in_rows_give_the_rows_of_the_results(card, monkeypatch):
-    monkeypatch.setattr(gpu_kernel, "_BLOCK", 100)
+    monkeypatch.setattr(gpu_kernel, "_BLOCK_SAMPLES", 100)
     x = ca.SX.sym("x", 3)
     kernel = Kernel(
         [Stage(ca.Function("f", [x], [ca.vertcat(ca.sin(x), x[0] * x[2])]), ("x",), ("y",))], {"x": 3}, ["y"]
@@ -142,9 +142,9 @@ def test_a_full_card_is_an_error_and_the_next_call_computes(card, monkeypatch):
 
 
 def test_auto_goes_on_with_the_processor_where_the_gpu_fails(card, monkeypatch):
-    monkeypatch.setattr(kernel_module, "_LOADING", 0.0)
+    monkeypatch.setattr(kernel_module, "_LOADING_S", 0.0)
     monkeypatch.setattr(gpu_kernel, "_BYTES_PER_S", 1e30)
-    monkeypatch.setattr(gpu_kernel, "_LAUNCH", 0.0)
+    monkeypatch.setattr(gpu_kernel, "_LAUNCH_S", 0.0)
     card.free = 100
     x = np.ones((2, 50_000))
     y = np.full((1, 50_000), 2.0)
@@ -171,7 +171,7 @@ def test_too_little_memory_is_an_error_that_names_both_sizes(card):
 
 
 def test_an_interruption_waits_for_the_blocks_under_way(card, monkeypatch):
-    monkeypatch.setattr(gpu_kernel, "_BLOCK", 128)
+    monkeypatch.setattr(gpu_kernel, "_BLOCK_SAMPLES", 128)
     kernel = product()
     copy_to = card.copy_to
     copies = []
@@ -218,13 +218,13 @@ def test_auto_moves_to_the_gpu_when_loading_it_has_paid(card, monkeypatch):
         kernel(x, y)
     assert device.name == PROCESSOR  # the processor has not been busy for long
 
-    monkeypatch.setattr(kernel_module, "_LOADING", 0.0)
+    monkeypatch.setattr(kernel_module, "_LOADING_S", 0.0)
     with computing_on("auto") as device:
         kernel(x, y)
     assert device.name == PROCESSOR  # copying takes longer than the processor
 
     monkeypatch.setattr(gpu_kernel, "_BYTES_PER_S", 1e30)
-    monkeypatch.setattr(gpu_kernel, "_LAUNCH", 0.0)
+    monkeypatch.setattr(gpu_kernel, "_LAUNCH_S", 0.0)
     with computing_on("auto") as device:
         found = kernel(x, y)
     assert device.name == card.name
@@ -242,7 +242,7 @@ def one_input() -> Kernel:
 
 
 def test_without_a_gpu_auto_is_the_processor(no_card, monkeypatch):
-    monkeypatch.setattr(kernel_module, "_LOADING", 0.0)
+    monkeypatch.setattr(kernel_module, "_LOADING_S", 0.0)
     with computing_on("auto") as device:
         product()(np.ones((2, 50_000)), np.ones((1, 50_000)))
     assert device.name == PROCESSOR

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 HERE = "local"
 """Value of --scheduler that starts local workers, one for each processor."""
 
-PATIENCE = "10s"
+_TIMEOUT = "10s"
 """Maximum time to wait for a scheduler, as text for Dask."""
 
 
@@ -57,10 +57,10 @@ class DeviceProcesses(Processes, total=False):
 
 def require_keys(function: str, given: Processes, kind: type[Processes]) -> None:
     """Raise a TypeError if `given` has keyword arguments that the named function does not take."""
-    known = kind.__annotations__
+    known_keys = kind.__annotations__
     for name in given:
-        if name not in known:
-            others = ", ".join(known)
+        if name not in known_keys:
+            others = ", ".join(known_keys)
             raise TypeError(f"{function}() got an unexpected keyword argument '{name}'; it also takes: {others}")
 
 
@@ -93,9 +93,9 @@ def cluster(address: str = HERE, workers: int | None = None) -> Iterator[Client]
                 }
                 stack.enter_context(dask.config.set(settings))
                 stack.enter_context(spawning_children())
-                with _started():
-                    own = stack.enter_context(LocalCluster(count, **options))
-                    client = stack.enter_context(Client(own))
+                with _delayed_interrupt():
+                    local_cluster = stack.enter_context(LocalCluster(count, **options))
+                    client = stack.enter_context(Client(local_cluster))
                 try:
                     yield client
                 finally:
@@ -103,7 +103,7 @@ def cluster(address: str = HERE, workers: int | None = None) -> Iterator[Client]
                     logging.getLogger("distributed").setLevel(logging.CRITICAL + 1)
             return
         try:
-            client = Client(address, timeout=PATIENCE)
+            client = Client(address, timeout=_TIMEOUT)
         except (OSError, TimeoutError, ValueError) as error:
             raise TwinError(f"--scheduler {address}: no Dask scheduler answers at this address ({error})") from error
         with client:
@@ -113,24 +113,24 @@ def cluster(address: str = HERE, workers: int | None = None) -> Iterator[Client]
 
 
 @contextlib.contextmanager
-def _started() -> Iterator[None]:
+def _delayed_interrupt() -> Iterator[None]:
     """Delay the first Ctrl-C to the end of the `with` block; otherwise, half-started workers would keep running."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    first: list[int] = []
+    interrupts: list[int] = []
 
-    def note(number: int, frame: FrameType | None) -> None:
-        if first:
+    def delay(number: int, frame: FrameType | None) -> None:
+        if interrupts:  # a second Ctrl-C is not delayed
             signal.default_int_handler(number, frame)
-        first.append(number)
+        interrupts.append(number)
 
-    before = signal.signal(signal.SIGINT, note)
+    handler_before = signal.signal(signal.SIGINT, delay)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
-    if first:
+        signal.signal(signal.SIGINT, handler_before)
+    if interrupts:
         raise KeyboardInterrupt
 
 

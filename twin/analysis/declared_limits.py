@@ -37,10 +37,14 @@ def beyond_limits(robot: Robot, solver: LoopSolver, states: Sequence[tuple[str, 
     """
     mechanism = robot.mechanism
     bounds = bounds_of(mechanism, robot.gaps)
-    rotary = {driven.name for driven in (*mechanism.active, *mechanism.actuators) if driven.is_angle}
+    rotary = set()  # joints and motors whose coordinate is an angle
+    for driven in (*mechanism.active, *mechanism.actuators):
+        if driven.is_angle:
+            rotary.add(driven.name)
     qs = np.array([q for _, q in states])
+    # all states at once: closing the loops one by one would take longer than all else here
     links = solver.link_poses(qs, solver.forward_many(qs).states)
-    for k, (state, q) in enumerate(states):
+    for state_number, (state, q) in enumerate(states):
         for bound in bounds:
             excess = -bound.slack(q)
             if excess > ROUNDING:
@@ -49,7 +53,7 @@ def beyond_limits(robot: Robot, solver: LoopSolver, states: Sequence[tuple[str, 
                 yield _BEYOND(bound.name, message, size, when=state)
         for joint in mechanism.limited:
             excesses = joint.beyond(links[joint.parent], links[joint.child])
-            excess = float(excesses[k])
+            excess = float(excesses[state_number])
             if excess > ROUNDING:
                 size = moved(excess, joint.is_angle or joint.cone is not None)
                 message = f"passive joint {joint.name} exceeds its limits by {size}"

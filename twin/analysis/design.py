@@ -44,7 +44,18 @@ OBJECTIVES = {
 POSITIONS = 27_000
 """Number of tool positions from which the step of the grid follows; the grid has whole steps, so about as many."""
 
+_SMALLEST_DISTANCE = 1e-9
+"""Distance in m below which two joints count as being at one point."""
+
+_PARALLEL = 1e-6
+"""Sine of the angle between two pins below which they count as parallel."""
+
+_BOX_MARGIN = 0.1
+"""Margin of the grid on each side, as a share of the extent of the workspace of the CAD's design."""
+
 _SPREAD = Spread(10 * UM, 0.001 * DEG, 1 * UM, 0.001 * DEG)
+"""Standard deviations of the objective "tolerance", as its description states them."""
+
 _LENGTHS = {"m": 1.0, "mm": MM, "um": UM, "µm": UM}
 _ANGLES = {"rad": 1.0, "deg": DEG}
 _UNITS = {**_LENGTHS, **_ANGLES, "": 1.0}
@@ -105,7 +116,7 @@ def parse_factor(robot: Robot, text: str) -> Factor:
     Raises:
         TwinError: the text does not have this form, the name does not exist, or the unit does not fit the parameter.
     """
-    name, mark, range_ = text.partition("=")
+    name, equals, range_ = text.partition("=")
     low, dots, high = range_.partition("..")
     digits = high.rstrip("abcdefghijklmnopqrstuvwxyzµ")
     unit = high[len(digits) :].strip()
@@ -115,21 +126,21 @@ def parse_factor(robot: Robot, text: str) -> Factor:
     except ValueError:
         start = np.nan
         end = np.nan
-    if not (mark and dots and np.isfinite(start) and np.isfinite(end)):
+    if not (equals and dots and np.isfinite(start) and np.isfinite(end)):
         raise TwinError(f"--vary '{text}': write NAME=LOW..HIGH with a unit, as in l_p=120..150mm")
     if unit not in _UNITS:
-        known = [*_LENGTHS, *_ANGLES]
-        raise TwinError(f"--vary '{text}': {unknown('unit', unit, known)}")
+        known_units = [*_LENGTHS, *_ANGLES]
+        raise TwinError(f"--vary '{text}': {unknown('unit', unit, known_units)}")
     if not start < end:
         raise TwinError(f"--vary '{text}': the lower value {start:g} must be below the upper value {end:g}")
     if _is_distance(name):
-        drawn = distance(robot.mechanism, name)
+        drawn_value = distance(robot.mechanism, name)
         own_unit = "mm"
     else:
         parameters = {parameter.name: parameter for parameter in robot.formula.parameters}
         if name not in parameters:
             raise TwinError(f"--vary: {unknown('parameter', name, parameters)}; a distance is written body:joint-joint")
-        drawn = float(parameters[name].value)
+        drawn_value = float(parameters[name].value)
         own_unit = parameters[name].unit
     if not unit and own_unit in _UNITS:
         unit = own_unit
@@ -139,10 +150,11 @@ def parse_factor(robot: Robot, text: str) -> Factor:
     if unit and own_unit not in _LENGTHS and own_unit not in _ANGLES:
         raise TwinError(f"--vary '{text}': {name} is neither a length nor an angle; leave out '{unit}'")
     scale = _UNITS[unit]
-    return Factor(name, low=start * scale, high=end * scale, unit=unit, drawn=drawn)
+    return Factor(name, low=start * scale, high=end * scale, unit=unit, drawn=drawn_value)
 
 
 def _is_distance(name: str) -> bool:
+    """Return whether a factor is a distance of the mechanism, `body:joint-joint`."""
     return ":" in name
 
 
@@ -164,21 +176,23 @@ def stretched(mechanism: Mechanism, name: str, value: float) -> Mechanism:
     """Return the mechanism with the distance `name` set to `value` in m; the second joint of the name is moved."""
     line, joint, side = _between(mechanism, name)
     size = float(np.linalg.norm(line))
-    if size < 1e-9:
+    if size < _SMALLEST_DISTANCE:
         raise TwinError(f"--vary {name}: both joints are at one point, so the direction of the distance is undefined")
-    moved = getattr(joint, side).copy()
-    moved[:3, 3] += line * (value / size - 1)
+    moved_frame = getattr(joint, side).copy()
+    moved_frame[:3, 3] += line * (value / size - 1)
     joints = []
-    for drawn in mechanism.joints:
-        joints.append(replace(joint, **{side: moved}) if drawn.name == joint.name else drawn)
+    for drawn_joint in mechanism.joints:
+        if drawn_joint.name == joint.name:
+            drawn_joint = replace(joint, **{side: moved_frame})
+        joints.append(drawn_joint)
     return replace(mechanism, joints=tuple(joints))
 
 
 def _between(mechanism: Mechanism, name: str) -> tuple[Array, Joint, str]:
     """Return (vector (3,) in m, in the body frame, from first to second joint; second joint; its frame attribute)."""
     body, _, pair = name.partition(":")
-    first, mark, second = pair.partition("-")
-    if not mark:
+    first, dash, second = pair.partition("-")
+    if not dash:
         raise TwinError(f"--vary '{name}': give BODY:JOINT-JOINT (a body and two joints)")
     mechanism.body(body)  # raises a clear error if there is no such body
     positions = []
@@ -188,14 +202,16 @@ def _between(mechanism: Mechanism, name: str) -> tuple[Array, Joint, str]:
     for joint in joints:
         if body not in (joint.parent, joint.child):
             raise TwinError(f"--vary '{name}': joint '{joint.name}' is not on body '{body}'")
-        side = "T_parent_joint" if joint.parent == body else "T_child_joint"
+        side = "T_child_joint"
+        if joint.parent == body:
+            side = "T_parent_joint"
         T_body_joint = getattr(joint, side)
         sides.append(side)
         positions.append(T_body_joint[:3, 3])
         if joint.type in ("revolute", "cylindrical"):
             pins.append(T_body_joint[:3, 2])
     line = positions[1] - positions[0]
-    if pins and np.linalg.norm(np.cross(pins[0], pins[-1])) < 1e-6:  # a shift along parallel pins has no effect
+    if pins and np.linalg.norm(np.cross(pins[0], pins[-1])) < _PARALLEL:  # a shift along parallel pins has no effect
         line = line - (line @ pins[0]) * pins[0]
     return line, joints[1], sides[1]
 
@@ -244,14 +260,15 @@ def design_job(
             "directions in the home orientation, of which the tool reaches none beside home, as in a planar robot; "
             "vary a distance of the mechanism (body:joint-joint), which is evaluated by tolerance"
         ) from None
-    margin = 0.1 * (high - low)
+    # other designs may reach farther; all are counted on one grid, so that their volumes can be compared
+    margin = _BOX_MARGIN * (high - low)
     low = low - margin
     high = high + margin
     step = float(np.prod(high - low) / POSITIONS) ** (1 / 3)
     nx, ny, nz = (np.floor((high - low) / step).astype(int) + 1).tolist()
     x, y, z = low.tolist()
     # Plain numbers, because a job is hashed as JSON.
-    R = tuple(tuple(row) for row in T[:3, :3].tolist())
+    R = tuple(map(tuple, T[:3, :3].tolist()))
     return DesignJob(
         source,
         protocol=protocol,
@@ -268,16 +285,17 @@ def sample_designs(factors: Sequence[Factor], samples: int, levels: int | None, 
     """Return designs (k, factors) in SI units: the CAD's design, then a grid of `levels` or else a Latin hypercube."""
     from scipy.stats import qmc
 
-    drawn = np.array([[factor.drawn for factor in factors]])
-    low = np.array([factor.low for factor in factors])
-    high = np.array([factor.high for factor in factors])
+    ranges = np.array([(factor.drawn, factor.low, factor.high) for factor in factors])
+    drawn_design = ranges[None, :, 0]
+    low = ranges[:, 1]
+    high = ranges[:, 2]
     if levels:
         steps = np.linspace(low, high, levels)  # (levels, factors)
         axes = np.meshgrid(*steps.T, indexing="ij")
-        return np.concatenate([drawn, np.stack(axes, axis=-1).reshape(-1, len(factors))])
+        return np.concatenate([drawn_design, np.stack(axes, axis=-1).reshape(-1, len(factors))])
     sampler = qmc.LatinHypercube(len(factors), rng=np.random.default_rng(seed))
     cube = sampler.random(samples)
-    return np.concatenate([drawn, low + cube * (high - low)])
+    return np.concatenate([drawn_design, low + cube * (high - low)])
 
 
 @lru_cache(maxsize=2)
@@ -289,27 +307,27 @@ def _robot(source: str, protocol: str | None) -> Robot:
     return robot
 
 
-def evaluate(work: DesignJob, design: Sequence[float]) -> dict[str, float]:
+def evaluate(job: DesignJob, design: Sequence[float]) -> dict[str, float]:
     """Return the objectives of one design by name, in the units of `OBJECTIVES`.
 
     All objectives are NaN if the design cannot be assembled.
     """
-    robot = _robot(work.source, work.protocol)
-    named = {}
-    for factor, value in zip(work.factors, design, strict=True):
-        named[factor.name] = float(value)
+    robot = _robot(job.source, job.protocol)
+    factor_values = {}
+    for factor, value in zip(job.factors, design, strict=True):
+        factor_values[factor.name] = float(value)
     results: dict[str, float] = {}
-    if "tolerance" in work.objectives:
-        results["tolerance"] = _tolerance(robot.mechanism, named)
-    if set(work.objectives) - {"tolerance"}:
-        results |= _reach(work, robot, named)
-    return {name: results[name] for name in work.objectives}
+    if "tolerance" in job.objectives:
+        results["tolerance"] = _tolerance(robot.mechanism, factor_values)
+    if set(job.objectives) - {"tolerance"}:
+        results |= _reach(job, robot, factor_values)
+    return {name: results[name] for name in job.objectives}  # in the order of the request
 
 
-def evaluate_on(work: DesignJob, design: Sequence[float], device: Choice) -> tuple[dict[str, float], str]:
+def evaluate_on(job: DesignJob, design: Sequence[float], device: Choice) -> tuple[dict[str, float], str]:
     """Return the objectives of one design, as `evaluate` does, and what has computed them (`ComputeDevice.name`)."""
     with computing_on(device) as computing:
-        results = evaluate(work, design)
+        results = evaluate(job, design)
     return results, computing.name
 
 
@@ -325,23 +343,23 @@ def _tolerance(mechanism: Mechanism, lengths: dict[str, float]) -> float:
     return budget.within[0] / UM
 
 
-def grid_error(work: DesignJob) -> float:
+def grid_error(job: DesignJob) -> float:
     """Return the uncertainty, in dm3, that the grid step causes in the workspace volume of the CAD's design."""
-    _, _, reached = _grid_states(work, _robot(work.source, work.protocol).kinematics())
-    nx, ny, nz = work.shape
-    return volume_error(reached.reshape(nz, ny, nx), _cell(work))
+    _, _, reached = _grid_states(job, _robot(job.source, job.protocol).kinematics())
+    nx, ny, nz = job.shape
+    return volume_error(reached.reshape(nz, ny, nx), _cell(job))
 
 
-def _cell(work: DesignJob) -> float:
+def _cell(job: DesignJob) -> float:
     """Return the volume of a grid cell in dm³."""
-    return (work.step / 0.1) ** 3
+    return (job.step / 0.1) ** 3
 
 
-def _grid_states(work: DesignJob, kin: Kinematics) -> tuple[Array, Array, np.ndarray]:
+def _grid_states(job: DesignJob, kin: Kinematics) -> tuple[Array, Array, np.ndarray]:
     """Return (poses (k, 4, 4) of the grid, joints (k, n) at these poses, whether each pose is reached (k,))."""
-    robot = _robot(work.source, work.protocol)
-    R = np.array(work.R)
-    grid = PoseGrid(np.array(work.low), work.step, work.shape, R)
+    robot = _robot(job.source, job.protocol)
+    R = np.array(job.R)
+    grid = PoseGrid(np.array(job.low), job.step, job.shape, R)
     Ts = spatial.pose(R, grid.position(np.arange(grid.positions)))
     with np.errstate(all="ignore"):
         q = kin.inverse_many(Ts)
@@ -355,23 +373,23 @@ def _grid_states(work: DesignJob, kin: Kinematics) -> tuple[Array, Array, np.nda
     return Ts, q, np.asarray(reached)
 
 
-def _reach(work: DesignJob, robot: Robot, parameters: dict[str, float]) -> dict[str, float]:
+def _reach(job: DesignJob, robot: Robot, parameters: dict[str, float]) -> dict[str, float]:
     """Return the objectives that depend on the reached positions; NaN if the equations refuse the parameters."""
     try:
         kin = robot.kinematics(parameters=parameters)
     except TwinError:
         return dict.fromkeys(("volume", "conditioning", "margin"), float("nan"))
-    Ts, q, reached = _grid_states(work, kin)
+    Ts, q, reached = _grid_states(job, kin)
     if not reached.any():
         return dict.fromkeys(("volume", "conditioning", "margin"), 0.0)
     low, high = robot.mechanism.limits.T
     span = high - low
     with np.errstate(all="ignore"):
-        near = 2 * np.minimum(q - low, high - q) / span
-        margins = np.where(np.isfinite(span), near, 1.0)
+        relative_margins = 2 * np.minimum(q - low, high - q) / span
+        margins = np.where(np.isfinite(span), relative_margins, 1.0)
         condition = kin.condition_many(Ts[reached], q[reached])
     return {
-        "volume": float(reached.sum() * _cell(work)),
+        "volume": float(reached.sum() * _cell(job)),
         "conditioning": float(np.mean(1 / condition)),
         "margin": float(margins[reached].min(axis=1).mean()),
     }
@@ -383,20 +401,20 @@ def pareto(rows: Array, directions: Sequence[int]) -> np.ndarray:
     `directions` (n,) is 1 for objectives that are better if larger, and -1 for objectives that are better if smaller.
     """
     gains = rows * np.array(directions)  # larger is better
-    known = np.isfinite(gains).all(axis=1)
-    others = gains[known]
+    is_feasible = np.isfinite(gains).all(axis=1)
+    others = gains[is_feasible]
     optimal = np.zeros(len(rows), bool)
-    for i in np.flatnonzero(known):
+    for i in np.flatnonzero(is_feasible):
         # A design dominates another if it is nowhere worse, and better in at least one objective.
         dominating = (others >= gains[i]).all(axis=1) & (others > gains[i]).any(axis=1)
         optimal[i] = not dominating.any()
     return optimal
 
 
-def table_row(work: DesignJob, number: int, design: Sequence[float], objectives: dict[str, float]) -> JsonObject:
+def table_row(job: DesignJob, number: int, design: Sequence[float], objectives: dict[str, float]) -> JsonObject:
     """Return one row of the table of designs, with the factors in their display units."""
     cells: JsonObject = {"design": number}
-    for factor, value in zip(work.factors, design, strict=True):
+    for factor, value in zip(job.factors, design, strict=True):
         cells[_headed(factor.name, factor.unit)] = value / factor.scale
     for name, value in objectives.items():
         unit, _, _ = OBJECTIVES[name]
@@ -405,4 +423,7 @@ def table_row(work: DesignJob, number: int, design: Sequence[float], objectives:
 
 
 def _headed(name: str, unit: str) -> str:
-    return f"{name} [{unit}]" if unit else name
+    """Return the head of a column: a name with its unit, if it has one."""
+    if unit:
+        return f"{name} [{unit}]"
+    return name

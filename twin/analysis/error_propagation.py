@@ -42,6 +42,9 @@ _QUANTILE_SAMPLES = 200_000
 _PSEUDOINVERSE = 1e-9
 """Singular values below this fraction of the largest are those of redundant loop equations."""
 
+_SMALLEST_VARIANCE = 1e-300
+"""Instead of 0 where no error has an effect, so that shares of it are 0."""
+
 SHARE = 0.95
 """Fraction of the built robots that must meet the accuracy requirement."""
 
@@ -96,14 +99,14 @@ class ErrorBudget:
         The list is sorted by the fraction of position variance, largest first.
         """
         variances = (self.sensitivity * self.sigma) ** 2
-        position = max(variances[:3].sum(), 1e-300)  # not 0, also where no error has an effect
-        rotation = max(variances[3:].sum(), 1e-300)
+        position = max(variances[:3].sum(), _SMALLEST_VARIANCE)
+        rotation = max(variances[3:].sum(), _SMALLEST_VARIANCE)
         labels = np.array(self.labels)
         contributors = []
         for name in dict.fromkeys(self.labels):
-            own = variances[:, labels == name]
-            share_of_position = float(own[:3].sum() / position)
-            share_of_rotation = float(own[3:].sum() / rotation)
+            part_variances = variances[:, labels == name]
+            share_of_position = float(part_variances[:3].sum() / position)
+            share_of_rotation = float(part_variances[3:].sum() / rotation)
             contributors.append((name, share_of_position, share_of_rotation))
         contributors.sort(key=lambda contributor: -contributor[1])
         return contributors
@@ -120,8 +123,8 @@ class ErrorBudget:
         sampled_sigma = np.sqrt(np.diag(self.sampled))
         # relative to the largest component: the direction in which the tool hardly errs needs few digits
         scale = np.repeat([sigma[:3].max(), sigma[3:].max()], 3)
-        known = scale > 0
-        differences = np.abs(sigma - sampled_sigma)[known] / scale[known]
+        has_scale = scale > 0
+        differences = np.abs(sigma - sampled_sigma)[has_scale] / scale[has_scale]
         return float(differences.max(initial=0.0))
 
 
@@ -154,7 +157,10 @@ class ErrorPropagation:
             sigma += [spread.turn] * 3
         for joint in mechanism.active:
             labels.append(f"encoder {joint.name}")
-            sigma.append(spread.angle if joint.is_angle else spread.slide)
+            if joint.is_angle:
+                sigma.append(spread.angle)
+            else:
+                sigma.append(spread.slide)
         self.labels = tuple(labels)
         self.sigma = np.array(sigma)
         tool = mechanism.frame(mechanism.tool)
@@ -188,22 +194,22 @@ class ErrorPropagation:
         if not samples:
             return budget
         squares = np.zeros((6, 6))
-        far = UpperQuantile(SHARE, samples)
-        turned = UpperQuantile(SHARE, samples)
+        shift_quantile = UpperQuantile(SHARE, samples)
+        turn_quantile = UpperQuantile(SHARE, samples)
         for twists in self._sampled_twists(budget.q, state, samples, rng or np.random.default_rng(0)):
             squares += twists.T @ twists
-            far.add(np.linalg.norm(twists[:, :3], axis=1))
-            turned.add(np.linalg.norm(twists[:, 3:], axis=1))
-        within = (far.value, turned.value)
+            shift_quantile.add(np.linalg.norm(twists[:, :3], axis=1))
+            turn_quantile.add(np.linalg.norm(twists[:, 3:], axis=1))
+        within = (shift_quantile.value, turn_quantile.value)
         return replace(budget, sampled=squares / samples, sampled_within=within, samples=samples)
 
     def _derivatives(self, T: ca.SX) -> ca.Function:
         """Return derivatives of residual and tool pose with respect to unknowns, frame errors and active joints."""
-        e = self.equations
+        equations = self.equations
 
         def without_errors(x: ca.SX) -> ca.SX:
             x = ca.substitute(x, self.error, 0)
-            x = ca.substitute(x, e.steps, 0)
+            x = ca.substitute(x, equations.steps, 0)
             return ca.densify(x)
 
         R = without_errors(T[:3, :3])
@@ -216,24 +222,23 @@ class ErrorPropagation:
                 # dR R^T is the skew matrix of the rotation
                 W = without_errors(ca.jtimes(T[:3, :3], by, units[:, k])) @ R.T
                 rotations = ca.horzcat(rotations, ca.vertcat(W[2, 1], W[0, 2], W[1, 0]))
-            return ca.vertcat(shifts, rotations)
+            return ca.densify(ca.vertcat(shifts, rotations))
 
+        # already dense: a sparse result would have fewer entries than `_sensitivity` reads
         slopes = [
-            without_errors(e.jacobian),
-            without_errors(ca.jacobian(e.residual, self.error)),
-            without_errors(ca.jacobian(e.residual, e.q)),
-            twist(e.steps),
+            without_errors(equations.jacobian),
+            without_errors(ca.jacobian(equations.residual, self.error)),
+            without_errors(ca.jacobian(equations.residual, equations.q)),
+            twist(equations.steps),
             twist(self.error),
-            twist(e.q),
+            twist(equations.q),
         ]
-        dense = [ca.densify(slope) for slope in slopes]
-        return ca.Function("slopes", [e.q, e.states], dense, {"cse": True})
+        return ca.Function("slopes", [equations.q, equations.states], slopes, {"cse": True})
 
     def _sensitivity(self, q: Array, state: Array) -> Array:
         """Return the tool twist (6, errors) in base per unit of each error: frame errors first, then encoder errors."""
-        slopes = [slope.full() for slope in self._slopes(q, state)]
         # J: of the residual, T: of the tool; by loop unknowns x, frame errors e and active joints q
-        Jx, Je, Jq, Tx, Te, Tq = slopes
+        Jx, Je, Jq, Tx, Te, Tq = map(ca.DM.full, self._slopes(q, state))
         direct = np.hstack([Te, Tq])
         if not Jx.size:
             return direct
@@ -262,26 +267,28 @@ class ErrorPropagation:
     @property
     def _kernel(self) -> Kernel:
         """Compiled function that closes the loops with given errors, by Gauss-Newton from the error-free state."""
-        e = self.equations
-        keys = [passive.key for passive in e.passive]
-        states = [passive.state for passive in e.passive]
-        arguments = [self.error, e.q, *states]
+        equations = self.equations
+        keys = []
+        arguments = [self.error, equations.q]
+        for passive in equations.passive:
+            keys.append(passive.key)
+            arguments.append(passive.state)
         argument_names = ("e", "q", *keys)
         stages = []
         if keys:
-            stages.append(Stage(e.split(), ("seed",), tuple(keys)))
-        if keys and e.residual.numel():
-            pattern = np.array(ca.DM(e.jacobian.sparsity(), 1).full(), bool)
-            step = linear.least_squares(e.jacobian, -e.residual, pattern)
-            new = stepped(e.passive, step)
+            stages.append(Stage(equations.split(), ("seed",), tuple(keys)))
+        if keys and equations.residual.numel():
+            pattern = np.array(ca.DM(equations.jacobian.sparsity(), 1).full(), bool)
+            step = linear.least_squares(equations.jacobian, -equations.residual, pattern)
+            new = stepped(equations.passive, step)
             newton = ca.Function("step", arguments, [*new.values(), linear.largest(step)], {"cse": True})
             stages.append(
                 Stage(newton, takes=argument_names, gives=(*new, "error"), repeat=_NEWTON_STEPS, tolerance=_LAST_STEP)
             )
-        tool_rows = ca.densify(ca.vec(e.T_base_tool[:3, :].T))
+        tool_rows = ca.densify(ca.vec(equations.T_base_tool[:3, :].T))
         pose = ca.Function("pose", arguments, [tool_rows], {"cse": True})
         stages.append(Stage(pose, argument_names, ("pose",)))
-        inputs = {"e": self.error.numel(), "q": e.q.numel(), "seed": e.states.numel()}
+        inputs = {"e": self.error.numel(), "q": equations.q.numel(), "seed": equations.states.numel()}
         return Kernel(stages, inputs, ["pose"])
 
 

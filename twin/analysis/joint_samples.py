@@ -24,10 +24,10 @@ from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.kinematics.closed_loops.passive_limits import PassiveCheck
 
-_FIRST = 50_000
+_FIRST_SAMPLES = 50_000
 """Number of samples from which the extent of the grid is estimated."""
 
-_FLAT = 1e-6
+_FLAT_EXTENT = 1e-6
 """Extent along an axis, relative to the largest extent, below which all positions count as being in one plane."""
 
 _PLACES = 15
@@ -39,8 +39,20 @@ _STEP = 1e-5
 _RANK = 1e-3
 """Relative size above which a singular value of this Jacobian counts as nonzero."""
 
-_CELLS = 20_000_000
+_CELLS_PER_EDGE = 64
+"""Number of cells along the largest extent, unless a step is given."""
+
+_SMALLEST_EXTENT = 1e-6
+"""Extent in m of a workspace that is a point, so that its cell has an edge."""
+
+_BORDER = 0.05
+"""Share of the extent of the first samples by which the grid is larger on each side, besides two cells."""
+
+_MOST_CELLS = 20_000_000
 """Maximum number of grid cells."""
+
+_ROOT_STEPS = 60
+"""Number of steps of a fixed-point iteration, which has all digits of double precision after fewer."""
 
 
 def by_joints(
@@ -60,16 +72,16 @@ def by_joints(
     ranges = _ranges(robot)
     passive = passive_check(robot)
     sample = _sampler(robot, ranges, passive)
-    first_count = min(_FIRST, count)
-    values, p = sample(0, first_count)
-    p = p[_assembled(values, p)]
-    if not len(p):
+    first_count = min(_FIRST_SAMPLES, count)
+    values, positions = sample(0, first_count)
+    positions = positions[_assembled(values, positions)]
+    if not len(positions):
         raise TwinError(
             f"{robot.name}: the mechanism cannot be assembled at any of {first_count} samples of its joints"
         )
-    extent = np.ptp(p, axis=0)
-    flat = extent <= _FLAT * extent.max()
-    grid = _grid(p.min(axis=0), extent, flat, step)
+    extent = np.ptp(positions, axis=0)
+    flat = extent <= _FLAT_EXTENT * extent.max()
+    grid = _grid(positions.min(axis=0), extent, flat, step)
     nx, ny, _ = grid.shape
     cells = grid.positions
     hits = np.zeros(cells)
@@ -80,10 +92,10 @@ def by_joints(
     reached = 0
     for first in range(0, count, CHUNK):
         last = min(first + CHUNK, count)
-        values, p = sample(first, last)
-        assembled = _assembled(values, p)
+        values, positions = sample(first, last)
+        assembled = _assembled(values, positions)
         reached += int(assembled.sum())
-        index = np.where(flat, 0, np.round((p[assembled] - grid.low) / grid.step)).astype(np.int64)
+        index = np.where(flat, 0, np.round((positions[assembled] - grid.low) / grid.step)).astype(np.int64)
         inside = ((index >= 0) & (index < np.array(grid.shape))).all(axis=1)
         outside += int((~inside).sum())
         cell = index[inside] @ np.array([1, nx, nx * ny])
@@ -93,11 +105,11 @@ def by_joints(
         np.maximum.at(margins, cell, counted[:, 2])
         np.fmin.at(singular, cell, counted[:, 3])
         progress(f"{count:.3g} joint samples", last / count)
-    out = np.zeros((cells, 4), np.float32)
-    out[:, 0] = hits > 0
-    out[:, 1] = inverse / np.maximum(hits, 1)
-    out[:, 2] = np.where(hits > 0, margins, 0)
-    out[:, 3] = np.where(np.isfinite(singular), singular, np.nan)
+    grid_values = np.zeros((cells, 4), np.float32)
+    grid_values[:, 0] = hits > 0
+    grid_values[:, 1] = inverse / np.maximum(hits, 1)
+    grid_values[:, 2] = np.where(hits > 0, margins, 0)
+    grid_values[:, 3] = np.where(np.isfinite(singular), singular, np.nan)
     open_ended = []
     for joint in robot.mechanism.active:
         if joint.limits is None or not np.isfinite(joint.limits).all():
@@ -112,7 +124,7 @@ def by_joints(
         **limit_facts(robot, passive),
     }
     return Workspace(
-        robot.name, grid=grid, values=out, facts=facts, dimension=_dimension(robot, ranges, int((~flat).sum()))
+        robot.name, grid=grid, values=grid_values, facts=facts, dimension=_dimension(robot, ranges, int((~flat).sum()))
     )
 
 
@@ -125,14 +137,15 @@ def _grid(low: Array, extent: Array, flat: np.ndarray, step: float | None) -> Po
     Raises:
         TwinError: there are too many cells.
     """
-    step = step or float(max(extent.max(), 1e-6)) / 64
+    step = step or float(max(extent.max(), _SMALLEST_EXTENT)) / _CELLS_PER_EDGE
     # The first samples do not reach the border of the workspace.
-    margin = np.where(flat, 0, 0.05 * extent + 2 * step)
+    margin = np.where(flat, 0, _BORDER * extent + 2 * step)
     # As floats, the numbers of cells have no largest value.
     shape = np.where(flat, 1.0, np.ceil((extent + 2 * margin) / step) + 1)
-    if shape.prod() > _CELLS:
-        text = f"--step-mm {1e3 * step:.3g}: {shape.prod():.3g} cells; the limit is {_CELLS:.0g}: increase --step-mm"
-        raise TwinError(text)
+    if shape.prod() > _MOST_CELLS:
+        raise TwinError(
+            f"--step-mm {1e3 * step:.3g}: {shape.prod():.3g} cells; the limit is {_MOST_CELLS:.0g}: increase --step-mm"
+        )
     nx, ny, nz = shape.astype(int).tolist()
     return PoseGrid(low - margin, step, (nx, ny, nz), np.eye(3))
 
@@ -143,15 +156,15 @@ def _dimension(robot: Robot, ranges: Array, most: int) -> int:
     The Jacobian is computed by finite differences at random joint positions. If the mechanism cannot be assembled at
     any of these positions, the result is `most`.
     """
-    n = len(ranges)
+    joint_count = len(ranges)
     span = np.ptp(ranges, axis=1)
     rng = np.random.default_rng(0)
-    centres = ranges[:, 0] + span * rng.uniform(0.05, 0.95, (_PLACES, n))
+    centres = ranges[:, 0] + span * rng.uniform(0.05, 0.95, (_PLACES, joint_count))
     # at each place, first the place itself, then a step of each joint
-    steps = np.vstack([np.zeros(n), _STEP * np.diag(span)])
+    steps = np.vstack([np.zeros(joint_count), _STEP * np.diag(span)])
     q = centres[:, None] + steps
-    Ts = robot.loops.forward_many(q.reshape(-1, n)).Ts_base_tool
-    p = Ts[:, :3, 3].reshape(_PLACES, n + 1, 3)
+    Ts = robot.loops.forward_many(q.reshape(-1, joint_count)).Ts_base_tool
+    p = Ts[:, :3, 3].reshape(_PLACES, joint_count + 1, 3)
     J = p[:, 1:] - p[:, :1]
     J = J[np.isfinite(J).all(axis=(1, 2))]
     if not len(J):
@@ -162,6 +175,11 @@ def _dimension(robot: Robot, ranges: Array, most: int) -> int:
 
 
 def _ranges(robot: Robot) -> Array:
+    """Return the ranges (n, 2) of the active joints in m or rad; without limits, a joint makes a full turn.
+
+    Raises:
+        TwinError: a prismatic joint has no limits.
+    """
     ranges = robot.mechanism.limits
     for i, joint in enumerate(robot.mechanism.active):
         if np.isfinite(ranges[i]).all():
@@ -182,7 +200,7 @@ def _assembled(values: Array, p: Array) -> np.ndarray:
 def _root(n: int) -> float:
     """Return the positive root x of x^(n + 1) = x + 1; evenly spread samples have the steps 1/x, 1/x^2, ..., 1/x^n."""
     x = 2.0
-    for _ in range(60):
+    for _ in range(_ROOT_STEPS):
         x = (1 + x) ** (1 / (n + 1))
     return x
 
@@ -193,8 +211,8 @@ def _sampler(robot: Robot, ranges: Array, passive: PassiveCheck | None) -> Calla
     The function returns the values (k, 4) of the samples, with the columns `measure.NAMES`, and the tool positions
     (k, 3) in m.
     """
-    n = len(ranges)
-    steps = _root(n) ** -np.arange(1, n + 1)
+    joint_count = len(ranges)
+    steps = _root(joint_count) ** -np.arange(1, joint_count + 1)
 
     def joints_of(i: ca.SX) -> ca.SX:
         parts = []
@@ -202,7 +220,7 @@ def _sampler(robot: Robot, ranges: Array, passive: PassiveCheck | None) -> Calla
             parts.append(0.5 + i * part_step)
         q = []
         for part, (low, high) in zip(parts, ranges, strict=True):
-            q.append(low + (high - low) * (part - ca.floor(part)))
+            q.append(low + (high - low) * (part - ca.floor(part)))  # the fractional part, which is spread evenly
         return ca.vertcat(*q)
 
     bounds = shared_bounds(robot)

@@ -37,13 +37,16 @@ ROOT = 1.2207440846057596
 _SWEEPS = 12
 """Maximum number of Jacobi sweeps."""
 
-_BESIDE = 1e-13
+_LARGEST_BESIDE = 1e-13
 """Relative off-diagonal norm below which no further sweep is computed."""
+
+_NOT_ZERO = 1e-300
+"""Added to the norm of a diagonal, by which is divided."""
 
 
 def shared(bounds: Sequence[Bound]) -> tuple[Bound, ...]:
     """Return the limits that involve several joints: of motors behind a transmission, and of gaps along a rail."""
-    return tuple([bound for bound in bounds if bound.kind in ("motor", "gap")])
+    return tuple(bound for bound in bounds if bound.kind in ("motor", "gap"))
 
 
 def agree(kin: Kinematics, passive: PassiveCheck, T: Array) -> bool:
@@ -82,10 +85,12 @@ def kernel(
         from_joints: whether samples are joint values; requires forward equations.
         size: number of entries of the input.
     """
-    i = ca.SX.sym("i", size)
-    T, q, J, solved = _solved(kin, pose(i), from_joints)
+    sample = ca.SX.sym("i", size)
+    T, q, J, solved = _solved(kin, pose(sample), from_joints)
     # `aspect` and `measure` are functions of the pose if the equations have an inverse, else of the joints.
-    state = ca.reshape(T.T, 16, 1) if not from_joints or kin.closed_inverse else q
+    state = q
+    if kin.closed_inverse or not from_joints:
+        state = ca.reshape(T.T, 16, 1)
     reached, margin = _within(q, limits, bounds, solved)
     aspects = kin.program.group["aspect"]
     if aspects.function.numel_out(0):  # a pose in another assembly mode does not count as reached
@@ -98,14 +103,16 @@ def kernel(
         sizes = ca.vertsplit(ca.fabs(measures.function(state)))
         singularity = reduce(ca.fmin, sizes)
     # The smaller of the two products: it has the same nonzero eigenvalues.
-    gram = J @ J.T if J.shape[0] <= J.shape[1] else J.T @ J
-    m = gram.shape[0]
-    entries = []
-    for r in range(m):
-        for c in range(r + 1):
-            entries.append(gram[r, c])
+    gram = J.T @ J
+    if J.shape[0] <= J.shape[1]:
+        gram = J @ J.T
+    size_of_gram = gram.shape[0]
+    lower_triangle = []
+    for row in range(size_of_gram):
+        for column in range(row + 1):
+            lower_triangle.append(gram[row, column])
     results = {
-        "gram": ca.vertcat(*entries),
+        "gram": ca.vertcat(*lower_triangle),
         "reached": reached,
         "margin": margin,
         "singularity": singularity,
@@ -114,12 +121,14 @@ def kernel(
     if passive is not None:
         results["joints"] = q
         results["rotation"] = ca.vec(T[:3, :3].T)
-    dense = [ca.densify(result) for result in results.values()]
-    first = ca.Function("pose", [i], dense, {"cse": True})
+    dense = list(map(ca.densify, results.values()))
+    first = ca.Function("pose", [sample], dense, {"cse": True})
     stages = [
         Stage(first, ("i",), tuple(results)),
-        Stage(_sweep(m), takes=("gram",), gives=("gram", "error"), repeat=_SWEEPS, tolerance=_BESIDE),
-        Stage(_last(m), ("gram", "reached", "margin", "singularity"), NAMES),
+        Stage(
+            _sweep(size_of_gram), takes=("gram",), gives=("gram", "error"), repeat=_SWEEPS, tolerance=_LARGEST_BESIDE
+        ),
+        Stage(_last(size_of_gram), ("gram", "reached", "margin", "singularity"), NAMES),
     ]
     if passive is None:
         return Kernel(stages, {"i": size}, [*NAMES, "position"])
@@ -140,10 +149,10 @@ class CheckedKernel:
         if len(reached):
             R = rotation[:, reached].T.reshape(-1, 3, 3)
             Ts = spatial.pose(R, position[:, reached].T)
-            kept = self.passive.kept(joints[:, reached].T, Ts)
+            is_kept = self.passive.kept(joints[:, reached].T, Ts)
             # as at a sample that is not reached, see `_last`
             for value, unreached in zip(values, (0.0, 0.0, 0.0, np.nan), strict=True):
-                value[0, reached[~kept]] = unreached
+                value[0, reached[~is_kept]] = unreached
         return *values, position
 
 
@@ -153,7 +162,7 @@ def _solved(kin: Kinematics, sample: ca.SX, from_joints: bool) -> tuple[ca.SX, c
     The sample is a pose (4, 4) or, with `from_joints`, joint values (n,).
     """
     program = kin.program
-    n = len(kin.joints)
+    joint_count = len(kin.joints)
     length = kin.characteristic_length
     if from_joints:
         T = ca.reshape(program.forward.function(sample), 4, 4).T
@@ -166,9 +175,9 @@ def _solved(kin: Kinematics, sample: ca.SX, from_joints: bool) -> tuple[ca.SX, c
         solved = solution[-1] <= POSE_TOL  # the last entry is the error of the pose
     # The characteristic length makes rotations comparable with shifts.
     if from_joints or kin.closed_forward:  # a redundant arm has many inverse solutions, so use the forward Jacobian
-        J = ca.reshape(program.forward_jacobian.function(q), n, 6).T
+        J = ca.reshape(program.forward_jacobian.function(q), joint_count, 6).T
         return T, q, ca.vertcat(J[:3, :], J[3:, :] * length), solved
-    J = ca.reshape(program.inverse_jacobian.function(ca.reshape(T.T, 16, 1)), 6, n).T
+    J = ca.reshape(program.inverse_jacobian.function(ca.reshape(T.T, 16, 1)), 6, joint_count).T
     return T, q, ca.horzcat(J[:, :3], J[:, 3:] / length), solved
 
 
@@ -179,8 +188,8 @@ def _within(q: ca.SX, limits: Array, bounds: Sequence[Bound], solved: ca.SX) -> 
     for j, (low, high) in enumerate(limits):
         reached = ca.logic_and(reached, q[j] == q[j])  # NaN: out of reach
         if np.isfinite(low) and np.isfinite(high):
-            near = 2 * ca.fmin(q[j] - low, high - q[j]) / (high - low)
-            margin = ca.if_else(near < margin, near, margin)
+            margin_of_joint = 2 * ca.fmin(q[j] - low, high - q[j]) / (high - low)
+            margin = ca.if_else(margin_of_joint < margin, margin_of_joint, margin)
         inside = ca.logic_and(q[j] >= low, q[j] <= high)
         reached = ca.logic_and(reached, inside)
     for bound in bounds:
@@ -195,7 +204,10 @@ def _last(m: int) -> ca.Function:
     reached = ca.SX.sym("r")
     margin = ca.SX.sym("s")
     singularity = ca.SX.sym("t")
-    eigenvalues = [a[k * (k + 1) // 2 + k] for k in range(m)]
+    eigenvalues = []
+    for row in range(m):
+        start_of_row = row * (row + 1) // 2
+        eigenvalues.append(a[start_of_row + row])
     low = reduce(ca.fmin, eigenvalues)
     high = reduce(ca.fmax, eigenvalues)
     inverse_condition = ca.if_else(low > 0, ca.sqrt(ca.fmax(low, 0) / high), 0)
@@ -205,8 +217,7 @@ def _last(m: int) -> ca.Function:
         ca.if_else(reached, margin, 0),
         ca.if_else(reached, singularity, np.nan),
     ]
-    dense = [ca.densify(result) for result in results]
-    return ca.Function("judged", [a, reached, margin, singularity], dense)
+    return ca.Function("judged", [a, reached, margin, singularity], list(map(ca.densify, results)))
 
 
 def _sweep(m: int) -> ca.Function:
@@ -222,7 +233,9 @@ def _sweep(m: int) -> ca.Function:
 
     def place(r: int, c: int) -> tuple[int, int]:
         """Return where the symmetric entry is stored."""
-        return (r, c) if r >= c else (c, r)
+        if r >= c:
+            return r, c
+        return c, r
 
     beside = ca.SX(0)
     along = ca.SX(0)
@@ -253,4 +266,4 @@ def _sweep(m: int) -> ca.Function:
             a[place(q, k)] = sine * u + cosine * v
     swept = ca.vertcat(*a.values())
     # Convergence is quadratic: the norm after this sweep is about the square of the returned norm before it.
-    return ca.Function("sweep", [entries], [swept, ca.sqrt(beside / (along + 1e-300))])
+    return ca.Function("sweep", [entries], [swept, ca.sqrt(beside / (along + _NOT_ZERO))])

@@ -46,7 +46,7 @@ class PoseGrid:
     @property
     def axes(self) -> tuple[int, ...]:
         """Axes (0, 1, 2 for x, y, z) along which there are several positions."""
-        return tuple([axis for axis in range(3) if self.shape[axis] > 1])
+        return tuple(axis for axis in range(3) if self.shape[axis] > 1)
 
     def position(self, number: np.ndarray) -> Array:
         """Return the positions (k, 3) in m with indices (k,); x varies fastest."""
@@ -57,21 +57,22 @@ class PoseGrid:
     def pose(self, i: ca.SX) -> ca.SX:
         """Return the pose (4, 4) with index i; the orientations at one position have consecutive indices."""
         nx, ny, _ = self.shape
+        # indices are float64: half of a step keeps a rounded quotient from falling below its whole number
         place = ca.floor((i + 0.5) / self.turns)
         row = ca.floor((place + 0.5) / nx)
         layer = ca.floor((row + 0.5) / ny)
         index = (place - nx * row, row - ny * layer, layer)
-        p = []
-        for low, k in zip(self.low, index, strict=True):
-            p.append(float(low) + self.step * k)
+        position = []
+        for low, axis_index in zip(self.low, index, strict=True):
+            position.append(float(low) + self.step * axis_index)
         R = ca.SX(self.R_base_tool)
         if self.turns > 1 and self.tilt:
             turn = i - self.turns * place
-            parts = [turn / measure.ROOT**k for k in (1, 2, 3)]
-            w = []
-            for part in parts:
+            rotation_vector = []
+            for power in (1, 2, 3):
+                part = turn / measure.ROOT**power
                 # The fractional part is shifted by a half: the first orientation, with part 0, is not rotated.
-                w.append(2 * self.tilt * (part + 0.5 - ca.floor(part + 0.5) - 0.5))
-            R = symbolic.exp_so3(ca.vertcat(*w)) @ R
-        upper = ca.horzcat(R, ca.vertcat(*p))
+                rotation_vector.append(2 * self.tilt * (part + 0.5 - ca.floor(part + 0.5) - 0.5))
+            R = symbolic.exp_so3(ca.vertcat(*rotation_vector)) @ R
+        upper = ca.horzcat(R, ca.vertcat(*position))
         return ca.vertcat(upper, ca.SX([[0, 0, 0, 1]]))

@@ -33,6 +33,7 @@ _PARTS = 232
 """Number of smallest boxes along the longest side of the workspace, unless an edge is given."""
 
 _HALVINGS = 3
+"""How often the largest boxes are halved: larger ones are hardly ever proved, and cost time."""
 
 _MOST_BOXES = 4e8
 """Maximum number of smallest boxes in the box."""
@@ -41,6 +42,7 @@ _SAMPLES = 300_000
 """Number of positions of the sampled workspace."""
 
 _LITRE = 1e-3
+"""A cubic decimetre in m3."""
 
 
 @dataclass(frozen=True)
@@ -75,14 +77,14 @@ class ProvenWorkspace(Result):
     @property
     def findings(self) -> tuple[Finding, ...]:
         """A warning if nothing is proved, or if a limit is not considered."""
-        found = []
+        findings = []
         if not len(self.proof.low):
             text = "no box is proved free of singularities; give a smaller edge (--edge-mm), or a box within reach"
-            found.append(warning("prove.no_box", self.robot, text))
+            findings.append(warning("prove.no_box", self.robot, text))
         if self.unchecked:
             text = f"limits of {', '.join(self.unchecked)} are not considered: these joints close loops"
-            found.append(warning("prove.limits", self.robot, text))
-        return tuple(found)
+            findings.append(warning("prove.limits", self.robot, text))
+        return tuple(findings)
 
     @property
     def share(self) -> float:
@@ -94,6 +96,9 @@ class ProvenWorkspace(Result):
     def content(self) -> JsonObject:
         """Return volumes as plain data."""
         proof = self.proof
+        open_dm3 = {}
+        for reason, volume in proof.open.items():
+            open_dm3[reason] = volume / _LITRE
         return {
             "robot": self.robot,
             "variants": dict(self.variants),
@@ -101,7 +106,7 @@ class ProvenWorkspace(Result):
             "proved_dm3": proof.volume / _LITRE,
             "proved_boxes": len(proof.low),
             "outside_dm3": proof.outside / _LITRE,
-            "open_dm3": {reason: volume / _LITRE for reason, volume in proof.open.items()},
+            "open_dm3": open_dm3,
             "sampled_dm3": self.sampled / _LITRE,
             "sampled_error_dm3": self.sampled_error / _LITRE,
             "share": self.share,
@@ -159,7 +164,7 @@ class ProvenWorkspace(Result):
         yield from self.findings
 
 
-_REASONS = {
+_REASONS = {  # the keys are those of `RegularWorkspace.open`
     "no assembly": "no assembly was enclosed; near the edge of reach, or where a limb is nearly singular",
     "other conditions": "a loop may not close, or only with a joint turned over, although enough conditions hold",
     "limit": "a limit may be exceeded in a part of the box",
@@ -208,8 +213,8 @@ def proven_workspace(
                 "surface or a curve, or the orientation changes with them; nothing can be proved of boxes"
             ) from unreached
     else:
-        low, high = _checked(robot.name, corners)
-        start = np.clip(start, low, high)
+        low, high = _checked_corners(robot.name, corners)
+        start = np.clip(start, low, high)  # the position of the posture home, or that nearest to it in the box
     edge = _edge(edge, low, high)
     limits, unchecked = _limits(robot, loops)
     chosen = variant_choice.choose(robot.formula, variants)
@@ -236,13 +241,14 @@ def proven_workspace(
     )
 
 
-def _checked(name: str, corners: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Return the corners of a box.
+def _checked_corners(name: str, corners: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return the lower and the upper corner (3,) of a box in m; `name` is that of the robot, for messages.
 
     Raises:
         TwinError: a coordinate is not finite, or a lower one is not below the upper one.
     """
-    low, high = (np.asarray(corner, float) for corner in corners)
+    low = np.asarray(corners[0], float)
+    high = np.asarray(corners[1], float)
     for axis, first, last in zip("xyz", low, high, strict=True):
         if not (math.isfinite(first) and math.isfinite(last) and first < last):
             extent = f"from {first / MM:g} to {last / MM:g} mm along {axis}"
@@ -299,7 +305,7 @@ def _sampled_volume(robot: Robot, T: Array, low: Array, high: Array, progress: P
     nx, ny, nz = np.maximum(np.round((high - low) / step).astype(int), 1).tolist()
     # each position is the middle of its cell
     grid = PoseGrid(low + 0.5 * (high - low - step * (np.array([nx, ny, nz]) - 1)), step, (nx, ny, nz), T[:3, :3])
-    found = sampled.workspace(robot, grid, progress=progress)
+    space = sampled.workspace(robot, grid, progress=progress)
     cell = step**3
-    reached = found.cube[..., 0] > 0
+    reached = space.cube[..., 0] > 0
     return float(cell * reached.sum()), volume_error(reached, cell)

@@ -25,12 +25,12 @@ class UpperQuantile:
             raise ValueError(f"a quantile {share:g} of {count} values: give at least 1 value, and 0 to 1")
         place = share * (count - 1)  # of the quantile among the sorted values
         below = math.floor(place)
-        self._between = place - below
-        self._kept = count - below
-        self._count = count
-        self._seen = 0
+        self._fraction = place - below  # of the way from the value below the quantile to that above it
+        self._largest_count = count - below
+        self._expected_count = count
+        self._added_count = 0
         self._largest: list[Array] = []
-        self._held = 0  # number of values in `_largest`
+        self._stored_count = 0  # number of values in `_largest`
 
     def add(self, values: Array) -> None:
         """Add values (k,).
@@ -38,21 +38,22 @@ class UpperQuantile:
         Raises:
             ValueError: more values are given than were expected.
         """
-        self._seen += len(values)
-        if self._seen > self._count:
-            raise ValueError(f"{self._seen} values are given; {self._count} were expected")
+        self._added_count += len(values)
+        if self._added_count > self._expected_count:
+            raise ValueError(f"{self._added_count} values are given; {self._expected_count} were expected")
         self._largest.append(values)
-        self._held += len(values)
-        if self._held > 2 * self._kept + len(values):
+        self._stored_count += len(values)
+        # not after each batch: finding the largest values takes time in proportion to all that are stored
+        if self._stored_count > 2 * self._largest_count + len(values):
             self._drop()
 
     def _drop(self) -> None:
         """Drop all values but the largest; NaN counts as larger than any number."""
         values = np.concatenate(self._largest)
-        if len(values) > self._kept:
-            values = np.partition(values, len(values) - self._kept)[-self._kept :]
+        if len(values) > self._largest_count:
+            values = np.partition(values, len(values) - self._largest_count)[-self._largest_count :]
         self._largest = [values]
-        self._held = len(values)
+        self._stored_count = len(values)
 
     @property
     def value(self) -> float:
@@ -61,13 +62,13 @@ class UpperQuantile:
         Raises:
             ValueError: fewer values were given than were expected.
         """
-        if self._seen < self._count:
-            raise ValueError(f"{self._seen} values are given; {self._count} were expected")
+        if self._added_count < self._expected_count:
+            raise ValueError(f"{self._added_count} values are given; {self._expected_count} were expected")
         self._drop()
         (values,) = self._largest
         if np.isnan(values).any():
             return float("nan")
-        if self._kept == 1:
+        if self._largest_count == 1:
             return float(values[0])
         first, second = np.partition(values, 1)[:2]
-        return float(first + self._between * (second - first))
+        return float(first + self._fraction * (second - first))

@@ -82,7 +82,8 @@ def workspace(
         return by_joints(robot, count, step, progress)
     progress("find the extent", 0.0)
     T = centre(robot)
-    turns = turns if tilt else 1
+    if not tilt:
+        turns = 1
     try:
         low, high = box(robot, T, tilt, turns)
     except UnreachedError:
@@ -91,7 +92,7 @@ def workspace(
         return by_joints(robot, count, step, progress)
     grid = _grid(low, high, T_base_tool=T, count=count, step=step, tilt=tilt, turns=turns)
 
-    def kept(shape: tuple[int, int]) -> np.ndarray:
+    def stored_values(shape: tuple[int, int]) -> np.ndarray:
         if store is None:
             return np.zeros(shape, np.float32)
         # On disk: the operating system caches as much of the file as fits in memory.
@@ -99,15 +100,15 @@ def workspace(
 
     if scheduler:
         with cluster(scheduler) as client:
-            found = over_grid(robot, grid, kept, progress, client=client, source=source, protocol=protocol)
+            space = over_grid(robot, grid, stored_values, progress, client=client, source=source, protocol=protocol)
     else:
-        found = over_grid(robot, grid, kept, progress)
-    if not found.reached.any():
-        edges = [f"{x / MM:.3g}" for x in high - low]
-        size = " x ".join(edges)
+        space = over_grid(robot, grid, stored_values, progress)
+    if not space.reached.any():
+        x, y, z = (high - low) / MM
+        size = f"{x:.3g} x {y:.3g} x {z:.3g}"
         text = f"none of {grid.positions} positions, {grid.step / MM:.3g} mm apart, is reached in a box of {size} mm"
         raise TwinError(f"{robot.name}: {text}: reduce --step-mm")
-    return found
+    return space
 
 
 def _grid(
@@ -123,7 +124,7 @@ def _grid(
     if step is None:
         step = float((np.prod(high - low) * turns / count) ** (1 / 3))
     # Integers of Python have no largest value, those of numpy have one.
-    nx, ny, nz = [int(edge) + 1 for edge in np.floor((high - low) / step).tolist()]
+    nx, ny, nz = map(int, (np.floor((high - low) / step) + 1).tolist())
     grid = PoseGrid(low=low, step=step, shape=(nx, ny, nz), R_base_tool=T_base_tool[:3, :3], tilt=tilt, turns=turns)
     if grid.positions > _POSITIONS:
         raise TwinError(

@@ -31,7 +31,7 @@ class Sweep(Result):
     """Results of evaluated designs.
 
     Attributes:
-        work: the factors and the objectives.
+        job: the factors and the objectives.
         designs: (k, factors) in SI units, the CAD's design first.
         judged: (k, objectives) values, in the units of `design.OBJECTIVES`.
         best: (k,) bool, whether a design is Pareto-optimal.
@@ -42,7 +42,7 @@ class Sweep(Result):
     """
 
     robot: str
-    work: design.DesignJob
+    job: design.DesignJob
     designs: Array
     judged: Array
     best: np.ndarray
@@ -64,8 +64,8 @@ class Sweep(Result):
         """A row for each design: factors, objectives, and whether it is Pareto-optimal."""
         rows = []
         for number, values in enumerate(self.judged.tolist()):
-            objectives = dict(zip(self.work.objectives, values, strict=True))
-            row = design.table_row(self.work, number, self.designs[number], objectives)
+            objectives = dict(zip(self.job.objectives, values, strict=True))
+            row = design.table_row(self.job, number, self.designs[number], objectives)
             row["pareto"] = bool(self.best[number])
             rows.append(row)
         return rows
@@ -73,12 +73,12 @@ class Sweep(Result):
     def content(self) -> JsonObject:
         """Return the results as plain data."""
         objectives = {}
-        for name in self.work.objectives:
+        for name in self.job.objectives:
             unit, _, meaning = design.OBJECTIVES[name]
             objectives[name] = {"unit": unit, "meaning": meaning}
         grid = None  # only volumes are computed by counting cells
         if "volume" in objectives:
-            grid = {"step_mm": self.work.step / MM, "volume_error_dm3": design.grid_error(self.work)}
+            grid = {"step_mm": self.job.step / MM, "volume_error_dm3": design.grid_error(self.job)}
         rows = self.rows
         return {
             "robot": self.robot,
@@ -89,7 +89,7 @@ class Sweep(Result):
             "grid": grid,
             "passive_limits_unchecked": list(self.unchecked),
             "drawn": rows[0],
-            "pareto": [row for row in rows if row["pareto"]],
+            "pareto": [row for row in rows if row["pareto"]],  # in the order of the designs
         }
 
     def text(self) -> Iterator[Part]:
@@ -107,25 +107,28 @@ class Sweep(Result):
             reason = "a design changes the equations, but not the mechanism of the CAD"
             yield f"  not checked: limits of the passive joints {names}: {reason}"
         yield ""
-        drawn = data["drawn"]
-        best = [row for row in data["pareto"] if row["design"] != 0]
-        head = [name for name in drawn if name != "pareto"]
+        drawn_row = data["drawn"]
+        best_rows = [row for row in data["pareto"] if row["design"] != 0]
+        head = [name for name in drawn_row if name != "pareto"]
         cells = []
-        for row in (drawn, *best[:_SHOWN]):
+        for row in (drawn_row, *best_rows[:_SHOWN]):
             cells.append([_cell(name, row[name]) for name in head])
         yield TextTable(head, cells)
-        if len(best) > _SHOWN:
-            yield f"  and {len(best) - _SHOWN} more Pareto-optimal designs"
-        others = len(self.designs) - len(best) - 1
+        if len(best_rows) > _SHOWN:
+            yield f"  and {len(best_rows) - _SHOWN} more Pareto-optimal designs"
+        others = len(self.designs) - len(best_rows) - 1
         if others:
             yield f"  not shown: {others} dominated or infeasible designs; all are in sweep.csv"
         yield ""
 
 
 def _cell(name: str, value: Any) -> str:
-    if name == "design":
-        return "CAD" if value == 0 else str(value)
-    return f"{value:.4g}"
+    """Return the value of a column as text; design 0 is that of the CAD."""
+    if name != "design":
+        return f"{value:.4g}"
+    if value == 0:
+        return "CAD"
+    return str(value)
 
 
 def sweep(
@@ -178,31 +181,36 @@ def sweep(
     distances = design.distance_names(factors)
     if len({factor.name for factor in factors}) < len(factors):
         raise TwinError("--vary: the same factor is given twice")
-    default = ("tolerance",) if len(distances) == len(factors) else ("volume", "conditioning")
+    default: tuple[str, ...] = ("volume", "conditioning")
+    if len(distances) == len(factors):
+        default = ("tolerance",)  # distances of the mechanism change nothing else
     objectives = tuple(dict.fromkeys(objectives or default))
     progress("positions", 0.0)
-    work = design.design_job(robot, source, protocol, factors, objectives)
+    job = design.design_job(robot, source, protocol, factors, objectives)
     computed_by: set[str] = set()
     designs = design.sample_designs(factors, samples, grid, seed)
-    key = table.key_of(work, designs)
+    key = table.key_of(job, designs)
     folder = Path("twin-out") / robot.name / f"sweep-{key[:8]}"
     if out is not None:
         folder = Path(out)
-    store = table.SweepTable(folder, work, designs, fresh=fresh)
+    store = table.SweepTable(folder, job, designs, fresh=fresh)
     with store:
         before = len(store.done)
         missing = [number for number in range(len(designs)) if number not in store.done]
         if missing:
-            computed_by = _judge(work, designs, missing=missing, store=store, processes=processes, progress=progress)
+            computed_by = _evaluate(job, designs, missing=missing, store=store, processes=processes, progress=progress)
     judged = np.zeros((len(designs), len(objectives)))
-    for number in range(len(designs)):
-        judged[number] = [store.done[number][name] for name in objectives]
-    directions = [design.OBJECTIVES[name][1] for name in objectives]
+    directions = []
+    for column, name in enumerate(objectives):
+        _, direction, _ = design.OBJECTIVES[name]
+        directions.append(direction)
+        for number in range(len(designs)):
+            judged[number, column] = store.done[number][name]
     best = design.pareto(judged, directions)
     unchecked = _unchecked(robot, objectives)
     return Sweep(
         robot.name,
-        work=work,
+        job=job,
         designs=designs,
         judged=judged,
         best=best,
@@ -220,8 +228,8 @@ def _unchecked(robot: Robot, objectives: Sequence[str]) -> tuple[str, ...]:
     return tuple(limited_passive_joints(robot))
 
 
-def _judge(
-    work: design.DesignJob,
+def _evaluate(
+    job: design.DesignJob,
     designs: Array,
     missing: list[int],
     store: table.SweepTable,
@@ -232,20 +240,22 @@ def _judge(
     scheduler = processes.get("scheduler") or HERE
     workers = processes.get("workers")
     device = processes.get("device", "cpu")
-    tasks = [(work, designs[number].tolist(), device) for number in missing]
+    tasks = []
+    for number in missing:
+        tasks.append((job, designs[number].tolist(), device))
     computed_by: set[str] = set()
     # Ctrl-C or SIGTERM stops the sweep; results of evaluated designs are kept.
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    handler_before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         with cluster(scheduler, workers) as client:
-            for k, (result, name) in each(client, design.evaluate_on, tasks):
-                store.add(missing[k], result)
+            for task_number, (result, name) in each(client, design.evaluate_on, tasks):
+                store.add(missing[task_number], result)
                 computed_by.add(name)
                 done = len(store.done)
                 progress(f"{done} of {len(designs)} designs", done / len(designs))
     except KeyboardInterrupt:
-        done = f"{len(store.done)} of {len(designs)} designs are in {store.folder}"
-        raise KeyboardInterrupt(f"{done}; run the same command again to go on") from None
+        stored = f"{len(store.done)} of {len(designs)} designs are in {store.folder}"
+        raise KeyboardInterrupt(f"{stored}; run the same command again to go on") from None
     finally:
-        signal.signal(signal.SIGTERM, before)
+        signal.signal(signal.SIGTERM, handler_before)
     return computed_by

@@ -18,9 +18,9 @@ from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 
 
-def key_of(work: DesignJob, designs: Array) -> str:
+def key_of(job: DesignJob, designs: Array) -> str:
     """Return the SHA-256 hash of a job and its designs."""
-    text = json.dumps([asdict(work), designs.tolist()], sort_keys=True)
+    text = json.dumps([asdict(job), designs.tolist()], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -33,51 +33,53 @@ class SweepTable:
         done: objectives of the designs evaluated so far, by design number.
     """
 
-    def __init__(self, folder: Path, work: DesignJob, designs: Array, *, fresh: bool = False) -> None:
+    def __init__(self, folder: Path, job: DesignJob, designs: Array, *, fresh: bool = False) -> None:
         """Open a folder, and read stored results of the same job.
 
         Raises:
             TwinError: the folder contains results of another job, or its job.json is damaged.
         """
         self.folder = folder
-        self._work = work
-        key = key_of(work, designs)
+        self._job = job
+        key = key_of(job, designs)
         folder.mkdir(parents=True, exist_ok=True)
-        job = folder / "job.json"
+        job_path = folder / "job.json"
         self._path = folder / "rows.csv"
-        if job.is_file() and not fresh:
+        if job_path.is_file() and not fresh:
             try:
-                stored = json.loads(job.read_text(encoding="utf-8"))["key"]
+                stored = json.loads(job_path.read_text(encoding="utf-8"))["key"]
             except (ValueError, KeyError, TypeError) as error:
-                raise TwinError(f"{job}: the file is damaged; give --fresh to start again") from error
+                raise TwinError(f"{job_path}: the file is damaged; give --fresh to start again") from error
             if stored != key:
                 raise TwinError(
                     f"{folder}: the folder contains another sweep; give another --out, or --fresh to start again"
                 )
         else:
             self._path.unlink(missing_ok=True)
-            text = json.dumps({"key": key, "job": asdict(work)}, indent=2)
+            text = json.dumps({"key": key, "job": asdict(job)}, indent=2)
             # Written beside and renamed: a stop while writing leaves no damaged job.json.
-            part = job.with_suffix(".tmp")
+            part = job_path.with_suffix(".tmp")
             part.write_text(text + "\n", encoding="utf-8")
-            part.replace(job)
+            part.replace(job_path)
         self.done = self._read()
         self._file = None
 
     def _read(self) -> dict[int, dict[str, float]]:
+        """Return {design number: its objectives} of the stored results; what is damaged is left out."""
         rows: dict[int, dict[str, float]] = {}
         if not self._path.is_file():
             return rows
         content = self._path.read_bytes()
-        whole = content[: content.rfind(b"\n") + 1]  # a truncated line is dropped, and its design is evaluated again
-        if whole != content:
-            self._path.write_bytes(whole)
-        lines = whole.decode("utf-8", "replace").splitlines()
+        complete_lines = content[
+            : content.rfind(b"\n") + 1
+        ]  # a truncated line is dropped, and its design is evaluated again
+        if complete_lines != content:
+            self._path.write_bytes(complete_lines)
+        lines = complete_lines.decode("utf-8", "replace").splitlines()
         for line in csv.reader(lines):
             try:
-                number, *texts = line
-                numbers = [float(text) for text in texts]
-                rows[int(number)] = dict(zip(self._work.objectives, numbers, strict=True))
+                number, *objectives = line
+                rows[int(number)] = dict(zip(self._job.objectives, map(float, objectives), strict=True))
             except ValueError:
                 continue  # a damaged row: its design is evaluated again
         return rows
@@ -90,7 +92,7 @@ class SweepTable:
         """Store the objectives of design `number`; when the function returns, they are on disk."""
         assert self._file is not None
         self.done[number] = judged
-        values = [judged[name] for name in self._work.objectives]
+        values = [judged[name] for name in self._job.objectives]  # in the order in which `_read` expects them
         csv.writer(self._file, lineterminator="\n").writerow([number, *values])
         self._file.flush()
         os.fsync(self._file.fileno())
@@ -108,9 +110,9 @@ def write(rows: list[JsonObject], folder: Path, *, parquet: bool = False) -> lis
     """
     path = folder / "sweep.csv"
     with path.open("w", encoding="utf-8", newline="") as file:
-        out = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        out.writeheader()
-        out.writerows(rows)
+        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
     if not parquet:
         return [path]
     pa, pq = arrow()

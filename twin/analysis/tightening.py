@@ -17,6 +17,15 @@ _SEARCHED = 4
 _STEPS = 40
 """Number of halvings in the search for the factors; each one evaluates the tool error."""
 
+_NAMED = 3
+"""Number of parts that the sentence names."""
+
+_NO_EFFECT = 1e-12
+"""Share of the largest variance below which a part has no effect on the tool, but for rounding."""
+
+_UNCHANGED = 1e-9
+"""Difference of a factor from 1 below which a part stays as it is."""
+
 
 @dataclass(frozen=True)
 class Tightening:
@@ -38,11 +47,13 @@ class Tightening:
     @property
     def sentence(self) -> str:
         """What to tighten, the three strongest reductions by name."""
-        named = [f"{name} to {100 * factor:.2g} %" for name, factor in self.factors[:3]]
-        rest = len(self.factors) - len(named)
+        named = []
+        for name, factor in self.factors[:_NAMED]:
+            named.append(f"{name} to {100 * factor:.2g} %")
+        further = len(self.factors) - len(named)
         text = f"tighten the errors of {', '.join(named)} of the present ones"
-        if rest:
-            text += f", and {rest} more, see the table"
+        if further:
+            text += f", and {further} more, see the table"
         return text
 
 
@@ -66,37 +77,43 @@ def least_cost(
     searched = covariances_of[:_SEARCHED]
 
     def error(s: Array, states: Array) -> float:
-        return max(error_of(np.einsum("k,kij->ij", s**2, state)) for state in states)
+        """Return the largest tool error in m with factors s (k,) over some states."""
+        errors = []
+        for covariances in states:
+            covariance = np.einsum("k,kij->ij", s**2, covariances)
+            errors.append(error_of(covariance))
+        return max(errors)
 
-    now = error(np.ones(len(names)), searched[:1])
-    if now <= required:
+    present_error = error(np.ones(len(names)), searched[:1])
+    if present_error <= required:
         return None
     variances = np.trace(searched, axis1=2, axis2=3).mean(axis=0)
-    counted = variances > 1e-12 * variances.max()
+    counted = variances > _NO_EFFECT * variances.max()
 
     def factors(level: float) -> Array:
+        """Return the factors (k,) that lower each larger variance in proportion to the cube root of `level`."""
         s = np.ones(len(variances))
         s[counted] = np.minimum(1.0, np.cbrt(level / variances[counted]))
         return s
 
-    ratio = required / now
+    ratio = required / present_error
     # at the upper level no factor is below 1; at the lower one all factors are at most `ratio`, which is enough
     high = float(variances.max())
     low = float(variances[counted].min()) * ratio**3
     for _ in range(_STEPS):
-        middle = float(np.sqrt(low * high))
+        middle = float(np.sqrt(low * high))  # levels may differ by many orders of magnitude
         if error(factors(middle), searched) <= required:
             low = middle
         else:
             high = middle
-    s = factors(low)
-    reached = error(s, covariances_of)
+    factors_found = factors(low)
+    reached = error(factors_found, covariances_of)
     if reached > required:  # in a state that the search has left out
-        s = s * (required / reached)
+        factors_found = factors_found * (required / reached)
         reached = required
-    order = np.argsort(s, kind="stable")
+    order = np.argsort(factors_found, kind="stable")
     tightened: list[tuple[str, float]] = []
-    for k in order:
-        if s[k] < 1.0 - 1e-9:
-            tightened.append((names[int(k)], float(s[k])))
-    return Tightening(tuple(tightened), float(np.mean(1.0 / s)), 1.0 / ratio, reached)
+    for part in order:
+        if factors_found[part] < 1.0 - _UNCHANGED:
+            tightened.append((names[int(part)], float(factors_found[part])))
+    return Tightening(tuple(tightened), float(np.mean(1.0 / factors_found)), 1.0 / ratio, reached)

@@ -83,6 +83,7 @@ class ToleranceBudget(Result):
         worst = self.worst
         names = tuple(dict.fromkeys(worst.labels))
         labels = np.array(worst.labels)
+        # `least_cost` takes the state with the largest error for the present error
         states = sorted(self.budgets, key=lambda budget: -budget.within[0])
         covariances = np.zeros((len(states), len(names), 3, 3))
         for i, budget in enumerate(states):
@@ -130,7 +131,9 @@ class ToleranceBudget(Result):
     @property
     def exit_code(self) -> int:
         """Exit code: 1 if a requirement is not met, else 0."""
-        return 1 if self.verdict == "disagree" else 0
+        if self.verdict == "disagree":
+            return 1
+        return 0
 
     @property
     def key_figures(self) -> tuple[tuple[str, str, str], ...]:
@@ -174,7 +177,7 @@ class ToleranceBudget(Result):
             "tightening": tightening,
             "worst": self.worst.name,
             "device": self.device,
-            "states": [as_dict(budget) for budget in self.budgets],
+            "states": list(map(as_dict, self.budgets)),
         }
 
     def text(self) -> Iterator[Part]:
@@ -185,8 +188,7 @@ class ToleranceBudget(Result):
         place = f"joint frames {spread.shift / UM:g} µm and {spread.turn / DEG:g}° for each axis"
         yield f"  {place}; encoders {spread.slide / UM:g} µm and {spread.angle / DEG:g}°\n"
         head = ("state", "position, 95 %", "rotation, 95 %", "sigma x, y, z [µm]", "largest contributors")
-        rows = [_row(budget) for budget in self.budgets]
-        yield TextTable(head, rows)
+        yield TextTable(head, list(map(_row, self.budgets)))
         yield ""
         for budget in self.budgets:
             if budget.sampled_within is not None and budget.difference is not None:
@@ -212,8 +214,8 @@ class ToleranceBudget(Result):
 
     def _tightening_text(self) -> Iterator[Part]:
         """Yield what to tighten, by how much, and the cost; nothing if the requirement is met."""
-        found = self.tightening
-        if found is None or self.factor is None or self.required is None:
+        tightening = self.tightening
+        if tightening is None or self.factor is None or self.required is None:
             return
         share = self.worst.contributors[0][1]
         yield ""
@@ -221,7 +223,7 @@ class ToleranceBudget(Result):
         yield ""
         rows = []
         spread = self.spread
-        for name, factor in found.factors:
+        for name, factor in tightening.factors:
             if name.startswith("encoder "):
                 is_angle = self.angular.get(name.removeprefix("encoder "), False)
                 size = f"{factor * spread.slide / UM:.2g} µm"
@@ -233,8 +235,8 @@ class ToleranceBudget(Result):
         yield TextTable(("joint or encoder", "of the present errors", "standard deviations"), rows)
         yield ""
         yield (
-            f"  mean cost of a part: {found.cost:.3g} times the present one, instead of {found.uniform_cost:.3g} times "
-            f"if all errors are reduced by the factor {1 / self.factor:.3g}"
+            f"  mean cost of a part: {tightening.cost:.3g} times the present one, instead of "
+            f"{tightening.uniform_cost:.3g} times if all errors are reduced by the factor {1 / self.factor:.3g}"
         )
         yield f"  {COST}"
         if share < _ONE_PART_TO_BLAME:
@@ -244,7 +246,7 @@ class ToleranceBudget(Result):
 def _row(budget: ErrorBudget) -> tuple[str, ...]:
     """Return the cells of a state in the table of the text."""
     position, rotation = budget.within
-    sigma = [f"{x / UM:.3g}" for x in np.sqrt(np.diag(budget.covariance))[:3]]
+    x, y, z = np.sqrt(np.diag(budget.covariance))[:3] / UM
     largest = []
     for name, share, _ in budget.contributors[:3]:
         largest.append(f"{name} {100 * share:.0f} %")
@@ -252,7 +254,7 @@ def _row(budget: ErrorBudget) -> tuple[str, ...]:
         budget.name,
         f"{position / UM:.4g} µm",
         f"{rotation / DEG:.3g}°",
-        ", ".join(sigma),
+        f"{x:.3g}, {y:.3g}, {z:.3g}",
         ", ".join(largest),
     )
 
@@ -299,7 +301,8 @@ def tolerance(
         progress(f"state {name}", i / (len(states) + 1))
         budgets.append(tolerances.budget(name, q))
     if samples:
-        worst = int(np.argmax([budget.within[0] for budget in budgets]))
+        position_errors = [budget.within[0] for budget in budgets]
+        worst = int(np.argmax(position_errors))
         progress(f"{samples} robots with random errors", len(states) / (len(states) + 1))
         name, q = states[worst]
         budgets[worst] = tolerances.budget(name, q, samples, np.random.default_rng(seed))

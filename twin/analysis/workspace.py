@@ -43,6 +43,9 @@ _LAST_HALF_EDGE = 12.8
 _POSITIONS_PER_EDGE = 32
 """Number of positions along the longest edge in the search for the box."""
 
+_ROUNDED_COUNT = 1e-9
+"""Part of a step by which an extent may be longer than a whole number of steps."""
+
 _REFINEMENTS = 5
 """Maximum number of refinements of the box."""
 
@@ -75,24 +78,29 @@ def passive_check(robot: Robot) -> PassiveCheck | None:
         q = _home(robot)[None]
         Ts = kin.forward_many(q)
         closes = np.isfinite(Ts).all() and check.placed(q, Ts)[1].all()
-    return check if closes else None
+    if not closes:
+        return None
+    return check
 
 
 def limited_passive_joints(robot: Robot) -> list[str]:
     """Return the names of the passive joints with limits; a joint with several limits once."""
-    names = [limit.joint.name for limit in passive_limits(robot.mechanism)]
-    return list(dict.fromkeys(names))
+    names: list[str] = []
+    for limit in passive_limits(robot.mechanism):
+        if limit.joint.name not in names:
+            names.append(limit.joint.name)
+    return names
 
 
 def limit_facts(robot: Robot, passive: PassiveCheck | None) -> dict[str, list[str]]:
     """Return the names of passive joints whose limits are kept, and of joints with limits that are not checked."""
-    kept: list[str] = []
+    kept_joints: list[str] = []
     unchecked: list[str] = []
     soft = []
     if passive is None:
         unchecked = limited_passive_joints(robot)
     else:
-        kept = limited_passive_joints(robot)
+        kept_joints = limited_passive_joints(robot)
     for joint in robot.mechanism.active:
         if joint.soft_limits is None:
             continue
@@ -101,7 +109,7 @@ def limit_facts(robot: Robot, passive: PassiveCheck | None) -> dict[str, list[st
         if soft_low > low or soft_high < high:
             soft.append(joint.name)
     return {
-        "passive_limits_kept": kept,
+        "passive_limits_kept": kept_joints,
         "passive_limits_unchecked": unchecked,
         "soft_limits_unchecked": soft,
     }
@@ -124,9 +132,9 @@ def judge(robot: Robot, grid: PoseGrid) -> PoseKernel:
 
 def chunks(grid: PoseGrid) -> Iterator[tuple[int, int]]:
     """Yield (first position, last position + 1) of chunks of about `CHUNK` poses."""
-    many = max(1, CHUNK // grid.turns)
-    for first in range(0, grid.positions, many):
-        yield first, min(first + many, grid.positions)
+    positions_per_chunk = max(1, CHUNK // grid.turns)
+    for first in range(0, grid.positions, positions_per_chunk):
+        yield first, min(first + positions_per_chunk, grid.positions)
 
 
 def evaluate(kernel: PoseKernel, grid: PoseGrid, first: int, last: int) -> np.ndarray:
@@ -136,12 +144,12 @@ def evaluate(kernel: PoseKernel, grid: PoseGrid, first: int, last: int) -> np.nd
     by_position = [value.reshape(last - first, grid.turns) for value in values]
     reached, inverse, margin, singularity = by_position
     count = reached.sum(axis=1)
-    out = np.zeros((last - first, 4), np.float32)
-    out[:, 0] = count / grid.turns
-    out[:, 1] = inverse.sum(axis=1) / np.maximum(count, 1)
-    out[:, 2] = margin.max(axis=1)
-    out[:, 3] = np.fmin.reduce(singularity, axis=1)
-    return out
+    values_of_positions = np.zeros((last - first, 4), np.float32)
+    values_of_positions[:, 0] = count / grid.turns
+    values_of_positions[:, 1] = inverse.sum(axis=1) / np.maximum(count, 1)
+    values_of_positions[:, 2] = margin.max(axis=1)
+    values_of_positions[:, 3] = np.fmin.reduce(singularity, axis=1)
+    return values_of_positions
 
 
 def centre(robot: Robot) -> Array:
@@ -199,8 +207,8 @@ def box(robot: Robot, T: Array, tilt: float = 0.0, turns: int = 1) -> tuple[Arra
 def _reached(robot: Robot, low: Array, high: Array, T: Array, tilt: float, turns: int) -> tuple[Array, float]:
     """Return (reached positions (k, 3), step) of a coarse grid between two corners, in m."""
     step = float((high - low).max() / (_POSITIONS_PER_EDGE - 1))
-    # Without 1e-9, rounding could add a layer of positions beyond the upper corner.
-    nx, ny, nz = (np.ceil((high - low) / step - 1e-9).astype(int) + 1).tolist()
+    # Without this, rounding could add a layer of positions beyond the upper corner.
+    nx, ny, nz = (np.ceil((high - low) / step - _ROUNDED_COUNT).astype(int) + 1).tolist()
     grid = PoseGrid(low=low, step=step, shape=(nx, ny, nz), R_base_tool=T[:3, :3], tilt=tilt, turns=turns)
     values = evaluate(judge(robot, grid), grid, 0, grid.positions)
     return grid.position(np.flatnonzero(values[:, 0] > 0)), step
@@ -208,6 +216,7 @@ def _reached(robot: Robot, low: Array, high: Array, T: Array, tilt: float, turns
 
 @lru_cache(maxsize=4)
 def _judge_of(source: str, protocol: str | None, packed: bytes) -> tuple[PoseKernel, PoseGrid]:
+    """Return the kernel of a robot, and the grid that is `packed`; each worker makes them once."""
     robot = load(source)
     if protocol or robot.mechanism.trocars:
         robot = robot.bound(robot.protocol(protocol))
@@ -223,8 +232,8 @@ def _remote(
     This is called in a worker process, which caches the kernel for its next chunk.
     """
     with compute_device.computing_on(choice) as device:
-        found = evaluate(*_judge_of(source, protocol, packed), first, last)
-    return found, device.name
+        values = evaluate(*_judge_of(source, protocol, packed), first, last)
+    return values, device.name
 
 
 def workspace(
@@ -257,7 +266,9 @@ def workspace(
         parts = list(chunks(grid))
         packed = pickle.dumps(grid)
         choice = compute_device.current().choice
-        tasks = [(source, protocol, packed, first, last, choice) for first, last in parts]
+        tasks = []
+        for first, last in parts:
+            tasks.append((source, protocol, packed, first, last, choice))
         names: set[str] = set()
         for done, (i, (result, name)) in enumerate(each(client, _remote, tasks), 1):
             first, last = parts[i]

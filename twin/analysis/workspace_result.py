@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from itertools import product
 
 import numpy as np
 
@@ -117,14 +116,14 @@ class Workspace(Result):
         """
         grid = self.grid
         reached = self.reached
-        good = self.values[reached]
-        share = good[:, 0].astype(float)
-        inverse = good[:, 1].astype(float)
+        reached_values = self.values[reached]
+        share = reached_values[:, 0].astype(float)
+        inverse = reached_values[:, 1].astype(float)
         low = np.full(3, np.nan)
         high = np.full(3, np.nan)
         mean_share = 0.0
         best_mm = None
-        if len(good):
+        if len(reached_values):
             positions = grid.position(np.flatnonzero(reached))
             low = positions.min(axis=0)
             high = positions.max(axis=0)
@@ -148,8 +147,8 @@ class Workspace(Result):
             "share_of_orientations": mean_share,
             "global_conditioning_index": conditioning,
             "inverse_condition_quantiles": condition_quantiles,
-            "limit_margin_quantiles": _quantiles(good[:, 2].astype(float)),
-            "smallest_singularity_measure": _least(good[:, 3]),
+            "limit_margin_quantiles": _quantiles(reached_values[:, 2].astype(float)),
+            "smallest_singularity_measure": _least(reached_values[:, 3]),
             "box_mm": {"low": (low / MM).tolist(), "high": (high / MM).tolist()},
             "best_position_mm": best_mm,
             **self.facts,
@@ -188,7 +187,7 @@ class Workspace(Result):
             size = f"{content[measure.key()]:.4g} {measure.symbol}"
             figures.append(("Reached by the tool", size, f"± {error:g} {measure.symbol} by counting cells"))
         if content["best_position_mm"] is not None:
-            position = ", ".join(f"{x:.0f}" for x in content["best_position_mm"])
+            position = _position_text(content["best_position_mm"])
             figures.append(("Best position x, y, z", f"{position} mm", "largest inverse condition number"))
         conditioning = content["global_conditioning_index"]
         if conditioning is not None:
@@ -219,9 +218,10 @@ class Workspace(Result):
         if singularity is not None:
             yield f"  singularity       smallest measure {singularity:.3g}"
         if content["best_position_mm"] is not None:
-            position = ", ".join(f"{x:.0f}" for x in content["best_position_mm"])
-            reason = " (largest inverse condition number)" if conditioning is not None else ""
-            yield f"  best position     {position} mm{reason}"
+            reason = ""
+            if conditioning is not None:
+                reason = " (largest inverse condition number)"
+            yield f"  best position     {_position_text(content['best_position_mm'])} mm{reason}"
         if content.get("passive_limits_kept"):
             names = ", ".join(content["passive_limits_kept"])
             yield f"  passive joints    limits of {names} are kept"
@@ -266,9 +266,18 @@ def _box_text(content: JsonMapping) -> str:
     return ", ".join(ranges)
 
 
+def _position_text(position_mm: list[float]) -> str:
+    """Return a position in whole millimetres, such as "12, 0, -340"."""
+    x, y, z = position_mm
+    return f"{x:.0f}, {y:.0f}, {z:.0f}"
+
+
 def _listed(quantiles: dict[str, float], digits: int) -> str:
     """Return quantiles as text, such as "5 %: 0.12, 50 %: 0.34"."""
-    return ", ".join(f"{name}: {value:.{digits}f}" for name, value in quantiles.items())
+    words = []
+    for name, value in quantiles.items():
+        words.append(f"{name}: {value:.{digits}f}")
+    return ", ".join(words)
 
 
 def volume_error(cube: np.ndarray, cell: float) -> float:
@@ -281,8 +290,9 @@ def volume_error(cube: np.ndarray, cell: float) -> float:
     `cube` (nx, ny, nz) states whether each position is reached. `cell` is the volume of one cell; the result has the
     same unit.
     """
-    starts = product(*[range(min(n, 2)) for n in cube.shape])
-    counts = [cube[i::2, j::2, k::2].sum() for i, j, k in starts]
+    counts = []
+    for i, j, k in np.ndindex(*np.minimum(cube.shape, 2)):
+        counts.append(cube[i::2, j::2, k::2].sum())
     return float(len(counts) * cell * np.std(counts))
 
 

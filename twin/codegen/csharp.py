@@ -9,7 +9,7 @@ split into methods of at most `_LONGEST` operations, and values that a later met
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import casadi as ca
@@ -49,7 +49,7 @@ _TEXT = {
     ca.OP_FABS: "Math.Abs({0})",
     ca.OP_FLOOR: "Math.Floor({0})",
     ca.OP_CEIL: "Math.Ceiling({0})",
-    # Math.Min and Math.Max return NaN if one argument is NaN, the functions of C the other argument.
+    # Math.Min and Math.Max return NaN if one argument is NaN; the functions of C return the other argument.
     ca.OP_FMIN: "Smaller({0}, {1})",
     ca.OP_FMAX: "Larger({0}, {1})",
     ca.OP_SIGN: "({0} > 0.0 ? 1.0 : {0} < 0.0 ? -1.0 : {0})",
@@ -83,18 +83,24 @@ private static double Larger(double a, double b)
 
 @dataclass
 class _Value:
-    """A computed value: the method in which its local variable is, and its entry in the array of kept values."""
+    """A computed value, in a local variable of one method.
+
+    Attributes:
+        local: name of the variable.
+        method: number of the method.
+        kept_index: its entry in the array of values that later methods need; -1 while none does.
+    """
 
     local: str
     method: int
-    kept: int = -1
+    kept_index: int = -1
 
 
 class _Splitter:
     """Writer of the statements of one function, in methods of limited length."""
 
-    def __init__(self, kept: str) -> None:
-        self.kept = kept  # name of the array of values that a later method needs
+    def __init__(self, kept_array: str) -> None:
+        self.kept_array = kept_array  # name of the array of values that a later method needs
         self.methods: list[list[str]] = [[]]
         self.values: dict[int, _Value | str] = {}  # by place in CasADi's work vector; a constant is a text
         self.count = 0
@@ -108,11 +114,11 @@ class _Splitter:
             return value
         if value.method == len(self.methods) - 1:
             return value.local
-        if value.kept < 0:
-            value.kept = self.kept_count
+        if value.kept_index < 0:
+            value.kept_index = self.kept_count
             self.kept_count += 1
-            self.methods[value.method].append(f"{self.kept}[{value.kept}] = {value.local};")
-        return f"{self.kept}[{value.kept}]"
+            self.methods[value.method].append(f"{self.kept_array}[{value.kept_index}] = {value.local};")
+        return f"{self.kept_array}[{value.kept_index}]"
 
     def put(self, place: int, text: str) -> None:
         """Write a local variable with this value, which takes a place of the work vector."""
@@ -133,10 +139,13 @@ def number(x: float) -> str:
     """Return a double as a C# literal that is read back to the same double."""
     if math.isnan(x):
         return "double.NaN"
-    if math.isinf(x):
-        return "double.PositiveInfinity" if x > 0 else "double.NegativeInfinity"
+    if x == math.inf:
+        return "double.PositiveInfinity"
+    if x == -math.inf:
+        return "double.NegativeInfinity"
     text = repr(float(x))
-    if x < 0 or text.startswith("-"):
+    # in brackets, because an operand may follow another sign; -0.0 is not below 0
+    if text.startswith("-"):
         return f"({text})"
     return text
 
@@ -157,24 +166,24 @@ def method(name: str, function: ca.Function, inputs: Sequence[Place], outputs: S
     if not function.is_a("SXFunction"):
         raise ValueError(f"function '{function.name()}' is not a CasADi function of scalars (SX)")
     _require_dense(function)
-    first_input = _starts([function.numel_in(i) for i in range(function.n_in())])
-    first_output = _starts([function.numel_out(i) for i in range(function.n_out())])
+    first_input = _starts(map(function.numel_in, range(function.n_in())))
+    first_output = _starts(map(function.numel_out, range(function.n_out())))
     for what, places, count in (("inputs", inputs, first_input[-1]), ("outputs", outputs, first_output[-1])):
         if len(places) != count:
             raise ValueError(f"function '{function.name()}' has {count} {what}; {len(places)} places are given")
 
     splitter = _Splitter(f"kept{name}")
     results: dict[int, str | _Value] = {}
-    for k in range(function.n_instructions()):
-        op = function.instruction_id(k)
-        sources = function.instruction_input(k)
-        targets = function.instruction_output(k)
+    for instruction in range(function.n_instructions()):
+        op = function.instruction_id(instruction)
+        sources = function.instruction_input(instruction)
+        targets = function.instruction_output(instruction)
         if op == ca.OP_OUTPUT:
             output, entry = targets
             results[first_output[output] + entry] = splitter.values[sources[0]]
             continue
         if op == ca.OP_CONST:
-            splitter.values[targets[0]] = number(function.instruction_constant(k))
+            splitter.values[targets[0]] = number(function.instruction_constant(instruction))
             continue
         splitter.begin_operation()
         if op == ca.OP_INPUT:
@@ -184,12 +193,12 @@ def method(name: str, function: ca.Function, inputs: Sequence[Place], outputs: S
             continue
         if op not in _TEXT:
             raise ValueError(f"function '{function.name()}': CasADi's operation {op} cannot be written in C#")
-        operands = [splitter.operand(source) for source in sources]
+        operands = list(map(splitter.operand, sources))
         splitter.put(targets[0], _TEXT[op].format(*operands))
 
+    # last, because an array may be an input as well
     for entry, (array, index) in enumerate(outputs):
-        value = results.get(entry, "0.0")
-        splitter.values[-1] = value
+        splitter.values[-1] = results.get(entry, "0.0")  # a place that no instruction has
         text = splitter.operand(-1)
         splitter.methods[-1].append(f"{array}[{index}] = {text};")
     return _members(name, splitter)
@@ -197,8 +206,11 @@ def method(name: str, function: ca.Function, inputs: Sequence[Place], outputs: S
 
 def _require_dense(function: ca.Function) -> None:
     """Raise ValueError if an argument or result is sparse: CasADi counts its nonzeros, places count all numbers."""
-    tables = [("argument", function.name_in(i), function.sparsity_in(i)) for i in range(function.n_in())]
-    tables += [("result", function.name_out(i), function.sparsity_out(i)) for i in range(function.n_out())]
+    tables = []
+    for i in range(function.n_in()):
+        tables.append(("argument", function.name_in(i), function.sparsity_in(i)))
+    for i in range(function.n_out()):
+        tables.append(("result", function.name_out(i), function.sparsity_out(i)))
     for what, name, sparsity in tables:
         if not sparsity.is_dense():
             raise ValueError(
@@ -207,7 +219,7 @@ def _require_dense(function: ca.Function) -> None:
             )
 
 
-def _starts(counts: Sequence[int]) -> list[int]:
+def _starts(counts: Iterable[int]) -> list[int]:
     """Return the index of the first number of each argument or result, and the total count."""
     starts = [0]
     for count in counts:
@@ -220,7 +232,7 @@ def _members(name: str, splitter: _Splitter) -> list[str]:
     lines: list[str] = []
     if len(splitter.methods) == 1:
         return [f"private void {name}()", "{", *_indented(splitter.methods[0]), "}"]
-    lines.append(f"private readonly double[] {splitter.kept} = new double[{splitter.kept_count}];")
+    lines.append(f"private readonly double[] {splitter.kept_array} = new double[{splitter.kept_count}];")
     lines += ["", f"private void {name}()", "{"]
     for part in range(len(splitter.methods)):
         lines.append(f"    {name}Part{part}();")
@@ -231,4 +243,5 @@ def _members(name: str, splitter: _Splitter) -> list[str]:
 
 
 def _indented(statements: Sequence[str]) -> list[str]:
+    """Return the statements of a method as its lines."""
     return [f"    {statement}" for statement in statements]

@@ -94,17 +94,17 @@ _COSINE = (
 )
 """Polynomial coefficients of sine and cosine from FreeBSD's msun (k_sin.c, k_cos.c), highest power first."""
 
-_ROUND = 1.5 * 2.0**52
+_ROUNDING_SHIFT = 1.5 * 2.0**52
 """Constant c for rounding: the lowest bits of the double x + c contain the integer nearest to x."""
 
-_SMALLEST = 1e-300
-_LARGEST = 1e300
+_SMALLEST_DIVISOR = 1e-300
+_LARGEST_DIVISOR = 1e300
 """Sizes of numbers between which a reciprocal neither overflows nor loses digits."""
 
-_AHEAD = 4
+_PREFETCH_DISTANCE = 4
 """Number of vectors between the vector being computed and the vector that is prefetched from memory."""
 
-_TURNS = 1e9
+_LARGEST_ANGLE = 1e9
 """Absolute value in rad above which sine and cosine return NaN, because the argument is not precise enough."""
 
 
@@ -210,16 +210,14 @@ class _Writer:
         """Write a call of a function that LLVM provides for vectors; return the LLVM name of its result."""
         function = f"{self.V} @llvm.{name}.{self.suffix}"
         types = ", ".join([self.V] * len(arguments))
-        values = ", ".join(f"{self.V} {argument}" for argument in arguments)
         self.declared.add(f"declare {function}({types})")
-        return self.put(f"call {function}({values})")
+        return self.put(f"call {function}({_typed(self.V, arguments)})")
 
     def library(self, name: str, *arguments: str) -> str:
         """Write a call of a function of the C library; return the LLVM name of its result."""
         types = ", ".join(["double"] * len(arguments))
-        values = ", ".join(f"double {argument}" for argument in arguments)
         self.declared.add(f"declare double @{name}({types}) nounwind memory(none)")
-        return self.put(f"call double @{name}({values})")
+        return self.put(f"call double @{name}({_typed('double', arguments)})")
 
     def choose(self, condition: str, a: str, b: str) -> str:
         """Return the LLVM name of a where a condition is true, else of b."""
@@ -248,11 +246,14 @@ class _Writer:
             raise ValueError(f"function '{function.name()}' is not a CasADi function of scalars (SX)")
         memory = _Memory(radicands=_radicands(function), reciprocals=reciprocals)
         zero = self.constant(0.0)
-        results = [[zero] * function.numel_out(i) for i in range(function.n_out())]
-        for k in range(function.n_instructions()):
-            op = function.instruction_id(k)
-            sources = function.instruction_input(k)
-            targets = function.instruction_output(k)
+        results = []
+        for output in range(function.n_out()):
+            # an entry that no instruction writes is 0
+            results.append([zero] * function.numel_out(output))
+        for instruction in range(function.n_instructions()):
+            op = function.instruction_id(instruction)
+            sources = function.instruction_input(instruction)
+            targets = function.instruction_output(instruction)
             if op == ca.OP_OUTPUT:
                 output, entry = targets
                 results[output][entry] = memory.names[sources[0]]
@@ -263,32 +264,33 @@ class _Writer:
                 memory.names[target] = self.value(arguments[argument][entry])
                 continue
             if op == ca.OP_CONST:
-                number = function.instruction_constant(k)
+                number = function.instruction_constant(instruction)
                 memory.names[target] = self.constant(number)
                 memory.numbers[memory.names[target]] = number
                 continue
             operands = [memory.names[source] for source in sources]
-            result = self._operation(op, k, operands, memory)
+            result = self._operation(op, instruction, operands, memory)
             if result is None:
                 raise ValueError(f"function '{function.name()}': CasADi's operation {op} cannot be compiled")
             memory.names[target] = result
         return results
 
-    def _operation(self, op: int, k: int, operands: Sequence[str], memory: _Memory) -> str | None:
+    def _operation(self, op: int, instruction: int, operands: Sequence[str], memory: _Memory) -> str | None:
         """Return the LLVM name of the result of instruction k, an operation; None if it cannot be compiled."""
         if self.exact and op in _LIBRARY:
             return self.library(_LIBRARY[op], *operands)
         a = operands[0]
         b = operands[-1]  # of an operation with one operand, this operand
         if op in _ARITHMETIC:
-            return self._arithmetic(op, k, a, b, memory)
+            return self._arithmetic(op, instruction, a, b, memory)
         if op in (ca.OP_SIN, ca.OP_COS):
-            if a not in memory.sines:
-                memory.sines[a] = self._sine_of_point(*memory.points[a]) if a in memory.points else self._sine(a)
-            sine, cosine = memory.sines[a]
-            return sine if op == ca.OP_SIN else cosine
+            sine, cosine = self._sine_cosine(a, memory)
+            if op == ca.OP_SIN:
+                return sine
+            return cosine
         if op in lowered():
-            ((result,),) = self.call(lowered()[op], [[operand] for operand in operands])
+            arguments = [[operand] for operand in operands]
+            ((result,),) = self.call(lowered()[op], arguments)
             if op == ca.OP_ATAN2:
                 memory.points[result] = (a, b)
             return result
@@ -298,7 +300,7 @@ class _Writer:
             return self._logical(op, a, b)
         return None
 
-    def _arithmetic(self, op: int, k: int, a: str, b: str, memory: _Memory) -> str:
+    def _arithmetic(self, op: int, instruction: int, a: str, b: str, memory: _Memory) -> str:
         """Return the LLVM name of the result of one of the operations `_ARITHMETIC`; of one operand, `b` is `a`."""
         V = self.V
         if op == ca.OP_DIV:
@@ -308,7 +310,9 @@ class _Writer:
         if op == ca.OP_SQ:
             return self._product(a, a, memory.products)
         if op in (ca.OP_ADD, ca.OP_SUB):
-            products = {} if k in memory.radicands else memory.products
+            products = memory.products
+            if instruction in memory.radicands:
+                products = {}  # nothing is fused: see the docstring of this module
             return self._sum(a, b, products, minus=op == ca.OP_SUB)
         if op == ca.OP_TWICE:
             return self.put(f"fadd {V} {a}, {a}")
@@ -342,7 +346,9 @@ class _Writer:
         if op in _COMPARED:
             condition = self.put(f"fcmp {_COMPARED[op]} {self.V} {a}, {b}")
         else:
-            word = "and" if op == ca.OP_AND else "or"
+            word = "or"
+            if op == ca.OP_AND:
+                word = "and"
             condition = self.put(f"{word} {self.B} {self.true(a)}, {self.true(b)}")
         return self.choose(condition, one, zero)
 
@@ -368,8 +374,18 @@ class _Writer:
             if minus:
                 b = self.put(f"fneg {V} {b}")
             return self.intrinsic("fma", first, second, b)
-        word = "fsub" if minus else "fadd"
-        return self.put(f"{word} {V} {a}, {b}")
+        if minus:
+            return self.put(f"fsub {V} {a}, {b}")
+        return self.put(f"fadd {V} {a}, {b}")
+
+    def _sine_cosine(self, angle: str, memory: _Memory) -> tuple[str, str]:
+        """Return the LLVM names of sine and cosine of an angle, which are computed once."""
+        if angle not in memory.sines:
+            if angle in memory.points:
+                memory.sines[angle] = self._sine_of_point(*memory.points[angle])
+            else:
+                memory.sines[angle] = self._sine(angle)
+        return memory.sines[angle]
 
     def _sine(self, x: str) -> tuple[str, str]:
         """Return the LLVM names of sine and cosine of x."""
@@ -407,21 +423,31 @@ class _Writer:
         return y
 
 
+def _typed(type_name: str, arguments: Sequence[str]) -> str:
+    """Return the arguments of a call, each after its LLVM type."""
+    return ", ".join(f"{type_name} {argument}" for argument in arguments)
+
+
+def _numbered(prefix: str, count: int) -> list[str]:
+    """Return `count` LLVM names: the prefix, then a number from 0."""
+    return [f"{prefix}{number}" for number in range(count)]
+
+
 def _radicands(function: ca.Function) -> set[int]:
     """Return the instructions that add or subtract terms of what a square root is taken of."""
     instructions: set[int] = set()
     rooted: set[int] = set()  # places of the work vector whose next reader is a root, seen from the end
-    for k in reversed(range(function.n_instructions())):
-        op = function.instruction_id(k)
+    for instruction in reversed(range(function.n_instructions())):
+        op = function.instruction_id(instruction)
         if op == ca.OP_OUTPUT:
             continue
-        target = function.instruction_output(k)[0]
+        target = function.instruction_output(instruction)[0]
         holds_term = target in rooted and op in _TERMS
         rooted.discard(target)
         if holds_term:
-            instructions.add(k)
+            instructions.add(instruction)
         if holds_term or op == ca.OP_SQRT:
-            rooted.update(function.instruction_input(k))
+            rooted.update(function.instruction_input(instruction))
     return instructions
 
 
@@ -432,11 +458,11 @@ def _sines(width: int) -> _Writer:
     integers = w.I
     pair = f"{{{V}, {V}}}"
     # the number of the quadrant, and r = x - quadrant * pi/2 within +-pi/4
-    shifted = w.intrinsic("fma", "%x", w.constant(2 / 3.141592653589793), w.constant(_ROUND))
-    quadrant = w.put(f"fsub {V} {shifted}, {w.constant(_ROUND)}")
+    shifted = w.intrinsic("fma", "%x", w.constant(2 / 3.141592653589793), w.constant(_ROUNDING_SHIFT))
+    quadrant = w.put(f"fsub {V} {shifted}, {w.constant(_ROUNDING_SHIFT)}")
     minus_quadrant = w.put(f"fneg {V} {quadrant}")
     size = w.intrinsic("fabs", "%x")
-    precise = w.put(f"fcmp olt {V} {size}, {w.constant(_TURNS)}")
+    precise = w.put(f"fcmp olt {V} {size}, {w.constant(_LARGEST_ANGLE)}")
     r = w.choose(precise, "%x", w.constant(float("nan")))
     for part in _HALF_PI:
         r = w.intrinsic("fma", minus_quadrant, w.constant(part), r)
@@ -454,17 +480,17 @@ def _sines(width: int) -> _Writer:
     last_bit = w.put(f"and {integers} {bits}, {w.integer(1)}")
     odd = w.put(f"icmp ne {integers} {last_bit}, {w.integer(0)}")
     values = (w.choose(odd, cosine, sine), w.choose(odd, sine, cosine))
-    both = "undef"
-    for i, value in enumerate(values):
+    pair_value = "undef"
+    for component, value in enumerate(values):
         # The sign is bit 1 of the quadrant number (sine), or of the number of the next quadrant (cosine).
-        number = w.put(f"add {integers} {bits}, {w.integer(i)}")
-        moved = w.put(f"shl {integers} {number}, {w.integer(62)}")
-        sign = w.put(f"and {integers} {moved}, {w.integer(-(2**63))}")
+        number = w.put(f"add {integers} {bits}, {w.integer(component)}")
+        shifted_number = w.put(f"shl {integers} {number}, {w.integer(62)}")
+        sign = w.put(f"and {integers} {shifted_number}, {w.integer(-(2**63))}")
         value_bits = w.put(f"bitcast {V} {value} to {integers}")
         signed_bits = w.put(f"xor {integers} {value_bits}, {sign}")
         signed = w.put(f"bitcast {integers} {signed_bits} to {V}")
-        both = w.put(f"insertvalue {pair} {both}, {V} {signed}, {i}")
-    w.line(f"ret {pair} {both}")
+        pair_value = w.put(f"insertvalue {pair} {pair_value}, {V} {signed}, {component}")
+    w.line(f"ret {pair} {pair_value}")
     w.lines = [f"define internal {pair} @sines({V} %x) alwaysinline nounwind {{", *w.lines, "}"]
     return w
 
@@ -497,60 +523,77 @@ def emit(
         ValueError: an operation is not supported, or a function is not an SX function.
     """
     w = _Writer(width, exact)
-    V = w.V
     head: list[str] = []
-    known: dict[str, list[str]] = {}  # {argument or result: LLVM names of its numbers}
+    value_names: dict[str, list[str]] = {}  # {argument or result: LLVM names of its numbers}
     carried_names = []
     for name, count in carried.items():
-        known[name] = [f"%c.{name}.{i}" for i in range(count)]
-        carried_names += known[name]
+        value_names[name] = _numbered(f"%c.{name}.", count)
+        carried_names += value_names[name]
     number = 0
     for name, count in inputs.items():
-        known[name] = [f"%in.{name}.{i}" for i in range(count)]
-        for value in known[name]:
+        value_names[name] = _numbered(f"%in.{name}.", count)
+        for value in value_names[name]:
             head += _pointer("in", number)
             w.waiting[value] = number
             number += 1
     block = "loop"
     for i, stage in enumerate(stages):
         if stage.repeat == 1:
-            arguments = [known[name] for name in stage.takes]
+            arguments = list(map(value_names.__getitem__, stage.takes))
             values = w.call(stage.function, arguments, stage.reciprocals)
-            known |= zip(stage.gives, values, strict=True)
+            value_names |= zip(stage.gives, values, strict=True)
         else:
-            block = _repeated(w, i, stage, known, block)
-    counts = {name: len(known[name]) for name in outputs}
-    if width > 1:
-        # inputs that no stage uses are not loaded
-        read = [f"%in{k}" for k in range(number) if k not in w.waiting.values()]
-        written = [f"%out{k}" for k in range(sum(counts.values()))]
-        _prefetch(w, read, written)
+            block = _repeated(w, i, stage, value_names, block)
+    counts = {}
     results = []
     for name in outputs:
-        results += known[name]
+        counts[name] = len(value_names[name])
+        results += value_names[name]
+    if width > 1:
+        read = []
+        for input_number in range(number):
+            if input_number not in w.waiting.values():  # inputs that no stage uses are not loaded
+                read.append(f"%in{input_number}")
+        _prefetch(w, read, _numbered("%out", len(results)))
     _store(w, results, head)
     first = "%begin"
     step = width
-    more = "slt i64 %next, %end"
+    loop_condition = "slt i64 %next, %end"
     if backwards:
         first = "%last"
         step = -width
-        more = "sge i64 %next, %begin"
+        loop_condition = "sge i64 %next, %begin"
     head.append(f"  %last = sub i64 %end, {width}")
-    phis = [f"  %i = phi i64 [ {first}, %entry ], [ %next, %latch ]"]
-    tail = []
     final_values = []
     for name in carried:
-        final_values += known[name]
-    for k, (name, final_value) in enumerate(zip(carried_names, final_values, strict=True)):
-        value = w.value(final_value)
-        head.append(f"  %cp{k} = getelementptr double, ptr %carry, i64 {k}")
-        head.append(f"  %c{k} = load {V}, ptr %cp{k}, align 8")
-        phis.append(f"  {name} = phi {V} [ %c{k}, %entry ], [ {value}, %latch ]")
-        tail.append(f"  store {V} {value}, ptr %cp{k}, align 8")
-    body = [*phis, *w.lines]
-    latch = [f"  %next = add i64 %i, {step}", f"  %more = icmp {more}"]
+        final_values += value_names[name]
+    carried_phis, tail = _carry(w, carried_names, final_values, head)
+    body = [f"  %i = phi i64 [ {first}, %entry ], [ %next, %latch ]", *carried_phis, *w.lines]
+    latch = [f"  %next = add i64 %i, {step}", f"  %more = icmp {loop_condition}"]
     return _module(w, head, body, latch, tail), counts
+
+
+def _carry(
+    w: _Writer, carried_names: Sequence[str], final_values: Sequence[str], head: list[str]
+) -> tuple[list[str], list[str]]:
+    """Return the lines that take carried values from the sample before, and those that store the last ones.
+
+    Args:
+        w: the writer.
+        carried_names: LLVM names of the carried numbers.
+        final_values: LLVM names of their values after a sample.
+        head: lines before the loop, which get those that load the initial values.
+    """
+    V = w.V
+    phis = []
+    stores = []
+    for number, (name, final_value) in enumerate(zip(carried_names, final_values, strict=True)):
+        value = w.value(final_value)
+        head.append(f"  %cp{number} = getelementptr double, ptr %carry, i64 {number}")
+        head.append(f"  %c{number} = load {V}, ptr %cp{number}, align 8")
+        phis.append(f"  {name} = phi {V} [ %c{number}, %entry ], [ {value}, %latch ]")
+        stores.append(f"  store {V} {value}, ptr %cp{number}, align 8")
+    return phis, stores
 
 
 def _module(w: _Writer, head: list[str], body: list[str], latch: list[str], tail: list[str]) -> str:
@@ -558,9 +601,9 @@ def _module(w: _Writer, head: list[str], body: list[str], latch: list[str], tail
     declared = w.declared
     sines = []
     if w.sines:
-        writer = _sines(w.width)
-        sines = writer.lines
-        declared = declared | writer.declared
+        sine_writer = _sines(w.width)
+        sines = sine_writer.lines
+        declared = declared | sine_writer.declared
     text = [
         *sorted(declared),
         *sines,
@@ -593,13 +636,13 @@ def _store(w: _Writer, names: Sequence[str], head: list[str]) -> None:
 
 def _invertible(x: float) -> bool:
     """Return whether multiplication by 1 / x equals division by x, except for rounding."""
-    return _SMALLEST < abs(x) < _LARGEST
+    return _SMALLEST_DIVISOR < abs(x) < _LARGEST_DIVISOR
 
 
 def _prefetch(w: _Writer, inputs: Sequence[str], outputs: Sequence[str]) -> None:
     """Write instructions that prefetch the next samples: processors prefetch only a few arrays automatically."""
     w.declared.add("declare void @llvm.prefetch.p0(ptr, i32, i32, i32)")
-    ahead = w.put(f"add i64 %i, {_AHEAD * w.width}")
+    ahead = w.put(f"add i64 %i, {_PREFETCH_DISTANCE * w.width}")
     for writing, arrays in enumerate((inputs, outputs)):
         for array in arrays:
             address = w.put(f"getelementptr double, ptr {array}, i64 {ahead}")
@@ -614,21 +657,21 @@ def _pointer(kind: str, number: int) -> list[str]:
     ]
 
 
-def _repeated(w: _Writer, number: int, stage: Stage, known: dict[str, list[str]], before: str) -> str:
+def _repeated(w: _Writer, number: int, stage: Stage, value_names: dict[str, list[str]], before: str) -> str:
     """Write a stage that is repeated until its error is small; return the label of the next block."""
     block = f"repeat{number}"
     after = f"after{number}"
     # loaded before the loop, not in each call
     for name in stage.takes:
-        known[name] = [w.value(value) for value in known[name]]
+        value_names[name] = list(map(w.value, value_names[name]))
     w.line(f"br label %{block}")
     w.lines.append(f"{block}:")
     place_of_phis = len(w.lines)
-    arguments = dict(known)
+    arguments = dict(value_names)
     fed_back = [name for name in stage.gives if name in stage.takes]
     for name in fed_back:
-        arguments[name] = [f"%f{number}.{name}.{i}" for i in range(len(known[name]))]
-    values = w.call(stage.function, [arguments[name] for name in stage.takes], stage.reciprocals)
+        arguments[name] = _numbered(f"%f{number}.{name}.", len(value_names[name]))
+    values = w.call(stage.function, list(map(arguments.__getitem__, stage.takes)), stage.reciprocals)
     results = dict(zip(stage.gives, values, strict=True))
     # false for NaN: a sample without solution does not delay the others
     above = w.put(f"fcmp ogt {w.V} {results['error'][0]}, {w.constant(stage.tolerance)}")
@@ -637,15 +680,15 @@ def _repeated(w: _Writer, number: int, stage: Stage, known: dict[str, list[str]]
     if w.width > 1:
         above = _keep_finished(w, number, results, arguments, fed_back, above, phis, (before, block))
     for name in fed_back:
-        for argument, first, next_value in zip(arguments[name], known[name], results[name], strict=True):
+        for argument, first, next_value in zip(arguments[name], value_names[name], results[name], strict=True):
             phis.append(f"  {argument} = phi {w.V} [ {first}, %{before} ], [ {next_value}, %{block} ]")
     w.lines[place_of_phis:place_of_phis] = phis
     w.line(f"%kn{number} = add i64 %k{number}, 1")
     calls_left = w.put(f"icmp slt i64 %k{number}, {stage.repeat}")
-    again = w.put(f"and i1 {above}, {calls_left}")
-    w.line(f"br i1 {again}, label %{block}, label %{after}")
+    is_repeated = w.put(f"and i1 {above}, {calls_left}")
+    w.line(f"br i1 {is_repeated}, label %{block}, label %{after}")
     w.lines.append(f"{after}:")
-    known |= results
+    value_names |= results
     return after
 
 
@@ -679,14 +722,14 @@ def _keep_finished(
         if name in fed_back:
             last_values = arguments[name]
         else:
-            last_values = [f"%last{number}.{k}.{i}" for i in range(len(values))]
-        kept = []
+            last_values = _numbered(f"%last{number}.{k}.", len(values))
+        lane_results = []
         for value, last in zip(values, last_values, strict=True):
-            kept.append(w.choose(unfinished, value, last))
+            lane_results.append(w.choose(unfinished, value, last))
         if name not in fed_back:
-            for value, last in zip(kept, last_values, strict=True):
+            for value, last in zip(lane_results, last_values, strict=True):
                 phis.append(f"  {last} = phi {w.V} [ {w.constant(0.0)}, %{before} ], [ {value}, %{block} ]")
-        results[name] = kept
+        results[name] = lane_results
     goes_on = w.put(f"and {w.B} {unfinished}, {above}")
     phis.append(f"  {unfinished} = phi {w.B} [ splat (i1 true), %{before} ], [ {goes_on}, %{block} ]")
     any_lane = f"i1 @llvm.vector.reduce.or.v{w.width}i1"

@@ -19,14 +19,17 @@ from twin.core.spatial import Array
 _LANES = 2
 """Number of blocks under way: while one is computed, the other one is copied."""
 
-_BLOCK = 1 << 18
+_BLOCK_SAMPLES = 1 << 18
 """Maximum number of samples in a block; a GPU has 1e5 threads under way at once."""
 
-_SHARE = 0.5
+_MEMORY_SHARE = 0.5
 """Maximum share of the GPU's free memory that is reserved; other programs use the GPU as well."""
 
-_LAUNCH = 1e-4
+_LAUNCH_S = 1e-4
 """Time in s for starting the work of a block, and for one pass of Python over it."""
+
+_DOUBLE = 8
+"""Bytes of a number."""
 
 _BYTES_PER_S = 5e9
 """Rate of copies to and from the GPU on which a decision rests: a third of what PCIe 3 transfers."""
@@ -64,7 +67,9 @@ class _Lane:
     @property
     def count(self) -> int:
         """Number of doubles that are reserved on the GPU."""
-        return 0 if self._array is None else len(self._array)
+        if self._array is None:
+            return 0
+        return len(self._array)
 
 
 class _Lanes:
@@ -83,16 +88,17 @@ class _Lanes:
 
 @cache
 def _lanes(gpu: Gpu) -> _Lanes:
+    """Return the lanes of a GPU, which all kernels share."""
     return _Lanes(gpu)
 
 
 @dataclass(frozen=True)
 class _Block:
-    """Samples `first` to `last` - 1 on their way through a lane."""
+    """Samples `first` to `last` - 1 on their way through a lane: its numbers before and after the computation."""
 
     lane: _Lane
-    given: Array
-    computed: Array
+    inputs: Array
+    outputs: Array
     first: int
     last: int
 
@@ -122,11 +128,11 @@ class GpuKernel:
         if self._seconds_per_sample > 0:
             return self._seconds_per_sample * samples
         numbers = self.inputs + self.outputs
-        copying = 8 * numbers * samples / _BYTES_PER_S
-        starting = _LAUNCH * math.ceil(samples / _BLOCK)
+        copying = _DOUBLE * numbers * samples / _BYTES_PER_S
+        starting = _LAUNCH_S * math.ceil(samples / _BLOCK_SAMPLES)
         return copying + starting
 
-    def columns(self, gpu: Gpu, given: Sequence[Array], results: Sequence[Array], begin: int, end: int) -> None:
+    def columns(self, gpu: Gpu, input_arrays: Sequence[Array], results: Sequence[Array], begin: int, end: int) -> None:
         """Compute samples `begin` to `end` - 1; arrays are (c, k), a column for each sample.
 
         Raises:
@@ -134,24 +140,24 @@ class GpuKernel:
         """
 
         def fill(block: _Block) -> None:
-            rows = block.given.reshape(self.inputs, -1)
+            rows = block.inputs.reshape(self.inputs, -1)
             samples = block.last - block.first
-            at = 0
-            for array in given:
-                rows[at : at + len(array), :samples] = array[:, block.first : block.last]
-                at += len(array)
+            row = 0
+            for array in input_arrays:
+                rows[row : row + len(array), :samples] = array[:, block.first : block.last]
+                row += len(array)
 
         def drain(block: _Block) -> None:
-            rows = block.computed.reshape(self.outputs, -1)
+            rows = block.outputs.reshape(self.outputs, -1)
             samples = block.last - block.first
-            at = 0
+            row = 0
             for array in results:
-                array[:, block.first : block.last] = rows[at : at + len(array), :samples]
-                at += len(array)
+                array[:, block.first : block.last] = rows[row : row + len(array), :samples]
+                row += len(array)
 
         self._stream(gpu, begin, end, fill, drain, by_rows=False)
 
-    def rows(self, gpu: Gpu, given: Array, results: Array, begin: int, end: int) -> None:
+    def rows(self, gpu: Gpu, input_array: Array, results: Array, begin: int, end: int) -> None:
         """Compute samples `begin` to `end` - 1; arrays are (k, c), a row for each sample.
 
         Raises:
@@ -160,11 +166,11 @@ class GpuKernel:
 
         def fill(block: _Block) -> None:
             samples = block.last - block.first
-            block.given.reshape(-1, self.inputs)[:samples] = given[block.first : block.last]
+            block.inputs.reshape(-1, self.inputs)[:samples] = input_array[block.first : block.last]
 
         def drain(block: _Block) -> None:
             samples = block.last - block.first
-            results[block.first : block.last] = block.computed.reshape(-1, self.outputs)[:samples]
+            results[block.first : block.last] = block.outputs.reshape(-1, self.outputs)[:samples]
 
         self._stream(gpu, begin, end, fill, drain, by_rows=True)
 
@@ -200,11 +206,11 @@ class GpuKernel:
                     if len(under_way) == _LANES:
                         self._finish(gpu, under_way, drain)
                     lane = lanes.lanes[turn % _LANES]
-                    numbers, given_address = lane.memory(size * (self.inputs + self.outputs))
-                    given = numbers[: size * self.inputs]
-                    computed = numbers[size * self.inputs :]
-                    computed_address = int(given_address) + given.nbytes
-                    block = _Block(lane, given, computed, first, min(first + size, end))
+                    numbers, input_address = lane.memory(size * (self.inputs + self.outputs))
+                    inputs = numbers[: size * self.inputs]
+                    outputs = numbers[size * self.inputs :]
+                    output_address = int(input_address) + inputs.nbytes
+                    block = _Block(lane, inputs, outputs, first, min(first + size, end))
                     fill(block)
                     samples = block.last - first
                     if by_rows:
@@ -213,11 +219,11 @@ class GpuKernel:
                     else:
                         distances_in = (size, 1)
                         distances_out = (size, 1)
-                    arguments = (samples, given_address, *distances_in, computed_address, *distances_out)
+                    arguments = (samples, input_address, *distances_in, output_address, *distances_out)
                     under_way.append(block)
-                    gpu.copy_to(given_address, given, lane.stream)
+                    gpu.copy_to(input_address, inputs, lane.stream)
                     gpu.launch(function, math.ceil(samples / THREADS), THREADS, arguments, lane.stream)
-                    gpu.copy_from(computed, computed_address, lane.stream)
+                    gpu.copy_from(outputs, output_address, lane.stream)
                 while under_way:
                     self._finish(gpu, under_way, drain)
             except BaseException:
@@ -240,11 +246,14 @@ class GpuKernel:
         Raises:
             GpuError: the memory is too small for a block of one sample per thread of the smallest launch.
         """
-        bytes_per_sample = 8 * (self.inputs + self.outputs)
-        usable = _SHARE * (gpu.free_bytes() + 8 * lanes.count)
+        bytes_per_sample = _DOUBLE * (self.inputs + self.outputs)
+        # what the lanes hold already is not free, but can be replaced
+        usable = _MEMORY_SHARE * (gpu.free_bytes() + _DOUBLE * lanes.count)
         most = int(usable / (_LANES * bytes_per_sample))
         if most < min(samples, THREADS):
-            wanted = _LANES * bytes_per_sample * THREADS / _SHARE
+            needed_bytes = _LANES * bytes_per_sample * THREADS / _MEMORY_SHARE
             free = f"{gpu.name} has {gpu.free_bytes() / 1e6:.3g} MB of free memory"
-            raise GpuError(f"{free}; a kernel needs {wanted / 1e6:.3g} MB: end other programs, or choose --device cpu")
-        return min(samples, _BLOCK, most)
+            raise GpuError(
+                f"{free}; a kernel needs {needed_bytes / 1e6:.3g} MB: end other programs, or choose --device cpu"
+            )
+        return min(samples, _BLOCK_SAMPLES, most)

@@ -27,19 +27,19 @@ from twin.core.spatial import Array
 _CHUNK = 4096
 """Minimum number of samples in a chunk. A chunk acquires Python's lock once."""
 
-_PIECES = 64
+_MOST_CHUNKS = 64
 """Maximum number of chunks."""
 
 _BLOCK = 1024
 """Number of samples in a block that is transposed at once: input and output (20 numbers each) fit into the cache."""
 
-_WORTH = 2e-4
+_WORTHWHILE_S = 2e-4
 """Minimum computing time in s for which a further thread is used."""
 
-_MANY = 4096
+_FEWEST_GPU_SAMPLES = 4096
 """Minimum number of samples for which a GPU is used."""
 
-_LOADING = 1.0
+_LOADING_S = 1.0
 """Time in s for loading a kernel into a GPU. A kernel has taken as long on the processor before a GPU is considered.
 
 How many calls will follow is not known: with this rule, a GPU that is faster costs at most about this time in vain.
@@ -122,29 +122,33 @@ class Kernel:
         """
         if len(arrays) != len(self.inputs):
             raise ValueError(f"{len(arrays)} arrays given, expected one for each of {', '.join(self.inputs)}")
-        k = arrays[0].shape[-1] if arrays else 0
-        given = []
+        sample_count = 0
+        if arrays:
+            sample_count = arrays[0].shape[-1]
+        input_arrays = []
         for (name, count), array in zip(self.inputs.items(), arrays, strict=True):
-            if array.shape != (count, k):
-                raise ValueError(f"'{name}' has shape {array.shape}, not {(count, k)}")
+            if array.shape != (count, sample_count):
+                raise ValueError(f"'{name}' has shape {array.shape}, not {(count, sample_count)}")
             # Each row (the samples of one number) must be contiguous in memory; the rows need not be adjacent.
-            packed = array.dtype == np.float64 and (k <= 1 or array.strides[1] == array.itemsize)
-            given.append(array if packed else np.ascontiguousarray(array, np.float64))
+            has_packed_rows = sample_count <= 1 or array.strides[1] == array.itemsize
+            if array.dtype != np.float64 or not has_packed_rows:
+                array = np.ascontiguousarray(array, np.float64)
+            input_arrays.append(array)
         if out is None:
-            results = self._zeros(k)
+            results = self._zeros(sample_count)
         else:
             results = tuple(out)
-            self._check_out(results, k)
+            self._check_out(results, sample_count)
 
         def compute(card: Gpu, kernel: GpuKernel) -> None:
-            kernel.columns(card, given, results, 0, k)
+            kernel.columns(card, input_arrays, results, 0, sample_count)
 
-        if self._on_gpu(k, compute):
+        if self._on_gpu(sample_count, compute):
             return results
-        whole = k - k % self._width
-        self._run(given, results, 0, whole, carry, threads)
-        if whole < k:
-            self._run_rest(given, results, whole, carry)
+        full_vectors_end = sample_count - sample_count % self._width
+        self._run(input_arrays, results, 0, full_vectors_end, carry, threads)
+        if full_vectors_end < sample_count:
+            self._run_rest(input_arrays, results, full_vectors_end, carry)
         return results
 
     def _on_gpu(self, samples: int, compute: Callable[[Gpu, GpuKernel], None], seconds: float | None = None) -> bool:
@@ -161,14 +165,14 @@ class Kernel:
         choice = compute_device.current().choice
         if choice == "gpu":
             card = gpu.required()
-            if samples < _MANY or self.for_gpu is None:
+            if samples < _FEWEST_GPU_SAMPLES or self.for_gpu is None:
                 return False
             compute(card, self.for_gpu)
             return True
-        if choice == "cpu" or seconds is None or samples < _MANY or self._fails_on_gpu:
+        if choice == "cpu" or seconds is None or samples < _FEWEST_GPU_SAMPLES or self._fails_on_gpu:
             return False
         self._busy += seconds
-        if self._busy < _LOADING:
+        if self._busy < _LOADING_S:
             return False
         card, _ = gpu.found()
         if card is None or self.for_gpu is None or self.for_gpu.seconds(samples) >= seconds:
@@ -194,34 +198,36 @@ class Kernel:
             return None
         return GpuKernel(text, sum(self.inputs.values()), sum(outputs.values()))
 
-    def _zeros(self, k: int) -> tuple[Array, ...]:
+    def _zeros(self, sample_count: int) -> tuple[Array, ...]:
         """Return an array (c, k) of zeros for each output."""
-        return tuple(np.zeros((count, k)) for count in self.outputs.values())
+        return tuple(np.zeros((count, sample_count)) for count in self.outputs.values())
 
-    def _check_out(self, arrays: Sequence[Array], k: int) -> None:
+    def _check_out(self, arrays: Sequence[Array], sample_count: int) -> None:
         """Check the arrays of a caller for the results of k samples.
 
         Raises:
             ValueError: an array has a wrong shape, or is not contiguous float64.
         """
         for (name, count), array in zip(self.outputs.items(), arrays, strict=True):
-            shape = (count, k)
+            shape = (count, sample_count)
             usable = array.flags.c_contiguous and array.flags.writeable
             if array.shape != shape or array.dtype != np.float64 or not usable:
                 raise ValueError(f"out for '{name}' is not a contiguous float64 array of shape {shape}")
 
-    def _run_rest(self, given: Sequence[Array], results: Sequence[Array], begin: int, carry: Array | None) -> None:
+    def _run_rest(
+        self, input_arrays: Sequence[Array], results: Sequence[Array], begin: int, carry: Array | None
+    ) -> None:
         """Process the samples from `begin`, fewer than a vector, in a vector that repeats the last sample."""
-        k = given[0].shape[1]
-        missing = self._width - (k - begin)
-        rest = []
-        for array in given:
+        sample_count = input_arrays[0].shape[1]
+        missing = self._width - (sample_count - begin)
+        last_vectors = []
+        for array in input_arrays:
             padded = np.pad(array[:, begin:], ((0, 0), (0, missing)), "edge")
-            rest.append(np.ascontiguousarray(padded))
+            last_vectors.append(np.ascontiguousarray(padded))
         vectors = self._zeros(self._width)
-        self._run(rest, vectors, 0, self._width, carry, 1)
+        self._run(last_vectors, vectors, 0, self._width, carry, 1)
         for result, vector in zip(results, vectors, strict=True):
-            result[:, begin:] = vector[:, : k - begin]
+            result[:, begin:] = vector[:, : sample_count - begin]
 
     def rows(self, Z: Array) -> Array:
         """Return all outputs as one array (k, m), one row per sample, for samples Z (k, n) of the only input.
@@ -232,39 +238,41 @@ class Kernel:
         """
         (count,) = self.inputs.values()
         size = sum(self.outputs.values())
-        k = len(Z)
-        if Z.shape != (k, count):
-            raise ValueError(f"samples have shape {Z.shape}, not {(k, count)}")
-        result = np.zeros((k, size))
+        sample_count = len(Z)
+        if Z.shape != (sample_count, count):
+            raise ValueError(f"samples have shape {Z.shape}, not {(sample_count, count)}")
+        result = np.zeros((sample_count, size))
         first = 0  # sample from which a GPU is to compute
 
         def compute(card: Gpu, kernel: GpuKernel) -> None:
-            kernel.rows(card, Z, result, first, k)
+            kernel.rows(card, Z, result, first, sample_count)
 
-        if self._on_gpu(k, compute):
+        if self._on_gpu(sample_count, compute):
             return result
-        begins = deque(range(0, k, _BLOCK))
+        begins = deque(range(0, sample_count, _BLOCK))
 
-        def work(most: int = k) -> None:
-            given = np.zeros((count, _BLOCK))
-            computed = np.zeros((size, _BLOCK))
-            ins = _pointers([given])
-            outs = _pointers([computed])
+        def work(most: int = sample_count) -> None:
+            input_block = np.zeros((count, _BLOCK))
+            output_block = np.zeros((size, _BLOCK))
+            ins = _pointers([input_block])
+            outs = _pointers([output_block])
             with contextlib.suppress(IndexError):  # no block is left
                 for _ in range(most):
                     begin = begins.popleft()
-                    end = min(begin + _BLOCK, k)
+                    end = min(begin + _BLOCK, sample_count)
                     samples = end - begin
-                    given[:, :samples] = Z[begin:end].T
-                    whole = math.ceil(samples / self._width) * self._width  # results beyond the end are discarded
-                    self._call(0, whole, ins, outs, None)
-                    result[begin:end] = computed[:, :samples].T
+                    input_block[:, :samples] = Z[begin:end].T
+                    vectors_end = math.ceil(samples / self._width) * self._width  # results beyond the end are discarded
+                    self._call(0, vectors_end, ins, outs, None)
+                    result[begin:end] = output_block[:, :samples].T
 
         start = time.perf_counter()
         work(1)
         seconds = (time.perf_counter() - start) * len(begins)
-        first = begins[0] if begins else k
-        if self._on_gpu(k - first, compute, seconds / usable()):
+        first = sample_count
+        if begins:
+            first = begins[0]
+        if self._on_gpu(sample_count - first, compute, seconds / usable()):
             return result
         _share(work, len(begins), seconds)
         return result
@@ -274,9 +282,13 @@ class Kernel:
 
         The function allocates its buffers once; the overhead of a call is one microsecond.
         """
-        ins = [np.zeros((count, 1)) for count in self.inputs.values()]
+        ins = []
+        columns = []
+        for count in self.inputs.values():
+            array = np.zeros((count, 1))
+            ins.append(array)
+            columns.append(array[:, 0])
         outs = np.zeros((sum(self.outputs.values()), 1))
-        columns = [array[:, 0] for array in ins]
         result = outs[:, 0]
         # PYFUNCTYPE does not release Python's lock, because releasing it would take longer than the call.
         address = ctypes.cast(self._call, ctypes.c_void_p).value or 0
@@ -319,7 +331,7 @@ class Kernel:
 
     def _run(
         self,
-        given: Sequence[Array],
+        input_arrays: Sequence[Array],
         results: Sequence[Array],
         begin: int,
         end: int,
@@ -329,7 +341,7 @@ class Kernel:
         """Process the samples `begin` to `end` - 1, a multiple of the width; arguments as in `__call__`."""
         if end <= begin:
             return
-        ins = _pointers(given)
+        ins = _pointers(input_arrays)
         outs = _pointers(results)
         carry_address = None
         if carry is not None:
@@ -342,23 +354,25 @@ class Kernel:
         if self._carried or threads == 1 or end - begin <= _CHUNK:
             self._call(begin, end, ins, outs, carry_address)
             return
-        size = _CHUNK * max(1, (end - begin) // (_CHUNK * _PIECES))
-        chunks = deque((first, min(first + size, end)) for first in range(begin, end, size))
+        size = _CHUNK * max(1, (end - begin) // (_CHUNK * _MOST_CHUNKS))
+        chunks: deque[tuple[int, int]] = deque()
+        for first in range(begin, end, size):
+            chunks.append((first, min(first + size, end)))
         start = time.perf_counter()
         self._call(*chunks.popleft(), ins, outs, None)
         seconds = (time.perf_counter() - start) * len(chunks)
         workers = min(threads or usable(), usable())
-        rest = begin + size
+        rest_begin = begin + size
 
         def compute(card: Gpu, kernel: GpuKernel) -> None:
-            kernel.columns(card, given, results, rest, end)
+            kernel.columns(card, input_arrays, results, rest_begin, end)
 
-        if self._on_gpu(end - rest, compute, seconds / workers):
+        if self._on_gpu(end - rest_begin, compute, seconds / workers):
             return
 
         # ctypes releases Python's lock, so that threads run in parallel. After a Ctrl-C in this thread, other
         # threads still compute their chunks; `_alive` keeps the arrays in memory until then.
-        def work(_alive: object = (given, results)) -> None:
+        def work(_alive: object = (input_arrays, results)) -> None:
             try:
                 while True:
                     self._call(*chunks.popleft(), ins, outs, None)
@@ -379,8 +393,10 @@ def _share(work: Callable[[], None], most: int, seconds: float) -> None:
         most: maximum number of threads, including this thread.
         seconds: computing time in s with one thread.
     """
-    wanted = min(most, seconds / _WORTH, usable())
-    helpers = [_pool().submit(work) for _ in range(int(wanted) - 1)]
+    thread_count = min(most, seconds / _WORTHWHILE_S, usable())
+    helpers = []
+    for _ in range(int(thread_count) - 1):
+        helpers.append(_pool().submit(work))
     work()
     for helper in helpers:
         if not helper.cancel():  # a thread that has not started is no longer needed
@@ -394,5 +410,6 @@ def _pointers(arrays: Sequence[Array]) -> ctypes.Array:
         # read once per array, because reading `ctypes.data` is slow
         first = array.ctypes.data
         step = array.strides[0]
+        # the step is 0 if the rows are one and the same
         addresses += [first + i * step for i in range(len(array))]
     return (ctypes.c_void_p * max(1, len(addresses)))(*addresses)

@@ -73,8 +73,8 @@ def _atan2(y: ca.SX, x: ca.SX) -> ca.SX:
     t = numerator / (denominator + (denominator == 0))  # 0 at the origin, instead of NaN
     z = t * t
     start = by_slope(math.pi / 2, math.pi / 4, 0.0)
-    rest = by_slope(_REST_OF_HALF_PI, _REST_OF_HALF_PI / 2, 0.0)
-    correction = t * (z * _horner(_ABOVE, z) / _horner(_BELOW, z)) + rest
+    start_rest = by_slope(_REST_OF_HALF_PI, _REST_OF_HALF_PI / 2, 0.0)
+    correction = t * (z * _horner(_ABOVE, z) / _horner(_BELOW, z)) + start_rest
     angle = start + (t + correction)  # small terms first
     # the sign bit, because the angle of (0, -0.0) is pi
     is_left = ca.copysign(1, x) < 0

@@ -22,7 +22,7 @@ def figure(sweep: Sweep) -> Figure:
     of the CAD.
     """
     best = sweep.best
-    scales = np.array([factor.scale for factor in sweep.work.factors])
+    scales = np.array([factor.scale for factor in sweep.job.factors])
     designs = sweep.designs / scales
     # the first column of the table is the number of the design, the last one whether it is Pareto-optimal
     names = list(sweep.rows[0])[1:-1]
