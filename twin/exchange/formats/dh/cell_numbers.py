@@ -25,7 +25,7 @@ _QUARTER_ROUNDING = 3e-4
 """Largest difference from a quarter turn in rad of a number that means one: 1.571 has three decimals."""
 
 _LONGEST = 100
-"""Length of the text of a cell, in characters, from which it is no number."""
+"""Length of the text of a cell, in characters, from which it is not read as a number."""
 
 _LARGEST_EXPONENT = 30
 """Largest exponent of ten in a cell."""
@@ -107,7 +107,7 @@ _CODE = re.compile(r"\d_\d|(?<![\w.])0[xobXOB]")
 def cell_number(text: str, may_have_coordinate: bool) -> CellNumber | None:
     """Return the number of a cell and the factor of its coordinate; None if it is not a number.
 
-    Without `may_have_coordinate`, the name of a coordinate is no number.
+    Without `may_have_coordinate`, the name of a coordinate is not a number.
     The number of "q1 + pi/2" is pi/2.
     """
     expression = plain_text(text)
