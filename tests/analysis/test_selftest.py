@@ -180,8 +180,8 @@ def test_a_validator_that_is_deaf_misses(bench, monkeypatch):
     """The score is of the validator: with a check taken out, its faults are missed."""
     slow = next(f for f in random_faults(bench, ("timing",), 10, 0) if f.kind == "slower")
     assert bench.outcome(slow).code == "timing.claimed"
-    monkeypatch.setattr("twin.validation.timing._false_claims", lambda *_: ())
-    monkeypatch.setattr("twin.validation.compare._check_rates", lambda *_: None)
+    monkeypatch.setattr("twin.validation.sampled_timing._false_claims", lambda *_: ())
+    monkeypatch.setattr("twin.validation.equation_checks._check_rates", lambda *_: None)
     monkeypatch.setattr("twin.planning.check._consistent", lambda *_: [])
     monkeypatch.setattr(
         "twin.validation.trajectory_checks.retimed", lambda *_: ([], {}, [])

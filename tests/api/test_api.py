@@ -142,7 +142,7 @@ def test_every_public_member_of_robot_is_called_twice_here_or_below():
     called = {c.split()[0] for c in TWICE} | {"cad", "mechanism", "formula", "kinematics", "loops", "weighed"}
     called |= {"name", "tool_note", "with_formula", "with_mechanism", "with_parameters"}
     called |= {"with_transmission"}  # tests/simulation/test_raven_motion.py
-    called |= {"with_timing"}  # tests/validation/test_durations.py
+    called |= {"with_timing"}  # tests/validation/test_retiming.py
     called |= {"with_inverse"}  # tests/kinematics/test_point_search.py
     called |= {"link_motion"}  # tests/usd/test_stage_motion.py
     called |= {"passive_check"}  # tests/analysis/test_limits_bind.py

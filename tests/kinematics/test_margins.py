@@ -235,7 +235,7 @@ def test_validate_reports_a_wrong_measure_with_row_pose_and_size(tmp_path):
     from twin.kinematics import compile_formula
     from twin.validation.equations_comparison import EquationsComparison
     from twin.validation.margins import check_equations_margins
-    from twin.validation.rows import Tolerances
+    from twin.validation.residual_rows import Tolerances
 
     formula, model, run = setting("pa10")
     for more, expected in ((0.0, "agree"), (0.004, "disagree")):
@@ -327,7 +327,7 @@ def disagreements_of(name, parameter, size, tolerances):
     from twin import api
     from twin.validation.case import Case
     from twin.validation.judge import judge
-    from twin.validation.rows import Tolerances
+    from twin.validation.residual_rows import Tolerances
 
     robot = api.load(name)
     protocol = robot.protocol(None)

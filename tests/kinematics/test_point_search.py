@@ -18,8 +18,8 @@ from twin.kinematics.solve import TOLERANCE, descend
 from twin.robots import load_formula, pa10
 from twin.validation.case import Case
 from twin.validation.equations_comparison import EquationsComparison
+from twin.validation.residual_rows import Tolerances
 from twin.validation.result import Residual
-from twin.validation.rows import Tolerances
 from twin.validation.trocar_methods import HEADING, SEARCHES, three_methods
 
 RANGE = np.array([177, 94, 174, 137, 255, 165, 255]) * DEG

@@ -23,7 +23,7 @@ from twin.simulation.setup import Setup
 from twin.simulation.tasks.holes.geometry import Hole, hole_goals
 from twin.simulation.tasks.holes.referee import HoleJudge
 from twin.simulation.trial import world
-from twin.validation.ranks import compare
+from twin.validation.rank_tests import compare
 
 TICKS = 1500
 

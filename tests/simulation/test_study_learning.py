@@ -15,7 +15,7 @@ from twin.simulation.tasks.guide.guiding import GuideMeasures
 from twin.simulation.tasks.transfer.rings import BoardMeasures
 from twin.ui.report.study_figures import figure
 from twin.validation.questionnaires import keys
-from twin.validation.ranks import compare, label
+from twin.validation.rank_tests import compare, label
 
 KEYS = {k.name: k for k in keys()}
 

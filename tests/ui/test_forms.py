@@ -22,7 +22,7 @@ from twin.ui.headset.packet_socket import UDP
 from twin.ui.session.exercise import Exercise
 from twin.ui.session.forms import QuestionnaireForms
 from twin.ui.session.timeline import RATE
-from twin.validation.ranks import compare
+from twin.validation.rank_tests import compare
 
 
 @pytest.fixture

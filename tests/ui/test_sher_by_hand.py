@@ -20,7 +20,7 @@ from twin.simulation.session.trial_table import TrialTable
 from twin.ui.headset.console_stream import ConsoleStream
 from twin.ui.session.exercise import Exercise
 from twin.ui.session.timeline import RATE
-from twin.validation.ranks import compare
+from twin.validation.rank_tests import compare
 
 SCALE = 0.1
 PUBLISHED = [

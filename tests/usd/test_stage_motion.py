@@ -18,7 +18,7 @@ from twin.planning.link_motion import BY_EQUATIONS, BY_PLAN
 from twin.planning.trajectory import key_times
 from twin.validation.baked_motion import KEY_RATE, baked_rows, measure, samples
 from twin.validation.case import summaries
-from twin.validation.rows import Tolerances
+from twin.validation.residual_rows import Tolerances
 
 ROOT = Path(__file__).parents[2]
 SHORT = ROOT / "tests" / "data" / "short.toml"

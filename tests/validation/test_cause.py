@@ -19,8 +19,8 @@ from twin.cli.parser import parser
 from twin.core.findings import SEVERITIES, Finding
 from twin.core.units import MM
 from twin.validation.cause import SIDES, causes, side
+from twin.validation.residual_rows import Tolerances
 from twin.validation.result import Report, Residual, headline
-from twin.validation.rows import Tolerances
 
 ROOT = Path(__file__).parents[2]
 PROTOCOL = ROOT / "tests/data/short.toml"
@@ -287,13 +287,13 @@ def test_commands_name_robots_of_ones_own_by_their_folder(tmp_path, monkeypatch)
 
 @pytest.mark.slow
 def test_a_length_that_differs_is_the_cause_of_what_reads_it(short):
-    from twin.validation.lengths import lengths, put_down
-    from twin.validation.rows import SampleClock
+    from twin.validation.lengths import lengths, with_length_causes
+    from twin.validation.residual_rows import SampleClock
 
     robot = twin.load("sils", parameters={"l_p": 135.4 * MM})
     _, found = lengths(robot.kinematics(), robot.cad, SampleClock(short[1].t, ()), Tolerances())
     others = [off("point.differs", "s1", 0.2, "eq1 (corrected)"), off("driven.differs", "q1", 0.2, "eq2 (corrected)")]
-    judged = report(*found, *put_down(robot.kinematics(), found, others))
+    judged = report(*found, *with_length_causes(robot.kinematics(), found, others))
     assert [c.name for c in judged.causes] == ["length l_p", "eq2 (corrected)"], "equation (2) does not read it"
     assert judged.causes[0].head.code == "length.differs"
     assert [f.where for f in judged.causes[0].follows] == ["s1"]

@@ -26,8 +26,8 @@ from twin.robots import load_formula
 from twin.validation.equations_comparison import EquationsComparison
 from twin.validation.explain.explain import explain
 from twin.validation.joint_range import HEADING, reads_orientation, whole_range
+from twin.validation.residual_rows import Tolerances
 from twin.validation.result import Residual
-from twin.validation.rows import Tolerances
 
 DRAWS = int(os.environ.get("TWIN_BRANCHES", "8"))
 """Number of drawn errors; the figures of the documentation are with 200."""

@@ -16,7 +16,7 @@ from twin.core import spatial
 from twin.model.body import Mesh
 from twin.model.inertia import Inertia
 from twin.validation.masses import mass_sources, physical_limits, published_moments
-from twin.validation.masses.physical_limits import StatedInertia, judged, stated
+from twin.validation.masses.physical_limits import StatedInertia, hull_distance, judged, stated
 from twin.validation.masses.probable_mistake import guesses, misfit
 
 SLOW = settings(max_examples=20, deadline=None, suppress_health_check=list(HealthCheck))
@@ -167,6 +167,14 @@ def test_a_mass_centre_outside_the_shapes_is_told_and_measured():
     assert found.outside == pytest.approx(np.linalg.norm(mixes - p, axis=1).min(), rel=0.05)
     odd = judged(stated("b", "t", replace(inertia, p_body_com=p), meshes, own_shapes=False))
     assert {f.severity for f in odd.findings} == {"warning"}  # somebody else's drawing
+
+
+def test_a_mass_centre_in_the_middle_of_a_flat_sheet_is_inside():
+    corners = np.array([[0, 0, 0], [0.2, 0, 0], [0.2, 0.2, 0], [0, 0.2, 0]])
+    sheet = Mesh("sheet", corners, np.array([[0, 1, 2], [0, 2, 3]], np.int32))
+    assert hull_distance(np.array([0.1, 0.1, 0.0]), [sheet]) == pytest.approx(0, abs=1e-9)
+    assert hull_distance(np.array([0.1, 0.1, 0.03]), [sheet]) == pytest.approx(0.03, rel=1e-6)
+    assert hull_distance(np.array([0.1, 0.24, 0.03]), [sheet]) == pytest.approx(0.05, rel=1e-6)
 
 
 def test_a_hollow_body_is_not_accused():

@@ -27,7 +27,7 @@ from twin.robots import load_formula
 from twin.validation import range_samples
 from twin.validation.range_samples import SampledRange, SuspectReservoir, _Tally
 from twin.validation.range_samples_result import RangeSamples
-from twin.validation.rows import Tolerances
+from twin.validation.residual_rows import Tolerances
 
 
 def judge_of(tmp_path, template, parts, mechanism=None, reach=None) -> SampledRange:

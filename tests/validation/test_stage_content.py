@@ -15,8 +15,8 @@ from twin.model.joint import Drive
 from twin.model.mechanism import Coupling
 from twin.usd.read import read_stage
 from twin.validation.baked_motion import Written, written_rows
-from twin.validation.masses import solid
-from twin.validation.rows import Tolerances
+from twin.validation.masses import solid_moments
+from twin.validation.residual_rows import Tolerances
 from twin.validation.stage_content import content, estimate
 
 
@@ -181,15 +181,15 @@ def test_moments_of_a_box_and_of_an_open_one():
     box = trimesh.creation.box((0.1, 0.2, 0.4))
     T = spatial.pose(spatial.exp_so3([0.3, -0.2, 1.0]), [1.0, 2.0, -3.0])
     vertices = box.vertices @ T[:3, :3].T + T[:3, 3]
-    m = solid.moments(vertices, box.faces)
+    m = solid_moments.moments(vertices, box.faces)
     assert m.volume == pytest.approx(0.008, rel=1e-12)
     assert m.first / m.volume == pytest.approx(T[:3, 3], rel=1e-12)
     about = m.second - np.outer(m.first, m.first) / m.volume
     R = T[:3, :3]
     assert R.T @ about @ R / m.volume == pytest.approx(np.diag([0.01, 0.04, 0.16]) / 12, abs=1e-12)
-    assert solid.of_meshes([Mesh("open", vertices, box.faces[1:])]) is None
-    assert solid.moments(vertices, box.faces[:, ::-1]).volume == pytest.approx(-0.008)
-    assert Inertia(1.0, np.zeros(3), solid.tensor(about)).violations() == []
+    assert solid_moments.of_meshes([Mesh("open", vertices, box.faces[1:])]) is None
+    assert solid_moments.moments(vertices, box.faces[:, ::-1]).volume == pytest.approx(-0.008)
+    assert Inertia(1.0, np.zeros(3), solid_moments.tensor(about)).violations() == []
 
 
 class Looked:

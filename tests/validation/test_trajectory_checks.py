@@ -11,9 +11,9 @@ import twin
 from twin.core import spatial
 from twin.core.units import DEG, MM
 from twin.planning.plan import plan
-from twin.validation import margins, rcm_fixes, shaft, timing
+from twin.validation import margins, rcm_between_samples, rcm_fixes, sampled_timing
 from twin.validation.equations_comparison import EquationsComparison
-from twin.validation.rows import SampleClock
+from twin.validation.residual_rows import SampleClock
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,7 @@ def codes(findings):
 
 def test_what_was_planned_is_within_its_limits_by_its_samples_alone(sils, planned):
     protocol, trajectory = planned
-    facts, found = timing.timing(trajectory, sils.mechanism, protocol)
+    facts, found = sampled_timing.timing(trajectory, sils.mechanism, protocol)
     assert found == []
     assert facts["tip speed"].startswith("tip speed of tool in phase 'withdraw': 14.98 of 15")
     assert facts["speed"].startswith("joint q4: 38.2")
@@ -141,7 +141,7 @@ def _gap_in_phases(t):
 )
 def test_a_defect_of_the_timing_is_found_without_the_planners_word(sils, planned, spoil, code):
     protocol, trajectory = planned
-    _, found = timing.timing(spoil(trajectory), sils.mechanism, protocol)
+    _, found = sampled_timing.timing(spoil(trajectory), sils.mechanism, protocol)
     assert code in codes(found)
     assert all(f.severity == "disagreement" for f in found)
 
@@ -167,7 +167,7 @@ def test_the_whole_judgement_does_not_believe_a_trajectory_its_own_findings(sils
 
 def test_between_samples_the_shaft_keeps_the_rcm(sils, planned):
     _, trajectory = planned
-    found = shaft.passages(sils.reference(), trajectory)
+    found = rcm_between_samples.passages(sils.reference(), trajectory)
     assert [p.phase for p in found] == ["insert", "sweep", "straighten", "withdraw"]
     assert max(p.between for p in found) < 1e-9
     assert all(p.bound >= p.between for p in found)
@@ -179,14 +179,16 @@ def test_samples_that_are_right_can_hide_a_path_that_is_not(sils, planned):
     coarse = thinned(trajectory, 100)
     clock = SampleClock(coarse.t, ())
     out = EquationsComparison()
-    shaft.between_samples(sils.reference(), coarse, 0.01 * MM, out, clock)
+    rcm_between_samples.between_samples(sils.reference(), coarse, 0.01 * MM, out, clock)
     at = {r.name.split(",")[0]: r.worst for r in out.residuals}
     assert max(at["sweep"], at["straighten"]) > 0.01 * MM
     assert "rcm.between" in codes(out.findings)
-    sampled = {p.phase: p.at_samples for p in shaft.passages(sils.reference(), coarse)}
+    sampled = {p.phase: p.at_samples for p in rcm_between_samples.passages(sils.reference(), coarse)}
     assert max(sampled["sweep"], sampled["straighten"]) < 1e-9
     finer = thinned(trajectory, 10)
-    shaft.between_samples(sils.reference(), finer, 0.01 * MM, out := EquationsComparison(), SampleClock(finer.t, ()))
+    rcm_between_samples.between_samples(
+        sils.reference(), finer, 0.01 * MM, out := EquationsComparison(), SampleClock(finer.t, ())
+    )
     assert out.findings == []
 
 
@@ -194,9 +196,14 @@ def test_the_maximum_between_samples_is_that_of_a_dense_look(sils, planned):
     _, trajectory = planned
     coarse = thinned(trajectory, 100)
     span = coarse.phase("sweep")
-    found = next(p for p in shaft.passages(sils.reference(), coarse) if p.phase == "sweep")
+    found = next(p for p in rcm_between_samples.passages(sils.reference(), coarse) if p.phase == "sweep")
     x = np.linspace(span.start, span.stop, 40 * (span.stop - span.start) + 1)
-    dense = np.linalg.norm(shaft.offset(shaft._poses(sils.reference(), coarse, x), coarse.shaft_axis, span.rcm), axis=1)
+    dense = np.linalg.norm(
+        rcm_between_samples.offset(
+            rcm_between_samples._poses(sils.reference(), coarse, x), coarse.shaft_axis, span.rcm
+        ),
+        axis=1,
+    )
     assert found.between == pytest.approx(dense.max(), rel=1e-3)
 
 

@@ -12,7 +12,7 @@ from twin.core import assets
 from twin.core.units import DEG, MM
 from twin.validation.case import Case
 from twin.validation.judge import judge
-from twin.validation.rows import Tolerances
+from twin.validation.residual_rows import Tolerances
 
 PROTOCOLS = ["table2", pytest.param("lowered_patient", marks=pytest.mark.nightly)]
 

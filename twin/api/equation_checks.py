@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from twin.planning.trajectory import Trajectory
     from twin.validation.explain.explanation import Explanation
     from twin.validation.range_samples_result import RangeSamples
+    from twin.validation.residual_rows import Tolerances
     from twin.validation.result import Report
-    from twin.validation.rows import Tolerances
     from twin.validation.stroke_result import Strokes
 
 
@@ -114,7 +114,7 @@ _PLACEMENT_FACTOR = 10
 
 def _tolerances_of(robot: Robot) -> Tolerances:
     """Return the tolerances of exact geometry, increased by the placement precision of the robot's CAD."""
-    from twin.validation.rows import Tolerances
+    from twin.validation.residual_rows import Tolerances
 
     accuracy = _PLACEMENT_FACTOR * robot.cad.placement_loss
     return Tolerances().widened(accuracy, robot.mechanism.link_length)
@@ -162,7 +162,7 @@ def explain(
     from twin.validation.explain.explain import ExplainOptions
     from twin.validation.explain.explain import explain as explain_
     from twin.validation.explain.row_deviations import Tolerance
-    from twin.validation.rows import Tolerances
+    from twin.validation.residual_rows import Tolerances
 
     if tolerance is not None and not tolerance > 0:
         raise TwinError(f"tolerance {tolerance / UM:g} um: give a positive length")

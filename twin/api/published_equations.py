@@ -15,7 +15,7 @@ from twin.core.result import Part, Result, TextTable
 
 if TYPE_CHECKING:
     from twin.validation.closed_form import JudgedForm
-    from twin.validation.console_result import Contract
+    from twin.validation.console_result import ConsoleResult
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def equations_of_motion(robot: Robot | str | Path, states: int = 200) -> Publish
 
 def console(
     name: str = "davinci", variants: str | Mapping[str, str] | None = None, progress: Progress = silent
-) -> Contract:
+) -> ConsoleResult:
     """Check the published equations of a surgeon's console, separately for each clause (requirement).
 
     `variants` is one variant for all equations ("paper", "conjugate", "decoupled"), or {equation: variant}.

@@ -15,8 +15,8 @@ from twin.core.json_types import JsonObject
 from twin.core.result import Part, Result, TextTable
 
 if TYPE_CHECKING:
+    from twin.validation.group_study import Recomputed
     from twin.validation.group_tables import GroupTables
-    from twin.validation.groups import Recomputed
 
 _NEXT = "compare the numbers below with the document; if the document prints them, also cite the recomputed numbers"
 
@@ -96,7 +96,7 @@ def study(source: Robot | str | Path) -> Result:
     if path.suffix == ".toml":
         return _users([path])
     if path.suffix == ".csv":
-        from twin.validation.ranks import compare
+        from twin.validation.rank_tests import compare
 
         return compare(path)
     # studies of what is not a robot, such as a console
@@ -174,14 +174,14 @@ def _recomputed_groups(path: Path) -> tuple[GroupTables, Recomputed]:
     """Return the printed tables of independent groups, and what follows from their rows."""
     from twin.core.units import DEG, MM
     from twin.simulation.controllers.console_equations import console as console_with
-    from twin.validation import accuracy, group_tables, groups
+    from twin.validation import group_study, group_tables, simulated_accuracy
 
     # `validation` knows no console: it gets functions that measure one with the published equations
     printed = group_tables.load(path)
-    recomputed = groups.recompute(
+    recomputed = group_study.recompute(
         printed,
-        lambda claim: accuracy.measure(console_with(), claim.displacements, claim.resolution_mm * MM),
-        lambda claim: accuracy.measure_angles(console_with(), claim.rotations, claim.resolution_deg * DEG),
+        lambda claim: simulated_accuracy.measure(console_with(), claim.displacements, claim.resolution_mm * MM),
+        lambda claim: simulated_accuracy.measure_angles(console_with(), claim.rotations, claim.resolution_deg * DEG),
     )
     return printed, recomputed
 

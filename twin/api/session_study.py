@@ -11,7 +11,7 @@ from twin.api.robot import Progress, silent
 from twin.core.errors import DescriptionError
 from twin.core.foreign.text import load_json
 from twin.core.json_types import JsonMapping, JsonObject
-from twin.validation.ranks import Ranks, Users, compare_users
+from twin.validation.rank_tests import Ranks, Users, compare_users
 
 
 def study_sessions(groups: Mapping[str, Sequence[str | Path]], progress: Progress = silent) -> Ranks:

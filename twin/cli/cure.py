@@ -81,7 +81,7 @@ class Cures:
 
 def tolerance(report: Report) -> tuple[float, float]:
     """Return the tolerances of a report: (position in m, rotation in rad)."""
-    from twin.validation.rows import Tolerances
+    from twin.validation.residual_rows import Tolerances
 
     tolerances = {"m": Tolerances().position, "rad": Tolerances().rotation}
     for row in report.residuals:

@@ -1,7 +1,7 @@
 """Time-optimal motion along a path by the package toppra (H. Pham, Q.-C. Pham), as an independent solver.
 
 `topp` solves the same problem with code of our own. A plan is timed by either (`--timing`), and the timing of a plan by
-the passes is judged by toppra (`validation.durations`).
+the passes is judged by toppra (`validation.retiming`).
 """
 
 from __future__ import annotations

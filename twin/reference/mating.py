@@ -25,12 +25,12 @@ class Mate:
     Attributes:
         joint: name of the joint.
         parts: names of the part of the parent and of the part of the child.
-        apart: their distance in m; 0 if they touch or overlap.
+        distance: their distance in m; 0 if they touch or overlap.
     """
 
     joint: str
     parts: tuple[str, str]
-    apart: float
+    distance: float
 
 
 def mates(mechanism: Mechanism) -> list[Mate]:
@@ -49,7 +49,7 @@ def mates(mechanism: Mechanism) -> list[Mate]:
             continue
         T_parent_child = spatial.inverse(rest_poses[joint.parent]) @ rest_poses[joint.child]
         mate = _nearest(joint.name, parent_parts, child_parts, T_parent_child)
-        if mate.apart > LOOSE:
+        if mate.distance > LOOSE:
             # At rest, the joint may be at an end stop, where the child touches another part of the parent.
             parent_parts = list(mechanism.body(joint.parent).meshes)
             mate = _nearest(joint.name, parent_parts, child_parts, T_parent_child)
@@ -65,7 +65,7 @@ def _nearest(joint: str, parent_parts: list[Mesh], child_parts: list[Mesh], T_pa
             b = Shape(child_part.name, "", [child_part])
             distance = distance_between(a, b, np.eye(4), T_parent_child)
             candidates.append(Mate(joint, (a.name, b.name), distance))
-    return min(candidates, key=lambda mate: mate.apart)
+    return min(candidates, key=lambda mate: mate.distance)
 
 
 def _mating_parts(mechanism: Mechanism, joint: Joint, body: str) -> list[Mesh]:

@@ -25,8 +25,8 @@ from twin.reference.clearance import Clearance, clearance
 from twin.reference.mating import Mate, mates
 from twin.usd.read import read_motion
 from twin.usd.write import BakedMotion, write_motion, write_stage
+from twin.validation.residual_rows import SampleClock, Tolerances, rotation_vectors, row
 from twin.validation.result import PhaseSummary, Residual
-from twin.validation.rows import SampleClock, Tolerances, rotation_vectors, row
 
 KEY_RATE = 60.0
 """Rate in Hz of the keys of the baked motion."""
@@ -130,7 +130,9 @@ def samples(trajectory: Trajectory, motion: LinkMotion | None = None) -> MotionS
     """
     keys = key_times(trajectory.duration, KEY_RATE)
     middle = (0.5 * (keys[1:] + keys[:-1]))[::MIDDLE_EVERY]
-    sparse = np.linspace(0.0, trajectory.duration, max(2, int(trajectory.duration * CLEARANCE_RATE) + 1))
+    # both ends also of a motion that is shorter than one interval
+    sparse_count = max(2, int(trajectory.duration * CLEARANCE_RATE) + 1)
+    sparse = np.linspace(0.0, trajectory.duration, sparse_count)
     planned = MotionSamples(
         name=trajectory.protocol,
         keys=keys,
@@ -172,15 +174,17 @@ def measure(mechanism: Mechanism, samples: MotionSamples, written: Path | None =
         if samples.links is not None:
             baked = samples.links
         files = write_motion(bare, Path(folder), BakedMotion(samples.name, samples.keys, baked))
-        times, back = read_motion(files.root)
+        times, read_back = read_motion(files.root)
     position = np.zeros(len(samples.keys))
     rotation = np.zeros(len(samples.keys))
     between = np.zeros(len(samples.middle))
+    # with other time codes, poses cannot be compared: `baked_rows` reports the time codes
     if len(times) == len(samples.keys):
-        position, rotation = _largest_errors(links, back, len(times))
+        position, rotation = _largest_errors(links, read_back, len(times))
         in_middle = samples.reference_links(model, samples.Ts_middle, samples.q_middle)
         for name, Ts in in_middle.items():
-            p = back[name][:, :3, 3]
+            p = read_back[name][:, :3, 3]
+            # a player interpolates linearly: in the middle of an interval, it shows the mean of the two keys
             interpolated = 0.5 * (p[1:] + p[:-1])[::MIDDLE_EVERY]
             between = np.maximum(between, np.linalg.norm(interpolated - Ts[:, :3, 3], axis=1))
     distances = None
@@ -202,24 +206,25 @@ def written_motion(root: Path | None, keys: Array, links: Mapping[str, Array]) -
     if root is None:
         return None
     try:
-        times, back = read_motion(root)
+        times, read_back = read_motion(root)
     except StageError as error:
+        # reported as a motion without time codes; the reason is part of the file's name
         return Written(f"{root.name}: {error}", np.zeros(0), np.zeros(0), np.zeros(0))
-    missing = [name for name in links if name not in back]
+    missing = [name for name in links if name not in read_back]
     if len(times) != len(keys) or np.abs(times - keys).max() > TIME_TOLERANCE:
         return Written(root.name, times, position=np.zeros(0), rotation=np.zeros(0), missing=tuple(missing))
-    return Written(root.name, times, *_largest_errors(links, back, len(keys)), tuple(missing))
+    return Written(root.name, times, *_largest_errors(links, read_back, len(keys)), tuple(missing))
 
 
-def _largest_errors(links: Mapping[str, Array], back: Mapping[str, Array], count: int) -> tuple[Array, Array]:
-    """Return the largest errors (count,) in m and rad of the poses `back` of any link; missing links are skipped."""
+def _largest_errors(links: Mapping[str, Array], read_back: Mapping[str, Array], count: int) -> tuple[Array, Array]:
+    """Return the largest errors (count,) in m and rad of the poses `read_back` of any link that is there."""
     position = np.zeros(count)
     rotation = np.zeros(count)
     for name, Ts in links.items():
-        if name not in back:
+        if name not in read_back:
             continue
-        offset = back[name][:, :3, 3] - Ts[:, :3, 3]
-        turn = rotation_vectors(Ts, back[name])
+        offset = read_back[name][:, :3, 3] - Ts[:, :3, 3]
+        turn = rotation_vectors(Ts, read_back[name])
         position = np.maximum(position, np.linalg.norm(offset, axis=1))
         rotation = np.maximum(rotation, np.linalg.norm(turn, axis=1))
     return position, rotation
@@ -253,7 +258,7 @@ def written_rows(
         ("m", written.position, tolerances.baked_position),
         ("rad", written.rotation, tolerances.baked_rotation),
     ):
-        limit = tolerance if due else None
+        limit = tolerance if due else None  # a motion that may be older than the protocol is not judged
         residual = row(
             "B-D",
             "baked",
@@ -323,20 +328,22 @@ def baked_rows(
 
 
 def clearance_facts(
-    found: Clearance, times: Array, phases: tuple[PhaseSummary, ...]
+    measured: Clearance, times: Array, phases: tuple[PhaseSummary, ...]
 ) -> tuple[dict[str, str], list[Finding]]:
     """Return the minimum clearance as text, and a finding for each contact."""
     clock = SampleClock(times, phases)
-    nearest = int(np.argmin(found.distance))
-    a, b = found.pair[nearest]
+    nearest = int(np.argmin(measured.distance))
+    body_a, body_b = measured.pair[nearest]
+    smallest = measured.distance[nearest] / MM
     facts = {
-        "minimum clearance": f"{found.distance[nearest] / MM:.2f} mm between {a} and {b}, {clock.when(nearest)}",
+        "minimum clearance": f"{smallest:.2f} mm between {body_a} and {body_b}, {clock.when(nearest)}",
         "method": f"triangle meshes of the CAD (chord tolerance 0.1 mm), {CLEARANCE_RATE:g} Hz; pairs of "
         "bodies without a common joint, and parts of jointed bodies that do not form the joint",
     }
-    contacts = list(found.contacts)
-    if found.distance[nearest] <= 0:
-        contacts.insert(0, (nearest, a, b))
+    # `contacts` has jointed bodies only; of all others, the nearest pair is reported
+    contacts = list(measured.contacts)
+    if measured.distance[nearest] <= 0:
+        contacts.insert(0, (nearest, body_a, body_b))
     findings = []
     for sample, first, second in contacts:
         text = f"{first} and {second} collide"

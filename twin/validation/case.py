@@ -15,8 +15,8 @@ from twin.planning.trajectory import PathKinematics, Trajectory
 from twin.reference import ReferenceModel
 from twin.validation.baked_motion import MeasuredMotion
 from twin.validation.equations_comparison import EquationsComparison
+from twin.validation.residual_rows import SampleClock, Tolerances
 from twin.validation.result import PhaseSummary
-from twin.validation.rows import SampleClock, Tolerances
 
 
 @dataclass(frozen=True)

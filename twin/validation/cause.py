@@ -117,12 +117,13 @@ def causes(findings: Iterable[Finding]) -> tuple[Cause, ...]:
     for finding in ordered:  # warnings and notes are listed only under a cause that they name
         if finding.severity in ("warning", "info") and finding.cause and _key(finding) in groups:
             groups[_key(finding)].append(finding)
-    found = []
+    ordered_causes = []
     for (faulty, name), group in groups.items():
-        found.append(_cause(faulty, name, group))
+        ordered_causes.append(_cause(faulty, name, group))
+    # the sort is stable: causes of one side stay in the order of their severity
     sides = list(SIDES)
-    found.sort(key=lambda cause: (cause.head.severity != "error", sides.index(cause.side)))
-    return _after_cad(found)
+    ordered_causes.sort(key=lambda cause: (cause.head.severity != "error", sides.index(cause.side)))
+    return _after_cad(ordered_causes)
 
 
 def side(finding: Finding) -> Side:
@@ -130,20 +131,20 @@ def side(finding: Finding) -> Side:
     return _FAMILIES.get(finding.code.partition(".")[0], "protocol")
 
 
-def _key(f: Finding) -> tuple[Side, str]:
+def _key(finding: Finding) -> tuple[Side, str]:
     """Return (side, name) of the cause to which a finding belongs."""
-    faulty = side(f)
-    if f.cause:
-        if faulty == "CAD" and f.code.startswith("loop."):
+    faulty = side(finding)
+    if finding.cause:
+        if faulty == "CAD" and finding.code.startswith("loop."):
             faulty = "equations"  # a loop that is open at the equations' joint values is their fault
-        return faulty, f.cause
+        return faulty, finding.cause
     if faulty == "CAD":
-        return faulty, f.where
-    return faulty, f"{f.code} {f.where}"
+        return faulty, finding.where  # whatever is found on one part has one cause: the part
+    return faulty, f"{finding.code} {finding.where}"
 
 
 def _cause(faulty: Side, name: str, group: list[Finding]) -> Cause:
-    first = group[0]
+    first = group[0]  # the most severe: groups are filled in that order
     alike: list[Finding] = []
     follows: list[Finding] = []
     for finding in group:
@@ -167,23 +168,25 @@ def _largest(findings: list[Finding]) -> Finding:
         if finding.unit == first.unit and finding.size is not None:
             comparable.append((finding.size, finding))
     largest = max((size for size, _ in comparable), default=0.0)
+    # not simply the largest: rounding would decide between equal faults, and name another one on another machine
     for size, finding in comparable:
         if size >= _SAME * largest:
             return finding
     return first
 
 
-def _after_cad(found: list[Cause]) -> tuple[Cause, ...]:
+def _after_cad(ordered_causes: list[Cause]) -> tuple[Cause, ...]:
     """If the first cause is a fault of the CAD, move findings on the equations to `perhaps` of this cause.
 
     Findings on the equations that are much larger than the gaps of a noisy CAD are causes of their own.
     """
-    if not found or found[0].side != "CAD" or found[0].head.severity != "disagreement":
-        return tuple(found)
-    first = found[0]
+    if not ordered_causes or ordered_causes[0].side != "CAD" or ordered_causes[0].head.severity != "disagreement":
+        return tuple(ordered_causes)
+    # the equations were compared with a mechanism that is itself wrong, so their differences may be its fault
+    first = ordered_causes[0]
     perhaps: list[Finding] = []
     others: list[Cause] = []
-    for cause in found[1:]:
+    for cause in ordered_causes[1:]:
         if cause.side == "equations" and not _is_beyond_noise(cause.head, first.head):
             perhaps += cause.findings
         else:
@@ -191,27 +194,27 @@ def _after_cad(found: list[Cause]) -> tuple[Cause, ...]:
     return (replace(first, perhaps=tuple(perhaps)), *others)
 
 
-def _is_beyond_noise(f: Finding, cad: Finding) -> bool:
-    """Return whether the finding `f` is too large to follow from noise of the CAD, the finding `cad`."""
-    if cad.code != "cad.noise" or f.size is None or cad.size is None:
+def _is_beyond_noise(finding: Finding, cad: Finding) -> bool:
+    """Return whether a finding is too large to follow from noise of the CAD, the finding `cad`."""
+    if cad.code != "cad.noise" or finding.size is None or cad.size is None:
         return False
     gap = _NOISE_MAGNIFICATION * cad.size * MM
-    if f.unit == "mm":
-        return f.size * MM > gap
-    if f.unit == "deg":
-        return f.size * DEG > gap / _LINK_LENGTH
+    if finding.unit == "mm":
+        return finding.size * MM > gap
+    if finding.unit == "deg":
+        return finding.size * DEG > gap / _LINK_LENGTH
     return False  # rates and shares are compared with no gap
 
 
-def _sizes(found: Sequence[Finding], most: int = 6) -> str:
+def _sizes(findings: Sequence[Finding], most: int = 6) -> str:
     """Return a text with place and size of each of the first `most` findings, and the number of further findings."""
     texts: list[str] = []
-    for finding in found[:most]:
+    for finding in findings[:most]:
         if finding.size is None:
             texts.append(finding.code.partition(".")[2].replace("_", " "))
         else:
             texts.append(f"{finding.where} {shown(finding.size, finding.unit)}".strip())
     listed = "; ".join(texts)
-    if len(found) > most:
-        listed += f" and {len(found) - most} more"
+    if len(findings) > most:
+        listed += f" and {len(findings) - most} more"
     return listed

@@ -14,8 +14,8 @@ from twin.planning import topp, toppra_solver
 from twin.planning.plan_result import Planned
 from twin.planning.protocol import Protocol, Solver
 from twin.planning.trajectory import Trajectory
-from twin.validation.durations import Fastest, durations
 from twin.validation.result import Residual, state
+from twin.validation.retiming import Fastest, durations
 
 OTHERS: Mapping[Solver, tuple[Solver, Fastest]] = {
     "passes": ("toppra", toppra_solver.fastest),

@@ -82,12 +82,17 @@ def judge(form: ClosedForm, dynamics: Dynamics, count: int = 200, seed: int = 0)
     """
     active = dynamics.mechanism.active
     names = [joint.name for joint in active]
+    published: list[int] = []
+    is_angle: list[bool] = []
+    limits_of_published = []
     for name in form.joints:
         if name not in names:
             raise KinematicsError(f"equations of motion: {unknown('driven joint', name, names)}")
-    published = [names.index(name) for name in form.joints]
-    is_angle = [active[i].is_angle for i in published]
-    limits = np.array([active[i].limits for i in published])
+        i = names.index(name)
+        published.append(i)
+        is_angle.append(active[i].is_angle)
+        limits_of_published.append(active[i].limits)
+    limits = np.array(limits_of_published)
     evaluate = form.compiled()
     rng = np.random.default_rng(seed)
     states: list[_State] = []
@@ -96,26 +101,27 @@ def judge(form: ClosedForm, dynamics: Dynamics, count: int = 200, seed: int = 0)
         qd = np.zeros(len(names))
         q[published] = rng.uniform(limits[:, 0], limits[:, 1])
         qd[published] = rng.uniform(-1, 1, len(published)) * np.where(is_angle, *_RATES)
+        # joints that are not published stay at zero and at rest: so does their share of the efforts
         terms = evaluate(q[published], qd[published])
         # the published equations have no rotors
         M = (dynamics.mass_matrix(q) - dynamics.rotor)[np.ix_(published, published)]
         c = dynamics.coriolis(q, qd)[published]
         g = dynamics.gravity(q)[published]
         states.append(_State(qd[published], A=terms, M=M, c=c, g=g))
-    out = JudgedForm()
-    _check_consistency(states, out)
-    _compare_terms(form, is_angle, states, out)
-    wrong = [row for row in out.rows if not row.agrees]
+    result = JudgedForm()
+    _check_consistency(states, result)
+    _compare_terms(form, is_angle, states, result)
+    wrong = [row for row in result.rows if not row.agrees]
     if wrong:
-        out.cause = _explaining_edit(form, states)
-        if not out.cause and len(wrong) == 1:
-            out.cause = f"the term {wrong[0].term}"
+        result.cause = _explaining_edit(form, states)
+        if not result.cause and len(wrong) == 1:
+            result.cause = f"the term {wrong[0].term}"
     for row in wrong:
         text = f"the published {row.term} differs from the value of the mechanism"
         worst = Quantity(row.worst, row.unit)
         limit = Quantity(row.limit, row.unit)
-        out.findings.append(_DIFFERS(row.term, text, worst, limit, cause=out.cause))
-    return out
+        result.findings.append(_DIFFERS(row.term, text, worst, limit, cause=result.cause))
+    return result
 
 
 @dataclass(frozen=True)
@@ -135,46 +141,48 @@ class _State:
     g: Array
 
 
-def _check_consistency(states: list[_State], out: JudgedForm) -> None:
+def _check_consistency(states: list[_State], result: JudgedForm) -> None:
     """Check the published equations alone: smallest eigenvalue of the mass matrix, and power balance."""
-    for s in states:
-        out.least = min(out.least, float(np.linalg.eigvalsh(s.A.M)[0]))
-        power = s.qd @ (s.A.M_rate - 2 * s.A.C) @ s.qd
-        scale = max(np.abs(np.outer(s.qd, s.qd) * s.A.M_rate).max(), np.finfo(float).tiny)
-        out.balance = max(out.balance, abs(power) / scale)
-    if out.least <= 0:
-        out.findings.append(
-            _BROKEN("mass matrix", "the smallest eigenvalue of M is not positive", Quantity(out.least, ""), 0.0)
+    for state in states:
+        result.least = min(result.least, float(np.linalg.eigvalsh(state.A.M)[0]))
+        power = state.qd @ (state.A.M_rate - 2 * state.A.C) @ state.qd
+        # the smallest number, not 0, also of a state whose mass matrix does not change
+        scale = max(np.abs(np.outer(state.qd, state.qd) * state.A.M_rate).max(), np.finfo(float).tiny)
+        result.balance = max(result.balance, abs(power) / scale)
+    if result.least <= 0:
+        result.findings.append(
+            _BROKEN("mass matrix", "the smallest eigenvalue of M is not positive", Quantity(result.least, ""), 0.0)
         )
-    if out.balance > _BALANCE:
-        out.findings.append(
+    if result.balance > _BALANCE:
+        result.findings.append(
             _BROKEN(
                 "Coriolis term",
                 "qd^T (dM/dt - 2 C) qd is not zero; size relative to the largest term",
-                Quantity(out.balance, ""),
+                Quantity(result.balance, ""),
                 _BALANCE,
             )
         )
 
 
-def _compare_terms(form: ClosedForm, is_angle: list[bool], states: list[_State], out: JudgedForm) -> None:
+def _compare_terms(form: ClosedForm, is_angle: list[bool], states: list[_State], result: JudgedForm) -> None:
     """Add a row for each element of the mass matrix, and for the Coriolis and the gravity effort of each joint."""
     differences = _Differences.of(states)
     M = np.abs(differences.M)
     inertia_units = {2: "kg m2", 1: "kg m", 0: "kg"}  # by the number of angles among two joints
     for i, joint in enumerate(form.joints):
-        for j, other in enumerate(form.joints[: i + 1]):
+        for j, other_joint in enumerate(form.joints[: i + 1]):
             name = f"inertia {joint}"
             if i != j:
-                name = f"inertia {other}-{joint}"
+                name = f"inertia {other_joint}-{joint}"
+            # both halves: a published matrix may lack its symmetry
             worst = max(M[:, i, j].max(), M[:, j, i].max())
             unit = inertia_units[is_angle[i] + is_angle[j]]
-            out.rows.append(TermRow(name, worst, unit, form.tolerance))
+            result.rows.append(TermRow(name, worst, unit, form.tolerance))
     for term, efforts in (("Coriolis", differences.c), ("gravity", differences.g)):
         for i, joint in enumerate(form.joints):
             unit = "N m" if is_angle[i] else "N"
             worst = np.abs(efforts[:, i]).max()
-            out.rows.append(TermRow(f"{term} {joint}", worst, unit, form.tolerance))
+            result.rows.append(TermRow(f"{term} {joint}", worst, unit, form.tolerance))
 
 
 @dataclass(frozen=True)
@@ -237,6 +245,7 @@ def _wrong_sign(form: ClosedForm, term: str, difference: Array, value: Array) ->
     joints = np.flatnonzero(np.abs(difference).max(axis=0) > form.tolerance)
     if len(joints) == 1:
         i = joints[0]
+        # with the other sign, the published value changes by minus twice itself
         if _remaining_difference(difference[:, i], -2 * value[:, i]) < _EXPLAINED:
             return f"the sign of {term} of {form.joints[i]}"
     if _remaining_difference(difference, -2 * value) < _EXPLAINED:

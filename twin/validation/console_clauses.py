@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from twin.validation.console_result import Clause, Contract, number
+from twin.validation.console_result import Clause, ConsoleResult, number
 
 Array = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ _PEN_FORCE = 3.3
 """Largest force in N of a haptic pen: the manufacturer's value, ASSUMED because the paper gives none."""
 
 
-class Laws(Protocol):
+class JudgedConsole(Protocol):
     """Interface of a judged console, as implemented by `twin.simulation.controllers.console_equations`.
 
     Attributes:
@@ -97,7 +97,7 @@ class Laws(Protocol):
         ...
 
 
-def judge(console: Laws, progress: Callable[[str, float], None] = lambda label, part: None) -> Contract:
+def judge(console: JudgedConsole, progress: Callable[[str, float], None] = lambda label, part: None) -> ConsoleResult:
     """Measure every clause (requirement) on a console and return the result."""
     clauses: list[Clause] = []
     steps = len(_GROUPS) + 1
@@ -107,7 +107,7 @@ def judge(console: Laws, progress: Callable[[str, float], None] = lambda label, 
     progress("closed loop", len(_GROUPS) / steps)
     of_loop, path = _closed_loop(console)
     clauses += of_loop
-    return Contract(
+    return ConsoleResult(
         console=console.name,
         title=console.title,
         source=console.source,
@@ -120,7 +120,7 @@ def judge(console: Laws, progress: Callable[[str, float], None] = lambda label, 
 # -- one hand, one tool ---------------------------------------------------------------------------------------------
 
 
-def _hand_at_rest(c: Laws) -> Iterator[Clause]:
+def _hand_at_rest(console: JudgedConsole) -> Iterator[Clause]:
     """Yield the clauses on a hand at rest, with a frame {H} that is turned or shifted in {RB}."""
     P = _pose((50 * _MM, 0, 0))
     W = _pose((30 * _MM, -20 * _MM, 10 * _MM), (0.3, 0.2, -0.1))
@@ -128,40 +128,40 @@ def _hand_at_rest(c: Laws) -> Iterator[Clause]:
         ("still", "{H} turned 90 deg in {RB}", _pose((0, 0, 0), (0, 0, np.pi / 2))),
         ("still.shifted", "{H} offset 100 mm from {RB}", _pose((0.1, 0, 0))),
     ):
-        moved, turned = _difference(P, c.tool(P, W, W, T, 1.0))
+        shift, turned = _difference(P, console.tool(P, W, W, T, 1.0))
         yield _position_clause(
             name,
             "eq2",
             text=f"while the hand is at rest, the tool is at rest ({place})",
-            distance=moved,
+            distance=shift,
             violation=(
-                f"the hand is at rest ({place}), and the tool moves {moved / _MM:.3f} mm and turns {turned:.3f} deg: "
+                f"the hand is at rest ({place}), and the tool moves {shift / _MM:.3f} mm and turns {turned:.3f} deg: "
                 "with W1 = W0, eq. (2) gives T, not the identity"
             ),
             advice="complete the change of frame, T (W1 W0^-1) T^-1, or transform increments by R_T, the rotation of T",
         )
 
 
-def _turn_of_hand(c: Laws) -> Iterator[Clause]:
+def _turn_of_hand(console: JudgedConsole) -> Iterator[Clause]:
     """Yield the clauses on a hand that turns in place: position of the tool, then its rotation."""
     P = _pose((50 * _MM, 0, 0))
     W = _pose((0, 0, 0))
     quarter_turn = _pose((0, 0, 0), (0, 0, np.pi / 2))
-    moved, _ = _difference(P, c.tool(P, W, quarter_turn, np.eye(4), 1.0))
+    shift, _ = _difference(P, console.tool(P, W, quarter_turn, np.eye(4), 1.0))
     yield _position_clause(
         "turn",
         "eq1",
         text="a pure rotation of the hand does not move the tool's wrist",
-        distance=moved,
+        distance=shift,
         violation=(
-            f"the hand turns 90 deg in place, and the tool moves {moved / _MM:.3f} mm: the tool turns about the hand's "
+            f"the hand turns 90 deg in place, and the tool moves {shift / _MM:.3f} mm: the tool turns about the hand's "
             "origin, 50 mm away, and not about its own origin"
         ),
         advice="turn the tool about its own origin: R1 = dR R0, p1 = p0 + dp",
     )
     T = _pose((0, 0, 0), (0.4, -0.7, 0.5))
     turn = np.array([0.2, 0.5, -0.3])  # rotation vector of the hand in {H}
-    turned = c.tool(P, W, _pose((0, 0, 0), turn), T, 1.0)[:3, :3] @ P[:3, :3].T
+    turned = console.tool(P, W, _pose((0, 0, 0), turn), T, 1.0)[:3, :3] @ P[:3, :3].T
     required = Rotation.from_rotvec(T[:3, :3] @ turn).as_matrix()
     deviation = _angle(turned @ required.T)
     yield _limited_clause(
@@ -176,14 +176,14 @@ def _turn_of_hand(c: Laws) -> Iterator[Clause]:
     )
 
 
-def _scaled_motion(c: Laws) -> Iterator[Clause]:
+def _scaled_motion(console: JudgedConsole) -> Iterator[Clause]:
     """Yield the clause on direction and length of the tool's motion, with a scale and a turned frame {H}."""
     T = _pose((0, 0, 0), (0, 0, np.pi / 2))
     P = _pose((50 * _MM, 0, 0))
     W_0 = _pose((0, 0, 0))
     W_1 = _pose((10 * _MM, 0, 0))
-    moved = c.tool(P, W_0, W_1, T, _SCALE)[:3, 3] - P[:3, 3]
-    deviation = float(np.linalg.norm(moved - [0, _SCALE * 10 * _MM, 0]))
+    shift = console.tool(P, W_0, W_1, T, _SCALE)[:3, 3] - P[:3, 3]
+    deviation = float(np.linalg.norm(shift - [0, _SCALE * 10 * _MM, 0]))
     yield _position_clause(
         "scale",
         "eq2",
@@ -194,19 +194,19 @@ def _scaled_motion(c: Laws) -> Iterator[Clause]:
         ),
         distance=deviation,
         violation=(
-            f"at scale {_SCALE:g} the hand moves 10 mm along x of {{H}} and the tool moves ({_triple(moved)}) mm in "
+            f"at scale {_SCALE:g} the hand moves 10 mm along x of {{H}} and the tool moves ({_triple(shift)}) mm in "
             f"{{RB}}: the distance from (0, 5, 0) mm is {deviation / _MM:.3f} mm"
         ),
         advice="use p1 = p0 + s R_T (h1 - h0), which contains the scale s",
     )
 
 
-def _regrip(c: Laws) -> Iterator[Clause]:
+def _regrip(console: JudgedConsole) -> Iterator[Clause]:
     """Yield the clauses on the clutch: the tool at the re-grip, and its motion afterwards."""
     T = _pose((20 * _MM, 0, 0), (0.3, 0.1, -0.2))
     P = _pose((0, 40 * _MM, -90 * _MM), (0.1, 0.4, 0.0))
     gripped = _pose((30 * _MM, -10 * _MM, 20 * _MM), (0.35, 0.1, -0.2))  # handle pose after moving while declutched
-    engaged = c.tool(P, gripped, gripped, T, _SCALE)
+    engaged = console.tool(P, gripped, gripped, T, _SCALE)
     jump, _ = _difference(P, engaged)
     yield _position_clause(
         "regrip",
@@ -217,8 +217,8 @@ def _regrip(c: Laws) -> Iterator[Clause]:
         advice="measure increments from the hand pose at re-grip, and transform them by R_T, the rotation of T",
     )
     step = np.array([0, 0, 10 * _MM])
-    moved = c.tool(engaged, gripped, _shifted(gripped, step), T, 1.0)[:3, 3] - engaged[:3, 3]
-    deviation = float(np.linalg.norm(moved - T[:3, :3] @ step))
+    shift = console.tool(engaged, gripped, _shifted(gripped, step), T, 1.0)[:3, 3] - engaged[:3, 3]
+    deviation = float(np.linalg.norm(shift - T[:3, :3] @ step))
     yield _position_clause(
         "regrip.way",
         "eq2",
@@ -232,13 +232,13 @@ def _regrip(c: Laws) -> Iterator[Clause]:
     )
 
 
-def _camera_motion(c: Laws) -> Iterator[Clause]:
+def _camera_motion(console: JudgedConsole) -> Iterator[Clause]:
     """Yield the clauses on a camera that moves, which changes T: the tool meanwhile, and its motion afterwards."""
     W = _pose((10 * _MM, 20 * _MM, 0))
     T_before = _pose((0, 0, 0))
     T_after = _pose((30 * _MM, 0, 0), (0, 0, np.pi / 6))
-    P_before = c.tool(_pose((0, 0, -100 * _MM)), W, W, T_before, _SCALE)
-    P_after = c.tool(P_before, W, W, T_after, _SCALE)
+    P_before = console.tool(_pose((0, 0, -100 * _MM)), W, W, T_before, _SCALE)
+    P_after = console.tool(P_before, W, W, T_after, _SCALE)
     jump, _ = _difference(P_before, P_after)
     yield _position_clause(
         "camera.still",
@@ -249,8 +249,8 @@ def _camera_motion(c: Laws) -> Iterator[Clause]:
         advice="express increments of the hand in the current frame of the camera: T must cancel when W1 = W0",
     )
     step = np.array([10 * _MM, 0, 0])
-    moved = c.tool(P_after, W, _shifted(W, step), T_after, 1.0)[:3, 3] - P_after[:3, 3]
-    deviation = float(np.linalg.norm(moved - T_after[:3, :3] @ step))
+    shift = console.tool(P_after, W, _shifted(W, step), T_after, 1.0)[:3, 3] - P_after[:3, 3]
+    deviation = float(np.linalg.norm(shift - T_after[:3, :3] @ step))
     yield _position_clause(
         "camera.way",
         "eq2",
@@ -264,7 +264,7 @@ def _camera_motion(c: Laws) -> Iterator[Clause]:
     )
 
 
-def _origin_of_hand(c: Laws) -> Iterator[Clause]:
+def _origin_of_hand(console: JudgedConsole) -> Iterator[Clause]:
     """Yield the clause on one motion of the hand, described from two origins of {H}."""
     T = _pose((20 * _MM, 0, 0), (0.3, 0.1, -0.2))
     P = _pose((0, 40 * _MM, -90 * _MM))
@@ -272,8 +272,8 @@ def _origin_of_hand(c: Laws) -> Iterator[Clause]:
     W_1 = _pose((15 * _MM, 5 * _MM, 0), (0.1, 0, 0.2))
     # the same motion of the hand, seen from another origin of {H}
     origin = np.array([200 * _MM, 0, 0])
-    shifted = c.tool(P, _shifted(W_0, -origin), _shifted(W_1, -origin), T @ _pose(tuple(origin)), _SCALE)
-    deviation, _ = _difference(c.tool(P, W_0, W_1, T, _SCALE), shifted)
+    shifted = console.tool(P, _shifted(W_0, -origin), _shifted(W_1, -origin), T @ _pose(tuple(origin)), _SCALE)
+    deviation, _ = _difference(console.tool(P, W_0, W_1, T, _SCALE), shifted)
     yield _position_clause(
         "origin",
         "eq2",
@@ -286,46 +286,47 @@ def _origin_of_hand(c: Laws) -> Iterator[Clause]:
     )
 
 
-def _left_handed_scene(c: Laws) -> Iterator[Clause]:
+def _left_handed_scene(console: JudgedConsole) -> Iterator[Clause]:
     """Yield the clause on a motion in a mirrored scene, as in a game engine with left-handed coordinates."""
-    S = np.diag([1.0, 1, -1, 1])
+    S = np.diag([1.0, 1, -1, 1])  # the mirror at the plane z = 0; it is its own inverse
     T = _pose((20 * _MM, 0, 5 * _MM), (0.3, 0.1, -0.2))
     P = _pose((0, 40 * _MM, -90 * _MM), (0.1, 0.2, 0.3))
     W_0 = _pose((10 * _MM, 0, 0), (0, 0.2, 0.1))
     W_1 = _pose((15 * _MM, 5 * _MM, 2 * _MM), (0.1, 0, 0.2))
-    mirrored = S @ c.tool(S @ P @ S, S @ W_0 @ S, S @ W_1 @ S, S @ T @ S, _SCALE) @ S
-    moved, turned = _difference(c.tool(P, W_0, W_1, T, _SCALE), mirrored)
+    mirrored = S @ console.tool(S @ P @ S, S @ W_0 @ S, S @ W_1 @ S, S @ T @ S, _SCALE) @ S
+    shift, turned = _difference(console.tool(P, W_0, W_1, T, _SCALE), mirrored)
     yield _position_clause(
         "left_handed",
         "eq2",
         text="in a left-handed scene (mirror S: p' = S p, R' = S R S) the motion is the mirror image",
-        distance=moved + np.radians(turned) * _LEVER,
+        distance=shift + np.radians(turned) * _LEVER,
         violation=(
-            f"in a left-handed scene the tool ends {moved / _MM:.3f} mm and {turned:.3f} deg from the mirrored pose"
+            f"in a left-handed scene the tool ends {shift / _MM:.3f} mm and {turned:.3f} deg from the mirrored pose"
         ),
         advice="mirror both positions and rotations: p' = S p, R' = S R S",
     )
 
 
-def _closed_loop(c: Laws) -> tuple[list[Clause], Array]:
+def _closed_loop(console: JudgedConsole) -> tuple[list[Clause], Array]:
     """Move the hand once around a closed loop while it rotates, in many increments; return clauses and tool path."""
     T = _pose((0, 0, 0), (0, 0, np.pi / 2))
     start = _pose((0, 40 * _MM, -90 * _MM), (0.1, 0.2, 0.3))
     P = start
     path = [P[:3, 3]]
+    # increments of a console come one by one, each with its own rounding
     for before, after in pairwise(_closed_path()):
-        P = c.tool(P, before, after, T, _SCALE)
+        P = console.tool(P, before, after, T, _SCALE)
         path.append(P[:3, 3])
-    moved, turned = _difference(start, P)
+    shift, turned = _difference(start, P)
     advice = "let the increments of a closed loop cancel: sum positions, multiply rotations in one frame"
     where = f"in {_INCREMENTS} increments"
     position = _position_clause(
         "loop",
         "eq2",
         text=f"a closed path of the hand returns the tool to its position, {where}",
-        distance=moved,
+        distance=shift,
         violation=(
-            f"the hand returns after {_INCREMENTS} increments, and the tool is {number(moved / _MM)} mm from its start"
+            f"the hand returns after {_INCREMENTS} increments, and the tool is {number(shift / _MM)} mm from its start"
         ),
         advice=advice,
     )
@@ -357,9 +358,9 @@ def _closed_path() -> Array:
 # -- two hands, one camera ------------------------------------------------------------------------------------------
 
 
-def _roll(c: Laws) -> Iterator[Clause]:
+def _roll(console: JudgedConsole) -> Iterator[Clause]:
     """Yield the clauses on the roll of the camera by two hands; the printed equation gives an area, not an angle."""
-    in_angle = c.turn_unit == "rad"
+    in_angle = console.turn_unit == "rad"
     if in_angle:
         unit = "deg"
         factor = 180 / np.pi
@@ -368,8 +369,8 @@ def _roll(c: Laws) -> Iterator[Clause]:
         factor = 1e6
 
     def turns(p_R0: Array, p_R1: Array, p_L0: Array, p_L1: Array) -> tuple[float, float]:
-        """Return the roll about z by each hand in `unit`; for the arguments see `Laws.turns`."""
-        by_right, by_left = c.turns(p_R0, p_R1, p_L0, p_L1, np.array([0.0, 0, 1]))
+        """Return the roll about z by each hand in `unit`; for the arguments see `JudgedConsole.turns`."""
+        by_right, by_left = console.turns(p_R0, p_R1, p_L0, p_L1, np.array([0.0, 0, 1]))
         return factor * by_right, factor * by_left
 
     yield from _roll_of_turn(turns, unit, in_angle)
@@ -401,6 +402,7 @@ def _roll_of_turn(turns: _CameraRolls, unit: str, in_angle: bool) -> Iterator[Cl
         deviation = max(abs(by_right - 3), abs(by_left - 3))
         violation = f"hands that turn 3 deg give {by_right:.3f} and {by_left:.3f} deg"
     else:
+        # an area cannot be compared with 3 deg: it is shown, and the clause fails by its unit
         deviation = smallest
         violation = (
             "a cross product is an area and a displacement is a length: the paper prints no conversion to an angle"
@@ -479,12 +481,13 @@ def _roll_of_lift(turns: _CameraRolls, unit: str, in_angle: bool) -> Iterator[Cl
 # -- forces, and the check of the paper itself ----------------------------------------------------------------------
 
 
-def _force_of_surface(c: Laws) -> Iterator[Clause]:
+def _force_of_surface(console: JudgedConsole) -> Iterator[Clause]:
     """Yield the clauses on the force of a surface: units, model, direction and size."""
-    resting = abs(c.force(1 * _MM, 0.0))
-    moving = abs(c.force(1e-9, 10 * _MM))  # at the surface, where only the damping acts
-    yield from _description_of_force(c, resting, moving)
-    pull = c.force(0.1 * _MM, -100 * _MM)
+    resting = abs(console.force(1 * _MM, 0.0))
+    moving = abs(console.force(1e-9, 10 * _MM))  # at the surface, where only the damping acts
+    yield from _description_of_force(console, resting, moving)
+    # near the surface and fast: there, the damping outweighs the spring if nothing prevents it
+    pull = console.force(0.1 * _MM, -100 * _MM)
     yield _limited_clause(
         "force.pull",
         "eq5",
@@ -500,7 +503,7 @@ def _force_of_surface(c: Laws) -> Iterator[Clause]:
     forces = []
     for depth in (1, 5, 10, 20):
         for rate in (-0.1, 0.0, 0.1):
-            forces.append(c.force(depth * _MM, rate))
+            forces.append(console.force(depth * _MM, rate))
     largest = float(np.abs(forces).max())  # not a number if one of the forces is none: no limit holds then
     yield _limited_clause(
         "force.largest",
@@ -527,7 +530,7 @@ def _force_of_surface(c: Laws) -> Iterator[Clause]:
     )
 
 
-def _description_of_force(c: Laws, resting: float, moving: float) -> Iterator[Clause]:
+def _description_of_force(console: JudgedConsole, resting: float, moving: float) -> Iterator[Clause]:
     """Yield the clauses on what the paper says of the force: its units and its name.
 
     `resting` and `moving` are the forces in N at a depth of 1 mm at rest, and at a rate of 10 mm/s at the surface.
@@ -536,7 +539,7 @@ def _description_of_force(c: Laws, resting: float, moving: float) -> Iterator[Cl
         "force.units",
         "eq5",
         text="stiffness and damping have units",
-        value=0.0 if c.force_units else 1000.0,
+        value=0.0 if console.force_units else 1000.0,  # N/mm or N/m: a factor of 1000 between the two readings
         unit="times",
         limit=1.0,
         violation=(
@@ -549,15 +552,15 @@ def _description_of_force(c: Laws, resting: float, moving: float) -> Iterator[Cl
         "force.model",
         "eq5",
         text="the model has the terms that its name implies",
-        value=float("mass" in c.force_model),
+        value=float("mass" in console.force_model),
         unit="terms missing",
         limit=0.0,
-        violation=f"the paper calls it a {c.force_model} model, but no term contains a mass or an acceleration",
+        violation=f"the paper calls it a {console.force_model} model, but no term contains a mass or an acceleration",
         advice="call the model a spring-damper, or add the term m d2x/dt2",
     )
 
 
-def _error_definition(c: Laws) -> Iterator[Clause]:
+def _error_definition(console: JudgedConsole) -> Iterator[Clause]:
     """Yield the clauses on the error that the paper defines: zero for an exact motion, and not zero for a wrong one."""
     P = _pose((50 * _MM, 0, 0))
     W_0 = _pose((30 * _MM, 0, 0))
@@ -566,21 +569,21 @@ def _error_definition(c: Laws) -> Iterator[Clause]:
     P_required = P.copy()
     P_required[:3, 3] += _SCALE * T[:3, :3] @ (W_1 - W_0)[:3, 3]
     P_required[:3, :3] = Rotation.from_rotvec(T[:3, :3] @ [0, 0, 0.2]).as_matrix() @ P[:3, :3]
-    error = c.error(P, P_required, W_0, W_1, T, _SCALE)
-    moved = float(np.linalg.norm(error[:3, 3]))
+    error = console.error(P, P_required, W_0, W_1, T, _SCALE)
+    shift = float(np.linalg.norm(error[:3, 3]))
     turned = _angle(error[:3, :3])
     yield _position_clause(
         "error.right",
         "eq7",
         text="if the tool follows the hand exactly, the error is zero",
-        distance=moved,
-        violation=f"the tool follows the hand exactly, and eq. (7) gives {moved / _MM:.3f} mm and {turned:.3f} deg",
+        distance=shift,
+        violation=f"the tool follows the hand exactly, and eq. (7) gives {shift / _MM:.3f} mm and {turned:.3f} deg",
         advice="e_lin = dp - s R_T dh, e_ang = log(dR (R_T dR_H R_T^T)^T)",
     )
     T = _pose((0, 0, 0), (0, 0, np.pi / 2))
     P_printed = T @ P  # result of the printed eqs (1) and (2) for a hand at rest
     distance = float(np.linalg.norm(P_printed[:3, 3] - P[:3, 3]))
-    reported = float(np.linalg.norm(c.error(P, P_printed, W_0, W_0, T, _SCALE)[:3, 3]))
+    reported = float(np.linalg.norm(console.error(P, P_printed, W_0, W_0, T, _SCALE)[:3, 3]))
     yield _position_clause(
         "error.blind",
         "eq7",
@@ -594,7 +597,7 @@ def _error_definition(c: Laws) -> Iterator[Clause]:
     )
 
 
-_GROUPS: dict[str, Callable[[Laws], Iterator[Clause]]] = {
+_GROUPS: dict[str, Callable[[JudgedConsole], Iterator[Clause]]] = {
     "still": _hand_at_rest,
     "turn": _turn_of_hand,
     "way": _scaled_motion,

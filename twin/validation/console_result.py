@@ -55,16 +55,16 @@ class Clause:
 
     def cells(self) -> tuple[str, ...]:
         """Return the cells of the clause's row in a table of text."""
-        mark = ""
+        symbol = ""
         if not self.holds:
-            mark = "✖"
+            symbol = "✖"
         measured = f"{number(self.value)} {self.unit}"
         limit = f"{number(self.limit)} {self.unit}"
-        return mark, _printed(self.equation), self.text, measured, limit
+        return symbol, _printed(self.equation), self.text, measured, limit
 
 
 @dataclass(frozen=True)
-class Contract(Result):
+class ConsoleResult(Result):
     """Result of judging a console.
 
     Attributes:
@@ -120,15 +120,22 @@ class Contract(Result):
         yield Line(f"\n  {line}", "bold")
 
 
-def _finding(c: Clause, variants: Mapping[str, str]) -> Finding:
-    cause = c.equation
-    variant = variants.get(c.equation, "")
+def _finding(clause: Clause, variants: Mapping[str, str]) -> Finding:
+    cause = clause.equation
+    variant = variants.get(clause.equation, "")
     if variant:
-        cause = f"{c.equation} ({variant})"
-    size = Quantity(c.value, c.unit)
-    place = f"eq. {_printed(c.equation)}"
+        cause = f"{clause.equation} ({variant})"
+    size = Quantity(clause.value, clause.unit)
+    place = f"eq. {_printed(clause.equation)}"
     return disagreement(
-        f"console.{c.name}", place, c.violation, size=size, limit=c.limit, suggestion=c.advice, cause=cause, word=""
+        f"console.{clause.name}",
+        place,
+        clause.violation,
+        size=size,
+        limit=clause.limit,
+        suggestion=clause.advice,
+        cause=cause,
+        word="",
     )
 
 

@@ -14,8 +14,8 @@ from twin.formula.contract import Equation
 from twin.kinematics import Kinematics
 from twin.planning.trajectory import Trajectory
 from twin.reference import ReferenceModel, SolvedSamples
+from twin.validation.residual_rows import SampleClock, Tolerances
 from twin.validation.result import Residual
-from twin.validation.rows import SampleClock, Tolerances
 
 Progress = Callable[[str, float], None]
 
@@ -38,25 +38,25 @@ class EquationsComparison:
     coarse: Index = field(default_factory=lambda: np.zeros(0, np.intp))
     """Indices of the coarse samples."""
 
-    def judge(self, r: Residual, kind: Kind, what: str, where: str = "", **more: str) -> None:
+    def judge(self, residual: Residual, kind: Kind, what: str, where: str = "", **details: str) -> None:
         """Add a row and, if the row disagrees, a finding; for the arguments see `Residual.finding`."""
-        self.residuals.append(r)
-        if not r.agrees:
-            self.findings.append(r.finding(kind, what, where, **more))
+        self.residuals.append(residual)
+        if not residual.agrees:
+            self.findings.append(residual.finding(kind, what, where, **details))
 
-    def differs(self, r: Residual, what: str, cause: str = "") -> None:
+    def differs(self, residual: Residual, what: str, cause: str = "") -> None:
         """Add a row and, if the row disagrees, a finding.
 
         The severity is info if the row is a consequence of another row, else disagreement. `cause` is the name of the
         wrong equation, if known.
         """
-        if r.consequence_of:
-            kind = Kind(f"{r.quantity}.differs", "info", word="tolerance")
-            suggestion = f"caused by {r.consequence_of}; fix that first"
+        if residual.consequence_of:
+            kind = Kind(f"{residual.quantity}.differs", "info", word="tolerance")
+            suggestion = f"caused by {residual.consequence_of}; fix that first"
         else:
-            kind = Kind(f"{r.quantity}.differs", "disagreement", word="tolerance")
+            kind = Kind(f"{residual.quantity}.differs", "disagreement", word="tolerance")
             suggestion = ""
-        self.judge(r, kind, what, suggestion=suggestion, cause=cause)
+        self.judge(residual, kind, what, suggestion=suggestion, cause=cause)
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class ComparedSamples:
         clock: times and phases of all its samples.
         tolerances: largest deviations that count as agreement.
         progress: receives (what is computed, fraction that is done).
-        out: the comparison; each check adds its rows and findings to it.
+        comparison: the comparison; each check adds its rows and findings to it.
         posed: states of the mechanism at the tool poses of the coarse samples.
     """
 
@@ -78,18 +78,18 @@ class ComparedSamples:
     clock: SampleClock
     tolerances: Tolerances
     progress: Progress
-    out: EquationsComparison
+    comparison: EquationsComparison
     posed: SolvedSamples
 
     @property
     def coarse(self) -> SampleClock:
         """Times and phases of the coarse samples."""
-        return self.clock.at(self.out.coarse)
+        return self.clock.at(self.comparison.coarse)
 
     @property
     def Ts(self) -> Array:  # noqa: N802
         """Tool poses (k, 4, 4) of the coarse samples."""
-        return self.trajectory.Ts_base_tool[self.out.coarse]
+        return self.trajectory.Ts_base_tool[self.comparison.coarse]
 
 
 @dataclass(frozen=True)
@@ -119,8 +119,9 @@ def equation_of(kin: Kinematics, symbols: str | tuple[str, ...]) -> str:
     """Return the equation that computes one of the symbols, as "name (variant)"; "" if there is none."""
     if isinstance(symbols, str):
         symbols = (symbols,)
-    asked = set(symbols)
+    wanted_symbols = set(symbols)
     for equation in kin.formula.equations:
-        if equation.stage != "helper" and asked & set(equation.outputs):
+        # a helper computes symbols for other equations, and is not printed as one
+        if equation.stage != "helper" and wanted_symbols & set(equation.outputs):
             return named_with_variant(kin, equation)
     return ""

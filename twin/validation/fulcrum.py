@@ -23,11 +23,17 @@ def fulcrum(trajectory: Trajectory) -> Array:
     motion = np.full((len(rcm), 2), np.nan)
     if not inside.any():
         return motion
-    shaft = trajectory.Ts_base_frame[inside, :3, :3] @ (trajectory.shaft_axis / np.linalg.norm(trajectory.shaft_axis))
-    mean = shaft.mean(axis=0) / np.linalg.norm(shaft.mean(axis=0))
+    axis = trajectory.shaft_axis / np.linalg.norm(trajectory.shaft_axis)
+    shaft = trajectory.Ts_base_frame[inside, :3, :3] @ axis
+    mean_shaft = shaft.mean(axis=0)
+    mean_shaft /= np.linalg.norm(mean_shaft)
     tip = trajectory.Ts_base_frame[inside, :3, 3] - rcm[inside]
-    across = (tip - tip.mean(axis=0)) @ (np.eye(3) - np.outer(mean, mean))
-    direction = np.linalg.svd(across, full_matrices=False)[2][0]
+    across = (tip - tip.mean(axis=0)) @ (np.eye(3) - np.outer(mean_shaft, mean_shaft))
+    # the first principal direction of the tip's motion
+    _, _, directions = np.linalg.svd(across, full_matrices=False)
+    direction = directions[0]
+    # its sign is arbitrary: the largest component is made positive, so that curves look alike on every machine
     direction *= np.sign(direction[np.argmax(np.abs(direction))])
+    # the tip moves inside, the outer point on the other side of the trocar
     motion[inside] = np.column_stack([tip @ direction, -OUTSIDE * shaft @ direction])
     return motion

@@ -115,7 +115,7 @@ class PriceSum(Table):
     part: list[Priced] = Field(min_length=1)
 
 
-class Above(Table):
+class StatedMinimum(Table):
     """A sentence of the paper with the claim that the means of the listed outcomes are above a number."""
 
     text: str
@@ -123,7 +123,7 @@ class Above(Table):
     above: float
 
 
-class Twice(Table):
+class RepeatedNumbers(Table):
     """Numbers that the paper prints in several places: one list of values for each place. The lists must be equal."""
 
     name: str
@@ -145,8 +145,8 @@ class GroupTables(Table):
     chain: AccuracyChain | None = None
     angle_chain: AngleChain | None = None
     sum: list[PriceSum] = Field(default_factory=list)
-    claim: list[Above] = Field(default_factory=list)
-    twice: list[Twice] = Field(default_factory=list)
+    claim: list[StatedMinimum] = Field(default_factory=list)
+    twice: list[RepeatedNumbers] = Field(default_factory=list)
 
     @model_validator(mode="after")
     def _are_names_known(self) -> GroupTables:

@@ -26,8 +26,8 @@ from twin.reference import ReferenceModel, SolvedSamples
 from twin.reference.joint_range import JointRange, joint_range
 from twin.reference.loop_closing import Closing
 from twin.validation.equations_comparison import EquationsComparison
+from twin.validation.residual_rows import Tolerances, rotation_vectors
 from twin.validation.result import Residual
-from twin.validation.rows import Tolerances, rotation_vectors
 
 HEADING = "joint range"
 
@@ -137,6 +137,7 @@ def range_errors(
     if free_angles:
         angles = _free_angles(kin, model)
     for angle in angles:
+        # compiled anew, because parameters are constants of the compiled equations
         changed_value = kin.parameters[angle.name] + _ANGLE_CHANGE
         changed_parameters = {**kin.parameters, angle.name: changed_value}
         extra_joints = model.mechanism.extra_joints(joint.name for joint in kin.formula.joints)
@@ -169,33 +170,36 @@ def _free_angles(kin: Kinematics, model: ReferenceModel) -> list[Parameter]:
     return free
 
 
-def whole_range(kin: Kinematics, model: ReferenceModel, tolerances: Tolerances, out: EquationsComparison) -> None:
-    """Add rows, findings and facts of the comparison over the joint range to `out`."""
+def whole_range(
+    kin: Kinematics, model: ReferenceModel, tolerances: Tolerances, comparison: EquationsComparison
+) -> None:
+    """Add rows, findings and facts of the comparison over the joint range to `comparison`."""
     if not model.mechanism.active:
         return
-    found = range_errors(kin, model, tolerances)
-    inside = found.inside
+    errors = range_errors(kin, model, tolerances)
+    inside = errors.inside
     if not inside.any():
         return
-    out.facts[HEADING] = _facts(found.drawn, inside, found.beyond, model.mechanism)
+    comparison.facts[HEADING] = _facts(errors.drawn, inside, errors.beyond, model.mechanism)
+    # a row of the protocol that disagrees is the better place to look: these rows then follow from it
     wrong_before = ""
-    for residual in out.residuals:
+    for residual in comparison.residuals:
         if residual.pair == "A-B" and not residual.agrees:
             wrong_before = residual.name
             break
     judge = _Judge(
-        drawn=found.drawn,
+        drawn=errors.drawn,
         inside=inside,
         mechanism=model.mechanism,
         tolerances=tolerances,
         wrong_before=wrong_before,
-        out=out,
+        comparison=comparison,
     )
-    for name, states in found.without_margin.items():
+    for name, states in errors.without_margin.items():
         judge.no_margin(name, states)
-    for name, (offset, turn) in found.errors.items():
+    for name, (offset, turn) in errors.errors.items():
         judge.rows(name, offset, turn)
-    for name, (offset, turn) in found.other_values.items():
+    for name, (offset, turn) in errors.other_values.items():
         judge.compared(name, offset, turn)
 
 
@@ -218,7 +222,10 @@ def beyond_reach(kin: Kinematics, q: Array, Ts: Array) -> tuple[dict[str, np.nda
     outside = np.zeros(len(q), bool)
     for states in beyond.values():
         outside |= states
-    excluding = {name: states for name, states in beyond.items() if states.any()}
+    excluding: dict[str, np.ndarray] = {}
+    for name, states in beyond.items():
+        if states.any():
+            excluding[name] = states
     without_margin: dict[str, np.ndarray] = {}
     for name, states in unknown.items():
         unknown_inside = states & ~outside
@@ -228,14 +235,14 @@ def beyond_reach(kin: Kinematics, q: Array, Ts: Array) -> tuple[dict[str, np.nda
 
 
 def _inverse_errors(
-    kin: Kinematics, model: ReferenceModel, drawn: JointRange, tolerances: Tolerances, reads: bool | None
+    kin: Kinematics, model: ReferenceModel, range_states: JointRange, tolerances: Tolerances, reads: bool | None
 ) -> tuple[Array, Array, np.ndarray]:
     """Return the errors of the inverse equations (see `RangeErrors`): (k,) in m, (k,) in rad, and `own` (k,).
 
     The error is 0 where the equations give the joint values of the state.
     """
-    Ts, is_own_mode = poses_by_inverse(kin, model, drawn.run, tolerances, reads)
-    true = drawn.run.Ts_base_tool
+    Ts, is_own_mode = poses_by_inverse(kin, model, range_states.run, tolerances, reads)
+    true = range_states.run.Ts_base_tool
     is_other_mode = np.isfinite(Ts).all(axis=(1, 2)) & ~is_own_mode
     offset = np.where(np.isnan(Ts).any(axis=(1, 2)), np.nan, np.inf)
     offset[is_own_mode] = 0.0
@@ -264,27 +271,28 @@ def poses_by_inverse(
     is_own_mode = np.logical_and(answered, (np.abs(difference) <= limit).all(axis=1))
     poses = run.Ts_base_tool.copy()
     poses[~answered] = np.nan
-    other = np.flatnonzero(answered & ~is_own_mode)
-    if not len(other):
+    other_rows = np.flatnonzero(answered & ~is_own_mode)
+    if not len(other_rows):
         return poses, is_own_mode
     # The mechanism is driven to the values of another solution: its tool must then be at the same pose.
-    true = run.Ts_base_tool[other]
-    poses[other] = np.inf
+    true = run.Ts_base_tool[other_rows]
+    poses[other_rows] = np.inf
     smallest_error = np.full(len(q), np.inf)
     if reads is None:
         reads = reads_orientation(kin, run.Ts_base_tool)
+    # the walks to the other solutions start from the judged states, which are closed
     closing = Closing(model, np.ones(q.shape[1]))
     closing.keep(run.q, run.x)
     # Full turns change no pose, but a walk from the known states may reach only one of the values.
     within_one_turn = np.where(kin.revolute, (q + np.pi) % (2 * np.pi) - np.pi, q)
     nearest_turn = run.q + difference
-    tried: list[Array] = []
+    tried_values: list[Array] = []
     for values in (q, within_one_turn, nearest_turn):
-        new = np.ones(len(other), bool)
-        for before in tried:
-            new &= np.abs(values - before)[other].max(axis=1) > ROUNDING
-        tried.append(values)
-        rows = other[new]
+        new = np.ones(len(other_rows), bool)
+        for before in tried_values:
+            new &= np.abs(values - before)[other_rows].max(axis=1) > ROUNDING
+        tried_values.append(values)
+        rows = other_rows[new]
         if not len(rows):
             continue
         states, possible = closing.states(values[rows])
@@ -306,14 +314,14 @@ def reads_orientation(kin: Kinematics, Ts: Array) -> bool:
     """
     rates = kin.inverse_jacobian_many(Ts=Ts)[:, :, 3:]
     zero = (rates == 0) | np.isnan(rates)
-    known = np.isfinite(rates).all(axis=(1, 2))
-    return not (known.any() and zero.all())
+    is_known = np.isfinite(rates).all(axis=(1, 2))
+    return not (is_known.any() and zero.all())
 
 
-def _forward_errors(kin: Kinematics, drawn: JointRange) -> tuple[Array, Array]:
+def _forward_errors(kin: Kinematics, range_states: JointRange) -> tuple[Array, Array]:
     """Return the errors (k,) in m and (k,) in rad of the tool poses of the forward equations; NaN without a pose."""
-    true = drawn.run.Ts_base_tool
-    Ts = kin.forward_many(drawn.run.q)
+    true = range_states.run.Ts_base_tool
+    Ts = kin.forward_many(range_states.run.q)
     finite = np.isfinite(Ts).all(axis=(1, 2))
     offset = np.full(len(Ts), np.nan)
     turn = offset.copy()
@@ -331,7 +339,7 @@ class _Judge:
         inside: (k,) bool, whether a state is within the reach that the equations state.
         mechanism, tolerances: see `whole_range`.
         wrong_before: name of a row of the protocol that disagrees, and may be the cause; "" if none does.
-        out: the comparison to fill.
+        comparison: the comparison to fill.
     """
 
     drawn: JointRange
@@ -339,7 +347,7 @@ class _Judge:
     mechanism: Mechanism
     tolerances: Tolerances
     wrong_before: str
-    out: EquationsComparison
+    comparison: EquationsComparison
 
     def rows(self, name: str, offset: Array, turn: Array) -> None:
         """Add a row for the position errors (k,) in m and one for the rotation errors (k,) in rad, and findings."""
@@ -357,14 +365,14 @@ class _Judge:
         rotation_limit = SLACK * self.tolerances.rotation
         position = self._row(name, "m", offset, judged=judged, limit=position_limit)
         rotation = self._row(name, "rad", turn, judged=judged, limit=rotation_limit)
-        self.out.residuals += [position, rotation]
+        self.comparison.residuals += [position, rotation]
         wrong = judged & ((offset > position_limit) | (turn > rotation_limit))
         if not wrong.any():
             return
-        shown = position
+        residual = position
         errors = offset
         if position.agrees:
-            shown = rotation
+            residual = rotation
             errors = turn
         worst = int(np.argmax(np.where(wrong, errors, -1.0)))
         stage, _, value = name.partition(", ")  # "inverse, theta = 23 deg": another value of a free angle
@@ -376,8 +384,8 @@ class _Judge:
         if value and not self.wrong_before:
             suggestion = _VANISHES
         text = f"over the joint range, the {equations} are wrong at {_share(wrong, self.inside)}"
-        found = shown.finding(kind, text, suggestion=suggestion, when=self._state(worst), cause=stage)
-        self.out.findings.append(found)
+        finding = residual.finding(kind, text, suggestion=suggestion, when=self._state(worst), cause=stage)
+        self.comparison.findings.append(finding)
 
     def _no_answer(self, name: str, missing: np.ndarray) -> None:
         """Add a finding on equations that give no result at states (k,) bool."""
@@ -393,7 +401,7 @@ class _Judge:
         """Add a finding on what the equations do not give at states (k,) bool that the mechanism can take."""
         text = f"over the joint range, {what} at {_share(states, self.inside)} that the mechanism can take"
         first = int(np.argmax(states))
-        self.out.findings.append(kind(name, text, when=self._state(first), cause=cause))
+        self.comparison.findings.append(kind(name, text, when=self._state(first), cause=cause))
 
     def _row(self, name: str, unit: str, error: Array, judged: np.ndarray, limit: float) -> Residual:
         """Return the row of errors (k,) in `unit`, of which those at the states `judged` (k,) bool count."""
@@ -427,27 +435,27 @@ class _Judge:
         return ", ".join(parts)
 
 
-def _share(some: np.ndarray, of: np.ndarray) -> str:
+def _share(states: np.ndarray, all_states: np.ndarray) -> str:
     """Return "n of k states (p %)"."""
-    return f"{some.sum()} of {of.sum()} states ({100 * some.sum() / of.sum():.0f} %)"
+    return f"{states.sum()} of {all_states.sum()} states ({100 * states.sum() / all_states.sum():.0f} %)"
 
 
 def _facts(
-    drawn: JointRange, inside: np.ndarray, beyond: dict[str, np.ndarray], mechanism: Mechanism
+    range_states: JointRange, inside: np.ndarray, beyond: dict[str, np.ndarray], mechanism: Mechanism
 ) -> dict[str, str]:
     """Return what was judged: share and number of states, excluded states, and the range of each joint."""
     facts = {"judged": f"{100 * inside.mean():.0f} % of the joint range, {inside.sum()} states"}
     for name, states in beyond.items():
         facts[f"beyond '{name}' of the equations"] = f"{100 * states.mean():.0f} % of the states, not judged"
-    values = drawn.run.q
+    values = range_states.run.q
     for i, joint in enumerate(mechanism.active):
         unit, scale = display_unit(joint.is_angle)
         first = values[:, i].min() / scale
         last = values[:, i].max() / scale
         text = f"{first:.1f} .. {last:.1f} {unit}"
-        if drawn.share[i] < _WHOLE:
-            low = drawn.low[i] / scale
-            high = drawn.high[i] / scale
+        if range_states.share[i] < _WHOLE:
+            low = range_states.low[i] / scale
+            high = range_states.high[i] / scale
             text += f"; not reached: the rest of {low:.1f} .. {high:.1f} {unit}"
         if joint.limits is None:
             text += "; the joint has no limits"

@@ -31,19 +31,19 @@ from twin.validation.baked_motion import (
 )
 from twin.validation.case import PARTS, Case, Known, Part
 from twin.validation.checked_plan import OTHERS
-from twin.validation.compare import compare, tool_rates
+from twin.validation.equation_checks import compare, tool_rates
 from twin.validation.equations_comparison import EquationsComparison
 from twin.validation.fulcrum import fulcrum
 from twin.validation.joint_range import whole_range
-from twin.validation.lengths import lengths, put_down
+from twin.validation.lengths import lengths, with_length_causes
 from twin.validation.margins import check_equations_margins
+from twin.validation.residual_rows import pose_rows, row, text
 from twin.validation.result import Report
-from twin.validation.rows import pose_rows, row, text
 from twin.validation.stage_content import content
 from twin.validation.trajectory_checks import about_rcm, of_protocol, passage, passive_limits
 from twin.validation.trocar_methods import three_methods
 from twin.validation.trocars import as_written, through_trocars
-from twin.validation.unit_mistakes import apart
+from twin.validation.unit_mistakes import parts_apart
 
 Progress = Callable[[str, float], None]
 
@@ -115,28 +115,29 @@ def _has_meshes(mechanism: Mechanism) -> bool:
     return any(body.meshes for body in mechanism.bodies)
 
 
-def _equations(case: Case, out: EquationsComparison, progress: Progress) -> None:
-    """Run the judges of the equations and of the RCM, and add their rows and findings to the comparison `out`."""
+def _equations(case: Case, comparison: EquationsComparison, progress: Progress) -> None:
+    """Run the judges of the equations and of the RCM, and add their rows and findings to `comparison`."""
     kin = case.kinematics
     if kin is None:
-        out.findings.append(_NO_EQUATIONS)
+        comparison.findings.append(_NO_EQUATIONS)
     else:
         rows, findings = lengths(kin, case.cad, case.clock, case.tolerances)
-        out.residuals[:0] = rows
-        out.findings[:] = [*findings, *put_down(kin, findings, out.findings)]
-    about_rcm(case, out)
-    through_trocars(case, out)
-    passive_limits(case, out)
-    passage(case, out)
+        # lengths first: they are inputs of the equations
+        comparison.residuals[:0] = rows
+        comparison.findings[:] = [*findings, *with_length_causes(kin, findings, comparison.findings)]
+    about_rcm(case, comparison)
+    through_trocars(case, comparison)
+    passive_limits(case, comparison)
+    passage(case, comparison)
     if kin is not None:
         progress("reach and singularity measures", 0.0)
-        check_equations_margins(kin, case.model, case.tolerances, out)
+        check_equations_margins(kin, case.model, case.tolerances, comparison)
         progress("joint range", 0.0)
-        whole_range(kin, case.model, case.tolerances, out)
-        three_methods(case, out)
+        whole_range(kin, case.model, case.tolerances, comparison)
+        three_methods(case, comparison)
 
 
-def _report(case: Case, out: EquationsComparison, findings: list[Finding], parts: frozenset[Part]) -> Report:
+def _report(case: Case, comparison: EquationsComparison, findings: list[Finding], parts: frozenset[Part]) -> Report:
     mechanism = case.cad.mechanism
     trajectory = case.trajectory
     kin = case.kinematics
@@ -161,16 +162,16 @@ def _report(case: Case, out: EquationsComparison, findings: list[Finding], parts
         protocol_title=case.protocol.title,
         variants=variants,
         reasons=reasons,
-        residuals=tuple(out.residuals),
+        residuals=tuple(comparison.residuals),
         findings=tuple(findings),
         phases=case.clock.phases,
         parameters=tuple(parameters),
         of_protocol=of_protocol,
-        facts=out.facts,
-        tables=out.tables,
+        facts=comparison.facts,
+        tables=comparison.tables,
         environment=_environment(case, parts),
         joint_names=trajectory.joint_names,
-        series=out.series,
+        series=comparison.series,
         angles=frozenset(joint.name for joint in mechanism.joints if joint.is_angle),
     )
 
@@ -194,11 +195,11 @@ def _cannot_take(mechanism: Mechanism, error: AssemblyError) -> Finding:
     )
 
 
-def _curves(out: EquationsComparison, trajectory: Trajectory) -> None:
+def _curves(comparison: EquationsComparison, trajectory: Trajectory) -> None:
     v_tool, a_tool = tool_rates(trajectory)
     angles = spatial.euler_angles(trajectory.Ts_base_tool[:, :3, :3], "zyx")
-    out.series.setdefault("q", trajectory.q)
-    out.series |= {
+    comparison.series.setdefault("q", trajectory.q)
+    comparison.series |= {
         "t": trajectory.t,
         "qd": trajectory.qd,
         "qdd": trajectory.qdd,
@@ -211,50 +212,53 @@ def _curves(out: EquationsComparison, trajectory: Trajectory) -> None:
         "limit_margin": trajectory.limit_margin.min(axis=1),
     }
     for name, values in trajectory.singularity.items():
-        out.series[f"singularity.{name}"] = values
+        comparison.series[f"singularity.{name}"] = values
     for name, values in trajectory.reach.items():
-        out.series[f"reach.{name}"] = values
+        comparison.series[f"reach.{name}"] = values
 
 
 def _mechanism_facts(model: ReferenceModel) -> dict[str, str]:
-    m = model.mechanism
+    mechanism = model.mechanism
     mobility = model.mobility(model.home().x)
     redundant = "none"
     if mobility.redundancy:
         redundant = f"{mobility.redundancy} ({mobility.describe()})"
     facts = {
-        "bodies, joints": f"{len(m.bodies)} bodies, {len(m.joints)} joints, {len(m.active)} driven",
-        "loops closed by": ", ".join(joint.name for joint in m.loops) or "none: a serial chain",
+        "bodies, joints": (
+            f"{len(mechanism.bodies)} bodies, {len(mechanism.joints)} joints, {len(mechanism.active)} driven"
+        ),
+        "loops closed by": ", ".join(joint.name for joint in mechanism.loops) or "none: a serial chain",
         "degrees of freedom": f"{mobility.freedom}, from the rank of the constraint Jacobian",
         "redundant constraints": redundant,
     }
-    for transmission in m.transmissions:
+    for transmission in mechanism.transmissions:
         facts[f"transmission {transmission.name} (rad, m)"] = transmission.equations
-    facts["read from"] = m.source
+    facts["read from"] = mechanism.source
     return facts
 
 
-def _stage(case: Case, out: EquationsComparison, progress: Progress) -> None:
+def _stage(case: Case, comparison: EquationsComparison, progress: Progress) -> None:
     """Compare the stage's mechanism (C) with the CAD's mechanism (B), both by one solver; estimate rounding errors."""
     from twin.reference.sensitivity import of_rounding
     from twin.usd.read import read_stage
 
-    run = out.posed
+    run = comparison.posed
     if run is None:
         return
     try:
-        _check_files(case, out)
+        _check_files(case, comparison)
         stage = read_stage(case.stage)
+        # the protocol may move trocars; the stage is built without a protocol
         trocars: dict[str, Array] = {}
         for name, place in case.protocol.places_of(case.cad.mechanism.trocars).items():
             if name in stage.trocars:
                 trocars[name] = place
         stage = stage.with_trocars(trocars)
-        out.findings += content(case.cad.mechanism, stage, case.cad.description)
-        other = ReferenceModel(stage)
-        back = other.run(run.q, progress=lambda part: progress("stage read back", part))
+        comparison.findings += content(case.cad.mechanism, stage, case.cad.description)
+        stage_model = ReferenceModel(stage)
+        back = stage_model.run(run.q, progress=lambda part: progress("stage read back", part))
     except (StageError, AssemblyError) as error:
-        out.findings.append(disagreement("stage.unreadable", str(case.stage.name), f"stage: {error}"))
+        comparison.findings.append(disagreement("stage.unreadable", str(case.stage.name), f"stage: {error}"))
         return
     spread = of_rounding(case.model, run.x[0])
     position_std, rotation_std = spread.expected
@@ -263,55 +267,58 @@ def _stage(case: Case, out: EquationsComparison, progress: Progress) -> None:
         f"single precision causes an error of {text(position_std, 'm')} and {text(rotation_std, 'rad')} "
         f"(standard deviation; at most {text(position_bound, 'm')}, {text(rotation_bound, 'rad')})"
     )
-    out.facts["stage"] = {"float32 joint frames": note, "most sensitive joint": spread.worst_joint}
-    clock = case.clock.at(out.coarse)
+    comparison.facts["stage"] = {"float32 joint frames": note, "most sensitive joint": spread.worst_joint}
+    clock = case.clock.at(comparison.coarse)
     limits = (case.tolerances.stage_position, case.tolerances.stage_rotation)
     for residual in pose_rows(
         "B-C", "tool", Ts=run.Ts_base_tool, others=back.Ts_base_tool, limits=limits, clock=clock, note=note
     ):
         what = "the mechanism read from the stage and the mechanism in the CAD have different tool poses"
-        out.judge(residual, _STAGE, what, case.stage.name)
+        comparison.judge(residual, _STAGE, what, case.stage.name)
     for i, loop in enumerate(back.loop_names):
         gaps = back.gaps[:, i, 0]
-        out.residuals.append(
+        comparison.residuals.append(
             row("C", "loop", loop, unit="m", differences=gaps, tolerance=case.tolerances.stage_position, clock=clock)
         )
 
 
-def _check_files(case: Case, out: EquationsComparison) -> None:
+def _check_files(case: Case, comparison: EquationsComparison) -> None:
     """Add the findings on the files of the stage, each once, and of the stage with the baked motion, if it exists."""
     from twin.usd.check import check_stage, run_usd_validators
 
-    out.findings += [*check_stage(case.stage), *run_usd_validators(case.stage)]
+    comparison.findings += [*check_stage(case.stage), *run_usd_validators(case.stage)]
     if case.written is None:
         return
-    reported = {(finding.code, finding.where) for finding in out.findings}
+    # the stage with the motion contains the robot's stage, so that it has the same faults again
+    reported = {(finding.code, finding.where) for finding in comparison.findings}
     for finding in check_stage(case.written):
         if (finding.code, finding.where) not in reported:
-            out.findings.append(finding)
-    out.findings += as_written(case)
+            comparison.findings.append(finding)
+    comparison.findings += as_written(case)
 
 
-def _motion(measured: MeasuredMotion, motion_samples: MotionSamples, case: Case, out: EquationsComparison) -> None:
-    """Add the findings and curves of the baked motion and of the clearances to `out`."""
+def _motion(
+    measured: MeasuredMotion, motion_samples: MotionSamples, case: Case, comparison: EquationsComparison
+) -> None:
+    """Add the findings and curves of the baked motion and of the clearances to `comparison`."""
     phases = case.clock.phases
     rows, findings = baked_rows(measured, motion_samples, phases, case.tolerances)
-    out.residuals += rows
-    out.findings += findings
+    comparison.residuals += rows
+    comparison.findings += findings
     if measured.written is not None:
         rows, findings = written_rows(
             measured.written, motion_samples, phases=phases, tolerances=case.tolerances, due=case.baked_for_it
         )
-        out.residuals += rows
-        out.findings += findings
+        comparison.residuals += rows
+        comparison.findings += findings
     driver = motion_samples.driver or "reference model (Pinocchio), because equations and compiled loops give no motion"
-    out.facts["baked motion"] = {"driven by": driver, "judged by": "reference model (Pinocchio)"}
-    out.findings += apart(measured.mates)
+    comparison.facts["baked motion"] = {"driven by": driver, "judged by": "reference model (Pinocchio)"}
+    comparison.findings += parts_apart(measured.mates)
     if measured.clearance is not None:
-        out.facts["clearance"], contacts = clearance_facts(measured.clearance, motion_samples.sparse, phases)
-        out.findings += contacts
-        out.series["clearance_t"] = motion_samples.sparse
-        out.series["clearance"] = measured.clearance.distance
+        comparison.facts["clearance"], contacts = clearance_facts(measured.clearance, motion_samples.sparse, phases)
+        comparison.findings += contacts
+        comparison.series["clearance_t"] = motion_samples.sparse
+        comparison.series["clearance"] = measured.clearance.distance
 
 
 def _environment(case: Case, parts: frozenset[Part]) -> dict[str, str]:

@@ -15,8 +15,8 @@ from twin.core.quantity import um
 from twin.core.units import MM
 from twin.formula.contract import arguments
 from twin.kinematics import Kinematics
+from twin.validation.residual_rows import SampleClock, Tolerances, row
 from twin.validation.result import Residual
-from twin.validation.rows import SampleClock, Tolerances, row
 
 
 def check_parameters(kin: Kinematics, description: Description) -> None:
@@ -44,32 +44,32 @@ def lengths(
     check_parameters(kin, cad.description)
     rows: list[Residual] = []
     findings: list[Finding] = []
-    drawn = clock.at(np.zeros(1, np.intp))  # a length is the same at all times
+    clock_as_drawn = clock.at(np.zeros(1, np.intp))  # a length is the same at all times
     for length in measure(cad):
         first, second = length.between
-        used = kin.parameters[length.parameter]
+        value_in_equations = kin.parameters[length.parameter]
         where = f"{length.parameter} on {length.body}"
         note = f"{first} to {second}, in the CAD"
-        difference = np.array([length.value - used])
-        r = row(
+        difference = np.array([length.value - value_in_equations])
+        residual = row(
             "A-B",
             "length",
             where,
             unit="m",
             differences=difference,
             tolerance=tolerances.position,
-            clock=drawn,
+            clock=clock_as_drawn,
             note=note,
         )
-        rows.append(r)
-        if not r.agrees:
+        rows.append(residual)
+        if not residual.agrees:
             findings.append(
                 disagreement(
                     "length.differs",
                     length.body,
                     f"{where} measures {length.value / MM:.4f} mm from {first} to {second}; "
-                    f"the equations use {used / MM:.4f} mm; difference",
-                    size=um(r.worst),
+                    f"the equations use {value_in_equations / MM:.4f} mm; difference",
+                    size=um(residual.worst),
                     limit=um(tolerances.position),
                     suggestion=f"fix '{length.body}' in the CAD, or {length.parameter} in the equations",
                     when="as drawn",
@@ -80,17 +80,17 @@ def lengths(
     return rows, findings
 
 
-def put_down(kin: Kinematics, found: list[Finding], findings: list[Finding]) -> list[Finding]:
+def with_length_causes(kin: Kinematics, length_findings: list[Finding], findings: list[Finding]) -> list[Finding]:
     """Return `findings` with corrected causes: if a wrong equation uses a wrong length, the length is the cause.
 
-    `found` are the findings on wrong lengths, `findings` the findings on the equations.
+    `length_findings` are the findings on wrong lengths, `findings` the findings on the equations.
     """
     causes = {}
     for equation in kin.formula.equations:
         variant = kin.variants.get(equation.name, equation.default)
         required, optional = arguments(equation.variants[variant])
         # of several wrong lengths in one equation, the first is named
-        for length in found:
+        for length in length_findings:
             parameter = length.cause.removeprefix("length ")
             if parameter in required or parameter in optional:
                 causes[f"{equation.name} ({variant})"] = length.cause

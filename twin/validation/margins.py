@@ -20,10 +20,19 @@ from twin.reference.conditioning import conditioning
 from twin.reference.loops import LENGTH_SCALE
 from twin.reference.margin_zeros import Boundary, disagreements, summary
 from twin.validation.equations_comparison import EquationsComparison
-from twin.validation.rows import SampleClock, Tolerances
+from twin.validation.residual_rows import SampleClock, Tolerances
 
 SINGULAR = 1e-6
 """Conditioning (0: singular, 1: best) below which a Jacobian of the mechanism counts as singular."""
+
+_JUMP_RATIO = 8.0
+"""A step above this multiple of both neighbouring steps is a jump: between equal times, smooth motions change less."""
+
+_LARGEST_PLAIN_TURN = 2 * DEG
+"""Step in rad that is no jump, however small its neighbours are, as at the beginning of a motion."""
+
+_LARGEST_PLAIN_SLIDE = 2 * MM
+"""Step in m that is no jump, however small its neighbours are."""
 
 _SINGULAR = Kind(
     "singularity.mechanism",
@@ -115,13 +124,13 @@ def of_mechanism(
     cannot change. The assembly mode therefore counts as constant if, at the compared samples, the Jacobians have full
     rank and no passive joint jumps. `rows` are the trajectory indices of the samples in `posed`.
     """
-    found = conditioning(model, posed.x, LENGTH_SCALE)
+    conditions = conditioning(model, posed.x, LENGTH_SCALE)
     at = clock.at(rows)
     facts: dict[str, str] = {}
     findings: list[Finding] = []
     for name, values, words in (
-        ("mechanism, tool at rest (type 1)", found.stands, "the joints move and the tool is at rest"),
-        ("mechanism, drives at rest (type 2)", found.moves, "the tool moves while every drive is at rest"),
+        ("mechanism, tool at rest (type 1)", conditions.stands, "the joints move and the tool is at rest"),
+        ("mechanism, drives at rest (type 2)", conditions.moves, "the tool moves while every drive is at rest"),
     ):
         if np.isnan(values).all():  # the tool is on a body that never moves
             continue
@@ -131,7 +140,7 @@ def of_mechanism(
             what = f"the mechanism becomes singular ({words}): conditioning (0: singular, 1: best)"
             findings.append(_SINGULAR(model.mechanism.name, what, Quantity(values[k]), SINGULAR, when=at.when(k)))
     findings += _jumps(model, posed, at)
-    return facts, findings, {"conditioning.type1": found.stands, "conditioning.type2": found.moves}
+    return facts, findings, {"conditioning.type1": conditions.stands, "conditioning.type2": conditions.moves}
 
 
 def _jumps(model: ReferenceModel, posed: SolvedSamples, at: SampleClock) -> list[Finding]:
@@ -147,7 +156,7 @@ def _jumps(model: ReferenceModel, posed: SolvedSamples, at: SampleClock) -> list
         q = posed.q_passive[joint.name]
         if joint.is_angle:
             q = np.unwrap(q)
-        if len(q) < 4:
+        if len(q) < 4:  # three steps: one, with a neighbour on either side
             continue
         steps = np.abs(np.diff(q))
         usual = _usual(steps)
@@ -165,40 +174,42 @@ def _jumps(model: ReferenceModel, posed: SolvedSamples, at: SampleClock) -> list
 def _floor(is_angle: bool) -> float:
     """Return a step in rad or m that is never a jump, however small its neighbours are."""
     if is_angle:
-        return 2 * DEG
-    return 2 * MM
+        return _LARGEST_PLAIN_TURN
+    return _LARGEST_PLAIN_SLIDE
 
 
 def _usual(steps: Array) -> Array:
-    """Return an upper limit for each step (k, ...): eight times the larger neighbouring step."""
+    """Return an upper limit for each step (k, ...): `_JUMP_RATIO` times the larger neighbouring step."""
     before = np.concatenate([steps[:1], steps[:-1]])
     after = np.concatenate([steps[1:], steps[-1:]])
-    return 8 * np.maximum(before, after)
+    return _JUMP_RATIO * np.maximum(before, after)
 
 
 def check_equations_margins(
-    kin: Kinematics, model: ReferenceModel, tolerances: Tolerances, out: EquationsComparison
+    kin: Kinematics, model: ReferenceModel, tolerances: Tolerances, comparison: EquationsComparison
 ) -> None:
-    """Check reach, singularity measures and aspects of the equations; skip the check if a row of `out` disagrees."""
-    run = out.posed
+    """Check reach, singularity measures and aspects of the equations, unless a row of `comparison` disagrees."""
+    run = comparison.posed
     formula = kin.formula
     if run is None or not (formula.reach or formula.measures or formula.aspects):
         return
     heading = "reach, singularity measures, aspects"
-    if _disagrees(out):
-        out.facts[heading] = {"rows judged": "not checked, because other rows disagree"}
+    if _disagrees(comparison):
+        comparison.facts[heading] = {"rows judged": "not checked, because other rows disagree"}
         return
     is_angle = {joint.name: joint.is_angle for joint in model.mechanism.joints}
     error = tolerances.position
     margins = Margins(kin, is_angle, tuple(run.points), error)
     rows = Boundary(model, margins, run.x, error).judge()
-    out.facts[heading] = {"rows judged": summary(rows)}
-    out.findings += disagreements(rows)
+    comparison.facts[heading] = {"rows judged": summary(rows)}
+    comparison.findings += disagreements(rows)
 
 
-def _disagrees(out: EquationsComparison) -> bool:
+def _disagrees(comparison: EquationsComparison) -> bool:
     """Return whether the equations disagree with the mechanism in a row, or give no joint values."""
-    for row in out.residuals:
+    for row in comparison.residuals:
         if row.pair == "A-B" and not row.agrees:
             return True
-    return any(finding.code.startswith("driven.") and finding.severity == "disagreement" for finding in out.findings)
+    return any(
+        finding.code.startswith("driven.") and finding.severity == "disagreement" for finding in comparison.findings
+    )

@@ -49,11 +49,12 @@ def measured_rows(measured: JsonMapping) -> list[tuple[str, str]]:
     return rows
 
 
-def rms_readings(a: Accuracy) -> dict[str, tuple[float, float]]:
+def rms_readings(accuracy: Accuracy) -> dict[str, tuple[float, float]]:
     """Return {definition of the RMSE: (minimum, maximum) of the RMSE}, from the rounding of the printed components."""
-    half = half_digit(a.decimals)
-    mean = np.abs(np.array(a.mean))
-    std = np.array(a.std)
+    half = half_digit(accuracy.decimals)
+    mean = np.abs(np.array(accuracy.mean))
+    std = np.array(accuracy.std)
+    # of one axis, the mean square is mean^2 + std^2; both were rounded
     low = np.hypot(np.maximum(mean - half, 0), np.maximum(std - half, 0))
     high = np.hypot(mean + half, std + half)
     return {
@@ -67,33 +68,33 @@ def _root_mean_square(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _fitting_definitions(a: Accuracy) -> list[str]:
+def _fitting_definitions(accuracy: Accuracy) -> list[str]:
     """Return the definitions of the RMSE that agree with the printed RMSE."""
-    half = half_digit(a.decimals)
+    half = half_digit(accuracy.decimals)
     fitting: list[str] = []
-    for definition, (low, high) in rms_readings(a).items():
-        if low <= a.rmse + half and a.rmse - half <= high:
+    for definition, (low, high) in rms_readings(accuracy).items():
+        if low <= accuracy.rmse + half and accuracy.rmse - half <= high:
             fitting.append(definition)
     return fitting
 
 
 def check_rmse(rows: Sequence[Accuracy]) -> Iterator[Finding]:
     """Yield a finding for each printed RMSE that agrees with no definition."""
-    for a in rows:
-        if _fitting_definitions(a):
+    for accuracy in rows:
+        if _fitting_definitions(accuracy):
             continue
         definitions: list[str] = []
         distances: list[float] = []
-        for definition, (low, high) in rms_readings(a).items():
-            definitions.append(f"{definition} {low:.{a.decimals}f} to {high:.{a.decimals}f}")
-            distances.append(max(low - a.rmse, a.rmse - high))
+        for definition, (low, high) in rms_readings(accuracy).items():
+            definitions.append(f"{definition} {low:.{accuracy.decimals}f} to {high:.{accuracy.decimals}f}")
+            distances.append(max(low - accuracy.rmse, accuracy.rmse - high))
         yield disagreement(
             "study.rmse",
-            a.name,
-            f"{a.name}: the printed RMSE of {a.rmse:.{a.decimals}f} {a.unit} does not follow from the printed mean "
-            f"and std by any definition ({', '.join(definitions)})",
-            size=Quantity(min(distances), a.unit),
-            limit=half_digit(a.decimals),
+            accuracy.name,
+            f"{accuracy.name}: the printed RMSE of {accuracy.rmse:.{accuracy.decimals}f} {accuracy.unit} does not "
+            f"follow from the printed mean and std by any definition ({', '.join(definitions)})",
+            size=Quantity(min(distances), accuracy.unit),
+            limit=half_digit(accuracy.decimals),
             suggestion="compare axis by axis: mean and std, not RMSE",
             word="",
         )
@@ -103,35 +104,36 @@ def error_table(rows: Sequence[Accuracy]) -> TextTable:
     """Return a table of the printed RMSE of each test, its range by each definition, and the definitions that agree."""
     definitions = list(rms_readings(rows[0]))
     lines: list[list[str]] = []
-    for a in rows:
-        cells = [a.name, f"{a.rmse:.{a.decimals}f} {a.unit}"]
-        for low, high in rms_readings(a).values():
-            cells.append(f"{low:.{a.decimals}f} .. {high:.{a.decimals}f}")
-        cells.append(", ".join(_fitting_definitions(a)))
+    for accuracy in rows:
+        cells = [accuracy.name, f"{accuracy.rmse:.{accuracy.decimals}f} {accuracy.unit}"]
+        for low, high in rms_readings(accuracy).values():
+            cells.append(f"{low:.{accuracy.decimals}f} .. {high:.{accuracy.decimals}f}")
+        cells.append(", ".join(_fitting_definitions(accuracy)))
         lines.append(cells)
     return TextTable(("", "printed RMSE", *definitions, "agrees with"), lines)
 
 
 def check_displacements(
-    c: AccuracyChain, printed: Accuracy, measured: JsonMapping, stds: Sequence[float]
+    chain: AccuracyChain, printed: Accuracy, measured: JsonMapping, stds: Sequence[float]
 ) -> Iterator[Finding]:
-    """Yield findings on the errors `measured` in a simulated test with displacements (`accuracy.measure`).
+    """Yield findings on the errors `measured` in a simulated test with displacements (`simulated_accuracy.measure`).
 
     `stds` (3,) are the standard deviations of the error along x, y and z in mm.
     """
     yield from _check_unquantised("chain", "pen", Quantity(measured["largest_error_unquantised_mm"], "mm"))
     largest = measured["largest_error_mm"]
-    if largest > c.required_mm:
+    if largest > chain.required_mm:
         yield disagreement(
             "study.required",
             "chain",
             "largest error in the simulated accuracy test",
             size=Quantity(largest, "mm"),
-            limit=c.required_mm,
-            suggestion=f"measure with a pen of finer resolution than {c.resolution_mm:g} mm",
+            limit=chain.required_mm,
+            suggestion=f"measure with a pen of finer resolution than {chain.resolution_mm:g} mm",
             word="required",
         )
-    percentile = _std_percentile(c.displacements)
+    # the paper measured once: its deviation may be above the long-run one by chance
+    percentile = _std_percentile(chain.displacements)
     beyond = _axes_beyond(printed, stds, percentile)
     if beyond:
         largest_std = max(stds)
@@ -139,8 +141,8 @@ def check_displacements(
         yield warning(
             "study.quantised",
             printed.name,
-            f"in {c.displacements} displacements, a pen with a resolution of {c.resolution_mm:g} mm causes a standard "
-            f"deviation of {largest_std:.4f} mm on average, and of at most {limit:.3f} mm (99th percentile); "
+            f"in {chain.displacements} displacements, a pen with a resolution of {chain.resolution_mm:g} mm causes a "
+            f"standard deviation of {largest_std:.4f} mm on average, and of at most {limit:.3f} mm (99th percentile); "
             f"the paper prints {', '.join(beyond)} mm",
             size=Quantity(max(printed.std), "mm"),
             limit=limit,
@@ -181,18 +183,21 @@ def _std_percentile(samples: int) -> float:
 
 
 def check_rotations(
-    c: AngleChain, printed: Accuracy, measured: JsonMapping, stds: Sequence[float]
+    chain: AngleChain, printed: Accuracy, measured: JsonMapping, stds: Sequence[float]
 ) -> Iterator[Finding]:
-    """Yield findings on the errors `measured` in a simulated test with rotations (`accuracy.measure_angles`).
+    """Yield findings on the errors `measured` in a simulated test with rotations (`simulated_accuracy.measure_angles`).
 
     `stds` (3,) are the standard deviations of the error about x, y and z in degrees.
     """
     yield from _check_unquantised("angle_chain", "gimbal", Quantity(measured["largest_error_unquantised_deg"], "deg"))
-    percentile = _std_percentile(c.rotations)
+    percentile = _std_percentile(chain.rotations)
     beyond = _axes_beyond(printed, stds, percentile)
     mean_std = float(np.mean(stds))
     typical = f"a standard deviation of {mean_std:.4f} deg on average, and of at most {percentile * mean_std:.3f} deg"
-    gimbal = f"in {c.rotations} rotations, a gimbal with a resolution of {c.resolution_deg:g} deg ({c.provenance})"
+    gimbal = (
+        f"in {chain.rotations} rotations, a gimbal with a resolution of {chain.resolution_deg:g} deg "
+        f"({chain.provenance})"
+    )
     if beyond:
         yield warning(
             "study.quantised",

@@ -174,11 +174,11 @@ def keys() -> list[Key]:
 
 def _asked() -> list[Key]:
     """Return the keys for columns of tables: each also with the prefix of what was answered before a session."""
-    asked = keys()
+    table_keys = keys()
     for key in keys():
         title = f"{key.title}, before the session"
-        asked.append(key.model_copy(update={"name": f"{BEFORE}{key.name}", "title": title}))
-    return asked
+        table_keys.append(key.model_copy(update={"name": f"{BEFORE}{key.name}", "title": title}))
+    return table_keys
 
 
 def scored(
@@ -203,6 +203,7 @@ def scored(
                 answered.append(name)
         if not answered:
             continue
+        # columns first: with a missing one, the answers of a user cannot be collected
         _check_columns(path, key, columns, answered)
         _check_answers(path, key, columns, lines)
         replaced = list(key.columns)
@@ -224,14 +225,19 @@ def _scores_of_users(key: Key, columns: Mapping[str, Sequence[float]], users: in
     """Return {score: its value for each user} of one questionnaire, from a table with `users` rows."""
     scores: dict[str, list[float]] = {}
     for user in range(users):
-        answers = [columns[name][user] for name in key.columns]
+        answers = _cells(columns, key.columns, user)
         for score, value in key.scores(answers).items():
             scores.setdefault(score, []).append(value)
         if key.weighted is not None and _has_weights(key, columns):
-            weights = [columns[name][user] for name in key.weight_columns]
+            weights = _cells(columns, key.weight_columns, user)
             weighted = key.weighted_score(answers, weights)
             scores.setdefault(f"{key.name}_{key.weighted.name}", []).append(weighted)
     return scores
+
+
+def _cells(columns: Mapping[str, Sequence[float]], names: Sequence[str], user: int) -> list[float]:
+    """Return the numbers of one user in the columns `names` of a table."""
+    return [columns[name][user] for name in names]
 
 
 def _check_columns(path: Path, key: Key, columns: Mapping[str, Sequence[float]], answered: Sequence[str]) -> None:
@@ -266,8 +272,8 @@ def _check_answers(path: Path, key: Key, columns: Mapping[str, Sequence[float]],
     if key.weighted is None or key.weight_columns[0] not in columns:
         return
     most = len(key.item) - 1
-    for k, line in enumerate(lines):
-        weights = [columns[name][k] for name in key.weight_columns]
+    for user, line in enumerate(lines):
+        weights = _cells(columns, key.weight_columns, user)
         for name, weight in zip(key.weight_columns, weights, strict=True):
             allowed = math.isfinite(weight) and weight == int(weight) and 0 <= weight <= most
             if not math.isnan(weight) and not allowed:

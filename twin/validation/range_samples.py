@@ -25,7 +25,7 @@ from twin.reference.joint_range import JointRange, draws, ends, within_limits
 from twin.reference.loop_closing import Closing
 from twin.validation.joint_range import SLACK, beyond_reach, range_errors, reads_orientation
 from twin.validation.range_samples_result import CONFIRMED, JudgedStage, RangeSamples
-from twin.validation.rows import Tolerances
+from twin.validation.residual_rows import Tolerances
 
 _BLOCK_STATES = 1 << 18
 """Number of states that are computed together: more of them need more memory, and are not faster."""
@@ -72,6 +72,7 @@ class SuspectReservoir:
         """Add the suspected states with joint values q (s, n), at least one."""
         numbers = self.found + np.arange(len(q))
         self.found += len(q)
+        # by the number of the state, not at random: the result must be the same in every run
         new = q[numbers % self._every == 0]
         self._kept = new if self._kept is None else np.concatenate([self._kept, new])
         while len(self._kept) > 2 * _MAX_EXAMINED:
@@ -80,10 +81,10 @@ class SuspectReservoir:
 
     def chosen(self) -> Array | None:
         """Return joint values (s, n) of at most `_MAX_EXAMINED` states; None if none was found."""
-        kept = self._kept
-        if kept is None or len(kept) <= _MAX_EXAMINED:
-            return kept
-        return kept[np.linspace(0, len(kept) - 1, _MAX_EXAMINED).astype(int)]
+        stored = self._kept
+        if stored is None or len(stored) <= _MAX_EXAMINED:
+            return stored
+        return stored[np.linspace(0, len(stored) - 1, _MAX_EXAMINED).astype(int)]
 
 
 @dataclass(frozen=True)
@@ -132,6 +133,7 @@ class _Tally:
         chosen = self.suspects.chosen()
         if chosen is None:
             return np.zeros((0, joints))
+        # the spread may have left the worst suspect out, whose error the report states
         if self.worst is not None and not (chosen == self.worst.q).all(axis=1).any():
             chosen = np.concatenate([self.worst.q[None], chosen[: _MAX_EXAMINED - 1]])
         return chosen
@@ -178,6 +180,7 @@ class SampledRange:
                 q[rows], closed.Ts_base_tool[rows], closed.states[rows], without_margin=without_margin, tallies=tallies
             )
             unsuspected_count += int((~suspected).sum())
+            # the first ones suffice: draws with low discrepancy cover the whole range from the beginning
             if len(unsuspected) < CONFIRMED:
                 unsuspected = np.concatenate([unsuspected, q[rows[~suspected]][:CONFIRMED]])
             progress(f"{samples:.3g} states", last / samples)
@@ -223,6 +226,7 @@ class SampledRange:
         low, high = self._ends
         if not on_lines:
             return low + draws(first + 1, last + 1, len(low)) * (high - low)
+        # one coordinate more than joints: the position on the line from the rest poses to the target
         parts = draws(first + 1, last + 1, len(low) + 1)
         target = low + parts[:, :-1] * (high - low)
         return self._rest + parts[:, -1:] * (target - self._rest)
@@ -289,24 +293,26 @@ class SampledRange:
         """
         kin = self.kin
         answer = kin.inverse_many(Ts)
-        answer[:, kin.auxiliary] = q[:, kin.auxiliary]
+        answer[:, kin.auxiliary] = q[:, kin.auxiliary]  # the tool's pose does not determine a jaw
         answered = np.isfinite(answer).all(axis=1)
         difference = answer - q
         turns = np.round(difference / (2 * np.pi))
         difference[:, kin.revolute] -= 2 * np.pi * turns[:, kin.revolute]
         limit = np.where(kin.revolute, self.tolerances.rotation, self.tolerances.position)
         is_own_mode = answered & (np.abs(difference) <= limit).all(axis=1)
-        other = np.flatnonzero(answered & ~is_own_mode)
+        other_rows = np.flatnonzero(answered & ~is_own_mode)
         offset = np.where(answered, 0.0, np.nan)
         turn = offset.copy()
-        if len(other):
-            found = self.loops.forward_many(answer[other], states[other]).Ts_base_tool
+        if len(other_rows):
+            Ts_found = self.loops.forward_many(answer[other_rows], states[other_rows]).Ts_base_tool
             if not self._reads_orientation:
-                found[:, :3, :3] = Ts[other, :3, :3]  # in another working mode, a position has another orientation
-            offset[other], turn[other] = _pose_errors(Ts[other], found)
-            open_loops = np.isnan(offset[other])
-            offset[other[open_loops]] = np.inf
-            turn[other[open_loops]] = np.inf
+                Ts_found[:, :3, :3] = Ts[
+                    other_rows, :3, :3
+                ]  # in another working mode, a position has another orientation
+            offset[other_rows], turn[other_rows] = _pose_errors(Ts[other_rows], Ts_found)
+            open_loops = np.isnan(offset[other_rows])
+            offset[other_rows[open_loops]] = np.inf
+            turn[other_rows[open_loops]] = np.inf
         return offset, turn
 
     def _judged_stages(
@@ -354,21 +360,23 @@ class SampledRange:
         if not len(states):
             return None
         low, high = self._ends
-        drawn = JointRange(self.model.collect(states), low, high)
+        range_states = JointRange(self.model.collect(states), low, high)
         reads = None
         if self.kin.closed_inverse:
             reads = self._reads_orientation
-        found = range_errors(self.kin, self.model, self.tolerances, drawn, free_angles=False, reads=reads)
-        inside = found.inside
+        reference_errors = range_errors(
+            self.kin, self.model, self.tolerances, range_states, free_angles=False, reads=reads
+        )
+        inside = reference_errors.inside
         errors: dict[StageKey, tuple[Array, Array]] = {}
         for key in self._stages():
             if key.kind == "reach":
-                margin = _margin_errors(found.without_margin, key.row, len(inside))[inside]
+                margin = _margin_errors(reference_errors.without_margin, key.row, len(inside))[inside]
                 errors[key] = margin, margin
             else:
-                offset, turn = found.errors[key.kind]
+                offset, turn = reference_errors.errors[key.kind]
                 errors[key] = offset[inside], turn[inside]
-        return found.drawn.run.q[inside], errors
+        return reference_errors.drawn.run.q[inside], errors
 
     def _stage_result(
         self, key: StageKey, tally: _Tally, examined: int, q: Array, offset: Array, turn: Array

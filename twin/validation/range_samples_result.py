@@ -150,11 +150,11 @@ class RangeSamples(Result):
                     f"reference model judged {stage.examined} of these, and found nothing wrong there"
                 )
                 findings.append(_UNDECIDED(stage.row or stage.name, text))
-        asked = min(CONFIRMED, self.unsuspected)
-        if self.confirmed < asked:
+        required_count = min(CONFIRMED, self.unsuspected)
+        if self.confirmed < required_count:
             text = (
-                f"over the joint range, the reference model could judge only {self.confirmed} of {asked} states at "
-                "which the compiled kernels suspect nothing"
+                f"over the joint range, the reference model could judge only {self.confirmed} of {required_count} "
+                "states at which the compiled kernels suspect nothing"
             )
             way_out = "compare along protocols, by `twin validate` without --samples"
             findings.append(_UNDECIDED("mechanism", text, suggestion=way_out))
@@ -255,5 +255,5 @@ class RangeSamples(Result):
         yield ""
 
 
-def _percent(some: int, of: int) -> str:
-    return f"{100 * some / max(of, 1):.3g} %"
+def _percent(count: int, total: int) -> str:
+    return f"{100 * count / max(total, 1):.3g} %"

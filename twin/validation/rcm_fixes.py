@@ -115,8 +115,8 @@ def fixes(
         if span.rcm is None or span.rcm_mode != "monitored" or span.waypoint is None:
             continue
         rows = slice(span.start, span.stop + 1)
-        missed = rcm_error(trajectory.Ts_base_frame[rows], trajectory.shaft_axis, span.rcm)
-        if missed.max() <= protocol.tolerances.rcm:
+        errors = rcm_error(trajectory.Ts_base_frame[rows], trajectory.shaft_axis, span.rcm)
+        if errors.max() <= protocol.tolerances.rcm:
             continue
         for fix in [*_waypoint_fixes(protocol, trajectory, span, planner), *_rcm_fixes(trajectory, span)]:
             facts[f"{span.name}: {fix.name}"] = fix.text
@@ -154,18 +154,19 @@ def nearest(T: Array, axis: Array, rcm: Array, lever: float) -> Array:
     # two directions across the shaft: a turn about the shaft changes nothing
     across = np.linalg.svd(np.eye(3) - np.outer(shaft0, shaft0))[0][:, :2]
 
-    def moved(turn: Array) -> tuple[Array, Array]:
+    def shaft_onto_rcm(turn: Array) -> tuple[Array, Array]:
         """Return (rotation, translation (3,) that then takes the shaft to the RCM) for a turn (2,) in rad."""
         R = spatial.exp_so3(across @ turn) @ R0
         shaft = R @ unit_axis
         return R, to_rcm - (to_rcm @ shaft) * shaft
 
     def cost(turn: Array) -> float:
-        _, translation = moved(turn)
+        _, translation = shaft_onto_rcm(turn)
         return float((translation @ translation + lever**2 * (turn @ turn)) / lever**2)
 
+    # a turn alone or a translation alone may need far more: the optimum weighs both
     best = minimize(cost, np.zeros(2), method="BFGS", options={"gtol": 1e-12})
-    R, translation = moved(best.x)
+    R, translation = shaft_onto_rcm(best.x)
     return spatial.pose(R, T[:3, 3] + translation)
 
 
@@ -208,27 +209,28 @@ def _planned_fix(
     axis = trajectory.shaft_axis / np.linalg.norm(trajectory.shaft_axis)
     R_new = T_new[:3, :3]
     tip = T_new[:3, 3]
-    moved = float(np.linalg.norm(tip - T[:3, 3]))
+    translation = float(np.linalg.norm(tip - T[:3, 3]))
     turned = float(spatial.rotation_angle(T[:3, :3].T @ R_new))
     depth = float((tip - span.rcm) @ R_new @ axis)
     waypoint = protocol.waypoints[span.waypoint]
     angles = angles_of(R_new, protocol.rotation, waypoint.angles)
-    position_text = ", ".join(f"{x:.3f}" for x in tip / MM)
-    angles_text = ", ".join(f"{x:.3f}" for x in angles / DEG)
+    position_text = _listed(tip / MM, 3)
+    angles_text = _listed(angles / DEG, 3)
     # a rounding error is no motion
-    if not moved > _NO_CHANGE:
-        moved = 0.0
+    if not translation > _NO_CHANGE:
+        translation = 0.0
     if not turned > _NO_CHANGE:
         turned = 0.0
     fix = Fix(
         name,
         waypoint=waypoint.name,
-        moved=moved,
+        moved=translation,
         turned=turned,
         value=f"({position_text}) mm, ({angles_text}) deg, depth {depth / MM:.3f} mm",
         reachable=False,
         why="",
     )
+    # planned twice: straight, as the protocol asks, and about the pivot, which shows what the robot can do at all
     straight = replace(waypoint, angles=angles, position=tip, depth=None)
     enforced = replace(waypoint, angles=angles, position=None, depth=depth)
     try:
@@ -247,6 +249,11 @@ def _planned_fix(
     return replace(fix, reachable=True, why=margin)
 
 
+def _listed(values: Array, decimals: int) -> str:
+    """Return numbers as text, separated by commas."""
+    return ", ".join(f"{value:.{decimals}f}" for value in values)
+
+
 def _changed_protocol(protocol: Protocol, span: PhaseSpan, waypoint: Waypoint, enforce: bool = False) -> Protocol:
     """Return the protocol with a changed waypoint and, if `enforce` is true, an enforced pivot to this waypoint."""
     phases = []
@@ -255,6 +262,7 @@ def _changed_protocol(protocol: Protocol, span: PhaseSpan, waypoint: Waypoint, e
             phase = replace(phase, rcm="enforced")
         phases.append(phase)
     waypoints = {**protocol.waypoints, waypoint.name: waypoint}
+    # the findings of the original belong to its waypoints
     return replace(protocol, waypoints=waypoints, phases=tuple(phases), findings=())
 
 
@@ -284,14 +292,22 @@ def _rcm_fixes(trajectory: Trajectory, span: PhaseSpan) -> list[Fix]:
         return []
     nearest_point = np.linalg.solve(A, np.einsum("kij,kj->i", P, Ts[:, :3, 3]))
     distance = float(spatial.point_to_line(nearest_point, Ts[:, :3, 3], shafts).max())
-    position = ", ".join(f"{x / MM:.2f}" for x in nearest_point)
-    moved = float(np.linalg.norm(nearest_point - span.rcm))
+    position = _listed(nearest_point / MM, 2)
+    translation = float(np.linalg.norm(nearest_point - span.rcm))
     meets = distance <= _SAME_POINT
     why = "both shafts pass through the new RCM"
     if not meets:
         why = f"no RCM fits both shafts (skew axes); the largest distance from the new RCM is {distance / MM:.2f} mm"
     return [
-        Fix("move the RCM", waypoint="", moved=moved, turned=0.0, value=f"({position}) mm", reachable=meets, why=why)
+        Fix(
+            "move the RCM",
+            waypoint="",
+            moved=translation,
+            turned=0.0,
+            value=f"({position}) mm",
+            reachable=meets,
+            why=why,
+        )
     ]
 
 
@@ -299,19 +315,19 @@ def _other_readings(protocol: Protocol, trajectory: Trajectory, span: PhaseSpan)
     """Return a text on whether the shaft passes through the RCM with another order or sign of the waypoint's angles."""
     assert span.rcm is not None
     assert span.waypoint is not None
-    w = protocol.waypoints[span.waypoint]
-    if w.position is None:
+    waypoint = protocol.waypoints[span.waypoint]
+    if waypoint.position is None:
         return "not needed: the waypoint is given by its depth, so the shaft passes through the RCM"
     readings: list[tuple[float, str]] = []  # (RCM error in m, text)
     for order in ("zyx", "xyz"):
         for signs in product((1, -1), repeat=3):
             if order == protocol.rotation and signs == (1, 1, 1):
                 continue
-            R = rotation(w.angles * np.array(signs), order)
-            missed = float(spatial.point_to_line(span.rcm, w.position, R @ trajectory.shaft_axis))
+            R = rotation(waypoint.angles * np.array(signs), order)
+            error = float(spatial.point_to_line(span.rcm, waypoint.position, R @ trajectory.shaft_axis))
             marks = ["+" if sign > 0 else "-" for sign in signs]
-            readings.append((missed, f"order {order}, signs {', '.join(marks)}"))
-    missed, words = min(readings)
-    if missed <= protocol.tolerances.rcm:
-        return f"{words}: the shaft passes through the RCM ({missed / MM:.3g} mm); these may be the intended angles"
-    return f"none: every order and sign misses the RCM, by at least {missed / MM:.2f} mm ({words})"
+            readings.append((error, f"order {order}, signs {', '.join(marks)}"))
+    error, words = min(readings)
+    if error <= protocol.tolerances.rcm:
+        return f"{words}: the shaft passes through the RCM ({error / MM:.3g} mm); these may be the intended angles"
+    return f"none: every order and sign misses the RCM, by at least {error / MM:.2f} mm ({words})"

@@ -10,7 +10,7 @@ from pathlib import Path
 from twin.core import assets
 from twin.core.units import UM
 from twin.kinematics import Kinematics
-from twin.validation.rows import Tolerances
+from twin.validation.residual_rows import Tolerances
 
 EXPLAIN_TIME_LIMIT = 60
 """Time limit in s of the proposed `explain` command; it allows a search for combinations of two edits."""

@@ -128,6 +128,7 @@ def headline(rows: Sequence[Residual]) -> Residual:
     most_urgent = max(map(_urgency, rows))
     urgent = [row for row in rows if _urgency(row) == most_urgent]
     largest = max(map(_relative, urgent))
+    # the first of equally bad rows, not the largest: rounding would decide between them
     return next(row for row in urgent if _relative(row) >= _SAME * largest)
 
 
@@ -230,6 +231,7 @@ class Report(Result):
             return ""
         first = self.causes[0]
         finding = first.head
+        # a wrong equation has a command that finds its cure; faults of other sides have none
         if first.side == "equations" and finding.severity == "disagreement":
             return self._cure_of_equations(finding.suggestion)
         suggestion = finding.suggestion
@@ -263,6 +265,7 @@ class Report(Result):
     @property
     def assumed_counts(self) -> AssumedCounts:
         """Numbers of assumed values, as all pages and commands count them."""
+        # `parameters` contain those of the protocol: they are counted once, apart from the robot's
         everything = count_assumed(self.parameters)
         of_protocol = count_assumed((), self.of_protocol).protocol
         return AssumedCounts(everything.robot - of_protocol, of_protocol, everything.drawing)
@@ -317,6 +320,7 @@ class Report(Result):
 
     def _without_cause(self) -> list[Finding]:
         """Return the findings above "info" that no cause contains, the most severe first."""
+        # by identity: two findings can have the same content
         explained: set[int] = set()
         for cause in self.causes:
             explained.update(map(id, cause.findings))
@@ -367,16 +371,16 @@ def _row(residual: Residual) -> tuple[str, ...]:
     return worst, tolerance, residual.name, residual.phase, state(residual)
 
 
-def state(r: Residual) -> str:
+def state(residual: Residual) -> str:
     """Return "ok", "DIFFERS" or the cause; for a row without a tolerance "", or "unchecked" if it has no value."""
-    if r.tolerance is None and math.isnan(r.worst):
+    if residual.tolerance is None and math.isnan(residual.worst):
         return "unchecked"
-    if r.tolerance is None:
+    if residual.tolerance is None:
         return ""
-    if r.agrees:
+    if residual.agrees:
         return "ok"
-    if r.consequence_of:
-        return f"follows from {r.consequence_of}"
+    if residual.consequence_of:
+        return f"follows from {residual.consequence_of}"
     return "DIFFERS"
 
 

@@ -22,7 +22,7 @@ from twin.model.body import Body, Mesh
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint, reversed_joint
 from twin.model.mechanism import Coupling, Mechanism
-from twin.validation.masses import solid
+from twin.validation.masses import solid_moments
 
 SINGLE = 1e-5
 """Maximum relative difference that single precision can cause."""
@@ -65,20 +65,26 @@ def content(mechanism: Mechanism, stage: Mechanism, description: Description) ->
         findings += _names(kind, names_in_cad, names_on_stage)
     for name in sorted(set(mechanism.trocars) - set(stage.trocars)):
         findings.append(_CONTENT(name, f"trocar '{name}' is not marked as a trocar on the stage"))
+    # the other way round too: a frame may be marked by mistake
     for name in sorted(set(stage.trocars) - set(mechanism.trocars)):
         findings.append(_CONTENT(name, f"'{name}' is marked as a trocar on the stage, but not in the CAD"))
-    for a, b in _common(mechanism.joints, stage.joints):
-        findings += _joint(a, b)
+    for cad_item, stage_item in _common(mechanism.joints, stage.joints):
+        findings += _joint(cad_item, stage_item)
     findings += _motors(mechanism, stage)
-    for a, b in _common(mechanism.couplings, stage.couplings):
-        findings += _coupling(a, b)
+    for cad_item, stage_item in _common(mechanism.couplings, stage.couplings):
+        findings += _coupling(cad_item, stage_item)
     findings += _world(mechanism, stage)
-    for a, b in _common(mechanism.frames, stage.frames):
-        findings += _place(f"frame '{a.name}'", a.name, a.T_body_frame, b.T_body_frame)
-    for a, b in _common(mechanism.points, stage.points):
-        findings += _place(f"point '{a.name}'", a.name, spatial.pose(p=a.p_body), spatial.pose(p=b.p_body))
-    for a, b in _common(mechanism.bodies, stage.bodies):
-        findings += _body(a, b, description)
+    for cad_item, stage_item in _common(mechanism.frames, stage.frames):
+        findings += _place(f"frame '{cad_item.name}'", cad_item.name, cad_item.T_body_frame, stage_item.T_body_frame)
+    for cad_item, stage_item in _common(mechanism.points, stage.points):
+        findings += _place(
+            f"point '{cad_item.name}'",
+            cad_item.name,
+            spatial.pose(p=cad_item.p_body),
+            spatial.pose(p=stage_item.p_body),
+        )
+    for cad_item, stage_item in _common(mechanism.bodies, stage.bodies):
+        findings += _body(cad_item, stage_item, description)
     return findings
 
 
@@ -109,29 +115,44 @@ def _differs(
         yield _CONTENT(where, f"{what} differs on the stage", Quantity(on_stage, unit), float(in_cad))
 
 
-def _joint(a: Joint, b: Joint) -> Iterator[Finding]:
-    """Compare the joint `a` of the CAD with the joint `b` of the stage: type, bodies, frames and numbers."""
-    if (a.parent, a.child) == (b.child, b.parent):  # on the stage, joints of the tree point away from the base
-        b = reversed_joint(b)
+def _joint(cad_joint: Joint, stage_joint: Joint) -> Iterator[Finding]:
+    """Compare a joint of the CAD with that of the stage: type, bodies, frames and numbers."""
+    if (cad_joint.parent, cad_joint.child) == (
+        stage_joint.child,
+        stage_joint.parent,
+    ):  # on the stage, joints of the tree point away from the base
+        stage_joint = reversed_joint(stage_joint)
     for what in ("type", "parent", "child", "active"):
-        in_cad = getattr(a, what)
-        on_stage = getattr(b, what)
+        in_cad = getattr(cad_joint, what)
+        on_stage = getattr(stage_joint, what)
         if in_cad != on_stage:
-            yield _CONTENT(a.name, f"joint '{a.name}' has {what} {on_stage} on the stage, but {in_cad} in the CAD")
+            yield _CONTENT(
+                cad_joint.name, f"joint '{cad_joint.name}' has {what} {on_stage} on the stage, but {in_cad} in the CAD"
+            )
             return
-    yield from _place(f"joint '{a.name}' on '{a.parent}'", a.name, a.T_parent_joint, b.T_parent_joint)
-    yield from _place(f"joint '{a.name}' on '{a.child}'", a.name, a.T_child_joint, b.T_child_joint)
-    values_in_cad = _values(a)
-    values_on_stage = _values(b)
+    yield from _place(
+        f"joint '{cad_joint.name}' on '{cad_joint.parent}'",
+        cad_joint.name,
+        cad_joint.T_parent_joint,
+        stage_joint.T_parent_joint,
+    )
+    yield from _place(
+        f"joint '{cad_joint.name}' on '{cad_joint.child}'",
+        cad_joint.name,
+        cad_joint.T_child_joint,
+        stage_joint.T_child_joint,
+    )
+    values_in_cad = _values(cad_joint)
+    values_on_stage = _values(stage_joint)
     for name, (in_cad, unit) in values_in_cad.items():
         on_stage, _ = values_on_stage[name]
-        what = f"the {name} of joint '{a.name}'"
+        what = f"the {name} of joint '{cad_joint.name}'"
         if in_cad is not None and on_stage is not None:
-            yield from _differs(what, a.name, in_cad=in_cad, on_stage=on_stage, unit=unit)
+            yield from _differs(what, cad_joint.name, in_cad=in_cad, on_stage=on_stage, unit=unit)
         elif in_cad is not None:
-            yield _CONTENT(a.name, f"{what} is missing on the stage")
+            yield _CONTENT(cad_joint.name, f"{what} is missing on the stage")
         elif on_stage is not None:
-            yield _CONTENT(a.name, f"{what} is on the stage, but not in the CAD")
+            yield _CONTENT(cad_joint.name, f"{what} is on the stage, but not in the CAD")
 
 
 def _values(joint: Joint) -> dict[str, tuple[float | None, str]]:
@@ -178,28 +199,32 @@ def _values(joint: Joint) -> dict[str, tuple[float | None, str]]:
 
 def _motors(mechanism: Mechanism, stage: Mechanism) -> Iterator[Finding]:
     """Compare actuators and transmission matrices with the stage, which stores their numbers in double precision."""
-    for a, b in _common(mechanism.actuators, stage.actuators):
-        for key, described in vars(a).items():
-            on_stage = getattr(b, key)
+    for cad_item, stage_item in _common(mechanism.actuators, stage.actuators):
+        name = cad_item.name
+        for key, described in vars(cad_item).items():
+            on_stage = getattr(stage_item, key)
             if on_stage != described:
-                text = f"{key} of actuator '{a.name}' is {on_stage} on the stage, but {described} in the description"
-                yield _CONTENT(a.name, text)
-    for a, b in _common(mechanism.transmissions, stage.transmissions):
-        same_axes = (a.joints, a.actuators) == (b.joints, b.actuators)
-        if not same_axes or not np.array_equal(a.matrix, b.matrix):
-            yield _CONTENT(a.name, f"the stage has a different matrix of transmission '{a.name}'")
+                text = f"{key} of actuator '{name}' is {on_stage} on the stage, but {described} in the description"
+                yield _CONTENT(name, text)
+    for cad_item, stage_item in _common(mechanism.transmissions, stage.transmissions):
+        same_axes = (cad_item.joints, cad_item.actuators) == (stage_item.joints, stage_item.actuators)
+        if not same_axes or not np.array_equal(cad_item.matrix, stage_item.matrix):
+            yield _CONTENT(cad_item.name, f"the stage has a different matrix of transmission '{cad_item.name}'")
 
 
-def _coupling(a: Coupling, b: Coupling) -> Iterator[Finding]:
+def _coupling(cad_coupling: Coupling, stage_coupling: Coupling) -> Iterator[Finding]:
     """Compare a coupling with the stage, which stores its numbers in double precision, and joints in another order."""
-    in_cad = dict(zip(a.joints, a.ratios, strict=True))
-    on_stage = dict(zip(b.joints, b.ratios, strict=True))
+    in_cad = dict(zip(cad_coupling.joints, cad_coupling.ratios, strict=True))
+    on_stage = dict(zip(stage_coupling.joints, stage_coupling.ratios, strict=True))
     if in_cad != on_stage:
-        text = f"coupling '{a.name}' has the ratios {on_stage} on the stage, but {in_cad} in the description"
-        yield _CONTENT(a.name, text)
-    if a.total != b.total:
-        text = f"coupling '{a.name}' has the sum {b.total:g} on the stage, but {a.total:g} in the description"
-        yield _CONTENT(a.name, text)
+        text = f"coupling '{cad_coupling.name}' has the ratios {on_stage} on the stage, but {in_cad} in the description"
+        yield _CONTENT(cad_coupling.name, text)
+    if cad_coupling.total != stage_coupling.total:
+        text = (
+            f"coupling '{cad_coupling.name}' has the sum {stage_coupling.total:g} on the stage, but "
+            f"{cad_coupling.total:g} in the description"
+        )
+        yield _CONTENT(cad_coupling.name, text)
 
 
 def _world(mechanism: Mechanism, stage: Mechanism) -> Iterator[Finding]:
@@ -236,25 +261,31 @@ def _place(what: str, where: str, in_cad: Array, on_stage: Array) -> Iterator[Fi
         yield _MISPLACED(where, text, deg(angle), deg(SINGLE))
 
 
-def _body(a: Body, b: Body, description: Description) -> Iterator[Finding]:
-    """Compare meshes and inertia of the body `a` of the CAD with the body `b` of the stage."""
-    yield from _meshes(a, b)
-    if a.inertia is not None:
-        if b.inertia is None:
-            yield _CONTENT(a.name, f"the mass of body '{a.name}' is not on the stage")
+def _body(cad_body: Body, stage_body: Body, description: Description) -> Iterator[Finding]:
+    """Compare meshes and inertia of a body of the CAD with those on the stage."""
+    yield from _meshes(cad_body, stage_body)
+    if cad_body.inertia is not None:
+        if stage_body.inertia is None:
+            yield _CONTENT(cad_body.name, f"the mass of body '{cad_body.name}' is not on the stage")
             return
         yield from _inertia(
-            a, in_cad=a.inertia, on_stage=b.inertia, mass_limit=SINGLE, com_limit=SINGLE, moment_limit=10 * SINGLE
+            cad_body,
+            in_cad=cad_body.inertia,
+            on_stage=stage_body.inertia,
+            mass_limit=SINGLE,
+            com_limit=SINGLE,
+            moment_limit=10 * SINGLE,
         )
         return
-    if b.inertia is None:
+    if stage_body.inertia is None:
         return
-    estimated = estimate(a, description)
+    # the stage has masses that the build computed: an independent estimate must come near to them
+    estimated = estimate(cad_body, description)
     if estimated is not None:
         yield from _inertia(
-            a,
+            cad_body,
             in_cad=estimated,
-            on_stage=b.inertia,
+            on_stage=stage_body.inertia,
             mass_limit=COARSE_MASS,
             com_limit=COARSE_SIZE,
             moment_limit=COARSE_MOMENT,
@@ -301,16 +332,16 @@ def _size(body: Body) -> float:
     return float(np.linalg.norm(np.ptp(vertices, axis=0)))
 
 
-def _meshes(a: Body, b: Body) -> Iterator[Finding]:
-    """Compare the meshes of the body `a` of the CAD with those of the body `b` of the stage, by name."""
-    in_cad = {mesh.name for mesh in a.meshes}
-    on_stage = {mesh.name for mesh in b.meshes}
-    for mesh in a.meshes:
+def _meshes(cad_body: Body, stage_body: Body) -> Iterator[Finding]:
+    """Compare the meshes of a body of the CAD with those on the stage, by name."""
+    in_cad = {mesh.name for mesh in cad_body.meshes}
+    on_stage = {mesh.name for mesh in stage_body.meshes}
+    for mesh in cad_body.meshes:
         if mesh.name not in on_stage:
             yield _CONTENT(mesh.name, f"mesh '{mesh.name}' is not on the stage")
-    for mesh, other in _common(a.meshes, b.meshes):
-        yield from _mesh(mesh, other)
-    for mesh in b.meshes:
+    for mesh, stage_mesh in _common(cad_body.meshes, stage_body.meshes):
+        yield from _mesh(mesh, stage_mesh)
+    for mesh in stage_body.meshes:
         if mesh.name not in in_cad:
             yield _CONTENT(mesh.name, f"mesh '{mesh.name}' is on the stage, but not in the CAD")
 
@@ -326,7 +357,7 @@ def _mesh(in_cad: Mesh, on_stage: Mesh) -> Iterator[Finding]:
     limit = _NEAR + SINGLE * float(np.abs(in_cad.vertices).max(initial=0.0))
     if distance > limit:
         yield _CONTENT(name, f"vertices of mesh '{name}' are displaced by up to {distance / MM:.4g} mm on the stage")
-    elif not np.array_equal(in_cad.triangles, on_stage.triangles):
+    elif not np.array_equal(in_cad.triangles, on_stage.triangles):  # other triangles between the same corners
         yield _CONTENT(name, f"the stage has a different mesh '{name}'")
 
 
@@ -338,6 +369,7 @@ def estimate(body: Body, description: Description) -> Inertia | None:
 
     def density(mesh: Mesh) -> float | None:
         """Return the density of the last material whose `parts` contain the name of the mesh; None if there is none."""
+        # all patterns are tried: a later material replaces an earlier one, as in the build
         last = None
         for material in description.material.values():
             for pattern in material.parts:
@@ -345,9 +377,9 @@ def estimate(body: Body, description: Description) -> Inertia | None:
                     last = material.density_kg_m3
         return last
 
-    total = solid.of_meshes(body.meshes, density)
+    total = solid_moments.of_meshes(body.meshes, density)
     if total is None:
         return None
     com = total.first / total.volume
     about_com = total.second - total.volume * np.outer(com, com)
-    return Inertia(total.volume, com, solid.tensor(about_com))
+    return Inertia(total.volume, com, solid_moments.tensor(about_com))

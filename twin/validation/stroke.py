@@ -23,7 +23,7 @@ from twin.core.spatial import Array
 from twin.kinematics import Kinematics
 from twin.reference import ReferenceModel, SolvedSamples
 from twin.validation.joint_range import poses_by_inverse
-from twin.validation.rows import Tolerances, rotation_vectors
+from twin.validation.residual_rows import Tolerances, rotation_vectors
 
 STANDINS = ("serial", "mimic")
 
@@ -200,8 +200,8 @@ def _by_inverse(
     answered = np.asarray(~np.isnan(Ts).any(axis=(1, 2)), bool)
     is_regular = _regular(kin, run.Ts_base_tool, q, answered, i)
     first, last = _around_home(is_regular, q, i, home)
-    kept = slice(first, last + 1)
-    return q[kept], Ts[kept], model.collect(run.x[kept])
+    around_home = slice(first, last + 1)
+    return q[around_home], Ts[around_home], model.collect(run.x[around_home])
 
 
 def _reachable(
@@ -229,14 +229,14 @@ def _regular(kin: Kinematics, Ts: Array, q: Array, solved: np.ndarray, i: int) -
     return is_regular
 
 
-def _around_home(good: np.ndarray, q: Array, i: int, home: Array) -> tuple[int, int]:
+def _around_home(is_usable: np.ndarray, q: Array, i: int, home: Array) -> tuple[int, int]:
     """Return the first and the last index of the good states around home."""
-    distance = np.where(good, np.abs(q[:, i] - home[i]), np.inf)
+    distance = np.where(is_usable, np.abs(q[:, i] - home[i]), np.inf)
     first = int(np.argmin(distance))
     last = first
-    while first > 0 and good[first - 1]:
+    while first > 0 and is_usable[first - 1]:
         first -= 1
-    while last < len(q) - 1 and good[last + 1]:
+    while last < len(q) - 1 and is_usable[last + 1]:
         last += 1
     return first, last
 
@@ -254,6 +254,7 @@ def _moved(
             upwards = model.run(q[middle : last + 1])
             break
         except AssemblyError:  # the mechanism has a smaller range than the equations: shorten the range at both ends
+            # halved, because each attempt solves the whole range
             first = (first + middle + 1) // 2
             last = (last + middle) // 2
     # both begin with the middle, which the result has once
@@ -277,6 +278,7 @@ def _mimic(model: ReferenceModel, run: SolvedSamples, q: Array) -> Curve:
     for name, k in tree.configuration.items():
         if name in active or name not in path or np.ptp(run.x[:, k]) <= _STILL:
             continue
+        # the best that <mimic> can do: a worse fit would make the equations look better than they are
         slope, offset = np.polyfit(q, run.x[:, k], 1)
         states[:, k] = slope * q + offset
         functions.append(f"{name} = {slope:.5g} q {offset:+.5g}")

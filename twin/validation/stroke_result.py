@@ -79,23 +79,24 @@ class Strokes(Result):
             yield f"\n  requirement: {accuracy} ({stated.provenance}: {stated.note})"
         yield ""
 
-    def _rows(self, s: StrokeSweep) -> Iterator[tuple[str, ...]]:
-        unit, scale = display_unit(s.angle)
-        moved = f"{s.q[0] / scale:g} .. {s.q[-1] / scale:g} {unit}"
-        for name, curve in s.curves.items():
+    def _rows(self, sweep: StrokeSweep) -> Iterator[tuple[str, ...]]:
+        unit, scale = display_unit(sweep.angle)
+        stroke = f"{sweep.q[0] / scale:g} .. {sweep.q[-1] / scale:g} {unit}"
+        for name, curve in sweep.curves.items():
             errors = curve.as_dict()
             largest = errors["position_max"]
             if largest is None:
-                yield s.joint, moved, name, "-", "-", "-", curve.note
+                yield sweep.joint, stroke, name, "-", "-", "-", curve.note
                 continue
             mean = quantity(errors["position_mean"], "m")
             rotation = quantity(errors["rotation_max"], "rad")
-            yield s.joint, moved, name, mean, quantity(largest, "m"), rotation, self._mark(s, name, largest)
+            yield sweep.joint, stroke, name, mean, quantity(largest, "m"), rotation, self._mark(sweep, name, largest)
 
-    def _mark(self, s: StrokeSweep, name: str, largest: float) -> str:
+    def _mark(self, sweep: StrokeSweep, name: str, largest: float) -> str:
         """Return the judgement of a model whose largest position error is `largest` in m."""
+        # only the equations are judged; the simplified models are compared with what the tool needs
         if name == "equations":
-            return "ok" if s.agrees else "DIFFERS"
+            return "ok" if sweep.agrees else "DIFFERS"
         if not self.requirement:
             return ""
         required = self.requirement.position
@@ -105,28 +106,28 @@ class Strokes(Result):
 
     def write(self, folder: Path) -> None:
         """Write one CSV file per joint with the position errors in µm."""
-        for s in self.sweeps:
+        for sweep in self.sweeps:
             unit = "mm"
             scale = MM
-            if s.angle:
+            if sweep.angle:
                 unit = "deg"
                 scale = DEG
-            names = [f"{s.joint}_{unit}"]
-            columns = [s.q / scale]
-            for model, curve in s.curves.items():
+            names = [f"{sweep.joint}_{unit}"]
+            columns = [sweep.q / scale]
+            for model, curve in sweep.curves.items():
                 if len(curve.offset):
                     names += [f"{model}_x_um", f"{model}_y_um", f"{model}_z_um"]
                     columns.append(curve.offset / UM)
             values = np.column_stack(columns)
-            np.savetxt(folder / f"{s.joint}.csv", values, "%.9g", ",", header=",".join(names), comments="")
+            np.savetxt(folder / f"{sweep.joint}.csv", values, "%.9g", ",", header=",".join(names), comments="")
 
 
-def _disagreement(s: StrokeSweep) -> Finding:
-    largest = float(s.equations.distance.max())
-    limit = s.tolerance[0]
+def _disagreement(sweep: StrokeSweep) -> Finding:
+    largest = float(sweep.equations.distance.max())
+    limit = sweep.tolerance[0]
     return _TOOL(
-        s.joint,
-        f"over the stroke of {s.joint}, the equations and the mechanism give different tool positions",
+        sweep.joint,
+        f"over the stroke of {sweep.joint}, the equations and the mechanism give different tool positions",
         mm(largest),
         mm(limit),
     )

@@ -236,6 +236,7 @@ def _rating_tests(cells: Array, users: int) -> dict[str, float]:
     from scipy import stats
 
     mean_1, std_1, mean_2, std_2 = (float(cell) for cell in cells)
+    # a cell below its rounding would be negative
     std_1 = max(std_1, 0.0)
     std_2 = max(std_2, 0.0)
     tests: dict[str, float] = {}
@@ -253,6 +254,7 @@ def _unreproduced(row: StudyRow) -> list[Finding]:
     if row.test():
         return []
     recomputed = [f"{test} {p:.3f}" for test, p in row.tests.items()]
+    # nearest by its own limit: tests differ in how far the rounding can move them
     nearest = min(row.tests, key=lambda test: abs(row.tests[test] - row.printed_p) - row.limit(test))
     return [
         disagreement(

@@ -13,10 +13,10 @@ from twin.validation.case import Case
 from twin.validation.checked_plan import retimed
 from twin.validation.equations_comparison import EquationsComparison
 from twin.validation.margins import margins, of_mechanism
+from twin.validation.rcm_between_samples import between_samples
 from twin.validation.rcm_fixes import fixes
-from twin.validation.rows import row
-from twin.validation.shaft import between_samples
-from twin.validation.timing import timing
+from twin.validation.residual_rows import row
+from twin.validation.sampled_timing import timing
 from twin.validation.unit_mistakes import wide_limits
 
 _MECHANISM = Kind("rcm.mechanism", "disagreement", word="tolerance")
@@ -26,11 +26,11 @@ _NO_CLOCK = ("timing.clock", "timing.phases")
 """Codes of findings on times and phases, without which rates cannot be computed."""
 
 
-def about_rcm(case: Case, out: EquationsComparison) -> None:
+def about_rcm(case: Case, comparison: EquationsComparison) -> None:
     """Check the distance of the driven mechanism's shaft from the RCM, in each phase with an RCM."""
-    run = out.driven
+    run = comparison.driven
     trajectory = case.trajectory
-    if run is None or _tool_follows(out):
+    if run is None or _tool_follows(comparison):
         return
     Ts = run.Ts_base_tool @ case.cad.mechanism.frame_in_tool(trajectory.frame)
     for span in trajectory.phases:
@@ -58,24 +58,24 @@ def about_rcm(case: Case, out: EquationsComparison) -> None:
         )
         if enforced:
             when = f"{span.name}, t = {residual.t:.2f} s"
-            out.judge(residual, _MECHANISM, "the mechanism's shaft misses the enforced RCM", "RCM", when=when)
+            comparison.judge(residual, _MECHANISM, "the mechanism's shaft misses the enforced RCM", "RCM", when=when)
         else:
-            out.residuals.append(residual)
+            comparison.residuals.append(residual)
 
 
-def _tool_follows(out: EquationsComparison) -> bool:
+def _tool_follows(comparison: EquationsComparison) -> bool:
     """Return whether the tool pose of the driven mechanism is wrong because of an equation that is already named."""
-    return any(residual.quantity == "tool" and residual.consequence_of for residual in out.residuals)
+    return any(residual.quantity == "tool" and residual.consequence_of for residual in comparison.residuals)
 
 
-def passive_limits(case: Case, out: EquationsComparison) -> None:
+def passive_limits(case: Case, comparison: EquationsComparison) -> None:
     """Check the limits of passive joints: range of the coordinate, or cone angle of a spherical joint."""
-    run = out.posed
+    run = comparison.posed
     joints = case.model.mechanism.limited
     if run is None or not joints:
         return
     links = case.model.link_poses(run.x)
-    clock = case.clock.at(out.coarse)
+    clock = case.clock.at(comparison.coarse)
     margins_left: dict[str, str] = {}
     for joint in joints:
         if joint.cone is not None:
@@ -95,32 +95,34 @@ def passive_limits(case: Case, out: EquationsComparison) -> None:
         if margin[k] < 0:
             beyond = moved(-margin[k], joint.is_angle)
             what = f"passive joint {joint.name} is {beyond} beyond its limit"
-            out.findings.append(_PASSIVE(joint.name, what, beyond, 0.0, when=when))
-    out.facts["limits of passive joints"] = margins_left
+            comparison.findings.append(_PASSIVE(joint.name, what, beyond, 0.0, when=when))
+    comparison.facts["limits of passive joints"] = margins_left
 
 
-def passage(case: Case, out: EquationsComparison) -> None:
+def passage(case: Case, comparison: EquationsComparison) -> None:
     """Check the RCM between samples, and the distance of the mechanism from singularities."""
-    if out.driven is not None and not _tool_follows(out):
-        between_samples(case.model, case.trajectory, tolerance=case.protocol.tolerances.rcm, out=out, clock=case.clock)
-    if out.posed is not None:
-        facts, findings, curves = of_mechanism(case.model, out.posed, out.coarse, case.clock)
-        out.facts["margins along the path"] = facts
-        out.findings += findings
-        out.series |= curves
+    if comparison.driven is not None and not _tool_follows(comparison):
+        between_samples(
+            case.model, case.trajectory, tolerance=case.protocol.tolerances.rcm, comparison=comparison, clock=case.clock
+        )
+    if comparison.posed is not None:
+        facts, findings, curves = of_mechanism(case.model, comparison.posed, comparison.coarse, case.clock)
+        comparison.facts["margins along the path"] = facts
+        comparison.findings += findings
+        comparison.series |= curves
 
 
-def of_protocol(case: Case, out: EquationsComparison) -> list[Finding]:
-    """Add facts on the motion to `out`; return findings of the planner, and of the checks that use only the samples."""
+def of_protocol(case: Case, comparison: EquationsComparison) -> list[Finding]:
+    """Add facts on the motion to `comparison`; return findings of the planner, and of the checks by samples alone."""
     trajectory = case.trajectory
     mechanism = case.cad.mechanism
     facts, from_samples = timing(trajectory, mechanism, case.protocol)
-    out.facts["timing, from the samples alone"] = facts
+    comparison.facts["timing, from the samples alone"] = facts
     has_clock = not any(finding.code in _NO_CLOCK for finding in from_samples)
     if has_clock:
         rows, facts, by_second_solver = retimed(trajectory, mechanism, case.protocol)
-        out.residuals += rows
-        out.facts["timing of each phase, by two solvers"] = facts
+        comparison.residuals += rows
+        comparison.facts["timing of each phase, by two solvers"] = facts
         from_samples += by_second_solver
     of_plan = [*trajectory.findings, *wide_limits(mechanism)]
     if case.paths is None or not has_clock:
@@ -132,8 +134,8 @@ def of_protocol(case: Case, out: EquationsComparison) -> list[Finding]:
             added.append(finding)
     of_plan += added
     along_path = margins(trajectory, mechanism, case.paths, case.clock)
-    out.facts["margins along the path"] = along_path | out.facts.get("margins along the path", {})
+    comparison.facts["margins along the path"] = along_path | comparison.facts.get("margins along the path", {})
     ways, notes = fixes(case.protocol, trajectory, case.paths, mechanism.frame_in_tool(trajectory.frame))
     if ways:
-        out.facts["ways to keep the RCM"] = ways
+        comparison.facts["ways to keep the RCM"] = ways
     return [*of_plan, *from_samples, *notes]

@@ -124,27 +124,28 @@ class OneStartResult:
         return (*map(str, numbers), median)
 
 
-def three_methods(case: Case, out: EquationsComparison, number: int = PROBLEMS) -> None:
-    """Add rows, findings, a table and curves of the comparison to `out`; skip it if a row of `out` disagrees.
+def three_methods(case: Case, comparison: EquationsComparison, number: int = PROBLEMS) -> None:
+    """Add rows, findings, a table and curves of the comparison to `comparison`; skip it if a row of `out` disagrees.
 
     `number` is the number of random problems.
     """
     kin = case.kinematics
     if kin is None or kin.formula.point_search is None:
         return
-    for row in out.residuals:
+    for row in comparison.residuals:
         if row.pair == "A-B" and not row.agrees:
-            out.facts[HEADING] = {"compared": "no, because other rows disagree"}
+            comparison.facts[HEADING] = {"compared": "no, because other rows disagree"}
             return
     try:
-        _compare(kin, case.model, case.cad.mechanism.limits, case, out, number)
+        _compare(kin, case.model, case.cad.mechanism.limits, case, comparison, number)
     except KinematicsError as error:
-        out.findings.append(_DIFFERS(kin.formula.name, f"tip and trocar cannot be solved: {error}", None, None))
+        comparison.findings.append(_DIFFERS(kin.formula.name, f"tip and trocar cannot be solved: {error}", None, None))
 
 
 def random_problems(kin: Kinematics, solver: PointSolver, limits: Array, number: int) -> Problems:
     """Return random problems, each with a solution within the joint limits (n, 2), and random starts within them."""
     rng = np.random.default_rng(_SEED)
+    # joints without limits: a full turn, or 1 m to each side
     reach = np.where(kin.revolute, np.pi, 1.0)
     low = np.where(np.isfinite(limits[:, 0]), limits[:, 0], -reach)
     high = np.where(np.isfinite(limits[:, 1]), limits[:, 1], reach)
@@ -162,11 +163,12 @@ def by_points(solver: PointSolver, problems: Problems, outside: bool = False) ->
     begin = solver.places(problems.starts)
     if outside:
         begin = solver.outside(begin, problems.tips, problems.trocars)
-    found = solver.descend(begin, problems.tips, problems.trocars)
+    search = solver.descend(begin, problems.tips, problems.trocars)
     outcome = np.full(len(begin), SearchOutcome.NOT_CONVERGED, int)
-    outcome[found.converged] = SearchOutcome.BEYOND_TIP
-    outcome[found.solved] = SearchOutcome.SOLVED
-    return OneStartResult(found.history, outcome, found.iterations)
+    # converged, but with the arm beyond the tip, unless it is solved as well
+    outcome[search.converged] = SearchOutcome.BEYOND_TIP
+    outcome[search.solved] = SearchOutcome.SOLVED
+    return OneStartResult(search.history, outcome, search.iterations)
 
 
 def by_joints(kin: Kinematics, problems: Problems, limits: Array, axis: tuple[float, float, float]) -> OneStartResult:
@@ -176,11 +178,11 @@ def by_joints(kin: Kinematics, problems: Problems, limits: Array, axis: tuple[fl
     steps = np.zeros(len(problems.starts), int)
     for i, (tip, trocar, q) in enumerate(zip(problems.tips, problems.trocars, problems.starts, strict=True)):
         history: list[float] = []
-        found = descend(kin, Tip(tip) + Trocar(trocar, axis), q, limits, history=history)
+        search = descend(kin, Tip(tip) + Trocar(trocar, axis), q, limits, history=history)
         histories.append(history)
-        if not found.residual <= SOLVED:  # true also for NaN
+        if not search.residual <= SOLVED:  # true also for NaN
             outcome[i] = SearchOutcome.NOT_CONVERGED
-        steps[i] = found.iterations
+        steps[i] = search.iterations
     longest = max(map(len, histories))
     residuals = np.full((len(histories), longest), np.nan)
     for row, history in zip(residuals, histories, strict=True):
@@ -210,14 +212,14 @@ class _Solutions:
 
 
 def _compare(
-    kin: Kinematics, model: ReferenceModel, limits: Array, case: Case, out: EquationsComparison, number: int
+    kin: Kinematics, model: ReferenceModel, limits: Array, case: Case, comparison: EquationsComparison, number: int
 ) -> None:
     solver = point_solver(kin)
     problems = random_problems(kin, solver, limits, number)
     solutions = _solved(kin, solver, problems, limits)
-    _judge_wrists(solver, solutions, out)
-    _along(solver, case, out)
-    _mechanism(model, problems, solutions, solver.search.axis, case, out)
+    _judge_wrists(solver, solutions, comparison)
+    _along(solver, case, comparison)
+    _mechanism(model, problems, solutions, solver.search.axis, case, comparison)
     searches = {
         "search.points": by_points(solver, problems),
         "search.outside": by_points(solver, problems, outside=True),
@@ -225,15 +227,15 @@ def _compare(
     }
     q_equations = kin.inverse_many(problems.Ts)
     inside = ((q_equations >= limits[:, 0]) & (q_equations <= limits[:, 1])).all(axis=1)
-    out.tables[HEADING] = _table(solver, searches, solutions, int(inside.sum()))
-    out.facts[HEADING] = {
+    comparison.tables[HEADING] = _table(solver, searches, solutions, int(inside.sum()))
+    comparison.facts[HEADING] = {
         "problems": f"{count(number, 'problem')} drawn within the joint limits, with one random posture each",
         "source": solver.search.source,
         "solved": f"from one start; {_STARTS} starts: within the joint limits too. Closed form: within the limits at "
         "the elbow of the equations; other elbows are not tried",
     }
     for key, result in searches.items():
-        out.series |= {key: result.history, f"{key}.outcome": result.outcome}
+        comparison.series |= {key: result.history, f"{key}.outcome": result.outcome}
 
 
 def _solved(kin: Kinematics, solver: PointSolver, problems: Problems, limits: Array) -> _Solutions:
@@ -243,6 +245,7 @@ def _solved(kin: Kinematics, solver: PointSolver, problems: Problems, limits: Ar
     joints = np.full_like(problems.starts, np.nan)
     for i, (tip, trocar) in enumerate(zip(problems.tips, problems.trocars, strict=True)):
         task = _SHARPENED * (Tip(tip) + Trocar(trocar, solver.search.axis))
+        # each problem with a seed of its own, so that it does not depend on the problems before
         try:
             joints[i] = solve(kin, task, limits=limits, starts=_STARTS, any_branch=True, rng=i).q
         except KinematicsError:
@@ -265,17 +268,29 @@ def _solved(kin: Kinematics, solver: PointSolver, problems: Problems, limits: Ar
     )
 
 
-def _judge_wrists(solver: PointSolver, solutions: _Solutions, out: EquationsComparison) -> None:
+def _judge_wrists(solver: PointSolver, solutions: _Solutions, comparison: EquationsComparison) -> None:
     """Add a row for each search: the wrist against the closed form, at the problems that all methods solve."""
     wrist = solver.search.unknowns[-1]
     chosen = solutions.by_all
     note = f"against the closed form, at {chosen.sum()} of {len(chosen)} random problems, which all methods solve"
     what = "the methods for tip and trocar give different positions"
     _row(
-        out, "A", f"{wrist} by points", differences=solutions.off_points[chosen], tolerance=EXACT, note=note, what=what
+        comparison,
+        "A",
+        f"{wrist} by points",
+        differences=solutions.off_points[chosen],
+        tolerance=EXACT,
+        note=note,
+        what=what,
     )
     _row(
-        out, "A", f"{wrist} by joints", differences=solutions.off_joints[chosen], tolerance=EXACT, note=note, what=what
+        comparison,
+        "A",
+        f"{wrist} by joints",
+        differences=solutions.off_joints[chosen],
+        tolerance=EXACT,
+        note=note,
+        what=what,
     )
 
 
@@ -320,20 +335,20 @@ def _largest(distances: Array) -> str:
     return f"{power(float(distances.max(initial=0.0)), 2)} m"
 
 
-def _along(solver: PointSolver, case: Case, out: EquationsComparison) -> None:
+def _along(solver: PointSolver, case: Case, comparison: EquationsComparison) -> None:
     """Add a row for each point: the search against the closed form at the tool poses of the protocol."""
-    Ts = case.trajectory.Ts_base_tool[out.coarse]
+    Ts = case.trajectory.Ts_base_tool[comparison.coarse]
     q = solver.inverse_many(Ts)
     distance = np.linalg.norm(solver.places(q) - solver.closed(Ts), axis=2)
     for i, name in enumerate(solver.search.unknowns):
-        known = distance[:, i][np.isfinite(distance[:, i])]
-        note = f"against the closed form, at {len(known)} of {len(Ts)} poses of the protocol"
+        distances = distance[:, i][np.isfinite(distance[:, i])]
+        note = f"against the closed form, at {len(distances)} of {len(Ts)} poses of the protocol"
         what = "along the protocol, the optimisation and the closed form give different positions"
         _row(
-            out,
+            comparison,
             "A",
             f"{name} along the protocol",
-            differences=known,
+            differences=distances,
             tolerance=EXACT,
             note=note,
             what=what,
@@ -347,7 +362,7 @@ def _mechanism(
     solutions: _Solutions,
     axis: tuple[float, float, float],
     case: Case,
-    out: EquationsComparison,
+    comparison: EquationsComparison,
 ) -> None:
     """Add rows for tip and shaft of the mechanism, driven to the joints of the search for points."""
     qs = solutions.points.q
@@ -362,7 +377,7 @@ def _mechanism(
     missed = np.linalg.norm(np.cross(trocars - Ts[:, :3, 3], shaft), axis=1)
     for name, values in (("tip by points", distance), ("shaft by points", missed)):
         _row(
-            out,
+            comparison,
             "A-B",
             name,
             differences=values,
@@ -373,7 +388,7 @@ def _mechanism(
 
 
 def _row(
-    out: EquationsComparison,
+    comparison: EquationsComparison,
     pair: str,
     name: str,
     differences: Array,
@@ -385,7 +400,7 @@ def _row(
     """Add a row for differences (k,) in m and, if it disagrees, a finding."""
     if not len(differences):
         return
-    r = Residual(
+    residual = Residual(
         pair,
         "trocar",
         name,
@@ -398,4 +413,4 @@ def _row(
         samples=len(differences),
         note=note,
     )
-    out.judge(r, _MISSES if pair == "A-B" else _DIFFERS, what, when=phase)
+    comparison.judge(residual, _MISSES if pair == "A-B" else _DIFFERS, what, when=phase)

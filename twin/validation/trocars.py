@@ -11,7 +11,7 @@ from twin.core.units import MM
 from twin.usd.read import read_stage
 from twin.validation.case import Case
 from twin.validation.equations_comparison import EquationsComparison
-from twin.validation.rows import row
+from twin.validation.residual_rows import row
 
 SINGLE = 1e-6
 """Tolerance in m of a position stored in single precision."""
@@ -21,9 +21,9 @@ _TROCAR = Kind(
 )
 
 
-def through_trocars(case: Case, out: EquationsComparison) -> None:
+def through_trocars(case: Case, comparison: EquationsComparison) -> None:
     """Check the distance of each shaft axis from its trocar along the motion."""
-    run = out.posed
+    run = comparison.posed
     mechanism = case.cad.mechanism
     shafts = {}
     for name in mechanism.trocars:
@@ -34,22 +34,22 @@ def through_trocars(case: Case, out: EquationsComparison) -> None:
         return
     links = case.model.link_poses(run.x)
     tolerance = case.protocol.tolerances.rcm
-    times = case.clock.at(out.coarse)
+    times = case.clock.at(comparison.coarse)
     for name, shaft in shafts.items():
         T = links[shaft.body] @ shaft.T_body_frame
         # z of the frame is along the shaft
-        missed = spatial.point_to_line(mechanism.trocar_at(name), T[:, :3, 3], T[:, :3, 2])
-        r = row(
+        distances = spatial.point_to_line(mechanism.trocar_at(name), T[:, :3, 3], T[:, :3, 2])
+        residual = row(
             "B",
             "rcm",
             name,
             unit="m",
-            differences=missed,
+            differences=distances,
             tolerance=tolerance,
             clock=times,
             note=f"{shaft.body} in trocar {name}",
         )
-        out.judge(r, _TROCAR, f"{shaft.body} misses trocar '{name}'")
+        comparison.judge(residual, _TROCAR, f"{shaft.body} misses trocar '{name}'")
 
 
 def as_written(case: Case) -> list[Finding]:
@@ -59,6 +59,7 @@ def as_written(case: Case) -> list[Finding]:
         return []
     # a motion that was baked for another protocol may have the trocar elsewhere
     severity = "disagreement" if case.baked_for_it else "warning"
+    # what is on disk is judged, not what would be written now
     written = read_stage(case.written).trocar_places
     findings = []
     for name, place in mechanism.trocar_places.items():

@@ -35,8 +35,8 @@ def wide_limits(mechanism: Mechanism) -> list[Finding]:
         most = TURNS if joint.is_angle else SIZES * size
         if most > 0 and width > most:
             text = f"joint {joint.name} has an implausibly wide range"
-            shown = moved(width, joint.is_angle)
-            findings.append(_IMPLAUSIBLE(joint.name, text, shown, moved(most, joint.is_angle)))
+            range_width = moved(width, joint.is_angle)
+            findings.append(_IMPLAUSIBLE(joint.name, text, range_width, moved(most, joint.is_angle)))
     return findings
 
 
@@ -52,13 +52,13 @@ def _size(mechanism: Mechanism) -> float:
     return float(np.linalg.norm(np.ptp(np.array(places), axis=0)))
 
 
-def apart(mates: Iterable[Mate]) -> list[Finding]:
+def parts_apart(mates: Iterable[Mate]) -> list[Finding]:
     """Return a finding for each joint whose two parts do not touch in the CAD."""
     findings = []
     for mate in mates:
-        if not mate.apart > LOOSE:  # NaN is no distance
+        if not mate.distance > LOOSE:  # NaN is no distance
             continue
         first, second = mate.parts
         text = f"the parts of joint '{mate.joint}', {first} and {second}, are apart in the CAD"
-        findings.append(_APART(mate.joint, text, mm(mate.apart), mm(LOOSE), when="as drawn"))
+        findings.append(_APART(mate.joint, text, mm(mate.distance), mm(LOOSE), when="as drawn"))
     return findings

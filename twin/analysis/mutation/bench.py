@@ -35,11 +35,11 @@ from twin.planning.trajectory import Trajectory
 from twin.reference import ReferenceModel
 from twin.validation.baked_motion import MeasuredMotion, measure, samples, written_motion
 from twin.validation.case import PARTS, Case, Known, Part, summaries
-from twin.validation.compare import compare
+from twin.validation.equation_checks import compare
 from twin.validation.equations_comparison import EquationsComparison
 from twin.validation.judge import judge
+from twin.validation.residual_rows import SampleClock, Tolerances
 from twin.validation.result import Report
-from twin.validation.rows import SampleClock, Tolerances
 
 STEP = 0.04
 """Time in s between samples of the motion: small enough for all checks, large enough for many runs."""

@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
     result = _found(args)
     if folder is None:
         return show.finish(result, args)
-    from twin.validation.ranks import Ranks
+    from twin.validation.rank_tests import Ranks
 
     if not isinstance(result, Ranks):
         raise TwinError("--out requires groups (a CSV file of users, or sessions as GROUP=FILE); otherwise omit --out")

@@ -15,7 +15,7 @@ from twin.core.errors import ProtocolError, TwinError
 if TYPE_CHECKING:
     from twin.api.robot import Robot
     from twin.core.result import Result
-    from twin.validation.rows import Tolerances
+    from twin.validation.residual_rows import Tolerances
 
 EXAMPLES = """\
   twin validate sils
@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     from twin.cli.chosen import protocols, variants_of_each
     from twin.cli.cure import Cures
     from twin.core import assets
-    from twin.validation.rows import Tolerances
+    from twin.validation.residual_rows import Tolerances
 
     width = show.micrometres("--tolerance-um", args.tolerance_um)
     robot = load(args.robot).with_timing(args.timing)

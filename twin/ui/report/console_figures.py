@@ -10,7 +10,7 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.ui.report.style import FIT, GRID, INK, PALETTE, UNFIT, sheet, styled
-from twin.validation.console_result import Clause, Contract
+from twin.validation.console_result import Clause, ConsoleResult
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @styled()
-def figure(contract: Contract) -> Figure:
+def figure(contract: ConsoleResult) -> Figure:
     """Return a figure with two panels: clauses of each equation, and distance of the tool from its start position.
 
     Satisfied clauses are green, unsatisfied clauses red. The distance is drawn over a hand motion that returns to its

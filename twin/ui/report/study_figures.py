@@ -10,7 +10,7 @@ import numpy as np
 
 from twin.core.spatial import Array
 from twin.ui.report.style import GRID, INK, PALETTE, sheet, styled
-from twin.validation.ranks import Ranks, label
+from twin.validation.rank_tests import Ranks, label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -19,7 +19,7 @@ from twin.validation.explain.equation_steps import Tolerance
 from twin.validation.explain.reference_values import ReferenceValues, symbol_values
 from twin.validation.explain.row_deviations import Judge
 from twin.validation.joint_range import range_errors
-from twin.validation.rows import Tolerances
+from twin.validation.residual_rows import Tolerances
 
 SAMPLES = 24
 """Number of poses at which a formula is judged."""

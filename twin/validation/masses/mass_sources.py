@@ -50,7 +50,7 @@ def of_mechanism(mechanism: Mechanism, title: str) -> MassSource:
     for body in mechanism.bodies:
         if body.inertia is not None:
             bodies.append(judged(stated(body.name, title, body.inertia, body.meshes)))
-        elif body.meshes and body.name != mechanism.base:
+        elif body.meshes and body.name != mechanism.base:  # the base is at rest: its mass has no effect
             without.append(body.name)
     findings: list[Finding] = []
     if without:
@@ -67,11 +67,12 @@ def of_table(folder: Path, mechanism: Mechanism) -> MassSource:
         MechanismError: the file belongs to another mechanism.
     """
     table = inertia.of_robot(folder)
+    # without the instrument, which the file states apart from the last link: the link alone is judged
     stating = inertia.weighed(table, mechanism, instrument=False)
-    moved = {joint.name: stating.body(joint.child) for joint in stating.tree}
+    body_of_joint = {joint.name: stating.body(joint.child) for joint in stating.tree}
     bodies: list[JudgedInertia] = []
     for link in table.link:
-        body = moved[link.joint]
+        body = body_of_joint[link.joint]
         if body.inertia is None:
             continue
         name = f"link of {link.joint}"

@@ -20,7 +20,7 @@ from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.body import Mesh
 from twin.model.inertia import Inertia
-from twin.validation.masses import solid
+from twin.validation.masses import solid_moments
 from twin.validation.masses.probable_mistake import guesses
 
 DENSITY = (30.0, 25000.0)
@@ -142,7 +142,7 @@ def judged(body: StatedInertia) -> JudgedInertia:
     faults = _Faults(body)
     mass = body.mass
     first = np.asarray(body.first, float)
-    tensor = 0.5 * (body.tensor + body.tensor.T)
+    tensor = 0.5 * (body.tensor + body.tensor.T)  # eigenvalues below are those of symmetric matrices
     if not _is_finite(body):
         faults.add("number", "a mass or moment is not a finite number")
         return _without_quantities(body, faults)
@@ -205,7 +205,7 @@ class _Faults:
     ) -> None:
         """Add a finding on the body; for the arguments see `twin.core.findings.finding`."""
         name = self.body.name
-        found = finding(
+        fault = finding(
             severity,
             f"inertia.{code}",
             name,
@@ -216,7 +216,7 @@ class _Faults:
             when=self.body.source,
             word=word,
         )
-        self.findings.append(found)
+        self.findings.append(fault)
 
 
 def _is_finite(body: StatedInertia) -> bool:
@@ -273,11 +273,11 @@ def _about_centre(tensor: Array, first: Array, mass: float) -> Array:
 
 def _shape_tensor(body: StatedInertia) -> Array | None:
     """Return the tensor per mass (3, 3) in m2 of the filled shapes about their centre; None if a mesh is open."""
-    moments = solid.of_meshes(body.meshes)
+    moments = solid_moments.of_meshes(body.meshes)
     if moments is None:
         return None
     about_centre = moments.second - np.outer(moments.first, moments.first) / moments.volume
-    return np.asarray(solid.tensor(about_centre) / moments.volume, float)
+    return np.asarray(solid_moments.tensor(about_centre) / moments.volume, float)
 
 
 def _compared_with_shapes(body: StatedInertia, first: Array, faults: _Faults) -> tuple[float, float]:
@@ -291,7 +291,7 @@ def _compared_with_shapes(body: StatedInertia, first: Array, faults: _Faults) ->
         text = "the mass centre lies outside the convex hull of the shapes"
         advice = "check its frame, its signs and its unit"
         faults.add("outside", text, mm(outside), mm(BESIDE), advice, severity=severity)
-    moments = solid.of_meshes(body.meshes)
+    moments = solid_moments.of_meshes(body.meshes)
     if moments is None:
         return float("nan"), outside
     density = mass / moments.volume
@@ -315,15 +315,19 @@ def hull_distance(p: Array, meshes: Sequence[Mesh]) -> float:
     from scipy.spatial import ConvexHull, QhullError
 
     vertices = np.concatenate([mesh.vertices for mesh in meshes])
+    scale = float(np.ptp(vertices, axis=0).max())
+    if not scale:
+        return float(np.linalg.norm(vertices[0] - p))
+    corners = vertices
     try:
         hull = ConvexHull(vertices)
-    except QhullError:  # all vertices are in one plane
-        return float(np.linalg.norm(vertices - p, axis=1).min())
-    if (hull.equations[:, :3] @ p + hull.equations[:, 3]).max() <= 0:
-        return 0.0
+    except QhullError:
+        pass  # all vertices are in one plane: their hull has no inside, and each vertex may be a corner
+    else:
+        if (hull.equations[:, :3] @ p + hull.equations[:, 3]).max() <= 0:
+            return 0.0
+        corners = vertices[hull.vertices]
     # nearest point of the hull: non-negative weights of the corners with sum one
-    corners = vertices[hull.vertices]
-    scale = float(np.ptp(corners, axis=0).max())
     A = np.vstack([(corners - p).T / scale, np.full(len(corners), _SUM_OF_WEIGHTS)])
     weights, _ = nnls(A, np.array([0.0, 0.0, 0.0, _SUM_OF_WEIGHTS]), maxiter=50 * len(corners))
     return float(np.linalg.norm(weights @ corners / weights.sum() - p))

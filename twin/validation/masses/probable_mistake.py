@@ -59,17 +59,18 @@ def guesses(name: str, source: str, tensor: Array, centre: Array, mass: float, s
     for kind, words, corrected in _readings(tensor, centre, mass):
         readings.append((misfit(corrected / mass, shape), kind, words))
     best, kind, words = min(readings, key=lambda reading: reading[0])
+    # among so many readings, one fits a little better by chance: it must fit well, and much better
     if best > GOOD or best > GAIN * stated_misfit:
         return []
     others: set[str] = set()
-    for other_misfit, other, _ in readings:
-        if other != kind and other_misfit < CLEAR * best:
-            others.add(other)
-    found = _finding(kind, words, name=name, source=source, now=stated_misfit, best=best)
+    for other_misfit, other_kind, _ in readings:
+        if other_kind != kind and other_misfit < CLEAR * best:
+            others.add(other_kind)
+    probable = _finding(kind, words, name=name, source=source, stated_deviation=stated_misfit, best=best)
     if others:
         listed = ", ".join(sorted(others))
-        return [replace(found, message=f"{found.message}; {listed} would also explain it")]
-    return [found]
+        return [replace(probable, message=f"{probable.message}; {listed} would also explain it")]
+    return [probable]
 
 
 def _sign_of_products(name: str, source: str, tensor: Array, mass: float, shape: Array) -> list[Finding]:
@@ -85,19 +86,27 @@ def _sign_of_products(name: str, source: str, tensor: Array, mass: float, shape:
         return []
     difference = np.linalg.norm(stated - products)
     difference_negated = np.linalg.norm(-stated - products)
+    # products with the right sign differ from those of the shapes by less than their size
     if not (difference_negated < GAIN * difference and difference > size):
         return []
     return [
-        _finding("sign", _WRONG_SIGN, name=name, source=source, now=float(difference), best=float(difference_negated))
+        _finding(
+            "sign",
+            _WRONG_SIGN,
+            name=name,
+            source=source,
+            stated_deviation=float(difference),
+            best=float(difference_negated),
+        )
     ]
 
 
-def _finding(kind: str, words: str, name: str, source: str, now: float, best: float) -> Finding:
+def _finding(kind: str, words: str, name: str, source: str, stated_deviation: float, best: float) -> Finding:
     return warning(
         f"inertia.{kind}",
         name,
         f"{name}: {words}: deviation from the tensor of the filled shapes",
-        size=Quantity(100 * now, "%"),
+        size=Quantity(100 * stated_deviation, "%"),
         limit=100 * best,
         when=source,
         word="corrected",
@@ -121,22 +130,23 @@ def _readings(tensor: Array, centre: Array, mass: float) -> Iterator[tuple[str, 
         yield "decimal", words, tensor * 10.0**power
     for (i, j), entry in zip(_PLACES, _NAMES, strict=True):
         for power in (-2, -1, 1, 2):
-            other = tensor.copy()
-            other[i, j] = other[j, i] = tensor[i, j] * 10.0**power
+            corrected = tensor.copy()
+            corrected[i, j] = tensor[i, j] * 10.0**power
+            corrected[j, i] = corrected[i, j]
             yield (
                 "decimal",
-                f"I{entry} seems to have lost its decimal mark ({tensor[i, j]:g} instead of {other[i, j]:g})",
-                other,
+                f"I{entry} seems to have lost its decimal mark ({tensor[i, j]:g} instead of {corrected[i, j]:g})",
+                corrected,
             )
-    far = mass * ((centre @ centre) * np.eye(3) - np.outer(centre, centre))
-    if np.abs(far).max() > 0.2 * np.abs(tensor).max():
+    parallel_axis_term = mass * ((centre @ centre) * np.eye(3) - np.outer(centre, centre))
+    if np.abs(parallel_axis_term).max() > 0.2 * np.abs(tensor).max():
         yield (
             "origin",
             "the stated tensor seems to be about the mass centre instead of the frame's origin",
-            tensor + far,
+            tensor + parallel_axis_term,
         )
         yield (
             "origin",
             "the stated tensor seems to be about the frame's origin instead of the mass centre",
-            tensor - far,
+            tensor - parallel_axis_term,
         )

@@ -159,7 +159,7 @@ def recompute(exhibit: Exhibit) -> tuple[list[MassRow], list[Finding]]:
     """Return (rows with their physical limits, findings)."""
     rows = []
     for body in exhibit.body:
-        h, J = moments(body)
+        first_moment, J = moments(body)
         J_negated = negated(J)
         definite = True
         slack = np.inf
@@ -168,8 +168,8 @@ def recompute(exhibit: Exhibit) -> tuple[list[MassRow], list[Finding]]:
             definite = definite and small > 0
             slack = min(slack, small + middle - large)
         repaired = tuple(repair.cell for repair in body.repaired)
-        mass_printed = least_mass(J, h)
-        mass_negated = least_mass(J_negated, h)
+        mass_printed = least_mass(J, first_moment)
+        mass_negated = least_mass(J_negated, first_moment)
         rows.append(
             MassRow(
                 body.name,

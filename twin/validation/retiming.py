@@ -27,8 +27,8 @@ from twin.core.spatial import Array
 from twin.model.mechanism import Mechanism
 from twin.planning.protocol import Auxiliary, Free, Limits, Protocol, Solver
 from twin.planning.trajectory import PhaseCurve, PhaseSpan, Trajectory
+from twin.validation.residual_rows import SampleClock, row
 from twin.validation.result import PhaseSummary, Residual
-from twin.validation.rows import SampleClock, row
 
 DURATION_TOLERANCE = 1e-5
 """Accepted relative deviation of a duration: of the optimum that the plan states from that of the other solver, and of
@@ -201,6 +201,7 @@ def _limits(mechanism: Mechanism, protocol: Protocol, span: PhaseSpan) -> _Limit
             missing_acceleration = frame.tip_acceleration
         speed.append(joint.max_speed or missing_speed)
         acceleration.append(joint.max_acceleration or missing_acceleration)
+    # motors have no acceleration limits of their own in a description
     rows, motor_speed = _motor_limits(mechanism)
     return _Limits(
         speed=np.array(speed), acceleration=np.array(acceleration), motors=rows, motor_speed=motor_speed, frame=frame
@@ -271,6 +272,7 @@ def _retimed_phase(
     missing = min(0.0, planned_steps - needed_steps)
     excess = max(0.0, planned_steps - max(needed_steps + 1, _FEWEST_STEPS))
     sampled_deviation = (missing + excess) / needed_steps
+    # a plan may state a right optimum and last another time, or the reverse: the worse of both counts
     stated_deviation = span.optimal / shortest - 1
     deviation = max(stated_deviation, sampled_deviation, key=abs)
 
@@ -322,6 +324,7 @@ def _fastest_rates(
     scaled_first = np.ascontiguousarray((first / scale).T)
     scaled_second = np.ascontiguousarray((second / scale).T)
     rates = fastest(grid, scaled_first, scaled_second, speed * time_unit / scale)
+    # an interval that is at rest at both ends would take an infinite time
     if not np.all(rates[1:] + rates[:-1] > 0):
         raise TimingError("the speed is zero between start and end of the path")
     return rates / time_unit
@@ -373,17 +376,17 @@ def _project_on_path(q: Array, curve: PhaseCurve, dense: Array) -> tuple[Array, 
     sample_length = _path_lengths(q)
     if not (path_length[-1] > 0 and sample_length[-1] > 0):
         raise TimingError("no joint moves")
-    s = np.interp(sample_length / sample_length[-1], path_length / path_length[-1], dense)
+    path_parameters = np.interp(sample_length / sample_length[-1], path_length / path_length[-1], dense)
     for _ in range(_PROJECTIONS):
-        first = curve.joints(s, 1)
-        ahead = np.sum(first * (q - curve.joints(s)), axis=1)
+        first = curve.joints(path_parameters, 1)
+        ahead = np.sum(first * (q - curve.joints(path_parameters)), axis=1)
         slope = np.sum(first**2, axis=1)
         slope = np.maximum(slope, _AT_REST * np.max(slope))  # the path may be at rest, as at its ends
-        s = np.clip(s + ahead / slope, 0.0, 1.0)
-    s = np.maximum.accumulate(s)
+        path_parameters = np.clip(path_parameters + ahead / slope, 0.0, 1.0)
+    path_parameters = np.maximum.accumulate(path_parameters)  # a motion does not go back; rounding at its ends may
     travel = np.max(np.sum(np.abs(np.diff(on_path, axis=0)), axis=0))
-    distance = np.max(np.abs(q - curve.joints(s)))
-    return s, float(distance / travel)
+    distance = np.max(np.abs(q - curve.joints(path_parameters)))
+    return path_parameters, float(distance / travel)
 
 
 def _path_lengths(q: Array) -> Array:
@@ -394,12 +397,13 @@ def _path_lengths(q: Array) -> Array:
 
 def _rates_of_samples(grid: Array, s: Array, dt: float) -> tuple[Array, Array]:
     """Return ds/dt and d2s/dt2 at the grid points, from samples s (k,) of a motion from rest to rest."""
-    whole = np.concatenate([s[1:2], s, s[-2:-1]])  # continued by its mirror image in time
-    before = whole[:-2]
-    at = whole[1:-1]
-    after = whole[2:]
+    extended = np.concatenate([s[1:2], s, s[-2:-1]])  # continued by its mirror image in time
+    before = extended[:-2]
+    at = extended[1:-1]
+    after = extended[2:]
     rate = (after - before) / (2 * dt)
     second_rate = (after - 2 * at + before) / dt**2
+    # the square of ds/dt is nearly linear in s, ds/dt itself is not: near rest it has a vertical tangent
     rate_at_grid = np.sqrt(np.interp(grid, s, rate**2))
     second_rate_at_grid = np.interp(grid, s, second_rate)
     return rate_at_grid, second_rate_at_grid

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from twin.core.json_types import JsonMapping
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.validation.console_clauses import Laws
+from twin.validation.console_clauses import JudgedConsole
 
 _REPEATS = 100
 """Number of repetitions of the test, for the long-run standard deviation."""
@@ -27,7 +27,9 @@ _SMALLEST = 10 * DEG  # rotation
 _LARGEST = 40 * DEG  # rotation
 
 
-def measure(console: Laws, displacements: int, resolution: float, seed: int = 0) -> tuple[JsonMapping, list[float]]:
+def measure(
+    console: JudgedConsole, displacements: int, resolution: float, seed: int = 0
+) -> tuple[JsonMapping, list[float]]:
     """Simulate the accuracy test; return (plain data, standard deviation of the error along each axis in mm).
 
     `displacements` is the number of displacements along each axis, `resolution` in m is the resolution of the pen's
@@ -41,6 +43,7 @@ def measure(console: Laws, displacements: int, resolution: float, seed: int = 0)
     end = start + axis * signs * lengths + rng.uniform(-_ASIDE, _ASIDE, axis.shape)
     errors = _errors(console, start, end, resolution)
     exact_errors = _errors(console, start, end, 0.0)
+    # one repetition, as a paper measures it: its deviation scatters about the long-run one
     first_test = errors[: 3 * displacements]
     std = errors.std(axis=0) / MM
     data = {
@@ -57,7 +60,9 @@ def measure(console: Laws, displacements: int, resolution: float, seed: int = 0)
     return data, std.tolist()
 
 
-def measure_angles(console: Laws, rotations: int, resolution: float, seed: int = 0) -> tuple[JsonMapping, list[float]]:
+def measure_angles(
+    console: JudgedConsole, rotations: int, resolution: float, seed: int = 0
+) -> tuple[JsonMapping, list[float]]:
     """Simulate the test with rotations; return (plain data, standard deviation of the error about x, y, z in degrees).
 
     The pen hangs in a gimbal of three angles, read with a resolution. The error is the tool's rotation without the
@@ -84,19 +89,20 @@ def measure_angles(console: Laws, rotations: int, resolution: float, seed: int =
     return data, std.tolist()
 
 
-def _turn_errors(console: Laws, start: Array, end: Array, resolution: float) -> Array:
+def _turn_errors(console: JudgedConsole, start: Array, end: Array, resolution: float) -> Array:
     """Return the errors (k, 3) about x, y, z of rotations from gimbal angles `start` to `end` (k, 3), all in rad."""
     T = _console_pose()
     R_T = Rotation.from_matrix(T[:3, :3])
     errors = np.zeros_like(start)
-    for i, (a, b) in enumerate(zip(start, end, strict=True)):
-        turned = Rotation.from_euler("ZYX", b) * Rotation.from_euler("ZYX", a).inv()
+    for i, (start_angles, end_angles) in enumerate(zip(start, end, strict=True)):
+        turned = Rotation.from_euler("ZYX", end_angles) * Rotation.from_euler("ZYX", start_angles).inv()
         W_0 = np.eye(4)
         W_1 = np.eye(4)
-        W_0[:3, :3] = Rotation.from_euler("ZYX", _quantised(a, resolution)).as_matrix()
-        W_1[:3, :3] = Rotation.from_euler("ZYX", _quantised(b, resolution)).as_matrix()
+        W_0[:3, :3] = Rotation.from_euler("ZYX", _quantised(start_angles, resolution)).as_matrix()
+        W_1[:3, :3] = Rotation.from_euler("ZYX", _quantised(end_angles, resolution)).as_matrix()
         P_1 = console.tool(np.eye(4), W_0, W_1, T, 1.0)
         of_tool = R_T.inv() * Rotation.from_matrix(P_1[:3, :3]) * R_T
+        # ZYX angles are about z, y, x; the errors are about x, y, z
         errors[i] = (of_tool * turned.inv()).as_euler("ZYX")[::-1]
     return errors
 
@@ -109,7 +115,7 @@ def _console_pose() -> Array:
     return T
 
 
-def _errors(console: Laws, start: Array, end: Array, resolution: float) -> Array:
+def _errors(console: JudgedConsole, start: Array, end: Array, resolution: float) -> Array:
     """Return the errors (k, 3) in m, in {H}, of displacements from `start` to `end` (k, 3) in m in {H}.
 
     `resolution` in m is that of the pen; 0: exact.
@@ -118,13 +124,14 @@ def _errors(console: Laws, start: Array, end: Array, resolution: float) -> Array
     P = np.eye(4)
     P[:3, 3] = (0, 0, -0.1)
     errors = np.zeros_like(start)
-    for i, (a, b) in enumerate(zip(start, end, strict=True)):
+    for i, (p_start, p_end) in enumerate(zip(start, end, strict=True)):
         W_0 = np.eye(4)
         W_1 = np.eye(4)
-        W_0[:3, 3] = _quantised(a, resolution)
-        W_1[:3, 3] = _quantised(b, resolution)
-        moved = console.tool(P, W_0, W_1, T, 1.0)[:3, 3] - P[:3, 3]
-        errors[i] = T[:3, :3].T @ moved - (b - a)
+        W_0[:3, 3] = _quantised(p_start, resolution)
+        W_1[:3, 3] = _quantised(p_end, resolution)
+        displacement = console.tool(P, W_0, W_1, T, 1.0)[:3, 3] - P[:3, 3]
+        # the tool moves in {RB}, the pen in {H}
+        errors[i] = T[:3, :3].T @ displacement - (p_end - p_start)
     return errors
 
 

@@ -24,7 +24,7 @@ from twin.core.spatial import Array, Index
 from twin.planning.trajectory import PhaseSpan, Trajectory
 from twin.reference import ReferenceModel
 from twin.validation.equations_comparison import EquationsComparison
-from twin.validation.rows import SampleClock, row, text
+from twin.validation.residual_rows import SampleClock, row, text
 
 ALL_MEASURED = 64
 """Largest number of samples of a phase that is measured in all intervals."""
@@ -115,6 +115,7 @@ def _suspects(trajectory: Trajectory, span: PhaseSpan) -> Index:
     rows = np.arange(span.start, span.stop + 1)
     if len(rows) <= ALL_MEASURED:
         return rows[:-1]
+    # where the vector from shaft to RCM may be longest, by a cubic through the samples
     e = offset(trajectory.Ts_base_frame[rows], trajectory.shaft_axis, span.rcm)
     rate = np.gradient(e, axis=0)
     inside = spatial.cubic(_INSIDE[:, None, None], e[:-1], e[1:], rate[:-1], rate[1:])
@@ -192,18 +193,18 @@ def _summit(values: Array, j: int) -> tuple[float, float]:
 
 
 def between_samples(
-    model: ReferenceModel, trajectory: Trajectory, tolerance: float, out: EquationsComparison, clock: SampleClock
+    model: ReferenceModel, trajectory: Trajectory, tolerance: float, comparison: EquationsComparison, clock: SampleClock
 ) -> None:
-    """Add a row for each phase with an RCM to `out`, and a finding if the distance between samples is too large.
+    """Add a row for each phase with an RCM to `comparison`, and a finding if the distance between samples is too large.
 
     `tolerance` is the largest accepted distance in m. If the RCM is monitored and the shaft already misses it at
     the samples, the row is not judged.
     """
     try:
-        found = passages(model, trajectory)
+        passages_of_phases = passages(model, trajectory)
     except AssemblyError:  # already reported by the comparison
         return
-    for passage in found:
+    for passage in passages_of_phases:
         nearest_sample = np.searchsorted(trajectory.t, passage.t)
         limit = None
         if passage.enforced or passage.at_samples <= tolerance:
@@ -222,4 +223,4 @@ def between_samples(
             ),
         )
         what = f"between samples the shaft misses the RCM (largest distance at the samples: {mm(passage.at_samples)})"
-        out.judge(residual, _BETWEEN, what, "RCM", when=f"phase '{passage.phase}', t = {passage.t:.3f} s")
+        comparison.judge(residual, _BETWEEN, what, "RCM", when=f"phase '{passage.phase}', t = {passage.t:.3f} s")

@@ -30,8 +30,8 @@ from twin.validation.equations_comparison import (
     equation_of,
     named_with_variant,
 )
+from twin.validation.residual_rows import SampleClock, Tolerances, pose_rows, rotation_vectors, row, text
 from twin.validation.result import Residual, RowKind, headline
-from twin.validation.rows import SampleClock, Tolerances, pose_rows, rotation_vectors, row, text
 
 COARSE = 10
 """Joints, points, speeds and stage are compared at every tenth sample (coarse samples), tool and loops at all."""
@@ -57,7 +57,7 @@ def compare(
     If `kin` has only forward equations and the path was computed with the mechanism, the joint values of the trajectory
     also drive the mechanism, and the forward equations are compared with it.
     """
-    out = EquationsComparison(coarse=_coarse_rows(trajectory))
+    comparison = EquationsComparison(coarse=_coarse_rows(trajectory))
     # The inverse of these equations is judged. A path that followed the mechanism needs no numeric inverse.
     inverse = None
     if kin is not None and (kin.closed_inverse or not trajectory.followed):
@@ -66,31 +66,32 @@ def compare(
     if inverse is not None:
         q = inverse.inverse_many(trajectory.Ts_base_tool)
         q[:, inverse.auxiliary] = trajectory.q[:, inverse.auxiliary]  # the equations do not change these joints
-        _note_unsolved(inverse, q, out, clock)
+        _note_unsolved(inverse, q, comparison, clock)
     # If the mechanism is redundant, the equations may choose another solution than the path: judge that solution.
     path_has_joints = trajectory.followed or any(phase.type == "free" for phase in trajectory.phases)
     another_solution = inverse is not None and path_has_joints and model.redundant
     start_values = None
     if another_solution:
         start_values = q
-    out.posed = _posed(model, trajectory, out.coarse, q=start_values, progress=progress)
+    comparison.posed = _posed(model, trajectory, comparison.coarse, q=start_values, progress=progress)
     compared = ComparedSamples(
         model=model,
         trajectory=trajectory,
         clock=clock,
         tolerances=tolerances,
         progress=progress,
-        out=out,
-        posed=out.posed,
+        comparison=comparison,
+        posed=comparison.posed,
     )
-    out.series["q"] = q
-    out.series["t_coarse"] = compared.coarse.t
+    comparison.series["q"] = q
+    comparison.series["t_coarse"] = compared.coarse.t
     wrong_point = Blame()
     wrong_joint = Blame()
     if kin is not None:
+        # in the order of the computation, so that each check knows which of its inputs is wrong
         wrong_point = _check_points(compared, kin)
         if inverse is not None:
-            wrong_joint = _check_joints(compared, inverse, q[out.coarse], wrong_point)
+            wrong_joint = _check_joints(compared, inverse, q[comparison.coarse], wrong_point)
         # Forward equations without an inverse are otherwise checked by `_check_tool`: their numeric inverse drives the
         # mechanism.
         if kin.closed_forward and (kin.closed_inverse or inverse is None):
@@ -99,15 +100,15 @@ def compare(
     if inverse is not None:
         _check_tool(compared, inverse, q, wrong_point or wrong_joint)
     else:
-        out.driven = model.run(q, progress=lambda fraction: progress("mechanism driven by its joints", fraction))
-        _check_loops(compared, out.driven)
-    if out.driven is not None and not wrong_joint:
+        comparison.driven = model.run(q, progress=lambda fraction: progress("mechanism driven by its joints", fraction))
+        _check_loops(compared, comparison.driven)
+    if comparison.driven is not None and not wrong_joint:
         # The planned rates are those of the path: they are compared at its own joint values.
-        states = out.driven.x
+        states = comparison.driven.x
         if another_solution:
             states = model.run(trajectory.q).x
-        _check_rates(compared, states[out.coarse])
-    return out
+        _check_rates(compared, states[comparison.coarse])
+    return comparison
 
 
 def _coarse_rows(trajectory: Trajectory) -> Index:
@@ -119,7 +120,7 @@ def _coarse_rows(trajectory: Trajectory) -> Index:
     return np.unique(np.array([*every_tenth, *ends, count - 1], np.intp))
 
 
-def _note_unsolved(kin: Kinematics, q: Array, out: EquationsComparison, clock: SampleClock) -> None:
+def _note_unsolved(kin: Kinematics, q: Array, comparison: EquationsComparison, clock: SampleClock) -> None:
     """Add a finding if the equations give no joint values at some of the tool poses."""
     solved = np.isfinite(q).all(axis=1)
     if solved.all():
@@ -136,7 +137,7 @@ def _note_unsolved(kin: Kinematics, q: Array, out: EquationsComparison, clock: S
     )
     cause = equation_of(kin, tuple(kin.joints))
     no_answer = disagreement("driven.no_answer", ", ".join(unsolved), what, when=clock.when(first), cause=cause)
-    out.findings.append(no_answer)
+    comparison.findings.append(no_answer)
 
 
 def _posed(
@@ -153,10 +154,10 @@ def _posed(
 
     if q is None and trajectory.followed:  # the poses were computed by driving the mechanism with these joint values
         return model.run(trajectory.q[rows], progress=report)
-    near = trajectory.q
+    start_values = trajectory.q
     if q is not None:
-        near = q
-    return model.run_poses(trajectory.Ts_base_tool[rows], progress=report, near=near[rows])
+        start_values = q
+    return model.run_poses(trajectory.Ts_base_tool[rows], progress=report, near=start_values[rows])
 
 
 def tool_rates(trajectory: Trajectory) -> tuple[Array, Array]:
@@ -182,6 +183,7 @@ def _check_points(compared: ComparedSamples, kin: Kinematics) -> Blame:
         equations[name] = equation_of(kin, kin.formula.points[name])
         error = value - compared.posed.points[name]
         limit = compared.tolerances.position
+        # added to the comparison after all points are known: only then is it clear which of them is to blame
         rows[name] = row(
             "A-B",
             "point",
@@ -192,7 +194,7 @@ def _check_points(compared: ComparedSamples, kin: Kinematics) -> Blame:
             clock=compared.coarse,
             note=equations[name],
         )
-        compared.out.series[f"residual_point.{name}"] = np.linalg.norm(error, axis=1)
+        compared.comparison.series[f"residual_point.{name}"] = np.linalg.norm(error, axis=1)
     blame = _worst_point(rows, equations)
     for name, residual in rows.items():
         # If no equation computes a point, its error follows from the wrong points that equations compute.
@@ -202,7 +204,7 @@ def _check_points(compared: ComparedSamples, kin: Kinematics) -> Blame:
         if equations[name]:
             by = f" by {equations[name]}"
         what = f"point {name}{by} differs from its position in the CAD in {residual.component}"
-        compared.out.differs(residual, what, equations[name] or blame.cause)
+        compared.comparison.differs(residual, what, equations[name] or blame.cause)
     _check_distances(compared, points, blame)
     return blame
 
@@ -224,6 +226,7 @@ def _worst_point(rows: Mapping[str, Residual], equations: Mapping[str, str]) -> 
         if equations[name]:
             wrong_computed.append(residual)
             computed[name] = equations[name]
+    # a point without an equation is an input of the formula, and follows those that equations compute
     suspects = wrong_computed or wrong
     if not suspects:
         return Blame()
@@ -255,7 +258,7 @@ def _check_distance(
     for phase in compared.clock.phases:
         end = int(np.argmin(np.abs(compared.coarse.t - phase.t1)))
         lengths.append(f"{phase.name} {length[end] / MM:.3f}")
-    facts = compared.out.facts.setdefault("distances by the equations, mm (start, end of each phase)", {})
+    facts = compared.comparison.facts.setdefault("distances by the equations, mm (start, end of each phase)", {})
     facts[f"{name_a}-{name_b} (CAD {true[0] / MM:.3f})"] = ", ".join(lengths)
 
     reason = blamed.row
@@ -283,7 +286,7 @@ def _check_distance(
         f"the equations put {name_a} and {name_b} {mm(length[0])} apart at the start and {mm(worst)} in the worst "
         f"case; in the CAD both are on '{body}', {mm(true[0])} apart"
     )
-    compared.out.judge(residual, _NOT_RIGID, what, f"{name_a}, {name_b}", cause=cause)
+    compared.comparison.judge(residual, _NOT_RIGID, what, f"{name_a}, {name_b}", cause=cause)
 
 
 def _check_joints(compared: ComparedSamples, kin: Kinematics, q: Array, wrong_point: Blame) -> Blame:
@@ -308,9 +311,10 @@ def _check_joints(compared: ComparedSamples, kin: Kinematics, q: Array, wrong_po
             limit = compared.tolerances.rotation
         turns = _full_turns(compared, joint, q[:, i], true[:, i])
         error = q[:, i] - true[:, i] - 2 * np.pi * turns
-        compared.out.series[f"residual_driven.{joint}"] = np.abs(error)
+        compared.comparison.series[f"residual_driven.{joint}"] = np.abs(error)
         wrong_input = ""
         if from_cad_points is not None:
+            # right from right points: then the equation of the joint is right, and its points are wrong
             error_from_cad = float(np.abs(from_cad_points[:, i] - true[:, i]).max())
             if error_from_cad <= limit:
                 wrong_input = wrong_point.row
@@ -332,7 +336,7 @@ def _check_joints(compared: ComparedSamples, kin: Kinematics, q: Array, wrong_po
             consequence_of=wrong_input,
             note=equation,
         )
-        compared.out.differs(residual, f"joint {joint}{by} differs from its value in the mechanism", cause)
+        compared.comparison.differs(residual, f"joint {joint}{by} differs from its value in the mechanism", cause)
         if not residual.agrees:
             wrong.append(residual)
             causes[joint] = cause
@@ -340,7 +344,7 @@ def _check_joints(compared: ComparedSamples, kin: Kinematics, q: Array, wrong_po
             _note_turns(compared, joint, by, turns, cause)
     if from_cad_points is not None and wrong_point:
         difference = float(np.abs(from_cad_points - true).max())
-        facts = compared.out.facts.setdefault("equations by themselves", {})
+        facts = compared.comparison.facts.setdefault("equations by themselves", {})
         facts[equation_of(kin, kin.joints)] = (
             "computed from the CAD's points, the joint values differ from those of the mechanism by at most "
             f"{text(difference, 'm')}"
@@ -368,7 +372,7 @@ def _note_turns(compared: ComparedSamples, joint: str, by: str, turns: int, caus
     side = "above" if turns > 0 else "below"
     what = f"joint {joint}{by}: the equations' value is {count} {side} the mechanism's; the poses are the same"
     advice = f"give {joint} limits less than 360 deg apart, which select one of them"
-    compared.out.findings.append(finding("info", "driven.turns", joint, what, suggestion=advice, cause=cause))
+    compared.comparison.findings.append(finding("info", "driven.turns", joint, what, suggestion=advice, cause=cause))
 
 
 def _full_turns(compared: ComparedSamples, joint: str, q: Array, true: Array) -> int:
@@ -392,7 +396,7 @@ def _full_turns(compared: ComparedSamples, joint: str, q: Array, true: Array) ->
         return 0
     turns = np.rint((q - true[finite]) / (2 * np.pi))
     if np.ptp(turns):
-        return 0
+        return 0  # a jump by a full turn on the way is a fault: a controller would follow it
     return int(turns[0])
 
 
@@ -428,14 +432,14 @@ def _check_forward(compared: ComparedSamples, kin: Kinematics) -> None:
             f"mechanism can take ({by})"
         )
         when = compared.coarse.when(int(np.argmax(unsolved)))
-        compared.out.findings.append(disagreement("forward.no_answer", "tool", what, when=when, cause=by))
+        compared.comparison.findings.append(disagreement("forward.no_answer", "tool", what, when=when, cause=by))
         return
     limits = (compared.tolerances.position, compared.tolerances.rotation)
     for r in pose_rows(
         "A-B", "tool, forward", Ts=compared.posed.Ts_base_tool, others=Ts, limits=limits, clock=compared.coarse, note=by
     ):
         what = f"at the same joint values, the forward equations ({by}) and the mechanism give different tool poses"
-        compared.out.judge(r, _FORWARD, what, "tool", cause=by)
+        compared.comparison.judge(r, _FORWARD, what, "tool", cause=by)
 
 
 def _check_passive(compared: ComparedSamples, kin: Kinematics, blamed: Blame) -> None:
@@ -445,8 +449,8 @@ def _check_passive(compared: ComparedSamples, kin: Kinematics, blamed: Blame) ->
     for name, value in kin.passive_many(Ts=compared.Ts, qs=compared.posed.q).items():
         if name not in true:
             continue
-        error = np.angle(np.exp(1j * (value - true[name])))  # modulo full turns
-        r = row(
+        error = np.angle(np.exp(1j * (value - true[name])))  # modulo full turns, which change no pose
+        residual = row(
             "A-B",
             "passive",
             name,
@@ -457,7 +461,7 @@ def _check_passive(compared: ComparedSamples, kin: Kinematics, blamed: Blame) ->
             consequence_of=blamed.row,
         )
         cause = blamed.cause or equation_of(kin, name)
-        compared.out.differs(r, f"passive joint {name} differs from its value in the mechanism", cause)
+        compared.comparison.differs(residual, f"passive joint {name} differs from its value in the mechanism", cause)
 
 
 def _check_tool(compared: ComparedSamples, kin: Kinematics, q: Array, blamed: Blame) -> None:
@@ -472,19 +476,19 @@ def _check_tool(compared: ComparedSamples, kin: Kinematics, q: Array, blamed: Bl
     try:
         run = compared.model.run(q, progress=report)
     except AssemblyError as error:
-        compared.out.findings.append(_no_assembly(compared, kin, error, blamed))
+        compared.comparison.findings.append(_no_assembly(compared, kin, error, blamed))
         return
-    compared.out.driven = run
+    compared.comparison.driven = run
     shift = run.Ts_base_tool[:, :3, 3] - Ts[:, :3, 3]
-    compared.out.series["residual_tool"] = np.linalg.norm(shift, axis=1)
-    compared.out.series["residual_rotation"] = np.linalg.norm(rotation_vectors(Ts, run.Ts_base_tool), axis=1)
-    compared.out.series["p_tool_B"] = run.Ts_base_tool[compared.out.coarse, :3, 3]
+    compared.comparison.series["residual_tool"] = np.linalg.norm(shift, axis=1)
+    compared.comparison.series["residual_rotation"] = np.linalg.norm(rotation_vectors(Ts, run.Ts_base_tool), axis=1)
+    compared.comparison.series["p_tool_B"] = run.Ts_base_tool[compared.comparison.coarse, :3, 3]
     limits = (compared.tolerances.position, compared.tolerances.rotation)
-    for r in pose_rows(
+    for residual in pose_rows(
         "A-B", "tool", Ts=Ts, others=run.Ts_base_tool, limits=limits, clock=compared.clock, consequence_of=blamed.row
     ):
         what = "the joint values of the equations do not move the mechanism's tool to the requested pose"
-        compared.out.differs(r, what, blamed.cause)
+        compared.comparison.differs(residual, what, blamed.cause)
     _check_loops(compared, run, blamed.cause)
 
 
@@ -502,38 +506,38 @@ def _no_assembly(compared: ComparedSamples, kin: Kinematics, error: AssemblyErro
 def _check_loops(compared: ComparedSamples, run: SolvedSamples, cause: str = "") -> None:
     """Check that the loops of the driven mechanism close; `cause` names the wrong equation, if known."""
     balls = {joint.name for joint in compared.model.mechanism.loops if joint.type == "spherical"}
-    for i, loop in enumerate(run.loop_names):
-        what = f"loop {loop} does not close: its parts do not fit together (least-squares solution)"
+    for loop_index, loop_name in enumerate(run.loop_names):
+        what = f"loop {loop_name} does not close: its parts do not fit together (least-squares solution)"
         shift = row(
             "B",
             "loop",
-            loop,
+            loop_name,
             unit="m",
-            differences=run.gaps[:, i, 0],
+            differences=run.gaps[:, loop_index, 0],
             tolerance=compared.tolerances.loop,
             clock=compared.clock,
         )
-        compared.out.differs(shift, what, cause)
-        if loop not in balls:  # a ball turns freely
+        compared.comparison.differs(shift, what, cause)
+        if loop_name not in balls:  # a ball turns freely
             turn = row(
                 "B",
                 "loop",
-                loop,
+                loop_name,
                 unit="rad",
-                differences=run.gaps[:, i, 1],
+                differences=run.gaps[:, loop_index, 1],
                 tolerance=compared.tolerances.rotation,
                 clock=compared.clock,
             )
-            compared.out.differs(turn, what, cause)
+            compared.comparison.differs(turn, what, cause)
 
 
 def _check_rates(compared: ComparedSamples, states: Array) -> None:
     """Compare the tool's planned speed and acceleration with those from the constraint Jacobian of the mechanism."""
     trajectory = compared.trajectory
-    rows = compared.out.coarse
+    rows = compared.comparison.coarse
     twist, acceleration = compared.model.rates(states, trajectory.qd[rows], trajectory.qdd[rows])
-    compared.out.series["v_tool_B"] = twist[:, :3]
-    compared.out.series["a_tool_B"] = acceleration[:, :3]
+    compared.comparison.series["v_tool_B"] = twist[:, :3]
+    compared.comparison.series["a_tool_B"] = acceleration[:, :3]
     planned_v, planned_a = tool_rates(trajectory)
     # twists are linear first
     velocity_error = twist[:, :3] - planned_v[rows]
@@ -549,4 +553,4 @@ def _check_rates(compared: ComparedSamples, states: Array) -> None:
     )
     for kind, unit, error, limit in kinds:
         r = row("A-B", kind, "tool", unit=unit, differences=error, tolerance=limit, clock=compared.coarse)
-        compared.out.differs(r, f"the tool's planned {kind} differs from its {kind} in the mechanism")
+        compared.comparison.differs(r, f"the tool's planned {kind} differs from its {kind} in the mechanism")

@@ -113,8 +113,8 @@ def row(
         component = _components(np.abs(differences).max(axis=0))
     rms = float("nan")
     if not missing.all():
-        known = values[~missing]
-        rms = float(np.sqrt(np.mean(known**2)))
+        present_values = values[~missing]
+        rms = float(np.sqrt(np.mean(present_values**2)))
     t = float(clock.t[worst])
     return Residual(
         pair,

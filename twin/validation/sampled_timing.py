@@ -152,7 +152,7 @@ def _phases_cover(trajectory: Trajectory) -> bool:
             return False
     for span in spans:
         if max(span.start, span.stop) > last:
-            continue
+            continue  # no such samples: there are no times to compare
         starts_on_time = abs(t[span.start] - span.t0) <= _PHASE_TOLERANCE
         stops_on_time = abs(t[span.stop] - span.t1) <= _PHASE_TOLERANCE
         if not (starts_on_time and stops_on_time):
@@ -270,25 +270,32 @@ def _phase(trajectory: Trajectory, sample: int) -> str:
     return next(span.name for span in trajectory.phases if sample <= span.stop)
 
 
-def _loads(trajectory: Trajectory, m: _SampledMotion) -> Iterator[Load]:
+def _loads(trajectory: Trajectory, motion: _SampledMotion) -> Iterator[Load]:
     """Yield the largest speed, acceleration and jerk; the jerk only of joints, and of frames with a jerk limit."""
     dt = trajectory.step
-    for order, (code, name, limit) in enumerate(zip(m.codes, m.names, m.limits, strict=True), 1):
-        if len(m.steps) < order or (code.endswith("_jerk") and not np.isfinite(limit)):
+    for order, (code, name, limit) in enumerate(zip(motion.codes, motion.names, motion.limits, strict=True), 1):
+        if len(motion.steps) < order or (code.endswith("_jerk") and not np.isfinite(limit)):
             return
-        differences = np.diff(m.steps, n=order - 1, axis=0)
+        differences = np.diff(motion.steps, n=order - 1, axis=0)
         rates = np.linalg.norm(differences, axis=1) / dt**order
         fastest = int(np.argmax(rates))
-        # a difference of this order has 2**order rounded samples
-        noise = _RELATIVE_ROUNDING * 2**order * m.size / dt**order
-        size = max(0.0, float(rates[fastest]) - noise) / m.factor
-        unit = f"{m.unit}/s"
+        # a difference of this order has 2**order rounded samples; noise must not prove a violation
+        noise = _RELATIVE_ROUNDING * 2**order * motion.size / dt**order
+        size = max(0.0, float(rates[fastest]) - noise) / motion.factor
+        unit = f"{motion.unit}/s"
         if order > 1:
             unit += str(order)
-        t = float(trajectory.t[m.first + fastest] + order * dt / 2)  # the middle of the samples of the difference
-        phase = _phase(trajectory, m.first + fastest + order)
+        t = float(trajectory.t[motion.first + fastest] + order * dt / 2)  # the middle of the samples of the difference
+        phase = _phase(trajectory, motion.first + fastest + order)
         yield Load(
-            f"timing.{code}", what=name, where=m.where, unit=unit, size=size, limit=limit / m.factor, t=t, phase=phase
+            f"timing.{code}",
+            what=name,
+            where=motion.where,
+            unit=unit,
+            size=size,
+            limit=limit / motion.factor,
+            t=t,
+            phase=phase,
         )
 
 
@@ -296,21 +303,24 @@ def _not_at_rest(trajectory: Trajectory, span: PhaseSpan, moving: list[_SampledM
     """Yield a finding if a phase cannot begin or end at rest: a step is larger than the acceleration limit allows."""
     dt = trajectory.step
     for sample, step, verb in ((span.start, span.start, "begin"), (span.stop, span.stop - 1, "end")):
-        for m in moving:
-            distance = float(np.linalg.norm(m.steps[step - m.first]))
-            reach = 0.5 * m.limits[1] * dt**2 * (1 + OVER) + _AT_REST
+        for motion in moving:
+            distance = float(np.linalg.norm(motion.steps[step - motion.first]))
+            # from rest, the largest acceleration moves by a t^2 / 2 in one step
+            reach = 0.5 * motion.limits[1] * dt**2 * (1 + OVER) + _AT_REST
             if distance <= reach:
                 continue
-            what = f"phase '{span.name}' does not {verb} at rest: {m.subject} moves too far in one step of {dt:g} s"
-            size = Quantity(distance / m.factor, m.unit)
+            what = (
+                f"phase '{span.name}' does not {verb} at rest: {motion.subject} moves too far in one step of {dt:g} s"
+            )
+            size = Quantity(distance / motion.factor, motion.unit)
             when = f"phase '{span.name}', t = {trajectory.t[sample]:.3f} s"
             yield disagreement(
-                "timing.rest", m.where, what, size=size, limit=reach / m.factor, suggestion=AGAIN, when=when
+                "timing.rest", motion.where, what, size=size, limit=reach / motion.factor, suggestion=AGAIN, when=when
             )
             break  # one finding for each end of a phase
 
 
-def _false_claims(trajectory: Trajectory, m: _SampledMotion) -> Iterator[Finding]:
+def _false_claims(trajectory: Trajectory, motion: _SampledMotion) -> Iterator[Finding]:
     """Compare the stated speeds with the difference quotients of the positions.
 
     The average of the stated speeds at both ends of a step equals the mean speed in the step if the acceleration is
@@ -318,19 +328,19 @@ def _false_claims(trajectory: Trajectory, m: _SampledMotion) -> Iterator[Finding
     the first sample of the step belongs to the previous phase.
     """
     dt = trajectory.step
-    skip = 1 if m.first else 0
-    mean_speeds = 0.5 * (m.stated[1:] + m.stated[:-1])
-    deviation = np.linalg.norm(m.steps / dt - mean_speeds, axis=1)[skip:]
-    limit = dt * m.limits[1] * (1 + OVER) / 4
+    skip = 1 if motion.first else 0
+    mean_speeds = 0.5 * (motion.stated[1:] + motion.stated[:-1])
+    deviation = np.linalg.norm(motion.steps / dt - mean_speeds, axis=1)[skip:]
+    limit = dt * motion.limits[1] * (1 + OVER) / 4
     if not len(deviation) or deviation.max() <= limit:
         return
-    sample = m.first + skip + int(np.argmax(deviation))
+    sample = motion.first + skip + int(np.argmax(deviation))
     yield disagreement(
         "timing.claimed",
-        m.where,
-        f"the stated speed of {m.what} differs from the difference quotient of the positions",
-        size=Quantity(float(deviation.max()) / m.factor, f"{m.unit}/s"),
-        limit=limit / m.factor,
+        motion.where,
+        f"the stated speed of {motion.what} differs from the difference quotient of the positions",
+        size=Quantity(float(deviation.max()) / motion.factor, f"{motion.unit}/s"),
+        limit=limit / motion.factor,
         suggestion=AGAIN,
         when=f"phase '{_phase(trajectory, sample)}', t = {trajectory.t[sample]:.3f} s",
         word="tolerance",

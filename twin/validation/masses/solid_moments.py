@@ -52,8 +52,8 @@ def moments(vertices: Array, triangles: np.ndarray) -> Moments:
     first = np.einsum("k,kai->i", volumes, corners) / 4.0
     with_apex = np.concatenate([corners, np.zeros((len(corners), 1, 3))], axis=1)
     second = np.einsum("k,kai,ab,kbj->ij", volumes, with_apex, _SECOND, with_apex, optimize=True)
-    far = second + np.outer(first, shift) + np.outer(shift, first) + volume * np.outer(shift, shift)
-    return Moments(volume, first + volume * shift, far)
+    second_about_origin = second + np.outer(first, shift) + np.outer(shift, first) + volume * np.outer(shift, shift)
+    return Moments(volume, first + volume * shift, second_about_origin)
 
 
 def tensor(second: Array) -> Array:
@@ -65,8 +65,11 @@ def closed(triangles: np.ndarray) -> bool:
     """Return whether every edge is used once in each direction, so that the mesh encloses a volume."""
     t = np.asarray(triangles, np.int64)
     edges = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
-    n = int(edges.max(initial=0)) + 1
-    return np.array_equal(np.sort(edges[:, 0] * n + edges[:, 1]), np.sort(edges[:, 1] * n + edges[:, 0]))
+    # one number for each directed edge: sorted, the numbers of all edges and of all reversed edges must be the same
+    count = int(edges.max(initial=0)) + 1
+    forwards = np.sort(edges[:, 0] * count + edges[:, 1])
+    backwards = np.sort(edges[:, 1] * count + edges[:, 0])
+    return np.array_equal(forwards, backwards)
 
 
 def of_meshes(meshes: Iterable[Mesh], density: Callable[[Mesh], float | None] = lambda mesh: 1.0) -> Moments | None:

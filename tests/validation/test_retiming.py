@@ -17,11 +17,11 @@ from twin.core.errors import TimingError
 from twin.planning import demands, toppra_solver
 from twin.planning.plan import plan
 from twin.planning.timing import Timing, time_path
-from twin.validation import durations as judge
+from twin.validation import retiming as judge
 from twin.validation.case import Case
 from twin.validation.checked_plan import retimed
 from twin.validation.judge import judge as judged_by_parts
-from twin.validation.rows import Tolerances
+from twin.validation.residual_rows import Tolerances
 
 ROOT = Path(__file__).resolve().parents[2]
 PROTOCOLS = sorted((ROOT / "trajectories").glob("*/*.toml"))

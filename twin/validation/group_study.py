@@ -23,7 +23,6 @@ from twin.core.quantity import Quantity
 from twin.core.result import TextTable
 from twin.validation import printed_accuracy
 from twin.validation.group_tables import (
-    Above,
     AccuracyChain,
     AngleChain,
     ComparedPair,
@@ -31,7 +30,8 @@ from twin.validation.group_tables import (
     GroupTables,
     PriceSum,
     PrintedRange,
-    Twice,
+    RepeatedNumbers,
+    StatedMinimum,
     half_digit,
 )
 
@@ -85,26 +85,26 @@ def recompute(tables: GroupTables, run: SimulatedChain, turn: SimulatedTurns) ->
         findings += _twice(twice)
     comparisons, rows = _comparisons(tables, users)
     data: JsonObject = {"comparisons": comparisons, "accuracy": printed_accuracy.errors_as_data(tables.accuracy)}
-    shown = [TextTable(("", "between", f"printed p ({tables.printed_test})", "Welch t from mean, std, n"), rows)]
+    text_tables = [TextTable(("", "between", f"printed p ({tables.printed_test})", "Welch t from mean, std, n"), rows)]
     if tables.accuracy:
-        shown.append(printed_accuracy.error_table(tables.accuracy))
+        text_tables.append(printed_accuracy.error_table(tables.accuracy))
     if tables.chain is not None:
         measured, stds = run(tables.chain)
         data["chain"] = dict(measured)
-        shown.append(TextTable(("simulated accuracy test", ""), printed_accuracy.measured_rows(measured)))
+        text_tables.append(TextTable(("simulated accuracy test", ""), printed_accuracy.measured_rows(measured)))
         printed = tables.accuracy_of(tables.chain)
         findings += printed_accuracy.check_displacements(tables.chain, printed, measured, stds)
     if tables.angle_chain is not None:
         measured, stds = turn(tables.angle_chain)
         data["angle_chain"] = dict(measured)
-        shown.append(
+        text_tables.append(
             TextTable(("simulated accuracy test with rotations", ""), printed_accuracy.measured_rows(measured))
         )
         printed = tables.accuracy_of(tables.angle_chain)
         findings += printed_accuracy.check_rotations(tables.angle_chain, printed, measured, stds)
     for priced in tables.sum:
         findings += _sum(priced)
-    return Recomputed(shown, data, findings)
+    return Recomputed(text_tables, data, findings)
 
 
 def _comparisons(
@@ -203,19 +203,22 @@ def _corrected(tables: GroupTables) -> Iterator[Finding]:
     printed.sort()
     level = tables.significance
     # Holm's step-down test: the first p-value above level / (number of remaining comparisons) ends it
-    kept = 0
-    while kept < len(printed) and printed[kept][0] * (len(comparisons) - kept) <= level:
-        kept += 1
-    if kept == len(printed):
+    significant_count = 0
+    while (
+        significant_count < len(printed)
+        and printed[significant_count][0] * (len(comparisons) - significant_count) <= level
+    ):
+        significant_count += 1
+    if significant_count == len(printed):
         return
-    p, name, between = printed[kept]
-    corrected = min(1.0, p * (len(comparisons) - kept))
+    p, name, between = printed[significant_count]
+    corrected = min(1.0, p * (len(comparisons) - significant_count))
     yield warning(
         "study.multiple",
         "p",
-        f"{len(comparisons)} comparisons use p < {level:g} without correction: {kept} of {len(printed)} significant "
-        f"results remain significant after Holm's correction ({name}, {' - '.join(between)}: p = {p:g} becomes "
-        f"{corrected:.3f})",
+        f"{len(comparisons)} comparisons use p < {level:g} without correction: {significant_count} of "
+        f"{len(printed)} significant results remain significant after Holm's correction "
+        f"({name}, {' - '.join(between)}: p = {p:g} becomes {corrected:.3f})",
         size=Quantity(corrected, "1"),
         limit=level,
         suggestion="correct for the number of comparisons, or state one primary comparison in advance",
@@ -223,32 +226,34 @@ def _corrected(tables: GroupTables) -> Iterator[Finding]:
     )
 
 
-def _spans(s: PrintedRange, users: Mapping[str, int]) -> Iterator[Finding]:
+def _spans(printed: PrintedRange, users: Mapping[str, int]) -> Iterator[Finding]:
     """Yield a finding for each standard deviation below the minimum that is possible for the printed range and mean."""
     for group, n in users.items():
-        mean = s.mean[group]
-        low = s.lower[group]
-        high = s.upper[group]
+        mean = printed.mean[group]
+        low = printed.lower[group]
+        high = printed.upper[group]
         smallest = smallest_std(mean, low, high, n)
-        if s.std[group] + _STD_ROUNDING < smallest:
+        if printed.std[group] + _STD_ROUNDING < smallest:
             yield disagreement(
                 "study.range",
-                s.name,
-                f"{s.name}, {group}: {mean:g} +- {s.std[group]:g} {s.unit} is printed with the range {low:g} to "
-                f"{high:g}; {n} users with this mean and this range have a standard deviation of at least "
-                f"{smallest:.1f} {s.unit}",
-                size=Quantity(smallest, s.unit),
-                limit=s.std[group],
+                printed.name,
+                f"{printed.name}, {group}: {mean:g} +- {printed.std[group]:g} {printed.unit} is printed with the "
+                f"range {low:g} to {high:g}; {n} users with this mean and this range have a standard deviation of at "
+                f"least {smallest:.1f} {printed.unit}",
+                size=Quantity(smallest, printed.unit),
+                limit=printed.std[group],
                 suggestion="check whether the range belongs to another group or to all users",
                 word="",
             )
-    ranges = {(s.lower[group], s.upper[group]) for group in users}
+    # equal ranges of several groups are possible but unlikely: the range is probably that of all users
+    ranges = {(printed.lower[group], printed.upper[group]) for group in users}
     if len(ranges) == 1 and len(users) > 1:
         low, high = next(iter(ranges))
         yield warning(
             "study.range_repeated",
-            s.name,
-            f"{s.name}: the same range, {low:g} to {high:g} {s.unit}, is printed for all {len(users)} groups",
+            printed.name,
+            f"{printed.name}: the same range, {low:g} to {high:g} {printed.unit}, is printed for all "
+            f"{len(users)} groups",
             suggestion="state the range of each group",
         )
 
@@ -258,12 +263,12 @@ def smallest_std(mean: float, low: float, high: float, n: int) -> float:
     if n == 2:
         return float(np.std([low, high]))
     # it is smallest if the other n - 2 values are equal
-    rest = (n * mean - low - high) / (n - 2)
-    variance = ((low - mean) ** 2 + (high - mean) ** 2 + (n - 2) * (rest - mean) ** 2) / n
+    equal_value = (n * mean - low - high) / (n - 2)
+    variance = ((low - mean) ** 2 + (high - mean) ** 2 + (n - 2) * (equal_value - mean) ** 2) / n
     return float(np.sqrt(variance))
 
 
-def _claim(claim: Above, outcomes: Sequence[GroupOutcome]) -> Iterator[Finding]:
+def _claim(claim: StatedMinimum, outcomes: Sequence[GroupOutcome]) -> Iterator[Finding]:
     """Yield a finding if a mean is not above the number that a sentence of the paper states."""
     exceptions: list[str] = []
     means: list[float] = []
@@ -288,7 +293,7 @@ def _claim(claim: Above, outcomes: Sequence[GroupOutcome]) -> Iterator[Finding]:
         )
 
 
-def _twice(t: Twice) -> Iterator[Finding]:
+def _twice(t: RepeatedNumbers) -> Iterator[Finding]:
     """Yield a finding if numbers that the paper prints in several places differ between these places."""
     differing = [values for values in t.values if values != t.values[0]]
     if not differing:
@@ -305,34 +310,42 @@ def _twice(t: Twice) -> Iterator[Finding]:
     )
 
 
-def _sum(s: PriceSum) -> Iterator[Finding]:
+def _sum(price_sum: PriceSum) -> Iterator[Finding]:
     """Yield a finding on a printed sum of prices: each price once, or as often as pieces are needed."""
-    rounding = s.rounded_to / 2
+    rounding = price_sum.rounded_to / 2
+    prices: list[float] = []
+    prices_of_pieces: list[float] = []
+    several: list[str] = []
+    for part in price_sum.part:
+        prices.append(part.price)
+        prices_of_pieces.append(part.price * part.pieces)
+        if part.pieces > 1:
+            several.append(f"{part.pieces} × {part.name}")
     # `sum` compensates rounding errors, which a running total does not
-    once = sum(part.price for part in s.part)
-    needed = sum(part.price * part.pieces for part in s.part)
-    if abs(s.printed - needed) <= rounding:
+    sum_of_prices = sum(prices)
+    needed = sum(prices_of_pieces)
+    if abs(price_sum.printed - needed) <= rounding:
         return
-    several = [f"{part.pieces} × {part.name}" for part in s.part if part.pieces > 1]
-    text = f"the printed prices have the sum {once:,.0f} {s.unit} if each is counted once"
+    text = f"the printed prices have the sum {sum_of_prices:,.0f} {price_sum.unit} if each is counted once"
     if several:
-        text += f", and {needed:,.0f} {s.unit} with {' and '.join(several)}"
-    if abs(s.printed - once) <= rounding:
+        text += f", and {needed:,.0f} {price_sum.unit} with {' and '.join(several)}"
+    if abs(price_sum.printed - sum_of_prices) <= rounding:
         yield warning(
             "study.sum",
-            s.name,
-            f"{text}; the paper prints {s.printed:,.0f} {s.unit}, right only if the prices are those of all pieces",
-            size=Quantity(needed, s.unit),
-            limit=s.printed,
+            price_sum.name,
+            f"{text}; the paper prints {price_sum.printed:,.0f} {price_sum.unit}, right only if the prices are those "
+            "of all pieces",
+            size=Quantity(needed, price_sum.unit),
+            limit=price_sum.printed,
             suggestion="state whether the prices are for one piece or for all",
             word="printed",
         )
         return
     yield disagreement(
         "study.sum",
-        s.name,
+        price_sum.name,
         f"{text}; printed",
-        size=Quantity(s.printed, s.unit),
+        size=Quantity(price_sum.printed, price_sum.unit),
         limit=needed,
         suggestion="correct the prices or their sum",
         word="sum",

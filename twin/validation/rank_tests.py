@@ -73,9 +73,9 @@ _UNITS = {
 
 def label(measure: str) -> str:
     """Return the name of a measure for tables and plots, with its unit, such as "Path of psm1 [mm]"."""
-    known = _LABELS.get(measure)
-    if known:
-        return known
+    fixed_label = _LABELS.get(measure)
+    if fixed_label:
+        return fixed_label
     name, _, last = measure.rpartition("_")
     unit = _UNITS.get(last)
     if not name or not unit:
@@ -152,6 +152,7 @@ class Users:
         names = list(self.samples(measure))
         if not self.repeated:
             return list(combinations(names, 2))
+        # `samples` names the entries of a group in the order of its sessions
         by_group: dict[str, list[str]] = {}
         for name in names:
             group = name.rpartition(", session ")[0]
@@ -321,6 +322,7 @@ def _test(measure: str, groups: tuple[str, str], x: Array, y: Array) -> RankTest
     """Return the rank test of the values x (n,) and y (m,) of two groups, without a correction for other tests."""
     from scipy import stats
 
+    # the exact distribution of U assumes that no two values are equal
     distinct = len(np.unique(np.concatenate([x, y])))
     exact = distinct == len(x) + len(y)
     method = "asymptotic"
@@ -328,7 +330,7 @@ def _test(measure: str, groups: tuple[str, str], x: Array, y: Array) -> RankTest
         method = "exact"
     test = stats.mannwhitneyu(x, y, method=method)
     p = float(test.pvalue)
-    if math.isnan(p):  # all values are equal
+    if math.isnan(p):  # all values are equal: nothing speaks against equal groups
         p = 1.0
     u = float(test.statistic)
     superiority = u / (len(x) * len(y))
@@ -478,11 +480,15 @@ def _users_of_trials(path: Path, table: _ReadTable, trials: Sequence[float]) -> 
     """Return a table whose rows are trials, with their numbers `trials` (k), as a table of users."""
     # a row without a number has answers before a trial that was not made
     numbered = np.flatnonzero(np.isfinite(trials))
-    owners = [(table.groups[k], table.names[k]) for k in numbered]
+    owners: list[tuple[str, str]] = []
+    lines: list[int] = []
+    for k in numbered:
+        owners.append((table.groups[k], table.names[k]))
+        lines.append(table.lines[k])
     columns: dict[str, list[float]] = {}
     for name, values in table.columns.items():
         columns[name] = [values[k] for k in numbered]
-    measures, findings = scored(path, columns, [table.lines[k] for k in numbered])
+    measures, findings = scored(path, columns, lines)
     groups, measures = _means(owners, measures)
     text = f"a value of a user is the mean of the user's trials: {len(numbered)} trials of {len(groups)} users"
     left_out = len(trials) - len(numbered)

@@ -16,10 +16,10 @@ from twin.cli import main
 from twin.core.errors import DescriptionError, TwinError
 from twin.core.units import MM
 from twin.simulation.controllers.console_equations import READINGS, console
-from twin.validation import accuracy
+from twin.validation import simulated_accuracy
+from twin.validation.group_study import recompute, smallest_std
 from twin.validation.group_tables import load
-from twin.validation.groups import recompute, smallest_std
-from twin.validation.ranks import compare
+from twin.validation.rank_tests import compare
 
 FILE = Path(__file__).parents[2] / "trajectories/davinci/study/console.toml"
 
@@ -179,9 +179,9 @@ def test_rotations_without_quantisation_are_exact_and_a_gimbal_adds_its_rounding
     """Two rounded angles about one axis differ by a triangular error: r sqrt(2/12), as for positions."""
     from twin.simulation.controllers.console_equations import console
 
-    fine, _ = accuracy.measure_angles(console(), 4, 1e-12)
+    fine, _ = simulated_accuracy.measure_angles(console(), 4, 1e-12)
     assert fine["largest_error_unquantised_deg"] < 1e-9
-    data, stds = accuracy.measure_angles(console(), 12, np.radians(0.06))
+    data, stds = simulated_accuracy.measure_angles(console(), 12, np.radians(0.06))
     # the yaw of the gimbal is about z: its error is the rounding of one angle; the others add parts of it
     assert min(stds) > 0.5 * 0.06 * np.sqrt(2 / 12)
     assert max(stds) < 2.0 * 0.06 * np.sqrt(2 / 12)
@@ -242,7 +242,7 @@ def test_a_file_of_many_nested_lists_is_refused(tmp_path):
 
 @pytest.fixture(scope="module")
 def chain():
-    return accuracy.measure(console(), 12, 0.055 * MM)
+    return simulated_accuracy.measure(console(), 12, 0.055 * MM)
 
 
 def test_quantised_pens_give_the_predicted_deviation(chain):
@@ -258,8 +258,8 @@ def test_without_quantisation_the_chain_is_exact(chain):
 
 def test_a_wrong_chain_is_seen(monkeypatch):
     """The printed equations fail the very test that the paper makes of them with eq. (7)."""
-    monkeypatch.setattr(accuracy, "_REPEATS", 1)
-    data, _ = accuracy.measure(console(READINGS["paper"]), 12, 0.055 * MM)
+    monkeypatch.setattr(simulated_accuracy, "_REPEATS", 1)
+    data, _ = simulated_accuracy.measure(console(READINGS["paper"]), 12, 0.055 * MM)
     assert data["largest_error_unquantised_mm"] > 100
 
 
@@ -307,7 +307,7 @@ def test_bad_rows_are_told_with_their_line(text, said, tmp_path):
 
 
 def test_commands(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(accuracy, "_REPEATS", 3)
+    monkeypatch.setattr(simulated_accuracy, "_REPEATS", 3)
     assert main(["study", "davinci", "--json"]) == 1
     data = json.loads(capsys.readouterr().out)
     assert {c["between"][1] for c in data["studies"][0]["comparisons"]} == {"RS"}
