@@ -211,7 +211,7 @@ def sils_model(sils_cad):
 def theatre():
     """The da Vinci scene with its robots and props."""
     from twin.api import load_scene
-    from twin.cli.scene import load
+    from twin.cli.scenes import load
 
     return load(load_scene("davinci"))
 

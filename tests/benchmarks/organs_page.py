@@ -31,7 +31,7 @@ sys.path.insert(0, str(HERE / "tests"))
 
 from made import headset_page, organs, streaming
 from twin import api
-from twin.cli import scene as scenes
+from twin.cli import scenes
 from twin.ui.headset import served_content
 from twin.ui.headset.scene_frame import unpack_scene
 from twin.ui.headset.server_files import page_files

@@ -85,7 +85,7 @@ def alone(file: Path, goal: np.ndarray, plans: int) -> list[float]:
 
 def main(plans: int) -> None:
     """Print medians and largest values."""
-    from twin.cli.scene import load
+    from twin.cli.scenes import load
 
     with tempfile.TemporaryDirectory() as folder:
         scene = dome_console(Path(folder))

@@ -23,8 +23,7 @@ import pytest
 import twin
 from made import own_robot
 from twin import api
-from twin.cli import chosen, main, show
-from twin.cli import scene as scenes
+from twin.cli import main, option_values, scenes, show
 from twin.cli.commands import HELP, doctor
 from twin.cli.interrupt import after_imports
 from twin.cli.parser import Command, parser
@@ -393,7 +392,7 @@ def test_bare_variant_judges_each_alone_and_all_together(run, no_pictures, tmp_p
 
 def test_bare_variant_that_one_equation_has_is_judged_once(monkeypatch):
     robot = api.load("sils")
-    assert chosen.variants_of_each(robot, ["literal"]) == [{"eq2": "literal"}]
+    assert option_values.variants_of_each(robot, ["literal"]) == [{"eq2": "literal"}]
 
 
 @pytest.mark.slow

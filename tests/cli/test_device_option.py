@@ -7,7 +7,7 @@ from argparse import Namespace
 import pytest
 
 from twin.cli import main
-from twin.cli.chosen import device
+from twin.cli.option_values import device
 
 COMMANDS = [
     ["validate", "davinci_ecm", "--samples", "100"],

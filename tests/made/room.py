@@ -15,7 +15,7 @@ import numpy as np
 import twin
 import twin.ui.headset
 from made.cloth import Cloth
-from twin.cli import scene as scenes
+from twin.cli import scenes
 from twin.model.scene import load_scene
 from twin.ui.access.rules import AccessRules
 from twin.ui.headset import served_content, server_files

@@ -13,8 +13,7 @@ import twin
 from made.by_hand import ByHand, RandomHands
 from twin.api.console_runs import replay_session
 from twin.api.scene_parts import robots_at
-from twin.cli import main
-from twin.cli import scene as scenes
+from twin.cli import main, scenes
 from twin.core import spatial
 from twin.core.errors import DescriptionError
 from twin.core.units import MM

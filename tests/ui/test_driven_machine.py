@@ -12,7 +12,7 @@ import pytest
 
 import twin
 from twin.api.machine import machine, machine_parts
-from twin.cli import main, serving
+from twin.cli import headset_server, main
 from twin.core import spatial
 from twin.core.units import MM
 from twin.simulation.machine.levels import Level
@@ -281,7 +281,7 @@ def test_a_machine_follows_only_a_drag():
     ],
 )
 def test_a_wrong_machine_is_named_before_the_page_opens(given, said, capsys, monkeypatch):
-    monkeypatch.setattr(serving, "serve_until_stopped", None)  # never reached
+    monkeypatch.setattr(headset_server, "serve_until_stopped", None)  # never reached
     options = [part for text in given for part in ("--machine", text)]
     assert main(["serve", "sils", "--no-browser", *options]) == 2
     assert said in capsys.readouterr().err

@@ -15,7 +15,7 @@ import pytest
 
 import twin
 from made import reports
-from twin.cli.cure import Cures
+from twin.cli.fix_search import FixSearch
 from twin.ui.report import render_html
 from twin.ui.report.first_screen import answers
 from twin.ui.report.robot_picture import MOST_TRIANGLES, picture_of
@@ -60,7 +60,7 @@ def judged(fault, folder):
     else:
         robot = hexapod(folder, '"h_b": mm(34.0', '"h_b": mm(34.4')
     report = twin.validate(robot, protocol=protocol, variants=variants)
-    return robot, Cures(robot, 60.0).of(report, protocol, lambda label, part: None)
+    return robot, FixSearch(robot, 60.0).with_fix(report, protocol, lambda label, part: None)
 
 
 @pytest.mark.slow

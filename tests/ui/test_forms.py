@@ -12,7 +12,7 @@ import twin
 from made import headset_page as headset
 from made.console_page import console as shown_console
 from made.pens import Pens
-from twin.cli import scene as scenes
+from twin.cli import scenes
 from twin.core.errors import TwinError
 from twin.simulation.devices.packets import pack
 from twin.simulation.session.trial_table import TrialTable

@@ -19,7 +19,7 @@ from playwright import sync_api as playwright
 import twin
 from made import headset_page as headset
 from made.console_page import console
-from twin.cli import guided, parser, serving
+from twin.cli import guided_study, headset_server, parser
 from twin.core.errors import TwinError
 from twin.simulation.session.file import read_session
 from twin.simulation.session.guided import PHASES, guided_parts
@@ -58,10 +58,10 @@ class Run:
         self.folder = folder
         self.forms = None
         self.headings = []
-        monkeypatch.setattr(guided.scenes, "load", lambda scene: None)
-        monkeypatch.setattr(guided, "_served", self.served)
-        monkeypatch.setattr(guided.Examiner, "require_input", lambda examiner: None)
-        monkeypatch.setattr(guided.sys, "stdin", io.StringIO())
+        monkeypatch.setattr(guided_study.scenes, "load", lambda scene: None)
+        monkeypatch.setattr(guided_study, "_served", self.served)
+        monkeypatch.setattr(guided_study.Examiner, "require_input", lambda examiner: None)
+        monkeypatch.setattr(guided_study.sys, "stdin", io.StringIO())
 
     def served(self, args, loaded, part, folder, forms, examiner):
         self.headings.append(part.heading.removeprefix("phase ")[0])
@@ -75,7 +75,7 @@ class Run:
             examiner.continued = bool(act(*made))
 
         args = ["serve", "davinci", "--guided", str(self.folder), "--participant", "7", *options]
-        guided.guide(parser.parser().parse_args(args), serve_part)
+        guided_study.guide(parser.parser().parse_args(args), serve_part)
         return "".join(self.headings)
 
 
@@ -93,7 +93,7 @@ def answered(forms):
 
 
 def row_of(folder):
-    head, row = [line.split(",") for line in (folder / guided.TABLE).read_text().splitlines()]
+    head, row = [line.split(",") for line in (folder / guided_study.TABLE).read_text().splitlines()]
     return dict(zip(head, row, strict=True))
 
 
@@ -186,8 +186,8 @@ def test_enter_warns_once_while_questionnaires_are_due_and_the_end_of_the_input_
         await asyncio.wait_for(stopping.wait(), 10)
 
     with os.fdopen(source) as lines:
-        monkeypatch.setattr(guided.sys, "stdin", lines)
-        examiner = guided.Examiner()
+        monkeypatch.setattr(guided_study.sys, "stdin", lines)
+        examiner = guided_study.Examiner()
         examiner.require_input()
         examiner.due = lambda: 3
         asyncio.run(part(examiner))
@@ -205,9 +205,9 @@ def test_all_parts_have_the_same_access_rules(monkeypatch):
     async def served(args, name, make, port, context, begun, access):
         seen.append(access[1])
 
-    monkeypatch.setattr(serving, "serve_until_stopped", served)
+    monkeypatch.setattr(headset_server, "serve_until_stopped", served)
     args = parser.parser().parse_args(["serve", "davinci", "--host", "0.0.0.0"])
-    serve_part = serving._part_server(args, 1, None)
+    serve_part = headset_server._part_server(args, 1, None)
     for _ in range(2):
         serve_part("davinci", lambda: None, SimpleNamespace(begin=None))
     assert seen[0].needs_token
@@ -218,9 +218,9 @@ def test_a_ctrl_c_after_enter_ends_the_run(monkeypatch):
     async def served(*given):
         return True  # Ctrl-C
 
-    monkeypatch.setattr(serving, "serve_until_stopped", served)
-    monkeypatch.setattr(serving, "_access", lambda *given: SimpleNamespace())
-    serve_part = serving._part_server(parser.parser().parse_args(["serve", "davinci"]), 1, None)
+    monkeypatch.setattr(headset_server, "serve_until_stopped", served)
+    monkeypatch.setattr(headset_server, "_access", lambda *given: SimpleNamespace())
+    serve_part = headset_server._part_server(parser.parser().parse_args(["serve", "davinci"]), 1, None)
     examiner = SimpleNamespace(begin=None, continued=True)
     serve_part("davinci", lambda: None, examiner)
     assert not examiner.continued
@@ -237,7 +237,7 @@ def test_a_ctrl_c_after_enter_ends_the_run(monkeypatch):
 def test_options_that_a_guided_run_would_ignore_are_refused(options, said):
     args = parser.parser().parse_args(["serve", "davinci", *options, "--guided", "x", "--participant", "7"])
     with pytest.raises(TwinError, match=said):
-        serving._require_compatible(args)
+        headset_server._require_compatible(args)
 
 
 @pytest.mark.slow

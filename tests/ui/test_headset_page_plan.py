@@ -12,7 +12,7 @@ from made import headset_page as headset
 from made.console_page import PAD, console
 from made.dome_console import ABOVE, dome_console
 from twin.api.scene_obstacles import obstacles_in_base
-from twin.cli.scene import load
+from twin.cli.scenes import load
 from twin.core.units import DEG, MM
 from twin.reference import ReferenceModel
 from twin.reference.clearance import Shape, distance_between

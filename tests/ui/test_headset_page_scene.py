@@ -9,7 +9,7 @@ import twin
 from made import headset_page as headset
 from made.cloth import Cloth
 from made.room import CLOTH
-from twin.cli import scene as scenes
+from twin.cli import scenes
 from twin.model.scene import load_scene
 from twin.ui.headset.scene_frame import LEVELS
 from twin.ui.headset.stream_frames import pose_of

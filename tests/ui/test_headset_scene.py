@@ -19,7 +19,7 @@ import twin
 from made.cloth import Cloth
 from made.streaming import Planned, http, joined, serving
 from twin.cad.build import read_mechanism
-from twin.cli import scene as scenes
+from twin.cli import scenes
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.exchange.write.clip import home_poses

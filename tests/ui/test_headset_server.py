@@ -21,7 +21,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 import twin
 from made.streaming import PAGE, Peer, Planned, http, joined, serving
-from twin.cli.serving import _tls
+from twin.cli.headset_server import _tls
 from twin.core.errors import TwinError
 from twin.core.units import MM
 from twin.model.joint_distance import kinematic_distances, with_distance

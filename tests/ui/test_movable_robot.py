@@ -376,7 +376,7 @@ def test_a_coordinate_that_rounds_to_zero_has_no_sign_and_a_small_one_keeps_its_
 
 
 def test_a_protocol_file_with_the_name_of_another_protocol_is_refused(tmp_path, capsys, monkeypatch):
-    for opens in ("viewing._show_page", "serving.serve_until_stopped"):
+    for opens in ("browser_viewer._show_page", "headset_server.serve_until_stopped"):
         monkeypatch.setattr(f"twin.cli.{opens}", lambda *_: pytest.fail("a page opens"))
     own = twin.load("hibou").files.protocols()["cavity"]
     other = tmp_path / "other.toml"

@@ -15,7 +15,7 @@ import pytest
 import twin
 from made.dome_console import ABOVE, dome_console
 from twin.api.machine import machine_parts
-from twin.cli.scene import load
+from twin.cli.scenes import load
 from twin.core import spatial
 from twin.core.errors import AssemblyError, CancelledError, TwinError, WorldError
 from twin.core.units import DEG, MM

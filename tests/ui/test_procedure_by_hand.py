@@ -8,7 +8,7 @@ import pytest
 import twin
 from made import organs as made
 from twin.api.procedure import replay_procedure
-from twin.cli import scene as scenes
+from twin.cli import scenes
 from twin.core import spatial
 from twin.simulation import console_scene
 from twin.simulation.controllers.tool_grip import HALF, GripToTool

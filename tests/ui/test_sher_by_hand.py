@@ -13,7 +13,7 @@ from made import headset_page as headset
 from made.console_page import PAD, console
 from made.hole_operator import Way
 from made.pens import Pens
-from twin.cli import scene as scenes
+from twin.cli import scenes
 from twin.core import spatial
 from twin.simulation.devices.packets import pack
 from twin.simulation.session.trial_table import TrialTable

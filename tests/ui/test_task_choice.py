@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import twin
-from twin.cli import serving
+from twin.cli import headset_server
 from twin.cli.command_line import parser
 from twin.core.errors import TwinError
 from twin.simulation.devices.given import HandState
@@ -32,7 +32,7 @@ def davinci():
 def chosen(*words):
     """Return the choice of `twin serve` with these words."""
     args = parser().parse_args(["serve", *words])
-    return serving._choice(args, twin.load_scene(args.robot))
+    return headset_server._choice(args, twin.load_scene(args.robot))
 
 
 def begun(choice):
@@ -86,11 +86,11 @@ def test_options_and_machines_that_determine_the_exercise_leave_no_choice(words)
 def test_the_only_task_is_shown_with_options_that_determine_the_exercise_too(words, shown, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     args = parser().parse_args(["serve", *words])
-    serving._require_compatible(args)
+    headset_server._require_compatible(args)
     scene = twin.load_scene(args.robot)
     exercises = []
     monkeypatch.setattr(served_content, "of_console", lambda loaded, exercise, *more: exercises.append(exercise))
-    serving._at_console(args, LoadedScene(scene, {}, None), serving._choice(args, scene))()
+    headset_server._at_console(args, LoadedScene(scene, {}, None), headset_server._choice(args, scene))()
     (exercise,) = exercises
     assert (None if exercise.task is None else exercise.task.name) == shown
 
@@ -98,7 +98,7 @@ def test_the_only_task_is_shown_with_options_that_determine_the_exercise_too(wor
 def test_trials_without_a_task_are_refused():
     args = parser().parse_args(["serve", "sher_phantom", "--trials", "a.csv", "--task", "none"])
     with pytest.raises(TwinError, match="--trials requires --task NAME"):
-        serving._at_console(args, LoadedScene(twin.load_scene("sher_phantom"), {}, None), None)
+        headset_server._at_console(args, LoadedScene(twin.load_scene("sher_phantom"), {}, None), None)
 
 
 def test_an_unknown_task_is_named():
@@ -168,9 +168,9 @@ def test_the_next_task_is_served_and_one_that_fails_gives_way_to_the_one_before(
             raise TwinError("the camera is missing")
         return choice.present
 
-    monkeypatch.setattr(serving, "serve_until_stopped", serve)
-    monkeypatch.setattr(serving, "_access", lambda *given: SimpleNamespace())
-    serving._serve_tasks(argparse.Namespace(no_browser=False), "davinci", make, choice, 0, None)
+    monkeypatch.setattr(headset_server, "serve_until_stopped", serve)
+    monkeypatch.setattr(headset_server, "_access", lambda *given: SimpleNamespace())
+    headset_server._serve_tasks(argparse.Namespace(no_browser=False), "davinci", make, choice, 0, None)
     assert shown == [None, "pegboard", "pegboard", None]
     assert "the camera is missing" in capsys.readouterr().err
 
@@ -185,9 +185,10 @@ def test_a_ctrl_c_during_a_change_ends_the_command(monkeypatch):
         choice.ask("pegboard")
         return True  # Ctrl-C
 
-    monkeypatch.setattr(serving, "serve_until_stopped", serve)
-    monkeypatch.setattr(serving, "_access", lambda *given: SimpleNamespace())
-    serving._serve_tasks(argparse.Namespace(no_browser=False), "davinci", lambda: choice.present, choice, 0, None)
+    monkeypatch.setattr(headset_server, "serve_until_stopped", serve)
+    monkeypatch.setattr(headset_server, "_access", lambda *given: SimpleNamespace())
+    args = argparse.Namespace(no_browser=False)
+    headset_server._serve_tasks(args, "davinci", lambda: choice.present, choice, 0, None)
     assert shown == [None]
 
 
@@ -196,7 +197,7 @@ def test_a_ctrl_c_is_noted_also_after_the_server_was_stopped():
     async def press():
         stopping = asyncio.Event()
         interrupted = asyncio.Event()
-        serving._on_ctrl_c(stopping, interrupted)
+        headset_server._on_ctrl_c(stopping, interrupted)
         stopping.set()
         signal.raise_signal(signal.SIGINT)
         await asyncio.wait_for(interrupted.wait(), 10)
@@ -218,7 +219,7 @@ def test_a_first_task_that_fails_ends_the_command(monkeypatch):
     def make():
         raise TwinError("the camera is missing")
 
-    monkeypatch.setattr(serving, "serve_until_stopped", serve)
-    monkeypatch.setattr(serving, "_access", lambda *given: SimpleNamespace())
+    monkeypatch.setattr(headset_server, "serve_until_stopped", serve)
+    monkeypatch.setattr(headset_server, "_access", lambda *given: SimpleNamespace())
     with pytest.raises(TwinError, match="the camera is missing"):
-        serving._serve_tasks(argparse.Namespace(no_browser=False), "davinci", make, choice, 0, None)
+        headset_server._serve_tasks(argparse.Namespace(no_browser=False), "davinci", make, choice, 0, None)

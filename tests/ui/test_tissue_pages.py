@@ -14,7 +14,7 @@ import twin
 from made import organs as made
 from made.streaming import http, joined, serving
 from twin import api
-from twin.cli import scene as scenes
+from twin.cli import scenes
 from twin.core.units import MM, srgb
 from twin.simulation.frame import WorldFrame
 from twin.ui.headset import served_content

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import twin
 from twin.cli import show
-from twin.cli.cure import Cures, _words
+from twin.cli.fix_search import FixSearch, _words
 from twin.cli.parser import parser
 from twin.core.findings import SEVERITIES, Finding
 from twin.core.units import MM
@@ -230,17 +230,17 @@ def test_an_edit_whose_place_is_not_clear_is_given_with_its_call(edit, old, new,
 @pytest.mark.nightly
 def test_the_cure_is_found_in_seconds_or_the_command_is_given(short, printed):
     seen = []
-    cures = Cures(short[0], 60)
-    judged = cures.of(printed, PROTOCOL, lambda label, fraction: seen.append(label))
+    cures = FixSearch(short[0], 60)
+    judged = cures.with_fix(printed, PROTOCOL, lambda label, fraction: seen.append(label))
     assert "replace c_theta by c_phi" in judged.cure
     assert "X_S1, Y_S1, X_S3, Y_S3" in judged.cure
     assert judged.cure.endswith("every row then agrees")
     assert judged.what_to_do == judged.cure
     assert seen
     seen.clear()
-    assert cures.of(printed, PROTOCOL, lambda label, fraction: seen.append(label)).cure == judged.cure
+    assert cures.with_fix(printed, PROTOCOL, lambda label, fraction: seen.append(label)).cure == judged.cure
     assert not seen, "the same equations are not searched twice"
-    late = Cures(short[0], 0.0).of(printed, PROTOCOL, lambda label, fraction: None)
+    late = FixSearch(short[0], 0.0).with_fix(printed, PROTOCOL, lambda label, fraction: None)
     assert late.cure == ""
     assert late.commands["explain"] in late.what_to_do
 
@@ -249,7 +249,7 @@ def test_the_cure_is_found_in_seconds_or_the_command_is_given(short, printed):
 def test_nothing_is_searched_for_what_is_not_in_the_equations(short):
     untouched = SimpleNamespace()  # whatever is asked of it fails
     for judged in (EMPTY, report(off("cad.meeting", "U1", 0.2)), report(off("rcm.missed", "RCM", 45.0))):
-        assert Cures(untouched).of(judged, None, lambda label, fraction: None) is judged
+        assert FixSearch(untouched).with_fix(judged, None, lambda label, fraction: None) is judged
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from made.arm import LINK, arm
 from made.branches import RIGHT, THREE, TWO, WRONG
 from made.formulas import with_reach
 from made.lanes import one_of_a_kind
-from twin.cli import cure
+from twin.cli import fix_search
 from twin.core import spatial
 from twin.kinematics import Kinematics, compile_formula
 from twin.reference import ReferenceModel
@@ -112,7 +112,7 @@ def test_the_fix_of_a_lost_quadrant_is_atan2(tmp_path):
     formula = load_formula(path, "arm", driven=lambda: (driven, model.solve(home).T_base_tool, home))
     found = explain("arm", formula, model)
     assert found.explained
-    assert cure.text(found, "").startswith("in inverse, q0, q1: replace atan(y / x) by atan2(y, x) (")
+    assert fix_search.text(found, "").startswith("in inverse, q0, q1: replace atan(y / x) by atan2(y, x) (")
 
 
 def drawn_error(rng, count):

@@ -258,7 +258,7 @@ async def orders(folder: Path) -> None:
 
 async def a_scene(folder: Path) -> None:
     """`twin serve vsrs` with a field: a client follows one of the robots, holds that one and no other."""
-    from twin.cli import scene as scenes
+    from twin.cli import scenes
     from twin.model.scene import load_scene
     from twin.ui.access.rules import AccessRules
     from twin.ui.headset import served_content

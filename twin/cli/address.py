@@ -48,10 +48,11 @@ def _bound_port(host: str, port: int) -> int:
         OSError: no server of this user can listen there.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    with socket.socket(family) as s:
-        s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        s.bind((host, port))
-        return int(s.getsockname()[1])
+    with socket.socket(family) as probe:
+        # as servers do: a port whose last connections are still closing is free
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        probe.bind((host, port))
+        return int(probe.getsockname()[1])
 
 
 def _cause(error: OSError) -> str:
@@ -72,6 +73,10 @@ def _with_port(host: str, port: int) -> str:
     return f"{host}:{port}"
 
 
+_ALL_ADDRESSES = ("0.0.0.0", "::", "")
+"""Values of --host with which a server listens on all addresses of this machine."""
+
+
 class PageAddress:
     """The address of a page, as printed on the terminal.
 
@@ -80,10 +85,14 @@ class PageAddress:
     """
 
     def __init__(self, host: str, port: int, secure: bool, title: str, advice: str = "") -> None:
-        self.title, self.advice = title, advice
-        shown = _reachable() if host in ("0.0.0.0", "::", "") else host
-        self.url = f"{'https' if secure else 'http'}://{_with_port(shown, port)}/"
-        self._first = True
+        self.title = title
+        self.advice = advice
+        reachable_host = host
+        if host in _ALL_ADDRESSES:  # a browser cannot open these
+            reachable_host = _reachable()
+        scheme = "https" if secure else "http"
+        self.url = f"{scheme}://{_with_port(reachable_host, port)}/"
+        self._is_first = True
 
     def say(self, token: str) -> None:
         """Print the address; if there is a token (valid for one device), also print a QR code."""
@@ -91,13 +100,13 @@ class PageAddress:
             print(f"{self.title}: {self.url}   (Ctrl-C stops the server)", flush=True)
             return
         url = f"{self.url}?token={token}"
-        if self._first:
+        if self._is_first:
             print(f"{self.title}: open to the network; each address works only once   (Ctrl-C stops the server)")
             if self.advice:
                 print(f"  {self.advice}")
         else:
             print("  a device is connected; address for the next device:")
-        self._first = False
+        self._is_first = False
         try:
             require("segno", "a QR code").make(url, error="m").terminal(compact=True)
         except TwinError as error:  # without the package for QR codes, only the address is printed
@@ -107,9 +116,10 @@ class PageAddress:
 
 def _reachable() -> str:
     """Return the IP address of this machine in its network."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as s:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            s.connect(("192.0.2.1", 9))  # reserved address; nothing is sent, but the socket then has our own address
-            return str(s.getsockname()[0])
-        except OSError:
+            # reserved address (RFC 5737): nothing is sent, but the socket then has the address of this machine
+            probe.connect(("192.0.2.1", 9))
+            return str(probe.getsockname()[0])
+        except OSError:  # no network
             return socket.gethostname()

@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import io
 import os
+import re
 import sys
 from collections.abc import Callable, Sequence
 from importlib import import_module
@@ -19,12 +20,20 @@ from twin.core.program_end import Output, ending, interrupted
 
 
 _SERVERS = ("serve", "view", "follow")
+"""Commands that serve a page until Ctrl-C."""
+
+
+_SURROGATE = re.compile("[\ud800-\udfff]")
+"""A byte of a file name that is not UTF-8, as Python reads it."""
+
+_SHOWN = 200
+"""Number of characters of such a name that a message shows."""
 
 
 def run(argv: Sequence[str]) -> int:
     """Run one command and return its exit code."""
     argv = list(argv)
-    if sys.stdout is None:
+    if sys.stdout is None:  # as after `twin ... >&-`: printing would raise AttributeError
         text = "the standard output is closed, so no verdict can be printed; redirect it to a file or to /dev/null"
         return failed("OutputError", text, as_json=False)
     _settle_all()
@@ -58,9 +67,12 @@ def run(argv: Sequence[str]) -> int:
         _settle_all()  # child processes were killed and have left their temporary folders
         if not interrupted():  # code of a robot did this, perhaps in a thread
             return failed("ProgramEndError", str(ending(stopped)), args.json)
-        print(f"twin: interrupted: {', '.join(map(str, stopped.args)) or _kept()}", file=sys.stderr)
+        # a command that can be resumed says so in the exception
+        advice = ", ".join(map(str, stopped.args)) or _complete_files()
+        print(f"twin: interrupted: {advice}", file=sys.stderr)
         return 130
     except BrokenPipeError:  # the reader has closed the pipe
+        # Python flushes the output once more at its end, and would print the same error
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 2
     except Exception as error:
@@ -69,8 +81,8 @@ def run(argv: Sequence[str]) -> int:
 
         if full := no_room(error):
             return failed("OutputError", full, args.json)
-        if isinstance(error, UnicodeEncodeError) and any("\ud800" <= c <= "\udfff" for c in str(error.object)):
-            text = f"{ascii(str(error.object))[:200]} is not valid UTF-8: rename the file or folder"
+        if isinstance(error, UnicodeEncodeError) and _SURROGATE.search(str(error.object)):
+            text = f"{ascii(str(error.object))[:_SHOWN]} is not valid UTF-8: rename the file or folder"
             return failed("output", text, args.json)
         text = f"internal error, {type(error).__name__}: {error}. Please report it with the output of --debug."
         return failed(type(error).__name__, text, args.json)
@@ -114,7 +126,7 @@ def _prepared(args: argparse.Namespace) -> Callable[[argparse.Namespace], int]:
     return import_module(f"twin.cli.commands.{args.command}").run
 
 
-def _kept() -> str:
+def _complete_files() -> str:
     """Return a note for an interrupted command: in which folders all files are complete."""
     from twin.core.atomic import completed
 
@@ -148,6 +160,7 @@ def _settle(args: argparse.Namespace) -> None:
     from twin.core.atomic import settle
 
     settle(Path(tempfile.gettempdir()))
+    # any text may be a path, and for others `settle` finds no folder
     for value in vars(args).values():
         if isinstance(value, str) and value:
             settle(Path(value))

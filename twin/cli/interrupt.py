@@ -24,8 +24,9 @@ _AGAIN = 0.05
 @contextlib.contextmanager
 def after_imports() -> Iterator[None]:
     """In this context, a Ctrl-C raises KeyboardInterrupt only when no import and no call of CasADi is in progress."""
-    ours = threading.current_thread() is threading.main_thread()
-    if not ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+    is_main_thread = threading.current_thread() is threading.main_thread()
+    # in other threads, handlers cannot be set; a handler of a program that calls `main` is left alone
+    if not is_main_thread or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield
         return
     signal.signal(signal.SIGINT, _interrupt)
@@ -36,12 +37,14 @@ def after_imports() -> Iterator[None]:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    at = frame
-    while at is not None:
-        if at.f_code.co_filename.endswith(_UNSAFE):
+    """Raise KeyboardInterrupt, or do so later if an unsafe function is on the stack; the handler of SIGINT."""
+    calling_frame = frame
+    while calling_frame is not None:
+        if calling_frame.f_code.co_filename.endswith(_UNSAFE):
+            # the handler cannot wait, because it runs in the thread of the unsafe function: it is called again
             later = threading.Timer(_AGAIN, _thread.interrupt_main)
             later.daemon = True
             later.start()
             return
-        at = at.f_back
+        calling_frame = calling_frame.f_back
     signal.default_int_handler(number, frame)

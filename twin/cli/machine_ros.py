@@ -29,8 +29,9 @@ class RosProcess:
         """
         from twin.ui.headset.ros import machine_bridge
 
-        host, wanted_port = listens
-        port, url = ros_address(host, wanted_port, False)
+        # in a separate process: clients that send much would delay the ticks of the machine
+        host, requested_port = listens
+        port, url = ros_address(host, requested_port, False)
         if not is_local(host):
             tell("rosbridge is open to the network, without TLS: others in the network can read and change messages")
         self._tell = tell

@@ -65,12 +65,13 @@ def connected(loaded: LoadedScene, options: Sequence[str] | None) -> LoadedScene
     """
     from twin.api.console_runs import machines_of
 
-    addresses, scene = running(options), loaded.scene
+    addresses = running(options)
+    scene = loaded.scene
     if scene.trainer is None:
         if addresses:
             raise TwinError(f"--machine: scene '{scene.name}' has no machines: add a section [trainer] to its file")
         return loaded
-    started = [n for n in scene.trainer.robots if n not in addresses]
-    if started:
-        print(f"twin: starting the machine of {', '.join(started)}", file=sys.stderr, flush=True)
+    to_start = [name for name in scene.trainer.robots if name not in addresses]
+    if to_start:  # said first: compiling a machine takes some seconds
+        print(f"twin: starting the machine of {', '.join(to_start)}", file=sys.stderr, flush=True)
     return replace(loaded, machines=machines_of(scene, loaded.robots, addresses))

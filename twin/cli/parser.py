@@ -40,8 +40,8 @@ class UsageError(Exception):
 class _Help(argparse.RawDescriptionHelpFormatter):
     """Help formatter whose first column fits every indented command name; argparse ignores the indentation."""
 
-    def __init__(self, *args: Any, **more: Any) -> None:
-        super().__init__(*args, **more)
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
         self._action_max_length = 4 + max(map(len, HELP))
 
 
@@ -70,6 +70,7 @@ class Command(_Parser):
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Import the file of the command and add its arguments, then parse."""
+        # argparse parses the arguments of the chosen command only: the files of all others are not imported
         if not self._filled:
             self._filled = True
             self.flag("--json", "print JSON instead of text")
@@ -85,16 +86,16 @@ class Command(_Parser):
         """Add an option without a value."""
         self.add_argument(name, action="store_true", help=text)
 
-    def text(self, name: str, metavar: str, text: str, **more: Any) -> None:
-        """Add an option with a value, by default a text; `more` are arguments of `add_argument`."""
-        self.add_argument(name, metavar=metavar, help=text, **more)
+    def text(self, name: str, metavar: str, text: str, **options: Any) -> None:
+        """Add an option with a value, by default a text; `options` are arguments of `add_argument`."""
+        self.add_argument(name, metavar=metavar, help=text, **options)
 
     def number(
         self, name: str, metavar: str, text: str, default: float | None = None, kind: Callable[[str], float] = float
     ) -> None:
         """Add an option with a number; the help states the default, if there is one."""
-        shown = "" if default is None else f" (default {default:.12g})"
-        self.add_argument(name, type=kind, default=default, metavar=metavar, help=text + shown)
+        default_text = "" if default is None else f" (default {default:.12g})"
+        self.add_argument(name, type=kind, default=default, metavar=metavar, help=text + default_text)
 
     def integer(
         self, name: str, text: str, default: int | None = None, metavar: str = "N", least: int | None = None
@@ -214,7 +215,7 @@ class Command(_Parser):
         self.number("--tolerance-um", "UM", text)
 
     def device(self, when: str = "") -> None:
-        """Add the option --device; `when` names the option that it needs. `cli.chosen.device` returns the choice."""
+        """Add the option --device, see `cli.option_values.device`; `when` names the option that it needs."""
         text = (
             "what computes: the processor (cpu), an NVIDIA graphics processor (gpu), or such a one where it is "
             "expected to be faster, copies included (auto)"
@@ -245,10 +246,14 @@ def _at_least(least: int) -> Callable[[str], int]:
     return convert
 
 
+_LARGEST_PORT = 65535
+
+
 def port_number(text: str) -> int:
     """Convert a text to a port number."""
-    if not re.fullmatch(r"[0-9]{1,9}", text) or int(text) > 65535:
-        raise argparse.ArgumentTypeError(f"{text[:80]} is not a port: give 0 to 65535; 0 chooses a free port")
+    # a pattern, because `int` also accepts signs, blanks, underscores and digits of other scripts
+    if not re.fullmatch(r"[0-9]{1,9}", text) or int(text) > _LARGEST_PORT:
+        raise argparse.ArgumentTypeError(f"{text[:80]} is not a port: give 0 to {_LARGEST_PORT}; 0 chooses a free port")
     return int(text)
 
 
@@ -293,13 +298,22 @@ def parser() -> argparse.ArgumentParser:
     return root
 
 
+_MARGIN = 2
+"""Number of columns of a terminal that argparse, too, leaves free at the right."""
+
+_LEAST_COLUMNS = 40
+_MOST_COLUMNS = 110
+"""Limits of the width of the list of commands: longer lines are hard to read on a wide terminal."""
+
+
 def _by_job() -> str:
     """Return the commands by job, as text for the help."""
     import shutil
     import textwrap
 
     size = max(map(len, HELP))
-    columns = max(40, min(shutil.get_terminal_size().columns - 2, 110))
+    columns = shutil.get_terminal_size().columns - _MARGIN
+    columns = max(_LEAST_COLUMNS, min(columns, _MOST_COLUMNS))
     lines: list[str] = []
     for job, names in GROUPS.items():
         lines.append(f"{job}:")

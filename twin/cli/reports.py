@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from twin.cli import pages, show
+from twin.cli import result_files, show
+from twin.core.result import Result
+
+if TYPE_CHECKING:
+    from twin.api.robot import Robot
+    from twin.validation.result import Report
 
 
 def folder(protocol: str, variants: Mapping[str, str] | None) -> str:
@@ -17,27 +23,35 @@ def folder(protocol: str, variants: Mapping[str, str] | None) -> str:
     return name
 
 
-def write(report, folder: Path, root: Path, robot) -> None:
+def write(report: Report, folder: Path, root: Path, robot: Robot) -> None:
     """Write a report of a robot into a folder; if `root` contains selftest.json, include the score of the self-test."""
     folder.mkdir(parents=True, exist_ok=True)
-    pages.write_report(report, folder, root / "selftest.json", robot)
+    result_files.write_report(report, folder, root / "selftest.json", robot)
 
 
-def finish(reports, args: argparse.Namespace, proofs=()) -> int:
-    """Print the reports, and proofs with their folders; return the exit code of the most severe verdict.
+def finish(
+    reports: Sequence[tuple[Report, Path]], args: argparse.Namespace, proofs: Sequence[tuple[Result, Path]] = ()
+) -> int:
+    """Print reports and proofs, each with its folder; return the exit code of the most severe verdict.
 
     With --json, one report is printed alone; several, or one with proofs, are lists `reports` and `proofs`.
     """
-    most_severe, _ = max([*reports, *proofs], key=lambda written: written[0].exit_code)
+    results: list[Result] = []
+    for result, _ in (*reports, *proofs):
+        results.append(result)
+    # exit codes rise with severity: 0 agree, 1 disagree, 2 unchecked
+    most_severe = max(results, key=lambda result: result.exit_code)
     code = most_severe.exit_code
     if args.json:
         data = []
         for report, folder in reports:
             data.append({**report.as_dict(), "folder": str(folder)})
         if proofs:
-            proved = [{**result.as_dict(), "folder": str(folder)} for result, folder in proofs]
-            both = {"reports": data, "proofs": proved}
-            print(show.as_json(show.record("reports", both, judged=most_severe.verdict)))
+            proof_data = []
+            for result, folder in proofs:
+                proof_data.append({**result.as_dict(), "folder": str(folder)})
+            content = {"reports": data, "proofs": proof_data}
+            print(show.as_json(show.record("reports", content, judged=most_severe.verdict)))
         elif len(data) == 1:
             print(show.as_json(data[0]))
         else:
@@ -50,7 +64,7 @@ def finish(reports, args: argparse.Namespace, proofs=()) -> int:
     if len(reports) > 1:
         rows = []
         for report, _ in reports:
-            variants = ", ".join(f"{equation}={variant}" for equation, variant in report.variants.items())
+            variants = ", ".join(map("=".join, report.variants.items()))
             rows.append((report.protocol, variants, report.verdict))
         print(show.table(rows, ("protocol", "variants", "verdict")))
     for result, folder in proofs:

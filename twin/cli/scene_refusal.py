@@ -21,16 +21,22 @@ def refuse(args: argparse.Namespace) -> None:
     name = getattr(args, "robot", None)
     if not isinstance(name, str):
         return
+    # a scene in capitals: the error of a robot that does not exist would name only robots
     if name not in assets.scenes() and name.casefold() in assets.scenes() and not Path(name).exists():
         raise TwinError(unknown("robot or scene", name, [*assets.names(), *assets.scenes()]))
-    if args.command in SCENE_COMMANDS or (file := assets.scene_file(name)) is None:
+    # these commands handle scenes by themselves, also with errors of their own
+    if args.command in SCENE_COMMANDS:
+        return
+    file = assets.scene_file(name)
+    if file is None:
         return
     scene = load_scene(file)
-    if args.command in scene_commands(scene):
+    allowed_commands = scene_commands(scene)
+    if args.command in allowed_commands:
         return
-    robots = sorted({p.robot for p in scene.places})
+    robots = {place.robot for place in scene.places}
+    command_lines = [f"twin {command} {name}" for command in allowed_commands]
     raise TwinError(
-        f"'{name}' is a scene, not a robot. Commands for scenes: "
-        f"{', '.join(f'twin {c} {name}' for c in scene_commands(scene))}; "
-        f"`twin {args.command}` accepts one of its robots: {', '.join(robots)}."
+        f"'{name}' is a scene, not a robot. Commands for scenes: {', '.join(command_lines)}; "
+        f"`twin {args.command}` accepts one of its robots: {', '.join(sorted(robots))}."
     )

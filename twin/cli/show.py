@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twin.cli import pages
+from twin.cli import result_files
 from twin.core import assets
 from twin.core.errors import TwinError
 from twin.core.findings import Finding
@@ -33,6 +33,7 @@ __all__ = [
     "finding",
     "finish",
     "folder",
+    "listed",
     "micrometres",
     "plain",
     "progress",
@@ -72,9 +73,10 @@ _COLORS = {
 """Color of the word that begins a line: a verdict, or the mark of a finding."""
 
 _FIRST = re.compile(r"^(\s*)(\S+?)(:?)(?=\s|$)")
-
+"""Indentation, first word and colon of a line."""
 
 _MARKS = {"error": "✖", "disagreement": "✖", "warning": "▲", "info": "·"}
+"""{severity: mark before a finding}."""
 
 
 def tool_note(robot: Robot, quiet: bool) -> None:
@@ -118,14 +120,14 @@ def _lines() -> Callable[[str, float], None]:
 
     def update(label: str, fraction: float) -> None:
         nonlocal spoke
-        now = time.monotonic()
-        if now - spoke < _SILENCE:
+        time_now = time.monotonic()
+        if time_now - spoke < _SILENCE:
             return
-        spoke = now
-        done = ""
+        spoke = time_now
+        fraction_text = ""
         if fraction:
-            done = f" {100 * fraction:.0f} %,"
-        print(f"{label}:{done} {now - began:.0f} s so far", file=sys.stderr, flush=True)
+            fraction_text = f" {100 * fraction:.0f} %,"
+        print(f"{label}:{fraction_text} {time_now - began:.0f} s so far", file=sys.stderr, flush=True)
 
     return update
 
@@ -160,6 +162,15 @@ def finish(
     return result.exit_code
 
 
+def listed(text: str | None) -> list[str]:
+    """Return the names in the value of an option, which are separated by commas; [] if the option is not given."""
+    names = []
+    for name in (text or "").split(","):
+        if name.strip():
+            names.append(name.strip())
+    return names
+
+
 def micrometres(option: str, value: float | None) -> float | None:
     """Convert the value of an option from micrometres to m; None if the option is not given.
 
@@ -184,14 +195,14 @@ def folder(args: argparse.Namespace, *default: str) -> Path:
     return path
 
 
-def store(result: Result, args: argparse.Namespace, folder: Path, more: Iterable[str] = ()) -> int:
+def store(result: Result, args: argparse.Namespace, folder: Path, other_files: Iterable[str] = ()) -> int:
     """Write the page, pictures and data of a result into a folder; then print the result and return its exit code.
 
-    `more` are the names of further files in the folder, to be listed after the pictures.
+    `other_files` are the names of further files in the folder, to be listed after the pictures.
     """
     with assets.atomic_folder(folder) as work:
-        pictures = pages.write_result(result, work)
-    return finish(result, args, folder, [*pictures, *more])
+        pictures = result_files.write_result(result, work)
+    return finish(result, args, folder, [*pictures, *other_files])
 
 
 def plain(part: Part) -> str:
@@ -225,23 +236,23 @@ def table(rows: Sequence[Sequence[str]], header: Sequence[str] = (), indent: str
 
     On a terminal, it is fitted to the width: cells are wrapped or, with `fit`, long lines are cut.
     """
-    rows_of_text = [[str(cell) for cell in row] for row in rows]
+    rows_of_text = []
     if header:
-        rows_of_text.insert(0, list(header))
+        rows_of_text.append(list(header))
+    for row in rows:
+        rows_of_text.append(list(map(str, row)))
     if not rows_of_text:
         return ""
     columns = terminal_width()
-    drawn = table_lines(rows_of_text, indent, None if fit else columns)
+    lines_of_rows = table_lines(rows_of_text, indent, None if fit else columns)
     if header:
-        widths = []
-        for column in zip(*rows_of_text, strict=True):
-            widths.append(max(len(cell) for cell in column))
-        rule = indent + "  ".join("-" * width for width in widths)
+        dashes = ["-" * width for width in _column_widths(rows_of_text)]
+        rule = indent + (" " * _GAP).join(dashes)
         if columns is not None and len(rule) > columns:
             rule = indent + "-" * (columns - len(indent))
-        drawn.insert(1, [rule])
+        lines_of_rows.insert(1, [rule])
     lines: list[str] = []
-    for row in drawn:
+    for row in lines_of_rows:
         lines += row
     if fit and columns is not None:
         for i, line in enumerate(lines):
@@ -250,14 +261,14 @@ def table(rows: Sequence[Sequence[str]], header: Sequence[str] = (), indent: str
     return "\n".join(lines)
 
 
-def finding(f: Finding) -> str:
+def finding(shown: Finding) -> str:
     """Return a finding as text of one or two lines."""
-    text = f"  {_MARKS[f.severity]} {f.message}"
-    place = ", ".join(part for part in (f.where, f.when) if part)
+    text = f"  {_MARKS[shown.severity]} {shown.message}"
+    place = ", ".join(filter(None, (shown.where, shown.when)))
     if place:
         text += f"  [{place}]"
-    if f.suggestion:
-        text += f"\n      {f.suggestion}"
+    if shown.suggestion:
+        text += f"\n      {shown.suggestion}"
     return text
 
 
@@ -279,7 +290,7 @@ def text(content: str) -> str:
     """Return a text with its lines wrapped to the width, and its verdicts colored, if it is printed on a terminal."""
     lines = wrapped_lines(content)
     if has_color():
-        lines = [_colored(line) for line in lines]
+        lines = list(map(_colored, lines))
     return "\n".join(lines)
 
 
@@ -311,6 +322,7 @@ def _wrapped(line: str, columns: int) -> list[str]:
 
 
 def _colored(line: str) -> str:
+    """Return a line with ANSI codes around its first word if that is a verdict or the mark of a finding."""
     first = _FIRST.match(line)
     if first is None or first[2] not in _COLORS:
         return line
@@ -324,12 +336,12 @@ def table_lines(rows: Sequence[Sequence[str]], indent: str, columns: int | None)
 
     Cells are padded to the width of their column. None: no row is wrapped.
     """
-    widths = [max(map(len, cells)) for cells in zip(*rows, strict=True)]
+    widths = _column_widths(rows)
     if columns is not None:
         widths = _fitted(rows, widths, columns - len(indent))
-    drawn = []
+    lines_of_rows = []
     for row in rows:
-        cells = [_cell(cell, size) for cell, size in zip(row, widths, strict=True)]
+        cells = list(map(_cell, row, widths))
         height = max(map(len, cells))
         lines = []
         for k in range(height):
@@ -338,8 +350,16 @@ def table_lines(rows: Sequence[Sequence[str]], indent: str, columns: int | None)
                 part = cell[k] if k < len(cell) else ""
                 parts.append(part.ljust(size))
             lines.append((indent + (" " * _GAP).join(parts)).rstrip())
-        drawn.append(lines)
-    return drawn
+        lines_of_rows.append(lines)
+    return lines_of_rows
+
+
+def _column_widths(rows: Sequence[Sequence[str]]) -> list[int]:
+    """Return the number of characters of the longest cell of each column."""
+    widths = []
+    for column in zip(*rows, strict=True):
+        widths.append(max(map(len, column)))
+    return widths
 
 
 def _fitted(rows: Sequence[Sequence[str]], widths: Sequence[int], available: int) -> list[int]:
@@ -349,9 +369,12 @@ def _fitted(rows: Sequence[Sequence[str]], widths: Sequence[int], available: int
     that cost the same, the widest is narrowed. Words of the first row, a heading, are broken last of all.
     """
     fitted = list(widths)
-    columns = [[(len(cell), _longest_word(cell)) for cell in cells] for cells in zip(*rows, strict=True)]
+    columns = []  # (number of characters, characters of the longest word) of each cell
+    for column_cells in zip(*rows, strict=True):
+        columns.append([(len(cell), _longest_word(cell)) for cell in column_cells])
     heights = [1] * len(rows)
-    for _ in range(sum(fitted) + _GAP * (len(fitted) - 1) - available):
+    excess = sum(fitted) + _GAP * (len(fitted) - 1) - available
+    for _ in range(excess):
         best = None
         for column, cells in enumerate(columns):
             size = fitted[column] - 1
@@ -359,13 +382,14 @@ def _fitted(rows: Sequence[Sequence[str]], widths: Sequence[int], available: int
                 continue
             cost = 0
             for (length, word), height in zip(cells, heights, strict=True):
-                cost += max(0, -(-length // size) - height) + _BROKEN * (word > size)
+                lines = -(-length // size)  # rounded up
+                cost += max(0, lines - height) + _BROKEN * (word > size)
             _, heading = cells[0]
             if heading > size:
                 cost += _BROKEN * len(rows)
             if best is None or (cost, -size) < best[:2]:
                 best = (cost, -size, column)
-        if best is None:
+        if best is None:  # every column is narrow: the terminal wraps the lines
             break
         narrowed = best[2]
         fitted[narrowed] -= 1

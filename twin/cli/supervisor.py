@@ -41,6 +41,7 @@ def supervised(command: Callable[[], int]) -> int:
     running, end_of_run = os.pipe()  # nothing is written: the writing end closes when this process ends
     interrupts = os.eventfd(0)
     parent = os.getpid()
+    # blocked before the fork: a signal in between would end this process without its child
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {*_FORWARDED, signal.SIGCHLD})
     child = os.fork()
     if child == 0:

@@ -47,7 +47,8 @@ class Terminal:
         import termios
 
         termios.tcflush(self._stdin, termios.TCIFLUSH)  # discard characters typed before the question
-        self._then, self._until = then, time.monotonic() + PATIENCE
+        self._then = then
+        self._until = time.monotonic() + PATIENCE
         print(f"  {question} [y/N] ", end="", flush=True)
 
     def poll(self) -> None:
@@ -61,7 +62,8 @@ class Terminal:
             self._answer(os.read(self._stdin, 1024).strip().lower() in (b"y", b"yes"))
 
     def _answer(self, yes: bool) -> None:
-        then, self._then = self._then, None
+        then = self._then
+        self._then = None  # before the call, which may ask the next question
         assert then is not None
         then(yes)
 

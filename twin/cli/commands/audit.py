@@ -17,8 +17,8 @@ EXAMPLES = """\
 
 def arguments(command: Command) -> None:
     """Add the arguments of `twin audit`."""
-    known = ", ".join(format.title for format in audited())
-    command.add_argument("path", help=f"a folder, or a file of one of these formats: {known}")
+    format_titles = ", ".join(format.title for format in audited())
+    command.add_argument("path", help=f"a folder, or a file of one of these formats: {format_titles}")
     command.text("--robot", "NAME", "name or folder of the robot: also compare the poses with those of its mechanism")
     command.xacro()
     command.flag("--all", "show notes and all checks, not only the worst of each kind")

@@ -28,7 +28,7 @@ def run(args: argparse.Namespace) -> int:
     """Write the stage or, with --check, compare the existing stage with a newly built one."""
     from twin import api
     from twin.cli import show
-    from twin.cli.chosen import protocols
+    from twin.cli.option_values import protocols
 
     robot = api.load(args.robot).with_timing(args.timing)
     chosen = None
@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
             return show.finish(api.check_build(robot, folder, args.robot, progress), args)
         written = api.build(robot, folder, protocols=chosen, progress=progress)
     if args.json:
-        files = [str(path) for path in written]
+        files = list(map(str, written))
         print(show.as_json(show.record("build", {"files": files})))
         return 0
     for path in written:
@@ -50,9 +50,10 @@ def run(args: argparse.Namespace) -> int:
         print(f"  {path}  ({kilobytes} kB)")
     if robot.files is None or chosen or not robot.unwritten:
         return 0
-    baked = {path.stem.removeprefix(f"{robot.name}_") for path in written}
+    # without equations, `build` skips motions that the mechanism cannot follow
+    baked_names = [path.stem.removeprefix(f"{robot.name}_") for path in written]
     for name in robot.files.protocols():
-        if name not in baked:
+        if name not in baked_names:
             print(
                 f"  protocol {name} is left out, because the mechanism cannot follow it; to see the reason, run "
                 f"twin plan {args.robot} {name}"

@@ -22,10 +22,10 @@ EXAMPLES = """\
 
 def arguments(command: Command) -> None:
     """Add the arguments of `twin compare`."""
-    known = ", ".join(format.title for format in imported())
+    format_titles = ", ".join(format.title for format in imported())
     text = (
         "two or more sides: name of a built-in robot or robot folder (its equations with @equations behind it), "
-        f"table of poses, or file of one of these formats: {known}"
+        f"table of poses, or file of one of these formats: {format_titles}"
     )
     command.add_argument("sides", nargs="+", metavar="SIDE", help=text)
     command.number("--tolerance-um", "UM", "distance in µm up to which two joint axes coincide", 10.0)
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     tolerance = show.micrometres("--tolerance-um", args.tolerance_um)
     assert tolerance is not None
     folder = show.folder(args) if args.out else None
-    only = [name.strip() for name in (args.only or "").split(",") if name.strip()]
+    only = show.listed(args.only)
     with show.progress(args.quiet or args.json) as progress:
         result = compare(
             *args.sides,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import io
+from typing import Any
 
 from twin.cli.parser import Command
 
@@ -55,12 +56,12 @@ def run(args: argparse.Namespace) -> int:
     from twin.cli.commands import HELP
     from twin.core import assets
 
-    known = [*assets.names(), *assets.scenes()]
+    robot_names = [*assets.names(), *assets.scenes()]
     options = {name: _options(name) for name in HELP}
     if args.shell == "fish":
-        script = _fish(HELP, options, known)
+        script = _fish(HELP, options, robot_names)
     else:
-        script = _bash(list(HELP), options, known)
+        script = _bash(list(HELP), options, robot_names)
         if args.shell == "zsh":
             script = f"#compdef twin\nautoload -U +X bashcompinit && bashcompinit\n{script}{_ZSH_END}"
     if args.json:
@@ -74,13 +75,17 @@ def _options(name: str) -> list[str]:
     """Return the options of a command, without their short forms."""
     from twin.cli.parser import parser
 
-    commands = next(action.choices for action in parser()._actions if isinstance(action.choices, dict))
-    chosen = commands[name]
+    command: Any = None
+    for action in parser()._actions:
+        if isinstance(action.choices, dict):  # the subparsers
+            command = action.choices[name]
     with contextlib.suppress(SystemExit), contextlib.redirect_stdout(io.StringIO()):
-        chosen.parse_known_args(["--help"])  # adds the arguments of the command
+        command.parse_known_args(["--help"])  # adds the arguments of the command
     options: list[str] = []
-    for action in chosen._actions:
-        options += [option for option in action.option_strings if option.startswith("--")]
+    for action in command._actions:
+        for option in action.option_strings:
+            if option.startswith("--"):
+                options.append(option)
     return options
 
 
@@ -95,9 +100,10 @@ def _bash(commands: list[str], options: dict[str, list[str]], robots: list[str])
 def _fish(texts: dict[str, str], options: dict[str, list[str]], robots: list[str]) -> str:
     lines = []
     for name, text in texts.items():
-        quoted = text.replace("'", "\\'")
+        quoted = text.replace("'", "\\'")  # the only character that ends a text in single quotes
         lines.append(f"complete -c twin -n __fish_use_subcommand -a {name} -d '{quoted}'")
-        seen = f"'__fish_seen_subcommand_from {name}'"
-        lines.append(f"complete -c twin -n {seen} -a '{' '.join(robots)}'")
-        lines += [f"complete -c twin -n {seen} -l {option.removeprefix('--')}" for option in options[name]]
+        condition = f"'__fish_seen_subcommand_from {name}'"
+        lines.append(f"complete -c twin -n {condition} -a '{' '.join(robots)}'")
+        for option in options[name]:
+            lines.append(f"complete -c twin -n {condition} -l {option.removeprefix('--')}")
     return "\n".join(lines) + "\n"

@@ -28,10 +28,16 @@ def run(args: argparse.Namespace) -> int:
     """
     from twin import api
     from twin.cli import show
-    from twin.cli.chosen import asked
+    from twin.cli.option_values import stated_variants
 
-    variants = asked(args.variant)
-    chosen = [variants] if isinstance(variants, str) else map("-".join, (variants or {}).items())
+    variants = stated_variants(args.variant)
+    # results of other readings go to other folders
+    folder_name = "console"
+    if isinstance(variants, str):
+        folder_name += f"-{variants}"
+    else:
+        for equation, variant in (variants or {}).items():
+            folder_name += f"-{equation}-{variant}"
     with show.progress(args.quiet or args.json) as progress:
         result = api.console(args.console, variants, progress)
-    return show.store(result, args, show.folder(args, args.console, "-".join(["console", *chosen])))
+    return show.store(result, args, show.folder(args, args.console, folder_name))

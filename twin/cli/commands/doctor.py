@@ -80,7 +80,9 @@ def run(args: argparse.Namespace) -> int:
     for command, port in PORTS.items():
         rows.append((f"port {port}", *_port(command, port)))
     if args.json:
-        versions = {name: version for name, version, _ in rows}
+        versions = {}
+        for name, version, _ in rows:
+            versions[name] = version
         content = {"python": platform.python_version(), "found": versions, "missing": missing}
         findings = []
         for name in missing:
@@ -104,9 +106,12 @@ def _verdict(missing: list[str], rows: list[tuple[str, str, str]]) -> str:
     if missing:
         return f"  NOT READY: {len(missing)} required packages are missing"
     limits = []
-    absent = [name for name, state, purpose in rows if state == "-" and "(extra:" in purpose]
-    if absent:
-        limits.append(f"{len(absent)} optional packages are absent (pip install 'twin-robotics[all]')")
+    absent_count = 0
+    for _, state, purpose in rows:
+        if state == "-" and "(extra:" in purpose:
+            absent_count += 1
+    if absent_count:
+        limits.append(f"{absent_count} optional packages are absent (pip install 'twin-robotics[all]')")
     for name, state, _ in rows:
         if name.startswith("port ") and state == "taken":
             limits.append(f"{name} is taken (choose another with --port)")
@@ -142,6 +147,7 @@ def _webgl(asks_browser: bool) -> tuple[str, str]:
         return state, f"{purpose}; test it: twin doctor --webgl, or chrome://gpu"
     if not browser.startswith(("chromium", "google")):
         return "untested", f"{purpose}; only Chromium can be asked, and it was not found"
+    # in containers, Chromium needs a sandbox that it cannot have, and more shared memory than there is
     line = [browser, "--headless", "--no-sandbox", "--disable-dev-shm-usage", "--dump-dom", _WEBGL_PAGE]
     try:
         page = subprocess.run(line, capture_output=True, text=True, timeout=_WEBGL_SECONDS, check=False).stdout
@@ -152,7 +158,7 @@ def _webgl(asks_browser: bool) -> tuple[str, str]:
         return "untested", f"{purpose}; {browser} did not answer"
     if not renderer[1]:
         return "-", f"{purpose}; {browser} has none"
-    if "swiftshader" in renderer[1].lower() or "llvmpipe" in renderer[1].lower():
+    if "swiftshader" in renderer[1].lower() or "llvmpipe" in renderer[1].lower():  # drawn by the processor
         return "software", f"{purpose}, slowly: {renderer[1]}"
     return "yes", f"{purpose}: {renderer[1]}"
 

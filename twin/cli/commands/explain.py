@@ -32,13 +32,13 @@ def run(args: argparse.Namespace) -> int:
     from twin.api.equation_checks import explain
     from twin.api.robot import load
     from twin.cli import show
-    from twin.cli.chosen import asked
+    from twin.cli.option_values import stated_variants
 
     if not (math.isfinite(args.seconds) and args.seconds >= 0):
         raise TwinError(f"--seconds {args.seconds:g}: give a number of seconds, 0 or more")
     tolerance = show.micrometres("--tolerance-um", args.tolerance_um)
     robot = load(args.robot)
-    chosen = asked(args.variant)
+    chosen = stated_variants(args.variant)
     with show.progress(args.quiet or args.json) as progress:
         result = explain(robot, chosen, tolerance=tolerance, seconds=args.seconds, prove=args.prove, progress=progress)
     return show.finish(result, args)

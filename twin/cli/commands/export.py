@@ -27,8 +27,8 @@ def arguments(command: Command) -> None:
     command.robot(SHOWN)
     command.tool()
     command.out("./twin-out/<robot>/export/")
-    known = ", ".join(format.name for format in exported())
-    command.text("--to", "FORMATS", f"comma-separated list of {known} (default all)")
+    format_names = ", ".join(format.name for format in exported())
+    command.text("--to", "FORMATS", f"comma-separated list of {format_names} (default all)")
     group = command.add_mutually_exclusive_group()
     text = "a protocol of the robot, or the path of a protocol file; may be given more than once"
     group.add_argument("--protocol", metavar="NAME", action="append", help=text)
@@ -52,11 +52,12 @@ def run(args: argparse.Namespace) -> int:
 
     names = None
     if args.to is not None:
-        names = [name.strip() for name in args.to.split(",") if name.strip()]
+        names = show.listed(args.to)
     formats = chosen_formats(names)
     budget = ClipAccuracy()
     size = show.micrometres("--budget-um", args.budget_um)
     if size is not None:
+        # one option for both: a rotation is as visible as the displacement that it causes at the links
         budget = ClipAccuracy(size, budget.rotation * size / budget.position, size)
     scene = assets.scene_file(args.robot)
     if scene is not None:

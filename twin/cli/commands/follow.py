@@ -24,6 +24,7 @@ def arguments(command: Command) -> None:
     command.text("--states", "[HOST:]PORT", "TCP port of the states of a `twin machine`")
     command.text("--packets", "PORT", "UDP port for joint packets (0: any free port)", type=port_number)
     command.address(8766, "page")
+    # options of `twin serve` that `serve_until_stopped` reads, and that a mirror does not have
     command.set_defaults(record=None, replay=None, session=None, ros=None)
 
 
@@ -43,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         import asyncio
 
-        from twin.cli.serving import serve_until_stopped
+        from twin.cli.headset_server import serve_until_stopped
         from twin.ui.headset import served_content
 
         asyncio.run(serve_until_stopped(args, robot.name, lambda: served_content.of_mirror(mirror), port, None))
@@ -62,12 +63,16 @@ def _mirror(robot: Robot, args: argparse.Namespace) -> Mirror:
     from twin.simulation.machine.link import StateReader
     from twin.ui.session.mirror import Mirror
 
-    n = len(robot.mechanism.active)
+    joint_count = len(robot.mechanism.active)
     if args.packets is not None:
-        source = JointPackets(args.packets, n)
+        source = JointPackets(args.packets, joint_count)
         print(f"{robot.name}: joint packets to 127.0.0.1:{source.port} (UDP)", flush=True)
         return Mirror(robot, source)
     host, _, port = args.states.rpartition(":")
-    if not (port.isascii() and port.isdigit() and len(port) < 10 and 0 < int(port) < 65536):
+    try:
+        number = port_number(port)
+    except argparse.ArgumentTypeError:
+        number = 0
+    if number == 0:
         raise TwinError(f"--states {args.states[:80]}: give HOST:PORT or PORT, such as 127.0.0.1:36001")
-    return Mirror(robot, StateReader(host or "127.0.0.1", int(port), n))
+    return Mirror(robot, StateReader(host or "127.0.0.1", number, joint_count))

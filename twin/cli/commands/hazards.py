@@ -52,8 +52,14 @@ def run(args: argparse.Namespace) -> int:
                 raise TwinError(f"--{name} has no effect with --trends: {text}. Omit one of the two options")
     name = args.campaign or _DEFAULT
     robot = api.load(args.robot)
-    software = Software(args.mode, args.overdrive, None if args.released is None else tuple(args.released.split(",")))
-    folder = show.folder(args, robot.name, "trends" if args.trends else f"{Path(name).stem}-hazards")
+    released = None
+    if args.released is not None:
+        released = tuple(args.released.split(","))
+    software = Software(args.mode, args.overdrive, released)
+    folder_name = f"{Path(name).stem}-hazards"
+    if args.trends:
+        folder_name = "trends"
+    folder = show.folder(args, robot.name, folder_name)
     with show.progress(args.quiet or args.json) as progress:
         if args.trends:
             result = trends(robot, software=software, progress=progress)
@@ -68,4 +74,5 @@ def run(args: argparse.Namespace) -> int:
                 software=software,
                 progress=progress,
             )
-    return show.store(result, args, folder, [] if args.trends else [FILE])
+    log_files = [] if args.trends else [FILE]
+    return show.store(result, args, folder, log_files)

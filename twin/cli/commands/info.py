@@ -34,12 +34,11 @@ def run(args: argparse.Namespace) -> int:
     from twin.cli import show
     from twin.core import assets
 
-    if (file := assets.scene_file(args.robot)) is not None:
-        if args.inertia or args.motion:
-            raise TwinError(
-                f"--{'inertia' if args.inertia else 'motion'} checks one robot, but {args.robot} is a scene: name one "
-                "of its robots"
-            )
+    file = assets.scene_file(args.robot)
+    if file is not None:
+        for option in ("inertia", "motion"):
+            if getattr(args, option):
+                raise TwinError(f"--{option} checks one robot, but {args.robot} is a scene: name one of its robots")
         return show.finish(api.info_of_scene(api.load_scene(file), args.robot), args)
     robot = api.load(args.robot, tool=args.tool)
     show.tool_note(robot, args.quiet)

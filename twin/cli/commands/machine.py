@@ -45,7 +45,7 @@ def arguments(command: Command) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the machine for --duration or until Ctrl-C; print the delays of its control ticks. The exit code is 0."""
     from twin import api
-    from twin.api.machine import machine as made
+    from twin.api.machine import machine
     from twin.simulation.machine.machine_server import HOST, Server
 
     if args.duration is not None and not args.duration > 0:
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
         raise TwinError(f"--tilt-deg {args.tilt_deg:g}: give a finite number of degrees")
     robot = api.load(args.robot)
     parts = _parts(robot, args)
-    arm = made(
+    arm = machine(
         parts,
         mass=1 + args.mass_error / 100,
         friction=1 + args.friction_error / 100,
@@ -65,37 +65,44 @@ def run(args: argparse.Namespace) -> int:
     # With --json, the result alone goes to stdout; ports and tokens are needed while the machine runs.
     stream = sys.stderr if args.json else sys.stdout
 
-    def said(text: str) -> None:
+    def tell(text: str) -> None:
         print(text, file=stream, flush=True)
 
-    said(f"{robot.name}: packets to {HOST}:{server.port} (UDP), states from {HOST}:{server.state_port} (TCP)")
+    def never_ends() -> bool:
+        return False
+
+    tell(f"{robot.name}: packets to {HOST}:{server.port} (UDP), states from {HOST}:{server.state_port} (TCP)")
     if not args.quiet:
         for number in parts.settings.parameters():
             if number.provenance == "ASSUMED":
-                said(f"  ASSUMED {number.name} = {number.value:g} {number.unit}: {number.note}")
+                tell(f"  ASSUMED {number.name} = {number.value:g} {number.unit}: {number.note}")
     duration = float("inf")
     if args.duration is not None:
         duration = args.duration
     if args.start:
         arm.start()
-    beside = None
+    ros_process = None
     try:
+        ends = never_ends
         if args.ros is not None:
             from twin.cli.machine_ros import RosProcess
 
-            beside = RosProcess(args.robot, server, args.ros, said)
-        server.run(duration, said, beside.listen if beside is not None else lambda: False)
+            ros_process = RosProcess(args.robot, server, args.ros, tell)
+            ends = ros_process.listen
+        server.run(duration, tell, ends)
     except KeyboardInterrupt:
-        said("stopped")
+        tell("stopped")
     finally:
-        if beside is not None:
-            beside.close()
+        if ros_process is not None:
+            ros_process.close()
         server.close()
-    _tell(args, robot.name, arm, server, said)
+    _print_summary(args, robot.name, arm, server, tell)
     return 0
 
 
-def _tell(args: argparse.Namespace, name: str, arm: Machine, server: Server, said: Callable[[str], None]) -> None:
+def _print_summary(
+    args: argparse.Namespace, name: str, arm: Machine, server: Server, tell: Callable[[str], None]
+) -> None:
     """Print the packets and the delays of the ticks of a machine that has run, or the same as JSON."""
     from twin.cli import show
 
@@ -117,10 +124,10 @@ def _tell(args: argparse.Namespace, name: str, arm: Machine, server: Server, sai
     packets = f"packets: {receiver.accepted} accepted, {receiver.refused} refused"
     if receiver.reason:
         packets += f": {receiver.reason}"
-    said(packets)
+    tell(packets)
     if arm.plant.jams:
-        said(f"the linkage jammed in {arm.plant.jams} ticks: near a singularity its simulation stops the joints")
-    said(
+        tell(f"the linkage jammed in {arm.plant.jams} ticks: near a singularity its simulation stops the joints")
+    tell(
         f"{pace['ticks']} ticks, {pace['late']} more than 1 ms late; delay p50 {pace['p50_ms']:.2f} ms, "
         f"p99 {pace['p99_ms']:.2f} ms, largest {pace['max_ms']:.2f} ms"
     )

@@ -24,10 +24,10 @@ def arguments(command: Command) -> None:
     """Add the arguments of `twin new`."""
     command.add_argument("name", help="name of the robot (lower-case letters, digits and _), or the file to read")
     command.add_argument("file", nargs="?", help="the file to read, as --from")
-    known: list[str] = []
+    readable_suffixes: list[str] = []
     for format in imported():
-        known += format.sources
-    suffixes = ", ".join(known)
+        readable_suffixes += format.sources
+    suffixes = ", ".join(readable_suffixes)
     command.text("--from", "FILE", f"a file with one of these suffixes: {suffixes}", dest="source")
     command.text("--example", "NAME", "copy an example instead of reading a file", choices=sorted(examples()))
     command.text("--closures", "FILE", "closure YAML of a URDF (default: the .yaml file of the same name)")
@@ -55,9 +55,9 @@ def run(args: argparse.Namespace) -> int:
     if source is None:
         source = args.name
         name = None
-        known = suffixes()
-        if Path(source).suffix.lower() not in known:
-            readable = ", ".join(known)
+        readable_suffixes = suffixes()
+        if Path(source).suffix.lower() not in readable_suffixes:
+            readable = ", ".join(readable_suffixes)
             raise TwinError(f"'{args.name}' is not a file to read: give a file with --from ({readable})")
     with show.progress(args.quiet or args.json) as progress:
         robot = new(
@@ -87,7 +87,7 @@ def _copy(args: argparse.Namespace) -> int:
         if getattr(args, name):
             raise TwinError(f"--{name} is for a file to read, and --example copies a robot: omit one of them")
     target = Path(args.out or args.name)
-    files = [str(path) for path in copy_example(args.example, target, args.force)]
+    files = list(map(str, copy_example(args.example, target, args.force)))
     if args.json:
         print(show.as_json(show.record("new", {"robot": args.example, "files": files}, [])))
         return 0

@@ -60,7 +60,8 @@ def _last(folder: Path) -> Path:
         except OSError:  # removed or replaced since it was found
             continue
         if is_report and written > latest:
-            last, latest = page, written
+            last = page
+            latest = written
     if last is None:
         raise TwinError(f"{folder}: there is no report; `twin run sils` writes one, also with --open")
     return last
@@ -69,6 +70,7 @@ def _last(folder: Path) -> Path:
 def _pages(folder: Path) -> Iterator[Path]:
     """Yield the pages in a folder, without those of runs in progress; folders that cannot be read are left out."""
     for parent, folders, files in os.walk(folder):
+        # `os.walk` searches the folders that remain in this list
         folders[:] = [name for name in folders if not name.startswith(UNFINISHED)]
         for name in files:
             if name.endswith(".html"):

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 _SCALE = 0.1
 """Default motion scale of a robot's operator; a console has another default."""
 
-
 EXAMPLES = """\
   twin operate sher phantom
   twin operate sher phantom --trials 5 --seed 10 --json

@@ -87,15 +87,18 @@ def run(args: argparse.Namespace) -> int:
     folder = show.folder(args, robot.name, protocol.name)
     with show.progress(args.quiet or args.json) as progress:
         trajectory = api.plan(robot, protocol, progress)
-        angles = [j.is_angle for j in robot.mechanism.active]
-        planned = api.check_plan(robot, trajectory, protocol) if args.check else Planned(trajectory, angles)
+        if args.check:
+            planned = api.check_plan(robot, trajectory, protocol)
+        else:
+            angles = [joint.is_angle for joint in robot.mechanism.active]
+            planned = Planned(trajectory, angles)
     with assets.atomic_folder(folder) as work:
         planned.write(work)
-        drawn = _drawn(f"{robot.name} on {protocol.name}", planned.rounds, work)
-    return show.finish(planned, args, folder, [FILES[0], *drawn])
+        pictures = _plot_rounds(f"{robot.name} on {protocol.name}", planned.rounds, work)
+    return show.finish(planned, args, folder, [FILES[0], *pictures])
 
 
-def _drawn(what: str, searches: Mapping[str, SearchRounds], folder: Path) -> list[str]:
+def _plot_rounds(what: str, searches: Mapping[str, SearchRounds], folder: Path) -> list[str]:
     """Plot the path cost in each round of the path searches, if there are any; return the written file names."""
     if not searches:
         return []
@@ -114,7 +117,7 @@ def _together(robot: Robot, args: argparse.Namespace) -> int:
     if not args.avoid:
         raise TwinError("--with: name the scene in which all robots stand, such as --avoid raven")
     scene = api.load_scene(args.avoid)
-    places = {p.name: p.robot for p in scene.places}
+    places = {place.name: place.robot for place in scene.places}
     arms = {robot.name: (robot, robot.protocol(args.protocol))}
     for text in args.beside.split(","):
         name, _, chosen = text.strip().partition("=")
@@ -122,8 +125,9 @@ def _together(robot: Robot, args: argparse.Namespace) -> int:
             raise TwinError(f"--with {name}: this robot is given twice; give each robot once, by its name in the scene")
         if name not in {*places, *places.values()}:
             raise TwinError(f"--with '{name}': scene '{scene.name}' has no such robot; it has: {', '.join(places)}")
-        other = api.load(places.get(name) or name).with_timing(args.timing)
-        arms[name] = other, other.protocol(chosen or None)
+        # a name may be that of a place, whose robot may have another name
+        robot_beside = api.load(places.get(name) or name).with_timing(args.timing)
+        arms[name] = robot_beside, robot_beside.protocol(chosen or None)
     folder = show.folder(args, scene.name, "_".join(arms))
     with show.progress(args.quiet or args.json) as progress:
         planned = api.plan_together(args.avoid, arms, args.clearance_mm * MM, args.seed, progress)
@@ -132,8 +136,8 @@ def _together(robot: Robot, args: argparse.Namespace) -> int:
     with assets.atomic_folder(folder) as work:
         planned.write(work)
         (work / _DISTANCES).write_bytes(style.png(together_figures.figure(planned)))
-        drawn = _drawn(f"scene {scene.name}", planned.rounds, work)
-    code = show.finish(planned, args, folder, [*planned.files(), _DISTANCES, *drawn])
+        pictures = _plot_rounds(f"scene {scene.name}", planned.rounds, work)
+    code = show.finish(planned, args, folder, [*planned.files(), _DISTANCES, *pictures])
     if not args.json:
         print(f"\n  Play the plan: twin view {shlex.quote(str(folder))}; other commands: serve, export")
     return code

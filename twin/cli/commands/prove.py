@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     from twin.api.proof import prove
     from twin.api.robot import load
     from twin.cli import show
-    from twin.cli.chosen import asked, protocols
+    from twin.cli.option_values import protocols, stated_variants
 
     robot = load(args.robot)
     if args.bounds and args.workspace:
@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
     with show.progress(args.quiet or args.json) as progress:
         result = prove(
             robot,
-            asked(args.variant),
+            stated_variants(args.variant),
             args.states,
             args.seed,
             progress,
@@ -90,18 +90,21 @@ def _workspace(robot: Robot, args: argparse.Namespace) -> int:
 
     from twin.analysis.proven_workspace import proven_workspace
     from twin.cli import show
-    from twin.cli.chosen import asked
+    from twin.cli.option_values import stated_variants
 
     edge = None if args.edge_mm is None else args.edge_mm * MM
     corners = None
     if args.box_mm is not None:
         ends = MM * np.array(args.box_mm)
+        # lower and upper end of x, then of y, then of z
         corners = ends[0::2], ends[1::2]
     folder = show.folder(args, robot.name, "prove-workspace")
     with show.progress(args.quiet or args.json) as progress:
-        result = proven_workspace(robot, asked(args.variant), edge, corners, progress, args.tolerance_um * UM)
-    certificate = ["certificate.json"] if len(result.proof.low) else []
-    return show.store(result, args, folder, ["boxes.json", *certificate])
+        result = proven_workspace(robot, stated_variants(args.variant), edge, corners, progress, args.tolerance_um * UM)
+    files = ["boxes.json"]
+    if len(result.proof.low):  # without a proved box, there is nothing to certify
+        files.append("certificate.json")
+    return show.store(result, args, folder, files)
 
 
 def _bounds(robot: Robot, args: argparse.Namespace) -> int:
@@ -109,7 +112,7 @@ def _bounds(robot: Robot, args: argparse.Namespace) -> int:
     from twin.api.chain_bounds import chain_bounds, mechanism_bounds
     from twin.api.robot import load
     from twin.cli import show
-    from twin.cli.chosen import asked
+    from twin.cli.option_values import stated_variants
 
     folder = show.folder(args, robot.name, "prove-bounds")
     if args.against:
@@ -117,5 +120,5 @@ def _bounds(robot: Robot, args: argparse.Namespace) -> int:
             raise TwinError("--against compares two mechanisms: leave out --variant and --tolerance-um, of equations")
         result = mechanism_bounds(robot, load(args.against))
     else:
-        result = chain_bounds(robot, asked(args.variant), args.tolerance_um * UM)
+        result = chain_bounds(robot, stated_variants(args.variant), args.tolerance_um * UM)
     return show.store(result, args, folder, ["certificate.json"])

@@ -31,22 +31,23 @@ def arguments(command: Command) -> None:
 def run(args: argparse.Namespace) -> int:
     """Seed faults, validate and store the score; the exit code is 1 for a low score or for a false alarm."""
     from twin.analysis.mutation.fault import FAMILIES
-    from twin.analysis.mutation.trials import selftest as seed
+    from twin.analysis.mutation.trials import selftest
     from twin.cli import show
 
     if args.count < 1:
         raise TwinError(f"--count {args.count}: give a number of faults, 1 or more")
     families: tuple[Family, ...] = FAMILIES
     if args.family:
-        asked = [f.strip() for f in args.family.split(",")]
-        for name in asked:
+        stated_names = list(map(str.strip, args.family.split(",")))
+        for name in stated_names:
             if name not in FAMILIES:
                 raise TwinError(f"--family: {unknown('family', name, FAMILIES)}")
-        families = tuple(f for f in FAMILIES if f in asked)
+        # in the order of `FAMILIES`, whatever the order in the option
+        families = tuple(family for family in FAMILIES if family in stated_names)
     name = Path(args.robot).resolve().stem
     folder = show.folder(args, name)
     with show.progress(args.quiet or args.json) as progress:
-        score = seed(
+        score = selftest(
             args.robot, protocol=args.protocol, families=families, count=args.count, seed=args.seed, progress=progress
         )
     return show.store(score, args, folder, ["selftest.json"])

@@ -1,4 +1,4 @@
-"""`twin serve`: serve a robot or a scene to headsets and browsers; implemented in twin.cli.serving."""
+"""`twin serve`: serve a robot or a scene to headsets and browsers; implemented in twin.cli.headset_server."""
 
 from __future__ import annotations
 
@@ -72,6 +72,6 @@ def _broker(text: str) -> tuple[str, int]:
 
 def run(args: argparse.Namespace) -> int:
     """Serve a robot or a scene until Ctrl-C."""
-    from twin.cli.serving import serve
+    from twin.cli.headset_server import serve
 
     return serve(args)

@@ -35,7 +35,9 @@ def run(args: argparse.Namespace) -> int:
     folder = show.folder(args) if args.out else None
     with show.progress(args.quiet or args.json) as progress:
         session = _replayed(args.file, args.scene, progress)
-    return show.finish(session, args) if folder is None else show.store(session, args, folder)
+    if folder is None:
+        return show.finish(session, args)
+    return show.store(session, args, folder)
 
 
 def report(file: str, scene: str) -> bytes:
@@ -49,7 +51,10 @@ def report(file: str, scene: str) -> bytes:
 
 
 def _replayed(file: str, scene: str | None, progress: Callable[[str, float], None]) -> Result:
+    """Return the result of a replayed session, of a console or of a procedure."""
     from twin.api.console_runs import replay_session
     from twin.api.procedure import is_procedure, replay_procedure
 
-    return (replay_procedure if is_procedure(file, scene) else replay_session)(file, scene, progress)
+    if is_procedure(file, scene):
+        return replay_procedure(file, scene, progress)
+    return replay_session(file, scene, progress)

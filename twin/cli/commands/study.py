@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
     from twin.cli import show
 
     folder = show.folder(args) if args.out else None
-    result = _found(args)
+    result = _study(args)
     if folder is None:
         return show.finish(result, args)
     from twin.validation.rank_tests import Ranks
@@ -48,25 +48,32 @@ def run(args: argparse.Namespace) -> int:
     return show.store(result, args, folder, ["users.csv"])
 
 
-def _found(args: argparse.Namespace) -> Result:
+def _study(args: argparse.Namespace) -> Result:
+    """Return the result for a subject, or for groups of sessions as GROUP=FILE."""
     from twin import api
     from twin.cli import show
 
-    named = [s for s in args.subject if "=" in s and not Path(s).exists()]
-    if not named:
+    groups_of_files = []
+    ungrouped = []
+    for text in args.subject:
+        if "=" in text and not Path(text).exists():  # a file may have = in its name
+            groups_of_files.append(text)
+        else:
+            ungrouped.append(text)
+    if not groups_of_files:
         if len(args.subject) > 1:
             raise TwinError(
                 f"{len(args.subject)} names or files are given: give one, or groups of sessions as GROUP=FILE, such as "
                 f"first={args.subject[0]} last={args.subject[1]}"
             )
         return api.study(args.subject[0])
-    if len(named) < len(args.subject):
-        other = next(s for s in args.subject if s not in named)
-        raise TwinError(f"'{other}' has no group: give every session as GROUP=FILE, such as first={other}")
+    if ungrouped:
+        file = ungrouped[0]
+        raise TwinError(f"'{file}' has no group: give every session as GROUP=FILE, such as first={file}")
     from twin.api.session_study import study_sessions
 
     groups: dict[str, list[str]] = {}
-    for text in named:
+    for text in groups_of_files:
         group, _, file = text.partition("=")
         if not group or not file:
             raise TwinError(f"'{text}': give GROUP=FILE, such as first=a.session")

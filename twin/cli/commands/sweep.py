@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
     from twin.analysis import table
     from twin.analysis.sweep import sweep as judge
     from twin.cli import show
-    from twin.cli.chosen import device
+    from twin.cli.option_values import device
     from twin.core import assets
     from twin.ui.report.report_folder import write_result
 
@@ -53,13 +53,16 @@ def run(args: argparse.Namespace) -> int:
         table.arrow()
     robot = api.load(args.robot)
     assets.require_writable(Path(args.out) if args.out else Path("twin-out") / robot.name)
+    source = args.robot
+    if Path(args.robot).exists():  # worker processes may have another working directory
+        source = str(Path(args.robot).resolve())
     with show.progress(args.quiet or args.json) as progress:
-        found = judge(
+        designs = judge(
             robot,
             args.vary,
             args.out,
-            source=str(Path(args.robot).resolve()) if Path(args.robot).exists() else args.robot,
-            objectives=[x.strip() for x in (args.objective or "").split(",") if x.strip()],
+            source=source,
+            objectives=show.listed(args.objective),
             protocol=args.protocol,
             samples=args.samples,
             grid=args.grid,
@@ -71,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
             progress=progress,
         )
         progress("write", 0.0)
-        with assets.atomic_folder(found.folder) as made:
-            table.write(found.rows, made, parquet=args.parquet)
-            shown = write_result(found, made)
-    return show.finish(found, args, found.folder, [*shown, "sweep.csv"])
+        with assets.atomic_folder(designs.folder) as work:
+            table.write(designs.rows, work, parquet=args.parquet)
+            pictures = write_result(designs, work)
+    return show.finish(designs, args, designs.folder, [*pictures, "sweep.csv"])

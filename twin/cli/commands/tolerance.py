@@ -17,9 +17,14 @@ EXAMPLES = """\
 _SAMPLES = 1_000_000_000
 """Maximum number of samples; a twentieth of them is kept, in two numbers each: 2 GB."""
 
+_FEWEST_SAMPLES = 1000
+"""Minimum number of samples: of fewer, the 95th percentile rests on less than 50."""
 
-_LARGEST, _WIDEST = 10 * MM, 10 * DEG
-"""Maximum accepted standard deviation of a position in m, and of a rotation in rad."""
+_LARGEST = 10 * MM
+"""Maximum accepted standard deviation of a position in m."""
+
+_WIDEST = 10 * DEG
+"""Maximum accepted standard deviation of a rotation in rad."""
 
 
 def arguments(command: Command) -> None:
@@ -47,11 +52,13 @@ def run(args: argparse.Namespace) -> int:
     from twin.analysis.error_propagation import Spread
     from twin.analysis.tolerance import tolerance as compute
     from twin.cli import show
-    from twin.cli.chosen import device
+    from twin.cli.option_values import device
     from twin.core.compute_device import computing_on
 
-    if args.samples and args.samples < 1000:
-        raise TwinError(f"--samples {args.samples}: give at least 1000, or 0 to omit the Monte Carlo check")
+    if args.samples and args.samples < _FEWEST_SAMPLES:
+        raise TwinError(
+            f"--samples {args.samples}: give at least {_FEWEST_SAMPLES}, or 0 to omit the Monte Carlo check"
+        )
     if args.samples > _SAMPLES:
         raise TwinError(f"--samples {args.samples}: give at most {_SAMPLES}")
     required = show.micrometres("--require-um", args.require_um)

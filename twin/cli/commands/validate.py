@@ -50,8 +50,8 @@ def run(args: argparse.Namespace) -> int:
     from twin.api.protocol_plan import plan
     from twin.api.robot import load
     from twin.cli import reports, show
-    from twin.cli.chosen import protocols, variants_of_each
-    from twin.cli.cure import Cures
+    from twin.cli.fix_search import FixSearch
+    from twin.cli.option_values import protocols, variants_of_each
     from twin.core import assets
     from twin.validation.residual_rows import Tolerances
 
@@ -76,11 +76,11 @@ def run(args: argparse.Namespace) -> int:
         root = Path(args.out)
     for protocol, variants in jobs:
         assets.require_writable(root / reports.folder(robot.protocol(protocol).name, variants))
-    cures = Cures(robot)
-    found = []
+    fix_search = FixSearch(robot)
+    written_reports = []
     with show.progress(args.quiet or args.json) as progress:
         trajectories = {}
-        for protocol in dict.fromkeys(chosen):
+        for protocol in dict.fromkeys(chosen):  # one motion for all variants
             try:
                 trajectories[protocol] = plan(robot, protocol, progress)
             except ProtocolError as error:
@@ -97,17 +97,17 @@ def run(args: argparse.Namespace) -> int:
                     stage=stage,
                     progress=progress,
                 )
-                report = cures.of(report, protocol, progress)
+                report = fix_search.with_fix(report, protocol, progress)
                 progress("report", 0.0)
                 folder = root / reports.folder(report.protocol, variants)
                 with assets.atomic_folder(folder) as work:
                     reports.write(report, work, root, robot)
-                found.append((report, folder))
+                written_reports.append((report, folder))
         proofs = []
         if args.prove:
             for variants in variants_of_each(robot, args.variant):
                 proofs.append(_proved(robot, variants, root, progress))
-    return reports.finish(found, args, proofs)
+    return reports.finish(written_reports, args, proofs)
 
 
 def _ways_out(robot: str) -> str:
@@ -120,14 +120,14 @@ def _proved(
     robot: Robot, variants: dict[str, str] | None, root: Path, progress: Callable[[str, float], None]
 ) -> tuple[Result, Path]:
     """Prove the claims about the equations in some variants; write the result and return it with its folder."""
-    from twin.cli import pages, reports
+    from twin.cli import reports, result_files
     from twin.core import assets
 
     # Loaded by name, as what writes pages: without --prove, nothing of a proof is reached from here.
     result = import_module("twin.api.proof").prove(robot, variants, progress=progress)
     folder = root / reports.folder("prove", variants)
     with assets.atomic_folder(folder) as work:
-        pages.write_result(result, work)
+        result_files.write_result(result, work)
     return result, folder
 
 
@@ -137,8 +137,8 @@ def _samples(robot: Robot, args: argparse.Namespace, tolerances: Tolerances | No
     The exit code is 1 if the equations disagree.
     """
     from twin.api.equation_checks import validate_samples
-    from twin.cli import pages, show
-    from twin.cli.chosen import asked, device
+    from twin.cli import result_files, show
+    from twin.cli.option_values import device, stated_variants
     from twin.core import assets
 
     for option in ("sweep", "compare", "protocol", "all_protocols", "timing", "prove"):
@@ -147,7 +147,7 @@ def _samples(robot: Robot, args: argparse.Namespace, tolerances: Tolerances | No
             raise TwinError(f"--{name} and --samples cannot be combined: states over the joint range are compared")
     if args.samples < 1:
         raise TwinError(f"--samples {args.samples}: give at least 1")
-    variants = asked(args.variant)
+    variants = stated_variants(args.variant)
     if isinstance(variants, str):
         raise TwinError(f"--variant {variants}: with --samples, give EQ=NAME, such as eq1={variants}")
     folder = show.folder(args, robot.name) / "samples"
@@ -161,8 +161,8 @@ def _samples(robot: Robot, args: argparse.Namespace, tolerances: Tolerances | No
             progress=progress,
         )
         with assets.atomic_folder(folder) as work:
-            shown = pages.write_result(samples, work)
-    return show.finish(samples, args, folder, shown)
+            pictures = result_files.write_result(samples, work)
+    return show.finish(samples, args, folder, pictures)
 
 
 def _strokes(robot: Robot, args: argparse.Namespace) -> int:
@@ -173,17 +173,17 @@ def _strokes(robot: Robot, args: argparse.Namespace) -> int:
     The exit code is 1 if the equations disagree.
     """
     from twin.api.equation_checks import strokes
-    from twin.cli import pages, show
-    from twin.cli.chosen import asked
+    from twin.cli import result_files, show
+    from twin.cli.option_values import stated_variants
     from twin.core import assets
     from twin.core.errors import unknown
     from twin.validation.stroke import STANDINS
 
-    standins = tuple(name for name in (args.compare or "").split(",") if name)
+    standins = tuple(filter(None, (args.compare or "").split(",")))
     joints: tuple[str, ...] = ()
     if args.sweep not in (None, "all"):
         joints = tuple(args.sweep.split(","))
-    variants = asked(args.variant)
+    variants = stated_variants(args.variant)
     if isinstance(variants, str):
         raise TwinError(f"--variant {variants}: with --sweep, give EQ=NAME, such as eq1={variants}")
     for name in standins:
@@ -196,5 +196,5 @@ def _strokes(robot: Robot, args: argparse.Namespace) -> int:
     with show.progress(args.quiet or args.json) as progress:
         result = strokes(robot, joints, standins, variants, progress)
         with assets.atomic_folder(folder) as work:
-            pictures = pages.write_result(result, work, "sweep")
+            pictures = result_files.write_result(result, work, "sweep")
     return show.finish(result, args, folder, pictures)

@@ -1,4 +1,4 @@
-"""`twin view`: show a robot in a browser, where it can be moved, or a scene; implemented in twin.cli.viewing."""
+"""`twin view`: show a robot in a browser, where it can be moved, or a scene; implemented in twin.cli.browser_viewer."""
 
 from __future__ import annotations
 
@@ -28,6 +28,6 @@ def arguments(command: Command) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Show a robot, a scene, a stage or a STEP file until Ctrl-C; with --html write a recording and exit."""
-    from twin.cli.viewing import view
+    from twin.cli.browser_viewer import view
 
     return view(args)

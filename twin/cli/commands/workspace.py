@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
     from twin.analysis import cloud
     from twin.analysis.search import workspace as search
     from twin.cli import show
-    from twin.cli.chosen import device
+    from twin.cli.option_values import device
     from twin.core import assets
     from twin.core.compute_device import computing_on
     from twin.ui.report.report_folder import write_result
@@ -49,6 +49,9 @@ def run(args: argparse.Namespace) -> int:
         raise TwinError(f"--step-mm {args.step_mm:g}: give a positive number of millimetres")
     if not 0 <= args.tilt_deg <= 180:
         raise TwinError(f"--tilt-deg {args.tilt_deg:g}: give degrees from 0 to 180")
+    step = None
+    if args.step_mm is not None:
+        step = args.step_mm * MM
     robot = api.load(args.robot)
     folder = show.folder(args, robot.name, "workspace")
     with assets.atomic_folder(folder) as work, show.progress(args.quiet or args.json) as progress:
@@ -56,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
             workspace = search(
                 robot,
                 args.count,
-                args.step_mm * MM if args.step_mm else None,
+                step,
                 tilt=args.tilt_deg * DEG,
                 turns=args.turns,
                 by_joint_positions=args.joints,
@@ -67,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
                 progress=progress,
             )
         progress("write", 0.0)
-        shown = write_result(workspace, work)
+        pictures = write_result(workspace, work)
         cloud.write_ply(workspace, work / "workspace.ply")
         cloud.write_usd(workspace, work / "workspace.usdc")
-    return show.finish(workspace, args, folder, [*shown, "workspace.ply, .usdc, .json"])
+    return show.finish(workspace, args, folder, [*pictures, "workspace.ply, .usdc, .json"])

@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twin import api
-from twin.cli import scene as scene_loading
-from twin.cli import show
+from twin.cli import scenes, show
 from twin.cli.address import PageAddress, free_port
 from twin.core import assets
 from twin.core.errors import TwinError
@@ -32,6 +31,9 @@ if TYPE_CHECKING:
     PageOpener = Callable[[viser.ViserServer, dict[str, Any]], Front]
     """Function that loads the robots and opens the page; arguments: server, {name: value} of more of `open_page`."""
 
+
+_STEP = 0.05
+"""Time in s between two steps of a page that plans its motions before it is recorded."""
 
 _ADVICE = "every connected client can move and load robots, but cannot write to disk"
 _FACES_ADVICE = "every connected client sees the STEP file and can pick faces, but cannot write to disk"
@@ -71,8 +73,8 @@ def view(args: argparse.Namespace) -> int:
 
 def _show_scene(args: argparse.Namespace) -> int:
     """Show a scene in the page of `twin serve`, with the defaults of that command for its other options."""
+    from twin.cli.headset_server import serve
     from twin.cli.parser import parser
-    from twin.cli.serving import serve
 
     _refuse_tool(args)
     defaults = parser().parse_args(["serve", args.robot])
@@ -92,9 +94,12 @@ def _show_faces(args: argparse.Namespace) -> int:
         "--protocols": args.protocols,
         "--machine": args.machine,
     }
-    given = [option for option, value in options.items() if value]
-    if given:
-        raise TwinError(f"{path} is a STEP file, whose faces are picked in the page: omit {', '.join(given)}")
+    stated_options = []
+    for option, value in options.items():
+        if value:
+            stated_options.append(option)
+    if stated_options:
+        raise TwinError(f"{path} is a STEP file, whose faces are picked in the page: omit {', '.join(stated_options)}")
     port = free_port(args.host, args.port)
     from twin.ui.session.drawn_faces import StepDrawing
 
@@ -157,6 +162,7 @@ def _show_page(
         if before is None:  # the handler before was not set by Python
             before = signal.default_int_handler
         signal.signal(signal.SIGINT, before)
+        # a page stops its server; without one, the opener has failed and the server would go on
         if front is not None:
             front.close()
         elif server is not None:
@@ -283,7 +289,7 @@ def _scene_page_opener(scene: Scene) -> PageOpener:
         from twin.ui.viewer.front import ShownRobot
         from twin.ui.viewer.page import open_page
 
-        loaded = scene_loading.with_organs(scene_loading.load(scene))
+        loaded = scenes.with_organs(scenes.load(scene))
         actors = []
         for place in scene.places:
             movable = MovableRobot(loaded.robots[place.name])
@@ -307,10 +313,10 @@ def _write_html(front: Front, path: Path, quiet: bool) -> int:
             front.load(actor, actor.protocol)
         while front.planning:
             front.step()
-            time.sleep(0.05)
-        failed = [actor.name for actor in front.robots if actor.playback is None]
-        if failed:
-            names = ", ".join(failed)
+            time.sleep(_STEP)
+        robots_without_motion = [actor.name for actor in front.robots if actor.playback is None]
+        if robots_without_motion:
+            names = ", ".join(robots_without_motion)
             raise TwinError(f"{names}: no recording is possible: {front.panels.why}")
         html = view_export.page(front, lambda part: progress("record", part))
     with assets.atomic_folder(path.parent) as work:

@@ -8,11 +8,11 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twin.cli import machines
-from twin.cli import scene as scenes
+from twin.cli import machines, scenes
 from twin.core import assets
 from twin.core.errors import TwinError
 
@@ -54,7 +54,7 @@ class Examiner:
         """Begin to read in a thread of its own."""
         self.continued = False
         self.completed = False
-        self.due: Callable[[], int] = lambda: 0
+        self.due: Callable[[], int] = partial(_unanswered_count, None)
         self._warned = False
         self._end: Callable[[], object] | None = None
         self._reader = threading.Thread(target=self._read, daemon=True)
@@ -86,7 +86,7 @@ class Examiner:
             return
         for _ in sys.stdin:
             end = self._end
-            if end is None:
+            if end is None:  # a line between two parts
                 continue
             count = self.due()
             if count and not self._warned:
@@ -140,7 +140,7 @@ def guide(args: argparse.Namespace, serve_part: ServePart) -> None:
     examiner.require_input()
     for part in remaining:
         forms = _forms(part, table)
-        examiner.due = lambda forms=forms: 0 if forms is None else len(forms.due)
+        examiner.due = partial(_unanswered_count, forms)
         print(f"\n  {part.heading}; press Enter to continue", flush=True)
         examiner.completed = False
         serve_part(scene.name, _served(args, loaded, part, folder, forms, examiner), examiner)
@@ -159,6 +159,13 @@ def guide(args: argparse.Namespace, serve_part: ServePart) -> None:
     print(f"  twin study {folder / TABLE}")
 
 
+def _unanswered_count(forms: QuestionnaireForms | None) -> int:
+    """Return the number of questionnaires of a part that have no answer yet."""
+    if forms is None:
+        return 0
+    return len(forms.due)
+
+
 def _remaining(parts: Sequence[GuidedPart], table: TrialTable, folder: Path, participant: int) -> list[GuidedPart]:
     """Return the parts that the participant has not done yet, each with the questionnaires without an answer.
 
@@ -170,7 +177,9 @@ def _remaining(parts: Sequence[GuidedPart], table: TrialTable, folder: Path, par
     """
     from twin.ui.session.forms import unanswered
 
-    files = [file for part in parts for file in _recorded(part, folder, participant)]
+    files: list[Path] = []
+    for part in parts:
+        files += _recorded(part, folder, participant)
     for file in files:
         if file.suffix == UNFINISHED:
             raise TwinError(
@@ -229,6 +238,7 @@ def _set_aside(session: Path) -> str:
 
 
 def _session(part: GuidedPart, folder: Path, participant: int) -> Path:
+    """Return the file into which the session of a part is recorded."""
     return folder / f"{participant}-{part.name}.session"
 
 
@@ -263,8 +273,8 @@ def _served(
     if part.task is not None:
         task = scene.tasks[part.task]
         session = _session(part, folder, args.participant)
-    shown = scenes.with_organs(replace(loaded, scene=scene), task)
+    scene_with_organs = scenes.with_organs(replace(loaded, scene=scene), task)
     exercise = Exercise(task, session, report, part.condition, forms=forms, ended=examiner.complete, guided=True)
     return lambda: served_content.of_console(
-        machines.connected(shown, []), exercise, args.packets, args.mqtt, args.mqtt_topic
+        machines.connected(scene_with_organs, []), exercise, args.packets, args.mqtt, args.mqtt_topic
     )

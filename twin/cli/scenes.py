@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from twin.model.task import ConsoleTask
     from twin.model.tissue import Tissue
 
-names, find = assets.scenes, assets.scene_file
+names = assets.scenes
+find = assets.scene_file
 
 
 def load(scene: Scene) -> LoadedScene:
@@ -31,11 +32,12 @@ def load(scene: Scene) -> LoadedScene:
 
 def tissues(scene: Scene) -> tuple[Tissue, ...]:
     """Return the soft organs of a scene; the result is empty if the scene has none."""
-    if (drawn := anatomy_of(scene)) is None:
+    anatomy = anatomy_of(scene)
+    if anatomy is None:
         return ()
     from twin.simulation import tissue_scene
 
-    return tissue_scene.tissues(scene, drawn)
+    return tissue_scene.tissues(scene, anatomy)
 
 
 def with_organs(loaded: LoadedScene, task: ConsoleTask | None = None) -> LoadedScene:
@@ -50,8 +52,7 @@ def with_organs(loaded: LoadedScene, task: ConsoleTask | None = None) -> LoadedS
 
     links = {}
     for name, bodies in tissue_scene.touching(loaded.scene).items():
-        mechanism = loaded.robots[name].mechanism
-        links[name] = [mechanism.body(body) for body in bodies]
+        links[name] = list(map(loaded.robots[name].mechanism.body, bodies))
     return replace(loaded, feed=OrganFeed(organs, links))
 
 

@@ -31,27 +31,29 @@ class _LateError(BaseException):
     """Exception that stops a search; a `BaseException`, so that the search does not treat it as an error of an edit."""
 
 
-class Cures:
-    """Cache of the fixes of a robot's equations; a fix depends only on the variants and the trocar positions."""
+class FixSearch:
+    """Search for fixes of a robot's equations, which remembers them: a fix depends on variants and trocars alone."""
 
     def __init__(self, robot: Robot, seconds: float = SECONDS) -> None:
         self.robot = robot
         self.seconds = seconds
         self._known: dict[tuple[object, ...], str] = {}
 
-    def of(self, report: Report, protocol: str | Path | None, progress: Progress) -> Report:
+    def with_fix(self, report: Report, protocol: str | Path | None, progress: Progress) -> Report:
         """Add a fix to a report if the report's first cause is in the equations and a fix is found."""
         causes = report.causes
+        # causes are sorted by weight: if the first is in the CAD, an edit of the equations would hide it
         if not causes or causes[0].side != "equations" or causes[0].head.severity != "disagreement":
             return report
         robot = self.robot.bound(self.robot.protocol(protocol))
         trocars = [tuple(position) for position in robot.mechanism.trocar_places.values()]
         key = (*sorted(report.variants.items()), *trocars)
         if key not in self._known:
-            self._known[key] = self._look(robot, report, progress)
+            self._known[key] = self._search(robot, report, progress)
         return replace(report, cure=self._known[key])
 
-    def _look(self, robot: Robot, report: Report, progress: Progress) -> str:
+    def _search(self, robot: Robot, report: Report, progress: Progress) -> str:
+        """Return the text of a fix; "" if none is found in time."""
         from twin.validation.explain.deadline import Deadline
         from twin.validation.explain.explain import ExplainOptions, explain
         from twin.validation.explain.row_deviations import Tolerance
@@ -59,6 +61,7 @@ class Cures:
         deadline = Deadline(self.seconds)
 
         def bounded(label: str, fraction: float) -> None:
+            # `explain` limits only its search for edits: its other steps are stopped where they report progress
             if deadline.passed:
                 raise _LateError
             progress(f"search for a correction: {label}", fraction)
@@ -97,8 +100,10 @@ def text(explanation: Explanation, command: str) -> str:
 
     `command` is a command line that shows details; where necessary, the text refers to this command.
     """
-    conventions = dict.fromkeys(convention.message for convention in explanation.conventions)
-    parts = [*_edits(explanation, command), *_numbers(explanation), *conventions]
+    parts = [*_edits(explanation, command), *_numbers(explanation)]
+    for convention in explanation.conventions:
+        if convention.message not in parts:  # one convention can change several rows
+            parts.append(convention.message)
     if not parts:
         return ""
     if explanation.explained:
@@ -126,15 +131,17 @@ def _edits(explanation: Explanation, command: str) -> list[str]:
         for row in repair.rows:
             _, _, symbol = row.partition(".")
             of_edit.append(symbol)
-        lines.setdefault(edit, set()).update(change.line for change in first.changes)
+        lines_of_edit = lines.setdefault(edit, set())
+        for change in first.changes:
+            lines_of_edit.add(change.line)
         if len(readings) > 1:
             ambiguous.add(edit)
     texts: list[str] = []
     for edit, symbols_of_edit in symbols.items():
         equation, file, replacement = edit
         names = ", ".join(symbols_of_edit)
-        numbers = ", ".join(str(line) for line in sorted(lines[edit]))
-        text = f"in {equation}, {names}: {replacement} ({file}:{numbers})"
+        line_numbers = ", ".join(map(str, sorted(lines[edit])))
+        text = f"in {equation}, {names}: {replacement} ({file}:{line_numbers})"
         if edit in ambiguous:
             text += f" or an equivalent edit, see {command}"
         texts.append(text)
@@ -167,16 +174,25 @@ def _words(reading: Reading) -> str:
 
 def _with_call(edit: str, diff: str) -> str:
     """Return an edit of one line with the call around it; "" if its own words are clear, or without a short call."""
-    removed = [line[1:] for line in diff.splitlines() if line.startswith("-") and not line.startswith("---")]
-    added = [line[1:] for line in diff.splitlines() if line.startswith("+") and not line.startswith("+++")]
+    removed = []
+    added = []
+    for line in diff.splitlines():
+        if line.startswith(("---", "+++")):  # the names of the files
+            continue
+        if line.startswith("-"):
+            removed.append(line[1:])
+        elif line.startswith("+"):
+            added.append(line[1:])
     if len(removed) != 1 or len(added) != 1:
         return ""
-    old, new = removed[0], added[0]
+    old = removed[0]
+    new = added[0]
     replaced, arrow, _ = edit.partition(" -> ")
     if arrow and old.count(replaced) == 1:
         return ""
-    begin = _same(old, new)
-    same_at_end = _same(old[begin:][::-1], new[begin:][::-1])
+    begin = _common_length(old, new)
+    # behind the common beginning, so that the two common parts do not overlap, as in "aa" and "aaa"
+    same_at_end = _common_length(old[begin:][::-1], new[begin:][::-1])
     span = _call_around(old, begin, len(old) - same_at_end)
     if span is None:
         return ""
@@ -184,16 +200,19 @@ def _with_call(edit: str, diff: str) -> str:
     return f"replace {old[start:end]} by {new[start : len(new) - (len(old) - end)]}"
 
 
-def _same(first: str, second: str) -> int:
+def _common_length(first: str, second: str) -> int:
     """Return the number of characters with which both texts begin."""
     count = 0
-    while count < min(len(first), len(second)) and first[count] == second[count]:
+    for first_character, second_character in zip(first, second, strict=False):
+        if first_character != second_character:
+            break
         count += 1
     return count
 
 
 def _call_around(line: str, begin: int, end: int) -> tuple[int, int] | None:
     """Return the range of the innermost call in a line around the range from `begin` to `end`; None: no short one."""
+    # to the left up to the opening bracket that is not closed before the range, then the same to the right
     depth = 0
     start = begin - 1
     while start >= 0 and not (line[start] == "(" and depth == 0):
@@ -206,6 +225,7 @@ def _call_around(line: str, begin: int, end: int) -> tuple[int, int] | None:
         stop += 1
     if start < 0 or stop == len(line):
         return None
+    # the name of the function before the bracket, as in np.linalg.norm(
     while start > 0 and (line[start - 1].isalnum() or line[start - 1] in "._"):
         start -= 1
     if stop + 1 - start > _LONGEST_CALL:
@@ -214,8 +234,9 @@ def _call_around(line: str, begin: int, end: int) -> tuple[int, int] | None:
 
 
 def _numbers(explanation: Explanation) -> list[str]:
+    """Return one text on the numbers of the equations that differ from those of the mechanism; [] without any."""
     fit = explanation.identified
-    if fit is None or not fit.exact or not fit.moved:
+    if fit is None or not fit.exact or not fit.moved:  # a fit that is only close would hide another fault
         return []
     values: list[str] = []
     for number in fit.moved:

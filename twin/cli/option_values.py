@@ -47,21 +47,24 @@ def device(args: argparse.Namespace) -> Choice:
     return compute_device.of_environment("auto")
 
 
-def asked(texts: Sequence[str]) -> str | dict[str, str] | None:
+def stated_variants(texts: Sequence[str]) -> str | dict[str, str] | None:
     """Return the variants of `--variant`: one name for all equations, or {equation: name}; None without the option.
 
     Raises:
         TwinError: names are mixed with EQ=NAME pairs, several names are given, or an equation is given twice.
     """
-    bare = [text for text in texts if "=" not in text]
-    if bare and len(texts) > 1:
-        raise TwinError("--variant: give one variant name alone, or only EQ=NAME pairs")
-    if bare:
-        return bare[0]
+    names: list[str] = []
     pairs: dict[str, str] = {}
     for text in texts:
-        equation, _, variant = text.partition("=")
-        pairs[equation] = variant
+        equation, equals, variant = text.partition("=")
+        if equals:
+            pairs[equation] = variant
+        else:
+            names.append(text)
+    if names and len(texts) > 1:
+        raise TwinError("--variant: give one variant name alone, or only EQ=NAME pairs")
+    if names:
+        return names[0]
     if len(pairs) < len(texts):
         raise TwinError("--variant: an equation is given twice; give each equation once")
     return pairs or None
@@ -76,7 +79,7 @@ def variants_of_each(robot: Robot, texts: Sequence[str]) -> list[dict[str, str] 
     Raises:
         TwinError: no equation has a variant of a given name.
     """
-    chosen = asked(texts)
+    chosen = stated_variants(texts)
     if chosen is None:
         return [None]
     choices = robot.variants
@@ -93,6 +96,7 @@ def variants_of_each(robot: Robot, texts: Sequence[str]) -> list[dict[str, str] 
             raise TwinError(f"--variant: {unknown('variant', chosen, existing)}")
         if len(alone) == 1:
             return alone
+        # each equation alone first: together, errors of printed equations can cancel or hide each other
         return [*alone, together]
     for equation, name in chosen.items():
         if equation not in choices:

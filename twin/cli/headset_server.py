@@ -17,8 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin import api
-from twin.cli import guided, machines
-from twin.cli import scene as scenes
+from twin.cli import guided_study, machines, scenes
 from twin.cli.address import PageAddress, free_port, ros_address
 from twin.core import assets
 from twin.core.errors import TwinError
@@ -47,7 +46,7 @@ def serve(args: argparse.Namespace) -> int:
         if file is not None:
             assets.require_writable_file(Path(file))
     if args.guided is not None:
-        guided.guide(args, _part_server(args, port, context))
+        guided_study.guide(args, _part_server(args, port, context))
         return 0
     name, make, choice = _what(args)
     if choice is None:
@@ -95,14 +94,14 @@ def _access(args: argparse.Namespace, name: str, port: int, context: ssl.SSLCont
     return address, AccessRules(args.host, port, is_https, address.say)
 
 
-def _part_server(args: argparse.Namespace, port: int, context: ssl.SSLContext | None) -> guided.ServePart:
+def _part_server(args: argparse.Namespace, port: int, context: ssl.SSLContext | None) -> guided_study.ServePart:
     """Return the function that serves a part of a guided run at a port.
 
     All parts have the same access rules: a client that one part has admitted keeps its session in the next one.
     """
     accesses: list[Access] = []
 
-    def serve_part(name: str, make: Callable[[], ServedContent], examiner: guided.Examiner) -> None:
+    def serve_part(name: str, make: Callable[[], ServedContent], examiner: guided_study.Examiner) -> None:
         if not accesses:  # the first part
             accesses.append(_access(args, name, port, context))
         if asyncio.run(serve_until_stopped(args, name, make, port, context, examiner.begin, accesses[0])):
@@ -167,8 +166,10 @@ def _choice(args: argparse.Namespace, scene: Scene) -> TaskChoice | None:
     present = _first_task(args, scene)
     if present is not None:
         tasks = {present: task_of(scene, present), **tasks}
-    fixed = [option for option in FIXING if getattr(args, option) is not None]
-    if fixed or not tasks or scene.trainer is not None:
+    for option in FIXING:  # options that belong to one task, as the file of its session
+        if getattr(args, option) is not None:
+            return None
+    if not tasks or scene.trainer is not None:
         return None
     return TaskChoice(tasks, present)
 
@@ -233,8 +234,14 @@ def _at_console(
     machines.running(args.machine)
     connections = (args.packets, args.mqtt, args.mqtt_topic)
     if choice is None:
-        shown = scenes.with_organs(loaded, task)
-        return lambda: served_content.of_console(machines.connected(shown, args.machine), exercise, *connections)
+        scene_with_organs = scenes.with_organs(loaded, task)
+
+        def of_task() -> ServedContent:
+            # connected when the page is made: a machine that starts takes seconds, and may be refused
+            at_machines = machines.connected(scene_with_organs, args.machine)
+            return served_content.of_console(at_machines, exercise, *connections)
+
+        return of_task
 
     def of_choice() -> ServedContent:
         chosen = replace(exercise, task=choice.task, choice=choice)
@@ -247,7 +254,7 @@ def _names(text: str | None) -> list[str]:
     """Return the names in a text, which are separated by commas; none without a text."""
     if not text:
         return []
-    return [name.strip() for name in text.split(",")]
+    return list(map(str.strip, text.split(",")))
 
 
 _CONNECTIONS = ("packets", "mqtt", "mqtt_topic", "ros")
@@ -297,8 +304,6 @@ def _require_compatible(args: argparse.Namespace) -> None:
         _refuse(args, _PART, f"{_OPTION} and --guided cannot be combined: the guided run determines it")
         if args.machine:
             raise TwinError("--machine and --guided cannot be combined: the study of the console has no machines")
-        if args.protocols:
-            raise TwinError("--protocols and --guided cannot be combined: hands move the robots of a guided run")
         if args.protocol is not None:
             raise TwinError(f"--guided plays no protocol: omit '{args.protocol}'")
         return
@@ -330,29 +335,29 @@ async def serve_until_stopped(
     from twin.ui.headset.replay import Replay
     from twin.ui.headset.server import StreamServer
 
-    # Each send releases the interpreter's lock; by default, the solver thread would then hold the lock for 5 ms.
+    # each send releases the interpreter's lock; by default, the solver thread would then hold the lock for 5 ms
     sys.setswitchinterval(5e-4)
     stopping = asyncio.Event()
     interrupted = asyncio.Event()
     _on_ctrl_c(stopping, interrupted)
     if begun is not None:
         begun(stopping)
-    shown = make()
-    live = shown.live
+    content = make()
+    live = content.live
     source = live
     recording = None
     bridge: RosBridge | None = None
     try:
-        if args.replay is not None:
-            source = Replay(Path(args.replay), name, shown.model_hash)
+        if args.replay is not None:  # `live` answers nothing then, but has the links and joints of the page
+            source = Replay(Path(args.replay), name, content.model_hash)
         if args.record is not None:
             recording = StreamRecording(
-                Path(args.record), name, shown.model_hash, live.links, live.joints, live.version
+                Path(args.record), name, content.model_hash, live.links, live.joints, live.version
             )
         web = Path(str(resources.files("twin.ui.headset"))) / "web" / "dist"
-        own = ChainMap(server_files.page_files(web, shown.preload) | shown.files, shown.late)
+        page_files = ChainMap(server_files.page_files(web, content.preload) | content.files, content.late)
         address, rules = access or _access(args, name, port, context)
-        server = StreamServer(source, shown.hello, own, rules, recording)
+        server = StreamServer(source, content.hello, page_files, rules, recording)
         server.stopping = stopping
         await server.start(args.host, port, context)
         if args.ros is not None:
@@ -362,7 +367,7 @@ async def serve_until_stopped(
             ros_host, ros_port = args.ros
             bridge = await _bridge(live, ros_host, ros_port, context)
             bridge.hurry = server.respond_soon
-        if "/" not in own:
+        if "/" not in page_files:
             print(
                 "twin: twin/ui/headset/web/dist is missing: only the stream is served, without the page",
                 file=sys.stderr,
@@ -370,17 +375,22 @@ async def serve_until_stopped(
         if not rules.needs_token:
             address.say("")
             if not args.no_browser:
+                # in a thread: some browsers return only when they are closed
                 threading.Thread(target=webbrowser.open, args=(address.url,), daemon=True).start()
         await server.run()
     finally:
         if bridge is not None:
             await bridge.close()
         live.close()
-    next_command = ""
-    if args.session is not None and Path(args.session).is_file():
-        next_command = f"\n  twin session {args.session}"
-    print(next_command)
+    print(_next_command(args))
     return interrupted.is_set()
+
+
+def _next_command(args: argparse.Namespace) -> str:
+    """Return the command that replays the recorded session, in a line of its own; "" without a session."""
+    if args.session is not None and Path(args.session).is_file():
+        return f"\n  twin session {args.session}"
+    return ""
 
 
 async def _bridge(stream: ConsoleStream, host: str, port: int, context: ssl.SSLContext | None) -> RosBridge:
@@ -410,6 +420,11 @@ async def _bridge(stream: ConsoleStream, host: str, port: int, context: ssl.SSLC
 
 
 def _tls(cert: str | None, key: str | None) -> ssl.SSLContext | None:
+    """Return the settings of https; None: without a certificate, pages are served by http.
+
+    Raises:
+        TwinError: there is a key without a certificate, or a file cannot be read.
+    """
     if cert is None and key is None:
         return None
     if cert is None:
@@ -417,6 +432,7 @@ def _tls(cert: str | None, key: str | None) -> ssl.SSLContext | None:
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     try:
+        # without a password, OpenSSL would ask for that of an encrypted key on the terminal
         context.load_cert_chain(cert, key, password="")
     except (OSError, ssl.SSLError) as error:
         raise TwinError(f"--cert {cert}, --key {key or 'in the same file'}: {error.strerror or error}") from error
