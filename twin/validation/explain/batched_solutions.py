@@ -79,6 +79,10 @@ class LargestScalar:
         """File, first byte and end of the expression."""
         return (self.site.source.path, *self.site.source.span(self.node))
 
+    def moves_one_of(self, rows: Sequence[RowKey]) -> bool:
+        """Return whether a row has other residuals with another value of the expression."""
+        return not self.slopes.keys().isdisjoint(rows)
+
 
 @dataclass(frozen=True, eq=False)
 class Choice:

@@ -156,7 +156,7 @@ def edited_residuals(
         if extra is None:
             return None
         deviations = trial_residuals(judge, step, list(change), extra)
-    except (StopIteration, KinematicsError, IndexError):
+    except (KeyError, KinematicsError, IndexError):  # `judge` has not every equation, nor every statement's variables
         return None
     if not deviations:
         return None

@@ -75,7 +75,10 @@ def _shifted(spans: Sequence[Span], start: int, shift: int) -> list[Span]:
             return position
         return max(start, position + shift)
 
-    return [(moved(first), moved(last)) for first, last in spans]
+    moved_spans: list[Span] = []
+    for first, last in spans:
+        moved_spans.append((moved(first), moved(last)))
+    return moved_spans
 
 
 def _changes(text: bytes, tree: ast.Module) -> Iterator[_Change]:

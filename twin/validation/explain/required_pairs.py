@@ -32,7 +32,7 @@ from twin.validation.explain.function_source import Edit, TextPlace
 from twin.validation.explain.plain_values import unwrapped
 from twin.validation.explain.rebuilt_functions import unguarded
 from twin.validation.explain.required_values import RequiredValues
-from twin.validation.explain.row_deviations import Judge, by_row, worst
+from twin.validation.explain.row_deviations import Judge, by_row, entries_of, worst
 from twin.validation.explain.term_pairs import with_term
 
 _FULL_TURNS = (0.5, -0.5, 1.0)
@@ -66,6 +66,10 @@ _AT_ONCE = 256
 """Number of choices of expressions of which the solutions are found together."""
 
 
+_ScalarPair = tuple[LargestScalar, LargestScalar]
+"""Two expressions of one function."""
+
+
 class RequiredPairs:
     """Search for two edits in the statements of one equation, or of one function that it calls."""
 
@@ -88,7 +92,7 @@ class RequiredPairs:
         self.failing = list(failing)
         self.unsure: list[TextPlace] = []
         """Places of expressions whose values may differ from call to call, so that one value of them proves nothing."""
-        self._cuts: list[LargestScalar] | None = None
+        self._scalars: list[LargestScalar] | None = None
         self._in_loops: list[tuple[Site, ast.expr]] = []
         """The largest scalar expressions that an evaluation computes several times."""
         self._first_shifts: dict[LargestScalar, Array] = {}
@@ -124,7 +128,7 @@ class RequiredPairs:
 
     def in_two(self, rows: Sequence[RowKey], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of edits in two expressions, the expressions first that explain most of the residuals."""
-        unexplained: list[tuple[float, tuple[LargestScalar, LargestScalar]]] = []
+        unexplained: list[tuple[float, _ScalarPair]] = []
         for a, b in combinations(self.scalars(rows, deadline), 2):
             if deadline.passed:
                 return
@@ -133,10 +137,11 @@ class RequiredPairs:
         unexplained.sort(key=lambda item: item[0])
         ordered = [pair for _, pair in unexplained]
         without_edit: list[_SolvedPair] = []
-        for guessed in (False, True):
+        # Gauss-Newton starts from the present values, and then from guesses near which the rows may agree.
+        for is_guessed in (False, True):
             starts = None
             choices = ordered
-            if guessed:
+            if is_guessed:
                 starts = self._guesses(ordered, rows, deadline)
                 choices = list(starts)
             for (a, b), (shift_of_a, shift_of_b) in self._solutions((), choices, rows, deadline, starts):
@@ -170,7 +175,7 @@ class RequiredPairs:
             for scalar in scalars:
                 _, start, end = scalar.place
                 is_beside = first.end < start or end < first.start
-                if (first.path, first.function) == scalar.function and is_beside:
+                if first.is_of(scalar.site.source) and is_beside:
                     choices.append((scalar,))
             for (scalar,), (shift,) in self._solutions((first,), choices, rows, deadline):
                 seconds = list(self._texts(scalar, shift, deadline))
@@ -189,7 +194,7 @@ class RequiredPairs:
             search = RequiredValues(self.judge, self.step, rows, deadline, [first])
             # Statements of the rows themselves come first: most of their expressions move a row.
             for site in sorted(self.sites, key=lambda site: not self._assigns(site, rows)):
-                if (first.path, first.function) != (site.source.path, site.source.name):
+                if not first.is_of(site.source):
                     continue
                 for second in search.edits(site.source, site.statement):
                     yield first, second
@@ -217,7 +222,7 @@ class RequiredPairs:
         for edit in edits:
             is_inside = False
             for path, start, end in places:
-                is_inside |= start <= edit.start and edit.end <= end and edit.path == path
+                is_inside |= edit.path == path and edit.is_within((start, end))
             if is_inside:
                 inside.append(edit)
             else:
@@ -256,36 +261,35 @@ class RequiredPairs:
 
     def scalars(self, rows: Sequence[RowKey], deadline: Deadline) -> list[LargestScalar]:
         """Return the largest scalar expressions of the statements whose values move the rows."""
-        if self._cuts is None:
+        if self._scalars is None:
             largest = self._largest_scalars(deadline)
             if largest is None:  # the time is over; a later call has more
                 return []
-            self._cuts = largest
-        moving = []
-        for scalar in self._cuts:
-            if any(row in scalar.slopes for row in rows):
-                moving.append(scalar)
-        return moving
+            self._scalars = largest
+        return [scalar for scalar in self._scalars if scalar.moves_one_of(rows)]
 
     def _largest_scalars(self, deadline: Deadline) -> list[LargestScalar] | None:
         """Return the largest scalar expressions of the statements; None if the time is over.
 
         Those that are computed several times in an evaluation are stored in `_in_loops`.
         """
-        todo: list[tuple[Site, ast.AST]] = [(site, site.statement.node) for site in self.sites]
+        todo: list[tuple[Site, ast.AST]] = []
+        for site in self.sites:
+            todo.append((site, site.statement.node))
         scalars: list[LargestScalar] = []
+        # All nodes of one depth are probed together: an evaluation of the equation takes as long for one as for many.
         while todo:
             if deadline.passed:
                 return None
-            tried: list[tuple[Site, ast.expr]] = []
+            possible_scalars: list[tuple[Site, ast.expr]] = []
             below: list[tuple[Site, ast.AST]] = []
             for site, node in todo:
                 if _may_be_scalar(node, site.parents):
                     assert isinstance(node, ast.expr)
-                    tried.append((site, node))
-                elif not isinstance(node, ast.Subscript):  # the names in an index are no scalars of the row
-                    below += [(site, child) for child in ast.iter_child_nodes(node)]
-            for (site, node), probe in zip(tried, self._probed(tried), strict=True):
+                    possible_scalars.append((site, node))
+                else:
+                    below += _nodes_below(site, node)
+            for (site, node), probe in zip(possible_scalars, self._probed(possible_scalars), strict=True):
                 is_scalar = False
                 if probe is not None:
                     if probe.has_mixed_values or probe.is_repeated:
@@ -295,42 +299,45 @@ class RequiredPairs:
                     if probe.is_scalar and not probe.has_mixed_values:
                         is_scalar = True
                         scalars.append(LargestScalar(site, node, {}, probe.value[:, 0], probe.is_repeated))
-                if not is_scalar and not isinstance(node, ast.Subscript):
-                    below += [(site, child) for child in ast.iter_child_nodes(node)]
+                if not is_scalar:
+                    below += _nodes_below(site, node)
             todo = below
-        slopes = self.full.slopes(self.step.equation.name, scalars)
+        slopes_of_scalars = self.full.slopes(self.step.equation.name, scalars)
         moving: list[LargestScalar] = []
-        for scalar, moved in zip(scalars, slopes, strict=True):
-            if moved:
-                moving.append(LargestScalar(scalar.site, scalar.node, moved, scalar.value, scalar.is_repeated))
+        for scalar, slopes in zip(scalars, slopes_of_scalars, strict=True):
+            if slopes:
+                moving.append(LargestScalar(scalar.site, scalar.node, slopes, scalar.value, scalar.is_repeated))
         return sorted(moving, key=lambda scalar: scalar.place)
 
     def _probed(self, nodes: Sequence[tuple[Site, ast.expr]]) -> list[_Probe | None]:
         """Return the probes of expressions; None if the text with a probe cannot be evaluated, or is not."""
-        together: dict[tuple[Path, str], list[int]] = {}
+        by_function: dict[tuple[Path, str], list[int]] = {}
         for i, (site, _) in enumerate(nodes):
-            together.setdefault((site.source.path, site.source.name), []).append(i)
+            by_function.setdefault((site.source.path, site.source.name), []).append(i)
         probe_of_node: list[_Probe | None] = [None] * len(nodes)
-        for numbers in together.values():
-            parts = [numbers]
-            if not self._probe([nodes[i] for i in numbers]):
-                parts = [[i] for i in numbers]  # one of them has no value, so that each is tried alone
+        for indices in by_function.values():
+            parts = [indices]
+            if not self._probe(nodes, indices):
+                parts = [[i] for i in indices]  # one of them has no value, so that each is tried alone
             for part in parts:
-                probes = self._probe([nodes[i] for i in part])
+                probes = self._probe(nodes, part)
                 for i, probe in zip(part, probes, strict=False):
                     if probe.called:
                         probe_of_node[i] = probe
         return probe_of_node
 
-    def _probe(self, nodes: Sequence[tuple[Site, ast.expr]]) -> list[_Probe]:
-        """Return the probes of expressions of one function, all at once; an empty list if they have no values."""
-        probes = [_Probe(self.judge.reference.k) for _ in nodes]
-        change = []
-        extra = {}
-        for i, (site, node) in enumerate(nodes):
+    def _probe(self, nodes: Sequence[tuple[Site, ast.expr]], indices: Sequence[int]) -> list[_Probe]:
+        """Return the probes of some of `nodes`, of one function, all at once; an empty list if they have no values."""
+        probes: list[_Probe] = []
+        change: list[Edit] = []
+        extra: dict[str, Any] = {}
+        for i in indices:
+            site, node = nodes[i]
             name = f"_required_{i}_"
+            probe = _Probe(self.judge.reference.k)
             change.append(shifted(site.source, site.statement, node, name, scope=False))
-            extra[name] = probes[i]
+            extra[name] = probe
+            probes.append(probe)
         with unguarded():
             deviations = residuals_with(self.judge, self.step.equation.name, change, extra)
         if deviations is None:
@@ -358,6 +365,7 @@ class RequiredPairs:
             return 1.0
         r = r[usable]
         J = J[usable]
+        # J pinv(J) r is the part of r that a step of least squares removes.
         removed = (J @ (np.linalg.pinv(J) @ r[:, :, None]))[:, :, 0]
         remaining = np.sum((r - removed) ** 2, axis=1) / np.sum(r**2, axis=1)
         return float(np.mean(remaining))
@@ -366,11 +374,13 @@ class RequiredPairs:
 
     def _binding(self, scalars: Sequence[LargestScalar], rows: Sequence[RowKey]) -> tuple[RowKey, ...]:
         """Return the rows that determine the values of expressions: rows that agree must still agree."""
-        binding = []
-        for key, r in self.full.residuals.items():
-            moved = any(key in scalar.slopes for scalar in scalars)
-            if moved and (key in rows or worst(r) <= 1):
-                binding.append(key)
+        moved_rows: set[RowKey] = set()
+        for scalar in scalars:
+            moved_rows.update(scalar.slopes)
+        binding: list[RowKey] = []
+        for row, residual in self.full.residuals.items():
+            if row in moved_rows and (row in rows or worst(residual) <= 1):
+                binding.append(row)
         return tuple(binding)
 
     def _solutions(
@@ -389,27 +399,29 @@ class RequiredPairs:
         for first in range(0, len(choices), _AT_ONCE):
             if deadline.passed:
                 return
-            tried: list[Choice] = []
+            coarse_choices: list[Choice] = []
             for scalars in choices[first : first + _AT_ONCE]:
                 start = None
                 if starts is not None:
                     start = starts[scalars][self.coarse.poses]
-                tried.append(Choice(scalars, self._binding(scalars, rows), start))
+                coarse_choices.append(Choice(scalars, self._binding(scalars, rows), start))
+            # A few poses reject nearly all choices; only the others are evaluated at all poses.
             likely: list[Choice] = []
-            for i, _ in self.coarse.solved(equation, fixed, tried, deadline):
+            for i, _ in self.coarse.solved(equation, fixed, coarse_choices, deadline):
+                choice = coarse_choices[i]
                 start = None
                 if starts is not None:
-                    start = starts[tried[i].scalars]
-                likely.append(Choice(tried[i].scalars, tried[i].rows, start))
+                    start = starts[choice.scalars]
+                likely.append(Choice(choice.scalars, choice.rows, start))
             for i, values in self.full.solved(equation, fixed, likely, deadline):
                 shifts = self._at(fixed, likely[i], values)
                 if shifts is None:
                     continue
                 yield likely[i].scalars, shifts
-                for other in self._of_one_sign(shifts):
-                    same = self._at(fixed, likely[i], other)
-                    if same is not None:
-                        yield likely[i].scalars, same
+                for values_of_one_sign in self._of_one_sign(shifts):
+                    shifts_of_one_sign = self._at(fixed, likely[i], values_of_one_sign)
+                    if shifts_of_one_sign is not None:
+                        yield likely[i].scalars, shifts_of_one_sign
 
     def _of_one_sign(self, shifts: Sequence[Shift]) -> Iterator[Array]:
         """Yield shifts (k, expressions) after which an expression is positive at poses where it was negative.
@@ -419,41 +431,42 @@ class RequiredPairs:
         """
         if not self.step.swivel:
             return
-        values = np.hstack([shift.added for shift in shifts])
-        for u, shift in enumerate(shifts):
-            x = shift.value[:, 0] + shift.added[:, 0]
-            if (x[shift.valued_poses] < 0).any():
-                other = values.copy()
-                other[:, u] = np.abs(x) - shift.value[:, 0]
-                yield other
+        added = [shift.added for shift in shifts]
+        values = np.hstack(added)
+        for i, shift in enumerate(shifts):
+            required = _required_values(shift)
+            if (required[shift.valued_poses] < 0).any():
+                values_of_one_sign = values.copy()
+                values_of_one_sign[:, i] = np.abs(required) - shift.value[:, 0]
+                yield values_of_one_sign
 
     def _at(self, fixed: Sequence[Edit], choice: Choice, values: Array) -> list[Shift] | None:
         """Return the shifts of expressions, with the names in their scope, for given values (k, expressions)."""
-        shifts = []
-        for u in range(len(choice.scalars)):
+        shifts: list[Shift] = []
+        for i in range(len(choice.scalars)):
             shift = Shift(len(values))
-            shift.added = values[:, u : u + 1]
+            shift.added = values[:, i : i + 1]
             shifts.append(shift)
         deviations = self._residuals(choice.scalars, shifts, fixed)
         if deviations is None or not deviations.keys() >= set(choice.rows):
             return None
-        r = np.hstack([deviations[row] for row in choice.rows])
-        known = np.isfinite(r).all(axis=1)
-        if not (known.any() and np.abs(r[known]).max() <= 1):
+        r = entries_of(deviations, choice.rows)
+        has_value = np.asarray(np.isfinite(r).all(axis=1))
+        if not (has_value.any() and np.abs(r[has_value]).max() <= 1):
             return None
         for shift in shifts:
-            shift.valued_poses = known
+            shift.valued_poses = has_value
         return shifts
 
     def _guesses(
-        self, pairs: Sequence[tuple[LargestScalar, LargestScalar]], rows: Sequence[RowKey], deadline: Deadline
+        self, pairs: Sequence[_ScalarPair], rows: Sequence[RowKey], deadline: Deadline
     ) -> dict[tuple[LargestScalar, ...], Array]:
         """Return pairs of expressions with shifts (k, 2) near which the rows may agree.
 
         All combinations of some shifts are tried at few poses, for several pairs by one evaluation.
         """
         starts: dict[tuple[LargestScalar, ...], Array] = {}
-        for part in _together(pairs):
+        for part in _in_evaluations(pairs):
             if deadline.passed:
                 break
             for (a, b), guess in zip(part, self._guess(part, rows), strict=True):
@@ -462,28 +475,32 @@ class RequiredPairs:
                     starts[a, b] = np.stack([self._shifts(a)[i], self._shifts(b)[j]], axis=1)
         return starts
 
-    def _guess(self, pairs: Sequence[tuple[LargestScalar, LargestScalar]], rows: Sequence[RowKey]) -> list[int | None]:
-        """Return the index of the shifts of `_shifts` after which least of the residuals is left, if little."""
-        places, grid = self._at_few
+    def _guess(self, pairs: Sequence[_ScalarPair], rows: Sequence[RowKey]) -> list[int | None]:
+        """Return, for each pair, which combination of `_shifts` leaves least of the residuals; None if much is left.
+
+        Combination i * _CHOICES + j has shift i of the first expression and shift j of the second one.
+        """
+        poses, grid = self._at_few
         before = by_row(grid.residuals)
-        few = len(places)
-        each = _CHOICES**2 * few
+        few = len(poses)
+        samples_of_pair = _CHOICES**2 * few
         shifts: dict[LargestScalar, Shift] = {}
         for n, pair in enumerate(pairs):
+            block = slice(n * samples_of_pair, (n + 1) * samples_of_pair)
             for axis, scalar in enumerate(pair):
                 shift = shifts.setdefault(scalar, Shift(grid.reference.k))
                 shape = (1, _CHOICES, few)
                 if axis == 0:
                     shape = (_CHOICES, 1, few)
-                every = self._shifts(scalar)[:, places].reshape(shape)
-                mixed = np.broadcast_to(every, (_CHOICES, _CHOICES, few))
-                shift.added[n * each : (n + 1) * each, 0] = mixed.ravel()
+                along_axis = self._shifts(scalar)[:, poses].reshape(shape)
+                combinations_of_shifts = np.broadcast_to(along_axis, (_CHOICES, _CHOICES, few))
+                shift.added[block, 0] = combinations_of_shifts.ravel()
         after = self._residuals(list(shifts), list(shifts.values()), (), grid)
         guesses: list[int | None] = []
         for n, pair in enumerate(pairs):
-            block = slice(n * each, (n + 1) * each)
+            block = slice(n * samples_of_pair, (n + 1) * samples_of_pair)
             size = 0.0
-            squares = np.zeros(each)  # of the residuals, for each combination of shifts and each pose
+            squares = np.zeros(samples_of_pair)  # of the residuals, for each combination of shifts and each pose
             for row in self._binding(pair, rows):
                 size += float(np.sum(before[row][:few] ** 2))
                 residual = before[row]
@@ -506,14 +523,14 @@ class RequiredPairs:
             shifts = [multiple * scalar.value for multiple in _MULTIPLES]
             for turn in _FULL_TURNS:
                 shifts.append(np.full_like(scalar.value, turn * np.pi))
-            for value in self._scalars(scalar)[:_NAMES]:
+            for value in self._argument_values(scalar)[:_NAMES]:
                 shifts.append(value - scalar.value)
             while len(shifts) < _CHOICES:
                 shifts.append(np.zeros_like(scalar.value))
             self._first_shifts[scalar] = np.array(shifts)
         return self._first_shifts[scalar]
 
-    def _scalars(self, scalar: LargestScalar) -> list[Array]:
+    def _argument_values(self, scalar: LargestScalar) -> list[Array]:
         """Return the values (k,) of the scalar arguments of an expression's function, those that vary first."""
         if scalar.function not in self._arguments:
             shift = Shift(self.judge.reference.k)
@@ -536,19 +553,19 @@ class RequiredPairs:
     @cached_property
     def _at_few(self) -> tuple[NDArray[np.intp], Judge]:
         """Few poses, and a judge of all combinations of shifts there, for several pairs of expressions."""
-        entries = 0
-        for key, residual in self.full.residuals.items():
-            if key in self.failing:
-                entries = max(entries, residual.shape[1])
+        most_entries = 0
+        for row, residual in self.full.residuals.items():
+            if row in self.failing:
+                most_entries = max(most_entries, residual.shape[1])
         few = _FEW
-        if entries >= _POSE:
+        if most_entries >= _POSE:
             few = 1
         spaced = np.linspace(0, self.judge.reference.k - 1, few + 2).astype(int)
-        places = spaced[1:-1]
-        repeated = self.judge.reference.repeated(places.tolist(), _CHOICES**2 * _PAIRS)
+        poses = spaced[1:-1]
+        repeated = self.judge.reference.repeated(poses.tolist(), _CHOICES**2 * _PAIRS)
         with unguarded():
             judge = self.judge.on(repeated)
-        return places, judge
+        return poses, judge
 
     def _texts(self, scalar: LargestScalar, shift: Shift, deadline: Deadline) -> Iterator[Edit]:
         """Yield single edits of an expression that shift its values."""
@@ -583,7 +600,7 @@ class RequiredPairs:
 class _SolvedPair:
     """Two expressions with shifts after which rows agree, and the edits found so far that shift each of them."""
 
-    scalars: tuple[LargestScalar, LargestScalar]
+    scalars: _ScalarPair
     shifts: tuple[Shift, Shift]
     edits_of_a: list[Edit]
     edits_of_b: list[Edit]
@@ -605,13 +622,13 @@ class _Probe(Shift):
     def __call__(self, value: Any, scope: dict[str, Any] | None = None) -> Any:
         self.called = True
         x = unwrapped(value)
-        if not self._is_scalar(x):
+        if not self._is_number(x):
             self.is_scalar = False
             return value
         super().__call__(value)
         return value
 
-    def _is_scalar(self, x: Any) -> bool:
+    def _is_number(self, x: Any) -> bool:
         """Return whether a value is one number for all poses, or one for each; a bool is none."""
         if not isinstance(x, int | float | np.ndarray | np.floating):
             return False
@@ -619,11 +636,16 @@ class _Probe(Shift):
         return numbers.dtype.kind in "if" and numbers.shape in ((), (len(self.added),))
 
 
-def _together(
-    pairs: Sequence[tuple[LargestScalar, LargestScalar]],
-) -> Iterator[list[tuple[LargestScalar, LargestScalar]]]:
+def _nodes_below(site: Site, node: ast.AST) -> list[tuple[Site, ast.AST]]:
+    """Return the parts of a node that may be scalars of a row; the names in an index are none."""
+    if isinstance(node, ast.Subscript):
+        return []
+    return [(site, child) for child in ast.iter_child_nodes(node)]
+
+
+def _in_evaluations(pairs: Sequence[_ScalarPair]) -> Iterator[list[_ScalarPair]]:
     """Yield the pairs in parts of one function each, which one evaluation can have."""
-    by_function: dict[tuple[Path, str], list[tuple[LargestScalar, LargestScalar]]] = {}
+    by_function: dict[tuple[Path, str], list[_ScalarPair]] = {}
     for pair in pairs:
         part = by_function.setdefault(pair[0].function, [])
         part.append(pair)

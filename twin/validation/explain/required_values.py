@@ -16,7 +16,6 @@ from itertools import islice
 from typing import TypeGuard
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twin.core.spatial import Array
 from twin.formula.scalar import Value
@@ -28,9 +27,9 @@ from twin.validation.explain.expression_shifts import DIFFERENCE, Calls, Flat, S
 from twin.validation.explain.function_source import Edit, Source, Statement, TextPlace, comprehension_targets
 from twin.validation.explain.inverse_operations import inverse
 from twin.validation.explain.rebuilt_functions import Matrix, unguarded
-from twin.validation.explain.row_deviations import Judge, Residuals, trial_residuals
+from twin.validation.explain.row_deviations import Judge, Residuals, entries_of, trial_residuals
 from twin.validation.explain.swivel import fitted
-from twin.validation.explain.term_texts import Atom, Products, equal, factors, roots, sums, terms
+from twin.validation.explain.term_texts import Atom, Products, at_poses, equal, factors, roots, sums, terms
 from twin.validation.explain.tokens import parents_of
 from twin.validation.explain.vector_texts import VECTOR, vector_atoms, vector_texts
 
@@ -108,17 +107,18 @@ class RequiredValues:
                 texts = writer(source, statement, node, parents, solved, atoms[calls])
                 yield from islice(texts, _MOST_EDITS)
                 if not entries and is_square(node):
-                    products = Products(_at_poses(atoms[calls], solved.valued_poses))
+                    products = Products(at_poses(atoms[calls], solved.valued_poses))
                     yield from in_square(source, statement, node, parents, solved, atoms[calls], products)
 
     def _is_left_out(self, source: Source, node: ast.expr) -> bool:
         """Return whether an expression touches a fixed edit, or is in a scalar without a right value."""
         start, end = source.span(node)
+        is_left_out = False
         for edit in self.fixed:
-            if start <= edit.end and edit.start <= end:
-                return True
-        of_file = [(first, last) for path, first, last in self.refuted if path == source.path]
-        return any(first <= start and end <= last for first, last in of_file)
+            is_left_out |= start <= edit.end and edit.start <= end
+        for path, first, last in self.refuted:
+            is_left_out |= path == source.path and first <= start and end <= last
+        return is_left_out
 
     def _solved(self, source: Source, statement: Statement, node: ast.expr, entries: int) -> Shift | None:
         """Return the shift of an expression with which all rows agree, or the first row that can; None without one.
@@ -138,18 +138,19 @@ class RequiredValues:
         for row, residual in moved.items():
             if row in base and not np.array_equal(base[row], residual):
                 every_moved_row.append(row)
-        moved_rows = [row for row in self.rows if row in every_moved_row]
-        if not moved_rows:
+        wrong_rows = [row for row in self.rows if row in every_moved_row]
+        if not wrong_rows:
             return None
+        choices: list[list[RowKey]] = [wrong_rows]
         if entries:  # rows that agree also determine entries of a vector
-            choices = [every_moved_row, moved_rows]
+            choices = [every_moved_row, wrong_rows]
         else:
-            called = self._called(edit, every_moved_row, at_zero)
-            if called is not None:
-                return called
-            choices = [moved_rows]
-            if len(moved_rows) > 1:
-                choices += [[row] for row in moved_rows]
+            shift_of_calls = self._shift_of_calls(edit, every_moved_row, at_zero)
+            if shift_of_calls is not None:
+                return shift_of_calls
+            if len(wrong_rows) > 1:  # two faults: this expression can repair only one of the rows
+                for row in wrong_rows:
+                    choices.append([row])
         for rows in choices:
             shift = self._fitted(edit, rows, entries)
             if shift is not None:
@@ -174,9 +175,9 @@ class RequiredValues:
                 moved_rows.append(row)
         if not moved_rows:
             return None
-        return self._called(edit, moved_rows, shift)
+        return self._shift_of_calls(edit, moved_rows, shift)
 
-    def _called(self, edit: Edit, rows: Sequence[RowKey], probe: Shift) -> Shift | None:
+    def _shift_of_calls(self, edit: Edit, rows: Sequence[RowKey], probe: Shift) -> Shift | None:
         """Return the shifts of an expression in each of its calls with which the rows agree, as one.
 
         Return None without such shifts, or if `probe` was called once.
@@ -191,7 +192,7 @@ class RequiredValues:
             by_row = self._residual(edit, shift, None)
             if by_row is None or shift.call_count != count or not by_row.keys() >= set(rows):
                 return None
-            return np.hstack([by_row[row] for row in rows])
+            return entries_of(by_row, rows)
 
         start = np.zeros_like(shift.added)
         solved = solution(residual, start, lambda: shift.values.copy(), self.deadline)
@@ -215,7 +216,7 @@ class RequiredValues:
             by_row = self._residual(edit, shift, angle)
             if by_row is None or not by_row.keys() >= set(rows):
                 return None
-            return np.hstack([by_row[row] for row in rows])
+            return entries_of(by_row, rows)
 
         def scale() -> Array:
             if swivel is not None:
@@ -262,11 +263,6 @@ def expressions(root: ast.AST, parents: dict[ast.AST, ast.AST]) -> Iterator[ast.
         if isinstance(parent, ast.Attribute | ast.keyword | ast.Starred) or _in_index(node, parents):
             continue
         yield node
-
-
-def _at_poses(atoms: Sequence[Atom], known: NDArray[np.bool_]) -> list[Atom]:
-    """Return atoms with their values only at the poses `known` (k,)."""
-    return [Atom(atom.text, atom.values[known]) for atom in atoms]
 
 
 def _in_index(node: ast.AST, parents: dict[ast.AST, ast.AST]) -> bool:
@@ -335,18 +331,25 @@ def _scalar_texts(node: ast.AST) -> Iterator[str]:
 
 def _patterns(source: Source, expression: ast.expr, atoms: Sequence[Atom]) -> list[list[Atom]]:
     """Return, of each sum of the function, the terms that are among `atoms` and are no terms of `expression`."""
-    own_terms = {ast.unparse(term) for term in _summands(expression)}
-    known = {atom.text: atom for atom in atoms if atom.text not in own_terms}
+    own_terms = set(_summand_texts(expression))
+    atoms_by_text: dict[str, Atom] = {}
+    for atom in atoms:
+        if atom.text not in own_terms:
+            atoms_by_text[atom.text] = atom
     terms_of_sums: dict[tuple[str, ...], list[Atom]] = {}
     for statement in source.statements:
         for node in ast.walk(statement.node):
             if not _is_sum(node):
                 continue
-            terms_of_sum = {ast.unparse(term) for term in _summands(node)}
-            texts = sorted(terms_of_sum & known.keys())
-            if len(texts) > 1:
-                terms_of_sums[tuple(texts)] = [known[text] for text in texts]
+            texts = sorted(atoms_by_text.keys() & set(_summand_texts(node)))
+            if len(texts) > 1:  # single terms are tried anyway
+                terms_of_sums[tuple(texts)] = [atoms_by_text[text] for text in texts]
     return list(terms_of_sums.values())
+
+
+def _summand_texts(node: ast.expr) -> list[str]:
+    """Return the texts of the terms of a sum without their signs."""
+    return list(map(ast.unparse, _summands(node)))
 
 
 def _is_sum(node: ast.AST | None) -> TypeGuard[ast.BinOp]:
@@ -395,7 +398,7 @@ def written(
     x = shift.value[shift.valued_poses, 0]
     added = shift.added[shift.valued_poses, 0]
     wanted = x + added
-    atoms = _at_poses(atoms, shift.valued_poses)
+    atoms = at_poses(atoms, shift.valued_poses)
     if equal(wanted, -x):
         yield edit(f"-{factor_text}", "sign")
     if equal(wanted, x**2):
@@ -524,7 +527,7 @@ def _written_vectors(
     start, end = source.span(node)
     text = source.text(start, end)
     known = shift.valued_poses
-    scalars = _at_poses(atoms, known)
-    vectors = _at_poses(vector_atoms(source, shift.scope, len(known)), known)
+    scalars = at_poses(atoms, known)
+    vectors = at_poses(vector_atoms(source, shift.scope, len(known)), known)
     for new in vector_texts(text, node, shift.value[known], shift.added[known], scalars, vectors):
         yield _replaced(source, statement, node, parents.get(node), new, "missing")

@@ -94,12 +94,21 @@ class Judge:
         other.notes = []
         other._zeros = {}
         other.limits = {}
-        for name, limit in self.limits.items():  # at other states, the largest limit holds
+        for name, limit in self.limits.items():  # limits are of states; at other ones, the largest limit holds
             other.limits[name] = limit.max(keepdims=True, initial=1.0, where=np.isfinite(limit))
         other.steps = []
-        for s in self.steps:
-            if only is None or s.equation.name in only:
-                fresh = Step(s.equation, s.variant, s.source, s.codes, s.scope, s.inputs, s.required, plain=s.plain)
+        for step in self.steps:
+            if only is None or step.equation.name in only:
+                fresh = Step(
+                    equation=step.equation,
+                    variant=step.variant,
+                    source=step.source,
+                    codes=step.codes,
+                    scope=step.scope,
+                    inputs=step.inputs,
+                    required=step.required,
+                    plain=step.plain,
+                )
                 other.steps.append(fresh)
         other._run()
         return other
@@ -116,22 +125,33 @@ class Judge:
         if not source.plain:
             self.notes.append(f"{equation.name} ({variant}) was not judged: {source.why}")
             return None
-        codes = [source.compiled(s) for s in source.statements]
+        codes: list[CodeType] = []
+        for statement in source.statements:
+            codes.append(source.compiled(statement))
         required, optional = arguments(function)
-        row = function if isinstance(function, PlainRows) else None
-        return Step(equation, variant, source, codes, scope, (*required, *optional), tuple(required), plain=row)
+        plain = None
+        if isinstance(function, PlainRows):
+            plain = function
+        return Step(equation, variant, source, codes, scope, (*required, *optional), tuple(required), plain=plain)
 
     def step(self, equation: str) -> Step:
-        """Return the `Step` of the equation with this name."""
-        return next(s for s in self.steps if s.equation.name == equation)
+        """Return the `Step` of the equation with this name.
+
+        Raises:
+            KeyError: the equation is not judged, or not by this judge; see `on`.
+        """
+        for step in self.steps:
+            if step.equation.name == equation:
+                return step
+        raise KeyError(equation)
 
     def helpers(self, step: Step) -> list[Helper]:
         """Return the plain functions, written in formula files, that a step calls."""
         if step.equation.name in self._helpers:
             return self._helpers[step.equation.name]
-        found: dict[int, Helper] = {}
-        _add_helpers(step.source, step.scope, found)
-        helpers = list(found.values())
+        helpers_by_identity: dict[int, Helper] = {}
+        _add_helpers(step.source, step.scope, helpers_by_identity)
+        helpers = list(helpers_by_identity.values())
         self._helpers[step.equation.name] = helpers
         return helpers
 
@@ -153,7 +173,7 @@ class Judge:
                 self.notes.append(f"{step.equation.name} ({step.variant}) was not judged: {step.missing} is unknown")
                 continue
             if self.reference.free_parameter in step.inputs:
-                self._place(step, [], {})
+                self._fit_swivel(step, [], {})
             if not self._run_step(step):
                 continue
             for name, value in step.output_values.items():
@@ -173,7 +193,8 @@ class Judge:
         elements = getattr(returned, "elts", getattr(returned, "values", []))
         step.lines = (last.line,) * len(names)
         if len(elements) == len(names):
-            step.lines = tuple(e.lineno for e in elements)
+            lines = [element.lineno for element in elements]
+            step.lines = tuple(lines)
 
     def _run_step(self, step: Step) -> bool:
         """Run an equation and store its residuals and outputs; return whether it could be run on arrays."""
@@ -191,7 +212,7 @@ class Judge:
                     step.without_value |= self._without_value(step, statement, (), scope, residuals, error)
                     step.stuck = True
                     self.notes.append(f"{label} fails in line {statement.line}: {error}")
-                self._check(step, statement, statement.writes, scope, residuals)
+                self._compare(step, statement, statement.writes, scope, residuals)
             step.output_values = self._outputs(step, scope, residuals)
         except (NameError, IndexError) as error:
             step.without_value |= {(statement.index, -1)}
@@ -212,7 +233,7 @@ class Judge:
         statement: Statement,
         edits: Iterable[Edit],
         scope: dict[str, Value],
-        found: Residuals,
+        residuals: Residuals,
         error: Exception,
     ) -> frozenset[tuple[int, int]]:
         """Go on after a statement without a value, as far as its rows can be told apart; return the places without one.
@@ -223,15 +244,15 @@ class Judge:
             NameError, IndexError: later statements need what has no value.
         """
         if statement.returns:
-            return self._by_element(step, statement, edits, scope, error)
+            return self._run_elements(step, statement, edits, scope, error)
         if not statement.writes or not step.compared_variables.issuperset(statement.writes):
             raise error
         for i, name in enumerate(statement.writes):
-            self._unknown(step.place(statement.index, i, name, statement.line), found)
+            self._store_without_value(step.place(statement.index, i, name, statement.line), residuals)
             scope[name] = plain_values.inside(step.plain, self.reference.symbols[name])
         return frozenset({(statement.index, -1)})
 
-    def _by_element(
+    def _run_elements(
         self, step: Step, statement: Statement, edits: Iterable[Edit], scope: dict[str, Value], error: Exception
     ) -> frozenset[tuple[int, int]]:
         """Evaluate each element of a returned tuple alone; return the places of those that have no value.
@@ -261,33 +282,36 @@ class Judge:
         scope[OUT] = tuple(values)
         return frozenset(places)
 
-    def _count_as_wrong(self, step: Step, statement: Statement, found: Residuals) -> None:
+    def _count_as_wrong(self, step: Step, statement: Statement, residuals: Residuals) -> None:
         """Count all outputs from `statement` on as wrong, because `statement` uses an unknown name."""
-        seen = {p.symbol for p in found}
+        symbols_with_residual = {place.symbol for place in residuals}
         for later in step.source.statements[statement.index :]:
             for i, name in enumerate(later.writes):
                 # The last statement returns; it writes an output only by its position.
-                compared = step.known_outputs if later.returns else step.compared_variables
-                if name in compared and name not in seen:
-                    seen.add(name)
-                    line = step.lines[i] if later.returns else later.line
-                    self._unknown(step.place(later.index, i, name, line), found)
+                compared = step.compared_variables
+                line = later.line
+                if later.returns:
+                    compared = step.known_outputs
+                    line = step.lines[i]
+                if name in compared and name not in symbols_with_residual:
+                    symbols_with_residual.add(name)
+                    self._store_without_value(step.place(later.index, i, name, line), residuals)
         last = step.source.statements[-1]
         for i, name in enumerate(step.equation.outputs):
-            if name in step.known_outputs and name not in seen:
-                seen.add(name)
-                self._unknown(step.place(last.index, i, name, step.lines[i]), found)
+            if name in step.known_outputs and name not in symbols_with_residual:
+                symbols_with_residual.add(name)
+                self._store_without_value(step.place(last.index, i, name, step.lines[i]), residuals)
 
-    def _unknown(self, place: RowPlace, found: Residuals) -> None:
+    def _store_without_value(self, place: RowPlace, residuals: Residuals) -> None:
         value = to_array(self.reference.symbols[place.symbol], self.reference.k)
-        found[place] = np.full(value.shape, np.nan)
+        residuals[place] = np.full(value.shape, np.nan)
 
-    def _place(self, step: Step, edits: list[Edit], extra: Mapping[str, Value]) -> None:
+    def _fit_swivel(self, step: Step, edits: list[Edit], extra: Mapping[str, Value]) -> None:
         """Set the swivel angle of each state so that the residuals of the rows that use this angle are minimal."""
 
         def rows(angle: Array) -> Residuals:
             step.swivel = {self.reference.free_parameter: angle}
-            return self._retry(step, edits, extra, True, onwards=False)
+            return self._rerun(step, edits, extra, True, with_later=False)
 
         with contextlib.suppress(Exception):  # the same errors are raised and handled when the rows are run
             step.swivel = {self.reference.free_parameter: fitted(rows, self.reference.k)}
@@ -303,21 +327,21 @@ class Judge:
                 scope[name] = known[name]
         return scope
 
-    def _check(
-        self, step: Step, statement: Statement, names: Iterable[str], scope: dict[str, Value], found: Residuals
+    def _compare(
+        self, step: Step, statement: Statement, names: Iterable[str], scope: dict[str, Value], residuals: Residuals
     ) -> None:
         """Store the residuals of a statement's outputs, then replace the outputs by the mechanism's values."""
         for i, name in enumerate(names):
             if name not in step.compared_variables:
                 continue
             place = step.place(statement.index, i, name, statement.line)
-            if place in found:  # the statement has no value
+            if place in residuals:  # the statement has no value
                 continue
             value = plain_values.outside(step.plain, scope[name])
-            found[place] = self.difference(name, value)
+            residuals[place] = self.difference(name, value)
             scope[name] = plain_values.inside(step.plain, self.reference.symbols[name])
 
-    def _outputs(self, step: Step, scope: Mapping[str, Value], found: Residuals) -> dict[str, Value]:
+    def _outputs(self, step: Step, scope: Mapping[str, Value], residuals: Residuals) -> dict[str, Value]:
         """Return the outputs of an equation that was run, and store the residuals of the known ones."""
         values = returned_values(step, scope[OUT])
         names = step.equation.outputs
@@ -331,9 +355,9 @@ class Judge:
                 continue
             place = step.place(last, i, name, step.lines[i])
             if values[i] is _NO_VALUE:
-                self._unknown(place, found)
+                self._store_without_value(place, residuals)
             else:
-                found[place] = self.difference(name, values[i])
+                residuals[place] = self.difference(name, values[i])
             outputs[name] = self.reference.symbols[name]
         return outputs
 
@@ -354,14 +378,14 @@ class Judge:
             raise ValueError(f"{name} does not have the shape of its value in the mechanism")
         if not isinstance(true, Matrix) and isinstance(value, Matrix):
             raise ValueError(f"{name} is a matrix; in the mechanism it is a number or a vector")
-        d = to_array(value, self.reference.k) - to_array(true, self.reference.k)
+        difference = to_array(value, self.reference.k) - to_array(true, self.reference.k)
         if kind == "angle":  # full turns do not count
-            return np.arctan2(np.sin(d), np.cos(d)) / self.tolerance.angle
+            return np.arctan2(np.sin(difference), np.cos(difference)) / self.tolerance.angle
         if kind == "pose":  # entries of the rotation have the tolerance of an angle, those of the position of a length
-            d = d / self.tolerance.angle
-            d[:, [3, 7, 11]] *= self.tolerance.angle / self.tolerance.length
-            return d
-        return d / self.tolerance.length
+            difference = difference / self.tolerance.angle
+            difference[:, [3, 7, 11]] *= self.tolerance.angle / self.tolerance.length
+            return difference
+        return difference / self.tolerance.length
 
     # -- trials of edits ----------------------------------------------------------------------------------------
 
@@ -387,17 +411,17 @@ class Judge:
                 foreign.append(edit)
         replaced: list[tuple[dict[str, Value], str, Value]] = []
         if foreign:
-            replaced = self._patch(step, foreign)
+            replaced = self._install_helper(step, foreign)
         free = step.swivel
         try:
             if free and angle is not None:
                 step.swivel = {self.reference.free_parameter: angle}
             elif free:
-                self._place(step, own_edits, extra)
+                self._fit_swivel(step, own_edits, extra)
                 for value in extra.values():
                     if isinstance(value, Shift):  # the values while the swivel was fitted are not those of the row
                         value.begin()
-            residuals = self._retry(step, own_edits, extra, bool(foreign) or bool(free))
+            residuals = self._rerun(step, own_edits, extra, bool(foreign) or bool(free))
             if foreign:
                 residuals |= self._from_before(step, foreign)
             return residuals
@@ -417,7 +441,7 @@ class Judge:
             passes = set(earlier.equation.outputs) - set(self.reference.kinds)
             if not passes or not self._calls(earlier, edits[0].function):
                 continue
-            rerun = self._retry(earlier, [], {}, True)
+            rerun = self._rerun(earlier, [], {}, True)
             changed: Residuals = {}
             for place, residual in rerun.items():
                 if place.equation == step.equation.name:
@@ -427,12 +451,15 @@ class Judge:
         return {}
 
     def _calls(self, step: Step, function: str) -> bool:
-        return any(helper.source.name == function for helper in self.helpers(step))
+        """Return whether a step calls a function of a formula file, directly or through others."""
+        names = [helper.source.name for helper in self.helpers(step)]
+        return function in names
 
-    def _patch(self, step: Step, edits: list[Edit]) -> list[tuple[dict[str, Value], str, Value]]:
+    def _install_helper(self, step: Step, edits: list[Edit]) -> list[tuple[dict[str, Value], str, Value]]:
         """Install an edited helper; return (globals, name, original function) of each use, to restore the original."""
         helpers = self.helpers(step)
-        helper = next(h for h in helpers if h.source.name == edits[0].function)
+        helpers_by_name = {helper.source.name: helper for helper in reversed(helpers)}  # of several, the first one
+        helper = helpers_by_name[edits[0].function]
         own_globals = helper.function.__globals__
         scope: dict[str, Value] = dict(own_globals)
         exec(helper.source.whole(edits), scope)
@@ -453,68 +480,69 @@ class Judge:
                     scope[name] = edited
         return replaced
 
-    def _retry(
-        self, step: Step, edits: list[Edit], extra: Mapping[str, Value], anew: bool, onwards: bool = True
+    def _rerun(
+        self, step: Step, edits: list[Edit], extra: Mapping[str, Value], from_start: bool, with_later: bool = True
     ) -> Residuals:
         """Run an equation after edits, from the first edited statement on; return the residuals that may change.
 
-        `anew`: run the equation from its first statement. `onwards`: also run the later equations that use its outputs.
+        `from_start`: run the equation from its first statement. `with_later`: also run the later equations that use its
+        outputs.
         """
         statements = step.source.statements
         codes = list(step.codes)
         writes: dict[int, tuple[str, ...]] = {}  # other left sides, by index of the edited statement
-        edited = {edit.statement for edit in edits}
-        for i in edited:
-            own_edits = [edit for edit in edits if edit.statement == i]
+        edited = _by_statement(edits)
+        for i, own_edits in edited.items():
             codes[i] = step.source.compiled(statements[i], own_edits)
             writes[i] = _renamed(statements[i].writes, own_edits)
-        if anew:
+        if from_start:
             first = 0
             scope = self._environment(step, step.computed)
         else:
             first = min(edited)
             scope = plain_values.copied(step.before[first])
-        anew |= step.stuck  # there is no earlier result to reuse
+        from_start |= step.stuck  # there is no earlier result to reuse
         self._define_arguments(step, edits, scope)
         for name, value in extra.items():
             scope.setdefault(name, value)
         residuals: Residuals = {}
-        dirty: set[str] = set()  # variables whose values differ from those of the unedited equation
+        changed_variables: set[str] = set()  # variables whose values differ from those of the unedited equation
         for statement in statements[first:]:
             i = statement.index
             names = writes.get(i, statement.writes)
-            if anew or i in edited or dirty & statement.reads:
-                if not self.ran(step, statement, codes[i], edits, scope, residuals):
+            if from_start or i in edited or changed_variables & statement.reads:
+                if not self.run_statement(step, statement, codes[i], edits, scope, residuals):
                     self._count_as_wrong(step, statement, residuals)
                     return residuals
-                self._check(step, statement, names, scope, residuals)
-                dirty |= set(names) - step.compared_variables
+                self._compare(step, statement, names, scope, residuals)
+                changed_variables |= set(names) - step.compared_variables
                 continue
             if statement.returns:
                 return residuals
+            # What the statement writes does not change, because its inputs do not change.
             after = step.before[i + 1]
-            for name in names:  # these outputs do not change, because their inputs do not change
+            for name in names:
                 scope[name] = plain_values.copied({name: after[name]})[name]
-                dirty.discard(name)
+                changed_variables.discard(name)
         outputs = self._outputs(step, scope, residuals)
         changed = set(outputs).difference(self.reference.kinds)
-        if changed and onwards:
+        if changed and with_later:
             self._downstream(step, outputs, changed, residuals)
         return residuals
 
-    def ran(
+    def run_statement(
         self,
         step: Step,
         statement: Statement,
         code: CodeType,
         edits: Sequence[Edit],
         scope: dict[str, Value],
-        found: Residuals,
+        residuals: Residuals,
     ) -> bool:
         """Run a statement in an edited equation; return whether the next one can be run.
 
         A statement, or elements of the returned tuple, may have no value if they had none before the edits, which are
-        elsewhere: they may repair other rows. The rows of an assignment without a value are stored in `found`.
+        elsewhere: they may repair other rows. The rows of an assignment without a value are stored in `residuals`.
 
         Raises:
             Exception: any exception of the statement that it did not raise before the edits.
@@ -522,10 +550,10 @@ class Judge:
         try:
             exec(code, scope)
         except (NameError, IndexError) as error:
-            own_edits = [edit for edit in edits if edit.statement == statement.index]
+            own_edits = _by_statement(edits).get(statement.index, [])
             as_before = (statement.index, -1) in step.without_value and not own_edits
             try:
-                places = self._without_value(step, statement, own_edits, scope, found, error)
+                places = self._without_value(step, statement, own_edits, scope, residuals, error)
             except (NameError, IndexError):
                 if as_before:
                     return False
@@ -544,7 +572,7 @@ class Judge:
                 if name in values:
                     scope.setdefault(name, plain_values.inside(step.plain, values[name]))
 
-    def _downstream(self, step: Step, outputs: dict[str, Value], changed: set[str], found: Residuals) -> None:
+    def _downstream(self, step: Step, outputs: dict[str, Value], changed: set[str], residuals: Residuals) -> None:
         """Run the later equations that use changed outputs, and store their residuals."""
         computed = {**step.computed, **outputs}
         for later in self.steps[self.steps.index(step) + 1 :]:
@@ -563,10 +591,10 @@ class Judge:
                         scope[name] = computed[name]
             for statement, code in zip(later.source.statements, later.codes, strict=True):
                 exec(code, scope)
-                self._check(later, statement, statement.writes, scope, found)
-            again = self._outputs(later, scope, found)
-            changed |= set(again).difference(self.reference.kinds)
-            for name, value in again.items():
+                self._compare(later, statement, statement.writes, scope, residuals)
+            outputs_of_later = self._outputs(later, scope, residuals)
+            changed |= set(outputs_of_later).difference(self.reference.kinds)
+            for name, value in outputs_of_later.items():
                 if name in changed or name not in computed:
                     computed[name] = value
 
@@ -585,9 +613,10 @@ class Judge:
 
     def start(self, step: Step) -> dict[str, Value]:
         """Return the variables with which an equation starts, and all symbols that edits may add as arguments."""
-        symbols = {**step.computed, **self.reference.symbols}
-        added = {name: plain_values.inside(step.plain, value) for name, value in symbols.items()}
-        return plain_values.copied({**added, **self._environment(step, step.computed)})
+        variables: dict[str, Value] = {}
+        for name, value in {**step.computed, **self.reference.symbols}.items():
+            variables[name] = plain_values.inside(step.plain, value)
+        return plain_values.copied(variables | self._environment(step, step.computed))
 
     def finished(self, step: Step, statement: Statement, scope: dict[str, Value]) -> Residuals:
         """Return the residuals after `statement` was run in `scope`: of its rows, of later ones, of later equations.
@@ -596,11 +625,11 @@ class Judge:
             Exception: any exception of the statements and equations.
         """
         residuals: Residuals = {}
-        self._check(step, statement, statement.writes, scope, residuals)
+        self._compare(step, statement, statement.writes, scope, residuals)
         for later in step.source.statements[statement.index + 1 :]:
-            if not self.ran(step, later, step.codes[later.index], (), scope, residuals):
+            if not self.run_statement(step, later, step.codes[later.index], (), scope, residuals):
                 return residuals
-            self._check(step, later, later.writes, scope, residuals)
+            self._compare(step, later, later.writes, scope, residuals)
         outputs = self._outputs(step, scope, residuals)
         changed = set(outputs).difference(self.reference.kinds)
         if changed:
@@ -618,25 +647,31 @@ class Judge:
         return {place.key for place in self.failing()}
 
 
-def _add_helpers(source: Source, scope: Mapping[str, Value], found: dict[int, Helper]) -> None:
+def _add_helpers(source: Source, scope: Mapping[str, Value], helpers_by_identity: dict[int, Helper]) -> None:
     """Add the functions of formula files that a function calls, directly or through others, by their identity."""
     names: set[str] = set()
     for statement in source.statements:
         names |= statement.reads
     for name in sorted(names):
         function = scope.get(name)
-        if (
-            not isinstance(function, FunctionType)
-            or id(function) in found
-            or not rebuilt_functions.of_formula(function)
-        ):
+        if not isinstance(function, FunctionType) or id(function) in helpers_by_identity:
+            continue
+        if not rebuilt_functions.of_formula(function):  # functions of the library are right
             continue
         try:
             called = Source(function)
         except KinematicsError:  # its source cannot be edited
             continue
-        found[id(function)] = Helper(called, function)
-        _add_helpers(called, function.__globals__, found)
+        helpers_by_identity[id(function)] = Helper(called, function)
+        _add_helpers(called, function.__globals__, helpers_by_identity)
+
+
+def _by_statement(edits: Iterable[Edit]) -> dict[int, list[Edit]]:
+    """Return the edits of each edited statement of one function, by the statement's index."""
+    edits_of_statement: dict[int, list[Edit]] = {}
+    for edit in edits:
+        edits_of_statement.setdefault(edit.statement, []).append(edit)
+    return edits_of_statement
 
 
 def _renamed(names: tuple[str, ...], edits: Iterable[Edit]) -> tuple[str, ...]:
@@ -665,10 +700,18 @@ def by_row(residuals: Residuals) -> dict[RowKey, Array]:
     return {place.key: residual for place, residual in residuals.items()}
 
 
-def worst(r: Array) -> float:
+def entries_of(residuals: Mapping[RowKey, Array], rows: Iterable[RowKey]) -> Array:
+    """Return the residuals of some rows beside each other, (k, entries of all rows)."""
+    columns = [residuals[row] for row in rows]
+    return np.hstack(columns)
+
+
+def worst(residual: Array) -> float:
     """Return the largest absolute residual; infinity if one is NaN."""
-    largest = float(np.abs(r).max(initial=0.0))
-    return float("inf") if math.isnan(largest) else largest
+    largest = float(np.abs(residual).max(initial=0.0))
+    if math.isnan(largest):
+        return float("inf")
+    return largest
 
 
 def trial_residuals(

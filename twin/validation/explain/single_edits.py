@@ -61,12 +61,14 @@ class SingleEdits:
             functions_of_group: set[int] = set()
             for step, statement in self.trials.own_sites(group):
                 statements_of_group.add((step.equation.name, statement.index))
-                functions_of_group.update(id(helper.function) for helper in self.judge.helpers(step))
+                for helper in self.judge.helpers(step):
+                    functions_of_group.add(id(helper.function))
             statements.update(statements_of_group)
             functions.update(functions_of_group)
-        shared_statements = {site for site, count in statements.items() if count > 1}
-        shared_functions = {function for function, count in functions.items() if count > 1}
-        return shared_statements, shared_functions
+        # What is left after one of each is taken away is in more than one group.
+        shared_statements = statements - Counter(statements.keys())
+        shared_functions = functions - Counter(functions.keys())
+        return set(shared_statements), set(shared_functions)
 
     # -- edits of given kinds ------------------------------------------------------------------------------------
 
@@ -86,9 +88,9 @@ class SingleEdits:
             names = pool(step.source, statement, symbols, self.trials.parameters, step.scope)
             # Other equations may call this equation's function.
             others = self.trials.callers(step.source, step)
-            every = list(statement_edits(step.source, statement, names, kinds))
-            likely = self._likely(step, statement, every)
-            for edit in every:
+            edits = list(statement_edits(step.source, statement, names, kinds))
+            likely = self._likely(step, statement, edits)
+            for edit in edits:
                 if self._is_late():
                     return candidates
                 steps = [step]
@@ -115,7 +117,7 @@ class SingleEdits:
             # An edited helper affects every equation that calls it, also rows that agree.
             steps = list(callers)
             for step in self.judge.steps:
-                called = [other.function for other in self.judge.helpers(step)]
+                called = [called_helper.function for called_helper in self.judge.helpers(step)]
                 if helper.function in called and step not in callers and not step.missing:
                     steps.append(step)
             for statement in source.statements:
@@ -159,27 +161,32 @@ class SingleEdits:
             self.complete = False
         return late
 
-    def _likely(self, step: Step, statement: Statement, every: Sequence[Edit]) -> set[Edit] | None:
+    def _likely(self, step: Step, statement: Statement, edits: Sequence[Edit]) -> set[Edit] | None:
         """Return the edits of a statement that may be repairs; None: all of them.
 
         With a swivel, these are the edits after which a row agrees at one pose. Otherwise, edits inside expressions
         without a right value are left out, unless a row agrees: such an edit makes another value of a scalar, a vector.
         """
-        refuted = {edit for edit in every if self._is_refuted(edit)}
+        refuted: list[Edit] = []
+        possible: set[Edit] = set()
+        for edit in edits:
+            if self._is_refuted(edit):
+                refuted.append(edit)
+            else:
+                possible.add(edit)
         if not step.swivel and not refuted:
             return None
         search = self.pair_search.statement_pairs(step)
-        agreeing: set[Edit] | None = None
         if step.swivel:
-            if search is not None:
-                agreeing = search.likely_edits(statement, list(every), self.until)
-            return agreeing
+            if search is None:
+                return None
+            return search.likely_edits(statement, edits, self.until)
+        agreeing: set[Edit] | None = None
         if search is not None:
-            agreeing = search.likely_edits(statement, list(refuted), self.until)
-        others = set(every) - refuted
+            agreeing = search.likely_edits(statement, refuted, self.until)
         if agreeing is None:
-            return others
-        return others | agreeing
+            return possible
+        return possible | agreeing
 
     # -- expressions without a right value -----------------------------------------------------------------------
 
@@ -190,10 +197,12 @@ class SingleEdits:
         refuted: set[TextPlace] = set()
         possible: set[TextPlace] = set()
         for pairs_of_equation in self.pair_search.required_pairs:
-            without_value = set(pairs_of_equation.refuted(failing, until))
-            refuted |= without_value
-            possible |= {scalar.place for scalar in pairs_of_equation.scalars(failing, until)} - without_value
-            possible |= set(pairs_of_equation.unsure)
+            refuted_in_equation = set(pairs_of_equation.refuted(failing, until))
+            refuted |= refuted_in_equation
+            for scalar in pairs_of_equation.scalars(failing, until):
+                if scalar.place not in refuted_in_equation:
+                    possible.add(scalar.place)
+            possible.update(pairs_of_equation.unsure)
             if until.passed:  # other equations might use the same expressions; these edits are tried after the pairs
                 break
         self.refuted = []
@@ -254,18 +263,19 @@ class SingleEdits:
     def counterparts(self, rows: Sequence[RowKey]) -> list[Candidate]:
         """Evaluate the edits that put back what similar expressions of the file have more."""
         candidates: list[Candidate] = []
-        tried: set[Edit] = set()
+        evaluated: set[Edit] = set()  # several equations may call one function
         for step, statement in self.trials.own_sites(rows):
-            places = [(step.source, statement)]
+            sites = [(step.source, statement)]
             for helper in self.judge.helpers(step):
-                places += [(helper.source, inner) for inner in helper.source.statements]
-            for source, place in places:
-                for edit in counterpart_edits(source, place):
-                    if edit in tried:
+                for statement_of_helper in helper.source.statements:
+                    sites.append((helper.source, statement_of_helper))
+            for source, edited_statement in sites:
+                for edit in counterpart_edits(source, edited_statement):
+                    if edit in evaluated:
                         continue
                     if self.deadline.passed:
                         return candidates
-                    tried.add(edit)
+                    evaluated.add(edit)
                     steps = [step, *self.trials.callers(source, step)]
                     candidate = self.trials.candidate_for(steps, [edit])
                     if candidate is not None:

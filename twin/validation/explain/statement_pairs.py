@@ -30,6 +30,7 @@ from twin.validation.explain.operand_pairs import Evaluated, form, operand_pairs
 from twin.validation.explain.plain_values import copied
 from twin.validation.explain.rebuilt_functions import unguarded
 from twin.validation.explain.row_deviations import Judge
+from twin.validation.explain.tokens import names_in
 
 _MOST = 100_000
 """Maximum number of pairs in one evaluation."""
@@ -55,7 +56,7 @@ _MOST_IN_ONE = 2000
 _THIRDS = (0.0, 2 * np.pi / 3, -2 * np.pi / 3)
 """Values of a swivel angle at which rows are evaluated: they determine a row that is linear in its sine and cosine."""
 
-_OTHER = 1.0
+_FOURTH_ANGLE = 1.0
 """Another value, at which it is tested whether rows are linear in them."""
 
 _ROUNDING = 1e-9
@@ -106,7 +107,8 @@ class StatementPairs:
         self.rows = list(rows)
         self.sites = sorted(sites, key=lambda site: site.statement.index)
         self._codes: dict[tuple[Edit, ...], CodeType | None] = {}
-        self._kept: dict[tuple[int, tuple[tuple[Edit, ...], ...], float | None], list[_Values]] = {}
+        self._first_values_of: dict[tuple[int, tuple[tuple[Edit, ...], ...], float | None], list[_Values]] = {}
+        """Values after edits of a statement, by its index, the edits and the swivel angle."""
 
     def apart(self, deadline: Deadline, scalars: Sequence[TextPlace] = ()) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of edits in different statements after which a row agrees at one pose, of one token first.
@@ -114,11 +116,6 @@ class StatementPairs:
         Pairs of other kinds are left out if both are in the expressions at the places `scalars`, because
         `RequiredPairs` finds these.
         """
-
-        def is_inside(edit: Edit) -> bool:
-            of_file = [(start, end) for path, start, end in scalars if path == edit.path]
-            return any(start <= edit.start and edit.end <= end for start, end in of_file)
-
         statements = [site.statement for site in self.sites]
         places = list(combinations(statements, 2))
         places.sort(key=lambda pair: pair[1].index - pair[0].index)  # two misprints are often near each other
@@ -137,9 +134,8 @@ class StatementPairs:
                 if edits is self._tokens:
                     yield from self._pairs(first, second, firsts, seconds, deadline)
                     continue
-                firsts_outside = [edit for edit in firsts if not is_inside(edit)]
-                firsts_inside = [edit for edit in firsts if is_inside(edit)]
-                seconds_outside = [edit for edit in seconds if not is_inside(edit)]
+                firsts_outside, firsts_inside = _outside_and_inside(firsts, scalars)
+                seconds_outside, _ = _outside_and_inside(seconds, scalars)
                 yield from self._pairs(first, second, firsts_outside, seconds, deadline)
                 yield from self._pairs(first, second, firsts_inside, seconds_outside, deadline)
 
@@ -161,9 +157,9 @@ class StatementPairs:
             if len(runs) < len(self._angles):
                 continue
             pairs: list[tuple[Edit, Edit]] = []
-            for others, ones in self._agreeing_pairs(runs, _MOST_IN_ONE):
-                (first,) = ones
-                (second,) = others
+            for edits_of_second, edits_of_first in self._agreeing_pairs(runs, _MOST_IN_ONE):
+                (first,) = edits_of_first
+                (second,) = edits_of_second
                 pairs.append((first, second))
             pairs.sort(key=_edits_of_other_kinds)  # misprints of one token are likeliest
             yield from pairs[:_MOST_FOUND]
@@ -198,8 +194,7 @@ class StatementPairs:
         self, statement: Statement, edits: Sequence[Edit], scope: _Scope, deadline: Deadline
     ) -> Iterator[_Residuals]:
         """Yield edits of a statement after which its values have one form, with the residuals of rows after each."""
-        trials = [(edit,) for edit in edits]
-        for values in self._each(statement, trials, scope, 1, deadline):
+        for values in self._each(statement, _alone(edits), scope, 1, deadline):
             entered = self._entered(statement, values, scope, 1)
             residuals = self._rest(statement, entered, len(values.edits))
             yield values.edits, residuals or {}
@@ -219,21 +214,23 @@ class StatementPairs:
         last = self.step.source.statements[-1]
         at_angles: list[dict[RowKey, Array]] = []
         with unguarded(), np.errstate(all="ignore"):
-            for angle in (*_THIRDS, _OTHER):
+            for angle in (*_THIRDS, _FOURTH_ANGLE):
                 scope = self._before(last, angle)
                 if scope is None or not self._between([last], scope):
                     return False
                 at_angles.append(self._rest(last, scope, 1) or {})
         for row in self.rows:
-            if not all(row in residuals for residuals in at_angles):
+            of_row = [residuals[row] for residuals in at_angles if row in residuals]
+            if len(of_row) < len(at_angles):
                 continue
-            zero, ahead, back, other = (residuals[row] for residuals in at_angles)
+            zero, ahead, back, at_fourth = of_row
             mean, cosine, sine = _harmonics(zero, ahead, back)
-            if not np.isfinite(np.hstack([mean, cosine, sine, other])).all():
+            if not np.isfinite(np.hstack([mean, cosine, sine, at_fourth])).all():
                 continue
-            predicted = mean + cosine * np.cos(_OTHER) + sine * np.sin(_OTHER)
-            size = np.abs(other).max() + np.abs(mean).max()
-            if not np.abs(predicted - other).max() <= _ROUNDING * size:
+            # Three angles determine the three parts; the fourth one shows whether there are no others.
+            predicted = mean + cosine * np.cos(_FOURTH_ANGLE) + sine * np.sin(_FOURTH_ANGLE)
+            size = np.abs(at_fourth).max() + np.abs(mean).max()
+            if not np.abs(predicted - at_fourth).max() <= _ROUNDING * size:
                 return False
         return True
 
@@ -296,7 +293,7 @@ class StatementPairs:
         for node in ast.walk(ast.parse(site.source.data)):
             if not isinstance(node, ast.Call | ast.BinOp | ast.Subscript):
                 continue
-            read = {part.id for part in ast.walk(node) if isinstance(part, ast.Name)}
+            read = names_in(node)
             if read & names and read <= usable:
                 is_call[ast.unparse(node)] = isinstance(node, ast.Call)
         vectors: list[str] = []
@@ -338,10 +335,10 @@ class StatementPairs:
     @cached_property
     def _tokens(self) -> dict[int, list[Edit]]:
         """The edits of one token of each statement, by its index."""
-        tokens = {}
+        edits_of_tokens: dict[int, list[Edit]] = {}
         for site in self.sites:
-            tokens[site.statement.index] = [edit for edit in site.edits if edit.kind in TOKENS]
-        return tokens
+            edits_of_tokens[site.statement.index] = [edit for edit in site.edits if edit.kind in TOKENS]
+        return edits_of_tokens
 
     def _pairs(
         self,
@@ -354,15 +351,15 @@ class StatementPairs:
         """Yield pairs of an edit of `first` and one of `second`."""
         if not firsts or not seconds:
             return
-        trials = [(edit,) for edit in firsts]
+        trials = _alone(firsts)
         runs: list[list[Evaluated]] = []
         with unguarded(), np.errstate(all="ignore"):
             for angle in self._angles:
                 runs.append(list(self._run(first, second, trials, seconds, angle, deadline)))
-        for others, ones in self._agreeing_pairs(runs, _MOST_FOUND):
-            (one,) = ones
-            (other,) = others
-            yield one, other
+        for edits_of_second, edits_of_first in self._agreeing_pairs(runs, _MOST_FOUND):
+            (first_edit,) = edits_of_first
+            (second_edit,) = edits_of_second
+            yield first_edit, second_edit
 
     def _agreeing_pairs(
         self, runs: Sequence[Sequence[Evaluated]], most: int
@@ -373,17 +370,21 @@ class StatementPairs:
         """
         count = 0
         for at_angles in zip(*runs, strict=False):
-            others, ones, _ = at_angles[0]
-            # at an angle where an edit has no value, the pairs are others
-            if any(evaluated[:2] != (others, ones) for evaluated in at_angles):
+            seconds, firsts, _ = at_angles[0]
+            has_same_pairs = True
+            residuals: list[dict[RowKey, Array]] = []
+            for seconds_at_angle, firsts_at_angle, residuals_at_angle in at_angles:
+                # At an angle where an edit has no value, the pairs are others.
+                has_same_pairs &= (seconds_at_angle, firsts_at_angle) == (seconds, firsts)
+                residuals.append(residuals_at_angle)
+            if not has_same_pairs:
                 continue
-            residuals = [residuals_at_angle for _, _, residuals_at_angle in at_angles]
             for pair in _agreeing(residuals, self.rows):
                 count += 1
                 if count > most:
                     return
-                i, j = divmod(pair, len(ones))
-                yield others[i], ones[j]
+                i, j = divmod(pair, len(firsts))
+                yield seconds[i], firsts[j]
 
     def _run(
         self,
@@ -409,12 +410,12 @@ class StatementPairs:
                 continue
             most = max(_MOST // size, 1)
             for start in range(0, len(seconds), most):
-                part = [(edit,) for edit in seconds[start : start + most]]
-                for others in self._each(second, part, changed, size, deadline):
-                    entered = self._entered(second, others, changed, size)
-                    residuals = self._rest(second, entered, size * len(others.edits))
+                part = _alone(seconds[start : start + most])
+                for second_values in self._each(second, part, changed, size, deadline):
+                    entered = self._entered(second, second_values, changed, size)
+                    residuals = self._rest(second, entered, size * len(second_values.edits))
                     if residuals is not None:
-                        yield others.edits, values.edits, residuals
+                        yield second_values.edits, values.edits, residuals
 
     def _before(self, statement: Statement, angle: float | None) -> _Scope | None:
         """Return the values before a statement at the pose; None if an earlier statement has no value."""
@@ -434,7 +435,7 @@ class StatementPairs:
         """Run statements without edits; return whether they have values."""
         try:
             for statement in statements:
-                if not self.judge.ran(self.step, statement, self.step.codes[statement.index], (), scope, {}):
+                if not self.judge.run_statement(self.step, statement, self.step.codes[statement.index], (), scope, {}):
                     return False
                 for name in self.step.compared_variables.intersection(statement.writes):
                     scope[name] = self.judge.reference.symbols[name]
@@ -448,23 +449,26 @@ class StatementPairs:
         """Yield the values that a statement writes after each of some edits, those of the same form together."""
         names = (OUT,) if statement.returns else statement.writes
         by_form: dict[Value, _Values] = {}
-        filled = {name: value for name, value in scope.items() if isinstance(value, list | dict)}
+        filled: _Scope = {}  # a statement may change these in place
+        for name, value in scope.items():
+            if isinstance(value, list | dict):
+                filled[name] = value
         for edits in trials:
             if deadline.passed:
                 break
             code = self._compiled(statement, edits)
             if code is None:
                 continue
-            own_scope = {**scope, **copied(filled)}  # a statement may change lists in place
+            own_scope = {**scope, **copied(filled)}
             try:
                 exec(code, own_scope)
                 written = [own_scope[name] for name in names]
             except Exception:  # an edit may be any invalid text: a name without value, vectors of other lengths
                 continue
-            forms = tuple(form(value, size) for value in written)
+            forms = [form(value, size) for value in written]
             if None in forms:
                 continue
-            values = by_form.setdefault(forms, _Values())
+            values = by_form.setdefault(tuple(forms), _Values())
             values.edits.append(edits)
             values.written.append(written)
         yield from by_form.values()
@@ -479,12 +483,12 @@ class StatementPairs:
     ) -> list[_Values]:
         """Return what `_each` yields for the first edited statement; it is kept, because many statements may follow."""
         key = (statement.index, tuple(trials), angle)
-        if key not in self._kept:
+        if key not in self._first_values_of:
             values = list(self._each(statement, trials, scope, 1, end))
-            if end.passed:
+            if end.passed:  # the values are not those of all edits
                 return values
-            self._kept[key] = values
-        return self._kept[key]
+            self._first_values_of[key] = values
+        return self._first_values_of[key]
 
     def _compiled(self, statement: Statement, edits: tuple[Edit, ...]) -> CodeType | None:
         if edits not in self._codes:
@@ -519,9 +523,30 @@ class StatementPairs:
         return residuals
 
 
+def _alone(edits: Sequence[Edit]) -> list[tuple[Edit, ...]]:
+    """Return edits each of which is tried alone."""
+    return [(edit,) for edit in edits]
+
+
+def _outside_and_inside(edits: Sequence[Edit], places: Sequence[TextPlace]) -> tuple[list[Edit], list[Edit]]:
+    """Return (edits in none of some parts of files, edits in one of them)."""
+    outside: list[Edit] = []
+    inside: list[Edit] = []
+    for edit in edits:
+        is_inside = False
+        for path, start, end in places:
+            is_inside |= path == edit.path and edit.is_within((start, end))
+        if is_inside:
+            inside.append(edit)
+        else:
+            outside.append(edit)
+    return outside, inside
+
+
 def _edits_of_other_kinds(pair: tuple[Edit, Edit]) -> int:
     """Return how many of two edits change more than one token."""
-    return sum(edit.kind not in TOKENS for edit in pair)
+    first, second = pair
+    return (first.kind not in TOKENS) + (second.kind not in TOKENS)
 
 
 def _is_sum(node: ast.AST | None) -> bool:
@@ -626,6 +651,6 @@ def _may_vanish(mean: Array, cosine: Array, sine: Array) -> NDArray[np.bool_]:
         y_alone = np.where(cc >= ss, 0.0, -sm / ss)
         x = np.where(determined, (cs * sm - ss * cm) / determinant, x_alone)
         y = np.where(determined, (cs * cm - cc * sm) / determinant, y_alone)
-    rest = np.abs(mean + cosine * x[:, None] + sine * y[:, None]).max(axis=1)
+    least = np.abs(mean + cosine * x[:, None] + sine * y[:, None]).max(axis=1)
     on_circle = np.abs(x**2 + y**2 - 1) <= _OFF_CIRCLE
-    return (rest <= _NEAR) & (~determined | on_circle)
+    return (least <= _NEAR) & (~determined | on_circle)

@@ -39,50 +39,51 @@ def unread(step: Step) -> set[int]:
 
 def shared(judge: Judge, places: Sequence[RowPlace]) -> bool:
     """Return whether all given rows use a common statement or function, so that one fault could explain them all."""
-    statements: list[set[tuple[str, int]]] = []
-    called: list[set[str]] = []
-    for place in places:
-        indices_of = suspects(judge, place)
-        used: set[tuple[str, int]] = set()
-        functions: set[str] = set()
-        for equation, indices in indices_of.items():
-            used.update((equation, i) for i in indices)
-            functions.update(h.source.name for h in judge.helpers(judge.step(equation)))
-        statements.append(used)
-        called.append(functions)
     if not places:
         return False
-    return bool(set.intersection(*statements)) or bool(set.intersection(*called))
+    statements_of_rows: list[set[tuple[str, int]]] = []
+    functions_of_rows: list[set[str]] = []
+    for place in places:
+        statements: set[tuple[str, int]] = set()
+        functions: set[str] = set()
+        for equation, indices in suspects(judge, place).items():
+            for i in indices:
+                statements.add((equation, i))
+            for helper in judge.helpers(judge.step(equation)):
+                functions.add(helper.source.name)
+        statements_of_rows.append(statements)
+        functions_of_rows.append(functions)
+    return bool(set.intersection(*statements_of_rows)) or bool(set.intersection(*functions_of_rows))
 
 
 def passed(judge: Judge, rows: set[tuple[str, str]]) -> set[tuple[str, str]]:
     """Return the outputs (equation, symbol) of other equations that `rows` use, so that they are judged indirectly."""
-    seen: set[str] = set()
-    steps = {s.equation.name: s for s in judge.steps}
+    used_symbols: set[str] = set()
+    steps = {step.equation.name: step for step in judge.steps}
     for equation, symbol in sorted(rows):
         step = steps.get(equation)
         if step is None or symbol not in step.equation.outputs or not step.source.statements:
             continue
         for place in judge.residuals:
             if place.equation == equation and place.symbol == symbol:
-                _trace(judge, step, place.statement, place.position, {}, seen)
+                _trace(judge, step, place.statement, place.position, {}, used_symbols)
         last = step.source.statements[-1]
-        _trace(judge, step, last.index, step.equation.outputs.index(symbol), {}, seen)
+        _trace(judge, step, last.index, step.equation.outputs.index(symbol), {}, used_symbols)
     outputs: set[tuple[str, str]] = set()
     for step in judge.steps:
         for name in step.equation.outputs:
-            if name in seen:
+            if name in used_symbols:
                 outputs.add((step.equation.name, name))
     return outputs
 
 
 def available(judge: Judge, step: Step) -> set[str]:
     """Return the symbols that are available when an equation is evaluated."""
-    names = {p.name for p in judge.formula.parameters}
+    names = {parameter.name for parameter in judge.formula.parameters}
     if step.stage == "inverse":
         names |= {*judge.formula.coordinates.names, POSE_SYMBOL}
     elif step.stage == "forward":
-        names |= {j.name for j in judge.formula.joints}
+        names |= {joint.name for joint in judge.formula.joints}
     else:  # all symbols of the mechanism, except outputs of this equation and of later equations
         symbols = set(judge.reference.symbols)
         for later in judge.steps[judge.steps.index(step) :]:
@@ -91,40 +92,53 @@ def available(judge: Judge, step: Step) -> set[str]:
     return names | set(step.computed) | set(step.inputs)
 
 
-def _trace(judge: Judge, step: Step, index: int, position: int, out: dict[str, set[int]], seen: set[str]) -> None:
-    """Add to `out` the statements on which the value at a position of a statement depends; `seen`: symbols done."""
-    indices = out.setdefault(step.equation.name, set())
+def _trace(
+    judge: Judge,
+    step: Step,
+    index: int,
+    position: int,
+    suspected: dict[str, set[int]],
+    traced_symbols: set[str],
+) -> None:
+    """Add to `suspected` the statements on which the value at a position of a statement depends.
+
+    Outputs of earlier equations are traced in these; `traced_symbols` are those outputs that were traced already.
+    """
+    indices = suspected.setdefault(step.equation.name, set())
     statements = step.source.statements
     statement = statements[index]
     indices.add(index)
-    wanted = set(statement.reads)
+    needed = set(statement.reads)
     if statement.returns:
-        wanted = statement.reads_at(position)
+        needed = statement.reads_at(position)
     for i in range(index - 1, -1, -1):
-        written = wanted & set(statements[i].writes)
+        written = needed & set(statements[i].writes)
         if not written:
             continue
         if written <= step.compared_variables:  # compared there, and then replaced by the mechanism's values
-            wanted -= written
+            needed -= written
             continue
         indices.add(i)
-        wanted |= statements[i].reads
+        needed |= statements[i].reads
         if not statements[i].reads & written:  # a statement that also reads the variable keeps a part of its value
-            wanted -= written
-    for name in wanted:
+            needed -= written
+    for name in needed:
         if name in judge.reference.kinds or name not in step.inputs:
             continue
-        maker = _maker(judge, step, name)
-        if maker is not None and name not in seen:
-            seen.add(name)
-            last = maker.source.statements[-1]
-            _trace(judge, maker, last.index, maker.equation.outputs.index(name), out, seen)
+        source_step = _step_of_output(judge, step, name)
+        if source_step is not None and name not in traced_symbols:
+            traced_symbols.add(name)
+            last = source_step.source.statements[-1]
+            output_position = source_step.equation.outputs.index(name)
+            _trace(judge, source_step, last.index, output_position, suspected, traced_symbols)
 
 
-def _maker(judge: Judge, step: Step, name: str) -> Step | None:
-    for other in judge.steps:
-        if other is step:
+def _step_of_output(judge: Judge, step: Step, name: str) -> Step | None:
+    """Return the earlier equation whose output an equation uses; None if no equation computes it."""
+    for earlier in judge.steps:
+        if earlier is step:
             break
-        if name in other.output_values and (other.stage == step.stage or step.stage == "helper"):
-            return other
+        is_usable = earlier.stage == step.stage or step.stage == "helper"
+        if name in earlier.output_values and is_usable:
+            return earlier
     return None

@@ -12,9 +12,17 @@ from twin.validation.explain.equation_steps import RowPlace
 _GRID = 12
 """Number of start angles in a full turn."""
 
-_REFINE = 6
-_STEP = 1e-6
-"""Step in rad of the numeric derivatives; `_REFINE` is the number of Gauss-Newton steps."""
+_REFINEMENTS = 6
+"""Maximum number of Gauss-Newton steps from the best start angle."""
+
+_DIFFERENCE = 1e-6
+"""Difference in rad for numeric derivatives."""
+
+_LONGEST_STEP = 0.5
+"""Largest step in rad, about the distance of start angles: a longer one would leave the valley of the best of them."""
+
+_NO_SLOPE = 1e-300
+"""Minimum divisor where rows may not depend on the angle."""
 
 
 def fitted(rows: Callable[[Array], Mapping[RowPlace, Array]], states: int) -> Array:
@@ -28,8 +36,10 @@ def fitted(rows: Callable[[Array], Mapping[RowPlace, Array]], states: int) -> Ar
         by_row = rows(angle)
         if not by_row:
             return np.zeros((states, 0))
-        places = sorted(by_row, key=lambda place: (place.statement, place.position))
-        return np.hstack([by_row[place].reshape(states, -1) for place in places])
+        columns: list[Array] = []
+        for place in sorted(by_row, key=lambda place: (place.statement, place.position)):
+            columns.append(by_row[place].reshape(states, -1))
+        return np.hstack(columns)
 
     def cost(r: Array) -> Array:
         return np.nan_to_num(np.sum(r**2, axis=1), nan=np.inf)
@@ -41,21 +51,21 @@ def fitted(rows: Callable[[Array], Mapping[RowPlace, Array]], states: int) -> Ar
     def keep_better(angle: Array) -> bool:
         """Take over the angles with which the cost is smaller; return whether there are any."""
         nonlocal best, least, r
-        tried = residuals(angle)
-        costs = cost(tried)
-        better = costs < least
-        best = np.where(better, angle, best)
-        least = np.where(better, costs, least)
-        if tried.shape == r.shape:
-            r = np.where(better[:, None], tried, r)
-        return bool(better.any())
+        residuals_at_angle = residuals(angle)
+        costs = cost(residuals_at_angle)
+        is_better = costs < least
+        best = np.where(is_better, angle, best)
+        least = np.where(is_better, costs, least)
+        if residuals_at_angle.shape == r.shape:
+            r = np.where(is_better[:, None], residuals_at_angle, r)
+        return bool(is_better.any())
 
     for angle in np.linspace(-np.pi, np.pi, _GRID, endpoint=False):
         keep_better(np.full(states, angle))
-    for _ in range(_REFINE):
-        slope = (residuals(best + _STEP) - r) / _STEP
-        step = -np.sum(slope * r, axis=1) / np.maximum(np.sum(slope**2, axis=1), 1e-300)
-        # A long step would leave the valley of the best angle of the grid.
-        if not keep_better(best + np.clip(np.nan_to_num(step), -0.5, 0.5)):
+    for _ in range(_REFINEMENTS):
+        slope = (residuals(best + _DIFFERENCE) - r) / _DIFFERENCE
+        squares = np.maximum(np.sum(slope**2, axis=1), _NO_SLOPE)
+        step = np.nan_to_num(-np.sum(slope * r, axis=1) / squares)
+        if not keep_better(best + np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)):
             break
     return best

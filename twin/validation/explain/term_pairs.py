@@ -19,7 +19,7 @@ from twin.validation.explain.expression_shifts import Flat
 from twin.validation.explain.function_source import Edit
 from twin.validation.explain.inverse_operations import inverse
 from twin.validation.explain.required_values import in_square, is_square, scalar_atoms, written
-from twin.validation.explain.term_texts import Atom, Products, factors, in_product, terms
+from twin.validation.explain.term_texts import Atom, Products, at_poses, factors, in_product, terms
 
 _MOST_WRITTEN = 12
 """Maximum number of edits that give one part its required values by a short formula."""
@@ -31,9 +31,9 @@ def with_term(expression: Expression, wanted: Array) -> Iterator[tuple[Edit, Edi
     scope = Flat(expression.k, expression.scopes)
     scope.valued_poses = expression.valued_poses
     atoms = scalar_atoms(site.source, site.statement, scope)
-    atoms_where_known = [Atom(atom.text, atom.values[expression.valued_poses]) for atom in atoms]
-    products = Products(atoms_where_known)
-    yield from _in_the_same_part(expression, wanted, atoms_where_known, products)
+    valued_atoms = at_poses(atoms, expression.valued_poses)
+    products = Products(valued_atoms)
+    yield from _in_the_same_part(expression, wanted, valued_atoms, products)
     yield from _in_another_part(expression, wanted, atoms, products)
 
 
@@ -46,29 +46,26 @@ def _in_the_same_part(
     for part in expression.parts:
         if expression.deadline.passed:
             return
-        start, end = expression.span_of(part)
-        inside: list[int] = []
-        for i, edit in enumerate(singles):
-            if start <= edit.start and edit.end <= end:
-                inside.append(i)
-        if not inside:
+        span = expression.span_of(part)
+        inside = expression.singles_within(part)
+        if not len(inside):
             continue
         needed = expression.needed(part, (), wanted)
         if needed is None:
             continue
         edits = [singles[i] for i in inside]
-        after_edits = expression.values_after(part, singles, np.array(inside, np.intp))[:, known]
+        after_edits = expression.values_after(part, singles, inside)[:, known]
         if _takes_term(expression, part):
             missing_terms = needed[known] - after_edits
             for edit, values in _likely(edits, missing_terms, products):
                 for addition in _terms(values, atoms):
-                    yield from _beside(expression, (start, end), edit, addition)
+                    yield from _beside(expression, span, edit, addition)
         if _takes_factor(expression, part):
             with np.errstate(all="ignore"):
                 missing_factors = needed[known] / after_edits
             for edit, values in _likely(edits, missing_factors, products):
                 for addition in _factors(values, atoms):
-                    yield from _beside(expression, (start, end), edit, addition)
+                    yield from _beside(expression, span, edit, addition)
 
 
 @dataclass(frozen=True)
@@ -134,12 +131,12 @@ def _in_another_part(
         values_of_part = expression.present_value(part)
         if values_of_part is None or expression.deadline.passed:
             continue
-        edits = [edit for edit, _ in with_needs]
-        needs = np.array([needed for _, needed in with_needs])
-        for inner, values, rows in _inner_parts(expression, part, values_of_part, needs):
+        edits, needs_of_edits = zip(*with_needs, strict=True)
+        needs = np.array(needs_of_edits)
+        for inner, values, needs_of_inner in _inner_parts(expression, part, values_of_part, needs):
             if expression.deadline.passed:
                 return
-            yield from _completed(expression, inner, values, edits, rows, atoms, products)
+            yield from _completed(expression, inner, values, edits, needs_of_inner, atoms, products)
 
 
 def _completed(
@@ -156,8 +153,8 @@ def _completed(
     with np.errstate(all="ignore"):
         by_term = products.likely(needs[:, known] - values[known])
         by_factor = products.likely(needs[:, known] / values[known])
-    likely = {*by_term, *by_factor}
-    candidates = sorted(int(n) for n in likely)
+    likely = {*by_term.tolist(), *by_factor.tolist()}
+    candidates = sorted(likely)
     if is_square(part):  # what is missing in the square may be no single term or factor outside
         candidates = list(range(len(needs)))
     for n in candidates:

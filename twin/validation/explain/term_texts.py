@@ -57,6 +57,20 @@ class Atom:
     values: Array
 
 
+def at_poses(atoms: Sequence[Atom], poses: NDArray[np.bool_]) -> list[Atom]:
+    """Return atoms with their values only at the selected poses (k,)."""
+    selected: list[Atom] = []
+    for atom in atoms:
+        selected.append(Atom(atom.text, atom.values[poses]))
+    return selected
+
+
+def _table(atoms: Sequence[Atom]) -> Array:
+    """Return the values (n, k) of n atoms."""
+    values = [atom.values for atom in atoms]
+    return np.stack(values)
+
+
 def equal(a: Array, b: Array) -> bool:
     """Return whether two arrays of values are equal, except for rounding."""
     return bool(np.abs(a - b).max() <= difference_limit(a))
@@ -98,7 +112,7 @@ def sums(wanted: Array, patterns: Sequence[Sequence[Atom]]) -> Iterator[str]:
     """
     limit = difference_limit(wanted)
     for pattern in patterns:
-        A = np.stack([a.values for a in pattern], axis=1)
+        A = _table(pattern).T
         if not np.isfinite(A).all() or np.linalg.matrix_rank(A) < len(pattern):
             continue
         solution, *_ = np.linalg.lstsq(A, wanted, rcond=None)
@@ -136,7 +150,7 @@ def roots(wanted: Array, atoms: Sequence[Atom], root: str) -> Iterator[str]:
         return
     few = atoms[:_MOST_FACTORS]
     radicand = wanted**2
-    values = np.stack([atom.values for atom in few])
+    values = _table(few)
     for i, coefficient in _proportional(radicand, values):
         if _is_number(coefficient, 1.0):
             yield f"{root}({few[i].text})"
@@ -145,13 +159,13 @@ def roots(wanted: Array, atoms: Sequence[Atom], root: str) -> Iterator[str]:
     is_something = np.abs(squares).max(axis=1) > limit
     for first in np.flatnonzero(is_something).tolist():
         for sign, factor in SIGNS:
-            rest = radicand - squares[first] - factor * squares
-            fits = np.abs(rest).max(axis=1) <= limit
+            unexplained = radicand - squares[first] - factor * squares
+            fits = np.abs(unexplained).max(axis=1) <= limit
             for second in np.flatnonzero(fits & is_something).tolist():
                 if sign == "-" or first < second:  # a sum of two squares has no order
-                    one = in_product(few[first].text)
-                    other = in_product(few[second].text)
-                    yield f"{root}({one}**2 {sign} {other}**2)"
+                    first_text = in_product(few[first].text)
+                    second_text = in_product(few[second].text)
+                    yield f"{root}({first_text}**2 {sign} {second_text}**2)"
 
 
 def _differences(wanted: Array, atoms: Sequence[Atom]) -> Iterator[str]:
@@ -186,7 +200,7 @@ def _products(wanted: Array, atoms: Sequence[Atom]) -> Iterator[tuple[float, str
     """Yield (coefficient, text) of atoms, then of squares and products of two, that are proportional to `wanted`."""
     if not atoms:
         return
-    A = np.stack([atom.values for atom in atoms])
+    A = _table(atoms)
     for i, coefficient in _proportional(wanted, A):
         yield coefficient, in_product(atoms[i].text)
     for i, coefficient in _proportional(wanted, A**2):
@@ -195,9 +209,9 @@ def _products(wanted: Array, atoms: Sequence[Atom]) -> Iterator[tuple[float, str
         return
     first, second = _two_factors(len(A))
     for n, coefficient in _proportional(wanted, A[first] * A[second]):
-        one = in_product(atoms[first[n]].text)
-        other = in_product(atoms[second[n]].text)
-        yield coefficient, f"{one} * {other}"
+        first_text = in_product(atoms[first[n]].text)
+        second_text = in_product(atoms[second[n]].text)
+        yield coefficient, f"{first_text} * {second_text}"
 
 
 def _two_factors(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -229,12 +243,12 @@ class Products:
         """Unit vectors in the directions of the table's rows, and of the differences of names."""
         if not finite:
             return
-        A = np.stack([atom.values for atom in finite])
+        A = _table(finite)
         first, second = _two_factors(len(A))
         self.table = np.vstack([A, A**2, A[first] * A[second]])
         differences: list[Array] = []
-        for one, other in combinations(_names(finite), 2):  # the other order has the same direction, reversed
-            difference = one.values - other.values
+        for minuend, subtrahend in combinations(_names(finite), 2):  # the other order has the reversed direction
+            difference = minuend.values - subtrahend.values
             if not _is_constant(difference):  # else it has the direction of a number
                 differences.append(difference)
         rows = np.vstack([self.table, *differences])

@@ -111,7 +111,7 @@ class Trials:
         """
         every_step = list(steps)
         for step in self.judge.steps:
-            if step not in steps and not step.missing and _is_of(step, change[0]):
+            if step not in steps and not step.missing and change[0].is_of(step.source):
                 every_step.append(step)
         first: Candidate | None = None
         judged: set[str] = set()  # equations already judged: with an equation, those that use its outputs are
@@ -124,7 +124,8 @@ class Trials:
                     first.breaks_row = True
                 return first
             if step.source.name != change[0].function:
-                judged.update(equation for equation, _, _ in candidate.scores)
+                for equation, _, _ in candidate.scores:
+                    judged.add(equation)
             if first is None:
                 first = candidate
             else:
@@ -162,7 +163,7 @@ class Trials:
 
     def is_rejected(self, change: Sequence[Edit]) -> bool:
         """Return whether edits contain some that were rejected: what is right only by chance stays so beside others."""
-        return any(some.issubset(change) for some in self.rejected)
+        return any(rejected.issubset(change) for rejected in self.rejected)
 
     @cached_property
     def perturbed_judge(self) -> Judge:
@@ -191,7 +192,7 @@ class Trials:
         """Return the candidates after which all given rows agree, the most usual edits first."""
         exact: list[Candidate] = []
         for candidate in candidates:
-            changes_rows = any(row in candidate.scores for row in rows)
+            changes_rows = not candidate.scores.keys().isdisjoint(rows)
             if candidate.may_be_proposed and changes_rows and candidate.worst_over(rows, self.worst_before) <= 1:
                 exact.append(candidate)
         exact.sort(key=lambda candidate: candidate.rank)
@@ -203,8 +204,3 @@ class Trials:
         For example, a scalar with an index is an error, but with several samples the scalar is an array.
         """
         return edited_residuals(self.first, candidate.step.equation.name, candidate.edits) is not None
-
-
-def _is_of(step: Step, edit: Edit) -> bool:
-    """Return whether an edit is in the text of an equation itself, not in that of a function that it calls."""
-    return (step.source.path, step.source.name) == (edit.path, edit.function)

@@ -85,7 +85,8 @@ def identify(
             exact_fits.append(fit)
     if alone and not exact_fits:
         return None
-    fit_of_all = residuals.fit(tuple(parameter.name for parameter in parameters))
+    names = [parameter.name for parameter in parameters]
+    fit_of_all = residuals.fit(tuple(names))
     blind = _blind(fit_of_all, parameters)
     if exact_fits:
         return _alternatives(residuals, parameters, exact_fits, before, blind, noise)
@@ -187,12 +188,12 @@ def _mistake(name: str, start: float, value: float, values: Mapping[str, float])
     for slip, text in _SLIPS:
         if abs(ratio / slip - 1) < _SAME_VALUE:
             return f"looks like {text}"
-    others: list[str] = []
-    for other, number in values.items():
-        if other != name and number and abs(value / number - 1) < _SAME_VALUE:
-            others.append(other)
-    if others:
-        return f"the value of {' or '.join(others)}"
+    same_valued: list[str] = []
+    for other_name, number in values.items():
+        if other_name != name and number and abs(value / number - 1) < _SAME_VALUE:
+            same_valued.append(other_name)
+    if same_valued:
+        return f"the value of {' or '.join(same_valued)}"
     return ""
 
 
@@ -222,15 +223,15 @@ def _sparse(null: Array) -> Array:
     """Return a sparse basis of the row space of `null`: the reduced row echelon form, with the largest pivots first."""
     A = null.copy()
     for row in range(len(A)):
-        rest = np.abs(A[row:])
-        i, j = np.unravel_index(int(np.argmax(rest)), rest.shape)
-        A[[row, row + i]] = A[[row + i, row]]
-        A[row] /= A[row, j]
-        for other in range(len(A)):
-            if other != row:
-                A[other] -= A[other, j] * A[row]
+        sizes = np.abs(A[row:])
+        offset, pivot = np.unravel_index(int(np.argmax(sizes)), sizes.shape)
+        A[[row, row + offset]] = A[[row + offset, row]]
+        A[row] /= A[row, pivot]
+        for eliminated in range(len(A)):
+            if eliminated != row:
+                A[eliminated] -= A[eliminated, pivot] * A[row]
     return np.where(np.abs(A) < _LEAST_PIVOT, 0.0, A)
 
 
 def _as_tuples(a: Array) -> tuple[tuple[float, ...], ...]:
-    return tuple(tuple(row) for row in a.tolist())
+    return tuple(map(tuple, a.tolist()))
