@@ -10,38 +10,47 @@ from twin.core.units import DEG, MM
 from twin.model.transmission import Actuator, Transmission
 
 
-def actuators(d: Description) -> tuple[Actuator, ...]:
+def actuators(description: Description) -> tuple[Actuator, ...]:
     """Return the motors of a description, with limits in SI units."""
-    return tuple(map(_actuator, d.actuator))
+    return tuple(map(_actuator, description.actuator))
 
 
-def transmissions(d: Description, variant: str = "") -> tuple[Transmission, ...]:
+def transmissions(description: Description, variant: str = "") -> tuple[Transmission, ...]:
     """Return the transmissions of a description; a transmission with a matrix named `variant` uses that matrix.
 
     Raises:
         MechanismError: no transmission has this variant.
     """
-    known: set[str] = set()
-    for spec in d.transmission:
-        known.update(spec.variants)
-    if variant and variant not in known:
-        raise MechanismError(f"{d.name}: {unknown('variant of a transmission', variant, sorted(known))}")
+    variants: set[str] = set()
+    for spec in description.transmission:
+        variants.update(spec.variants)
+    if variant and variant not in variants:
+        raise MechanismError(f"{description.name}: {unknown('variant of a transmission', variant, sorted(variants))}")
     built = []
-    for spec in d.transmission:
-        matrix = spec.variants[variant].matrix if variant in spec.variants else spec.matrix
+    for spec in description.transmission:
+        matrix = spec.matrix
+        if variant in spec.variants:
+            matrix = spec.variants[variant].matrix
         built.append(Transmission(spec.name, tuple(spec.joints), tuple(spec.actuators), np.array(matrix, float)))
     return tuple(built)
 
 
-def _actuator(a: ActuatorSpec) -> Actuator:
-    unit = DEG if a.kind == "angle" else MM
+def _actuator(spec: ActuatorSpec) -> Actuator:
+    unit = DEG if spec.kind == "angle" else MM
+    limits: tuple[float, float] | None = None
+    if spec.limits is not None:
+        low, high = spec.limits
+        limits = (low * unit, high * unit)
+    max_speed: float | None = None
+    if spec.max_speed is not None:
+        max_speed = spec.max_speed * unit
     return Actuator(
-        a.name,
-        a.kind,
-        a.limits and (a.limits[0] * unit, a.limits[1] * unit),
-        a.max_speed and a.max_speed * unit,
-        a.max_effort,
-        a.rotor_inertia,
-        a.stiffness,
-        a.damping,
+        spec.name,
+        spec.kind,
+        limits,
+        max_speed,
+        spec.max_effort,
+        spec.rotor_inertia,
+        spec.stiffness,
+        spec.damping,
     )

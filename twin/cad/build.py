@@ -82,7 +82,8 @@ def inputs(description_path: Path, description: Description | None = None) -> li
     if description.step:
         files.append(folder / description.step)
     for body in description.body.values():
-        files += [folder / mesh_file.file for mesh_file in body.meshes]
+        for mesh_file in body.meshes:
+            files.append(folder / mesh_file.file)
     return files
 
 
@@ -136,59 +137,62 @@ def read_mechanism(
         MechanismError: the bodies and joints do not form a mechanism.
     """
     read = read or Once()
-    d = load(description_path, read)
-    references.check(description_path, d)
+    description = load(description_path, read)
+    references.check(description_path, description)
     folder = description_path.parent
     findings: list[Finding] = []
     step = None
-    if d.step:
-        step = read_step(folder / d.step, tolerance, read=read)
-    parts = parts_by_body(d, step)
+    if description.step:
+        step = read_step(folder / description.step, tolerance, read=read)
+    parts = parts_by_body(description, step)
     measured: dict[str, dict[str, MeasuredFeature]] = {}
-    for body, specs in d.feature.items():
+    for body, specs in description.feature.items():
         measured[body] = {}
         for name, spec in specs.items():
-            measured[body][name] = features.find(body, name, spec, parts[body], d.tolerance)
+            measured[body][name] = features.find(body, name, spec, parts[body], description.tolerance)
 
-    at = frames.drawn(d, measured)
+    drawn_frames = frames.drawn(description, measured)
     fine: dict[int, Part] = {}
     if step is not None and with_mass:
-        fine = _exact(step, read_step(step.path, MASS_TOLERANCE, MASS_ANGLE, read))
-    meshes, inertias = _shapes(d, folder, parts, at.bodies, fine, with_mass, findings)
+        fine = _fine_parts(step, read_step(step.path, MASS_TOLERANCE, MASS_ANGLE, read))
+    meshes, inertias = _shapes(description, folder, parts, drawn_frames.bodies, fine, with_mass, findings)
     bodies = []
-    for name, spec in d.body.items():
+    for name, spec in description.body.items():
         bodies.append(Body(name, tuple(meshes[name]), inertias.get(name), spec.whole))
-    joints = [_joint(d, spec, at, measured) for spec in d.joint]
-    gaping = meetings(d, at)
-    noisy = noise(d, measured, gaping)
-    if noisy is not None:
-        findings.append(noisy.finding(d))
-        gaping = [replace(finding, cause=CAUSE) for finding in gaping]
-    findings += gaping
+    joints = [_joint(description, spec, drawn_frames, measured) for spec in description.joint]
+    gap_findings = meetings(description, drawn_frames)
+    feature_noise = noise(description, measured, gap_findings)
+    if feature_noise is not None:
+        findings.append(feature_noise.finding(description))
+        gap_findings = [replace(finding, cause=CAUSE) for finding in gap_findings]
+    findings += gap_findings
     if step is not None and step.placement_error > 0:
         findings.append(_placement_finding(step))
 
+    postures: dict[str, dict[str, float]] = {}
+    for name, values in description.posture.items():
+        postures[name] = joint_values(values)
     mechanism = Mechanism(
-        name=d.name,
-        base=d.base,
+        name=description.name,
+        base=description.base,
         bodies=tuple(bodies),
         joints=tuple(joints),
-        frames=frames.frames(d, at),
-        points=frames.points(d, at, measured),
-        rest=frames.rest(d, at),
-        postures={name: joint_values(values) for name, values in d.posture.items()},
-        tool=d.tool,
-        parameters=tuple(parameters(d)),
-        actuators=actuators(d),
-        transmissions=transmissions(d),
-        couplings=tuple(map(_coupling, d.coupling)),
-        trocars=(d.trocar,) if d.trocar else tuple(d.trocars),
-        gravity=d.gravity_m_s2 or EARTH,
-        source=f"{description_path.name} {fingerprint(description_path, d, read)}",
+        frames=frames.frames(description, drawn_frames),
+        points=frames.points(description, drawn_frames, measured),
+        rest=frames.rest(description, drawn_frames),
+        postures=postures,
+        tool=description.tool,
+        parameters=tuple(parameters(description)),
+        actuators=actuators(description),
+        transmissions=transmissions(description),
+        couplings=tuple(map(_coupling, description.coupling)),
+        trocars=(description.trocar,) if description.trocar else tuple(description.trocars),
+        gravity=description.gravity_m_s2 or EARTH,
+        source=f"{description_path.name} {fingerprint(description_path, description, read)}",
     )
-    gaps = tuple((gap.lower, gap.upper, gap.min_gap_mm * MM) for gap in d.gap)
+    gaps = tuple((gap.lower, gap.upper, gap.min_gap_mm * MM) for gap in description.gap)
     dimensions = read_dimensions(folder / "dimensions.toml", read)
-    return CadModel(mechanism, tuple(findings), d, measured, dimensions, gaps, noisy)
+    return CadModel(mechanism, tuple(findings), description, measured, dimensions, gaps, feature_noise)
 
 
 def _coupling(spec: CouplingSpec) -> Coupling:
@@ -197,15 +201,15 @@ def _coupling(spec: CouplingSpec) -> Coupling:
     return Coupling(spec.name, tuple(spec.joints), tuple(spec.ratios), total)
 
 
-def parts_by_body(d: Description, step: StepModel | None) -> dict[str, list[Part]]:
+def parts_by_body(description: Description, step: StepModel | None) -> dict[str, list[Part]]:
     """Return {body: parts of the STEP file at or below the body's node}."""
-    parts: dict[str, list[Part]] = {name: [] for name in d.body}
+    parts: dict[str, list[Part]] = {name: [] for name in description.body}
     if step is None:
         return parts
     nodes: set[str] = set()
     for part in step.parts:
         nodes.update((*part.path, part.name, *part.chain))
-    for name, spec in d.body.items():
+    for name, spec in description.body.items():
         if spec.meshes:
             continue
         node = spec.node or name
@@ -218,10 +222,10 @@ def parts_by_body(d: Description, step: StepModel | None) -> dict[str, list[Part
 
 
 def _shapes(
-    d: Description,
+    description: Description,
     folder: Path,
     parts: dict[str, list[Part]],
-    drawn: Mapping[str, Array],
+    body_frames: Mapping[str, Array],
     fine: Mapping[int, Part],
     with_mass: bool,
     findings: list[Finding],
@@ -231,134 +235,143 @@ def _shapes(
     `fine` maps `id(part)` to the same part with finer triangles, from which masses are computed. Findings on meshes and
     masses are added to `findings`.
     """
-    meshes: dict[str, list[Mesh]] = {name: [] for name in d.body}
-    masses: dict[str, list[Inertia]] = {name: [] for name in d.body}
-    taken: set[str] = set()
-    for body, spec in d.body.items():
-        for solid in (*parts[body], *_loaded(folder, spec, findings)):
-            name = _unique(solid.name, taken)
-            vertices = into(drawn[body], solid.vertices)
-            finish = _finish(d, solid.name)
+    meshes: dict[str, list[Mesh]] = {name: [] for name in description.body}
+    masses: dict[str, list[Inertia]] = {name: [] for name in description.body}
+    taken_names: set[str] = set()
+    for body, spec in description.body.items():
+        for solid in (*parts[body], *_mesh_files(folder, spec, findings)):
+            name = _unique(solid.name, taken_names)
+            vertices = into(body_frames[body], solid.vertices)
+            finish = _finish(description, solid.name)
             meshes[body].append(Mesh(name, vertices, solid.triangles, solid.color_rgba, finish))
             if not with_mass:
                 continue
             exact = fine.get(id(solid), solid)
-            mass = _weighed(d, solid.name, into(drawn[body], exact.vertices), exact.triangles, findings)
+            mass = _part_inertia(
+                description, solid.name, into(body_frames[body], exact.vertices), exact.triangles, findings
+            )
             if mass is not None:
                 masses[body].append(mass)
     inertias = {}
-    for body, spec in d.body.items():
+    for body, spec in description.body.items():
         if spec.mass is not None:
-            inertias[body] = _given(spec.mass, drawn[body])
+            inertias[body] = _stated_inertia(spec.mass, body_frames[body])
         elif masses[body]:
             inertias[body] = reduce(add, masses[body])
     return meshes, inertias
 
 
-def _loaded(folder: Path, spec: BodySpec, findings: list[Finding]) -> Iterator[Mesh]:
+def _mesh_files(folder: Path, spec: BodySpec, findings: list[Finding]) -> Iterator[Mesh]:
     """Yield the meshes in the mesh files of a body, in drawn coordinates; add findings on these to `findings`."""
     for file in spec.meshes:
         loaded, notes = mesh.load_mesh(folder / file.file, file.unit, file.up, file.color)
-        # An open mesh matters only if its mass is computed; then `_weighed` reports it.
-        findings += [note for note in notes if note.code != "cad.open_mesh"]
+        # An open mesh matters only if its mass is computed; then `_part_inertia` reports it.
+        for note in notes:
+            if note.code != "cad.open_mesh":
+                findings.append(note)
         yield loaded
 
 
-def _exact(step: StepModel, fine: StepModel) -> dict[int, Part]:
+def _fine_parts(step: StepModel, fine: StepModel) -> dict[int, Part]:
     """Return {id(part): finer part}; parts are matched by order, because names in the file may repeat."""
-    return {id(part): finer for part, finer in zip(step.parts, fine.parts, strict=True)}
+    fine_parts: dict[int, Part] = {}
+    for part, fine_part in zip(step.parts, fine.parts, strict=True):
+        fine_parts[id(part)] = fine_part
+    return fine_parts
 
 
-def _given(spec: MassSpec, T_drawn_body: Array) -> Inertia:
+def _stated_inertia(spec: MassSpec, T_drawn_body: Array) -> Inertia:
     """Return the mass and inertia stated in the description, in the body frame."""
     xx, yy, zz, xy, xz, yz = spec.inertia_kg_m2
     R = T_drawn_body[:3, :3]
-    I = R.T @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R  # noqa: E741
+    stated = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    I = R.T @ stated @ R  # noqa: E741 - stated along the axes of the drawing
     com = into(T_drawn_body, np.array(spec.com_mm) * MM)
     return Inertia(spec.mass_kg, com, 0.5 * (I + I.T))  # exactly symmetric, despite rounding
 
 
-def _material(d: Description, part: str) -> str | None:
+def _material(description: Description, part: str) -> str | None:
     """Return the name of the last material with a pattern that matches the name of the part, or None."""
-    for name, material in reversed(d.material.items()):
+    # The last one counts, so that a general pattern such as "*" can stand before special ones.
+    for name, material in reversed(description.material.items()):
         if any(fnmatch.fnmatch(part, pattern) for pattern in material.parts):
             return name
     return None
 
 
-def _finish(d: Description, part: str) -> Finish:
-    name = _material(d, part)
+def _finish(description: Description, part: str) -> Finish:
+    name = _material(description, part)
     if name is None:
         return Finish()
-    material = d.material[name]
+    material = description.material[name]
     return Finish(name, material.metallic, material.roughness)
 
 
-def _weighed(
-    d: Description, part: str, vertices: Array, triangles: np.ndarray, findings: list[Finding]
+def _part_inertia(
+    description: Description, part: str, vertices: Array, triangles: np.ndarray, findings: list[Finding]
 ) -> Inertia | None:
     """Return the inertia of a part with vertices (n, 3) in m; None, with a finding, if it cannot be computed.
 
     A description without materials states no masses: then there is no finding either.
     """
-    material = _material(d, part)
+    material = _material(description, part)
     if material is None:
-        if d.material:
+        if description.material:
             text = f"part '{part}' has no material and therefore no mass"
             advice = "add the part to a [material.*] in the description"
             findings.append(warning("cad.no_material", part, text, suggestion=advice))
         return None
-    inertia = mesh.inertia(vertices, triangles, d.material[material].density_kg_m3)
+    inertia = mesh.inertia(vertices, triangles, description.material[material].density_kg_m3)
     if inertia is None:
         findings.append(mesh.open_mesh(part))
     return inertia
 
 
 def _identifier(name: str) -> str:
-    clean = re.sub("[^a-z0-9]", "_", name.lower()).strip("_")
-    return clean if clean[:1].isalpha() else f"part_{clean}"
+    identifier = re.sub("[^a-z0-9]", "_", name.lower()).strip("_")
+    return identifier if identifier[:1].isalpha() else f"part_{identifier}"
 
 
-def _unique(name: str, taken: set[str]) -> str:
+def _unique(name: str, taken_names: set[str]) -> str:
     """Return the name as an identifier that no other mesh has: the second `peg` becomes `peg_2`."""
     first = _identifier(name)
     unique = first
     count = 1
-    while unique in taken:
+    while unique in taken_names:
         count += 1
         unique = f"{first}_{count}"
-    taken.add(unique)
+    taken_names.add(unique)
     return unique
 
 
 def _joint(
-    d: Description,
+    description: Description,
     spec: JointSpec,
-    at: DrawnFrames,
+    drawn_frames: DrawnFrames,
     measured: dict[str, dict[str, MeasuredFeature]],
 ) -> Joint:
     values: dict = {}
-    for limit in d.limit:
+    for limit in description.limit:
         if spec.name in limit.joints:
             values = _limits(limit, references.UNITS.get(spec.type, "mm"))
             break
-    for drive in d.drive:
+    for drive in description.drive:
         if spec.name in drive.joints:
             values["drive"] = Drive(drive.stiffness, drive.damping, drive.max_effort)
             break
     mating = set()
     for body, side in spec.sides:
-        own = measured.get(body, {})
+        features_of_body = measured.get(body, {})
         for name in side.features("origin", "at", "z"):
-            if name in own:
-                mating.add(own[name].part)
+            if name in features_of_body:
+                mating.add(features_of_body[name].part)
     return Joint(
         spec.name,
         spec.type,
         spec.parent,
         spec.child,
-        at.on_parent(spec.name, spec.parent),
-        at.on_child(spec.name, spec.child),
+        drawn_frames.on_parent(spec.name, spec.parent),
+        drawn_frames.on_child(spec.name, spec.child),
         active=spec.active,
         mating=tuple(sorted(map(_identifier, mating))),
         **values,

@@ -24,10 +24,10 @@ TO_Z_UP = {
 }
 """{up_axis of a file: rotation (3, 3) to z up}, from the axes right, up and in of the Collada specification."""
 
-_LEFT_OUT = {
-    *(f"library_{kind}" for kind in ("animations", "animation_clips", "cameras", "effects", "images", "lights")),
-    *("library_materials", "library_physics_materials", "library_physics_models", "library_physics_scenes"),
-    *("bind_material", "instance_camera", "instance_light", "extra"),
+_WITHOUT_SHAPE = {
+    *("library_animations", "library_animation_clips", "library_cameras", "library_effects", "library_images"),
+    *("library_lights", "library_materials", "library_physics_materials", "library_physics_models"),
+    *("library_physics_scenes", "bind_material", "instance_camera", "instance_light", "extra"),
 }
 """Elements without effect on the shape."""
 
@@ -53,7 +53,7 @@ def read_collada(path: Path) -> tuple[Array, np.ndarray, str]:
     root = parse_xml(path, kind="DAE")
     if _tag(root) != "COLLADA":
         raise ValueError(f"the root element is <{_tag(root)}>, expected <COLLADA>")
-    _remove(root)
+    _remove_elements(root)
     for element in root.iter():
         if _tag(element) in _NOT_READ:
             raise ValueError(f"<{_tag(element)}> is not supported; save the mesh with triangles")
@@ -77,7 +77,7 @@ def read_collada(path: Path) -> tuple[Array, np.ndarray, str]:
             points = np.asarray(part.vertex, float)
             if len(corners) and not 0 <= corners.min() <= corners.max() < len(points):
                 raise ValueError(f"a triangle of geometry '{placed.original.id}' has a vertex that does not exist")
-            if np.linalg.det(T[:3, :3]) < 0:
+            if np.linalg.det(T[:3, :3]) < 0:  # a mirror turns the faces inside out
                 corners = corners[:, ::-1]
             vertices.append(points @ T[:3, :3].T + T[:3, 3])
             triangles.append(corners + count)
@@ -101,18 +101,20 @@ def _tag(element: Element) -> str:
     return str(element.tag).rpartition("}")[2]
 
 
-def _remove(element: Element) -> None:
+def _remove_elements(element: Element) -> None:
     for child in list(element):
-        if _tag(child) in _LEFT_OUT:
+        if _tag(child) in _WITHOUT_SHAPE:
             element.remove(child)
         else:
-            _remove(child)
+            _remove_elements(child)
 
 
 def _unit(root: Element) -> float:
     """Return the size in m of the file's unit; the default is the metre."""
     element = root.find("{*}asset/{*}unit")
-    text = element.get("meter", "1") if element is not None else "1"
+    text = "1"
+    if element is not None:
+        text = element.get("meter", "1")
     unit = float(text)
     if not 0 < unit < np.inf:
         raise ValueError(f"the unit has meter = '{text[:40]}', expected a positive number")
@@ -130,10 +132,12 @@ def _check_count(path: Path, root: Element) -> None:
     weights: dict[str | None, int] = {}
     for geometry in root.iterfind("{*}library_geometries/{*}geometry"):
         # Each value takes at least two characters, with the space behind it.
-        letters = sum(len(element.text or "") for element in geometry.iter())
+        letters = 0
+        for element in geometry.iter():
+            letters += len(element.text or "")
         name = geometry.get("id")
         weights[name] = max(letters // 2 + 1, weights.get(name, 0))
-    scenes = [e for e in root.iter() if _tag(e) in ("node", "visual_scene")]
+    scenes = [element for element in root.iter() if _tag(element) in ("node", "visual_scene")]
     if len(scenes) > _MOST_NODES:
         over(path, "DAE", "nodes", len(scenes), _MOST_NODES)
     nodes: dict[str | None, list[Element]] = {}  # of nodes with one id, the largest counts
@@ -168,8 +172,8 @@ def _check_count(path: Path, root: Element) -> None:
                     below = nodes.get(url[1:], [])
             most = 0
             for inner in below:
-                own, levels = total(inner, depth + 1)
-                most = max(most, own)
+                inner_count, levels = total(inner, depth + 1)
+                most = max(most, inner_count)
                 height = max(height, levels + 1)
             count += most
         if height > limits.depth:

@@ -292,7 +292,11 @@ class ActuatorSpec(Sourced):
 
     @model_validator(mode="after")
     def _one_unit(self) -> ActuatorSpec:
-        wrong, right = ("mm", "deg") if self.kind == "angle" else ("deg", "mm")
+        wrong = "deg"
+        right = "mm"
+        if self.kind == "angle":
+            wrong = "mm"
+            right = "deg"
         for key in (f"limits_{wrong}", f"max_speed_{wrong}_s"):
             if getattr(self, key) is not None:
                 raise at(
@@ -331,15 +335,17 @@ class TransmissionSpec(Sourced):
 
     @model_validator(mode="after")
     def _square(self) -> TransmissionSpec:
-        rows, n = [len(row) for row in self.matrix], len(self.joints)
-        if rows != [n] * n or len(self.actuators) != n:
+        row_lengths = list(map(len, self.matrix))
+        n = len(self.joints)
+        if row_lengths != [n] * n or len(self.actuators) != n:
+            lengths = ", ".join(map(str, row_lengths)) or "-"
             raise at(
                 "matrix",
-                f"{n} joints, {len(self.actuators)} actuators, rows of length {', '.join(map(str, rows)) or '-'}; "
+                f"{n} joints, {len(self.actuators)} actuators, rows of length {lengths}; "
                 "required: as many actuators as joints, and one row for each joint with one number for each actuator",
             )
-        for name, other in self.variants.items():
-            if [len(row) for row in other.matrix] != rows:
+        for name, variant in self.variants.items():
+            if list(map(len, variant.matrix)) != row_lengths:
                 raise at(f"variants.{name}", f"the matrix must have {n} rows of {n} numbers, as `matrix` has")
         return self
 

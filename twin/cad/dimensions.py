@@ -40,7 +40,7 @@ def read_dimensions(path: Path, read: Read = read_bytes) -> tuple[Parameter, ...
         data = tomllib.loads(read_text(path, "TOML", read=read))
     except (ValueError, RecursionError) as error:
         raise DescriptionError(f"{path}: {error}") from error
-    found = []
+    parameters = []
     for name, entry in data.items():
         if name == "part":  # manufacturing errors of single parts are not dimensions of the design
             continue
@@ -48,14 +48,23 @@ def read_dimensions(path: Path, read: Read = read_bytes) -> tuple[Parameter, ...
         if isinstance(value, list) and not all(isinstance(row, list) for row in value):
             entry = {**entry, "value": tuple(value)}
         try:
-            d = Dimension.model_validate(entry)
+            dimension = Dimension.model_validate(entry)
         except ValidationError as error:
             where, what = first_mistake(error)
             raise error_at(path, (name,), f"{where or 'entry'}: {what}") from error
-        for suffix, number in _numbers(d.value):
-            value_si = number * SI[d.unit]
-            found.append(Parameter(f"drawing.{name}{suffix}", value_si, d.unit, number, d.provenance, d.note))
-    return tuple(found)
+        for suffix, number in _numbers(dimension.value):
+            value_si = number * SI[dimension.unit]
+            parameters.append(
+                Parameter(
+                    f"drawing.{name}{suffix}",
+                    value_si,
+                    dimension.unit,
+                    number,
+                    dimension.provenance,
+                    dimension.note,
+                )
+            )
+    return tuple(parameters)
 
 
 def _numbers(value: float | Vector | list[list[float]]) -> list[tuple[str, float]]:
@@ -66,7 +75,7 @@ def _numbers(value: float | Vector | list[list[float]]) -> list[tuple[str, float
     if not isinstance(value, list):
         return [("", value)]
     numbers = []
-    for i, row in enumerate(value, 1):
-        for k, number in enumerate(row, 1):
-            numbers.append((f".{i}.{k}", number))
+    for row_number, row in enumerate(value, 1):
+        for column_number, number in enumerate(row, 1):
+            numbers.append((f".{row_number}.{column_number}", number))
     return numbers

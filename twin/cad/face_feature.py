@@ -25,22 +25,22 @@ def feature_of(face: Face, towards: Array, part: str | None) -> Feature:
         towards: (3,) the feature's direction is that of the face, with the sign that points to this side.
         part: name of the part of the face; None: a face of any part of the body.
     """
-    along = face.direction
+    signed_direction = face.direction
     if face.direction @ towards < 0:
-        along = -face.direction
+        signed_direction = -face.direction
     # Rounded, because a feature is only searched for at its place; the measured face has all digits.
-    x, y, z = (np.round(along, 9) + 0.0).tolist()  # + 0.0 turns -0.0 into 0.0
+    x, y, z = (np.round(signed_direction, 9) + 0.0).tolist()  # + 0.0 turns -0.0 into 0.0
     near_x, near_y, near_z = (np.round(face.point / MM, 4) + 0.0).tolist()
-    direction: tuple[float, float, float] | None = None
+    stated_direction: tuple[float, float, float] | None = None
     if any((x, y, z)):  # a sphere has no direction
-        direction = (x, y, z)
+        stated_direction = (x, y, z)
     radius: float | None = None
     if face.radius:
         radius = round(face.radius / MM, 6)
     return Feature(
         kind=face.kind,  # pyright: ignore[reportArgumentType] - a face's kind is one of these
         near_mm=(near_x, near_y, near_z),
-        direction=direction,
+        direction=stated_direction,
         radius_mm=radius,
         part=part,
     )
@@ -62,17 +62,17 @@ def naming_feature(
     for part_name in (None, part):
         spec = feature_of(face, towards, part_name)
         try:
-            found = find(body, "picked", spec, parts, tolerance)
+            measured_feature = find(body, "picked", spec, parts, tolerance)
         except CadError as error:
             reason = str(error)
             continue
-        if found.face is face or _is_alike(found.face, face):
+        if measured_feature.face is face or _is_alike(measured_feature.face, face):
             return spec
     raise CadError(f"the {face.kind} on '{part}' of body '{body}' cannot be named: {reason}")
 
 
-def _is_alike(a: Face, b: Face) -> bool:
+def _is_alike(first: Face, second: Face) -> bool:
     """Return whether two faces of one kind have the same point, radius and axis: either gives the same frame."""
-    if float(np.abs(a.point - b.point).max()) > _SAME or abs(a.radius - b.radius) > _SAME:
+    if float(np.abs(first.point - second.point).max()) > _SAME or abs(first.radius - second.radius) > _SAME:
         return False
-    return float(np.abs(np.cross(a.direction, b.direction)).max()) <= _SAME
+    return float(np.abs(np.cross(first.direction, second.direction)).max()) <= _SAME

@@ -16,7 +16,7 @@ from twin.cad import features, meeting
 from twin.cad.build import CadModel
 from twin.cad.description import Description, FrameSpec, JointSpec
 from twin.cad.features import MeasuredFeature
-from twin.cad.frames import DrawnFrames, Faces, Given, drawn
+from twin.cad.frames import DrawnFrames, Faces, GivenFrames, drawn
 from twin.cad.lengths import measure, pair
 from twin.cad.step import Face
 from twin.core import spatial
@@ -65,7 +65,7 @@ class Suspect:
     faces: Faces
     for_it: tuple[str, ...] = ()
     against_it: tuple[str, ...] = ()
-    given: Given = field(default_factory=dict)
+    given: GivenFrames = field(default_factory=dict)
 
     @property
     def score(self) -> int:
@@ -86,25 +86,25 @@ def faults(cad: CadModel, nominal: Mapping[str, float] | None = None) -> list[Fr
 
     `nominal` is {parameter name in the description: length in m from another source}; it may be incomplete.
     """
-    d = cad.description
-    open_joints = _open_joints(d, drawn(d, cad.measured))
+    description = cad.description
+    open_joints = _open_joints(description, drawn(description, cad.measured))
     suspects = []
     for body, names, joint in _candidates(cad, open_joints):
         suspect = _suspect(cad, body, names, joint, open_joints)
         if suspect is not None:
             suspects.append(suspect)
-    placed = _placed(d)
+    defining_frames = _features_of_frames_and_points(description)
     faults = []
     unexplained = list(open_joints)
     while unexplained:
         # Without a suspect that explains them, each joint is a fault of its own.
         joints = _most_explained(suspects, unexplained) or (unexplained[0],)
-        of_joints = [suspect for suspect in suspects if suspect.joints == joints]
-        weighed = []
-        for suspect in _plainest(of_joints, placed):
-            weighed.append(_weighed(cad, suspect, nominal or {}))
-        weighed.sort(key=lambda suspect: -suspect.score)
-        faults.append(FrameMismatch(joints, tuple(weighed)))
+        suspects_of_joints = [suspect for suspect in suspects if suspect.joints == joints]
+        with_evidence = []
+        for suspect in _plainest(suspects_of_joints, defining_frames):
+            with_evidence.append(_with_evidence(cad, suspect, nominal or {}))
+        with_evidence.sort(key=lambda suspect: -suspect.score)
+        faults.append(FrameMismatch(joints, tuple(with_evidence)))
         unexplained = [joint for joint in unexplained if joint not in joints]
     return faults
 
@@ -118,16 +118,17 @@ def _most_explained(suspects: list[Suspect], joints: list[str]) -> tuple[str, ..
     return most
 
 
-def _open_joints(d: Description, at: DrawnFrames) -> list[str]:
+def _open_joints(description: Description, drawn_frames: DrawnFrames) -> list[str]:
     """Return the names of the joints whose two frames do not coincide."""
-    return list(dict.fromkeys(finding.where for finding in meeting.meetings(d, at)))
+    findings = meeting.meetings(description, drawn_frames)
+    return list(dict.fromkeys(finding.where for finding in findings))  # a joint may be offset and tilted
 
 
-def _plainest(suspects: list[Suspect], placed: set[tuple[str, str]]) -> list[Suspect]:
+def _plainest(suspects: list[Suspect], defining_frames: set[tuple[str, str]]) -> list[Suspect]:
     """Return, for each part, the suspects with the fewest features, and suspects that can be distinguished from these.
 
     A suspect with more features can be distinguished, by comparison with the equations, if one of the additional
-    features defines a named frame or point.
+    features defines a named frame or point; `defining_frames` are the features that do, as (body, name).
     """
     fewest: dict[str, int] = {}
     for suspect in suspects:
@@ -146,7 +147,7 @@ def _plainest(suspects: list[Suspect], placed: set[tuple[str, str]]) -> list[Sus
         plain_features |= _features(suspect)
     for suspect in more_features:
         additional = _features(suspect) - plain_features
-        if additional & placed:
+        if additional & defining_frames:
             plain.append(suspect)
     return plain
 
@@ -156,17 +157,17 @@ def _features(suspect: Suspect) -> set[tuple[str, str]]:
     return {(suspect.body, name) for name in suspect.features}
 
 
-def _placed(d: Description) -> set[tuple[str, str]]:
+def _features_of_frames_and_points(description: Description) -> set[tuple[str, str]]:
     """Return the features that define named frames and points, each as (body, name)."""
-    placed = set()
-    for frame in d.frame.values():
+    features_of_frames = set()
+    for frame in description.frame.values():
         for name in frame.at.features(*_ENTRIES):
-            placed.add((frame.body, name))
-    for point in d.point.values():
+            features_of_frames.add((frame.body, name))
+    for point in description.point.values():
         for name in (point.origin, point.at):
             if name:
-                placed.add((point.body, name))
-    return placed
+                features_of_frames.add((point.body, name))
+    return features_of_frames
 
 
 # -- candidates --------------------------------------------------------------------------------------------------
@@ -178,60 +179,60 @@ def _candidates(cad: CadModel, open_joints: list[str]) -> Iterator[tuple[str, tu
     (part, features, ""): the features may be wrong together. (part, (), joint): the given frame of the joint may be
     wrong. (part, (), ""): the placement of the whole part may be wrong.
     """
-    d = cad.description
+    description = cad.description
     yielded: set[tuple[str, tuple[str, ...]]] = set()
-    for joint in d.joint:
+    for joint in description.joint:
         if joint.name not in open_joints:
             continue
         for body, spec in joint.sides:
             if spec.position_mm is not None:
                 yield body, (), joint.name
-            for group in _groups(cad.measured.get(body, {}), spec):
+            for group in _feature_groups(cad.measured.get(body, {}), spec):
                 # The base is the world of all other parts: its placement cannot be wrong.
-                is_base = group == () and body == d.base
+                is_base = group == () and body == description.base
                 if (body, group) not in yielded and not is_base:
                     yielded.add((body, group))
                     yield body, group, ""
 
 
-def _groups(own: Mapping[str, MeasuredFeature], spec: FrameSpec) -> list[tuple[str, ...]]:
+def _feature_groups(features_of_part: Mapping[str, MeasuredFeature], spec: FrameSpec) -> list[tuple[str, ...]]:
     """Return the groups of a part's features that may be wrong together at one of its frames; (): the whole part."""
     names = spec.features(*_ENTRIES)
     single = [(name,) for name in names]
-    on_one_axis = [_on_axis(own, name) for name in names]
+    on_one_axis = [_coaxial_features(features_of_part, name) for name in names]
     return [*single, *on_one_axis, spec.features("origin", "at"), ()]
 
 
-def _on_axis(own: Mapping[str, MeasuredFeature], name: str) -> tuple[str, ...]:
+def _coaxial_features(features_of_part: Mapping[str, MeasuredFeature], name: str) -> tuple[str, ...]:
     """Return the cylinders of a part that are coaxial with the feature `name` and may be misplaced together with it."""
-    cylinder = own[name].face
+    cylinder = features_of_part[name].face
     if cylinder.kind != "cylinder":
         return (name,)
     coaxial = []
-    for other, measured in own.items():
+    for other_name, measured in features_of_part.items():
         if measured.face.kind == "cylinder" and _are_coaxial(measured.face, cylinder):
-            coaxial.append(other)
+            coaxial.append(other_name)
     return tuple(coaxial) or (name,)
 
 
-def _are_coaxial(a: Face, b: Face) -> bool:
+def _are_coaxial(first: Face, second: Face) -> bool:
     """Return whether two cylinders have one axis; False if a direction is not a number."""
-    sine = np.linalg.norm(np.cross(a.direction, b.direction))
+    sine = np.linalg.norm(np.cross(first.direction, second.direction))
     if not sine < _COAXIAL:
         return False
-    return bool(spatial.point_to_line(a.point, b.point, b.direction) < _COAXIAL)
+    return bool(spatial.point_to_line(first.point, second.point, second.direction) < _COAXIAL)
 
 
-def _least(misfit: Callable[[Array], Array]) -> Array:
+def _least_misfit(misfit: Callable[[Array], Array]) -> Array:
     """Return the twist (6,) at which `misfit` is least, by Gauss-Newton steps with central differences."""
-    x = np.zeros(6)
+    twist = np.zeros(6)
     for _ in range(_STEPS):
         columns = []
         for step in _DIFFERENCE * np.eye(6):
-            columns.append((misfit(x + step) - misfit(x - step)) / (2 * _DIFFERENCE))
+            columns.append((misfit(twist + step) - misfit(twist - step)) / (2 * _DIFFERENCE))
         J = np.stack(columns, axis=1)
-        x = x - np.linalg.pinv(J, rcond=_RANK) @ misfit(x)
-    return x
+        twist = twist - np.linalg.pinv(J, rcond=_RANK) @ misfit(twist)
+    return twist
 
 
 def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, open_joints: list[str]) -> Suspect | None:
@@ -244,13 +245,13 @@ def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, open_
         typed: a joint whose frame on the part is given by numbers: this frame is moved instead of features; else "".
         open_joints: joints whose two frames do not coincide.
     """
-    d = cad.description
-    drawn_frames = drawn(d, cad.measured).on
-    own = cad.measured.get(body, {})
-    moving = names or tuple(own)
+    description = cad.description
+    drawn_frames = drawn(description, cad.measured).on
+    features_of_part = cad.measured.get(body, {})
+    moving = names or tuple(features_of_part)
     if typed:
         moving = ()
-    users = _users(d, body, names, typed)
+    users = _users(description, body, names, typed)
     uses_open_joint = any(joint.name in open_joints for joint in users)
     if not (moving or typed) or not uses_open_joint:
         return None
@@ -260,15 +261,15 @@ def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, open_
         T_typed = on_parent if users[0].parent == body else on_child
     centre = T_typed[:3, 3]
     if moving:
-        centre = np.mean([own[name].face.point for name in moving], axis=0)
+        centre = np.mean([features_of_part[name].face.point for name in moving], axis=0)
 
-    def put(twist: Array) -> tuple[dict[str, MeasuredFeature], dict[tuple[str, str], Array]]:
+    def displaced(twist: Array) -> tuple[dict[str, MeasuredFeature], dict[tuple[str, str], Array]]:
         """Return the features and the given frames of the part, moved by a twist about the centre."""
         T = spatial.pose(spatial.exp_so3(twist[3:] / _LEVER), twist[:3])
         T[:3, 3] += centre - T[:3, :3] @ centre
-        faces = dict(own)
+        faces = dict(features_of_part)
         for name in moving:
-            faces[name] = _moved(own[name], T)
+            faces[name] = _displaced_feature(features_of_part[name], T)
         frames = {}
         if typed:
             frames[typed, body] = T @ T_typed
@@ -276,7 +277,7 @@ def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, open_
 
     def misfit(twist: Array) -> Array:
         """Return the offsets in m, and the angles times the lever, of the joints of the part."""
-        faces, frames = put(twist)
+        faces, frames = displaced(twist)
         parts = []
         for joint in users:
             sides = []  # the frames on the parent and on the child
@@ -293,25 +294,25 @@ def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, open_
         return np.concatenate(parts)
 
     try:
-        twist = _least(misfit)
-        faces, frames = put(twist)
+        twist = _least_misfit(misfit)
+        faces, frames = displaced(twist)
         corrected = {**cad.measured, body: faces}
-        still_open = _open_joints(d, drawn(d, corrected, frames))
+        still_open = _open_joints(description, drawn(description, corrected, frames))
     except (CadError, np.linalg.LinAlgError):
         return None
-    used = {joint.name for joint in users}
-    if used & set(still_open):
+    joint_names = {joint.name for joint in users}
+    if joint_names & set(still_open):
         return None
-    joints = tuple(joint for joint in open_joints if joint in used)
+    joints = tuple(joint for joint in open_joints if joint in joint_names)
     offset = float(np.linalg.norm(twist[:3]))
     tilt = float(np.linalg.norm(twist[3:]) / _LEVER)
     return Suspect(body, names, joints, offset, tilt, corrected, given=frames)
 
 
-def _users(d: Description, body: str, names: tuple[str, ...], typed: str) -> list[JointSpec]:
+def _users(description: Description, body: str, names: tuple[str, ...], typed: str) -> list[JointSpec]:
     """Return the joints of a part whose frames move with the features `names`, or with the given frame of `typed`."""
     users = []
-    for joint in d.joint:
+    for joint in description.joint:
         for side, spec in joint.sides:
             if side == body and _uses(joint.name, spec, names, typed):
                 users.append(joint)
@@ -325,7 +326,7 @@ def _uses(joint: str, spec: FrameSpec, names: tuple[str, ...], typed: str) -> bo
     return not names or bool(set(names) & set(spec.features(*_ENTRIES)))
 
 
-def _moved(feature: MeasuredFeature, T: Array) -> MeasuredFeature:
+def _displaced_feature(feature: MeasuredFeature, T: Array) -> MeasuredFeature:
     """Return a feature moved by T (4, 4), in drawn coordinates."""
     R = T[:3, :3]
     point = R @ feature.face.point + T[:3, 3]
@@ -336,19 +337,19 @@ def _moved(feature: MeasuredFeature, T: Array) -> MeasuredFeature:
 # -- evidence in the drawing -----------------------------------------------------------------------------------------
 
 
-def _weighed(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Suspect:
+def _with_evidence(cad: CadModel, suspect: Suspect, nominal: Mapping[str, float]) -> Suspect:
     """Return a suspect with the evidence for and against it."""
     for_it = []
     against_it = []
-    for equal, text in (*_lengths(cad, s, nominal), *_alike(cad, s)):
+    for equal, text in (*_length_evidence(cad, suspect, nominal), *_equal_part_evidence(cad, suspect)):
         if equal:
             for_it.append(text)
         else:
             against_it.append(text)
-    return replace(s, for_it=tuple(for_it), against_it=tuple(against_it))
+    return replace(suspect, for_it=tuple(for_it), against_it=tuple(against_it))
 
 
-def _lengths(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Iterator[tuple[bool, str]]:
+def _length_evidence(cad: CadModel, suspect: Suspect, nominal: Mapping[str, float]) -> Iterator[tuple[bool, str]]:
     """Yield (equal, text) for each length that equals its value elsewhere only before, or only after, the correction.
 
     `equal`: whether the length is equal after the correction. Elsewhere: on other parts, and in `nominal`.
@@ -356,15 +357,15 @@ def _lengths(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Iterato
     limit = cad.description.tolerance.meeting_um * UM
     try:
         before = measure(cad)
-        after = measure(replace(cad, measured=s.faces))  # type: ignore[arg-type]
+        after = measure(replace(cad, measured=suspect.faces))  # type: ignore[arg-type]
     except CadError:  # the distance between tilted axes is undefined
         return
-    for i, (length, corrected) in enumerate(zip(before, after, strict=True)):
-        if length.body != s.body:
+    for index, (length, corrected) in enumerate(zip(before, after, strict=True)):
+        if length.body != suspect.body:
             continue
         others = []
-        for k, other in enumerate(before):
-            if other.parameter == length.parameter and k != i:
+        for other_index, other in enumerate(before):
+            if other.parameter == length.parameter and other_index != index:
                 others.append(other.value)
         if length.parameter in nominal:
             others.append(nominal[length.parameter])
@@ -376,9 +377,9 @@ def _lengths(cad: CadModel, s: Suspect, nominal: Mapping[str, float]) -> Iterato
         if equal_before == equal_after:
             continue
         if equal_after:
-            text = f"{length.parameter} on '{s.body}' measures {_compared_mm(length.value, elsewhere)}"
+            text = f"{length.parameter} on '{suspect.body}' measures {_compared_mm(length.value, elsewhere)}"
         else:
-            text = f"{length.parameter} on '{s.body}' would measure {_compared_mm(corrected.value, elsewhere)}"
+            text = f"{length.parameter} on '{suspect.body}' would measure {_compared_mm(corrected.value, elsewhere)}"
         yield equal_after, text
 
 
@@ -388,30 +389,33 @@ def _compared_mm(value: float, elsewhere: float) -> str:
     return f"{value / MM:.{digits}f} mm; in other places, this length is {elsewhere / MM:.{digits}f} mm"
 
 
-def _alike(cad: CadModel, s: Suspect) -> Iterator[tuple[bool, str]]:
+def _equal_part_evidence(cad: CadModel, suspect: Suspect) -> Iterator[tuple[bool, str]]:
     """Yield (equal, text) if the part equals one with the same features only before, or only after, the correction."""
     measured = cad.measured
-    if not s.features or s.body not in measured:
+    if not suspect.features or suspect.body not in measured:
         return
-    kinds = _kinds(measured[s.body])
+    kinds = _kinds(measured[suspect.body])
     before = []
     after = []
-    for body, own in measured.items():
-        if body == s.body or _kinds(own) != kinds:
+    for body, other_features in measured.items():
+        if body == suspect.body or _kinds(other_features) != kinds:
             continue
-        if _same(cad, measured[s.body], own, s.features):
+        if _same(cad, measured[suspect.body], other_features, suspect.features):
             before.append(body)
-        if _same(cad, s.faces[s.body], own, s.features):
+        if _same(cad, suspect.faces[suspect.body], other_features, suspect.features):
             after.append(body)
     if after and not before:
-        yield True, f"'{s.body}' differs from {_quoted(after)}"
+        yield True, f"'{suspect.body}' differs from {_quoted(after)}"
     elif before and not after:
-        yield False, f"'{s.body}' equals {_quoted(before)}"
+        yield False, f"'{suspect.body}' equals {_quoted(before)}"
 
 
 def _kinds(measured: Mapping[str, MeasuredFeature]) -> dict[str, tuple[str, float]]:
     """Return {feature: (kind, radius in m, rounded to 1 µm)}."""
-    return {name: (feature.face.kind, round(feature.face.radius, 6)) for name, feature in measured.items()}
+    kinds: dict[str, tuple[str, float]] = {}
+    for name, feature in measured.items():
+        kinds[name] = (feature.face.kind, round(feature.face.radius, 6))
+    return kinds
 
 
 def _quoted(names: Iterable[str]) -> str:
@@ -419,18 +423,18 @@ def _quoted(names: Iterable[str]) -> str:
 
 
 def _same(
-    cad: CadModel, a: Mapping[str, MeasuredFeature], b: Mapping[str, MeasuredFeature], names: Iterable[str]
+    cad: CadModel, first: Mapping[str, MeasuredFeature], second: Mapping[str, MeasuredFeature], names: Iterable[str]
 ) -> bool:
     """Return whether the features `names` have the same angles and distances to all others of their part in a and b."""
     tolerance = cad.description.tolerance
     limits = np.array([tolerance.meeting_deg * DEG, tolerance.meeting_um * UM])
     for name in names:
-        for other in a:
-            if other == name:
+        for other_name in first:
+            if other_name == name:
                 continue
             # (angle, distance)
-            pair_a = np.array(pair(a[name], a[other]))
-            pair_b = np.array(pair(b[name], b[other]))
+            pair_a = np.array(pair(first[name], first[other_name]))
+            pair_b = np.array(pair(second[name], second[other_name]))
             difference = np.abs(pair_a - pair_b)
             is_defined = np.isfinite(difference)  # parallel axes have no distance along them
             if (difference[is_defined] > limits[is_defined]).any():

@@ -22,7 +22,7 @@ from twin.core.units import DEG, MM
 _RADIUS_TOLERANCE = 0.005 * MM
 """Difference of radii in m above which a face does not match a feature's radius."""
 
-_ALIKE = 0.001 * MM
+_EQUALLY_NEAR = 0.001 * MM
 """Two faces are equally near to `near_mm` if their distances differ by less than this value in m."""
 
 _PARALLEL = 1e-6
@@ -78,8 +78,8 @@ def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: 
         if spec.part not in names:
             raise CadError(f"{label}: {unknown('part', spec.part, names)}")
         parts = [part for part in parts if part.name == spec.part]
-    near = np.array(spec.near_mm) * MM
-    candidates = _candidates(label, spec, parts, near)
+    near_point = np.array(spec.near_mm) * MM
+    candidates = _candidates(label, spec, parts, near_point)
     best = _nearest(label, spec, candidates, tolerance)
     direction = best.face.direction
     if spec.direction is not None and direction @ np.array(spec.direction) < 0:
@@ -87,15 +87,15 @@ def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: 
     return MeasuredFeature(name, best.face, direction, best.part)
 
 
-def _candidates(label: str, spec: Feature, parts: Sequence[Part], near: Array) -> list[_Candidate]:
-    """Return the faces of the kind and radius of `spec`, with their distances from a point `near` (3,) in m.
+def _candidates(label: str, spec: Feature, parts: Sequence[Part], near_point: Array) -> list[_Candidate]:
+    """Return the faces of the kind and radius of `spec`, with their distances from `near_point` (3,) in m.
 
     Raises:
         CadError: there is none; the message begins with `label` and names the radii of the other faces.
     """
-    wanted = None
+    stated_direction = None
     if spec.direction is not None:
-        wanted = (np.array(spec.direction) / np.linalg.norm(spec.direction)).tolist()
+        stated_direction = (np.array(spec.direction) / np.linalg.norm(spec.direction)).tolist()
     candidates: list[_Candidate] = []
     other_radii: list[float] = []
     for part in parts:
@@ -106,9 +106,9 @@ def _candidates(label: str, spec: Feature, parts: Sequence[Part], near: Array) -
                 other_radii.append(face.radius / MM)
                 continue
             tilt = 0.0
-            if wanted is not None:
-                tilt = _tilt(wanted, face.direction.tolist())
-            candidates.append(_Candidate(_distance(face, near), tilt, face, part.name))
+            if stated_direction is not None:
+                tilt = _tilt(stated_direction, face.direction.tolist())
+            candidates.append(_Candidate(_distance(face, near_point), tilt, face, part.name))
     if candidates:
         return candidates
     text = f"{label}: the body has no {spec.kind}"
@@ -140,7 +140,7 @@ def _nearest(label: str, spec: Feature, candidates: Sequence[_Candidate], tolera
         )
     best, *others = sorted(near_enough, key=lambda candidate: candidate.distance)
     for other in others:
-        if other.distance - best.distance < _ALIKE and not _same(best.face, other.face):
+        if other.distance - best.distance < _EQUALLY_NEAR and not _are_same(best.face, other.face):
             raise CadError(
                 f"{label}: two {spec.kind} faces are equally near, on '{best.part}' at {_mm(best.face.point)} mm and "
                 f"on '{other.part}' at {_mm(other.face.point)} mm. Move near_mm towards the intended face, or name "
@@ -149,34 +149,34 @@ def _nearest(label: str, spec: Feature, candidates: Sequence[_Candidate], tolera
     return best
 
 
-def _tilt(a: Sequence[float], b: Sequence[float]) -> float:
+def _tilt(first: Sequence[float], second: Sequence[float]) -> float:
     """Return the angle in rad between two axes (3,), ignoring their signs."""
     # Plain numbers: numpy is slower for vectors of three, and a STEP file has thousands of faces.
-    ax, ay, az = a
-    bx, by, bz = b
+    ax, ay, az = first
+    bx, by, bz = second
     sine = math.hypot(ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx)
     cosine = ax * bx + ay * by + az * bz
     return math.atan2(sine, abs(cosine))
 
 
-def _same(a: Face, b: Face) -> bool:
+def _are_same(first: Face, second: Face) -> bool:
     """Return whether two faces of one kind have the same plane, axis or centre."""
-    if a.kind == "sphere":
-        return float(np.linalg.norm(a.point - b.point)) < _ALIKE
-    if float(np.linalg.norm(np.cross(a.direction, b.direction))) > _PARALLEL:
+    if first.kind == "sphere":
+        return float(np.linalg.norm(first.point - second.point)) < _EQUALLY_NEAR
+    if float(np.linalg.norm(np.cross(first.direction, second.direction))) > _PARALLEL:
         return False
-    if a.kind == "plane":
-        return abs(float((a.point - b.point) @ a.direction)) < _ALIKE
-    return float(spatial.point_to_line(b.point, a.point, a.direction)) < _ALIKE
+    if first.kind == "plane":
+        return abs(float((first.point - second.point) @ first.direction)) < _EQUALLY_NEAR
+    return float(spatial.point_to_line(second.point, first.point, first.direction)) < _EQUALLY_NEAR
 
 
-def _distance(face: Face, near: Array) -> float:
-    """Return the distance in m from `near` to a sphere's centre, a cylinder's axis, or a plane.
+def _distance(face: Face, near_point: Array) -> float:
+    """Return the distance in m from `near_point` to a sphere's centre, a cylinder's axis, or a plane.
 
-    For planes and cylinders, the distance from `near` to the middle of the face, measured along the plane or axis, is
-    added with the weight `_ALONG_WEIGHT`. As a result, the nearer of two bores on one axis is chosen.
+    For planes and cylinders, the distance from `near_point` to the middle of the face, measured along the plane or
+    axis, is added with the weight `_ALONG_WEIGHT`. As a result, the nearer of two bores on one axis is chosen.
     """
-    x, y, z = (near - face.point).tolist()
+    x, y, z = (near_point - face.point).tolist()
     if face.kind == "sphere":
         return math.hypot(x, y, z)
     a, b, c = face.direction.tolist()
@@ -195,28 +195,30 @@ def centre(names: str | list[str], features: Mapping[str, MeasuredFeature], at: 
     """
     if isinstance(names, list):
         return np.mean([centre(name, features) for name in names], axis=0)
-    feature = _get(names, features)
+    feature = _feature(names, features)
     face = feature.face
     if at is None or face.kind != "cylinder":
         return face.point
-    other = _get(at, features).face
-    d = face.direction
-    if other.kind == "plane":
-        slope = d @ other.direction
+    other_face = _feature(at, features).face
+    axis = face.direction
+    if other_face.kind == "plane":
+        slope = axis @ other_face.direction
         if abs(slope) < _CROSSING:
             raise CadError(
                 f"the axis of '{names}' does not meet the plane '{at}', because they are parallel; name another `at`"
             )
-        return face.point + d * ((other.point - face.point) @ other.direction) / slope
-    if other.kind == "sphere":
-        return face.point + d * (d @ (other.point - face.point))
-    e = other.direction
-    across = e - d * (d @ e)
+        return face.point + axis * ((other_face.point - face.point) @ other_face.direction) / slope
+    if other_face.kind == "sphere":
+        return face.point + axis * (axis @ (other_face.point - face.point))
+    other_axis = other_face.direction
+    across = other_axis - axis * (axis @ other_axis)
     if np.linalg.norm(across) < _CROSSING:
         raise CadError(f"the axes of '{names}' and '{at}' are parallel: no point is nearest; name another `at`")
-    # Nearest point to a second line: move along d until the connecting vector is perpendicular to both lines.
-    w = other.point - face.point
-    return face.point + d * ((w @ d) - (w @ e) * (d @ e)) / (1 - (d @ e) ** 2)
+    # Nearest point to a second line: move along the axis until the connecting vector is perpendicular to both lines.
+    to_other = other_face.point - face.point
+    cosine = axis @ other_axis
+    numerator = (to_other @ axis) - (to_other @ other_axis) * cosine
+    return face.point + axis * numerator / (1 - cosine**2)
 
 
 def point(spec: NamedPoint, features: Mapping[str, MeasuredFeature]) -> Array:
@@ -242,12 +244,12 @@ def frame(spec: FrameSpec, features: Mapping[str, MeasuredFeature]) -> Array:
     R = R_stated
     p = centre(spec.origin, features, spec.at)
     if spec.z is not None:
-        R = _turned(spec, spec.z, p, R_stated, features)
+        R = _measured_rotation(spec, spec.z, p, R_stated, features)
     return spatial.pose(R, p + R[:, 2] * (spec.offset_mm * MM))
 
 
-def _turned(
-    spec: FrameSpec, along: str | list[str], p: Array, R_stated: Array, features: Mapping[str, MeasuredFeature]
+def _measured_rotation(
+    spec: FrameSpec, along: str | list[str], origin: Array, R_stated: Array, features: Mapping[str, MeasuredFeature]
 ) -> Array:
     """Return the rotation (3, 3) of a frame at p (3,) whose z axis is measured on the features `along`.
 
@@ -257,7 +259,7 @@ def _turned(
         a, b, c = [centre(name, features) for name in along]
         z = np.cross(b - a, c - a)
     else:
-        z = _get(along, features).direction
+        z = _feature(along, features).direction
     if np.linalg.norm(z) < _NO_DIRECTION:
         raise CadError(
             f"z = {along!r} defines no direction: use a cylinder, a plane, or three sphere centres not on one line"
@@ -265,12 +267,12 @@ def _turned(
     z = z / np.linalg.norm(z)
     try:
         if spec.y_towards is not None:
-            y = centre(spec.y_towards, features) - p
+            y = centre(spec.y_towards, features) - origin
             return spatial.frame_from_axes(z, np.cross(y, z))
         if spec.x_towards is not None:
-            x = centre(spec.x_towards, features) - p
+            x = centre(spec.x_towards, features) - origin
         elif spec.x_along is not None:
-            x = _get(spec.x_along, features).direction
+            x = _feature(spec.x_along, features).direction
         else:
             x = R_stated[:, 0]
         return spatial.frame_from_axes(z, x)
@@ -280,7 +282,7 @@ def _turned(
         ) from None
 
 
-def _get(name: str, features: Mapping[str, MeasuredFeature]) -> MeasuredFeature:
+def _feature(name: str, features: Mapping[str, MeasuredFeature]) -> MeasuredFeature:
     if name not in features:
         raise CadError(unknown("feature", name, features))
     return features[name]

@@ -44,76 +44,83 @@ class DrawnFrames:
         return spatial.inverse(self.bodies[body]) @ self.on[joint][1]
 
 
-Given = Mapping[tuple[str, str], Array]
+GivenFrames = Mapping[tuple[str, str], Array]
 """{(joint, body): frame (4, 4) in drawn coordinates}; replaces the frames that the description gives by numbers."""
 
 
-def drawn(d: Description, faces: Faces, given: Given | None = None) -> DrawnFrames:
-    """Return all frames of the description, computed from the measured faces; `given` replaces frames of joints.
+def drawn(description: Description, faces: Faces, given_frames: GivenFrames | None = None) -> DrawnFrames:
+    """Return all frames of the description, computed from the measured faces; `given_frames` replaces those of joints.
 
     Raises:
         CadError: a feature is unknown, or features do not define a frame.
     """
-    given = given or {}
-    on: dict[str, tuple[Array, Array]] = {}
-    for joint in d.joint:
-        parent = _frame(d, faces, joint.parent, joint.on_parent, f"joint '{joint.name}' on body '{joint.parent}'")
-        child = _frame(d, faces, joint.child, joint.on_child, f"joint '{joint.name}' on body '{joint.child}'")
-        parent = given.get((joint.name, joint.parent), parent)
-        child = given.get((joint.name, joint.child), child)
-        on[joint.name] = (parent, child)
+    given_frames = given_frames or {}
+    joint_frames: dict[str, tuple[Array, Array]] = {}
+    for joint in description.joint:
+        parent = _frame(
+            description, faces, joint.parent, joint.on_parent, f"joint '{joint.name}' on body '{joint.parent}'"
+        )
+        child = _frame(description, faces, joint.child, joint.on_child, f"joint '{joint.name}' on body '{joint.child}'")
+        parent = given_frames.get((joint.name, joint.parent), parent)
+        child = given_frames.get((joint.name, joint.child), child)
+        joint_frames[joint.name] = (parent, child)
     named = {}
-    for name, spec in d.frame.items():
-        named[name] = _frame(d, faces, spec.body, spec.at, f"frame '{name}' on body '{spec.body}'")
+    for name, spec in description.frame.items():
+        named[name] = _frame(description, faces, spec.body, spec.at, f"frame '{name}' on body '{spec.body}'")
     bodies = {}
-    for name, spec in d.body.items():
-        bodies[name] = _body(d, name, spec, on, named)
-    return DrawnFrames(on, named, bodies)
+    for name, spec in description.body.items():
+        bodies[name] = _body(description, name, spec, joint_frames, named)
+    return DrawnFrames(joint_frames, named, bodies)
 
 
-def frames(d: Description, at: DrawnFrames) -> tuple[Frame, ...]:
+def frames(description: Description, drawn_frames: DrawnFrames) -> tuple[Frame, ...]:
     """Return the named frames, each relative to its body."""
     built = []
-    for name, spec in d.frame.items():
-        built.append(Frame(name, spec.body, spatial.inverse(at.bodies[spec.body]) @ at.named[name]))
+    for name, spec in description.frame.items():
+        built.append(Frame(name, spec.body, spatial.inverse(drawn_frames.bodies[spec.body]) @ drawn_frames.named[name]))
     return tuple(built)
 
 
-def points(d: Description, at: DrawnFrames, faces: Faces) -> tuple[Point, ...]:
+def points(description: Description, drawn_frames: DrawnFrames, faces: Faces) -> tuple[Point, ...]:
     """Return the named points, in m, each in the frame of its body."""
     built = []
-    for name, spec in d.point.items():
+    for name, spec in description.point.items():
         point = features.point(spec, faces.get(spec.body, {}))
-        built.append(Point(name, spec.body, into(at.bodies[spec.body], point)))
+        built.append(Point(name, spec.body, into(drawn_frames.bodies[spec.body], point)))
     return tuple(built)
 
 
-def rest(d: Description, at: DrawnFrames) -> dict[str, Array]:
+def rest(description: Description, drawn_frames: DrawnFrames) -> dict[str, Array]:
     """Return T_base_body (4, 4) of every body as in the CAD."""
-    T_base_drawn = spatial.inverse(at.bodies[d.base])
-    return {body: T_base_drawn @ T_drawn_body for body, T_drawn_body in at.bodies.items()}
+    T_base_drawn = spatial.inverse(drawn_frames.bodies[description.base])
+    poses: dict[str, Array] = {}
+    for body, T_drawn_body in drawn_frames.bodies.items():
+        poses[body] = T_base_drawn @ T_drawn_body
+    return poses
 
 
-def moved(mechanism: Mechanism, d: Description, faces: Faces, given: Given | None = None) -> Mechanism:
+def moved(
+    mechanism: Mechanism, description: Description, faces: Faces, given_frames: GivenFrames | None = None
+) -> Mechanism:
     """Return the mechanism with joints, frames and points computed from `faces`, without meshes and masses.
 
     Raises:
         CadError: the faces do not define a frame.
     """
-    at = drawn(d, faces, given)
+    drawn_frames = drawn(description, faces, given_frames)
     joints = []
     for joint in mechanism.joints:
-        T_parent_joint = at.on_parent(joint.name, joint.parent)
-        T_child_joint = at.on_child(joint.name, joint.child)
+        T_parent_joint = drawn_frames.on_parent(joint.name, joint.parent)
+        T_child_joint = drawn_frames.on_child(joint.name, joint.child)
         joints.append(replace(joint, T_parent_joint=T_parent_joint, T_child_joint=T_child_joint))
     bodies = [replace(body, meshes=(), inertia=None) for body in mechanism.bodies]
     return replace(
         mechanism,
         bodies=tuple(bodies),
         joints=tuple(joints),
-        frames=frames(d, at),
-        points=points(d, at, faces),
-        rest=rest(d, at),
+        frames=frames(description, drawn_frames),
+        points=points(description, drawn_frames, faces),
+        rest=rest(description, drawn_frames),
     )
 
 
@@ -122,24 +129,24 @@ def into(T_drawn_body: Array, points: Array) -> Array:
     return (points - T_drawn_body[:3, 3]) @ T_drawn_body[:3, :3]
 
 
-def _frame(d: Description, faces: Faces, body: str, spec: FrameSpec, where: str) -> Array:
+def _frame(description: Description, faces: Faces, body: str, spec: FrameSpec, where: str) -> Array:
     try:
         return features.frame(spec, faces.get(body, {}))
     except CadError as error:
-        raise CadError(f"{d.name}: {where}: {error}") from error
+        raise CadError(f"{description.name}: {where}: {error}") from error
 
 
 def _body(
-    d: Description,
+    description: Description,
     body: str,
     spec: BodySpec,
-    on: Mapping[str, tuple[Array, Array]],
+    joint_frames: Mapping[str, tuple[Array, Array]],
     named: Mapping[str, Array],
 ) -> Array:
     if spec.frame is not None:
         return named[spec.frame]
-    for joint in d.joint:
+    for joint in description.joint:
         if joint.child == body:
-            _, on_child = on[joint.name]
+            _, on_child = joint_frames[joint.name]
             return on_child
     return np.eye(4)

@@ -43,59 +43,58 @@ def measure(cad: CadModel) -> tuple[Length, ...]:
     lengths = []
     for spec in cad.description.length:
         first, second = spec.between
-        own = cad.measured[spec.body]
-        distance = _distance(spec.body, own[first], own[second])
+        features = cad.measured[spec.body]
+        distance = _distance(spec.body, features[first], features[second])
         lengths.append(Length(spec.body, spec.between, spec.parameter, distance))
     return tuple(lengths)
 
 
-def _distance(body: str, a: MeasuredFeature, b: MeasuredFeature) -> float:
+def _distance(body: str, first: MeasuredFeature, second: MeasuredFeature) -> float:
     """Return the distance in m between two faces: of a sphere, the centre is used; of a cylinder, the axis."""
-    angle, distance = pair(a, b)
+    angle, distance = pair(first, second)
     tilt = np.sin(angle)
-    if {a.face.kind, b.face.kind} == {"plane", "cylinder"}:
+    if {first.face.kind, second.face.kind} == {"plane", "cylinder"}:
         tilt = np.cos(angle)  # the direction of a plane is its normal
     if tilt > _PARALLEL:
-        raise CadError(
-            f"length on '{body}': '{a.name}' and '{b.name}' are not parallel, so that their distance is undefined"
-        )
+        text = f"'{first.name}' and '{second.name}' are not parallel, so that their distance is undefined"
+        raise CadError(f"length on '{body}': {text}")
     return distance
 
 
-def pair(a: MeasuredFeature, b: MeasuredFeature) -> tuple[float, float]:
+def pair(first: MeasuredFeature, second: MeasuredFeature) -> tuple[float, float]:
     """Return (angle in rad, distance in m) between two faces; an undefined value is NaN."""
-    offset = b.face.point - a.face.point
-    kinds = {a.face.kind, b.face.kind}
+    offset = second.face.point - first.face.point
+    kinds = {first.face.kind, second.face.kind}
     if "sphere" in kinds:
-        return np.nan, _from_centre(a, b)
-    cross = np.cross(a.direction, b.direction)
+        return np.nan, _from_centre(first, second)
+    cross = np.cross(first.direction, second.direction)
     sine = float(np.linalg.norm(cross))
-    cosine = abs(float(a.direction @ b.direction))
+    cosine = abs(float(first.direction @ second.direction))
     angle = float(np.arctan2(sine, cosine))
     if kinds == {"plane", "cylinder"}:
         if not cosine < _ALIGNED:
             return angle, np.nan
-        plane = a if a.face.kind == "plane" else b
+        plane = first if first.face.kind == "plane" else second
         return angle, abs(float(offset @ plane.direction))
     if kinds == {"plane"}:
         if not sine < _ALIGNED:
             return angle, np.nan
-        return angle, abs(float(offset @ a.direction))
+        return angle, abs(float(offset @ first.direction))
     if sine < _ALIGNED:
-        return angle, float(spatial.point_to_line(b.face.point, a.face.point, a.direction))
+        return angle, float(spatial.point_to_line(second.face.point, first.face.point, first.direction))
     return angle, abs(float(offset @ cross)) / sine  # between skew axes, along their common normal
 
 
-def _from_centre(a: MeasuredFeature, b: MeasuredFeature) -> float:
+def _from_centre(first: MeasuredFeature, second: MeasuredFeature) -> float:
     """Return the distance in m between two faces of which one at least is a sphere: from its centre."""
-    offset = b.face.point - a.face.point
-    sphere = a
-    other = b
-    if b.face.kind == "sphere":
-        sphere = b
-        other = a
-    if other.face.kind == "sphere":
+    offset = second.face.point - first.face.point
+    sphere = first
+    other_face = second
+    if second.face.kind == "sphere":
+        sphere = second
+        other_face = first
+    if other_face.face.kind == "sphere":
         return float(np.linalg.norm(offset))
-    if other.face.kind == "plane":
-        return abs(float(offset @ other.direction))
-    return float(spatial.point_to_line(sphere.face.point, other.face.point, other.direction))
+    if other_face.face.kind == "plane":
+        return abs(float(offset @ other_face.direction))
+    return float(spatial.point_to_line(sphere.face.point, other_face.face.point, other_face.direction))

@@ -13,17 +13,17 @@ from twin.core.spatial import Array
 from twin.core.units import UM
 
 
-def meetings(d: Description, at: DrawnFrames) -> list[Finding]:
+def meetings(description: Description, drawn_frames: DrawnFrames) -> list[Finding]:
     """Return findings on joints whose two frames are offset or tilted in the CAD; free directions are ignored."""
-    found = []
-    for joint in d.joint:
-        offset, tilt = locked_error(between(at, joint.name), joint.type)
+    findings = []
+    for joint in description.joint:
+        offset, tilt = locked_error(between(drawn_frames, joint.name), joint.type)
         for code, what, size, limit in (
-            ("cad.meeting", "apart", mm(offset), mm(d.tolerance.meeting_um * UM)),
-            ("cad.tilt", "tilted", deg(tilt), Quantity(d.tolerance.meeting_deg, "deg")),
+            ("cad.meeting", "apart", mm(offset), mm(description.tolerance.meeting_um * UM)),
+            ("cad.tilt", "tilted", deg(tilt), Quantity(description.tolerance.meeting_deg, "deg")),
         ):
             if size.value > limit.value:
-                found.append(
+                findings.append(
                     disagreement(
                         code,
                         joint.name,
@@ -35,12 +35,12 @@ def meetings(d: Description, at: DrawnFrames) -> list[Finding]:
                         word="tolerance",
                     )
                 )
-    return found
+    return findings
 
 
-def between(at: DrawnFrames, joint: str) -> Array:
+def between(drawn_frames: DrawnFrames, joint: str) -> Array:
     """Return the pose (4, 4) of the child's joint frame in the parent's joint frame, as in the CAD."""
-    return spatial.inverse(at.on[joint][0]) @ at.on[joint][1]
+    return spatial.inverse(drawn_frames.on[joint][0]) @ drawn_frames.on[joint][1]
 
 
 def locked(T: Array, joint_type: str) -> tuple[Array, Array]:
@@ -49,11 +49,11 @@ def locked(T: Array, joint_type: str) -> tuple[Array, Array]:
     `T` (4, 4) is the pose from `between`. Components in the free directions of the joint are 0.
     For revolute and cylindrical joints, the rotation is the one that turns the parent's axis to the child's axis.
     """
-    p, turn = T[:3, 3].copy(), np.zeros(3)
+    offset, turn = T[:3, 3].copy(), np.zeros(3)
     if joint_type == "free":
         return np.zeros(3), turn
     if joint_type in ("prismatic", "cylindrical"):
-        p[2] = 0.0
+        offset[2] = 0.0
     if joint_type in ("revolute", "cylindrical"):
         x, y, z = T[:3, 2]
         across = np.hypot(x, y)
@@ -63,7 +63,7 @@ def locked(T: Array, joint_type: str) -> tuple[Array, Array]:
             turn = np.array([np.pi, 0.0, 0.0])
     elif joint_type != "spherical":
         turn = np.asarray(spatial.log_so3(T[:3, :3]), float)
-    return p, turn
+    return offset, turn
 
 
 def locked_error(T: Array, joint_type: str) -> tuple[float, float]:

@@ -19,19 +19,23 @@ from twin.core.quantity import mm
 from twin.core.spatial import Array
 from twin.core.units import DEG, UM
 
+_SMALLEST_POSITION = 0.1 * UM
+_SMALLEST_DIRECTION = 1e-6
+"""Noise in m and in rad from which a text states it."""
+
 CAUSE = "noise of the CAD"
 """Name of the cause of the findings on joints whose parts do not meet because of noise."""
 
-_LEAST = 4
+_FEWEST_JOINTS = 4
 """Minimum number of joints that do not meet for which the gaps can be noise."""
 
-_EQUAL = 6.0
+_LARGEST_RATIO = 6.0
 """Maximum ratio of the largest and the median gap; a larger gap has a cause of its own."""
 
 _DRAWS = 16
 """Number of random errors from which the gaps are computed that noise causes."""
 
-_UNIT = (1 * UM, 1e-5)
+_UNIT_NOISE = (1 * UM, 1e-5)
 """Noise of positions in m and of directions in rad for which gaps are computed; the gaps are proportional to it."""
 
 
@@ -51,12 +55,12 @@ class Noise:
     joints: tuple[str, ...]
     largest: float
 
-    def finding(self, d: Description) -> Finding:
+    def finding(self, description: Description) -> Finding:
         """Return the finding on the noise of a CAD with this description."""
         parts = []
-        if self.position > 0.1 * UM:
+        if self.position > _SMALLEST_POSITION:
             parts.append(f"{self.position / UM:.2g} µm in each coordinate")
-        if self.direction > 1e-6:
+        if self.direction > _SMALLEST_DIRECTION:
             parts.append(f"{self.direction / DEG:.2g}° in each direction")
         return disagreement(
             "cad.noise",
@@ -64,7 +68,7 @@ class Noise:
             f"the features in the CAD have noise of {' and '.join(parts)} (standard deviation), and the parts of "
             f"{len(self.joints)} joints do not meet; largest gap",
             mm(self.largest),
-            mm(d.tolerance.meeting_um * UM),
+            mm(description.tolerance.meeting_um * UM),
             "export the CAD again with more digits, or place the parts exactly",
             when="as drawn",
             cause=CAUSE,
@@ -72,7 +76,7 @@ class Noise:
         )
 
 
-def noise(d: Description, measured: Faces, findings: Sequence[Finding]) -> Noise | None:
+def noise(description: Description, measured: Faces, findings: Sequence[Finding]) -> Noise | None:
     """Return the noise of the features that causes the gaps of a CAD model; None if they have another cause.
 
     The gaps are noise if at least half of the joints with measured features have one, if they are of similar size, and
@@ -80,34 +84,34 @@ def noise(d: Description, measured: Faces, findings: Sequence[Finding]) -> Noise
     """
     joints = tuple(dict.fromkeys(finding.where for finding in findings))
     measured_joints = 0
-    for joint in d.joint:
+    for joint in description.joint:
         if any(spec.position_mm is None for _, spec in joint.sides):
             measured_joints += 1
-    if len(joints) < max(_LEAST, measured_joints / 2) or _of_two_parts(d, joints):
+    if len(joints) < max(_FEWEST_JOINTS, measured_joints / 2) or _are_on_two_parts(description, joints):
         return None
     sizes: dict[str, list[float]] = {}  # offsets and angles have different codes
     for finding in findings:
         sizes.setdefault(finding.code, []).append(finding.size or 0.0)
-    for of_code in sizes.values():
-        if max(of_code) > _EQUAL * float(np.median(of_code)):
+    for sizes_of_code in sizes.values():
+        if max(sizes_of_code) > _LARGEST_RATIO * float(np.median(sizes_of_code)):
             return None
-    gaps = _gaps(d, measured)
+    gaps = _gaps(description, measured)
     rng = np.random.default_rng(0)
     # mean squares of offsets and of angles (rows) for noise of one unit of positions and of directions (columns)
     effect = np.zeros((2, 2))
     try:
         for _ in range(_DRAWS):
-            for column, (position, direction) in enumerate(np.diag(_UNIT)):
-                change = _gaps(d, redrawn(measured, position, direction, rng)) - gaps
+            for column, (position, direction) in enumerate(np.diag(_UNIT_NOISE)):
+                change = _gaps(description, redrawn(measured, position, direction, rng)) - gaps
                 effect[:, column] += _squares(change) / _DRAWS
     except CadError:  # the features hardly define the frames
         return None
-    scale = np.array(_UNIT) ** 2
+    scale = np.array(_UNIT_NOISE) ** 2
     from scipy.optimize import nnls  # takes longer to import than most commands need for the rest
 
     # The squares of the gaps are sums of the two variances, each times the squares for noise of one unit.
     variances, _ = nnls(effect / scale[:, None], _squares(gaps) / scale)
-    position, direction = np.sqrt(variances) * _UNIT
+    position, direction = np.sqrt(variances) * _UNIT_NOISE
     largest = float(np.linalg.norm(gaps[:, :3], axis=1).max())
     return Noise(float(position), float(direction), joints, largest)
 
@@ -125,22 +129,25 @@ def redrawn(measured: Faces, position: float, direction: float, rng: np.random.G
     return disturbed
 
 
-def _of_two_parts(d: Description, joints: Sequence[str]) -> bool:
+def _are_on_two_parts(description: Description, joints: Sequence[str]) -> bool:
     """Return whether every one of the joints is on one of the same two parts."""
-    ends = [{joint.parent, joint.child} for joint in d.joint if joint.name in joints]
+    ends: list[set[str]] = []
+    for joint in description.joint:
+        if joint.name in joints:
+            ends.append({joint.parent, joint.child})
     bodies = sorted(set().union(*ends))
     for first, second in combinations(bodies, 2):
-        others = [pair for pair in ends if first not in pair and second not in pair]
+        others = [pair for pair in ends if not pair & {first, second}]
         if not others:
             return True
     return False
 
 
-def _gaps(d: Description, faces: Faces) -> Array:
+def _gaps(description: Description, faces: Faces) -> Array:
     """Return offsets in m and rotation vectors in rad (joints, 6) between the two frames of each joint."""
-    at = drawn(d, faces)
+    at = drawn(description, faces)
     gaps = []
-    for joint in d.joint:
+    for joint in description.joint:
         offset, turn = meeting.locked(meeting.between(at, joint.name), joint.type)
         gaps.append([*offset, *turn])
     return np.array(gaps)

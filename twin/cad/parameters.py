@@ -9,25 +9,25 @@ from twin.core.provenance import Parameter
 from twin.schema import Row
 
 
-def parameters(d: Description) -> list[Parameter]:
+def parameters(description: Description) -> list[Parameter]:
     """Return every number of the description that is not in the CAD, with unit and provenance."""
     numbers: list[Parameter] = []
-    for limit in d.limit:
+    for limit in description.limit:
         numbers += limit.parameters(",".join(limit.joints), _limit(limit))
-    angular = {joint.name for joint in d.joint if joint.type == "revolute"}
-    for drive in d.drive:
+    hinges = {joint.name for joint in description.joint if joint.type == "revolute"}
+    for drive in description.drive:
         label = f"{','.join(drive.joints)} drive"
-        is_angle = drive.joints[0] in angular
+        is_angle = drive.joints[0] in hinges
         numbers += drive.parameters(label, _drive(drive, is_angle))
-    for name, material in d.material.items():
+    for name, material in description.material.items():
         numbers += material.parameters("density", [(name, material.density_kg_m3, "kg/m3")])
-    for gap in d.gap:
+    for gap in description.gap:
         numbers += gap.parameters("gap", [(f"{gap.lower}-{gap.upper}", gap.min_gap_mm, "mm")])
-    for coupling in d.coupling:
+    for coupling in description.coupling:
         numbers += coupling.parameters("coupling", _coupling(coupling))
-    for actuator in d.actuator:
+    for actuator in description.actuator:
         numbers += actuator.parameters(f"actuator {actuator.name}", _actuator(actuator))
-    for transmission in d.transmission:
+    for transmission in description.transmission:
         numbers += transmission.parameters(f"transmission {transmission.name}:", _transmission(transmission))
     return numbers
 

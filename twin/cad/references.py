@@ -15,101 +15,109 @@ UNITS = {"revolute": "deg", "prismatic": "mm"}
 """Unit of the joint coordinate, for the joint types that have exactly one coordinate."""
 
 
-def check(path: Path, d: Description) -> None:
+def check(path: Path, description: Description) -> None:
     """Raise `DescriptionError` for the first unknown name, or the first unit that does not suit its joint's type."""
-    for keys, message in (*_bodies(d), *_features(d), *_limits(d), *_motors(d), *_postures(d)):
+    for keys, message in (
+        *_bodies(description),
+        *_features(description),
+        *_limits(description),
+        *_motors(description),
+        *_postures(description),
+    ):
         raise error_at(path, keys, message)
 
 
-def _bodies(d: Description) -> Iterator[tuple[Keys, str]]:
-    named: list[tuple[Keys, str]] = [(("base",), d.base)]
-    for i, joint in enumerate(d.joint):
-        named.append((("joint", i, "parent"), joint.parent))
-        named.append((("joint", i, "child"), joint.child))
-    for body in d.feature:
-        named.append((("feature", body), body))
-    for name, frame in d.frame.items():
-        named.append((("frame", name, "body"), frame.body))
-    for name, point in d.point.items():
-        named.append((("point", name, "body"), point.body))
-    for i, length in enumerate(d.length):
-        named.append((("length", i, "body"), length.body))
-    for keys, body in named:
-        if body not in d.body:
-            yield keys, unknown("body", body, d.body)
-    joints = [joint.name for joint in d.joint]
+def _bodies(description: Description) -> Iterator[tuple[Keys, str]]:
+    references: list[tuple[Keys, str]] = [(("base",), description.base)]
+    for number, joint in enumerate(description.joint):
+        references.append((("joint", number, "parent"), joint.parent))
+        references.append((("joint", number, "child"), joint.child))
+    for body in description.feature:
+        references.append((("feature", body), body))
+    for name, frame in description.frame.items():
+        references.append((("frame", name, "body"), frame.body))
+    for name, point in description.point.items():
+        references.append((("point", name, "body"), point.body))
+    for number, length in enumerate(description.length):
+        references.append((("length", number, "body"), length.body))
+    for keys, body in references:
+        if body not in description.body:
+            yield keys, unknown("body", body, description.body)
+    joints = [joint.name for joint in description.joint]
     trocars: list[tuple[Keys, str]] = []
-    if d.trocar:
-        trocars.append((("trocar",), d.trocar))
-    for i, name in enumerate(d.trocars):
-        trocars.append((("trocars", i), name))
+    if description.trocar:
+        trocars.append((("trocar",), description.trocar))
+    for number, name in enumerate(description.trocars):
+        trocars.append((("trocars", number), name))
     for keys, name in trocars:
         if name not in joints:
             yield keys, unknown("joint", name, joints)
-    if d.tool not in d.frame:
-        yield ("tool",), unknown("frame", d.tool, d.frame)
-    for body, spec in d.body.items():
-        own = [name for name, frame in d.frame.items() if frame.body == body]
-        if spec.frame is not None and spec.frame not in own:
-            yield ("body", body, "frame"), f"body '{body}': {unknown('frame', spec.frame, own)}"
+    if description.tool not in description.frame:
+        yield ("tool",), unknown("frame", description.tool, description.frame)
+    for body, spec in description.body.items():
+        frames_of_body = [name for name, frame in description.frame.items() if frame.body == body]
+        if spec.frame is not None and spec.frame not in frames_of_body:
+            yield ("body", body, "frame"), f"body '{body}': {unknown('frame', spec.frame, frames_of_body)}"
 
 
-def _features(d: Description) -> Iterator[tuple[Keys, str]]:
-    for i, joint in enumerate(d.joint):
-        yield from _of_frame(d, ("joint", i, "on_parent"), joint.parent, joint.on_parent)
-        yield from _of_frame(d, ("joint", i, "on_child"), joint.child, joint.on_child)
-    for name, spec in d.frame.items():
-        yield from _of_frame(d, ("frame", name, "at"), spec.body, spec.at)
-    for name, point in d.point.items():
-        yield from _of_body(d, ("point", name, "origin"), point.body, point.origin)
-        yield from _of_body(d, ("point", name, "at"), point.body, point.at)
-    for i, length in enumerate(d.length):
-        yield from _of_body(d, ("length", i, "between"), length.body, list(length.between))
+def _features(description: Description) -> Iterator[tuple[Keys, str]]:
+    for number, joint in enumerate(description.joint):
+        yield from _features_of_frame(description, ("joint", number, "on_parent"), joint.parent, joint.on_parent)
+        yield from _features_of_frame(description, ("joint", number, "on_child"), joint.child, joint.on_child)
+    for name, spec in description.frame.items():
+        yield from _features_of_frame(description, ("frame", name, "at"), spec.body, spec.at)
+    for name, point in description.point.items():
+        yield from _features_of_body(description, ("point", name, "origin"), point.body, point.origin)
+        yield from _features_of_body(description, ("point", name, "at"), point.body, point.at)
+    for number, length in enumerate(description.length):
+        yield from _features_of_body(description, ("length", number, "between"), length.body, list(length.between))
 
 
-def _of_frame(d: Description, keys: Keys, body: str, spec: FrameSpec) -> Iterator[tuple[Keys, str]]:
+def _features_of_frame(description: Description, keys: Keys, body: str, spec: FrameSpec) -> Iterator[tuple[Keys, str]]:
     """Yield the faults of the features from which a frame of a body is computed."""
     for key in ("origin", "at", "z", "x_towards", "y_towards", "x_along"):
-        yield from _of_body(d, (*keys, key), body, getattr(spec, key))
+        yield from _features_of_body(description, (*keys, key), body, getattr(spec, key))
 
 
-def _of_body(d: Description, keys: Keys, body: str, names: str | list[str] | None) -> Iterator[tuple[Keys, str]]:
+def _features_of_body(
+    description: Description, keys: Keys, body: str, names: str | list[str] | None
+) -> Iterator[tuple[Keys, str]]:
     """Yield the names of features that a body does not have."""
-    known: Iterable[str] = d.feature.get(body, {})
+    features: Iterable[str] = description.feature.get(body, {})
     if isinstance(names, str):
         names = [names]
     for name in names or []:
-        if name not in known:
-            yield keys, f"body '{body}': {unknown('feature', name, known)}"
+        if name not in features:
+            yield keys, f"body '{body}': {unknown('feature', name, features)}"
 
 
-def _limits(d: Description) -> Iterator[tuple[Keys, str]]:
-    types = {joint.name: joint.type for joint in d.joint}
-    for kind, entries in (("limit", d.limit), ("drive", d.drive)):
+def _limits(description: Description) -> Iterator[tuple[Keys, str]]:
+    types = {joint.name: joint.type for joint in description.joint}
+    for kind, entries in (("limit", description.limit), ("drive", description.drive)):
         first: dict[str, int] = {}
-        for i, entry in enumerate(entries):
+        for number, entry in enumerate(entries):
             for joint in entry.joints:
                 if joint not in types:
-                    yield (kind, i, "joints"), unknown("joint", joint, types)
-                elif first.get(joint) == i:
-                    yield (kind, i, "joints"), f"joint '{joint}' is named twice in this entry; keep only one"
+                    yield (kind, number, "joints"), unknown("joint", joint, types)
+                elif first.get(joint) == number:
+                    yield (kind, number, "joints"), f"joint '{joint}' is named twice in this entry; keep only one"
                 elif joint in first:
                     text = f"joint '{joint}' has another [[{kind}]] entry{_contradiction(entries[first[joint]], entry)}"
-                    yield (kind, i, "joints"), f"{text}; keep only one"
-                first[joint] = i
-    for i, limit in enumerate(d.limit):
-        keys = [key for key in type(limit).model_fields if getattr(limit, key) is not None]
+                    yield (kind, number, "joints"), f"{text}; keep only one"
+                first[joint] = number
+    for number, limit in enumerate(description.limit):
+        stated_keys = [key for key in type(limit).model_fields if getattr(limit, key) is not None]
         for joint in limit.joints:
-            for key in keys:
+            for key in stated_keys:
                 text = _wrong_unit(joint, types.get(joint, "fixed"), key)
                 if text:
-                    yield ("limit", i, key), text
-    yield from _couplings(d, types)
-    yield from _gaps(d, types)
+                    yield ("limit", number, key), text
+    yield from _couplings(description, types)
+    yield from _gaps(description, types)
 
 
-def _couplings(d: Description, types: Mapping[str, str]) -> Iterator[tuple[Keys, str]]:
-    for i, coupling in enumerate(d.coupling):
+def _couplings(description: Description, types: Mapping[str, str]) -> Iterator[tuple[Keys, str]]:
+    for number, coupling in enumerate(description.coupling):
         wrong = "deg"
         right = "mm"
         if coupling.sum_deg is None:
@@ -118,17 +126,17 @@ def _couplings(d: Description, types: Mapping[str, str]) -> Iterator[tuple[Keys,
         # The sum has the unit of the first joint; the ratios of joints of the other kind are in m/rad or rad/m.
         for joint in coupling.joints[:1]:
             if UNITS.get(types.get(joint, "")) == right:
-                yield ("coupling", i, f"sum_{wrong}"), f"joint '{joint}' is {types[joint]}; write sum_{right}"
+                yield ("coupling", number, f"sum_{wrong}"), f"joint '{joint}' is {types[joint]}; write sum_{right}"
 
 
-def _gaps(d: Description, types: Mapping[str, str]) -> Iterator[tuple[Keys, str]]:
-    for i, gap in enumerate(d.gap):
+def _gaps(description: Description, types: Mapping[str, str]) -> Iterator[tuple[Keys, str]]:
+    for number, gap in enumerate(description.gap):
         for key in ("lower", "upper"):
             joint = getattr(gap, key)
             if joint not in types:
-                yield ("gap", i, key), unknown("joint", joint, types)
+                yield ("gap", number, key), unknown("joint", joint, types)
             elif types[joint] != "prismatic":
-                yield ("gap", i, key), f"joint '{joint}' is {types[joint]}; a gap requires prismatic joints"
+                yield ("gap", number, key), f"joint '{joint}' is {types[joint]}; a gap requires prismatic joints"
 
 
 def _contradiction(first: LimitSpec | DriveSpec, second: LimitSpec | DriveSpec) -> str:
@@ -165,24 +173,25 @@ def _wrong_unit(joint: str, kind: str, key: str) -> str:
     return ""
 
 
-def _motors(d: Description) -> Iterator[tuple[Keys, str]]:
-    active = [joint.name for joint in d.joint if joint.active]
-    names = [joint.name for joint in d.joint]
+def _motors(description: Description) -> Iterator[tuple[Keys, str]]:
+    active = [joint.name for joint in description.joint if joint.active]
+    names = [joint.name for joint in description.joint]
     driven = set()
-    for drive in d.drive:
+    for drive in description.drive:
         driven |= set(drive.joints)
-    for kind, name, key, text in faults(actuators(d), transmissions(d), active, names, driven):
-        entries: list = getattr(d, kind)
-        index = [entry.name for entry in entries].index(name)
+    for kind, name, key, text in faults(actuators(description), transmissions(description), active, names, driven):
+        entries: list = getattr(description, kind)
+        entry_names = [entry.name for entry in entries]
+        index = entry_names.index(name)
         yield (kind, index, key), text
 
 
-def _postures(d: Description) -> Iterator[tuple[Keys, str]]:
-    types = {joint.name: joint.type for joint in d.joint if joint.active}
-    for posture, values in d.posture.items():
+def _postures(description: Description) -> Iterator[tuple[Keys, str]]:
+    types = {joint.name: joint.type for joint in description.joint if joint.active}
+    for posture, values in description.posture.items():
         yield from _joint_values(("posture", posture), values, types)
-    if d.start:
-        yield from _joint_values(("start",), d.start, types)
+    if description.start:
+        yield from _joint_values(("start",), description.start, types)
 
 
 def _joint_values(place: Keys, values: Mapping[str, float], types: Mapping[str, str]) -> Iterator[tuple[Keys, str]]:

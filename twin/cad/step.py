@@ -43,13 +43,16 @@ MASS_ANGLE = 0.15
 MASS_TOLERANCE = 0.005 * MM
 """Chord tolerance in m of the meshes for mass computation; the volume of a convex part is slightly too small."""
 
-_CACHED = 128
+_MOST_CACHED = 128
 """Maximum number of converted STEP files in the cache; the built-in robots and scenes need about 40."""
 
 _GREY = (0.6, 0.6, 0.6, 1.0)
 """Linear colour of a part without one."""
 
-_SPACE = bytes(i for i in range(256) if chr(i).isspace())
+_SINGLE_PRECISION = 2.0**-23
+"""Relative error of numbers in single precision, which have 23 binary digits after the first."""
+
+_WHITE_SPACE = bytes(byte for byte in range(256) if chr(byte).isspace())
 
 _SI_PREFIX = {"": 1.0, "MILLI": 1e-3, "CENTI": 1e-2, "DECI": 0.1, "MICRO": 1e-6, "KILO": 1e3}
 _IMPERIAL = {0.0254, 0.3048}
@@ -139,7 +142,7 @@ def length_unit(path: Path, read: Read = read_bytes) -> float:
         raise CadError(f"{path}: cannot read the STEP file ({error.strerror or error})") from error
     if not data.strip():
         raise CadError(f"{path} is empty: export or copy the STEP file again")
-    compact = data.translate(None, _SPACE).decode("latin-1")
+    compact = data.translate(None, _WHITE_SPACE).decode("latin-1")
     if not compact.startswith("ISO-10303-21"):
         raise CadError(f"{path} is not a STEP file: it does not begin with ISO-10303-21")
     if b"END-ISO-10303-21" not in data[-4096:]:
@@ -216,7 +219,8 @@ def _glb(path: Path, tolerance: float, angle: float, read: Read = read_bytes) ->
     cached = folder / f"{key.hexdigest()}.glb"
     with contextlib.suppress(OSError):
         data = cached.read_bytes()
-        if data[:4] == b"glTF" and int.from_bytes(data[8:12], "little") == len(data):
+        stated_size = int.from_bytes(data[8:12], "little")
+        if data[:4] == b"glTF" and stated_size == len(data):
             with contextlib.suppress(OSError):  # a cache of another user is read, not written
                 os.utime(cached)  # the files that were longest unused are removed first
             return data  # complete; a truncated file is written again
@@ -241,7 +245,7 @@ def _glb(path: Path, tolerance: float, angle: float, read: Read = read_bytes) ->
         data = glb.read_bytes()
     with contextlib.suppress(OSError, OutputError):  # a cache that cannot be written is not an error
         newest_last = sorted(folder.glob("*.glb"), key=lambda file: file.stat().st_mtime)
-        for old in newest_last[:-_CACHED]:
+        for old in newest_last[:-_MOST_CACHED]:
             old.unlink()
         with atomic_folder(folder) as work:
             (work / cached.name).write_bytes(data)
@@ -261,9 +265,9 @@ def _parts(gltf: dict, binary: bytes) -> tuple[list[Part], float]:
     error = 0.0
 
     def name_of(index: int) -> str:
-        return _repair(gltf["nodes"][index].get("name", f"part{index}"))
+        return _repaired_name(gltf["nodes"][index].get("name", f"part{index}"))
 
-    taken = {name_of(index) for index in range(len(gltf["nodes"]))}
+    taken_names = {name_of(index) for index in range(len(gltf["nodes"]))}
 
     def walk(index: int, T: Array, path: tuple[str, ...], numbered: tuple[str, ...]) -> None:
         nonlocal error
@@ -272,9 +276,8 @@ def _parts(gltf: dict, binary: bytes) -> tuple[list[Part], float]:
             T_step = np.array(node["matrix"], float).reshape(4, 4).T
             T = T @ T_step
             if not np.array_equal(T_step, np.eye(4)):
-                # Single precision has 23 binary digits after the first.
                 largest = float(np.abs(T[:3]).max())
-                error = max(error, largest * 2.0**-23)
+                error = max(error, largest * _SINGLE_PRECISION)
         name = name_of(index)
         if "mesh" in node:
             part = _part(gltf, binary, gltf["meshes"][node["mesh"]], name, path, T)
@@ -282,7 +285,7 @@ def _parts(gltf: dict, binary: bytes) -> tuple[list[Part], float]:
         walk_all(node.get("children", ()), T, (*path, name), numbered)
 
     def walk_all(siblings: Sequence[int], T: Array, path: tuple[str, ...], numbered: tuple[str, ...]) -> None:
-        unique = _numbered([name_of(index) for index in siblings], taken)
+        unique = _numbered([name_of(index) for index in siblings], taken_names)
         for index, name in zip(siblings, unique, strict=True):
             walk(index, T, path, (*numbered, name))
 
@@ -290,20 +293,20 @@ def _parts(gltf: dict, binary: bytes) -> tuple[list[Part], float]:
     return parts, error
 
 
-def _numbered(names: Sequence[str], taken: set[str]) -> list[str]:
+def _numbered(names: Sequence[str], taken_names: set[str]) -> list[str]:
     """Return the names of siblings; those that occur several times with a number.
 
-    A numbered name is not in `taken`, the names of all nodes, and is added to it.
+    A numbered name is not in `taken_names`, the names of all nodes, and is added to it.
     """
     counts = Counter(names)
     last: Counter[str] = Counter()
     unique = []
     for name in names:
         numbered = name
-        while counts[name] > 1 and numbered in taken:
+        while counts[name] > 1 and numbered in taken_names:
             last[name] += 1
             numbered = f"{name}_{last[name]}"
-        taken.add(numbered)
+        taken_names.add(numbered)
         unique.append(numbered)
     return unique
 
@@ -312,7 +315,7 @@ def _part(gltf: dict, binary: bytes, mesh: dict, name: str, path: tuple[str, ...
     """Return the part of a mesh at the placement T (4, 4); each of its primitives is a group of faces of one colour."""
     points: list[np.ndarray] = []
     corners: list[np.ndarray] = []
-    drawn: list[Face | None] = []
+    all_faces: list[Face | None] = []
     owners: list[np.ndarray] = []
     color = _GREY
     count = 0
@@ -324,15 +327,15 @@ def _part(gltf: dict, binary: bytes, mesh: dict, name: str, path: tuple[str, ...
         count += len(positions)
         if "material" in primitive:
             pbr = gltf["materials"][primitive["material"]].get("pbrMetallicRoughness", {})
-            r, g, b, a = pbr.get("baseColorFactor", color)
-            color = (float(r), float(g), float(b), float(a))
-        faces, owner = _faces_of(gltf, binary, primitive, len(corners[-1]), T)
-        owners.append(owner + len(drawn))
-        drawn += faces
-    vertices, triangles, has_area = _welded(np.concatenate(points), np.concatenate(corners))
+            red, green, blue, alpha = map(float, pbr.get("baseColorFactor", color))
+            color = (red, green, blue, alpha)
+        faces, owner = _faces_of_primitive(gltf, binary, primitive, len(corners[-1]), T)
+        owners.append(owner + len(all_faces))
+        all_faces += faces
+    vertices, triangles, has_area = _weld_faces(np.concatenate(points), np.concatenate(corners))
     if np.linalg.det(T[:3, :3]) < 0:
         triangles = triangles[:, ::-1]  # a mirror turns the faces inside out
-    measured = tuple(face for face in drawn if face is not None and face.kind in MEASURED)
+    measured = tuple(face for face in all_faces if face is not None and face.kind in MEASURED)
     return Part(
         name=name,
         path=path,
@@ -340,12 +343,12 @@ def _part(gltf: dict, binary: bytes, mesh: dict, name: str, path: tuple[str, ...
         triangles=triangles,
         color_rgba=color,
         faces=measured,
-        drawn=tuple(drawn),
+        drawn=tuple(all_faces),
         face_of_triangle=np.concatenate(owners)[has_area],
     )
 
 
-def _faces_of(
+def _faces_of_primitive(
     gltf: dict, binary: bytes, primitive: dict, triangles: int, T: Array
 ) -> tuple[list[Face | None], np.ndarray]:
     """Return the faces of a primitive, and for each of its triangles (their number is `triangles`) the face's index."""
@@ -357,7 +360,7 @@ def _faces_of(
     return [*faces, None], np.full(triangles, len(faces), np.int32)
 
 
-def _welded(points: np.ndarray, triangles: np.ndarray) -> tuple[Array, np.ndarray, np.ndarray]:
+def _weld_faces(points: np.ndarray, triangles: np.ndarray) -> tuple[Array, np.ndarray, np.ndarray]:
     """Merge the vertices that faces share and remove triangles without area: a closed solid becomes a closed mesh.
 
     On an edge between two faces, the mesher creates bit-identical points for both faces.
@@ -367,14 +370,14 @@ def _welded(points: np.ndarray, triangles: np.ndarray) -> tuple[Array, np.ndarra
     """
     order = np.lexsort(points.T[::-1])  # as `np.unique` does along an axis, in a third of the time
     ordered = points[order]
-    first = np.ones(len(points), bool)
-    first[1:] = np.any(ordered[1:] != ordered[:-1], axis=1)
-    index = np.zeros(len(points), np.int32)
-    index[order] = np.cumsum(first) - 1
-    triangles = index[triangles]
-    a, b, c = triangles.T
-    has_area = (a != b) & (b != c) & (c != a)
-    return ordered[first].astype(float), triangles[has_area], has_area
+    is_new = np.ones(len(points), bool)
+    is_new[1:] = np.any(ordered[1:] != ordered[:-1], axis=1)
+    vertex_of_point = np.zeros(len(points), np.int32)
+    vertex_of_point[order] = np.cumsum(is_new) - 1
+    triangles = vertex_of_point[triangles]
+    first_corner, second_corner, third_corner = triangles.T
+    has_area = (first_corner != second_corner) & (second_corner != third_corner) & (third_corner != first_corner)
+    return ordered[is_new].astype(float), triangles[has_area], has_area
 
 
 def _face(record: dict | None, T: Array) -> Face | None:
@@ -439,7 +442,7 @@ def _accessor(gltf: dict, binary: bytes, index: int) -> np.ndarray:
     return rows.copy()
 
 
-def _repair(name: str) -> str:
+def _repaired_name(name: str) -> str:
     """Undo the reader's double encoding of UTF-8 names; other names are unchanged."""
     try:
         return name.encode("latin-1").decode("utf-8")

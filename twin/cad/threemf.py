@@ -102,7 +102,7 @@ def _check_count(path: Path, root: ElementTree.Element, objects: dict[str | None
 def _numbers(items: Iterable[ElementTree.Element], keys: Iterable[str], kind: type[float] | type[int]) -> np.ndarray:
     rows = []
     for item in items:
-        rows.append([kind(item.attrib[key]) for key in keys])
+        rows.append([kind(item.attrib[key]) for key in keys])  # a missing attribute is a KeyError of the reader
     return np.array(rows, kind).reshape(-1, 3)
 
 
