@@ -30,7 +30,8 @@ if TYPE_CHECKING:
     from twin.formula.contract import Formula
 
 _FOLDER = Path(__file__).resolve().parent
-_said: set[Path] = set()
+_logged_paths: set[Path] = set()
+"""Files outside this package whose execution has been logged."""
 
 FORMULA_MODULE = "_twin_formula_"
 """Prefix of the name under which a formula file outside this package is imported as a module."""
@@ -38,7 +39,11 @@ FORMULA_MODULE = "_twin_formula_"
 
 def names() -> list[str]:
     """Return the names of the robots that have a formula in this package."""
-    return sorted(p.stem for p in _FOLDER.glob("*.py") if not p.stem.startswith("_"))
+    robots: list[str] = []
+    for file in _FOLDER.glob("*.py"):
+        if not file.stem.startswith("_"):  # modules that several robots share
+            robots.append(file.stem)
+    return sorted(robots)
 
 
 def load_formula(
@@ -102,8 +107,8 @@ def _import(path: Path, trial: bool, read: Read) -> ModuleType:
                 f"forbids. Inspect the file, then omit --no-code or {NO_CODE}; `twin audit` and USD stages need no "
                 "equations."
             )
-        if not trial and path not in _said:  # warn once before code of an untrusted folder runs
-            _said.add(path)
+        if not trial and path not in _logged_paths:  # warn once before code of an untrusted folder runs
+            _logged_paths.add(path)
             logging.getLogger(__name__).info("running the Python code in %s", path)
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
@@ -122,12 +127,15 @@ def _import(path: Path, trial: bool, read: Read) -> ModuleType:
         raise
     except Exception as error:
         sys.modules.pop(name, None)
-        raise KinematicsError(f"{path}:{_line(error, path)}: {type(error).__name__}: {error}") from error
+        raise KinematicsError(f"{path}:{_line_of(error, path)}: {type(error).__name__}: {error}") from error
     return module
 
 
-def _line(error: Exception, path: Path) -> int:
+def _line_of(error: Exception, path: Path) -> int:
     if isinstance(error, SyntaxError) and error.lineno:
         return error.lineno
-    lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if f.filename == str(path)]
-    return lines[-1] or 1 if lines else 1
+    line = 1
+    for entry in traceback.extract_tb(error.__traceback__):
+        if entry.filename == str(path):
+            line = entry.lineno or 1  # the last entry of the file is the innermost
+    return line

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from casadi import vertcat
 
 from twin.core.provenance import Parameter, Provenance
@@ -9,6 +11,7 @@ from twin.core.units import MM
 from twin.formula import symbolic
 from twin.formula.contract import Coordinates
 
+# Sources that several robots name.
 PAPER = "Design and Modeling of PA-10 Virtual Surgery Robot"
 ASSUMED = "ASSUMED: not published"
 DERIVED = f"DERIVED for the table {ASSUMED}"
@@ -25,10 +28,19 @@ def mm(name: str, mm: float, provenance: Provenance, note: str) -> Parameter:
     return Parameter(name, mm * MM, "mm", mm, provenance, note)
 
 
+def place_names(points: Sequence[str]) -> list[str]:
+    """Return the names of the quantities that are the positions of points in base: "at_tip" of "tip"."""
+    return [f"at_{point}" for point in points]
+
+
 def trocar(x: float, y: float, z: float) -> tuple[Parameter, ...]:
     """Return the trocar's coordinates in frame 0, given in mm, as parameters; a protocol may change them."""
     note = "trocar in frame 0, as in the CAD; a protocol may place it elsewhere (trocar_mm)"
-    return tuple(mm(f"trocar_{a}", v, "ASSUMED", note) for a, v in zip("xyz", (x, y, z), strict=True))
+    return (
+        mm("trocar_x", x, "ASSUMED", note),
+        mm("trocar_y", y, "ASSUMED", note),
+        mm("trocar_z", z, "ASSUMED", note),
+    )
 
 
 ZYX = Coordinates(

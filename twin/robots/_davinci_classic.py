@@ -24,9 +24,11 @@ def linkage_angles(q2):
 
 def linkage_pins(q1, q2, reach, setback, rise, second_y, second_z, apart_y, apart_z):
     """Return pins B, B2 of the yaw link and C, C2 of the rail in base, each (3,); C is the moving end of the crank."""
-    b, c = vertcat(0, -reach, 0), vertcat(0, -setback, rise)
-    still = on_yaw_link(q1, b, b + vertcat(0, second_y, second_z))
-    return *still, *in_base(q1, q2, c, c + vertcat(0, apart_y, apart_z))
+    b = vertcat(0, -reach, 0)
+    c = vertcat(0, -setback, rise)
+    on_yaw = on_yaw_link(q1, b, b + vertcat(0, second_y, second_z))
+    on_rail = in_base(q1, q2, c, c + vertcat(0, apart_y, apart_z))
+    return *on_yaw, *on_rail
 
 
 def linkage(

@@ -25,8 +25,9 @@ def wrist(T_base_tool, a5):
     P_w is in the plane that is perpendicular to the yaw axis and contains the RCM. Two points are possible; at the
     point behind the jaws, the wrist yaw is within ±90 deg.
     """
-    R, p = T_base_tool[0:3, 0:3], T_base_tool[0:3, 3]
-    back = -R.T @ p
+    R = T_base_tool[0:3, 0:3]
+    p = T_base_tool[0:3, 3]
+    back = -R.T @ p  # from the control point to the RCM, in {tool}
     n = vertcat(0, back[1], back[2])
     side = if_else(back[2] <= 0, 1, -1)  # -1: the jaws point towards the RCM, because the wrist is above it
     return p + side * a5 * (R @ (n / norm_2(n)))
@@ -49,8 +50,8 @@ def wrist_angles(T_base_tool, q1, q2):
     q4 = atan2(X[1, 2], X[0, 2])
     q5 = atan2(-X[2, 2], sqrt(X[0, 2] ** 2 + X[1, 2] ** 2))
     down = symbolic.rotation_x(-pi / 2)
-    left = (symbolic.rotation_z(q4) @ down @ symbolic.rotation_z(q5 - pi / 2) @ down).T @ X
-    return q4, q5, atan2(left[0, 0], -left[1, 0])
+    R_yaw = (symbolic.rotation_z(q4) @ down @ symbolic.rotation_z(q5 - pi / 2) @ down).T @ X  # what q6 has to do
+    return q4, q5, atan2(R_yaw[0, 0], -R_yaw[1, 0])
 
 
 def ends(T_base_tool, q1, q2, q3, origin, shaft_long, tip):

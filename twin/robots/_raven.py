@@ -21,7 +21,7 @@ from twin.core.units import DEG
 from twin.formula import symbolic
 from twin.formula.contract import ActiveJoint, Aspect, Formula, Measure
 from twin.formula.equations import Equations
-from twin.robots._authoring import ZYX, mm, row
+from twin.robots._authoring import ZYX, mm, place_names, row
 from twin.robots._raven_motion import MOTION
 
 SOURCE = "uw-biorobotics/raven2 (kinematics after UWEETR-2012-0006)"
@@ -101,22 +101,28 @@ def candidates(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, ba
     turn of the middle of the range of its joint.
     """
     T = symbolic.pose(from_zero(base_turn).T, vertcat(0, 0, 0)) @ T_base_tool
-    R, p = T[0:3, 0:3], T[0:3, 3]
+    R = T[0:3, 0:3]
+    p = T[0:3, 3]
     back = -R.T @ p  # the RCM in {tool}; its projection normal to the jaw axis is the direction of the wrist
     u = vertcat(back[0], back[1], 0)
     u = u / norm_2(u)
-    (c1, s1), (c2, s2), (c3, s3) = ((cos(a), sin(a)) for a in (alpha1, alpha2, alpha3))
-    out = []
+    c1, s1 = cos(alpha1), sin(alpha1)
+    c2, s2 = cos(alpha2), sin(alpha2)
+    c3, s3 = cos(alpha3), sin(alpha3)
+    solutions = []
     for side, beyond, bend in product((1, -1), (1, -1), (1, -1)):
         p_w = p + side * L_w * (R @ u)
         d = -beyond * norm_2(p_w)
+        # The unit vector along the shaft, z of frame 3, in frame 1 before the rotation of the shoulder.
         w = vertcat(p_w[0], c1 * p_w[1] + s1 * p_w[2], -s1 * p_w[1] + c1 * p_w[2]) / d
         c = (c2 * c3 - w[2]) / (s2 * s3)
         excess = fmax(fabs(c) - 1, 0)
         th2 = atan2(bend * symbolic.sqrt(1 - c * c), fmin(fmax(c, -1), 1))
         across = vertcat(sin(th2) * s3, -(c2 * cos(th2) * s3 + s2 * c3))
         th1 = atan2(w[1], w[0]) - atan2(across[1], across[0])
-        shoulder, elbow, insertion = th1 - offset1, th2 - offset2, d + shaft_long
+        shoulder = th1 - offset1
+        elbow = th2 - offset2
+        insertion = d + shaft_long
         T_03 = to_carriage(shoulder, elbow, insertion, alpha1, alpha2, alpha3, offset1, offset2, theta3)
         R36 = T_03[0:3, 0:3].T @ R
         along = (T_03[0:3, 0:3].T @ (p - p_w)) / L_w  # from the wrist to the jaw axis, in frame 3
@@ -124,29 +130,36 @@ def candidates(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, ba
         roll = atan2(R36[1, 2] * bent, R36[0, 2] * bent)
         wrist = atan2(along[2], -R36[2, 2]) + pi / 2
         yaw = atan2(-R36[2, 1] * bent, R36[2, 0] * bent)
-        joints = (shoulder, elbow, insertion, roll, wrist, yaw)
-        out.append((vertcat(*(_near(q, i) for i, q in enumerate(joints))), excess))
-    return out
+        joints = []
+        for number, value in enumerate((shoulder, elbow, insertion, roll, wrist, yaw)):
+            joints.append(_near(value, number))
+        solutions.append((vertcat(*joints), excess))
+    return solutions
 
 
-def _near(q, i):
+def _near(value, number):
     """Return joint i (from 0) within half a turn of the middle of its range; the insertion is returned unchanged."""
-    if i == 2:
-        return q
-    middle = sum(_RANGES[i]) / 2
-    return middle + atan2(sin(q - middle), cos(q - middle))
+    if number == 2:
+        return value
+    middle = sum(_RANGES[number]) / 2
+    return middle + atan2(sin(value - middle), cos(value - middle))
 
 
 def outside(joints):
     """Return the sum over joints (6,) of (distance of the joint from its range) / (half the width of this range)."""
-    return sum(fmax(fabs(joints[i] - (a + b) / 2) / ((b - a) / 2) - 1, 0) for i, (a, b) in enumerate(_RANGES))
+    total = 0
+    for number, (low, high) in enumerate(_RANGES):
+        middle = (low + high) / 2
+        half_width = (high - low) / 2
+        total += fmax(fabs(joints[number] - middle) / half_width - 1, 0)
+    return total
 
 
 @equation("inverse", "pose -> joints", gives=NAMES, variant="raven", why="The table, solved for the joints.")
 def inverse(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, base_turn, L_w, shaft_long):
     """Return the candidate that is within the ranges of the joints, or the candidate nearest to these ranges."""
-    found = candidates(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, base_turn, L_w, shaft_long)
-    shoulder, elbow, insertion, roll, wrist, yaw = _best(found)
+    solutions = candidates(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, base_turn, L_w, shaft_long)
+    shoulder, elbow, insertion, roll, wrist, yaw = _best(solutions)
     return shoulder, elbow, insertion, roll, wrist, yaw
 
 
@@ -154,21 +167,22 @@ def inverse(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, base_
 def inverse_davinci(T_base_tool, alpha1, alpha2, alpha3, offset1, offset2, theta3, base_turn, L_w_davinci, shaft_long):
     """Return the candidates of the inverse for the instrument with the shorter wrist."""
     angles = (alpha1, alpha2, alpha3, offset1, offset2, theta3, base_turn)
-    found = candidates(T_base_tool, *angles, L_w_davinci, shaft_long)
-    return found
+    solutions = candidates(T_base_tool, *angles, L_w_davinci, shaft_long)
+    return solutions
 
 
-def _best(found):
+def _best(solutions):
     """Return the six joint values of the candidate that exceeds the joint ranges least."""
-    ranked = [(joints, outside(joints) + 100 * excess) for joints, excess in found]
-    best, least = ranked[0]
-    for joints, far in ranked[1:]:
-        nearer = far < least
-        best, least = if_else(nearer, joints, best), if_else(nearer, far, least)
-    return tuple(best[i] for i in range(6))
+    ranked = [(joints, outside(joints) + 100 * excess) for joints, excess in solutions]
+    best, least_distance = ranked[0]
+    for joints, distance in ranked[1:]:
+        is_nearer = distance < least_distance
+        best = if_else(is_nearer, joints, best)
+        least_distance = if_else(is_nearer, distance, least_distance)
+    return tuple(best[number] for number in range(6))
 
 
-@equation("helper", "points in base", gives=[f"at_{n}" for n in _POINTS])
+@equation("helper", "points in base", gives=place_names(_POINTS))
 def places(
     T_base_tool,
     shoulder,
@@ -191,8 +205,8 @@ def places(
     T_03 = to_carriage(shoulder, elbow, insertion, alpha1, alpha2, alpha3, offset1, offset2, theta3)
     p = T_base_tool[0:3, 3]
     at_wrist = R @ (T_03[0:3, 3] - shaft_long * T_03[0:3, 2])
-    way = if_else(cos(alpha3) < 0, -1, 1)  # the elbow is where its axis makes an acute angle with the tool
-    return way * elbow_far * (R @ T_02[0:3, 2]), at_wrist, p, p + tip * T_base_tool[0:3, 0]
+    sign = if_else(cos(alpha3) < 0, -1, 1)  # the elbow is where its axis makes an acute angle with the tool
+    return sign * elbow_far * (R @ T_02[0:3, 2]), at_wrist, p, p + tip * T_base_tool[0:3, 0]
 
 
 @equation("helper", "distance from singularities", gives="depth straight open_elbow")
@@ -210,7 +224,8 @@ _ALARM = "alarm ASSUMED: no published threshold"
 
 def formula(name: str, title: str, left: bool) -> Formula:
     """Return the equations of the left or the right arm."""
-    offset1, offset2 = (205.0, 180.0) if left else (25.0, 0.0)
+    offset1 = 205.0 if left else 25.0
+    offset2 = 180.0 if left else 0.0
     return Formula(
         name=name,
         title=title,
@@ -243,7 +258,7 @@ def formula(name: str, title: str, left: bool) -> Formula:
         coordinates=ZYX,
         equations=tuple(equation),
         characteristic_length=lambda shaft_long: shaft_long,
-        points={n: f"at_{n}" for n in _POINTS},
+        points=dict(zip(_POINTS, place_names(_POINTS), strict=True)),
         measures=(
             Measure(
                 "depth", "depth", "type1", 0.05, f"the wrist is at the RCM: shoulder and elbow do not move it; {_ALARM}"

@@ -41,20 +41,25 @@ def terms(q, qd, p):
     T_01 = row(0, 0, q[0] + 205 * _DEG, 0)
     T_02 = T_01 @ row(75 * _DEG, 0, q[1] + 180 * _DEG, 0)
     T_03 = T_02 @ row(128 * _DEG, 0, 90 * _DEG, q[2])
-    fall = vertcat(-9.81, 0, 0)
-    M, V = ca.SX.zeros(3, 3), 0
+    gravity = vertcat(-9.81, 0, 0)
+    M = ca.SX.zeros(3, 3)
+    V = 0  # potential energy
     for link, T in zip(_LINKS, (T_01, T_02, T_03), strict=True):
-        m, mx, my, mz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz = (p[f"{link}.{n}"] for n in _NAMES)
-        R, o, mc = T[0:3, 0:3], T[0:3, 3], vertcat(mx, my, mz)
-        about = ca.blockcat([[Ixx, Ixy, Ixz], [Ixy, Iyy, Iyz], [Ixz, Iyz, Izz]])
-        Jv, Jw = R.T @ jacobian(o, q), _turning(R, q)
-        across = Jv.T @ skew(mc) @ Jw
-        M += m * Jv.T @ Jv - across - across.T + Jw.T @ about @ Jw
-        V -= ca.dot(fall, m * o + R @ mc)
+        m, mx, my, mz, Ixx, Ixy, Ixz, Iyy, Iyz, Izz = [p[f"{link}.{name}"] for name in _NAMES]
+        R = T[0:3, 0:3]
+        o = T[0:3, 3]
+        mc = vertcat(mx, my, mz)
+        I_o = ca.blockcat([[Ixx, Ixy, Ixz], [Ixy, Iyy, Iyz], [Ixz, Iyz, Izz]])
+        Jv = R.T @ jacobian(o, q)
+        Jw = _angular_jacobian(R, q)
+        # The origin of the link is not its mass centre: its first moment couples translation and rotation.
+        coupling = Jv.T @ skew(mc) @ Jw
+        M += m * Jv.T @ Jv - coupling - coupling.T + Jw.T @ I_o @ Jw
+        V -= ca.dot(gravity, m * o + R @ mc)
     return M, christoffel(M, q, qd), ca.gradient(V, q)
 
 
-def _turning(R, q):
+def _angular_jacobian(R, q):
     """Return the Jacobian (3, 3) from joint rates to the angular velocity of the link with rotation R, in link axes."""
     columns = []
     for i in range(3):
@@ -65,34 +70,46 @@ def _turning(R, q):
 
 def christoffel(M, q, qd):
     """Return C (3, 3) from the Christoffel symbols of M."""
-    D = [reshape(jacobian(reshape(M, 9, 1), q[k]), 3, 3) for k in range(3)]
+    dM_dq = [reshape(jacobian(reshape(M, 9, 1), q[k]), 3, 3) for k in range(3)]
     C = ca.SX.zeros(3, 3)
     for i in range(3):
         for j in range(3):
             for k in range(3):
-                C[i, j] += 0.5 * (D[k][i, j] + D[j][i, k] - D[i][j, k]) * qd[k]
+                C[i, j] += 0.5 * (dM_dq[k][i, j] + dM_dq[j][i, k] - dM_dq[i][j, k]) * qd[k]
     return C
 
 
-def _parameter(name, value, provenance, note):
-    return Parameter(name, float(value), _UNITS[_NAMES.index(name.split(".")[1])], float(value), provenance, note)
+def _parameters(link, values, provenance, note):
+    """Return the ten inertial parameters of a link; they are in SI units, in the order of `_NAMES`."""
+    parameters = []
+    for name, unit, value in zip(_NAMES, _UNITS, values, strict=True):
+        parameters.append(Parameter(f"{link}.{name}", float(value), unit, float(value), provenance, note))
+    return parameters
 
 
-COMPENSATION = tuple(
-    _parameter(f"{link}.{name}", value, "CITED", "uw-biorobotics/raven2, gravity compensation: mass times mass centre")
-    for link, (m, *c) in _COMPENSATION.items()
-    for name, value in zip(_NAMES, (m, *(m * x for x in c), 0, 0, 0, 0, 0, 0), strict=True)
-)
+def _point_masses():
+    parameters = []
+    note = "uw-biorobotics/raven2, gravity compensation: mass times mass centre"
+    for link, (m, x, y, z) in _COMPENSATION.items():
+        values = (m, m * x, m * y, m * z, 0, 0, 0, 0, 0, 0)
+        parameters += _parameters(link, values, "CITED", note)
+    return tuple(parameters)
+
+
+def _bodies():
+    parameters = []
+    for link, values in _LINKS.items():
+        parameters += _parameters(link, values, "DERIVED", f"{_SOURCE}: smallest norm")
+    return tuple(parameters)
+
+
+COMPENSATION = _point_masses()
 """Point masses of the gravity compensation in the released software; they differ from those of the closed form."""
 
 MOTION = ClosedForm(
     source=_SOURCE,
     joints=("shoulder", "elbow", "insertion"),
-    parameters=tuple(
-        _parameter(f"{link}.{name}", value, "DERIVED", f"{_SOURCE}: smallest norm")
-        for link, values in _LINKS.items()
-        for name, value in zip(_NAMES, values, strict=True)
-    ),
-    tolerance=1e-5,
+    parameters=_bodies(),
+    tolerance=1e-5,  # M and g change by the rounding of the parameters
     terms=terms,
 )

@@ -16,6 +16,9 @@ from twin.core.spatial import Array
 _GRID = 2048
 """Number of scanned angles alpha_1; two assemblies whose alpha_1 differ by less than 0.2 deg may both be missed."""
 
+_HALVINGS = 50
+"""Number of halvings of an interval: a step of the grid, 3e-3 rad, is then below the rounding of an angle."""
+
 _SIGMA = np.array([1.0, -1.0, 1.0])
 
 
@@ -27,7 +30,8 @@ def branches(q: Array, p: Mapping[str, float], variants: Mapping[str, str]) -> l
     if variants["eq2"] == "literal":
         return []  # for this variant, rho does not follow from the carriage gap in closed form
     L = p["l_1"] + p["l_2"]
-    odd, even = q[0::2], q[1::2]
+    odd = q[0::2]
+    even = q[1::2]
     h = _SIGMA * (even - odd) * L / (2 * p["l_1"])
     if np.any(h < 0) or np.any(h > L):
         return []
@@ -44,15 +48,19 @@ def branches(q: Array, p: Mapping[str, float], variants: Mapping[str, str]) -> l
     def meet(i: int, P: Array, sign: int) -> Array:
         """Return the angles (m,) of the points on circle i at distance l_p from P (m, 3): solution `sign`, or NaN."""
         w = P - o[i]
-        A, B = rho[i] * (w @ u[i]), rho[i] * (w @ v[i])
+        # |circle point - P| = l_p is A cos(angle) + B sin(angle) = C.
+        A = rho[i] * (w @ u[i])
+        B = rho[i] * (w @ v[i])
         C = (np.sum(w * w, axis=1) + rho[i] ** 2 - p["l_p"] ** 2) / 2
         ratio = C / np.hypot(A, B)
         inside = np.abs(ratio) <= 1
         return np.where(inside, np.arctan2(B, A) + sign * np.arccos(np.where(inside, ratio, 0.0)), np.nan)
 
     def gap(alpha: Array, s2: int, s3: int) -> Array:
+        """Return by how much the side S2 S3 is longer than l_p, in m; the other two sides are l_p."""
         S1 = ball(0, alpha)
-        S2, S3 = ball(1, meet(1, S1, s2)), ball(2, meet(2, S1, s3))
+        S2 = ball(1, meet(1, S1, s2))
+        S3 = ball(2, meet(2, S1, s3))
         return np.linalg.norm(S2 - S3, axis=1) - p["l_p"]
 
     grid = np.linspace(-np.pi, np.pi, _GRID + 1)
@@ -63,8 +71,8 @@ def branches(q: Array, p: Mapping[str, float], variants: Mapping[str, str]) -> l
     for s2 in (1, -1):
         for s3 in (1, -1):
             values = gap(grid, s2, s3)
-            i = np.flatnonzero(values[:-1] * values[1:] < 0)
-            roots = _bisect(lambda x, s2=s2, s3=s3: gap(x, s2, s3), grid[i], grid[i + 1])
+            below = np.flatnonzero(values[:-1] * values[1:] < 0)
+            roots = _bisect(lambda x, s2=s2, s3=s3: gap(x, s2, s3), grid[below], grid[below + 1])
             exact = grid[:-1][values[:-1] == 0]
             for alpha in np.concatenate([roots, exact]):
                 S1 = ball(0, np.array([alpha]))
@@ -77,26 +85,27 @@ def branches(q: Array, p: Mapping[str, float], variants: Mapping[str, str]) -> l
 def _edges(grid: Array, inside) -> Array:
     """Return the angles at which `inside` changes between two grid points; `inside` is true at these angles."""
     flags = inside(grid)
-    i = np.flatnonzero(flags[:-1] != flags[1:])
-    good, bad = np.where(flags[i], grid[i], grid[i + 1]), np.where(flags[i], grid[i + 1], grid[i])
-    for _ in range(50):
-        middle = (good + bad) / 2
-        ok = inside(middle)
-        good, bad = np.where(ok, middle, good), np.where(ok, bad, middle)
-    return good
+    before = np.flatnonzero(flags[:-1] != flags[1:])
+    inner = np.where(flags[before], grid[before], grid[before + 1])
+    outer = np.where(flags[before], grid[before + 1], grid[before])
+    for _ in range(_HALVINGS):
+        middle = (inner + outer) / 2
+        is_inside = inside(middle)
+        inner = np.where(is_inside, middle, inner)
+        outer = np.where(is_inside, outer, middle)
+    return inner
 
 
 def _bisect(f, low: Array, high: Array) -> Array:
+    """Return a root of `f` in each interval from `low` (n,) to `high` (n,), at whose ends its signs differ."""
     f_low = f(low)
-    for _ in range(50):
+    for _ in range(_HALVINGS):
         middle = (low + high) / 2
         f_middle = f(middle)
-        left = f_low * f_middle <= 0
-        low, high, f_low = (
-            np.where(left, low, middle),
-            np.where(left, middle, high),
-            np.where(left, f_low, f_middle),
-        )
+        is_below = f_low * f_middle <= 0  # the root is in the lower half
+        low = np.where(is_below, low, middle)
+        high = np.where(is_below, middle, high)
+        f_low = np.where(is_below, f_low, f_middle)
     return (low + high) / 2
 
 

@@ -13,7 +13,7 @@ from twin.core.units import DEG
 from twin.formula import symbolic
 from twin.formula.contract import ActiveJoint, Aspect, Coordinates, Formula
 from twin.formula.equations import Equations
-from twin.robots._authoring import mm, row
+from twin.robots._authoring import mm, place_names, row
 from twin.robots._davinci import DVRK, about_rcm, depth, shaft_frame, to_insertion
 from twin.robots._davinci_classic import LINKAGE, PINS, linkage, linkage_angles, linkage_pins
 
@@ -41,7 +41,7 @@ def roll(T_base_tool, q1, q2):
     return atan2(X[1, 0], X[0, 0])
 
 
-@equation("helper", "points in base", gives=[f"at_{n}" for n in _POINTS])
+@equation("helper", "points in base", gives=place_names(_POINTS))
 def places(T_base_tool, q1, q2, reach, setback, rise, second_y, second_z, apart_y, apart_z):
     """Return the pins of the linkage, the RCM and the tip in base, each (3,)."""
     pins = linkage_pins(q1, q2, reach, setback, rise, second_y, second_z, apart_y, apart_z)
@@ -94,7 +94,7 @@ FORMULA = Formula(
     ),
     equations=tuple(equation),
     characteristic_length=lambda crank: crank,
-    points={n: f"at_{n}" for n in _POINTS},
+    points=dict(zip(_POINTS, place_names(_POINTS), strict=True)),
     passive=LINKAGE,
     aspects=(Aspect("depth", 1, "the tip is beyond the RCM, on the patient's side"),),
     seeds=((0.0, 0.0, -0.1207, 0.0), (0.04, 0.03, -0.12, 20 * DEG), (-0.05, 0.02, -0.15, -20 * DEG)),

@@ -18,7 +18,7 @@ from twin.formula import symbolic
 from twin.formula.contract import Formula
 from twin.formula.equations import Equations
 from twin.robots import _davinci_instrument as instrument
-from twin.robots._authoring import ZYX, row
+from twin.robots._authoring import ZYX, place_names, row
 from twin.robots._davinci import DVRK, to_insertion
 from twin.robots._davinci_classic import LINKAGE, PINS, linkage, linkage_angles, linkage_pins
 
@@ -84,7 +84,7 @@ equation("inverse", "P_w -> q1, q2, q3", gives="q1 q2 q3")(instrument.arm)
 equation("inverse", "rotation relative to the shaft -> q4, q5, q6", gives="q4 q5 q6")(instrument.wrist_angles)
 
 
-@equation("helper", "points in base", gives=[f"at_{n}" for n in _POINTS])
+@equation("helper", "points in base", gives=place_names(_POINTS))
 def places(
     T_base_tool, q1, q2, q3, origin, shaft_long, reach, setback, rise, second_y, second_z, apart_y, apart_z, tip
 ):
@@ -113,7 +113,7 @@ FORMULA = Formula(
     coordinates=ZYX,
     equations=tuple(equation),
     characteristic_length=lambda crank: crank,
-    points={n: f"at_{n}" for n in _POINTS},
+    points=dict(zip(_POINTS, place_names(_POINTS), strict=True)),
     passive=LINKAGE,
     measures=instrument.MEASURES,
     aspects=instrument.ASPECTS,

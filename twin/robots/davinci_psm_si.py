@@ -16,7 +16,7 @@ from casadi import pi, vertcat
 from twin.formula.contract import Formula
 from twin.formula.equations import Equations
 from twin.robots import _davinci_instrument as instrument
-from twin.robots._authoring import ZYX, mm, row
+from twin.robots._authoring import ZYX, mm, place_names, row
 from twin.robots._davinci import DVRK, in_base, on_yaw_link, to_insertion
 
 PHYSICAL = f"{DVRK}, PSM_Si_physical"
@@ -40,12 +40,12 @@ equation("inverse", "P_w -> q1, q2, q3", gives="q1 q2 q3")(instrument.arm)
 equation("inverse", "rotation relative to the shaft -> q4, q5, q6", gives="q4 q5 q6")(instrument.wrist_angles)
 
 
-@equation("helper", "points in base", gives=[f"at_{n}" for n in _POINTS])
+@equation("helper", "points in base", gives=place_names(_POINTS))
 def places(T_base_tool, q1, q2, q3, origin, shaft_long, reach, drop, setback, rise, slide_back, slide_origin, tip):
     """Return points in base: pivots B and C, origin of the first telescope, RCM, wrist's pitch and yaw axes, tip."""
-    b = on_yaw_link(q1, vertcat(0, -reach, -drop))
-    moved = in_base(q1, q2, vertcat(0, -setback, rise), vertcat(0, -slide_back, slide_origin - q3 / 2))
-    return *b, *moved, *instrument.ends(T_base_tool, q1, q2, q3, origin, shaft_long, tip)
+    on_yaw = on_yaw_link(q1, vertcat(0, -reach, -drop))
+    on_rail = in_base(q1, q2, vertcat(0, -setback, rise), vertcat(0, -slide_back, slide_origin - q3 / 2))
+    return *on_yaw, *on_rail, *instrument.ends(T_base_tool, q1, q2, q3, origin, shaft_long, tip)
 
 
 @equation("helper", "pitch, insertion -> passive joints", gives=_PASSIVE)
@@ -91,7 +91,7 @@ FORMULA = Formula(
     coordinates=ZYX,
     equations=tuple(equation),
     characteristic_length=lambda crank: crank,
-    points={n: f"at_{n}" for n in _POINTS},
+    points=dict(zip(_POINTS, place_names(_POINTS), strict=True)),
     passive=_PASSIVE,
     measures=instrument.MEASURES,
     aspects=instrument.ASPECTS,

@@ -15,7 +15,7 @@ from twin.core.units import DEG
 from twin.formula import symbolic
 from twin.formula.contract import ActiveJoint, Aspect, Formula, Measure
 from twin.formula.equations import Equations
-from twin.robots._authoring import ASSUMED, DERIVED, PAPER, ZYX, mm, row, trocar
+from twin.robots._authoring import ASSUMED, DERIVED, PAPER, ZYX, mm, place_names, row, trocar
 
 _OFF = 1e-6
 """Maximum error of an entry of the rotation matrix at which a pose counts as within the five degrees of freedom."""
@@ -37,7 +37,8 @@ def shaft(T_base_tool, r6, r8, trocar_x, trocar_y, trocar_z):
 @equation("inverse", "W -> q1, q2, q3", gives="q1 q2 q3")
 def arm(W, a, b, h):
     """Return the angles of turret, shoulder and elbow, with the elbow up (q3 positive)."""
-    rr, zz = sqrt(W[0] ** 2 + W[1] ** 2), W[2] - h
+    rr = sqrt(W[0] ** 2 + W[1] ** 2)
+    zz = W[2] - h
     q3 = acos((rr**2 + zz**2 - a**2 - b**2) / (2 * a * b))
     return atan2(W[1], W[0]), atan2(-zz, rr) - atan2(b * sin(q3), a + b * cos(q3)), q3
 
@@ -82,7 +83,7 @@ def chain(q1, q2, q3, q6, q7, u_out, a, b, h, r6, r8):
     return T @ row(pi / 2, 0, q6, r6) @ row(-pi / 2, 0, q7, 0) @ row(pi / 2, 0, 0, r8)
 
 
-@equation("helper", "points in base", gives=[f"at_{n}" for n in _POINTS])
+@equation("helper", "points in base", gives=place_names(_POINTS))
 def places(T_base_tool, P_7, W, trocar_x, trocar_y, trocar_z):
     """Return W (outer point), P_7 (end of the shaft), the tip and the trocar in base, each (3,)."""
     return W, P_7, T_base_tool[0:3, 3], vertcat(trocar_x, trocar_y, trocar_z)
@@ -92,9 +93,9 @@ def places(T_base_tool, P_7, W, trocar_x, trocar_y, trocar_z):
 def margins(W, P_7, q3, q5, a, b, h, r6, trocar_x, trocar_y, trocar_z):
     """Return margins of reach in m: arm stretched, arm folded, shaft; then three singularity measures (0: singular)."""
     D = norm_2(W - vertcat(0, 0, h))
-    left = r6 - norm_2(vertcat(trocar_x, trocar_y, trocar_z) - P_7)
+    rest = r6 - norm_2(vertcat(trocar_x, trocar_y, trocar_z) - P_7)
     aside = sqrt(W[0] ** 2 + W[1] ** 2) / (a + b)
-    return a + b - D, D - sqrt((a - b) ** 2), left, sin(q3), cos(q5), aside
+    return a + b - D, D - sqrt((a - b) ** 2), rest, sin(q3), cos(q5), aside
 
 
 _ALARM = f"alarm {ASSUMED}"
@@ -115,7 +116,7 @@ FORMULA = Formula(
     coordinates=ZYX,
     equations=tuple(equation),
     characteristic_length=lambda r6: r6,
-    points={n: f"at_{n}" for n in _POINTS},
+    points=dict(zip(_POINTS, place_names(_POINTS), strict=True)),
     passive=("q4", "q5"),
     reach={"arm": "stretch", "arm, folded": "fold", "shaft": "rest", "five joints": "within"},
     measures=(

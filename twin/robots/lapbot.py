@@ -16,7 +16,7 @@ from casadi import acos, asin, atan2, cos, if_else, norm_2, pi, sin, sqrt, vertc
 from twin.core.units import DEG
 from twin.formula.contract import ActiveJoint, Aspect, Formula, Measure
 from twin.formula.equations import Equations
-from twin.robots._authoring import ASSUMED, DERIVED, PAPER, ZYX, mm, row, trocar
+from twin.robots._authoring import ASSUMED, DERIVED, PAPER, ZYX, mm, place_names, row, trocar
 
 _POINTS = ("outer", "inner", "tip", "trocar")
 
@@ -78,7 +78,7 @@ def chain(q1, q2, q3, q7, q8, q9, u_out, a, b, r7, r10):
     return T @ row(pi / 2, 0, pi / 2 + q8, 0) @ row(pi / 2, 0, pi / 2 + q9, 0) @ row(pi / 2, 0, 0, r10)
 
 
-@equation("helper", "points in base", gives=[f"at_{n}" for n in _POINTS])
+@equation("helper", "points in base", gives=place_names(_POINTS))
 def places(T_base_tool, P_in, W, trocar_x, trocar_y, trocar_z):
     """Return W (outer point), P_in (inner wrist), the tip and the trocar in base, each (3,)."""
     return W, P_in, T_base_tool[0:3, 3], vertcat(trocar_x, trocar_y, trocar_z)
@@ -88,8 +88,8 @@ def places(T_base_tool, P_in, W, trocar_x, trocar_y, trocar_z):
 def margins(W, P_in, q3, q6, q8, a, b, r7, trocar_x, trocar_y, trocar_z):
     """Return margins of reach in m: arm stretched, arm folded, shaft; then three singularity measures (0: singular)."""
     D = sqrt(W[0] ** 2 + W[1] ** 2)
-    left = r7 - norm_2(vertcat(trocar_x, trocar_y, trocar_z) - P_in)
-    return a + b - D, D - sqrt((a - b) ** 2), left, sin(q3), cos(q6), cos(q8)
+    rest = r7 - norm_2(vertcat(trocar_x, trocar_y, trocar_z) - P_in)
+    return a + b - D, D - sqrt((a - b) ** 2), rest, sin(q3), cos(q6), cos(q8)
 
 
 _ALARM = f"alarm {ASSUMED}"
@@ -112,7 +112,7 @@ FORMULA = Formula(
     coordinates=ZYX,
     equations=tuple(equation),
     characteristic_length=lambda r7: r7,
-    points={n: f"at_{n}" for n in _POINTS},
+    points=dict(zip(_POINTS, place_names(_POINTS), strict=True)),
     passive=("q4", "q5", "q6"),
     reach={"arm": "stretch", "arm, folded": "fold", "shaft": "rest"},
     measures=(

@@ -23,7 +23,7 @@ from twin.core.units import DEG
 from twin.formula import symbolic
 from twin.formula.contract import ActiveJoint, Aspect, Formula, Measure, PointSearch
 from twin.formula.equations import Equations
-from twin.robots._authoring import PAPER, ZYX, mm, row
+from twin.robots._authoring import PAPER, ZYX, mm, place_names, row
 
 _INRIA = "siconos HuMAns_pa10 (INRIA)"
 _POINTS = ("shoulder", "elbow", "wrist", "flange", "tip")
@@ -71,12 +71,13 @@ def wrist_angles(T_base_tool, q1, q2, q3, q4):
     """Return q5 to q7 from the direction of the shaft and the rotation about the shaft, with q6 >= 0."""
     R04 = symbolic.rotation_z(q1) @ symbolic.rotation_y(q2) @ symbolic.rotation_z(q3) @ symbolic.rotation_y(q4)
     R = R04.T @ T_base_tool[0:3, 0:3]  # = Rz(q5) Ry(q6) Rz(q7)
-    q5, q6 = atan2(R[1, 2], R[0, 2]), atan2(sqrt(R[0, 2] ** 2 + R[1, 2] ** 2), R[2, 2])
-    left = (symbolic.rotation_z(q5) @ symbolic.rotation_y(q6)).T @ R
-    return q5, q6, atan2(left[1, 0], left[0, 0])
+    q5 = atan2(R[1, 2], R[0, 2])
+    q6 = atan2(sqrt(R[0, 2] ** 2 + R[1, 2] ** 2), R[2, 2])
+    R_yaw = (symbolic.rotation_z(q5) @ symbolic.rotation_y(q6)).T @ R
+    return q5, q6, atan2(R_yaw[1, 0], R_yaw[0, 0])
 
 
-@equation("helper", "points of the arm in base", gives=[f"at_{n}" for n in _POINTS], source="DERIVED")
+@equation("helper", "points of the arm in base", gives=place_names(_POINTS), source="DERIVED")
 def places(T_base_tool, P_c, P_m, RL8):
     """Return shoulder, elbow, wrist, flange and tip in base, each (3,)."""
     tip = T_base_tool[0:3, 3]
@@ -171,7 +172,7 @@ FORMULA = Formula(
     coordinates=ZYX,
     equations=tuple(equation),
     characteristic_length=lambda RL5: RL5,
-    points={n: f"at_{n}" for n in _POINTS},
+    points=dict(zip(_POINTS, place_names(_POINTS), strict=True)),
     reach={"arm": "stretch", "arm, folded": "fold"},
     measures=(
         Measure(

@@ -27,7 +27,11 @@ from twin.formula.equations import Equations
 
 _A = "sher3-kinematics (MIT, JHU LCSR 2025)"
 _PAPER = "paper on the SHER 3.0 simulation"
-_LEGS = tuple(f"u{i}{k}{n}" for i in (1, 2, 3) for k in "ab" for n in (1, 2))
+_LEGS = (
+    "u1a1", "u1a2", "u1b1", "u1b2",
+    "u2a1", "u2a2", "u2b1", "u2b2",
+    "u3a1", "u3a2", "u3b1", "u3b2",
+)  # fmt: skip
 _PINS = ("pin_r", "e_a", "e_b", "e_d", "e_c", "pin_q")
 _DRAWN = "R moves 10 mm above A, as in the drawing of [A]. At s = 0, P is then at (160.1, -45.9) mm in {a}."
 _BELOW = "R moves 10 mm below A (y_AR = -10). Only then is P at (145.2, -45.4) mm at s = 0, as published in [A]."
@@ -47,7 +51,10 @@ def _legs(r_x, r_y, r_z, r_b, r_p, heights):
     """Return the leg vectors l_i = r - c_i, from lower to upper joint centre; a leg is midway between its two rods."""
     rho = r_b - r_p
     r = vertcat(r_x, r_y, r_z)
-    return [r - vertcat(rho * cos(a), rho * sin(a), q) for a, q in zip(_AZIMUTHS, heights, strict=True)]
+    legs = []
+    for azimuth, height in zip(_AZIMUTHS, heights, strict=True):
+        legs.append(r - vertcat(rho * cos(azimuth), rho * sin(azimuth), height))
+    return legs
 
 
 # ------------------------------------------------------------------- forward: joints -> pose
@@ -225,7 +232,9 @@ def _in_plane(th1, th2, al, AB, CD, DA, AQ, QR, phi1, y_AR):
 
 
 @equation(
-    "helper", "pins, P and platform centre in base", gives=["at_p", "at_platform", *(f"at_{k}" for k in "abcdqr")]
+    "helper",
+    "pins, P and platform centre in base",
+    gives="at_p at_platform at_a at_b at_c at_d at_q at_r",
 )
 def points(T_base_tool, psi, r_x, r_y, r_z, th1, th2, al, AB, CD, DA, AQ, QR, phi1, y_AR, d1, d2, d3):
     """Return P, the platform centre, and the pins in {b}; pins are given in the plane of the tool."""
@@ -240,18 +249,18 @@ def points(T_base_tool, psi, r_x, r_y, r_z, th1, th2, al, AB, CD, DA, AQ, QR, ph
 @equation("helper", "angles of rods and pins", gives=(*_LEGS, *_PINS), name="passive")
 def passive_joints(r_x, r_y, r_z, q1, q2, q3, r_b, r_p, th1, th2, al, AB, CD, DA, AQ, QR, phi1, y_AR):
     """Return the angles of cross and rod for both rods of each leg, then of the pins of the tilt linkage."""
-    out = []
-    for a, leg in zip(_AZIMUTHS, _legs(r_x, r_y, r_z, r_b, r_p, (q1, q2, q3)), strict=True):
-        outwards = cos(a) * leg[0] + sin(a) * leg[1]
-        along = -sin(a) * leg[0] + cos(a) * leg[1]
+    angles = []
+    for azimuth, leg in zip(_AZIMUTHS, _legs(r_x, r_y, r_z, r_b, r_p, (q1, q2, q3)), strict=True):
+        outwards = cos(azimuth) * leg[0] + sin(azimuth) * leg[1]
+        along = -sin(azimuth) * leg[0] + cos(azimuth) * leg[1]
         # both rods of a leg are parallel
-        out += 2 * [atan2(outwards, leg[2]), atan2(-along, hypot(outwards, leg[2]))]
+        angles += 2 * [atan2(outwards, leg[2]), atan2(-along, hypot(outwards, leg[2]))]
     p = _in_plane(th1, th2, al, AB, CD, DA, AQ, QR, phi1, y_AR)
     bc = atan2(p["c"][1] - p["b"][1], p["c"][0] - p["b"][0])
     rq = atan2(p["q"][1] - p["r"][1], p["q"][0] - p["r"][0])
     qa = atan2(-p["q"][1], -p["q"][0])
     turn = qa - rq - pi
-    return *out, rq, th1, bc, th2 - th1, th2 - bc, atan2(sin(turn), cos(turn))
+    return *angles, rq, th1, bc, th2 - th1, th2 - bc, atan2(sin(turn), cos(turn))
 
 
 @equation("helper", "reach and singularity", gives="leg1 leg2 leg3 toggle slide volume sin_c cos_r up1 up2 up3")
@@ -259,8 +268,8 @@ def margins(r_x, r_y, r_z, q1, q2, q3, r_b, r_p, l, th1, al, AB, BC, CD, DA, AQ,
     """Return margins of reach in m of rods, four-bar, slider-crank (below 0: no solution), singularity measures."""
     rho = r_b - r_p
     lateral = []
-    for a in _AZIMUTHS:
-        lateral.append(l - hypot(r_x - rho * cos(a), r_y - rho * sin(a)))
+    for azimuth in _AZIMUTHS:
+        lateral.append(l - hypot(r_x - rho * cos(azimuth), r_y - rho * sin(azimuth)))
     legs = _legs(r_x, r_y, r_z, r_b, r_p, (q1, q2, q3))
     volume = dot(legs[0], cross(legs[1], legs[2])) / l**3
     BD = sqrt(AB**2 + DA**2 - 2 * AB * DA * cos(phi1 - th1))
@@ -291,8 +300,10 @@ def _deg(name: str, deg: float, note: str) -> Parameter:
 
 
 _ALARM = "alarm ASSUMED: no published threshold"
+_ROD_LEVEL = f"the rod is horizontal: its slide has no effect; {_ALARM}"
 
-_U = np.array([[np.cos(a), np.sin(a)] for a in _AZIMUTHS])
+_U = np.column_stack([np.cos(_AZIMUTHS), np.sin(_AZIMUTHS)])
+"""Directions (3, 2) from the axis of the robot to the slides."""
 
 
 def platforms(q: Array, p: Mapping[str, float]) -> list[Array]:
@@ -325,12 +336,12 @@ def branches(q: Array, p: Mapping[str, float], variants: Mapping[str, str]) -> l
     if not centres:
         return []
     T = compile_formula(FORMULA, dict(variants), p).forward(q)
-    out = []
+    poses = []
     for r in centres:  # the links after the platform move with it by the same translation
-        moved = T.copy()
-        moved[:3, 3] += r - centres[0]
-        out.append(moved)
-    return out
+        T_moved = T.copy()
+        T_moved[:3, 3] += r - centres[0]
+        poses.append(T_moved)
+    return poses
 
 
 FORMULA = Formula(
@@ -373,7 +384,10 @@ FORMULA = Formula(
     ),
     equations=tuple(equation),
     characteristic_length=lambda DP: DP,
-    points={"p": "at_p", "platform": "at_platform", **{f"pin_{k}": f"at_{k}" for k in "abcdqr"}},
+    points={
+        **{"p": "at_p", "platform": "at_platform", "pin_a": "at_a", "pin_b": "at_b"},
+        **{"pin_c": "at_c", "pin_d": "at_d", "pin_q": "at_q", "pin_r": "at_r"},
+    },
     passive=(*_LEGS, *_PINS),
     reach={"rod 1": "leg1", "rod 2": "leg2", "rod 3": "leg3", "four-bar": "toggle", "slider-crank": "slide"},
     measures=(
@@ -398,21 +412,15 @@ FORMULA = Formula(
             0.05,
             f"QR is perpendicular to its rail: the slider has no effect; {_ALARM}",
         ),
-        *(
-            Measure(
-                f"rod_level_{i}", f"up{i}", "type1", 0.3, f"the rod is horizontal: its slide has no effect; {_ALARM}"
-            )
-            for i in (1, 2, 3)
-        ),
+        Measure("rod_level_1", "up1", "type1", 0.3, _ROD_LEVEL),
+        Measure("rod_level_2", "up2", "type1", 0.3, _ROD_LEVEL),
+        Measure("rod_level_3", "up3", "type1", 0.3, _ROD_LEVEL),
     ),
     aspects=(Aspect("volume", 1, "upper solution: the platform is above its carriages"),),
     branches=branches,
-    seeds=tuple(
-        (x * MM, y * MM, z * MM, psi * DEG, theta * DEG)
-        for x, y, z, psi, theta in (
-            (353.965, 0.0, 148.288, 0.0, 40.0),
-            (349.913, 9.999, 151.434, 30.0, 31.334),
-            (351.212, -7.269, 156.164, -30.0, 56.458),
-        )
+    seeds=(
+        (353.965 * MM, 0.0, 148.288 * MM, 0.0, 40.0 * DEG),
+        (349.913 * MM, 9.999 * MM, 151.434 * MM, 30.0 * DEG, 31.334 * DEG),
+        (351.212 * MM, -7.269 * MM, 156.164 * MM, -30.0 * DEG, 56.458 * DEG),
     ),
 )

@@ -152,12 +152,12 @@ def limbs(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, l_0, l_1, l_2, L
     are the angles of limb and bar. No value depends on the variant of eq. (2), which only computes the carriages.
     """
     L = l_1 + l_2
-    out = []
+    values = []
     for radial_x, radial_y in ((X_S1, Y_S1), (X_S2, L_V - Z_S2), (X_S3, L_H - Y_S3)):
         rho = symbolic.sqrt(radial_x**2 + radial_y**2)
         h = sqrt(L**2 - (rho - l_0) ** 2)
         reach = L - fabs(rho - l_0)
-        out += [
+        values += [
             rho,
             h,
             atan2(radial_y, radial_x),
@@ -167,7 +167,7 @@ def limbs(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, l_0, l_1, l_2, L
             (rho - l_0) / L,
             rho / L,
         ]
-    return tuple(out)
+    return tuple(values)
 
 
 _PASSIVE = (
@@ -187,30 +187,34 @@ def passive_joints(alpha1, alpha2, alpha3, beta1, beta2, beta3):
     With y = t x e_r = -e_a, the angle of the bar is atan2(sigma cos(beta), sin(beta)); the angle of the strut is
     the negative.
     """
-    out = [alpha1, alpha2, alpha3]
+    angles = [alpha1, alpha2, alpha3]
     for sigma, beta in ((1, beta1), (-1, beta2), (1, beta3)):
-        out += [-sigma * (pi / 2 - beta), sigma * (pi / 2 - beta), sigma * (pi - 2 * beta)]
-    return tuple(out)
+        angles += [-sigma * (pi / 2 - beta), sigma * (pi / 2 - beta), sigma * (pi - 2 * beta)]
+    return tuple(angles)
 
 
 @equation("helper", "ball centres -> apex joints", gives="A1 A2 A3")
 def apexes(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, alpha1, alpha2, alpha3, beta1, beta2, beta3, l_2):  # fmt: skip
     """Return the apex joints on the bars, at distance l_2 from the ball centres and l_1 from the bar pivots."""
     balls = (vertcat(X_S1, Y_S1, Z_S1), vertcat(X_S2, Y_S2, Z_S2), vertcat(X_S3, Y_S3, Z_S3))
-    out = []
+    joints = []
     for S, sigma, beta, (e_a, e_r) in zip(
         balls, (1, -1, 1), (beta1, beta2, beta3), _axes(alpha1, alpha2, alpha3), strict=True
     ):
-        out.append(S - l_2 * (sin(beta) * e_r - sigma * cos(beta) * e_a))
-    return tuple(out)
+        joints.append(S - l_2 * (sin(beta) * e_r - sigma * cos(beta) * e_a))
+    return tuple(joints)
 
 
 @equation("helper", "type II singularity measure", gives="D z_up")
 def type2(X_S1, Y_S1, Z_S1, X_S2, Y_S2, Z_S2, X_S3, Y_S3, Z_S3, alpha1, alpha2, alpha3, theta, phi, l_p):
     """Return D and the z component of z_p; D is 0 if the platform can move while all carriages are at rest."""
-    S1, S2, S3 = vertcat(X_S1, Y_S1, Z_S1), vertcat(X_S2, Y_S2, Z_S2), vertcat(X_S3, Y_S3, Z_S3)
-    t1, t2, t3 = (cross(e_a, e_r) for e_a, e_r in _axes(alpha1, alpha2, alpha3))
-    u12, u23, u13 = (S1 - S2) / l_p, (S2 - S3) / l_p, (S1 - S3) / l_p
+    S1 = vertcat(X_S1, Y_S1, Z_S1)
+    S2 = vertcat(X_S2, Y_S2, Z_S2)
+    S3 = vertcat(X_S3, Y_S3, Z_S3)
+    t1, t2, t3 = [cross(e_a, e_r) for e_a, e_r in _axes(alpha1, alpha2, alpha3)]
+    u12 = (S1 - S2) / l_p
+    u23 = (S2 - S3) / l_p
+    u13 = (S1 - S3) / l_p
     D = dot(u12, t2) * dot(u23, t3) * dot(u13, t1) - dot(u12, t1) * dot(u23, t2) * dot(u13, t3)
     return D, cos(theta) * cos(phi)
 
@@ -236,6 +240,12 @@ _TABLE2 = (
 """Poses B, C, I, T of Table 2 in mm and deg."""
 
 _ALARM = "alarm ASSUMED: no published threshold"
+
+
+def _limb_measures(name, symbol, note):
+    """Return a measure of singularity for each of the three limbs."""
+    return [Measure(f"{name}_{limb}", f"{symbol}{limb}", "type1", 0.1, f"{note}; {_ALARM}") for limb in (1, 2, 3)]
+
 
 FORMULA = Formula(
     name="sils",
@@ -281,14 +291,12 @@ FORMULA = Formula(
     reach={f"limb {i}": f"reach{i}" for i in (1, 2, 3)},
     measures=(
         Measure("type2", "D", "type2", 0.15, f"the platform can move while all carriages are at rest; {_ALARM}"),
-        *(
-            Measure(f"{name}_{i}", f"{symbol}{i}", "type1", 0.1, f"{note}; {_ALARM}")
-            for name, symbol, note in (
-                ("bar_across", "cos_beta", "h = 0: the bar is perpendicular to its rail, and the carriages coincide"),
-                ("bar_along", "sin_beta", "rho = l_0: the bar is parallel to its rail"),
-                ("ball_on_rail", "radius", "rho = 0: the ball is on the rail axis, and the limb angle is undefined"),
-            )
-            for i in (1, 2, 3)
+        *_limb_measures(
+            "bar_across", "cos_beta", "h = 0: the bar is perpendicular to its rail, and the carriages coincide"
+        ),
+        *_limb_measures("bar_along", "sin_beta", "rho = l_0: the bar is parallel to its rail"),
+        *_limb_measures(
+            "ball_on_rail", "radius", "rho = 0: the ball is on the rail axis, and the limb angle is undefined"
         ),
     ),
     aspects=(
