@@ -19,7 +19,7 @@ from twin.schema.track import Track
 from twin.simulation.hazards.campaign import CampaignTable
 from twin.simulation.hazards.trends import TrendsTable
 from twin.simulation.machine.settings import Settings
-from twin.simulation.session.file import Head as SessionHead
+from twin.simulation.session.session_file import Head as SessionHead
 from twin.simulation.world.recording import RecordingHead
 
 FOLDER = Path(__file__).parent / "schemas"

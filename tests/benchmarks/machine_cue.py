@@ -25,9 +25,9 @@ from twin.simulation.condition import Condition
 from twin.simulation.devices.machine_states import MachineStates
 from twin.simulation.devices.together import Together
 from twin.simulation.hazards.fault import Fault
-from twin.simulation.machine.exchange import Exchange
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.outbox import Outbox
+from twin.simulation.machine.packet_exchange import Exchange
 from twin.simulation.session.machine_run import ready
 from twin.simulation.setup import Setup
 from twin.simulation.world import Block

@@ -17,9 +17,9 @@ from twin.core import spatial
 from twin.simulation import console_scene
 from twin.simulation.condition import Condition
 from twin.simulation.devices.given import GivenHands, HandState
-from twin.simulation.session.play import play_of
-from twin.simulation.session.run import SAMPLE
+from twin.simulation.session.session_run import SAMPLE
 from twin.simulation.session.tape import Tape
+from twin.simulation.session.task_play import play_of
 from twin.simulation.setup import Setup
 
 

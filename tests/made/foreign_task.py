@@ -30,7 +30,7 @@ PLAY = """
 from twin.core.findings import disagreement
 from twin.model.task import required_goal
 from twin.simulation.devices.surgeon_hands import Habits, SurgeonHands
-from twin.simulation.session.play import Play, TaskOutcome
+from twin.simulation.session.task_play import Play, TaskOutcome
 from twin.simulation.world import Block
 from wait_task.task import WaitTable
 

@@ -22,7 +22,7 @@ from twin.model.movable import Movable
 from twin.reference import ReferenceModel
 from twin.simulation import console_scene
 from twin.simulation.console_scene import PICTURE
-from twin.simulation.session import run
+from twin.simulation.session import session_run
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.align import aligned, camera_surgeon, camera_task, picture, upper_side
 from twin.simulation.tasks.align import task as alignment
@@ -316,11 +316,11 @@ def test_a_mechanism_that_differs_from_the_equations_shows_in_the_angles(goal, p
 @pytest.mark.slow
 def test_the_scoreboard_counts_what_the_report_measures(davinci, bare_theatre, performed):
     setup = Setup(davinci, members_of(bare_theatre.robots), davinci.tasks["camera"])
-    referee = CameraReferee("ecm", run.SAMPLE)
-    world = console_scene.world(setup, run.surgeon(setup, seed=1), records=False, watch=[referee])
+    referee = CameraReferee("ecm", session_run.SAMPLE)
+    world = console_scene.world(setup, session_run.surgeon(setup, seed=1), records=False, watch=[referee])
     while not world.ended:
         world.step(1000)
-    assert referee.time == pytest.approx(performed.outcome.aligned.time, abs=2 * run.SAMPLE)
+    assert referee.time == pytest.approx(performed.outcome.aligned.time, abs=2 * session_run.SAMPLE)
     assert referee.moves == performed.console.camera_moves
 
 

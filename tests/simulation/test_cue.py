@@ -10,9 +10,9 @@ from twin.api.machine import machine, machine_parts
 from twin.core.errors import TwinError
 from twin.simulation.controllers.cue import Cue
 from twin.simulation.hazards.fault import Fault
-from twin.simulation.machine.beside import Beside
 from twin.simulation.machine.itp import pack
 from twin.simulation.machine.levels import Level
+from twin.simulation.machine.machine_and_model import MachineAndModel
 
 REST = np.zeros(3)
 
@@ -66,7 +66,7 @@ def parts():
 
 def run(parts, faults=(), ticks=500, **physics):
     """Return deviation in m and force in N, both (k,), along a slow circle after homing."""
-    pair = Beside(machine(parts, faults=faults, **physics))
+    pair = MachineAndModel(machine(parts, faults=faults, **physics))
     k = sequence = 0
     out = []
     while len(out) < ticks:

@@ -24,7 +24,7 @@ from twin.simulation.devices.given import HandState
 from twin.simulation.local_plane import COUNT, LocalPlane
 from twin.simulation.plants.contact import Contact, Gripper, Solid
 from twin.simulation.plants.contact.levers import ToolLevers
-from twin.simulation.session import run
+from twin.simulation.session import session_run
 from twin.simulation.session.forces import ForceMeter
 from twin.simulation.setup import Setup
 from twin.simulation.world import Block, World
@@ -249,7 +249,7 @@ def test_a_held_ring_is_felt_where_it_would_be(psm):
 @pytest.mark.slow
 def test_a_grasp_gives_one_pulse_along_x(setup):
     setup = replace(setup, task=setup.scene.tasks["pegboard"])
-    world = console_scene.world(setup, run.surgeon(setup))
+    world = console_scene.world(setup, session_run.surgeon(setup))
     while not any(world.signals[f"ring{k}.holder"] >= 0 for k in (1, 2, 3, 4)) and world.t < 10:
         world.step(10)
     world.step(30)

@@ -24,8 +24,8 @@ from twin.model.vessel import Vessel
 from twin.simulation import operating_scene, procedure_scene
 from twin.simulation.plants.tissue import Organs, Sight, Tool
 from twin.simulation.plants.tissue.tubes import Held, Tube
-from twin.simulation.session.file import CHUNK, NAME, Chunk, Session, head
-from twin.simulation.session.run import Difference
+from twin.simulation.session.session_file import CHUNK, NAME, Chunk, Session, head
+from twin.simulation.session.session_run import Difference
 from twin.simulation.session.tape import Tape
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.procedure import procedure_checks, procedure_run

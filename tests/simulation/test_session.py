@@ -30,9 +30,8 @@ from twin.model.task import ConsoleTask
 from twin.reference import ReferenceModel
 from twin.simulation.devices.given import HandState
 from twin.simulation.devices.surgeon_hands import Eye, Habits, Seat
-from twin.simulation.session import file as session_file
-from twin.simulation.session import run
-from twin.simulation.session.file import CHUNK, SessionWriter, read_session
+from twin.simulation.session import session_file, session_run
+from twin.simulation.session.session_file import CHUNK, SessionWriter, read_session
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.target.surgeon import ScriptedSurgeon
 from twin.simulation.tasks.target.task import KIND, Target, Targets
@@ -388,7 +387,7 @@ def test_a_hand_that_was_a_little_elsewhere_is_found_with_signal_and_second(reco
     column = sum(s.size for s in session.head.device[: names.index("right.pose")]) + 3
     changed[500:, column] += 1e-9
     chunks = (session.chunks[0], replace(chunk, device=changed), *session.chunks[2:])
-    ran = run.replay(replace(session, chunks=chunks), setup, lambda label, part: None)
+    ran = session_run.replay(replace(session, chunks=chunks), setup, lambda label, part: None)
     found = ran.difference
     assert (found.t0, found.t1) == (1.0, 2.0)
     assert found.signal in ("right.pose", "psm1.goal", "psm1.q", "psm1.command", "psm1.encoder")
@@ -432,7 +431,7 @@ def test_a_session_of_a_world_with_other_signals_is_refused(recorded, setup):
     session = read_session(recorded)
     fewer = session.head.model_copy(update={"world": session.head.world[1:], "twin": "0.0.9"})
     with pytest.raises(WorldError, match=r"written by twin 0\.0\.9, whose World has other signals"):
-        run.replay(replace(session, head=fewer), setup, lambda label, part: None)
+        session_run.replay(replace(session, head=fewer), setup, lambda label, part: None)
 
 
 # -- a person's hands -----------------------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from twin.simulation import console_scene, rate_console
 from twin.simulation.devices.given import GivenHands, HandState
 from twin.simulation.devices.hand import ScriptedHand
 from twin.simulation.limits import JointLimits
-from twin.simulation.session import run
+from twin.simulation.session import session_run
 from twin.simulation.session.trial_table import TrialTable
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.holes.geometry import Hole, hole_goals
@@ -47,7 +47,7 @@ def test_the_operator_of_the_console_moves_the_robot_as_the_operator_of_the_robo
     hand = ScriptedHand("sher", member.kin, goals.goals, law.gains.scale, law.dt, seed=4)
     alone = world(member.kin, goals.start, JointLimits.of(member.mechanism), law, hand)
     alone.step(TICKS)
-    at_console = console_scene.world(setup, run.surgeon(setup, seed=4))
+    at_console = console_scene.world(setup, session_run.surgeon(setup, seed=4))
     at_console.step(TICKS)
     single, console = alone.recording(), at_console.recording()
     for name, same in (("sher.q", "sher.q"), ("right.handle", "hand.handle"), ("right.pedal", "hand.pedal")):
@@ -57,7 +57,7 @@ def test_the_operator_of_the_console_moves_the_robot_as_the_operator_of_the_robo
 
 @pytest.mark.slow
 def test_the_whole_task_has_the_bytes_of_twin_operate_sher_phantom(setup, scene):
-    at_console = console_scene.world(setup, run.surgeon(setup, seed=0)).run()
+    at_console = console_scene.world(setup, session_run.surgeon(setup, seed=0)).run()
     robot = twin.load("sher")
     record = twin.api.operate(robot, robot.protocol("phantom"), trials=1, seed=0).trials[0].record
     last_ticks = slice(4, None, 5)

@@ -11,7 +11,7 @@ import twin
 from twin.api.scene_parts import anatomy_of, members_of, props_of, robots_at
 from twin.simulation import console_scene, operating_scene, procedure_scene, tissue_scene
 from twin.simulation.condition import Condition
-from twin.simulation.session import run
+from twin.simulation.session import session_run
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.procedure.procedure_surgeon import ProcedureSurgeon
 from twin.simulation.world import World, signal_kinds
@@ -75,7 +75,7 @@ def test_every_signal_of_a_world_has_a_kind_of_its_size(scene):
     props = props_of(scene) if task.kind.props else None
     condition = Condition(haptics=True) if task.kind.props else None
     setup = Setup(scene, members, task, props, condition)
-    require_kinds(console_scene.world(setup, run.surgeon(setup, seed=0)))
+    require_kinds(console_scene.world(setup, session_run.surgeon(setup, seed=0)))
 
 
 @pytest.mark.slow

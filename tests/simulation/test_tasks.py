@@ -20,7 +20,7 @@ from twin.model import scene as scenes
 from twin.model import task as tasks
 from twin.simulation import blocks
 from twin.simulation.hazards.fault import Fault
-from twin.simulation.session.play import Play, play_of
+from twin.simulation.session.task_play import Play, play_of
 
 ROOT = Path(__file__).parents[2]
 CACHES = (tasks.kinds, tasks.task_table, scenes.scene_table, parser)
@@ -106,12 +106,12 @@ def test_a_task_and_a_device_of_other_packages_are_played_and_replayed(outside, 
 def test_a_device_of_another_package_beats_in_the_world(outside, tmp_path):
     from twin.api.scene_parts import members_of, robots_at
     from twin.simulation import console_scene
-    from twin.simulation.session import run
+    from twin.simulation.session import session_run
     from twin.simulation.setup import Setup
 
     scene = twin.load_scene(scene_file(tmp_path / "scene", MORE))
     setup = Setup(scene, members_of(robots_at(console_scene.led_by(scene))), scene.tasks["still"])
-    world = console_scene.world(setup, run.surgeon(setup))
+    world = console_scene.world(setup, session_run.surgeon(setup))
     world.step(250)
     assert world.signals["pulse.phase"][0] == 2.0
     assert console_scene.identity(setup) != console_scene.identity(Setup(twin.load_scene("davinci"), setup.members))

@@ -46,8 +46,8 @@ from twin.simulation.devices.joint_packets import pack as pack_joints
 from twin.simulation.machine import state_packets
 from twin.simulation.machine.itp import number_of, pack, sequence_of, unpack
 from twin.simulation.machine.levels import Level
-from twin.simulation.machine.link import PATIENCE, Address, MachineLink, StateReader
-from twin.simulation.machine.modelled import Modelled
+from twin.simulation.machine.machine_link import PATIENCE, Address, MachineLink, StateReader
+from twin.simulation.machine.machine_model_plant import MachineModelPlant
 from twin.simulation.machine.outbox import Outbox
 from twin.simulation.machine.state_packets import State
 from twin.simulation.session.training import measure
@@ -106,7 +106,7 @@ def test_increments_lead_to_the_goal_within_the_limits(way, turn, jaw):
 def test_a_goal_that_jumps_does_not_make_the_model_too_fast(scene, side):
     """As a hand does whose page stalls: no rehearsal is refused for the speed that this gives."""
     parts, bounds = machine_parts(twin.load(side)), machine_scene.bounds(scene.trainer)
-    model, random, fastest = Modelled("arm", parts, Cue(), parts.home), np.random.default_rng(1), 0.0
+    model, random, fastest = MachineModelPlant("arm", parts, Cue(), parts.home), np.random.default_rng(1), 0.0
     at_rest = {
         "arm.phase": [TrainerPhase.REHEARSE, 0, 0],
         "arm.measured": parts.home,
@@ -386,7 +386,7 @@ def test_a_late_state_is_compared_with_the_model_after_the_same_packet(parts, be
     """A machine that is its model, 30 ms away, does not deviate while it moves, nor after the largest number."""
     arm = machine(parts)
     arm.stand(parts.home)
-    plant = Modelled("arm", parts, Cue(), parts.home)
+    plant = MachineModelPlant("arm", parts, Cue(), parts.home)
     plant._sent = plant._given = before
     signals = Signals(
         {

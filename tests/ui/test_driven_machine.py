@@ -16,7 +16,7 @@ from twin.cli import headset_server, main
 from twin.core import spatial
 from twin.core.units import MM
 from twin.simulation.machine.levels import Level
-from twin.simulation.machine.link import Address
+from twin.simulation.machine.machine_link import Address
 from twin.simulation.machine.machine_server import HOST, Server
 from twin.ui.headset.client_messages import DragMessage, GrabMessage, ReleaseMessage
 from twin.ui.headset.live_robot import LiveRobot

@@ -21,8 +21,8 @@ from made import headset_page as headset
 from made.console_page import console
 from twin.cli import guided_study, headset_server, parser
 from twin.core.errors import TwinError
-from twin.simulation.session.file import read_session
-from twin.simulation.session.guided import PHASES, guided_parts
+from twin.simulation.session.guided_parts import PHASES, guided_parts
+from twin.simulation.session.session_file import read_session
 
 
 def test_five_phases_in_the_order_of_the_paper_with_both_runs_of_the_peg_board():

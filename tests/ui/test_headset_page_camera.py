@@ -15,7 +15,7 @@ from twin.api.console_runs import replay_session
 from twin.api.scene_parts import members_of
 from twin.core.units import DEG
 from twin.simulation import console_scene
-from twin.simulation.session import run
+from twin.simulation.session import session_run
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.align import aligned, upper_side
 
@@ -31,7 +31,7 @@ document.querySelectorAll('*').forEach(e => {
 def start(loaded):
     """Return the frame of the picture at the start, by the equations."""
     setup = Setup(loaded.scene, members_of(loaded.robots), loaded.scene.tasks["camera"])
-    world = console_scene.world(setup, run.surgeon(setup), records=False)
+    world = console_scene.world(setup, session_run.surgeon(setup), records=False)
     return world.signals["ecm.view"].reshape(4, 4)
 
 

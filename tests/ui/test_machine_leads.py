@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import twin
-from twin.simulation.machine.link import Address
+from twin.simulation.machine.machine_link import Address
 from twin.simulation.machine.machine_server import HOST
 from twin.ui.headset.client_messages import PostureMessage, RefusedError, UndoMessage
 from twin.ui.headset.live_robot import LiveRobot

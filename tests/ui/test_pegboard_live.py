@@ -21,7 +21,7 @@ from twin.model.movable import Movable
 from twin.simulation.contact_scene import Peg
 from twin.simulation.devices.given import HandState
 from twin.simulation.session import movement
-from twin.simulation.session.file import read_session, sizes
+from twin.simulation.session.session_file import read_session, sizes
 from twin.simulation.tasks.transfer import rings
 from twin.simulation.tasks.transfer.task import Transfer, Transfers
 from twin.simulation.world import Recording

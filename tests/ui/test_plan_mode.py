@@ -26,8 +26,8 @@ from twin.simulation.devices.given import HandState
 from twin.simulation.devices.plans import PlannedArm, Plans
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.state_packets import State
-from twin.simulation.session import run as sessions
-from twin.simulation.session.file import read_session
+from twin.simulation.session import session_run as sessions
+from twin.simulation.session.session_file import read_session
 from twin.simulation.setup import Setup
 from twin.ui.headset.client_messages import RefusedError, parse_message
 from twin.ui.headset.console_stream import ConsoleStream

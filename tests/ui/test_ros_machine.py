@@ -22,7 +22,7 @@ from twin.cli import main
 from twin.core import spatial
 from twin.core.units import DEG, MM
 from twin.simulation.machine.levels import Level
-from twin.simulation.machine.link import Address, MachineLink
+from twin.simulation.machine.machine_link import Address, MachineLink
 from twin.simulation.machine.machine_master import MachineMaster
 from twin.simulation.machine.machine_server import HOST, Server
 from twin.ui.access.rules import AccessRules

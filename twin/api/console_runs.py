@@ -19,12 +19,12 @@ from twin.model.scene import Scene
 from twin.model.task import ConsoleTask
 from twin.simulation import console_scene, machine_scene
 from twin.simulation.condition import Condition
-from twin.simulation.machine.link import Address
+from twin.simulation.machine.machine_link import Address
 from twin.simulation.machine.simulated_machine import Parts
 from twin.simulation.session import training
-from twin.simulation.session.file import NAME as FILE
-from twin.simulation.session.play import ArmPath, play_of
-from twin.simulation.session.run import Ran
+from twin.simulation.session.session_file import NAME as FILE
+from twin.simulation.session.session_run import Ran
+from twin.simulation.session.task_play import ArmPath, play_of
 from twin.simulation.session.training import Training
 from twin.simulation.setup import Setup
 from twin.simulation.world.signal_kinds import ROBOT_Q
@@ -60,11 +60,11 @@ def operate_console(
         >>> session.verdict
         'agree'
     """
-    from twin.simulation.session import run
+    from twin.simulation.session import session_run
 
     scene = as_scene(scene)
     console_scene.console_of(scene)
-    chosen = run.task_of(scene, task)
+    chosen = session_run.task_of(scene, task)
     _require_console(chosen)
     _require_scale(scale)
     if mistake and not chosen.kind.mistakes:
@@ -77,7 +77,7 @@ def operate_console(
     with Scratch() as folder:
         # the session is recorded as one of a person, so that `twin session` can replay and check it
         file = Path(folder) / FILE
-        ran = run.perform(setup, file, seed=seed, scale=scale, mistake=mistake, progress=progress)
+        ran = session_run.perform(setup, file, seed=seed, scale=scale, mistake=mistake, progress=progress)
         recorded = file.read_bytes()
     return _session(setup, robots, ran, "", seed, recorded=recorded)
 
@@ -173,8 +173,8 @@ def replay_session(
         >>> twin.replay_session("hands.session").verdict
         'agree'
     """
-    from twin.simulation.session import run
-    from twin.simulation.session.file import read_session
+    from twin.simulation.session import session_run
+    from twin.simulation.session.session_file import read_session
 
     path = Path(path)
     session = read_session(path)
@@ -195,8 +195,8 @@ def replay_session(
     progress("read CAD", 0.0)
     robots, setup = _setup(chosen_scene, task, head.condition)
     # before the replay: of another scene, it would differ from the first sample on, without the reason
-    run.require_scene(session, path, setup)
-    ran = run.replay(session, setup, progress, _parts_of_machines(chosen_scene, robots))
+    session_run.require_scene(session, path, setup)
+    ran = session_run.replay(session, setup, progress, _parts_of_machines(chosen_scene, robots))
     measures_of_machines = _training(setup, ran)
     return _session(setup, robots, ran, str(path), head.seed, lost=session.lost, training=measures_of_machines)
 

@@ -25,11 +25,11 @@ from twin.model.task import ConsoleTask
 from twin.simulation import console_scene
 from twin.simulation.console_scene import PEDALS
 from twin.simulation.session import measures, movement
-from twin.simulation.session.file import NAME as FILE
 from twin.simulation.session.forces import ForceMeasures
 from twin.simulation.session.measures import ArmMeasures, ConsoleMeasures
-from twin.simulation.session.play import ArmPath, TaskOutcome
-from twin.simulation.session.run import Difference, Ran
+from twin.simulation.session.session_file import NAME as FILE
+from twin.simulation.session.session_run import Difference, Ran
+from twin.simulation.session.task_play import ArmPath, TaskOutcome
 from twin.simulation.session.training import Training
 from twin.simulation.world.signal_kinds import (
     CONSOLE_MODE,

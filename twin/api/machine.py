@@ -13,7 +13,7 @@ from twin.core.processes import Apart
 
 if TYPE_CHECKING:
     from twin.simulation.hazards.fault import Fault
-    from twin.simulation.machine.link import Address, MachineLink
+    from twin.simulation.machine.machine_link import Address, MachineLink
     from twin.simulation.machine.settings import Mode, Policy
     from twin.simulation.machine.simulated_machine import Machine, Parts
 
@@ -115,7 +115,7 @@ class ChildMachine:
         Raises:
             DeviceError: the machine cannot be created (see `machine_parts` and `machine`), or its process has ended.
         """
-        from twin.simulation.machine.link import Address
+        from twin.simulation.machine.machine_link import Address
         from twin.simulation.machine.machine_server import HOST
 
         self._process = Apart(_run, robot, tuple(faults))
@@ -194,7 +194,7 @@ class Machines:
             TwinError: the machine of a robot cannot be created (see `machine_parts`), a name in `running` is unknown,
                 or a machine does not answer.
         """
-        from twin.simulation.machine.link import MachineLink
+        from twin.simulation.machine.machine_link import MachineLink
 
         running = running or {}
         for name in running:

@@ -22,8 +22,8 @@ from twin.model.scene import Scene
 from twin.model.task import ConsoleTask
 from twin.model.tissue import Tissue
 from twin.simulation import operating_scene, tissue_scene
-from twin.simulation.session.file import NAME, read_session
-from twin.simulation.session.run import Ran, task_of
+from twin.simulation.session.session_file import NAME, read_session
+from twin.simulation.session.session_run import Ran, task_of
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.procedure import procedure_checks, procedure_run
 from twin.simulation.tasks.procedure.procedure_checks import ProcedureMeasures

@@ -17,7 +17,7 @@ from twin.core import assets
 from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
-    from twin.simulation.session.guided import GuidedPart
+    from twin.simulation.session.guided_parts import GuidedPart
     from twin.simulation.session.trial_table import TrialTable
     from twin.ui.headset.served_content import ServedContent
     from twin.ui.session.forms import QuestionnaireForms
@@ -115,7 +115,7 @@ def guide(args: argparse.Namespace, serve_part: ServePart) -> None:
             cannot be read.
     """
     from twin.model.scene import load_scene
-    from twin.simulation.session.guided import guided_parts
+    from twin.simulation.session.guided_parts import guided_parts
     from twin.simulation.session.trial_table import TrialTable
 
     file = scenes.find(args.robot)

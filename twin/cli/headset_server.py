@@ -159,7 +159,7 @@ def _choice(args: argparse.Namespace, scene: Scene) -> TaskChoice | None:
     Raises:
         TwinError: the scene has no task of the name in --task.
     """
-    from twin.simulation.session.run import task_of
+    from twin.simulation.session.session_run import task_of
     from twin.ui.session.task_choice import FIXING, TaskChoice, judged
 
     tasks = judged(scene.tasks)
@@ -197,7 +197,7 @@ def _at_console(
     from twin.cli.commands.session import report
     from twin.simulation.condition import Condition, randomised
     from twin.simulation.console_scene import console_of
-    from twin.simulation.session.run import task_of
+    from twin.simulation.session.session_run import task_of
     from twin.simulation.session.trial_table import TrialTable
     from twin.ui.headset import served_content
     from twin.ui.session.exercise import Exercise

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from twin.cli.address import ros_address
 from twin.core.errors import TwinError
 from twin.core.processes import Apart
-from twin.simulation.machine.link import Address
+from twin.simulation.machine.machine_link import Address
 from twin.simulation.machine.machine_server import HOST, Server
 from twin.ui.access.rules import is_local
 

@@ -11,7 +11,7 @@ from twin.core.errors import TwinError
 
 if TYPE_CHECKING:
     from twin.api.robot import Robot
-    from twin.simulation.machine.link import Address
+    from twin.simulation.machine.machine_link import Address
     from twin.ui.session.driven_machine import DrivenMachine
     from twin.ui.session.loaded_scene import LoadedScene
 
@@ -22,7 +22,7 @@ def running(options: Sequence[str] | None) -> dict[str, Address]:
     Raises:
         TwinError: an option has another form, or names a robot twice.
     """
-    from twin.simulation.machine.link import Address
+    from twin.simulation.machine.machine_link import Address
 
     addresses: dict[str, Address] = {}
     for text in options or ():

@@ -3,7 +3,7 @@
 A folder in `twin/simulation/tasks/` has the name of the key of a section [task.NAME], and a module `task` with
 `KIND = TaskKind(...)`. Another package names such an object in its metadata, in the group of entry points `twin.tasks`:
 `circle = "circle_task.task:KIND"`. The other modules of the folder simulate and judge the task;
-`twin.simulation.session.play` loads them.
+`twin.simulation.session.task_play` loads them.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def _unchanged(value: object) -> object:
 class TaskKind:
     """A kind of task: the key of a section [task.NAME] that contains the goal, and what the goal requires.
 
-    Beside `task.py`, its folder contains `play.py` with a `twin.simulation.session.play.Play`.
+    Beside `task.py`, its folder contains `play.py` with a `twin.simulation.session.task_play.Play`.
 
     Attributes:
         name: the key, and the name of the folder.

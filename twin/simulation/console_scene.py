@@ -36,7 +36,7 @@ from twin.simulation.machine.simulated_machine import Parts
 from twin.simulation.plants.contact.feel import NAME as PLANES
 from twin.simulation.plants.kinematic import Kinematic
 from twin.simulation.rate_console import PICTURE
-from twin.simulation.session.play import play_of
+from twin.simulation.session.task_play import play_of
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.procedure.task import ProcedureTable
 from twin.simulation.world import Block, Placed, World

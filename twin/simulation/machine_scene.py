@@ -16,7 +16,7 @@ from twin.model.trainer import MODEL, TrainerTable
 from twin.simulation.controllers.cue import Cue
 from twin.simulation.controllers.pedals import TAP
 from twin.simulation.controllers.trainer import MODE, Tips, Trainer, TrainerLimits, ViewSwitch
-from twin.simulation.machine.modelled import Modelled
+from twin.simulation.machine.machine_model_plant import MachineModelPlant
 from twin.simulation.machine.simulated_machine import Parts
 from twin.simulation.world import Block, Placed, Signals
 from twin.simulation.world.signal_kinds import CAMERA_VIEW, HAND_FORCE, HAPTICS_ON, ROBOT_CUE
@@ -94,7 +94,7 @@ class Machined:
         law = cue(self._table)
         models: list[Block] = []
         for name, parts in self.parts.items():
-            models.append(Modelled(name, parts, law, q[name]))
+            models.append(MachineModelPlant(name, parts, law, q[name]))
         return models
 
     def models(self, members: Mapping[str, MachineArm]) -> list[Placed]:

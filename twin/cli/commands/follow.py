@@ -60,7 +60,7 @@ def _mirror(robot: Robot, args: argparse.Namespace) -> Mirror:
         TwinError: nothing answers at --states, or the port of --packets is in use.
     """
     from twin.simulation.devices.joint_packets import JointPackets
-    from twin.simulation.machine.link import StateReader
+    from twin.simulation.machine.machine_link import StateReader
     from twin.ui.session.mirror import Mirror
 
     joint_count = len(robot.mechanism.active)

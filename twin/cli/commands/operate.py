@@ -100,7 +100,7 @@ def _at_console(file: Path, args: argparse.Namespace) -> int:
     from twin import api
     from twin.api.console_runs import FILE, operate_console
     from twin.cli import show
-    from twin.simulation.session.run import task_of
+    from twin.simulation.session.session_run import task_of
 
     if args.protocol is not None:
         raise TwinError(f"{args.robot} is a scene: give a task by --task instead of the protocol '{args.protocol}'")
@@ -168,7 +168,7 @@ def _procedure(scene: Scene, task: str, folder: Path, args: argparse.Namespace) 
     """Simulate a surgeon who performs a procedure; write the session and the report."""
     from twin.api.procedure import operate_procedure
     from twin.cli import show
-    from twin.simulation.session.file import NAME
+    from twin.simulation.session.session_file import NAME
 
     for option in ("scale", "haptics"):
         if getattr(args, option) is not None:

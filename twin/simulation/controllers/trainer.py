@@ -25,7 +25,7 @@ from twin.simulation.controllers.pedals import CAMERA, TOOLS
 from twin.simulation.controllers.planned import RUN
 from twin.simulation.devices.machine_states import ANSWERS, LEVEL
 from twin.simulation.machine.levels import Level
-from twin.simulation.machine.link import PATIENCE
+from twin.simulation.machine.machine_link import PATIENCE
 from twin.simulation.world import Block, Signals
 from twin.simulation.world.signal_kinds import (
     CONSOLE_MODE,
@@ -315,7 +315,7 @@ class Trainer(Block):
 
     Reads `pedals.training`, `console.mode`, `<robot>.goal`, `<robot>.follows`, `<robot>.planned`, `<robot>.jaw`,
     `<robot>.run`, `<robot>.measured`, and of the model `<robot>.model`, `<robot>.deviation` and `<robot>_model.q`; see
-    `Modelled`.
+    `MachineModelPlant`.
     """
 
     def __init__(

@@ -27,7 +27,7 @@ import numpy as np
 from twin.core.errors import DeviceError
 from twin.core.spatial import Array
 from twin.simulation.machine.levels import Level
-from twin.simulation.machine.link import PATIENCE
+from twin.simulation.machine.machine_link import PATIENCE
 from twin.simulation.machine.machine_server import HOST
 from twin.simulation.machine.state_packets import State
 

@@ -18,8 +18,8 @@ from twin.simulation.hazards.detection import Adaptive
 from twin.simulation.hazards.fault import Fault
 from twin.simulation.hazards.hand import Hand
 from twin.simulation.hazards.trainee import HazardTrainee, Reaction
-from twin.simulation.machine.beside import Beside
 from twin.simulation.machine.levels import Level
+from twin.simulation.machine.machine_and_model import MachineAndModel
 from twin.simulation.machine.motor_plant import TICK, Physics
 from twin.simulation.machine.simulated_machine import Machine, Parts
 
@@ -215,7 +215,7 @@ class Arena:
         None: there was no force and no stop to notice, or no response within `_LONGEST`.
         """
         machine = Machine(self._parts, physics=self._physics(session), faults=session.faults())
-        pair = Beside(machine, self.cue)
+        pair = MachineAndModel(machine, self.cue)
         hand = Hand(self._parts.settings, session.scale)
         trainee = HazardTrainee(reaction)
         deviation = _UnbrakedDeviation(pair, self._parts.kin.forward)
@@ -286,7 +286,7 @@ class _UnbrakedDeviation:
         peak: the distance in mm.
     """
 
-    def __init__(self, pair: Beside, forward: Callable[[Array], Array]) -> None:
+    def __init__(self, pair: MachineAndModel, forward: Callable[[Array], Array]) -> None:
         """Store machine and model; `forward`: T_base_tool (4, 4) of joint values (n,)."""
         self.peak = 0.0
         self._pair = pair

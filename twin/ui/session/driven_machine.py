@@ -13,7 +13,7 @@ from twin.core.errors import KinematicsError
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.simulation.machine.levels import Level
-from twin.simulation.machine.link import Address, MachineLink
+from twin.simulation.machine.machine_link import Address, MachineLink
 from twin.simulation.machine.machine_master import MachineMaster
 from twin.simulation.machine.motor_plant import TICK
 from twin.simulation.machine.simulated_machine import Parts

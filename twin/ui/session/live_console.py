@@ -31,9 +31,9 @@ from twin.simulation.devices.given import GivenHands, HandState
 from twin.simulation.devices.machine_states import MachineStates
 from twin.simulation.devices.together import Together
 from twin.simulation.plants.tissue import clips_of
-from twin.simulation.session.play import LiveReferee, MeasuringReferee, play_of
-from twin.simulation.session.run import SAMPLE, head_of
+from twin.simulation.session.session_run import SAMPLE, head_of
 from twin.simulation.session.tape import Tape
+from twin.simulation.session.task_play import LiveReferee, MeasuringReferee, play_of
 from twin.simulation.setup import Member, Setup
 from twin.simulation.world import Block, World
 from twin.simulation.world.signal_kinds import (

@@ -11,9 +11,9 @@ from twin.simulation import machine_scene
 from twin.simulation.controllers.trainer import MODE, VIEW, Mode, TrainerPhase, Why, asked, mode_of, told
 from twin.simulation.devices.given import GivenHands
 from twin.simulation.devices.machine_states import ANSWERS, LEVEL, MachineStates
-from twin.simulation.machine.exchange import Exchange
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.outbox import Outbox
+from twin.simulation.machine.packet_exchange import Exchange
 from twin.simulation.world import World
 from twin.simulation.world.signal_kinds import ROBOT_APART, ROBOT_CUE, ROBOT_DEVIATION, ROBOT_PHASE, ROBOT_RUN
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 
 from twin.core.errors import DeviceError
-from twin.simulation.machine.link import Address, MachineLink
+from twin.simulation.machine.machine_link import Address, MachineLink
 
 _PAUSE = 0.5
 """Time in s before each attempt to connect."""

@@ -6,7 +6,7 @@ import logging
 from pathlib import Path
 
 from twin.core.errors import TwinError
-from twin.simulation.session.file import LARGEST, LONGEST, Head, SessionWriter
+from twin.simulation.session.session_file import LARGEST, LONGEST, Head, SessionWriter
 from twin.simulation.session.tape import Tape
 
 

@@ -17,7 +17,7 @@ from twin.reference import ReferenceModel
 from twin.simulation import console_scene
 from twin.simulation.devices.surgeon_hands import Seat, SurgeonHands
 from twin.simulation.operating_scene import plain
-from twin.simulation.session.play import ArmPath, Play, TaskOutcome
+from twin.simulation.session.task_play import ArmPath, Play, TaskOutcome
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.align import camera_task
 from twin.simulation.tasks.align.camera_referee import CameraReferee

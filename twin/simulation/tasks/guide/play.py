@@ -15,7 +15,7 @@ from twin.simulation import contact_scene
 from twin.simulation.devices.surgeon_hands import Seat, SurgeonHands
 from twin.simulation.operating_scene import plain
 from twin.simulation.plants.contact.gripper import grip_frame
-from twin.simulation.session.play import ArmPath, Play, TaskOutcome
+from twin.simulation.session.task_play import ArmPath, Play, TaskOutcome
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.guide.guiding import GuideMeasures, GuidingReferee
 from twin.simulation.tasks.guide.guiding_surgeon import GuidingSurgeon

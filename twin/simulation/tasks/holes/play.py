@@ -21,7 +21,7 @@ from twin.simulation.devices.hand import ScriptedHand
 from twin.simulation.devices.surgeon_hands import Seat
 from twin.simulation.operating_scene import plain
 from twin.simulation.rate_console import HAND
-from twin.simulation.session.play import ArmPath, Play, TaskOutcome
+from twin.simulation.session.task_play import ArmPath, Play, TaskOutcome
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.holes.geometry import hole_goals
 from twin.simulation.tasks.holes.operator import ScriptedPen

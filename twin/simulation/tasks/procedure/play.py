@@ -5,7 +5,7 @@ from __future__ import annotations
 from twin.model.task import ConsoleTask
 from twin.simulation import console_scene, operating_scene
 from twin.simulation.plants.tissue import clips_of
-from twin.simulation.session.play import Play
+from twin.simulation.session.task_play import Play
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.procedure.procedure_guide import ProcedureGuide
 from twin.simulation.world.signal_kinds import CLIP_ON

@@ -9,9 +9,9 @@ import numpy as np
 from twin.core.errors import WorldError
 from twin.simulation import console_scene, operating_scene, procedure_scene
 from twin.simulation.devices.recorded import Recorded
-from twin.simulation.session import file
-from twin.simulation.session.file import Session, SessionWriter
-from twin.simulation.session.run import Keep, Progress, Ran, head_of, repeat
+from twin.simulation.session import session_file
+from twin.simulation.session.session_file import Session, SessionWriter
+from twin.simulation.session.session_run import Keep, Progress, Ran, head_of, repeat
 from twin.simulation.session.tape import Tape
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.procedure.procedure_surgeon import ProcedureSurgeon
@@ -27,7 +27,7 @@ _STAGES = ("begin", "expose", "show", "clip", "cut", "remove")
 
 def by_hand(session: Session) -> bool:
     """Return whether a procedure was performed at a console by hand; otherwise, a simulated surgeon performed it."""
-    return DEVICE_CLUTCH.of(console_scene.PEDALS) in file.sizes(session.head.device)
+    return DEVICE_CLUTCH.of(console_scene.PEDALS) in session_file.sizes(session.head.device)
 
 
 def keep_for(world: World, procedure: ProcedureTable, sample: float = _SAMPLE) -> Keep:
@@ -64,7 +64,7 @@ def perform(setup: Setup, path: Path, *, seed: int = 0, mistake: Mistake = "", p
     head = head_of(setup, world, device, seed, procedure_scene.identity(setup))
     with SessionWriter(path, head) as writer:
         while not world.ended and not writer.full:
-            world.step(file.CHUNK // 4)
+            world.step(session_file.CHUNK // 4)
             rows = tape.take()
             writer.add(rows)
             keep.add(rows)
@@ -93,11 +93,11 @@ def replay(session: Session, path: Path, setup: Setup, progress: Progress) -> Ra
             f"{path}: the session was recorded in scene '{head.scene}'. This is another scene, or the scene has "
             "changed since: restore the earlier scene to replay the session"
         )
-    sizes = file.sizes(head.device)
+    sizes = session_file.sizes(head.device)
     recorded = Recorded(Recording(head.dt, sizes, session.device), *sizes)
     tape = Tape()
     world = kind.world(setup, recorded, records=False, watch=[tape])
-    if world.signals.sizes != file.sizes(head.world) or not np.isclose(head.dt, world.dt):
+    if world.signals.sizes != session_file.sizes(head.world) or not np.isclose(head.dt, world.dt):
         raise WorldError(
             f"{path}: the session was written by twin {head.twin}, whose World has other signals: replay it with that "
             "version"

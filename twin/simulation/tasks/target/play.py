@@ -15,7 +15,7 @@ from twin.model.task import ConsoleTask, required_goal
 from twin.simulation import console_scene
 from twin.simulation.console_scene import HANDS
 from twin.simulation.devices.surgeon_hands import Seat, SurgeonHands
-from twin.simulation.session.play import ArmPath, Play, TaskOutcome
+from twin.simulation.session.task_play import ArmPath, Play, TaskOutcome
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.target.surgeon import ScriptedSurgeon
 from twin.simulation.tasks.target.task import Targets

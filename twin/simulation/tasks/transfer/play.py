@@ -14,7 +14,7 @@ from twin.simulation import console_scene, contact_scene
 from twin.simulation.contact_scene import Peg
 from twin.simulation.devices.surgeon_hands import Seat, SurgeonHands
 from twin.simulation.operating_scene import plain
-from twin.simulation.session.play import ArmPath, Play, TaskOutcome
+from twin.simulation.session.task_play import ArmPath, Play, TaskOutcome
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.transfer.ring_surgeon import Ring, RingSurgeon
 from twin.simulation.tasks.transfer.rings import BoardMeasures, RingsReferee, measure

@@ -12,7 +12,7 @@ from multiprocessing.connection import Connection
 from twin.api.machine import machine_parts
 from twin.api.robot import load
 from twin.core.errors import TwinError
-from twin.simulation.machine.link import Address, MachineLink
+from twin.simulation.machine.machine_link import Address, MachineLink
 from twin.simulation.machine.machine_master import MachineMaster
 from twin.simulation.machine.motor_plant import TICK
 from twin.ui.access.rules import AccessRules

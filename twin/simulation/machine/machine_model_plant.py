@@ -38,7 +38,7 @@ _KEPT = 4096
 """Number of the latest packets for which the model's joint values after the packet are stored."""
 
 
-class Modelled(Block):
+class MachineModelPlant(Block):
     """A plant that steps the model of a machine.
 
     Reads `<robot>.given`, `<robot>.phase`, `<robot>.measured` and `<robot>.run`. Writes:

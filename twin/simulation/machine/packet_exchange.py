@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from twin.simulation.devices.machine_states import MachineStates
-from twin.simulation.machine.link import MachineLink
+from twin.simulation.machine.machine_link import MachineLink
 from twin.simulation.machine.outbox import Outbox
 
 

@@ -19,11 +19,11 @@ from twin.simulation.console_scene import HANDS, PEDALS
 from twin.simulation.devices.recorded import Recorded
 from twin.simulation.devices.surgeon_hands import Eye, Seat, SimulatedHands
 from twin.simulation.machine.simulated_machine import Parts
-from twin.simulation.session import file
-from twin.simulation.session.file import Session, SessionWriter
+from twin.simulation.session import session_file
 from twin.simulation.session.forces import ForceMeasures, ForceMeter
-from twin.simulation.session.play import play_of
+from twin.simulation.session.session_file import Session, SessionWriter
 from twin.simulation.session.tape import Tape
+from twin.simulation.session.task_play import play_of
 from twin.simulation.setup import Setup
 from twin.simulation.world import Block, Recording, World
 from twin.simulation.world.signal_kinds import (
@@ -236,7 +236,7 @@ def perform(
     names = setup.task.steps
     with SessionWriter(path, head_of(setup, world, device, seed)) as writer:
         while not world.ended and not writer.full:
-            world.step(file.CHUNK)
+            world.step(session_file.CHUNK)
             rows = tape.take()
             writer.add(rows)
             keep.add(rows)
@@ -255,7 +255,7 @@ def perform(
 
 def head_of(
     setup: Setup, world: World, device: Block, seed: int | None = None, identity: str | None = None
-) -> file.Head:
+) -> session_file.Head:
     """Return the first line of the session file of a World with a device.
 
     `seed`: random seed of a simulated surgeon; `identity`: hash of the inputs; None: the hash for a World at a console.
@@ -264,7 +264,7 @@ def head_of(
     device_sizes = {name: size for name, size in sizes.items() if name in device.outputs}
     task = None if setup.task is None else setup.task.name
     identity = identity or console_scene.identity(setup, world.dt)
-    return file.head(setup.scene.name, identity, world.dt, device_sizes, sizes, task, seed, setup.condition)
+    return session_file.head(setup.scene.name, identity, world.dt, device_sizes, sizes, task, seed, setup.condition)
 
 
 def require_scene(session: Session, path: Path, setup: Setup) -> None:
@@ -298,11 +298,11 @@ def replay(session: Session, setup: Setup, progress: Progress, parts: Mapping[st
         WorldError: the signals of the World are not those of the session.
     """
     start = session.head
-    device_sizes = file.sizes(start.device)
+    device_sizes = session_file.sizes(start.device)
     recorded = Recorded(Recording(start.dt, device_sizes, session.device), *device_sizes)
     tape = Tape()
     world = console_scene.world(setup, recorded, start.dt, records=False, watch=[tape], parts=parts)
-    if world.signals.sizes != file.sizes(start.world):
+    if world.signals.sizes != session_file.sizes(start.world):
         raise WorldError(
             f"the session was written by twin {start.twin}, whose World has other signals: replay it with that version"
         )
@@ -327,7 +327,7 @@ def repeat(session: Session, world: World, tape: Tape, keep: Keep, progress: Pro
         rows = tape.take()
         keep.add(rows)
         t1 = t + len(rows) * session.head.dt
-        if difference is None and file.digest(rows) != chunk.digest:
+        if difference is None and session_file.digest(rows) != chunk.digest:
             difference = _difference(t, t1, rows[-1], chunk.last, world)
         t = t1
         progress("replay", keep.ticks / ticks)

@@ -13,7 +13,7 @@ from twin.simulation.machine.levels import Level
 from twin.simulation.machine.simulated_machine import Machine
 
 
-class Beside:
+class MachineAndModel:
     """Runs a machine and its model; the model has the physics of the robot's files, and no faults.
 
     Attributes:
