@@ -9,34 +9,34 @@ from twin.comparison.fit import Problem, Unknowns
 from twin.comparison.side import ONE_COORDINATE
 
 
-def moved_zeros(problem: Problem, u: Unknowns) -> list[int]:
+def moved_zeros(problem: Problem, unknowns: Unknowns) -> list[int]:
     """Return the joints whose zeros differ by more than the tolerance."""
-    moved = []
-    for i, axis in enumerate(problem.axes):
+    moved_joints = []
+    for joint, axis in enumerate(problem.axes):
         if axis.kind not in ONE_COORDINATE:
             continue
-        shift = zero_of(problem, u, i)
+        shift = zero_of(problem, unknowns, joint)
         limit = problem.angle_tolerance if axis.is_angle else problem.tolerance
         if abs(shift) > limit:
-            moved.append(i)
-    return moved
+            moved_joints.append(joint)
+    return moved_joints
 
 
-def zero_of(problem: Problem, u: Unknowns, i: int) -> float:
+def zero_of(problem: Problem, unknowns: Unknowns, joint: int) -> float:
     """Return by how much the zero of a joint differs in m or rad.
 
     An angle in -pi..pi, or that plus the full turns with which the limits of both sides are the same.
     """
-    shift = float(u.zeros[i])
-    axis = problem.axes[i]
+    shift = float(unknowns.zeros[joint])
+    axis = problem.axes[joint]
     if not axis.is_angle:
         return shift
     shift = float(np.arctan2(np.sin(shift), np.cos(shift)))
     limits = axis.limits
-    target = problem.second.axes[i].limits
+    target = problem.second.axes[joint].limits
     if limits is None or target is None or not np.isfinite([*limits, *target]).all():
         return shift
-    sign = float(u.signs[i])
+    sign = float(unknowns.signs[joint])
     low, high = sorted(sign * (value - shift) for value in limits)
     turns = round((target[0] - low) / (2 * np.pi))
     low_gap = abs(low + turns * 2 * np.pi - target[0])
@@ -46,8 +46,8 @@ def zero_of(problem: Problem, u: Unknowns, i: int) -> float:
     return shift - sign * turns * 2 * np.pi
 
 
-def is_base_moved(problem: Problem, u: Unknowns) -> bool:
+def is_base_moved(problem: Problem, unknowns: Unknowns) -> bool:
     """Return whether the base frames differ."""
-    turn = float(np.linalg.norm(u.base[:3]))
-    shift = float(np.linalg.norm(u.base[3:]))
+    turn = float(np.linalg.norm(unknowns.base[:3]))
+    shift = float(np.linalg.norm(unknowns.base[3:]))
     return shift > problem.tolerance or turn > problem.angle_tolerance

@@ -61,9 +61,9 @@ def followed(ratios: Array, totals: Array, order: Sequence[int]) -> dict[int, Co
         largest = pivot + int(np.argmax(np.abs(below)))
         rows[[pivot, largest]] = rows[[largest, pivot]]
         rows[pivot] /= rows[pivot, column]
-        for other in range(len(rows)):
-            if other != pivot:
-                rows[other] -= rows[other, column] * rows[pivot]
+        for other_row in range(len(rows)):
+            if other_row != pivot:
+                rows[other_row] -= rows[other_row, column] * rows[pivot]
         pivots.append(column)
     followers = {}
     for row, column in zip(rows, pivots, strict=False):

@@ -110,9 +110,9 @@ class CellStatement:
         return parts[0], parts[1]
 
 
-def _moved(axis: Axis, W: Array) -> Axis:
-    point = W[:3, :3] @ axis.point + W[:3, 3]
-    return replace(axis, point=point, direction=W[:3, :3] @ axis.direction)
+def _moved(axis: Axis, motion: Array) -> Axis:
+    point = motion[:3, :3] @ axis.point + motion[:3, 3]
+    return replace(axis, point=point, direction=motion[:3, :3] @ axis.direction)
 
 
 def cells(side: RobotSide) -> list[CellStatement]:
@@ -120,7 +120,7 @@ def cells(side: RobotSide) -> list[CellStatement]:
     cells_of_table = []
     for row in side.rows:
         for parameter, value in row.values.items():
-            shown = value / row.units[parameter]
+            written_value = value / row.units[parameter]
             what = f"row '{row.joint}' {parameter}"
-            cells_of_table.append(CellStatement(row.file, row.line, what, (shown,), row, parameter))
+            cells_of_table.append(CellStatement(row.file, row.line, what, (written_value,), row, parameter))
     return cells_of_table

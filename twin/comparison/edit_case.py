@@ -46,8 +46,8 @@ class EditCase:
     def apart(self) -> frozenset[int]:
         """The joints whose lines are apart, as in `Problem.axes`."""
         gap = self.problem.gap(self.u)
-        far = (gap.distances > self.problem.tolerance) | (gap.angles > self.problem.angle_tolerance)
-        return frozenset(int(i) for i in np.flatnonzero(far))
+        is_apart = (gap.distances > self.problem.tolerance) | (gap.angles > self.problem.angle_tolerance)
+        return frozenset(int(i) for i in np.flatnonzero(is_apart))
 
     def moves_all(self, statement: Statement) -> bool:
         """Return whether a statement moves each joint whose line is apart, or a joint before it in the tree."""

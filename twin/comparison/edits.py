@@ -40,13 +40,13 @@ def with_edits(
     """Return the items, each with the edits of either side that remove it; for robots with loops, without edits."""
     if problem.first.looped:
         return list(items)
-    known = [statements(problem.first), statements(problem.second)]
+    statements_of_sides = [statements(problem.first), statements(problem.second)]
     moved_tools = [gap.joint for gap in leaf_gaps(problem, solution.unknowns) if gap.differs(problem)]
-    common = _common_edits(problem, matching, items, known)
+    common = _common_edits(problem, matching, items, statements_of_sides)
     items_with_edits = []
     for item in items:
-        u = _without(problem, solution.unknowns, item)
-        if u is None:
+        unknowns = _without(problem, solution.unknowns, item)
+        if unknowns is None:
             items_with_edits.append(item.with_edits(()))
             continue
         other_tools = moved_tools
@@ -55,8 +55,8 @@ def with_edits(
             other_tools = [tool for tool in moved_tools if tool != joint]
         edits: list[NumberEdit] = []
         for edited in (0, 1):
-            case = EditCase(problem, matching, u, edited, other_tools)
-            edits += _edits_of_item(case, item, common[edited], known[edited])
+            case = EditCase(problem, matching, unknowns, edited, other_tools)
+            edits += _edits_of_item(case, item, common[edited], statements_of_sides[edited])
         items_with_edits.append(item.with_edits(edits))
     return items_with_edits
 
@@ -65,15 +65,15 @@ def _edits_of_item(
     case: EditCase,
     item: ComparedItem,
     common: Sequence[NumberEdit],
-    known: Sequence[NumberStatement | CellStatement],
+    statements_of_side: Sequence[NumberStatement | CellStatement],
 ) -> list[NumberEdit]:
     """Return the edits of one side that remove an item: those of all items, of statements, else of other numbers."""
     edits = list(common)
-    for edit in _edits(case, known):
+    for edit in _edits(case, statements_of_side):
         if edit not in common:
             edits.append(edit)
     if not edits:
-        edits = _reread(case, [item], known)
+        edits = _reread(case, [item], statements_of_side)
     return edits
 
 
@@ -81,7 +81,7 @@ def _common_edits(
     problem: Problem,
     matching: Matching,
     items: Sequence[ComparedItem],
-    known: Sequence[Sequence[NumberStatement | CellStatement]],
+    statements_of_side: Sequence[Sequence[NumberStatement | CellStatement]],
 ) -> list[list[NumberEdit]]:
     """Return for each side the edits that remove all items at once: one wrong number is likelier than two."""
     geometric = [item for item in items if item.moves_geometry]
@@ -90,24 +90,24 @@ def _common_edits(
     edits_of_sides = []
     for edited in (0, 1):
         case = EditCase(problem, matching, problem.start, edited, ())
-        edits = _edits(case, known[edited], placed=False)
+        edits = _edits(case, statements_of_side[edited], placed=False)
         # To read a text again for each of its numbers takes long. Where numbers of it are statements, these were tried,
         # and its other numbers are only tried for single items.
-        if not edits and not known[edited]:
+        if not edits and not statements_of_side[edited]:
             edits = _reread(case, geometric, ())
         edits_of_sides.append(edits)
     return edits_of_sides
 
 
 def _reread(
-    case: EditCase, items: Sequence[ComparedItem], known: Sequence[NumberStatement | CellStatement]
+    case: EditCase, items: Sequence[ComparedItem], statements_of_side: Sequence[NumberStatement | CellStatement]
 ) -> list[NumberEdit]:
     """Return the edits of one number of a text that is read again, for numbers that are no statements.
 
     The statements `known` were tried before: to read the text again with each of their values takes most of the time.
     """
     by_line: dict[int, list[NumberStatement | CellStatement]] = {}
-    for statement in known:
+    for statement in statements_of_side:
         if statement.applied(case.side, statement.values) is not None:
             by_line.setdefault(statement.line, []).append(statement)
 
@@ -159,32 +159,32 @@ def _names(case: EditCase, item: ComparedItem) -> set[str]:
     return {plain(name) for name in names if name}
 
 
-def _without(problem: Problem, u: Unknowns, item: ComparedItem) -> Unknowns | None:
+def _without(problem: Problem, unknowns: Unknowns, item: ComparedItem) -> Unknowns | None:
     """Return the unknowns without the change of an item; None if no number of a file is that change."""
     if item.kind == "base frame":
-        return replace(u, base=np.zeros(6))
+        return replace(unknowns, base=np.zeros(6))
     if item.kind == "tool frame":
-        return u
+        return unknowns
     if item.kind not in ("zero", "sign", "link"):
         return None
     joint = problem.second.index(item.joint)
     if item.kind == "zero":
-        zeros = u.zeros.copy()
+        zeros = unknowns.zeros.copy()
         zeros[joint] = 0.0
-        return replace(u, zeros=zeros)
+        return replace(unknowns, zeros=zeros)
     if item.kind == "sign":
-        signs = u.signs.copy()
+        signs = unknowns.signs.copy()
         signs[joint] = 1.0
-        return replace(u, signs=signs)
-    assert u.deviations is not None
+        return replace(unknowns, signs=signs)
+    assert unknowns.deviations is not None
     of_item = (joint, problem.turned_axis(joint))
-    kept = [k for k, deviating in enumerate(u.deviating) if deviating not in of_item]
-    still_deviating = tuple(u.deviating[k] for k in kept)
-    return replace(u, deviating=still_deviating, deviations=u.deviations[kept])
+    kept_items = [k for k, deviating in enumerate(unknowns.deviating) if deviating not in of_item]
+    still_deviating = tuple(unknowns.deviating[k] for k in kept_items)
+    return replace(unknowns, deviating=still_deviating, deviations=unknowns.deviations[kept_items])
 
 
 def _edits(
-    case: EditCase, known: Sequence[NumberStatement | CellStatement], *, placed: bool = True
+    case: EditCase, statements_of_sides: Sequence[NumberStatement | CellStatement], *, placed: bool = True
 ) -> list[NumberEdit]:
     """Return the edits of one side that make it agree: of one number, else of one attribute, else of one place.
 
@@ -193,7 +193,7 @@ def _edits(
     side = case.side
     before = case.residual(side)
     ranked: list[tuple[int, NumberEdit]] = []
-    for statement in known:
+    for statement in statements_of_sides:
         for k in range(len(statement.values)):
             values = solved_values(case, statement, [k], before)
             if values is not None:
@@ -203,14 +203,14 @@ def _edits(
     for _, edit in ranked:
         what, _, _ = edit.what.partition("[")
         named.add((edit.file, edit.line, what))
-    for statement in known:
+    for statement in statements_of_sides:
         # another axis changes two numbers, and may be likelier than one angle that turns all links behind the joint
         if has_edit_of_one_number and statement.role != "axis":
             continue
         if len(statement.values) > 1 and (statement.file, statement.line, statement.what) not in named:
             ranked += _whole(case, statement, before)
     if not ranked and placed:
-        for place in places(known):
+        for place in places(statements_of_sides):
             ranked += _whole(case, place, before)
     # frames of inner links that agree as well, and a round number, make an edit likelier
     ranked.sort(key=lambda pair: (pair[0], len(pair[1].new)))

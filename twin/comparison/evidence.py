@@ -112,16 +112,16 @@ class StatedEvidence:
             evidence.append(Evidence("inertia", group, INERTIA))
         return evidence
 
-    def limit_zero(self, i: int, signs: Array) -> float | None:
+    def limit_zero(self, joint: int, signs: Array) -> float | None:
         """Return the zero in m or rad with which the limits of a joint are equal; None if there is none."""
-        limits = self.problem.axes[i].limits
-        target = self.problem.second.axes[i].limits
+        limits = self.problem.axes[joint].limits
+        target = self.problem.second.axes[joint].limits
         if limits is None or target is None or not np.isfinite([*limits, *target]).all():
             return None
         if abs((limits[1] - limits[0]) - (target[1] - target[0])) > 2 * LIMIT:
             return None
         # the middles of both ranges coincide: q_first = sign * q_second + zero
-        return 0.5 * (sum(limits) - float(signs[i]) * sum(target))
+        return 0.5 * (sum(limits) - float(signs[joint]) * sum(target))
 
     @cached_property
     def _inertias(self) -> list[int]:
@@ -141,33 +141,33 @@ class StatedEvidence:
                 groups.append(group)
         return groups
 
-    def residuals(self, known: Sequence[Evidence], signs: Array, values: Array, deviating: Sequence[int]) -> Array:
+    def residuals(self, pieces: Sequence[Evidence], signs: Array, values: Array, deviating: Sequence[int]) -> Array:
         """Return (k, rows) of pieces of evidence in m and rad for `values` (k, unknowns)."""
         _, _, motions = self.problem.motions(signs, values, deviating)
-        return self.residuals_of(known, signs, values, motions)
+        return self.residuals_of(pieces, signs, values, motions)
 
-    def residuals_of(self, known: Sequence[Evidence], signs: Array, values: Array, motions: Array) -> Array:
+    def residuals_of(self, pieces: Sequence[Evidence], signs: Array, values: Array, motions: Array) -> Array:
         """Return the same for the motions (k, groups, 4, 4) of the groups of bodies with these values."""
         parts = [np.zeros((len(values), 0))]
-        for evidence in known:
+        for evidence in pieces:
             parts.append(self._rows(evidence, signs, values, motions))
         return np.concatenate(parts, axis=1)
 
     def _rows(self, evidence: Evidence, signs: Array, values: Array, motions: Array) -> Array:
         """Return (k, rows) of one piece of evidence, see `residuals_of`."""
-        i = evidence.index
+        index = evidence.index
         if evidence.kind == "base":
             return values[:, :6]
         if evidence.kind == "zero":
-            return self._distance(i, values[:, 6 + i])[:, None]
+            return self._distance(index, values[:, 6 + index])[:, None]
         if evidence.kind == "limits":
-            wanted = self.limit_zero(i, signs)
-            assert wanted is not None
-            return self._distance(i, values[:, 6 + i] - wanted)[:, None]
+            zero = self.limit_zero(index, signs)
+            assert zero is not None
+            return self._distance(index, values[:, 6 + index] - zero)[:, None]
         if evidence.kind == "tool":
-            frame_rows = [self._frame_rows(gap, motions) for gap in self._frames_on(i)]
+            frame_rows = [self._frame_rows(gap, motions) for gap in self._frames_on(index)]
             return np.concatenate(frame_rows, axis=1)
-        return self._inertia_rows(i, motions)
+        return self._inertia_rows(index, motions)
 
     def _inertia_rows(self, group: int, motions: Array) -> Array:
         """Return (k, 12) of the difference of an inertia: its centre in m, and its tensor relative to its size."""
@@ -203,33 +203,33 @@ class StatedEvidence:
             placed[gap.name] = spatial.inverse(motions[0, self._group_of(gap)]) @ gap.T_base_second @ gap.T
         return placed
 
-    def may_hold(self, evidence: Evidence, u: Unknowns) -> bool:
+    def may_hold(self, evidence: Evidence, unknowns: Unknowns) -> bool:
         """Return whether some base frame and zeros may make a piece of evidence equal, and all lines as well."""
         if evidence.kind != "tool":
             return True
-        key = (evidence.index, tuple(u.signs), u.deviating)
+        key = (evidence.index, tuple(unknowns.signs), unknowns.deviating)
         possible = self._possible_tools.get(key)
         if possible is None:
-            own = self._frames_on(evidence.index)
-            Ts_first = np.array([self._placed_first[gap.name] for gap in own])
-            Ts_second = np.array([gap.T_base_second for gap in own])
-            possible = may_agree(self.problem, evidence.index, Ts_first, Ts_second, u.signs, u.deviating)
+            frames = self._frames_on(evidence.index)
+            Ts_first = np.array([self._placed_first[gap.name] for gap in frames])
+            Ts_second = np.array([gap.T_base_second for gap in frames])
+            possible = may_agree(self.problem, evidence.index, Ts_first, Ts_second, unknowns.signs, unknowns.deviating)
             self._possible_tools[key] = possible
         return possible
 
-    def _distance(self, i: int, difference: Array) -> Array:
+    def _distance(self, joint: int, difference: Array) -> Array:
         """Return a difference of zeros in m or rad, for angles without full turns."""
-        if not self.problem.axes[i].is_angle:
+        if not self.problem.axes[joint].is_angle:
             return difference
         return np.arctan2(np.sin(difference), np.cos(difference))
 
-    def violated(self, known: Sequence[Evidence], u: Unknowns) -> list[Evidence]:
+    def violated(self, pieces: Sequence[Evidence], unknowns: Unknowns) -> list[Evidence]:
         """Return the pieces of evidence in which the two sides differ."""
-        values = values_of(u)[None]
-        _, _, motions = self.problem.motions(u.signs, values, u.deviating)
+        values = values_of(unknowns)[None]
+        _, _, motions = self.problem.motions(unknowns.signs, values, unknowns.deviating)
         violated = []
-        for evidence in known:
-            if not self._holds(evidence, self._rows(evidence, u.signs, values, motions)[0]):
+        for evidence in pieces:
+            if not self._holds(evidence, self._rows(evidence, unknowns.signs, values, motions)[0]):
                 violated.append(evidence)
         return violated
 
@@ -269,9 +269,9 @@ class StatedEvidence:
         if evidence.kind == "zero":
             return {6 + evidence.index: 0.0}
         if evidence.kind == "limits":
-            wanted = self.limit_zero(evidence.index, signs)
-            assert wanted is not None
-            return {6 + evidence.index: wanted}
+            zero = self.limit_zero(evidence.index, signs)
+            assert zero is not None
+            return {6 + evidence.index: zero}
         return {}
 
 

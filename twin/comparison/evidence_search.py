@@ -88,9 +88,9 @@ class EvidenceSearch:
         most_choices: maximum number of choices of evidence that are fitted.
     """
 
-    def __init__(self, problem: Problem, known: Local, largest_cost: float, most_choices: int = _NODES) -> None:
+    def __init__(self, problem: Problem, neighbours: Local, largest_cost: float, most_choices: int = _NODES) -> None:
         self.problem = problem
-        self.known = known
+        self.known = neighbours
         self.largest_cost = largest_cost
         self.most_choices = most_choices
         self.stated = StatedEvidence(problem)
@@ -139,8 +139,8 @@ class EvidenceSearch:
 
     def _differs_in_nothing(self, choice: _FitChoice) -> bool:
         """Return whether no joint deviates and all evidence is equal: other values could only be as good."""
-        u = choice.solution.unknowns
-        return not u.deviating and cost(self.stated, u) == 0.0
+        unknowns = choice.solution.unknowns
+        return not unknowns.deviating and cost(self.stated, unknowns) == 0.0
 
     # -- signs ----------------------------------------------------------------------------------------
 
@@ -187,11 +187,11 @@ class EvidenceSearch:
             size = np.abs(values[columns]).max()
             if size == 0.0 or size > NEAR * problem.tolerance:
                 continue
-            tried = values_of(choice.solution.unknowns)
-            tried[columns] = 0.0
+            values_tried = values_of(choice.solution.unknowns)
+            values_tried[columns] = 0.0
             free = choice.free.copy()
             free[columns] = False
-            refined = problem.refine(with_values(choice.solution.unknowns, tried), free)
+            refined = problem.refine(with_values(choice.solution.unknowns, values_tried), free)
             if problem.holds(refined.gap):
                 # the values may still change later: other evidence may need it
                 choice = replace(choice, solution=refined)
@@ -199,22 +199,22 @@ class EvidenceSearch:
 
     # -- evidence -------------------------------------------------------------------------------------
 
-    def _derivatives(self, choice: _FitChoice, known: Sequence[Evidence]) -> Array:
+    def _derivatives(self, choice: _FitChoice, pieces: Sequence[Evidence]) -> Array:
         """Return the derivatives (rows, free unknowns) of lines, conditions and evidence, in this order."""
-        u = choice.solution.unknowns
+        unknowns = choice.solution.unknowns
         columns = np.flatnonzero(choice.free)
-        x = values_of(u)
+        x = values_of(unknowns)
         stepped = with_steps(x, columns)
-        parents, children, groups = self.problem.motions(u.signs, stepped, u.deviating)
-        lines = self.problem.rows(u.signs, parents, children)
-        evidence = self.stated.residuals_of([*choice.conditions, *known], u.signs, stepped, groups)
+        parents, children, groups = self.problem.motions(unknowns.signs, stepped, unknowns.deviating)
+        lines = self.problem.rows(unknowns.signs, parents, children)
+        evidence = self.stated.residuals_of([*choice.conditions, *pieces], unknowns.signs, stepped, groups)
         rows = np.concatenate([lines, evidence], axis=1)
         return (rows[:-1] - rows[-1]).T / STEP
 
-    def _open(self, choice: _FitChoice, known: Sequence[Evidence]) -> tuple[Array, list[Array]]:
+    def _open(self, choice: _FitChoice, pieces: Sequence[Evidence]) -> tuple[Array, list[Array]]:
         """Return (directions (free unknowns, k) that are still open, derivatives of each evidence along them)."""
-        J = self._derivatives(choice, known)
-        sizes = [self.stated.rows(evidence) for evidence in known]
+        J = self._derivatives(choice, pieces)
+        sizes = [self.stated.rows(evidence) for evidence in pieces]
         start = len(J) - sum(sizes)
         directions = _separated(open_directions(J[:start]).T).T
         along = []
@@ -225,12 +225,12 @@ class EvidenceSearch:
 
     def _bound(self, choice: _FitChoice) -> float:
         """Return the cost of what no open direction can change."""
-        u = choice.solution.unknowns
-        bound = CONVENTION * len(u.flips)
-        known = self.stated.violated(self.stated.known(u.signs), u)
-        _, along = self._open(choice, known)
-        for evidence, J in zip(known, along, strict=True):
-            if not _is_open(J) or not self.stated.may_hold(evidence, u):
+        unknowns = choice.solution.unknowns
+        bound = CONVENTION * len(unknowns.flips)
+        pieces = self.stated.violated(self.stated.known(unknowns.signs), unknowns)
+        _, along = self._open(choice, pieces)
+        for evidence, J in zip(pieces, along, strict=True):
+            if not _is_open(J) or not self.stated.may_hold(evidence, unknowns):
                 bound += evidence.weight
         return bound
 
@@ -239,21 +239,21 @@ class EvidenceSearch:
 
         `budget` is the cost that may still be added: evidence that costs more, and differs, must be made equal.
         """
-        u = choice.solution.unknowns
-        known = []
-        for evidence in self.stated.known(u.signs):
-            if evidence not in choice.kept and self.stated.may_hold(evidence, u):
-                known.append(evidence)
-        directions, along = self._open(choice, known)
-        violated = set(self.stated.violated(known, u))
-        for evidence, J in zip(known, along, strict=True):
+        unknowns = choice.solution.unknowns
+        pieces = []
+        for evidence in self.stated.known(unknowns.signs):
+            if evidence not in choice.kept and self.stated.may_hold(evidence, unknowns):
+                pieces.append(evidence)
+        directions, along = self._open(choice, pieces)
+        violated = set(self.stated.violated(pieces, unknowns))
+        for evidence, J in zip(pieces, along, strict=True):
             if _is_open(J) and evidence in violated and evidence.weight > budget + SAME_COST:
                 self._keep(choice, evidence, directions, J)
                 return True
         impossible: set[Evidence] = set()
         for direction in _fewest_first(along):
             is_fixed = False
-            for evidence, J in zip(known, along, strict=True):
+            for evidence, J in zip(pieces, along, strict=True):
                 if evidence in impossible or not _is_open(J[:, direction]):
                     continue
                 if self._keep(choice, evidence, directions, J):
@@ -266,8 +266,8 @@ class EvidenceSearch:
 
     def _keep(self, choice: _FitChoice, evidence: Evidence, directions: Array, J: Array) -> bool:
         """Fit with one more piece of evidence; return whether that is possible."""
-        u = choice.solution.unknowns
-        key = (u.deviating, tuple(u.signs), choice.kept | {evidence})
+        unknowns = choice.solution.unknowns
+        key = (unknowns.deviating, tuple(unknowns.signs), choice.kept | {evidence})
         if key in self._seen:
             return True
         self._evidence_fits += 1
@@ -281,35 +281,35 @@ class EvidenceSearch:
     def _fixed(self, choice: _FitChoice, evidence: Evidence, directions: Array, J: Array) -> _FitChoice | None:
         """Return the fit that keeps a piece of evidence as well; None if there is none."""
         problem = self.problem
-        u = choice.solution.unknowns
+        unknowns = choice.solution.unknowns
         free = choice.free.copy()
-        stated = self.stated.fixed(evidence, u.signs)
+        stated = self.stated.fixed(evidence, unknowns.signs)
         conditions = choice.conditions
         if not stated:
             conditions = (*conditions, evidence)
         free[list(stated)] = False
-        x = values_of(u)
+        x = values_of(unknowns)
         for column, value in stated.items():
             if not choice.free[column] and abs(x[column] - value) > problem.tolerance:
                 return None
         must_hold = [*conditions, evidence]
-        for kept in choice.kept:
-            if kept.kind in ("tool", "inertia"):
-                must_hold.append(kept)
+        for evidence_kept in choice.kept:
+            if evidence_kept.kind in ("tool", "inertia"):
+                must_hold.append(evidence_kept)
         for start in self._starts(choice, evidence, directions, J):
             for column, value in stated.items():
                 start[column] = value
-            refined = self._refined(with_values(u, start), free, conditions)
+            refined = self._refined(with_values(unknowns, start), free, conditions)
             if problem.holds(refined.gap) and not self.stated.violated(must_hold, refined.unknowns):
                 return _FitChoice(refined, free, conditions, choice.kept | {evidence})
         return None
 
     def _starts(self, choice: _FitChoice, evidence: Evidence, directions: Array, J: Array) -> Iterator[Array]:
         """Yield values to begin with: a step along the open directions, and turns along the one that matters most."""
-        u = choice.solution.unknowns
-        x = values_of(u)
+        unknowns = choice.solution.unknowns
+        x = values_of(unknowns)
         columns = np.flatnonzero(choice.free)
-        r = self.stated.residuals([evidence], u.signs, x[None], u.deviating)[0]
+        r = self.stated.residuals([evidence], unknowns.signs, x[None], unknowns.deviating)[0]
         step = directions @ np.linalg.lstsq(J, -r, rcond=1e-6)[0]
         start = x.copy()
         start[columns] += step
@@ -347,10 +347,10 @@ def _is_open(J: Array) -> bool:
 def _separated(directions: Array) -> Array:
     """Return other directions (k, unknowns) of the same space, each of which changes as few unknowns as possible."""
     rows = directions.copy()
-    used: list[int] = []
+    pivot_columns: list[int] = []
     # from the last unknown: a zero is a better name for a direction than the base
     for column in reversed(range(rows.shape[1])):
-        pivot = len(used)
+        pivot = len(pivot_columns)
         if pivot == len(rows):
             break
         largest = pivot + int(np.argmax(np.abs(rows[pivot:, column])))
@@ -358,10 +358,10 @@ def _separated(directions: Array) -> Array:
             continue
         rows[[pivot, largest]] = rows[[largest, pivot]]
         rows[pivot] /= rows[pivot, column]
-        for other in range(len(rows)):
-            if other != pivot:
-                rows[other] -= rows[other, column] * rows[pivot]
-        used.append(column)
+        for other_row in range(len(rows)):
+            if other_row != pivot:
+                rows[other_row] -= rows[other_row, column] * rows[pivot]
+        pivot_columns.append(column)
     return rows
 
 
@@ -375,9 +375,9 @@ def _fewest_first(along: Sequence[Array]) -> list[int]:
     return [int(k) for k in np.argsort(counts, kind="stable") if counts[k] > 0]
 
 
-def cost(stated: StatedEvidence, u: Unknowns) -> float:
+def cost(stated: StatedEvidence, unknowns: Unknowns) -> float:
     """Return the cost of signs and of all evidence that differs."""
     of_evidence = 0.0
-    for evidence in stated.violated(stated.known(u.signs), u):
+    for evidence in stated.violated(stated.known(unknowns.signs), unknowns):
         of_evidence += evidence.weight
-    return CONVENTION * len(u.flips) + of_evidence
+    return CONVENTION * len(unknowns.flips) + of_evidence

@@ -309,13 +309,13 @@ class Problem:
                 rows += self._closing_rows(i, parents[:, i], children[:, i], signs)
         return np.concatenate(rows, axis=1)
 
-    def _closing_rows(self, i: int, parent: Array, child: Array, signs: Array) -> list[Array]:
+    def _closing_rows(self, joint: int, parent: Array, child: Array, signs: Array) -> list[Array]:
         """Return the rows of a joint that closes a loop: its line on the child coincides with that on the parent."""
-        kind = self.kinds[i]
-        point_on_parent, direction_on_parent = self.line(parent, i, signs)
-        point_on_child, direction_on_child = self.line(child, i, signs)
+        kind = self.kinds[joint]
+        point_on_parent, direction_on_parent = self.line(parent, joint, signs)
+        point_on_child, direction_on_child = self.line(child, joint, signs)
         offset = point_on_child - point_on_parent
-        target = self.target_directions[i]
+        target = self.target_directions[joint]
         if kind == "spherical":
             return [offset]
         if kind == "revolute":
@@ -327,43 +327,43 @@ class Problem:
             return [turned.reshape(len(parent), 9), offset @ spatial.hat(target)]
         return []
 
-    def line(self, motion: Array, i: int, signs: Array) -> tuple[Array, Array]:
+    def line(self, motion: Array, joint: int, signs: Array) -> tuple[Array, Array]:
         """Return (point (..., 3) in m, direction (..., 3)) of the line of joint i after a motion (..., 4, 4)."""
         R = motion[..., :3, :3]
-        point = R @ self.points[i] + motion[..., :3, 3]
-        direction = signs[i] * (R @ self.directions[i])
-        if not self.directed[i]:
-            direction = _ahead(direction, self.target_directions[i])
+        point = R @ self.points[joint] + motion[..., :3, 3]
+        direction = signs[joint] * (R @ self.directions[joint])
+        if not self.directed[joint]:
+            direction = _ahead(direction, self.target_directions[joint])
         return point, direction
 
-    def gap(self, u: Unknowns) -> FitGap:
+    def gap(self, unknowns: Unknowns) -> FitGap:
         """Return what remains between the lines."""
-        values = values_of(u)[None]
-        parents, children, _ = self.motions(u.signs, values, u.deviating)
+        values = values_of(unknowns)[None]
+        parents, children, _ = self.motions(unknowns.signs, values, unknowns.deviating)
         distances = np.zeros(self.count)
         angles = np.zeros(self.count)
-        for i, axis in enumerate(self.axes):
-            motions = [parents[0, i]]
+        for joint, axis in enumerate(self.axes):
+            motions = [parents[0, joint]]
             if axis.closing:
-                motions.append(children[0, i])
+                motions.append(children[0, joint])
             for motion in motions:
-                point, direction = self.line(motion, i, u.signs)
-                target = self.target_directions[i]
-                to_line = point - self.target_points[i]
+                point, direction = self.line(motion, joint, unknowns.signs)
+                target = self.target_directions[joint]
+                to_line = point - self.target_points[joint]
                 if axis.kind == "spherical":
-                    distances[i] = max(distances[i], float(np.linalg.norm(to_line)))
+                    distances[joint] = max(distances[joint], float(np.linalg.norm(to_line)))
                     continue
                 if axis.kind == "free":
                     continue
                 tilt = np.linalg.norm(cross(direction, target))
-                angles[i] = max(angles[i], float(np.arctan2(tilt, direction @ target)))
+                angles[joint] = max(angles[joint], float(np.arctan2(tilt, direction @ target)))
                 if axis.kind in TURNING:
                     distance = np.linalg.norm(cross(to_line, target))
-                    distances[i] = max(distances[i], float(distance))
+                    distances[joint] = max(distances[joint], float(distance))
             # both lines are on the target, but their points may be apart along it
             if axis.closing and axis.kind == "revolute":
-                opened = self._closing_rows(i, parents[:, i], children[:, i], u.signs)[1]
-                distances[i] = max(distances[i], float(np.linalg.norm(opened)))
+                opened = self._closing_rows(joint, parents[:, joint], children[:, joint], unknowns.signs)[1]
+                distances[joint] = max(distances[joint], float(np.linalg.norm(opened)))
         return FitGap(distances, angles)
 
     def holds(self, gap: FitGap) -> bool:
@@ -374,7 +374,7 @@ class Problem:
 
     def refine(
         self,
-        u: Unknowns,
+        unknowns: Unknowns,
         free: Array | None = None,
         further_residuals: Callable[[Array, Array], Array] | None = None,
     ) -> FitSolution:
@@ -388,15 +388,15 @@ class Problem:
         """
 
         def residuals(values: Array) -> Array:
-            parents, children, groups = self.motions(u.signs, values, u.deviating)
-            lines = self.rows(u.signs, parents, children)
+            parents, children, groups = self.motions(unknowns.signs, values, unknowns.deviating)
+            lines = self.rows(unknowns.signs, parents, children)
             if further_residuals is None:
                 return lines
             return np.concatenate([lines, further_residuals(values, groups)], axis=1)
 
-        x = values_of(u)
+        x = values_of(unknowns)
         if free is None:
-            free = self.free(u.deviating)
+            free = self.free(unknowns.deviating)
         columns = np.flatnonzero(free)
         r = residuals(x[None])[0]
         damping = 0.0
@@ -406,13 +406,13 @@ class Problem:
             stepped = with_steps(x, columns)[:-1]
             J = (residuals(stepped) - r).T / STEP
             step = _least_step(J, r, damping)
-            tried = x.copy()
-            tried[columns] += step
-            r_tried = residuals(tried[None])[0]
+            x_tried = x.copy()
+            x_tried[columns] += step
+            r_tried = residuals(x_tried[None])[0]
             before = float(r @ r)
             after = float(r_tried @ r_tried)
             if after < before:
-                x = tried
+                x = x_tried
                 r = r_tried
                 damping = damping / 10 if damping > _LEAST_DAMPING else 0.0
                 lowered = before - after
@@ -424,7 +424,7 @@ class Problem:
                 damping = max(100 * damping, _LEAST_DAMPING)
                 if damping > _LARGEST_DAMPING:
                     break
-        refined = with_values(u, x)
+        refined = with_values(unknowns, x)
         return FitSolution(refined, self.gap(refined))
 
 
@@ -508,16 +508,16 @@ def _tree(joints: tuple[_JointEnds, ...]) -> tuple[list[int], list[list[int]]]:
     return order, below
 
 
-def values_of(u: Unknowns) -> Array:
+def values_of(unknowns: Unknowns) -> Array:
     """Return the values (unknowns,) of a fit: base, zeros, deviations."""
-    parts = [u.base, u.zeros]
-    if u.deviations is not None:
-        parts.append(u.deviations.ravel())
+    parts = [unknowns.base, unknowns.zeros]
+    if unknowns.deviations is not None:
+        parts.append(unknowns.deviations.ravel())
     return np.concatenate(parts)
 
 
-def with_values(u: Unknowns, x: Array) -> Unknowns:
+def with_values(unknowns: Unknowns, x: Array) -> Unknowns:
     """Return unknowns with other values (unknowns,), see `values_of`."""
-    count = len(u.zeros)
+    count = len(unknowns.zeros)
     deviations = x[6 + count :].reshape(-1, 6)
-    return replace(u, base=x[:6], zeros=x[6 : 6 + count], deviations=deviations)
+    return replace(unknowns, base=x[:6], zeros=x[6 : 6 + count], deviations=deviations)

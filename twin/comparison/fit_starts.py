@@ -104,16 +104,16 @@ def _aligned_base(problem: Problem, signs: Array, deviating: tuple[int, ...]) ->
     return None
 
 
-def _placed_on_target(problem: Problem, i: int, parent: Array, signs: Array) -> tuple[Array, Array]:
+def _placed_on_target(problem: Problem, joint: int, parent: Array, signs: Array) -> tuple[Array, Array]:
     """Return (motion of the parent with the deviation, deviation (6,)) that puts line i on its target."""
-    kind = problem.kinds[i]
-    point, direction = problem.line(parent, i, signs)
-    target = problem.target_directions[i]
+    kind = problem.kinds[joint]
+    point, direction = problem.line(parent, joint, signs)
+    target = problem.target_directions[joint]
     turn = _turn(direction, target)
     if kind == "spherical":
         turn = np.zeros(3)
     # to the nearest point of the target line
-    to_line = problem.target_points[i] - point
+    to_line = problem.target_points[joint] - point
     shift = to_line - target * (to_line @ target)
     if kind == "spherical":
         shift = to_line
@@ -122,31 +122,31 @@ def _placed_on_target(problem: Problem, i: int, parent: Array, signs: Array) -> 
     R = spatial.exp_so3(turn)
     placed = spatial.pose(R, point - R @ point + shift) @ parent
     local = spatial.inverse(parent) @ placed
-    frame = problem.frames[i]
+    frame = problem.frames[joint]
     rotation = frame.T @ spatial.log_so3(local[:3, :3])
-    own_point = problem.points[i]
+    own_point = problem.points[joint]
     shift_in_frame = frame.T @ (local[:3, :3] @ own_point + local[:3, 3] - own_point)
     return placed, np.concatenate([rotation, shift_in_frame])
 
 
 def _displacement(
-    problem: Problem, i: int, parent: Array, signs: Array, deviating: tuple[int, ...], neutral: float
+    problem: Problem, joint: int, parent: Array, signs: Array, deviating: tuple[int, ...], neutral: float
 ) -> float:
     """Return the displacement of joint i in m or rad that best puts the lines of the joints on its child in place.
 
     `parent` (4, 4) is the motion of its parent; `neutral` is returned if no line behind the joint determines it.
     """
-    kind = problem.kinds[i]
+    kind = problem.kinds[joint]
     if kind not in ONE_COORDINATE:
         return neutral
-    axis = parent[:3, :3] @ problem.directions[i]
-    below = problem.below[i]
+    axis = parent[:3, :3] @ problem.directions[joint]
+    below = problem.below[joint]
     while below:
         children = [k for k in below if not _deviates(problem, k, deviating)]
         if kind == "prismatic":
             displacement = _slide(problem, parent, axis, children)
         else:
-            displacement = _angle(problem, i, parent, axis, children, signs)
+            displacement = _angle(problem, joint, parent, axis, children, signs)
         if displacement is not None:
             return displacement
         # no line of these joints changes, as behind a slide along the same axis: those behind them may
@@ -157,9 +157,9 @@ def _displacement(
     return neutral
 
 
-def _angle(problem: Problem, i: int, T: Array, axis: Array, children: Sequence[int], signs: Array) -> float | None:
+def _angle(problem: Problem, joint: int, T: Array, axis: Array, children: Sequence[int], signs: Array) -> float | None:
     """Return the angle about `axis` that brings the lines of the children nearest to their targets, or None."""
-    centre = T[:3, :3] @ problem.points[i] + T[:3, 3]
+    centre = T[:3, :3] @ problem.points[joint] + T[:3, 3]
     # cost of the angle: constant - a cos - b sin, for directions and for moments about a point of the axis
     a = 0.0
     b = 0.0
@@ -222,16 +222,16 @@ def _turn(direction: Array, target: Array) -> Array:
     return np.arctan2(sine, cosine) * normal / sine
 
 
-def _pair_frame(p: Array, d: Array, q: Array, e: Array) -> Array | None:
+def _pair_frame(p_first: Array, d_first: Array, p_second: Array, d_second: Array) -> Array | None:
     """Return a frame (4, 4) fixed to two lines (p, d) and (q, e); None if they are the same line."""
-    normal = cross(d, e)
+    normal = cross(d_first, d_second)
     sine = np.linalg.norm(normal)
-    between = q - p
+    between = p_second - p_first
     if sine > _SAME_LINE:
         # foot of the common normal on the first line
-        along = cross(e, normal) @ between / sine**2
-        return spatial.pose(spatial.frame_from_axes(d, normal), p + along * d)
-    across = between - d * (d @ between)
+        along = cross(d_second, normal) @ between / sine**2
+        return spatial.pose(spatial.frame_from_axes(d_first, normal), p_first + along * d_first)
+    across = between - d_first * (d_first @ between)
     if np.linalg.norm(across) < _SAME_LINE:
         return None
-    return spatial.pose(spatial.frame_from_axes(d, across), p)
+    return spatial.pose(spatial.frame_from_axes(d_first, across), p_first)

@@ -39,17 +39,17 @@ class FrameGap:
         return shift > problem.tolerance or turn > problem.angle_tolerance
 
 
-def leaf_gaps(problem: Problem, u: Unknowns) -> list[FrameGap]:
+def leaf_gaps(problem: Problem, unknowns: Unknowns) -> list[FrameGap]:
     """Return those of `gaps` that are on leaf links."""
-    return gaps(problem, u, inner=False)
+    return gaps(problem, unknowns, inner=False)
 
 
-def gaps(problem: Problem, u: Unknowns, *, inner: bool = True) -> list[FrameGap]:
+def gaps(problem: Problem, unknowns: Unknowns, *, inner: bool = True) -> list[FrameGap]:
     """Return the gaps of all frames and bodies with the same name in both sides, and of the two tools.
 
     Without `inner`, only of those on leaf links.
     """
-    _, _, motions = problem.motions(u.signs, values_of(u)[None], u.deviating)
+    _, _, motions = problem.motions(unknowns.signs, values_of(unknowns)[None], unknowns.deviating)
     return gaps_of(problem, motions, inner=inner)
 
 

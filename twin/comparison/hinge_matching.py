@@ -78,8 +78,8 @@ def _base_candidates(hinges: Sequence[Axis], goal: Array, along: Array) -> Itera
             if _distances(of_all, points, goal, along).max() > NEAR:
                 continue
             for pair in combinations(range(len(points)), 2):
-                two = list(pair)
-                yield _plane_fit(points[two], goal[two], direction, along), points
+                pair_of_points = list(pair)
+                yield _plane_fit(points[pair_of_points], goal[pair_of_points], direction, along), points
 
 
 def nearest_hinge(axis: Axis, points: Array, used: Collection[int]) -> int | None:
@@ -106,7 +106,7 @@ def matched_links(
     one link in the coupled side is held there. None if no single hinge connects such links.
     """
     groups = {0: 0}
-    held: set[int] = set()
+    held_hinges: set[int] = set()
     matched = set(partners.values())
     for k, axis in enumerate(coupled.axes):
         partner = linkage.axes[partners[k]]
@@ -114,15 +114,15 @@ def matched_links(
         ends = (partner.parent, partner.child)
         if start not in ends:
             bridges = []
-            for i, other in enumerate(linkage.tree):
-                if i not in matched and other.parent == start and other.child in ends:
+            for i, hinge in enumerate(linkage.tree):
+                if i not in matched and hinge.parent == start and hinge.child in ends:
                     bridges.append(i)
             if len(bridges) != 1:
                 return None
-            held.add(bridges[0])
+            held_hinges.add(bridges[0])
             start = linkage.tree[bridges[0]].child
         groups[axis.child] = ends[1] if ends[0] == start else ends[0]
-    return groups, held
+    return groups, held_hinges
 
 
 def _across(offsets: Array, along: Array) -> Array:
@@ -141,10 +141,10 @@ def _plane_fit(points: Array, goal: Array, direction: Array, target: Array) -> A
     R_direction = spatial.frame_from_axes(direction, spatial.unit_across(direction))
     R_target = spatial.frame_from_axes(target, spatial.unit_across(target))
     R0 = R_target @ R_direction.T
-    own = _across((points - points.mean(axis=0)) @ R0.T, target)
-    other = _across(goal - goal.mean(axis=0), target)
+    centred_points = _across((points - points.mean(axis=0)) @ R0.T, target)
+    centred_goal = _across(goal - goal.mean(axis=0), target)
     # cost of the angle about the hinges: constant - a cos - b sin
-    a = float(np.sum(own * other))
-    b = float(np.sum(np.cross(own, other) @ target))
+    a = float(np.sum(centred_points * centred_goal))
+    b = float(np.sum(np.cross(centred_points, centred_goal) @ target))
     R = spatial.exp_so3(np.arctan2(b, a) * target) @ R0
     return spatial.pose(R, goal.mean(axis=0) - R @ points.mean(axis=0))

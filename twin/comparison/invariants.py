@@ -302,10 +302,10 @@ def common_normal(
     if sine > _CROSSING:
         # foot of the normal on line i: p_i + a d_i, on line k: p_k + b d_k
         d = directions[joint]
-        other = directions[k if joint == i else i]
+        d_other = directions[k if joint == i else i]
         to_other = between if joint == i else -between
-        across = np.cross(d, other)
-        foot = float(np.cross(to_other, other) @ across) / sine**2 + float(points[joint] @ d)
+        across = np.cross(d, d_other)
+        foot = float(np.cross(to_other, d_other) @ across) / sine**2 + float(points[joint] @ d)
         return CommonNormal(normal / sine, True, foot), sine
     across = between - directions[joint] * (between @ directions[joint])
     distance = float(np.linalg.norm(across))

@@ -151,23 +151,25 @@ def _drives(problem: Problem) -> list[ComparedItem]:
     """Return an item for each joint that one side drives as several joints, while no motor of the other drives it."""
     items_of_drives = []
     for i, axis in enumerate(problem.axes):
-        other = problem.second.axes[i]
-        if axis.active == other.active or axis.closing or not (axis.joined or other.joined):
+        partner = problem.second.axes[i]
+        if axis.active == partner.active or axis.closing or not (axis.joined or partner.joined):
             continue
-        driven = problem.second if other.active else problem.first
-        passive = problem.first if other.active else problem.second
-        parts = [part.name for part in (*axis.joined, *other.joined)]
-        text = f"motors of {driven.label} drive joint '{other.name}' ({', '.join(parts)}), none of {passive.label} does"
-        items_of_drives.append(ComparedItem("order", other.name, text))
+        driven = problem.second if partner.active else problem.first
+        passive = problem.first if partner.active else problem.second
+        parts = [part.name for part in (*axis.joined, *partner.joined)]
+        text = (
+            f"motors of {driven.label} drive joint '{partner.name}' ({', '.join(parts)}), none of {passive.label} does"
+        )
+        items_of_drives.append(ComparedItem("order", partner.name, text))
     return items_of_drives
 
 
-def _base(problem: Problem, u: Unknowns) -> list[ComparedItem]:
+def _base(problem: Problem, unknowns: Unknowns) -> list[ComparedItem]:
     """Return the moved base frame as an item in a list; [] if it is not moved."""
-    if not is_base_moved(problem, u):
+    if not is_base_moved(problem, unknowns):
         return []
-    shift = u.base[3:]
-    turn = u.base[:3]
+    shift = unknowns.base[3:]
+    turn = unknowns.base[:3]
     text = (
         f"the base frame of {problem.first.label} is moved by {placed(shift, turn)} in that of {problem.second.label}"
     )
@@ -176,18 +178,18 @@ def _base(problem: Problem, u: Unknowns) -> list[ComparedItem]:
     return [ComparedItem("base frame", "", text, link, length, float(np.linalg.norm(turn)))]
 
 
-def _joints(problem: Problem, u: Unknowns) -> list[ComparedItem]:
+def _joints(problem: Problem, unknowns: Unknowns) -> list[ComparedItem]:
     """Return an item for each joint with another sign, then for each with another zero."""
     items_of_joints = []
-    for i in u.flips:
+    for i in unknowns.flips:
         name = problem.second.axes[i].name
         text = f"joint '{name}' turns the other way"
         if problem.kinds[i] == "prismatic":
             text = f"joint '{name}' slides the other way"
         items_of_joints.append(ComparedItem("sign", name, text, turn=np.pi))
-    for i in moved_zeros(problem, u):
+    for i in moved_zeros(problem, unknowns):
         name = problem.second.axes[i].name
-        shift = zero_of(problem, u, i)
+        shift = zero_of(problem, unknowns, i)
         is_angle = problem.axes[i].is_angle
         size = moved(shift, is_angle)
         first = problem.first.label
@@ -200,10 +202,10 @@ def _joints(problem: Problem, u: Unknowns) -> list[ComparedItem]:
     return items_of_joints
 
 
-def _tools(problem: Problem, u: Unknowns) -> list[ComparedItem]:
+def _tools(problem: Problem, unknowns: Unknowns) -> list[ComparedItem]:
     """Return an item for each leaf link whose frames are moved; the size is that of the first frame."""
     moved_frames: dict[int, list[FrameGap]] = {}
-    for gap in gaps(problem, u):
+    for gap in gaps(problem, unknowns):
         if gap.leaf and gap.differs(problem):
             moved_frames.setdefault(gap.joint, []).append(gap)
     items_of_tools = []
@@ -222,13 +224,13 @@ def _tools(problem: Problem, u: Unknowns) -> list[ComparedItem]:
     return items_of_tools
 
 
-def _links(problem: Problem, u: Unknowns) -> list[ComparedItem]:
+def _links(problem: Problem, unknowns: Unknowns) -> list[ComparedItem]:
     """Return an item for each deviating joint: its place on its parent link, or its axis alone."""
     items_of_links = []
-    for k, deviating in enumerate(u.deviating):
-        assert u.deviations is not None
+    for k, deviating in enumerate(unknowns.deviating):
+        assert unknowns.deviations is not None
         i = deviating % problem.count
-        values = u.deviations[k]
+        values = unknowns.deviations[k]
         axis = problem.axes[i]
         second = problem.second.axes[i]
         turn = problem.frames[i] @ values[:3]

@@ -43,7 +43,7 @@ class _JointParts:
     whole: Axis
 
 
-def joined(side: RobotSide, other: RobotSide, tolerance: float) -> RobotSide:
+def joined(side: RobotSide, other_side: RobotSide, tolerance: float) -> RobotSide:
     """Return the side with its joints as the other side writes them.
 
     Args:
@@ -51,55 +51,55 @@ def joined(side: RobotSide, other: RobotSide, tolerance: float) -> RobotSide:
         other: the side that it is compared with.
         tolerance: distance in m up to which lines meet in a point.
     """
-    whole = side
+    joined_side = side
     for kind, parts_of in (("spherical", _balls), ("cylindrical", _cylinders), ("revolute", _closing_hinges)):
-        whole = _with_wholes(whole, other, kind, list(parts_of(whole, tolerance)), tolerance)
+        joined_side = _with_wholes(joined_side, other_side, kind, list(parts_of(joined_side, tolerance)), tolerance)
     read = side.reread
-    if whole is side or read is None:
-        return _without_numbers(whole, other)
+    if joined_side is side or read is None:
+        return _without_numbers(joined_side, other_side)
 
     def reread(data: bytes) -> RobotSide:
-        again = joined(read(data), other, tolerance)
-        if len(again.axes) != len(whole.axes):
+        side_read_again = joined(read(data), other_side, tolerance)
+        if len(side_read_again.axes) != len(joined_side.axes):
             raise TwinError(f"{side.label}: with this number, joints are no longer parts of one")
-        return again
+        return side_read_again
 
-    return _without_numbers(replace(whole, reread=reread), other)
+    return _without_numbers(replace(joined_side, reread=reread), other_side)
 
 
 def _with_wholes(
-    side: RobotSide, other: RobotSide, kind: str, candidates: Sequence[_JointParts], tolerance: float
+    side: RobotSide, other_side: RobotSide, kind: str, candidates: Sequence[_JointParts], tolerance: float
 ) -> RobotSide:
     """Return the side with some of the candidates joined: as many as the other side has more joints of this type."""
-    names = {plain(other.axes[i].name) for i in _of_kind(other, kind)}
+    names = {plain(other_side.axes[i].name) for i in _of_kind(other_side, kind)}
     # those whose name the other side knows first
     ordered = sorted(candidates, key=lambda parts: plain(parts.whole.name) not in names)
-    missing = _missing(side, other, kind)
+    missing = _missing(side, other_side, kind)
     chosen: list[_JointParts] = []
-    used: set[int] = set()
+    used_joints: set[int] = set()
     for parts in ordered:
-        if len(chosen) < missing and used.isdisjoint(parts.indices):
+        if len(chosen) < missing and used_joints.isdisjoint(parts.indices):
             chosen.append(parts)
-            used |= set(parts.indices)
+            used_joints |= set(parts.indices)
     # by name: each replacement changes the indices
     replacements: list[tuple[list[str], Axis]] = []
     for parts in chosen:
         part_names = [side.axes[i].name for i in parts.indices]
         replacements.append((part_names, parts.whole))
-    for part_names, whole in replacements:
+    for part_names, merged_joint in replacements:
         if kind == "revolute":
-            whole = _as_parallel(whole, side, other, tolerance)
-        side = _replaced(side, part_names, whole)
+            merged_joint = _as_parallel(merged_joint, side, other_side, tolerance)
+        side = _replaced(side, part_names, merged_joint)
     return side
 
 
-def _missing(side: RobotSide, other: RobotSide, kind: str) -> int:
+def _missing(side: RobotSide, other_side: RobotSide, kind: str) -> int:
     """Return how many joints of a type the other side has more."""
-    missing = len(_of_kind(other, kind)) - len(_of_kind(side, kind))
+    missing = len(_of_kind(other_side, kind)) - len(_of_kind(side, kind))
     if kind != "revolute":
         return missing
     # the other side may close the same loops at other joints, or have more hinges in its tree for other reasons
-    return max(missing, len(_closing(other, kind)) - len(_closing(side, kind)))
+    return max(missing, len(_closing(other_side, kind)) - len(_closing(side, kind)))
 
 
 def _of_kind(side: RobotSide, kind: str) -> list[int]:
@@ -112,7 +112,7 @@ def _closing(side: RobotSide, kind: str) -> list[int]:
     return [i for i in _of_kind(side, kind) if side.axes[i].closing]
 
 
-def _replaced(side: RobotSide, parts: Sequence[str], whole: Axis) -> RobotSide:
+def _replaced(side: RobotSide, parts: Sequence[str], merged_joint: Axis) -> RobotSide:
     """Return the side with one joint instead of several; the links between them are parts of the last link."""
     indices = [side.index(name) for name in parts]
     first = side.axes[indices[0]]
@@ -120,14 +120,14 @@ def _replaced(side: RobotSide, parts: Sequence[str], whole: Axis) -> RobotSide:
     # points that close a loop may name their two links in either order
     child = last.child
     inner_groups = [side.axes[i].child for i in indices[:-1]]
-    if whole.closing:
+    if merged_joint.closing:
         child = first.child
         inner_groups = []
-    whole = replace(whole, parent=first.parent, child=child)
+    merged_joint = replace(merged_joint, parent=first.parent, child=child)
     axes = []
     for i, axis in enumerate(side.axes):
         if i == indices[0]:
-            axes.append(whole)
+            axes.append(merged_joint)
         elif i not in indices:
             axes.append(axis)
     order = tuple(name for name in side.order if name not in parts)
@@ -248,22 +248,22 @@ def _closing_hinges(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
         if distance < _APART:
             continue
         middle = (axes[0].point + axes[1].point) / 2
-        whole = replace(_whole(axes, "revolute", middle, between / distance), directed=False)
-        yield _JointParts(tuple(indices), whole)
+        hinge = replace(_whole(axes, "revolute", middle, between / distance), directed=False)
+        yield _JointParts(tuple(indices), hinge)
 
 
-def _as_parallel(whole: Axis, side: RobotSide, other: RobotSide, tolerance: float) -> Axis:
+def _as_parallel(hinge: Axis, side: RobotSide, other_side: RobotSide, tolerance: float) -> Axis:
     """Return a hinge through two points, parallel to the hinge to which it is parallel in the other side.
 
     Rounded points that are near to each other say little about the direction of their line. Where the other side has
     two parallel hinges on a link, and both points are within the tolerance of such a line here, this line is meant.
     """
-    distance = float(np.linalg.norm(whole.joined[1].point - whole.joined[0].point))
+    distance = float(np.linalg.norm(hinge.joined[1].point - hinge.joined[0].point))
     own_hinges = {plain(side.axes[i].name): side.axes[i] for i in _of_kind(side, "revolute")}
-    other_hinges = [other.axes[i] for i in _of_kind(other, "revolute")]
-    partners = [axis for axis in other_hinges if plain(axis.name) == plain(whole.name)]
+    other_hinges = [other_side.axes[i] for i in _of_kind(other_side, "revolute")]
+    partners = [axis for axis in other_hinges if plain(axis.name) == plain(hinge.name)]
     if len(partners) != 1:
-        return whole
+        return hinge
     partner = partners[0]
     for axis in other_hinges:
         neighbour = own_hinges.get(plain(axis.name))
@@ -271,13 +271,13 @@ def _as_parallel(whole: Axis, side: RobotSide, other: RobotSide, tolerance: floa
             continue
         if {axis.parent, axis.child}.isdisjoint((partner.parent, partner.child)):
             continue
-        if {neighbour.parent, neighbour.child}.isdisjoint((whole.parent, whole.child)):
+        if {neighbour.parent, neighbour.child}.isdisjoint((hinge.parent, hinge.child)):
             continue
         parallel = float(np.linalg.norm(np.cross(axis.direction, partner.direction)))
-        beside = float(np.linalg.norm(np.cross(neighbour.direction, whole.direction))) * distance / 2
+        beside = float(np.linalg.norm(np.cross(neighbour.direction, hinge.direction))) * distance / 2
         if parallel <= ANGLE_PER_LENGTH * tolerance and beside <= tolerance:
-            return replace(whole, direction=neighbour.direction)
-    return whole
+            return replace(hinge, direction=neighbour.direction)
+    return hinge
 
 
 def _whole(axes: Sequence[Axis], kind: str, point: Array, direction: Array) -> Axis:
@@ -325,16 +325,16 @@ def _distance(point: Array, axis: Axis) -> float:
 # -- names --------------------------------------------------------------------------------------------
 
 
-def _without_numbers(side: RobotSide, other: RobotSide) -> RobotSide:
+def _without_numbers(side: RobotSide, other_side: RobotSide) -> RobotSide:
     """Return the side with the names of the other side for closing joints that differ only by a number behind it."""
     own_names = set(map(plain, side.joint_names))
-    known = {plain(name): name for name in other.joint_names}
+    names_of_other = {plain(name): name for name in other_side.joint_names}
     axes = []
     for axis in side.axes:
         stem = _NUMBER.sub("", axis.name)
-        partner = known.get(plain(stem))
+        partner = names_of_other.get(plain(stem))
         is_numbered = axis.closing and stem != axis.name
-        is_free = plain(axis.name) not in known and plain(stem) not in own_names
+        is_free = plain(axis.name) not in names_of_other and plain(stem) not in own_names
         if is_numbered and is_free and partner:
             axis = replace(axis, name=partner)
             own_names.add(plain(stem))

@@ -69,63 +69,63 @@ class LinkMotions:
             if kind in ONE_COORDINATE:
                 self.places.append(JointPlace(i, "both"))
 
-    def residual(self, T: Array, i: int, where: Where) -> tuple[Array, Array]:
+    def residual(self, T: Array, joint: int, where: Where) -> tuple[Array, Array]:
         """Return (residual (rows,), derivatives (rows, 6 groups)) of the place of joint `i`; "both": see `_shared`.
 
         `T` (groups, 4, 4) are the motions. The derivatives of a link are by a rotation about the origin in rad, then by
         a shift in m.
         """
-        axis = self.problem.axes[i]
+        axis = self.problem.axes[joint]
         if where == "both":
-            return self._shared(T, i)
+            return self._shared(T, joint)
         group = axis.parent if where == "parent" else axis.child
-        return self._place(T, i, group)
+        return self._place(T, joint, group)
 
-    def _shared(self, T: Array, i: int) -> tuple[Array, Array]:
+    def _shared(self, T: Array, joint: int) -> tuple[Array, Array]:
         """Return residual and derivatives of what the places of a joint on its two links have in common.
 
         Of a hinge (1 row): how far its two points are apart along its line, in m. Of a slide (6 rows): the rotation
         between its links in rad, and how far its points are apart across its direction, in m: a slide may begin
         anywhere, but the child moves only along it.
         """
-        axis = self.problem.axes[i]
-        along = self.problem.target_directions[i]
-        on_parent, d_on_parent = self._point(T, i, axis.parent)
-        on_child, d_on_child = self._point(T, i, axis.child)
-        apart = on_parent - on_child
+        axis = self.problem.axes[joint]
+        along = self.problem.target_directions[joint]
+        on_parent, d_on_parent = self._point(T, joint, axis.parent)
+        on_child, d_on_child = self._point(T, joint, axis.child)
+        offset = on_parent - on_child
         d_apart = d_on_parent - d_on_child
-        if self.problem.kinds[i] != "prismatic":
-            return np.array([float(along @ apart)]), (along @ d_apart)[None]
+        if self.problem.kinds[joint] != "prismatic":
+            return np.array([float(along @ offset)]), (along @ d_apart)[None]
         between = T[axis.parent, :3, :3] @ T[axis.child, :3, :3].T
         rotation = spatial.log_so3(between)
         # exact if the links are not rotated against each other; otherwise an approximation, which needs more steps
         d_rotation = np.zeros((3, 6 * self.groups))
         d_rotation[:, 6 * axis.parent : 6 * axis.parent + 3] = np.eye(3)
         d_rotation[:, 6 * axis.child : 6 * axis.child + 3] = -np.eye(3)
-        across = np.asarray(np.cross(apart, along), float)
+        across = np.asarray(np.cross(offset, along), float)
         d_across = -spatial.hat(along) @ d_apart
         return np.concatenate([rotation, across]), np.vstack([d_rotation, d_across])
 
-    def _point(self, T: Array, i: int, group: int) -> tuple[Array, Array]:
+    def _point(self, T: Array, joint: int, group: int) -> tuple[Array, Array]:
         """Return the point (3,) of a joint on a link, and its derivatives (3, 6 groups)."""
-        point = T[group, :3, :3] @ self.problem.points[i] + T[group, :3, 3]
+        point = T[group, :3, :3] @ self.problem.points[joint] + T[group, :3, 3]
         d_point = np.zeros((3, 6 * self.groups))
         d_point[:, 6 * group : 6 * group + 3] = -spatial.hat(point)
         d_point[:, 6 * group + 3 : 6 * group + 6] = np.eye(3)
         return point, d_point
 
-    def _place(self, T: Array, i: int, group: int) -> tuple[Array, Array]:
+    def _place(self, T: Array, joint: int, group: int) -> tuple[Array, Array]:
         """Return residual and derivatives of the place of a joint on one link, against that in the second side.
 
         Of a ball: its point in m. Of other joints: their direction, and if they turn, the distance from their line.
         """
-        kind = self.problem.kinds[i]
-        point, d_point = self._point(T, i, group)
-        to_line = point - self.problem.target_points[i]
+        kind = self.problem.kinds[joint]
+        point, d_point = self._point(T, joint, group)
+        to_line = point - self.problem.target_points[joint]
         if kind == "spherical":
             return to_line, d_point
-        target = self.problem.target_directions[i]
-        direction = T[group, :3, :3] @ self.problem.directions[i]
+        target = self.problem.target_directions[joint]
+        direction = T[group, :3, :3] @ self.problem.directions[joint]
         if direction @ target < 0.0:  # which way is positive is a convention
             direction = -direction
         d_direction = np.zeros((3, 6 * self.groups))
@@ -137,13 +137,13 @@ class LinkMotions:
             derivatives.append(-spatial.hat(target) @ d_point)
         return np.concatenate(rows), np.vstack(derivatives)
 
-    def solved(self, kept: Sequence[JointPlace], weights: Sequence[float], start: Array) -> Array:
+    def solved(self, places: Sequence[JointPlace], weights: Sequence[float], start: Array) -> Array:
         """Return the motions (groups, 4, 4) that bring the kept places together, in the sense of least squares."""
         T = start.copy()
         for _ in range(_ROUNDS):
             residuals: list[Array] = []
             derivatives: list[Array] = []
-            for weight, (i, where) in zip(weights, kept, strict=True):
+            for weight, (i, where) in zip(weights, places, strict=True):
                 residual, d_residual = self.residual(T, i, where)
                 residuals.append(weight * residual)
                 derivatives.append(weight * d_residual)
@@ -158,10 +158,10 @@ class LinkMotions:
                 break
         return T
 
-    def misfit(self, T: Array, i: int, where: Where) -> float:
+    def misfit(self, T: Array, joint: int, where: Where) -> float:
         """Return by how much a place differs, in units of the tolerance."""
-        kind = self.problem.kinds[i]
-        r, _ = self.residual(T, i, where)
+        kind = self.problem.kinds[joint]
+        r, _ = self.residual(T, joint, where)
         # a ball is a point, and the places of a hinge share a shift along its line: lengths without an angle
         if kind == "spherical" or (kind == "revolute" and where == "both"):
             return float(np.linalg.norm(r)) / self.problem.tolerance
@@ -169,9 +169,9 @@ class LinkMotions:
         shift = float(np.linalg.norm(r[3:])) / self.problem.tolerance
         return max(turn, shift)
 
-    def agree(self, T: Array, kept: Sequence[JointPlace]) -> bool:
+    def agree(self, T: Array, places: Sequence[JointPlace]) -> bool:
         """Return whether the kept places agree within the tolerance."""
-        misfits = [self.misfit(T, i, where) for i, where in kept]
+        misfits = [self.misfit(T, i, where) for i, where in places]
         return max(misfits) <= 1.0
 
     def together(self) -> Array:
@@ -184,33 +184,33 @@ class LinkMotions:
         left_out_links: dict[int, set[Where]] = {}
         for place in left_out:
             left_out_links.setdefault(place.joint, set()).add(place.where)
-        kept: list[JointPlace] = []
+        remaining: list[JointPlace] = []
         for place in self.places:
             links = left_out_links.get(place.joint, set())
             is_left_out = place.where == "both" or "both" in links or place.where in links
             if not links or not is_left_out:
-                kept.append(place)
-        return kept
+                remaining.append(place)
+        return remaining
 
     def explained(self, left_out: Sequence[JointPlace], start: Array) -> tuple[PlaceDifference, ...] | None:
         """Return by how much the places that are left out differ, if all others agree without them; else None."""
-        kept = self.without(left_out)
-        T = self.solved(kept, np.ones(len(kept)).tolist(), start)
-        if not self.agree(T, kept):
+        remaining = self.without(left_out)
+        T = self.solved(remaining, np.ones(len(remaining)).tolist(), start)
+        if not self.agree(T, remaining):
             return None
         return tuple(self._difference(T, i, where) for i, where in left_out)
 
-    def _difference(self, T: Array, i: int, where: Where) -> PlaceDifference:
+    def _difference(self, T: Array, joint: int, where: Where) -> PlaceDifference:
         """Return how the place of a joint in the first side differs from that in the second."""
-        axis = self.problem.axes[i]
+        axis = self.problem.axes[joint]
         group = axis.child if where == "child" else axis.parent
-        point, _ = self._point(T, i, group)
-        target = self.problem.target_directions[i]
-        shift = point - self.problem.target_points[i]
+        point, _ = self._point(T, joint, group)
+        target = self.problem.target_directions[joint]
+        shift = point - self.problem.target_points[joint]
         turn = np.zeros(3)
-        kind = self.problem.kinds[i]
+        kind = self.problem.kinds[joint]
         if kind != "spherical":
-            direction = T[group, :3, :3] @ self.problem.directions[i]
+            direction = T[group, :3, :3] @ self.problem.directions[joint]
             if direction @ target < 0.0:
                 direction = -direction
             across = np.cross(target, direction)
@@ -221,11 +221,11 @@ class LinkMotions:
         if kind == "prismatic":
             shift = np.zeros(3)  # a slide has no place by itself, but its two links have one across it
         if kind in ONE_COORDINATE and where != "both":
-            other = axis.parent if where == "child" else axis.child
-            apart = point - self._point(T, i, other)[0]
-            along = target * (target @ apart)
+            other_group = axis.parent if where == "child" else axis.child
+            offset = point - self._point(T, joint, other_group)[0]
+            along = target * (target @ offset)
             if kind == "revolute":
                 shift = shift + along
             else:
-                shift = shift + (apart - along)
-        return PlaceDifference(i, where, shift, turn)
+                shift = shift + (offset - along)
+        return PlaceDifference(joint, where, shift, turn)

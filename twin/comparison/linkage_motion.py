@@ -89,10 +89,10 @@ class LinkageMotion:
     def closed(self, value: float, x: Array) -> Array | None:
         """Return the values of the free joints that close the loops, near `x`; None if they do not close."""
         for _ in range(_ROUNDS):
-            tried = [self.displacements(value, x)]
+            states = [self.displacements(value, x)]
             for step in _STEP * np.eye(len(x)):
-                tried.append(self.displacements(value, x + step))
-            gaps = self._gaps(np.array(tried))
+                states.append(self.displacements(value, x + step))
+            gaps = self._gaps(np.array(states))
             r = gaps[0]
             if np.abs(r).max() < _CLOSED:
                 return x

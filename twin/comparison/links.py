@@ -73,9 +73,9 @@ def _explanations(problem: Problem) -> list[tuple[PlaceDifference, ...]]:
     for i in suspects[:_PAIRED]:
         places += [JointPlace(i, "parent"), JointPlace(i, "child"), JointPlace(i, "both")]
     two_joints: list[list[JointPlace]] = []
-    for one, other in combinations(places, 2):
-        if one.joint != other.joint:
-            two_joints.append([one, other])
+    for first_place, second_place in combinations(places, 2):
+        if first_place.joint != second_place.joint:
+            two_joints.append([first_place, second_place])
     return _simplest(_explained(links, two_joints, start))
 
 
@@ -91,11 +91,11 @@ def _explained(
     return explanations
 
 
-def _simplest(known: Sequence[tuple[PlaceDifference, ...]]) -> list[tuple[PlaceDifference, ...]]:
+def _simplest(explanations: Sequence[tuple[PlaceDifference, ...]]) -> list[tuple[PlaceDifference, ...]]:
     """Return the explanations with the fewest places on both links: another place on one link is simpler."""
     simplest: list[tuple[PlaceDifference, ...]] = []
     fewest = math.inf
-    for explanation in known:
+    for explanation in explanations:
         on_both = sum(place.where == "both" for place in explanation)
         if on_both < fewest:
             simplest = []

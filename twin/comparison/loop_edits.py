@@ -108,10 +108,10 @@ def _goal(sides: tuple[RobotSide, RobotSide], edited: int, tolerance: float) -> 
     """Return the goal that all links of both sides agree."""
 
     def links_of(side: RobotSide) -> tuple[LinkMotions, Array]:
-        both = list(sides)
-        both[edited] = side
-        first = joined(both[0], both[1], tolerance)
-        second = recut(joined(both[1], both[0], tolerance), first)
+        sides_with_edit = list(sides)
+        sides_with_edit[edited] = side
+        first = joined(sides_with_edit[0], sides_with_edit[1], tolerance)
+        second = recut(joined(sides_with_edit[1], sides_with_edit[0], tolerance), first)
         links = LinkMotions(Problem(first, second, match(first, second), tolerance))
         return links, links.together()
 

@@ -47,12 +47,12 @@ def pairs_by_name(first: RobotSide, second: RobotSide) -> Iterator[list[int]]:
     """
     if not first.axes or not second.axes:
         return
-    whole = _same_names(first.joint_names, second.joint_names)
-    if whole is not None:
-        yield whole
-    bare = _same_names(_without_prefix(first.joint_names), _without_prefix(second.joint_names))
-    if bare is not None:
-        yield bare
+    pairs_of_whole_names = _same_names(first.joint_names, second.joint_names)
+    if pairs_of_whole_names is not None:
+        yield pairs_of_whole_names
+    pairs_of_bare_names = _same_names(_without_prefix(first.joint_names), _without_prefix(second.joint_names))
+    if pairs_of_bare_names is not None:
+        yield pairs_of_bare_names
 
 
 def _same_names(of_first: Sequence[str], of_second: Sequence[str]) -> list[int] | None:
@@ -61,11 +61,11 @@ def _same_names(of_first: Sequence[str], of_second: Sequence[str]) -> list[int] 
     None if a name has no partner, or two: names that differ only in case or signs are the same.
     """
     index = {plain(name): i for i, name in enumerate(of_first)}
-    wanted = [plain(name) for name in of_second]
+    names_of_second = [plain(name) for name in of_second]
     is_unique = len(index) == len(of_first)
-    if not is_unique or len(wanted) != len(index) or set(wanted) != index.keys():
+    if not is_unique or len(names_of_second) != len(index) or set(names_of_second) != index.keys():
         return None
-    return [index[name] for name in wanted]
+    return [index[name] for name in names_of_second]
 
 
 def _without_prefix(names: Sequence[str]) -> list[str]:
@@ -170,15 +170,20 @@ def _require_same_tree(first: RobotSide, second: RobotSide, pairs: Sequence[int]
         TwinError: it names the first such joint, and its links on both sides.
     """
     partner_of = {0: 0}  # group of links of the second side: group of the first side; the base is the base
-    other_of = {0: 0}  # the reverse
+    group_of_partner = {0: 0}  # the reverse
     for j, i in enumerate(pairs):
-        one = first.axes[i]
-        other = second.axes[j]
-        for group, partner in ((other.parent, one.parent), (other.child, one.child)):
-            known = partner_of.setdefault(group, partner)
-            known_other = other_of.setdefault(partner, group)
-            if known != partner or known_other != group:
-                text = f"joint '{one.name}' of {first.label} and joint '{other.name}' of {second.label}"
+        axis_of_first = first.axes[i]
+        axis_of_second = second.axes[j]
+        for group, partner in (
+            (axis_of_second.parent, axis_of_first.parent),
+            (axis_of_second.child, axis_of_first.child),
+        ):
+            known_partner = partner_of.setdefault(group, partner)
+            known_group = group_of_partner.setdefault(partner, group)
+            if known_partner != partner or known_group != group:
+                text = (
+                    f"joint '{axis_of_first.name}' of {first.label} and joint '{axis_of_second.name}' of {second.label}"
+                )
                 way_out = "Correct the parent and the child of the joint, or its name, in one of the files."
                 what = "the joints have another order, or a loop of one side is open in the other"
                 raise TwinError(f"{text} connect different links: {what}. {way_out}")
@@ -207,10 +212,10 @@ def _by_structure(first: RobotSide, second: RobotSide) -> list[int]:
 
 def _other_type(first: RobotSide, second: RobotSide) -> str | None:
     """Return the text of the error for joints with the same names and other types; None if there are none."""
-    known = {plain(axis.name): axis for axis in first.axes}
+    axis_of_name = {plain(axis.name): axis for axis in first.axes}
     parts = []
     for axis in second.axes:
-        partner = known.get(plain(axis.name))
+        partner = axis_of_name.get(plain(axis.name))
         if partner is not None and partner.kind != axis.kind:
             text = f"joint '{partner.name}' is {partner.kind} in {first.label}, {axis.kind} in {second.label}"
             parts.append(text)

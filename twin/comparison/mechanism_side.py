@@ -71,8 +71,8 @@ def from_mechanism(
             axis = replace(axis, limits=UNLIMITED)
         axes.append(axis)
     if only:
-        moved = {axis.name for axis in axes}
-        _refuse_locked(mechanism, moving - moved, group_of, label)
+        moving_joints = {axis.name for axis in axes}
+        _refuse_locked(mechanism, moving - moving_joints, group_of, label)
     frames: dict[str, tuple[int, Array]] = {}
     for body in mechanism.bodies:
         frames[body.name] = (group_of[body.name], poses[body.name])
@@ -107,7 +107,7 @@ def _moving(mechanism: Mechanism, only: Collection[str], label: str) -> set[str]
         return names
     chosen = set()
     for name in only:
-        alike = [known for known in names if plain(known) == plain(name)]
+        alike = [name_of_joint for name_of_joint in names if plain(name_of_joint) == plain(name)]
         if name in names:
             alike = [name]
         if len(alike) != 1:
@@ -124,14 +124,14 @@ def _refuse_locked(mechanism: Mechanism, locked: Collection[str], group_of: Mapp
     """
     for name in sorted(locked):
         group = group_of[mechanism.joint(name).child]
-        held = []
+        holding_joints = []
         for joint in mechanism.joints:
             ends = {group_of[joint.parent], group_of[joint.child]}
             if joint.name not in locked and joint.type not in ("fixed", "free") and ends == {group}:
-                held.append(joint.name)
+                holding_joints.append(joint.name)
         raise TwinError(
             f"{label}: joint '{name}' cannot move while the other joints of its loop are held: it would open the loop. "
-            f"Add joints of the loop to --only ({', '.join(held)}), or leave '{name}' out."
+            f"Add joints of the loop to --only ({', '.join(holding_joints)}), or leave '{name}' out."
         )
 
 
@@ -152,10 +152,10 @@ def _groups(mechanism: Mechanism, moving: Collection[str]) -> dict[str, int]:
     for joint in mechanism.loops:
         if joint.name in moving or joint.type == "free":
             continue
-        kept, welded = sorted((group_of[joint.parent], group_of[joint.child]))
+        kept_group, welded = sorted((group_of[joint.parent], group_of[joint.child]))
         for body, group in group_of.items():
             if group == welded:
-                group_of[body] = kept
+                group_of[body] = kept_group
     # without the numbers of the welded groups
     kept_groups = sorted(set(group_of.values()))
     number = {group: k for k, group in enumerate(kept_groups)}

@@ -264,7 +264,7 @@ class _MatchedSides:
         if displacements is None:
             return None
         names = linkage.joint_names
-        known = {*self.partners.values(), *self.motion.held}
+        found_hinges = {*self.partners.values(), *self.motion.held}
         return MimicError(
             linkage=linkage.label,
             coupled=self.coupled.label,
@@ -273,7 +273,7 @@ class _MatchedSides:
             links=self._link_errors(displacements, stroke),
             moved_hinges=self._moved_hinges(),
             held=tuple(names[i] for i in sorted(self.motion.held)),
-            missing=tuple(name for i, name in enumerate(names) if i not in known),
+            missing=tuple(name for i, name in enumerate(names) if i not in found_hinges),
             base=self._base(),
             tool=self._tool(),
             limits=(driver_limits, leader.limits),

@@ -74,8 +74,8 @@ def with_welds(
         axis = axes[closed_by]
         own_distance, own_angle = axis.opened
         if distance > own_distance or angle > own_angle:
-            both = (max(distance, own_distance), max(angle, own_angle))
-            axes[closed_by] = replace(axis, opened=both, opened_at=weld.name)
+            larger_opening = (max(distance, own_distance), max(angle, own_angle))
+            axes[closed_by] = replace(axis, opened=larger_opening, opened_at=weld.name)
     return axes
 
 

@@ -27,17 +27,17 @@ def posed(problem: Problem) -> tuple[RobotSide, RobotSide] | None:
         displacement = _displacement(axis, moves)
         if displacement is None:
             return None
-        M = moves[axis.parent]
-        point = M[:3, :3] @ axis.point + M[:3, 3]
-        direction = M[:3, :3] @ axis.direction
+        motion = moves[axis.parent]
+        point = motion[:3, :3] @ axis.point + motion[:3, 3]
+        direction = motion[:3, :3] @ axis.direction
         axes.append(replace(axis, point=point, direction=direction, drawn=axis.drawn + displacement))
     frames: dict[str, tuple[int, Array]] = {}
     for name, (group, frame) in problem.first.frames.items():
         frames[name] = (group, moves[group] @ frame)
     groups: list[JointGroup] = []
-    for group, M in zip(problem.first.groups, moves, strict=True):
+    for group, motion in zip(problem.first.groups, moves, strict=True):
         inertia = group.inertia
-        groups.append(replace(group, inertia=None if inertia is None else inertia.seen_from(M)))
+        groups.append(replace(group, inertia=None if inertia is None else inertia.seen_from(motion)))
     partners = list(problem.second.groups)
     for i, axis in enumerate(problem.axes):
         if _spins(problem, axis.child):

@@ -111,10 +111,10 @@ class _PropertyComparison:
         self._couplings()
         return Properties(tuple(self.rows), self.compared)
 
-    def _limits(self, i: int) -> None:
+    def _limits(self, joint: int) -> None:
         """Compare the limits of a joint with one coordinate, those of the first side as values of the second."""
-        axis = self.problem.second.axes[i]
-        mapped = mapped_limits(self.problem, self.solution, i)
+        axis = self.problem.second.axes[joint]
+        mapped = mapped_limits(self.problem, self.solution, joint)
         texts = _told_apart(
             lambda digits: (
                 _interval(mapped, axis.is_angle, digits),
@@ -131,12 +131,12 @@ class _PropertyComparison:
             return
         # no edit of a number makes limits of none: the type of the joint, or an attribute, is another
         bounded = np.array_equal(np.isfinite(mapped), np.isfinite(axis.limits))
-        self.rows.append(PropertyRow("limits", axis.name, *texts, True, i if bounded else -1))
+        self.rows.append(PropertyRow("limits", axis.name, *texts, True, joint if bounded else -1))
 
-    def _drive(self, i: int) -> None:
+    def _drive(self, joint: int) -> None:
         """Compare the maximum speed and effort of a joint with one coordinate."""
-        first = self.problem.axes[i]
-        second = self.problem.second.axes[i]
+        first = self.problem.axes[joint]
+        second = self.problem.second.axes[joint]
         effort_of_first = self.problem.first.efforts.get(first.name)
         effort_of_second = self.problem.second.efforts.get(second.name)
 
@@ -146,24 +146,24 @@ class _PropertyComparison:
         def effort(value: float) -> str:
             return _effort(value, second)
 
-        self._number("speeds", i, second.name, first.max_speed, second.max_speed, speed)
-        self._number("efforts", i, second.name, effort_of_first, effort_of_second, effort)
+        self._number("speeds", joint, second.name, first.max_speed, second.max_speed, speed)
+        self._number("efforts", joint, second.name, effort_of_first, effort_of_second, effort)
 
-    def _parts(self, i: int) -> None:
+    def _parts(self, joint: int) -> None:
         """Add what joints state of which one side has several: the other side has no partner to compare it with."""
-        first = self.problem.axes[i]
-        second = self.problem.second.axes[i]
+        first = self.problem.axes[joint]
+        second = self.problem.second.axes[joint]
         of_first = _part_texts(first, self.problem.first)
         of_second = _part_texts(second, self.problem.second)
-        is_free = any(not axis.joined and axis.limits == UNLIMITED for axis in (first, second))
+        is_free_ball = any(not axis.joined and axis.limits == UNLIMITED for axis in (first, second))
         for kind in ("limits", "speeds", "efforts"):
             if of_first[kind] == of_second[kind]:
                 continue
             # a ball that has no limits, as its file states, disagrees with limits of the hinges
-            stated = kind == "limits" and is_free
-            nothing = "no limits" if stated else "-"
-            text_of_first = ", ".join(of_first[kind]) or nothing
-            text_of_second = ", ".join(of_second[kind]) or nothing
+            stated = kind == "limits" and is_free_ball
+            text_of_none = "no limits" if stated else "-"
+            text_of_first = ", ".join(of_first[kind]) or text_of_none
+            text_of_second = ", ".join(of_second[kind]) or text_of_none
             self.rows.append(PropertyRow(kind, second.name, text_of_first, text_of_second, stated))
 
     def _number(
@@ -173,13 +173,13 @@ class _PropertyComparison:
         where: str,
         first: float | None,
         second: float | None,
-        shown: Callable[[float], str],
+        text_of: Callable[[float], str],
     ) -> None:
         """Compare a value of both sides, None where a side does not state it; `shown` returns a value as text."""
         if first is None and second is None:
             return
-        text_of_first = "-" if first is None else shown(first)
-        text_of_second = "-" if second is None else shown(second)
+        text_of_first = "-" if first is None else text_of(first)
+        text_of_second = "-" if second is None else text_of(second)
         if first is None or second is None:
             self.rows.append(PropertyRow(kind, where, text_of_first, text_of_second, False))
             return
@@ -237,19 +237,19 @@ class _PropertyComparison:
 # -- differences as numbers ---------------------------------------------------------------------------
 
 
-def difference(problem: Problem, solution: FitSolution, kind: str, i: int) -> Array:
+def difference(problem: Problem, solution: FitSolution, kind: str, index: int) -> Array:
     """Return what differs in a row of some kind, as numbers in SI units; `i` as `PropertyRow.index`.
 
     (0,) if a side does not state the value.
     """
     if kind in OF_BODIES:
-        return _difference_of_bodies(problem, solution, kind, i)
+        return _difference_of_bodies(problem, solution, kind, index)
     if kind == "couplings":
-        return _difference_of_couplings(problem, solution, i)
+        return _difference_of_couplings(problem, solution, index)
     if kind == "limits":
-        return _difference_of_limits(problem, solution, i)
-    first = problem.axes[i]
-    second = problem.second.axes[i]
+        return _difference_of_limits(problem, solution, index)
+    first = problem.axes[index]
+    second = problem.second.axes[index]
     if kind == "efforts":
         return _difference_of_numbers(problem.first.efforts.get(first.name), problem.second.efforts.get(second.name))
     return _difference_of_numbers(first.max_speed, second.max_speed)
@@ -261,17 +261,17 @@ def _difference_of_numbers(first: float | None, second: float | None) -> Array:
     return np.array([first - second])
 
 
-def _difference_of_limits(problem: Problem, solution: FitSolution, i: int) -> Array:
+def _difference_of_limits(problem: Problem, solution: FitSolution, joint: int) -> Array:
     """Return the differences (2,) of both ends of a range in m or rad."""
-    mapped = mapped_limits(problem, solution, i)
-    limits = problem.second.axes[i].limits
+    mapped = mapped_limits(problem, solution, joint)
+    limits = problem.second.axes[joint].limits
     if mapped is None or limits is None:
         return np.zeros(0)
-    apart = np.zeros(2)
+    differences = np.zeros(2)
     for k in range(2):
         if mapped[k] != limits[k]:  # equal limits can be infinite
-            apart[k] = mapped[k] - limits[k]
-    return apart
+            differences[k] = mapped[k] - limits[k]
+    return differences
 
 
 def _difference_of_bodies(problem: Problem, solution: FitSolution, kind: str, group: int) -> Array:
@@ -282,19 +282,19 @@ def _difference_of_bodies(problem: Problem, solution: FitSolution, kind: str, gr
     second = problem.second.groups[partner].inertia
     if first is None or second is None:
         return np.zeros(0)
-    seen = first.seen_from(_body_motions(problem, solution)[group])
+    first_moved = first.seen_from(_body_motions(problem, solution)[group])
     if kind == "masses":
-        return np.array([seen.mass - second.mass])
+        return np.array([first_moved.mass - second.mass])
     if kind == "centres of mass":
-        return seen.p_body_com - second.p_body_com
-    return (seen.I_com - second.I_com).ravel()
+        return first_moved.p_body_com - second.p_body_com
+    return (first_moved.I_com - second.I_com).ravel()
 
 
-def _difference_of_couplings(problem: Problem, solution: FitSolution, i: int) -> Array:
+def _difference_of_couplings(problem: Problem, solution: FitSolution, joint: int) -> Array:
     """Return the differences (joints + 1,) of the ratios with which joint i follows, then of its offset."""
     coupled = _coupled(problem, solution)
-    first = coupled.first.get(i)
-    second = coupled.second.get(i)
+    first = coupled.first.get(joint)
+    second = coupled.second.get(joint)
     if first is None or second is None:
         return np.zeros(0)
     return np.append(first.ratios - second.ratios, first.offset - second.offset)
@@ -303,13 +303,13 @@ def _difference_of_couplings(problem: Problem, solution: FitSolution, i: int) ->
 # -- both sides in the terms of the second ------------------------------------------------------------
 
 
-def mapped_limits(problem: Problem, solution: FitSolution, i: int) -> tuple[float, float] | None:
+def mapped_limits(problem: Problem, solution: FitSolution, joint: int) -> tuple[float, float] | None:
     """Return the limits of the first side as values of the second in m or rad, or None."""
-    limits = problem.axes[i].limits
+    limits = problem.axes[joint].limits
     if limits is None:
         return None
-    sign = solution.unknowns.signs[i]
-    zero = zero_of(problem, solution.unknowns, i)
+    sign = solution.unknowns.signs[joint]
+    zero = zero_of(problem, solution.unknowns, joint)
     low, high = sorted(float(sign * (value - zero)) for value in limits)
     return low, high
 
@@ -452,12 +452,12 @@ def _tensor(tensor: Array, digits: int) -> str:
     return f"{', '.join(entries)} kg m2 in the base"
 
 
-def _coupling(problem: Problem, i: int, follower: CoupledFollower | None, digits: int) -> str:
+def _coupling(problem: Problem, joint: int, follower: CoupledFollower | None, digits: int) -> str:
     """Return how joint i follows others as a sum, with the names of the second side."""
     if follower is None:
         return "moves freely"
     parts = []
-    is_angle = problem.second.axes[i].is_angle
+    is_angle = problem.second.axes[joint].is_angle
     for k in np.flatnonzero(np.abs(follower.ratios) > _WITHOUT_EFFECT):
         leader = problem.second.axes[k]
         unit = ""

@@ -71,8 +71,8 @@ class _PropertyEdits:
         together = False
         for edited in (0, 1):
             side = (self._problem.first, self._problem.second)[edited]
-            known = self._removed_by.get((row.kind, row.index), ())
-            own_edits = [edit for edit in known if edit.side == side.label]
+            earlier_edits = self._removed_by.get((row.kind, row.index), ())
+            own_edits = [edit for edit in earlier_edits if edit.side == side.label]
             if own_edits:
                 edits += own_edits
                 continue
@@ -92,8 +92,8 @@ class _PropertyEdits:
         """Keep the edit for each other row that it makes agree."""
         after = compare(self._paired(alternative.side, edited), self._solution)
         removed = self._disagreeing - _disagreeing(after) - {(row.kind, row.index)}
-        for other in removed:
-            self._removed_by.setdefault(other, []).append(alternative.edit)
+        for removed_row in removed:
+            self._removed_by.setdefault(removed_row, []).append(alternative.edit)
 
     def _has_welded_wrong_mass(self, side: RobotSide, row: PropertyRow, names: Collection[str]) -> bool:
         """Return whether a row is about welded bodies whose mass differs: it must be right before numbers are found."""
@@ -144,8 +144,8 @@ class _PropertyEdits:
             count = 0
             for gap in gaps(pair, solution.unknowns):
                 count += gap.differs(pair)
-            for other in compare(pair, solution).rows:
-                count += other.stated
+            for other_row in compare(pair, solution).rows:
+                count += other_row.stated
             return count
 
         return EditGoal(residual, agrees, moved, _inaccuracy(row.kind, residual(unedited)))

@@ -133,8 +133,8 @@ def worst(problem: Problem, solution: FitSolution) -> Worst | None:
     tools = leaf_gaps(problem, solution.unknowns)
     if not tools:
         return None
-    u = solution.unknowns
-    undeviated = replace(u, deviating=(), deviations=None)
+    unknowns = solution.unknowns
+    undeviated = replace(unknowns, deviating=(), deviations=None)
     if problem.first.looped:
         states = problem.target_drawn[None]
     else:
@@ -160,23 +160,23 @@ def _states(problem: Problem, ranges: Array) -> Array:
     return states
 
 
-def _worst_of(problem: Problem, u: Unknowns, tool: FrameGap, states: Array) -> Worst:
+def _worst_of(problem: Problem, unknowns: Unknowns, tool: FrameGap, states: Array) -> Worst:
     """Return the largest difference of a tool at states (k, joints) of the second side, without deviations."""
     group, T_first = problem.first.frames.get(tool.name, problem.first.frames[problem.first.tool])
     group_of_second, T_second = problem.second.frames[tool.name]
     # at the full solution, the tool of the second side is that of the first times Y
     T_tool = T_first @ spatial.inverse(tool.T)
     # the zeros are the only unknowns of `motions` that move joints: each state is a change of them
-    values = np.repeat(values_of(u)[None], len(states), axis=0)
-    values[:, 6 : 6 + problem.count] += u.signs * (states - problem.target_drawn)
-    _, _, motions = problem.motions(u.signs, values, ())
+    values = np.repeat(values_of(unknowns)[None], len(states), axis=0)
+    values[:, 6 : 6 + problem.count] += unknowns.signs * (states - problem.target_drawn)
+    _, _, motions = problem.motions(unknowns.signs, values, ())
     first = motions[:, group] @ T_tool
     tree = [i for i, axis in enumerate(problem.second.axes) if not axis.closing]
     second = problem.second.poses((states - problem.target_drawn)[:, tree])[:, group_of_second] @ T_second
     distances = np.linalg.norm(first[:, :3, 3] - second[:, :3, 3], axis=1)
     angles = spatial.rotation_angle(np.swapaxes(first[:, :3, :3], 1, 2) @ second[:, :3, :3])
-    k = int(np.argmax(distances + _TIE * angles))
-    q = dict(zip(problem.second.joint_names, states[k].tolist(), strict=True))
+    worst_state = int(np.argmax(distances + _TIE * angles))
+    q = dict(zip(problem.second.joint_names, states[worst_state].tolist(), strict=True))
     names_of_first = [axis.name for axis in problem.axes]
-    q_first = dict(zip(names_of_first, (u.signs * states[k] + u.zeros).tolist(), strict=True))
-    return Worst(tool.name, float(distances[k]), float(angles[k]), q, q_first, len(states))
+    q_first = dict(zip(names_of_first, (unknowns.signs * states[worst_state] + unknowns.zeros).tolist(), strict=True))
+    return Worst(tool.name, float(distances[worst_state]), float(angles[worst_state]), q, q_first, len(states))

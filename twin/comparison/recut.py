@@ -21,11 +21,11 @@ def recut(side: RobotSide, other: RobotSide) -> RobotSide:
     """
     if not (side.looped and other.looped) or len(side.axes) != len(other.axes):
         return side
-    known = list(pairs_by_name(side, other))
+    possible_pairs = list(pairs_by_name(side, other))
     by_links = pairs_by_links(side, other)
     if by_links is not None:
-        known.append(by_links)
-    for pairs in known:
+        possible_pairs.append(by_links)
+    for pairs in possible_pairs:
         axes = _with_tree([side.axes[i] for i in pairs], other)
         if axes is not None:
             return replace(side, axes=tuple(axes))

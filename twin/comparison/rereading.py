@@ -92,18 +92,18 @@ def remembering(side: RobotSide) -> RobotSide:
     reread = side.reread
     if reread is None:
         return side
-    known: dict[bytes, RobotSide | TwinError] = {}
+    sides_of_texts: dict[bytes, RobotSide | TwinError] = {}
 
     def read_once(text: bytes) -> RobotSide:
         key = hashlib.sha256(text).digest()
-        side_read_before = known.get(key)
+        side_read_before = sides_of_texts.get(key)
         if side_read_before is None:
             try:
                 side_read_before = reread(text)
             except TwinError as error:
                 side_read_before = error
-            if len(known) < _REMEMBERED:
-                known[key] = side_read_before
+            if len(sides_of_texts) < _REMEMBERED:
+                sides_of_texts[key] = side_read_before
         if isinstance(side_read_before, TwinError):
             raise side_read_before
         return side_read_before
@@ -186,7 +186,7 @@ def edits_together(
     if data is None:
         return []
     r = goal.residual(side)
-    known: list[FileNumber] = []
+    effective_numbers: list[FileNumber] = []
     slopes: list[Array] = []
     for number in numbers(side, names, kind)[:_MOST_READ]:
         value = _value(data, number)
@@ -196,9 +196,9 @@ def edits_together(
             continue
         slope = (goal.residual(changed) - r) / step
         if np.abs(slope).max(initial=0.0) > _WITHOUT_EFFECT:
-            known.append(number)
+            effective_numbers.append(number)
             slopes.append(slope)
-    if len(known) < 2:
+    if len(effective_numbers) < 2:
         return []
     J = np.array(slopes).T
     changes = -np.linalg.pinv(J, rcond=1e-9) @ r
@@ -206,8 +206,8 @@ def edits_together(
     allowed = _ROUNDING * goal.inaccuracy
     chosen: list[tuple[FileNumber, float]] = []
     for k in np.flatnonzero(np.abs(changes) * steepest > allowed):
-        value = _value(data, known[k]) + float(changes[k])
-        chosen.append((known[k], _fewest_digits(value, allowed / float(steepest[k]))))
+        value = _value(data, effective_numbers[k]) + float(changes[k])
+        chosen.append((effective_numbers[k], _fewest_digits(value, allowed / float(steepest[k]))))
     edited = _reread(side, data, chosen)
     if edited is None or not goal.agrees(edited):
         return []
@@ -251,11 +251,11 @@ def attribute_edits(
 
 
 def _attribute_values(
-    side: RobotSide, data: bytes, own: Sequence[FileNumber], goal: EditGoal, before: Array
+    side: RobotSide, data: bytes, attribute_numbers: Sequence[FileNumber], goal: EditGoal, before: Array
 ) -> list[float] | None:
     """Return the values of the numbers of an attribute with which a goal is reached; None if there are none."""
-    values = np.array([_value(data, number) for number in own])
-    J = _attribute_derivatives(side, data, own, values, goal, before)
+    values = np.array([_value(data, number) for number in attribute_numbers])
+    J = _attribute_derivatives(side, data, attribute_numbers, values, goal, before)
     if J is None:
         return None
     r = before
@@ -265,11 +265,11 @@ def _attribute_values(
         if np.linalg.norm(r + J @ change) > _LEFT * np.linalg.norm(r):
             return None
         values = values + change
-        edited = _reread_with(side, data, own, values)
+        edited = _reread_with(side, data, attribute_numbers, values)
         if edited is None:
             return None
         if goal.agrees(edited):
-            return _fewest_decimals(side, data, own, goal, values)
+            return _fewest_decimals(side, data, attribute_numbers, goal, values)
         r = goal.residual(edited)
         if r.shape != before.shape or not np.linalg.norm(r) < np.linalg.norm(before):
             return None
@@ -277,15 +277,15 @@ def _attribute_values(
 
 
 def _attribute_derivatives(
-    side: RobotSide, data: bytes, own: Sequence[FileNumber], values: Array, goal: EditGoal, before: Array
+    side: RobotSide, data: bytes, attribute_numbers: Sequence[FileNumber], values: Array, goal: EditGoal, before: Array
 ) -> Array | None:
     """Return the derivatives (rows, numbers) of the residual `before` by the values; None if a text cannot be read."""
     slopes = []
-    for k in range(len(own)):
+    for k in range(len(attribute_numbers)):
         step = _STEP * max(abs(float(values[k])), _SMALL_VALUE)
         stepped = values.copy()
         stepped[k] += step
-        changed = _reread_with(side, data, own, stepped)
+        changed = _reread_with(side, data, attribute_numbers, stepped)
         if changed is None:
             return None
         residual = goal.residual(changed)
@@ -296,19 +296,21 @@ def _attribute_derivatives(
 
 
 def _fewest_decimals(
-    side: RobotSide, data: bytes, own: Sequence[FileNumber], goal: EditGoal, values: Array
+    side: RobotSide, data: bytes, attribute_numbers: Sequence[FileNumber], goal: EditGoal, values: Array
 ) -> list[float]:
     """Return the values with as few decimals as are needed, within a twentieth of the inaccuracy."""
     rounded = [_fewest_digits(float(value), _ROUNDING * goal.inaccuracy) for value in values]
-    edited = _reread_with(side, data, own, np.array(rounded))
+    edited = _reread_with(side, data, attribute_numbers, np.array(rounded))
     if edited is not None and goal.agrees(edited):
         return rounded
     return values.tolist()
 
 
-def _reread_with(side: RobotSide, data: bytes, own: Sequence[FileNumber], values: Array) -> RobotSide | None:
+def _reread_with(
+    side: RobotSide, data: bytes, attribute_numbers: Sequence[FileNumber], values: Array
+) -> RobotSide | None:
     """Return the side with other values of some numbers; None if the text can then not be read."""
-    return _reread(side, data, list(zip(own, values.tolist(), strict=True)))
+    return _reread(side, data, list(zip(attribute_numbers, values.tolist(), strict=True)))
 
 
 def _reread(side: RobotSide, data: bytes, changes: Sequence[tuple[FileNumber, float]]) -> RobotSide | None:
@@ -374,10 +376,10 @@ def _solved(side: RobotSide, data: bytes, number: FileNumber, goal: EditGoal, be
         changed = _reread(side, data, [(number, value + step)])
         if changed is None:
             return None
-        moved = goal.residual(changed)
-        if moved.shape != r.shape:
+        r_changed = goal.residual(changed)
+        if r_changed.shape != r.shape:
             return None
-        slope = (moved - r) / step
+        slope = (r_changed - r) / step
         strength = float(slope @ slope)
         if strength < _WITHOUT_EFFECT**2:
             return None if edited is not None else _elsewhere(side, data, number, goal)

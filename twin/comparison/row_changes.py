@@ -151,9 +151,9 @@ class RowChanges:
             free[k] = False
             x = state.x.copy()
             x[k] = 0.0
-            tried = self._fit.solved(state.signs, state.changes, x, free)
-            if self._noise.accepts(tried, saturated):
-                return tried
+            fewer = self._fit.solved(state.signs, state.changes, x, free)
+            if self._noise.accepts(fewer, saturated):
+                return fewer
         return None
 
 

@@ -48,7 +48,7 @@ def without_followers(rows: PoseRows, label: str, side: RobotSide) -> PoseRows:
     for i, axis in enumerate(side.axes):
         if plain(axis.name) in column:
             values[:, i] = rows.q[:, column[plain(axis.name)]]
-    kept = list(range(len(rows.joints)))
+    kept_columns = list(range(len(rows.joints)))
     for i, (ratios, offset) in followed_of(side).items():
         name = side.axes[i].name
         leaders = np.flatnonzero(ratios)
@@ -62,10 +62,10 @@ def without_followers(rows: PoseRows, label: str, side: RobotSide) -> PoseRows:
             line = f":{rows.lines[row]}" if rows.lines else ""
             way_out = "Correct the value or the coupling, or remove the column"
             raise TwinError(f"{label}{line}: {stated} in rad or m (up to {_FOLLOWS:g} apart is allowed). {way_out}")
-        kept.remove(column[plain(name)])
-    joints = tuple(rows.joints[k] for k in kept)
-    angles = tuple(rows.angles[k] for k in kept)
-    return replace(rows, joints=joints, angles=angles, q=rows.q[:, kept])
+        kept_columns.remove(column[plain(name)])
+    joints = tuple(rows.joints[k] for k in kept_columns)
+    angles = tuple(rows.angles[k] for k in kept_columns)
+    return replace(rows, joints=joints, angles=angles, q=rows.q[:, kept_columns])
 
 
 def joint_values(rows: PoseRows, label: str, side: RobotSide) -> Array:
@@ -95,21 +95,21 @@ def _columns(rows: PoseRows, label: str, side: RobotSide) -> dict[str, int]:
     Raises:
         TwinError: it names the joints of both, and the way out.
     """
-    known = {plain(name): column for column, name in enumerate(rows.joints)}
+    column_of_name = {plain(name): column for column, name in enumerate(rows.joints)}
     driving = _driving(side)
-    wanted = [name for name in side.order if name in driving]
-    missing = [name for name in wanted if plain(name) not in known]
+    driving_joints = [name for name in side.order if name in driving]
+    missing = [name for name in driving_joints if plain(name) not in column_of_name]
     if side.tool_poses is not None:
         # which joints of loops move the tool is not read from the lines: the missing ones are tried
         missing = [name for name in missing if _moves_tool(side, name)]
     driven_names = {plain(joint) for joint in side.order}
     extra = [name for name in rows.joints if plain(name) not in driven_names]
     if not missing and not extra:
-        return {name: known[plain(name)] for name in side.order if plain(name) in known}
-    if len(rows.joints) == len(wanted) == len(missing):
-        return {name: column for column, name in enumerate(wanted)}
+        return {name: column_of_name[plain(name)] for name in side.order if plain(name) in column_of_name}
+    if len(rows.joints) == len(driving_joints) == len(missing):
+        return {name: column for column, name in enumerate(driving_joints)}
     stated = f"{label} has values of {len(rows.joints)} joints ({', '.join(rows.joints)})"
-    needed = f"the tool of {side.label} is moved by {len(wanted)} ({', '.join(wanted)})"
+    needed = f"the tool of {side.label} is moved by {len(driving_joints)} ({', '.join(driving_joints)})"
     way_out = "Name the joints alike, or compare fewer with --only"
     passive = _passive(extra, side)
     if passive:

@@ -133,13 +133,13 @@ class RowFit:
             size = np.diag(normal).max() if len(columns) else 0.0
             damped = normal + damping * size * np.eye(len(columns))
             step = np.linalg.lstsq(damped, -gradient, rcond=_RANK)[0]
-            tried = x.copy()
-            tried[columns] += step
-            r_tried = self.residual(tried, signs, changes)
+            x_tried = x.copy()
+            x_tried[columns] += step
+            r_tried = self.residual(x_tried, signs, changes)
             before = float(r @ r)
             after = float(r_tried @ r_tried)
             if after < before:
-                x = tried
+                x = x_tried
                 r = r_tried
                 damping = max(damping / 10, _SMALLEST_DAMPING)
                 J = self.derivatives(x, signs, changes, columns, r)
@@ -208,15 +208,15 @@ def _from_relative_motions(T: Array, target: Array) -> Array:
     From relative motions, as hand-eye calibration: target_i target_0^-1 = X (T_i T_0^-1) X^-1. The rotation of X maps
     rotation vectors onto each other, its shift is then a linear problem.
     """
-    A = target @ spatial.inverse(target[0])
-    B = T @ spatial.inverse(T[0])
-    a = spatial.log_so3(A[:, :3, :3])
-    b = spatial.log_so3(B[:, :3, :3])
-    R = _nearest_rotation(a.T @ b)
+    target_motions = target @ spatial.inverse(target[0])
+    motions = T @ spatial.inverse(T[0])
+    target_turns = spatial.log_so3(target_motions[:, :3, :3])
+    turns = spatial.log_so3(motions[:, :3, :3])
+    R = _nearest_rotation(target_turns.T @ turns)
     # R_A p + p_A = R p_B + p, for the shift p of X
-    M = (A[:, :3, :3] - np.eye(3)).reshape(-1, 3)
-    c = (B[:, :3, 3] @ R.T - A[:, :3, 3]).ravel()
-    p = np.linalg.lstsq(M, c, rcond=1e-9)[0]
+    coefficients = (target_motions[:, :3, :3] - np.eye(3)).reshape(-1, 3)
+    right_side = (motions[:, :3, 3] @ R.T - target_motions[:, :3, 3]).ravel()
+    p = np.linalg.lstsq(coefficients, right_side, rcond=1e-9)[0]
     X = spatial.pose(R, p)
     Y = spatial.inverse(X @ T[0]) @ target[0]
     parts = [spatial.log_so3(R), p, spatial.log_so3(Y[:3, :3]), Y[:3, 3]]

@@ -89,10 +89,10 @@ class RowNoise:
         if sigma > 0 and sigma_angle > 0:
             self.fit.lever = sigma / sigma_angle
             saturated = self.fit.solved(saturated.signs, saturated.changes, saturated.x)
-            again = self.fit.solved(state.signs, state.changes, state.x)
-            state.x = again.x
-            state.r = again.r
-            state.J = again.J
+            refitted = self.fit.solved(state.signs, state.changes, state.x)
+            state.x = refitted.x
+            state.r = refitted.r
+            state.J = refitted.J
         return saturated
 
     def least_noisy(self, states: Sequence[RowState], saturated: RowState) -> RowState:
@@ -168,13 +168,13 @@ class RowNoise:
         """
         if state is saturated:
             return True
-        more = self._rank(saturated) - self._rank(state)
+        further_unknowns = self._rank(saturated) - self._rank(state)
         freedoms = self.freedoms(saturated)
-        if more <= 0 or saturated.sse <= 0:
+        if further_unknowns <= 0 or saturated.sse <= 0:
             return state.sse <= saturated.sse * (1 + 1e-9)
-        removed = max(state.sse - saturated.sse, 0.0) / more
+        removed = max(state.sse - saturated.sse, 0.0) / further_unknowns
         F = removed / (saturated.sse / freedoms)
-        return float(fdtrc(more, freedoms, F)) > _SIGNIFICANCE
+        return float(fdtrc(further_unknowns, freedoms, F)) > _SIGNIFICANCE
 
     def _is_stated_noise(self, state: RowState, saturated: RowState | None) -> bool:
         """Return whether the stated noise explains the remainder, and all that free joints would take from it.
@@ -187,11 +187,11 @@ class RowNoise:
             return True
         if self._is_overstated(saturated):
             return self._is_estimated_noise(state, saturated)
-        more = self._rank(saturated) - self._rank(state)
-        if more <= 0:
+        further_unknowns = self._rank(saturated) - self._rank(state)
+        if further_unknowns <= 0:
             return True
         removed = max(state.sse - saturated.sse, 0.0)
-        return float(chdtrc(more, removed)) > _SIGNIFICANCE
+        return float(chdtrc(further_unknowns, removed)) > _SIGNIFICANCE
 
     def _is_overstated(self, saturated: RowState) -> bool:
         """Return whether the rows have far less noise than the table states."""

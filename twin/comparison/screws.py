@@ -64,13 +64,13 @@ def chain_of(
     """
     moving = [i for i, joint in enumerate(names) if not only or joint in only]
     drawn = np.zeros(len(names))
-    M = forward(drawn[None])[0]
-    if not np.isfinite(M).all():
+    T_drawn = forward(drawn[None])[0]
+    if not np.isfinite(T_drawn).all():
         raise NotAChainError(f"{label}: the equations have no pose with all joints at zero")
     axes = []
     groups = [JointGroup(("base",))]
     for place, i in enumerate(moving):
-        point, direction = _line(forward, M, drawn, i, kinds[i], names[i], label)
+        point, direction = _line(forward, T_drawn, drawn, i, kinds[i], names[i], label)
         axes.append(Axis(names[i], kinds[i], place, place + 1, point, direction, 0.0))
         groups.append(JointGroup((f"link{place + 1}",)))
     side = RobotSide(
@@ -78,7 +78,7 @@ def chain_of(
         name=name,
         axes=tuple(axes),
         groups=tuple(groups),
-        frames={TOOL: (len(moving), M)},
+        frames={TOOL: (len(moving), T_drawn)},
         tool=TOOL,
         order=tuple(names[i] for i in moving),
     )
@@ -86,15 +86,17 @@ def chain_of(
     return side
 
 
-def _line(forward: Forward, M: Array, drawn: Array, i: int, kind: str, name: str, label: str) -> tuple[Array, Array]:
+def _line(
+    forward: Forward, T_drawn: Array, drawn: Array, i: int, kind: str, name: str, label: str
+) -> tuple[Array, Array]:
     """Return (point, direction) (3,) of the line of joint i at the drawn state."""
     size = _SLIDE if kind == "prismatic" else _TURN
     q = drawn.copy()
     q[i] += size
-    moved = forward(q[None])[0]
-    if not np.isfinite(moved).all():
+    T_moved = forward(q[None])[0]
+    if not np.isfinite(T_moved).all():
         raise NotAChainError(f"{label}: the equations have no pose with only '{name}' moved")
-    motion = moved @ spatial.inverse(M)
+    motion = T_moved @ spatial.inverse(T_drawn)
     turn = spatial.log_so3(motion[:3, :3])
     angle = float(np.linalg.norm(turn))
     if kind == "prismatic":
@@ -127,12 +129,12 @@ def _require_same_poses(forward: Forward, side: RobotSide, moving: Sequence[int]
     q = np.zeros((_STATES, count))
     q[:, list(moving)] = displacements
     stated = forward(q)
-    known = np.isfinite(stated).all(axis=(1, 2))
-    if not known.any():
+    has_pose = np.isfinite(stated).all(axis=(1, 2))
+    if not has_pose.any():
         raise NotAChainError(f"{side.label}: the equations have no poses at {_STATES} states about zero")
-    group, M = side.frames[side.tool]
-    poses = side.poses(displacements)[:, group] @ M
-    gap = float(np.abs(poses[known] - stated[known]).max())
+    group, T_tool = side.frames[side.tool]
+    poses = side.poses(displacements)[:, group] @ T_tool
+    gap = float(np.abs(poses[has_pose] - stated[has_pose]).max())
     if gap > _HELD:
         raise NotAChainError(
             f"{side.label}: the equations are no chain of hinges and slides: their poses differ from those of the "

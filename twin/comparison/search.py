@@ -45,19 +45,19 @@ def conventions(problem: Problem) -> list[FitSolution]:
     Conventions explain all differences where they can. Only where they leave limits or inertias different that one
     deviating joint makes equal, with far fewer changes, is this joint the explanation.
     """
-    known = local(problem)
-    if any(True for _ in known.contradictions()):
+    neighbours = local(problem)
+    if any(True for _ in neighbours.contradictions()):
         return []
-    by_conventions = _ordered(problem, EvidenceSearch(problem, known, np.inf).run([()]))
+    by_conventions = _ordered(problem, EvidenceSearch(problem, neighbours, np.inf).run([()]))
     if not by_conventions:
         return []
     likeliest = by_conventions[0].unknowns
-    stated = StatedEvidence(problem)
-    largest_cost = cost(stated, likeliest) - _DEVIATION
-    if largest_cost < 0.0 or not _contradicts(stated, likeliest):
+    evidence = StatedEvidence(problem)
+    largest_cost = cost(evidence, likeliest) - _DEVIATION
+    if largest_cost < 0.0 or not _contradicts(evidence, likeliest):
         return by_conventions
     sets = [(place,) for place in _places(problem)]
-    by_one_joint = EvidenceSearch(problem, known, largest_cost - 2 * SAME_COST).run(sets)
+    by_one_joint = EvidenceSearch(problem, neighbours, largest_cost - 2 * SAME_COST).run(sets)
     return _explained(problem, by_one_joint) or by_conventions
 
 
@@ -81,8 +81,8 @@ def deviations(problem: Problem) -> list[FitSolution]:
 
     The result is empty if no `_DEVIATING` joints explain the difference.
     """
-    known = local(problem)
-    contradictions = list(known.contradictions())
+    neighbours = local(problem)
+    contradictions = list(neighbours.contradictions())
     for size in range(1, _SETS + 1):
         # without contradictions, nothing excludes any of the many sets: each would be fitted
         if size == _SETS and not contradictions:
@@ -94,10 +94,10 @@ def deviations(problem: Problem) -> list[FitSolution]:
         for chosen in combinations(places, size):
             if _explains(chosen, contradictions):
                 sets.append(chosen)
-        solutions = EvidenceSearch(problem, known, _FLIPS).run(sets)
+        solutions = EvidenceSearch(problem, neighbours, _FLIPS).run(sets)
         if solutions:
             return _explained(problem, solutions)
-    return _added_one_by_one(problem, known)
+    return _added_one_by_one(problem, neighbours)
 
 
 def _explains(deviating: Collection[int], contradictions: Sequence[Contradiction]) -> bool:
@@ -110,7 +110,7 @@ def _ordered(problem: Problem, solutions: Sequence[FitSolution]) -> list[FitSolu
     different: list[FitSolution] = []
     for candidate in solutions:
         solution = replace(candidate, unknowns=with_short_turns(candidate.unknowns))
-        if not any(_is_same(problem, solution.unknowns, other.unknowns) for other in different):
+        if not any(_is_same(problem, solution.unknowns, known_solution.unknowns) for known_solution in different):
             different.append(solution)
     costs = []
     for solution in different:
@@ -126,7 +126,9 @@ def _explained(problem: Problem, solutions: Sequence[FitSolution]) -> list[FitSo
     """Return the solutions with few changed numbers; of those with the same conventions and joints, the first."""
     different: list[FitSolution] = []
     for solution in solutions:
-        if not any(_is_same(problem, _undeviated(solution), _undeviated(other)) for other in different):
+        if not any(
+            _is_same(problem, _undeviated(solution), _undeviated(known_solution)) for known_solution in different
+        ):
             different.append(solution)
     simplified = []
     for solution in different:
@@ -137,15 +139,15 @@ def _explained(problem: Problem, solutions: Sequence[FitSolution]) -> list[FitSo
 
 def _undeviated(solution: FitSolution) -> Unknowns:
     """Return the unknowns with the deviating joints, but without the size of their deviations."""
-    u = solution.unknowns
-    return replace(u, deviations=np.zeros((len(u.deviating), 6)))
+    unknowns = solution.unknowns
+    return replace(unknowns, deviations=np.zeros((len(unknowns.deviating), 6)))
 
 
-def _is_same(problem: Problem, u: Unknowns, other: Unknowns) -> bool:
+def _is_same(problem: Problem, unknowns: Unknowns, other_unknowns: Unknowns) -> bool:
     """Return whether two solutions differ only by inaccuracies."""
-    if u.deviating != other.deviating or np.any(u.signs != other.signs):
+    if unknowns.deviating != other_unknowns.deviating or np.any(unknowns.signs != other_unknowns.signs):
         return False
-    difference = values_of(u) - values_of(other)
+    difference = values_of(unknowns) - values_of(other_unknowns)
     turning = turning_columns(problem)
     difference[turning] = np.arctan2(np.sin(difference[turning]), np.cos(difference[turning]))
     return bool(np.abs(difference).max() <= NEAR * problem.tolerance)
@@ -159,12 +161,12 @@ def _changed_numbers(solution: FitSolution) -> float:
     return float(np.count_nonzero(np.abs(deviations) > _UNCHANGED))
 
 
-def _added_one_by_one(problem: Problem, known: Local) -> list[FitSolution]:
+def _added_one_by_one(problem: Problem, neighbours: Local) -> list[FitSolution]:
     """Return solutions whose deviating joints are added one by one, each that lowers the gap most."""
-    deviating = tuple(sorted(known.different))
+    deviating = tuple(sorted(neighbours.different))
     signs = np.ones(problem.count)
     for candidate_signs in _sign_sets(problem, _FLIPS):
-        if known.allows(candidate_signs, deviating):
+        if neighbours.allows(candidate_signs, deviating):
             signs = candidate_signs
             break
     for _ in range(min(_DEVIATING, problem.count)):
@@ -180,7 +182,7 @@ def _added_one_by_one(problem: Problem, known: Local) -> list[FitSolution]:
         deviating = best.unknowns.deviating
         if problem.holds(best.gap):
             needed = _needed(problem, signs, deviating)
-            solutions = EvidenceSearch(problem, known, _FLIPS, NODES_WITH_MANY).run([needed])
+            solutions = EvidenceSearch(problem, neighbours, _FLIPS, NODES_WITH_MANY).run([needed])
             return _explained(problem, solutions)
     return []
 

@@ -42,35 +42,35 @@ def smallest_deviations(problem: Problem, solution: FitSolution) -> FitSolution:
     Conventions, and all evidence of tools and inertias that agrees, stay as found.
     """
     best = replace(solution, unknowns=with_short_turns(solution.unknowns))
-    u = best.unknowns
-    free = problem.free(u.deviating)
+    unknowns = best.unknowns
+    free = problem.free(unknowns.deviating)
     free[: 6 + problem.count] = False
     columns = np.flatnonzero(free)
     stated = StatedEvidence(problem)
-    of_bodies = [evidence for evidence in stated.known(u.signs) if evidence.kind in ("tool", "inertia")]
-    differing = stated.violated(of_bodies, u)
-    kept = [evidence for evidence in of_bodies if evidence not in differing]
+    of_bodies = [evidence for evidence in stated.known(unknowns.signs) if evidence.kind in ("tool", "inertia")]
+    differing = stated.violated(of_bodies, unknowns)
+    agreeing = [evidence for evidence in of_bodies if evidence not in differing]
 
     def residuals_of_kept(values: Array, groups: Array) -> Array:
-        return stated.residuals_of(kept, u.signs, values, groups)
+        return stated.residuals_of(agreeing, unknowns.signs, values, groups)
 
     for _ in range(_SHRINKS):
         x = values_of(best.unknowns)
         stepped = with_steps(x, columns)
-        parents, children, groups = problem.motions(u.signs, stepped, u.deviating)
-        lines = problem.rows(u.signs, parents, children)
+        parents, children, groups = problem.motions(unknowns.signs, stepped, unknowns.deviating)
+        lines = problem.rows(unknowns.signs, parents, children)
         rows = np.concatenate([lines, residuals_of_kept(stepped, groups)], axis=1)
         undetermined = open_directions((rows[:-1] - rows[-1]).T / STEP)
         # the part of the deviations that neither lines nor evidence determine
         excess = undetermined @ (undetermined.T @ x[columns])
         if np.abs(excess).max() < problem.tolerance:
             break
-        tried = x.copy()
+        x_tried = x.copy()
         # only a small turn keeps the directions
-        tried[columns] -= excess * min(1.0, _SMALL_TURN / float(np.abs(excess).max()))
-        refined = problem.refine(with_values(u, tried), free, residuals_of_kept)
+        x_tried[columns] -= excess * min(1.0, _SMALL_TURN / float(np.abs(excess).max()))
+        refined = problem.refine(with_values(unknowns, x_tried), free, residuals_of_kept)
         smaller = np.linalg.norm(values_of(refined.unknowns)[columns]) < np.linalg.norm(x[columns])
-        if not smaller or not problem.holds(refined.gap) or stated.violated(kept, refined.unknowns):
+        if not smaller or not problem.holds(refined.gap) or stated.violated(agreeing, refined.unknowns):
             break
         best = refined
     return best
@@ -78,12 +78,12 @@ def smallest_deviations(problem: Problem, solution: FitSolution) -> FitSolution:
 
 def with_few_numbers(problem: Problem, solution: FitSolution) -> FitSolution:
     """Return the solution with as few changed numbers of its deviations as possible, with the conventions as found."""
-    u = solution.unknowns
-    tools = [gap.T for gap in leaf_gaps(problem, u)]
-    free = problem.free(u.deviating)
+    unknowns = solution.unknowns
+    tools = [gap.T for gap in leaf_gaps(problem, unknowns)]
+    free = problem.free(unknowns.deviating)
     free[: 6 + problem.count] = False
     best = solution
-    for columns in _columns_of_deviations(problem, u):
+    for columns in _columns_of_deviations(problem, unknowns):
         if not free[columns].any():
             continue
         values = values_of(best.unknowns)
@@ -97,9 +97,9 @@ def with_few_numbers(problem: Problem, solution: FitSolution) -> FitSolution:
     return best
 
 
-def _columns_of_deviations(problem: Problem, u: Unknowns) -> Iterator[list[int]]:
+def _columns_of_deviations(problem: Problem, unknowns: Unknowns) -> Iterator[list[int]]:
     """Yield the unknowns that are held at zero together: of each joint its turn, its shift, then each number."""
-    for k in range(len(u.deviating)):
+    for k in range(len(unknowns.deviating)):
         start = 6 + problem.count + 6 * k
         yield [start, start + 1, start + 2]
         yield [start + 3, start + 4, start + 5]
@@ -107,26 +107,26 @@ def _columns_of_deviations(problem: Problem, u: Unknowns) -> Iterator[list[int]]
             yield [column]
 
 
-def _tools_stay(problem: Problem, u: Unknowns, before: Sequence[Array]) -> bool:
+def _tools_stay(problem: Problem, unknowns: Unknowns, before: Sequence[Array]) -> bool:
     """Return whether the frames of leaf links that were equal are still equal."""
-    leaves = leaf_gaps(problem, u)
+    leaves = leaf_gaps(problem, unknowns)
     for gap, T in zip(leaves, before, strict=True):
-        was = replace(gap, T=T)
-        if gap.differs(problem) and not was.differs(problem):
+        gap_before = replace(gap, T=T)
+        if gap.differs(problem) and not gap_before.differs(problem):
             return False
     return True
 
 
-def with_short_turns(u: Unknowns) -> Unknowns:
+def with_short_turns(unknowns: Unknowns) -> Unknowns:
     """Return unknowns with the turns of base and deviations below half a turn."""
-    base = u.base.copy()
+    base = unknowns.base.copy()
     base[:3] = _short_vector(base[:3])
-    if u.deviations is None:
-        return replace(u, base=base)
-    deviations = u.deviations.copy()
-    for k, values in enumerate(u.deviations):
+    if unknowns.deviations is None:
+        return replace(unknowns, base=base)
+    deviations = unknowns.deviations.copy()
+    for k, values in enumerate(unknowns.deviations):
         deviations[k, :3] = _short_vector(values[:3])
-    return replace(u, base=base, deviations=deviations)
+    return replace(unknowns, base=base, deviations=deviations)
 
 
 def _short_vector(turn: Array) -> Array:

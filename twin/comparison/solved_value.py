@@ -77,8 +77,8 @@ def _reaches(case: EditCase, statement: Statement, columns: Sequence[int], befor
     side = statement.applied(case.side, values)
     if side is None:
         return False
-    still = np.abs(case.residual(side) - before) < _WITHOUT_EFFECT * _PROBE
-    return not np.any(still & (np.abs(before) > case.problem.tolerance))
+    is_unmoved = np.abs(case.residual(side) - before) < _WITHOUT_EFFECT * _PROBE
+    return not np.any(is_unmoved & (np.abs(before) > case.problem.tolerance))
 
 
 def _starts(
@@ -97,7 +97,7 @@ def _starts(
             r = case.residual(side)
             if np.linalg.norm(r) < np.linalg.norm(before):
                 better.append((float(np.linalg.norm(r)), candidate, r))
-    better.sort(key=lambda one: one[0])
+    better.sort(key=lambda entry: entry[0])
     for _, candidate, r in better[:_BETTER_STARTS]:
         yield candidate, r
 
@@ -173,9 +173,9 @@ def _improved(case: EditCase, statement: Statement, columns: Sequence[int], star
         if J is None or not np.abs(J).max() > _WITHOUT_EFFECT:  # true also for NaN
             return None
         step = np.linalg.lstsq(J, -r, rcond=_RANK)[0]
-        tried = values.copy()
-        tried[columns] += step
-        side = statement.applied(case.side, tried)
+        values_tried = values.copy()
+        values_tried[columns] += step
+        side = statement.applied(case.side, values_tried)
         if side is None:
             return None
         r_tried = case.residual(side)
@@ -183,7 +183,7 @@ def _improved(case: EditCase, statement: Statement, columns: Sequence[int], star
             if np.linalg.norm(r) > case.problem.tolerance:
                 return None
             break
-        values = tried
+        values = values_tried
         r = r_tried
         if np.abs(step).max() < _DONE:
             break

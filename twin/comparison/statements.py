@@ -58,18 +58,18 @@ class NumberStatement:
         step = self._step(values)
         if step is None:
             return None
-        W = T_base_link @ step @ spatial.inverse(T_base_link)
+        motion = T_base_link @ step @ spatial.inverse(T_base_link)
         axes = []
         for axis in side.axes:
             names = _stated_names(axis)
             if names <= self.joints:
-                axis = _moved_axis(axis, W)
+                axis = _moved_axis(axis, motion)
             elif not names.isdisjoint(self.joints):
                 return None  # it parts hinges that stand for a ball
             axes.append(axis)
         frames = {}
         for name, (group, T) in side.frames.items():
-            frames[name] = (group, W @ T if plain(name) in self.links else T)
+            frames[name] = (group, motion @ T if plain(name) in self.links else T)
         return replace(side, axes=tuple(axes), frames=frames)
 
     def moves(self, axis: Axis) -> bool:
@@ -164,10 +164,10 @@ class PlaceStatement:
         return replace(self.shift, R_parent_link=R_parent_link).applied(turned, values[:3])
 
 
-def places(known: Sequence[NumberStatement | CellStatement]) -> list[PlaceStatement]:
+def places(statements: Sequence[NumberStatement | CellStatement]) -> list[PlaceStatement]:
     """Return the elements that state position and rotation."""
     place_statements = []
-    for shift, turn in itertools.pairwise(known):
+    for shift, turn in itertools.pairwise(statements):
         if not isinstance(shift, NumberStatement) or not isinstance(turn, NumberStatement):
             continue
         if (shift.role, turn.role) == ("shift", "turn") and _element(shift) == _element(turn):

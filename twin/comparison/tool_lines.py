@@ -29,21 +29,21 @@ def may_agree(
     """
     if not _same_link(problem, Ts_first, Ts_second):
         return False
-    both = zip(Ts_first, Ts_second, strict=True)
-    return all(_on_line(problem, joint, T_first, T_second, signs, deviating) for T_first, T_second in both)
+    frame_pairs = zip(Ts_first, Ts_second, strict=True)
+    return all(_on_line(problem, joint, T_first, T_second, signs, deviating) for T_first, T_second in frame_pairs)
 
 
 def _same_link(problem: Problem, Ts_first: Array, Ts_second: Array) -> bool:
     """Return whether the frames have the same places in the first of them."""
     in_first = spatial.inverse(Ts_first[0]) @ Ts_first
     in_second = spatial.inverse(Ts_second[0]) @ Ts_second
-    apart = spatial.inverse(in_second) @ in_first
-    turn = float(spatial.rotation_angle(apart[:, :3, :3]).max())
+    T_gap = spatial.inverse(in_second) @ in_first
+    turn = float(spatial.rotation_angle(T_gap[:, :3, :3]).max())
     if turn > SLACK * problem.angle_tolerance:
         return False
     reach = np.linalg.norm(in_second[:, :3, 3], axis=1)
     limits = SLACK * (problem.tolerance + problem.angle_tolerance * reach)
-    return bool(np.all(np.linalg.norm(apart[:, :3, 3], axis=1) <= limits))
+    return bool(np.all(np.linalg.norm(T_gap[:, :3, 3], axis=1) <= limits))
 
 
 def _on_line(

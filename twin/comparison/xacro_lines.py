@@ -30,14 +30,14 @@ def obstacle(places: Mapping[str, tuple[str, int]], file: str, line: int, what: 
     for key, place in places.items():
         if place != (file, line):
             continue
-        kind, _, rest = key.partition("/")
-        name, _, inner = rest.partition("/")
+        kind, _, path = key.partition("/")
+        name, _, inner = path.partition("/")
         names.setdefault((kind, inner), set()).add(name)
     if not names:
         return "the line of the xacro that states it is unknown"
-    used = max(map(len, names.values()))
-    if used > 1:
-        return f"line {line} is used by {used} elements"
+    element_count = max(map(len, names.values()))
+    if element_count > 1:
+        return f"line {line} is used by {element_count} elements"
     try:
         text = Path(file).read_text(encoding="utf-8").splitlines()[line - 1]
     except (OSError, UnicodeDecodeError, IndexError):
@@ -74,13 +74,13 @@ def _states(text: str, numbers: list[str]) -> bool:
             values.append(float(word))
         except ValueError:
             values.append(None)
-    wanted = [float(number) for number in numbers]
-    windows = [values[start : start + len(wanted)] for start in range(len(values) - len(wanted) + 1)]
-    return any(_are_same(window, wanted) for window in windows)
+    values_stated = [float(number) for number in numbers]
+    windows = [values[start : start + len(values_stated)] for start in range(len(values) - len(values_stated) + 1)]
+    return any(_are_same(window, values_stated) for window in windows)
 
 
-def _are_same(values: list[float | None], wanted: list[float]) -> bool:
-    for value, number in zip(values, wanted, strict=True):
+def _are_same(values: list[float | None], stated: list[float]) -> bool:
+    for value, number in zip(values, stated, strict=True):
         if value is None or abs(value - number) > _ROUNDING * abs(number):
             return False
     return True
