@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from made import chains
 from twin.comparison.evidence import Evidence, StatedEvidence
 from twin.comparison.fit import Problem, Unknowns
-from twin.comparison.invariants import local
+from twin.comparison.invariants import neighbour_lines
 from twin.comparison.matching import match
 from twin.comparison.mechanism_side import from_mechanism
 from twin.comparison.side import RobotSide
@@ -57,7 +57,7 @@ def test_a_turned_axis_explains_its_differences(
     for i in joints:
         second = side_of(with_turned_axis(chains.ROBOTS[name], i, angle), tmp_path / f"turned{i}")
         for problem in (problem_of(first, second), problem_of(second, first)):
-            found = list(local(problem).contradictions())
+            found = list(neighbour_lines(problem).contradictions())
             assert found
             assert all(difference.is_explained({problem.turned_axis(i)}) for difference in found)
             assert all(difference.is_explained({i, i + 1}) for difference in found if i + 1 < problem.count)
@@ -68,7 +68,7 @@ def test_no_turned_axis_explains_another_distance_of_parallel_axes(tmp_path: Pat
     first = side_of(robot, tmp_path / "first")
     second = side_of(with_longer_link(robot, 2, np.array([0.0005, 0.0, 0.0])), tmp_path / "longer")
     problem = problem_of(first, second)
-    (difference,) = local(problem).contradictions()
+    (difference,) = neighbour_lines(problem).contradictions()
     assert difference.is_explained({2})
     axes = [problem.turned_axis(i) for i in range(problem.count)]
     assert not any(difference.is_explained({axis}) for axis in axes)

@@ -17,13 +17,14 @@ The two sides and how they are mapped onto each other:
     evidence_search   the search over signs and evidence of given deviating links
     smallest_deviations, convention_sizes      how far a solution is from no change
     link_motions      the links of one robot with loops, moved onto those of the other
-    posed             robots with loops in one posture
-    links             robots with loops: which joint has another place on which link
+    common_posture    robots with loops in one posture
+    differing_places  robots with loops: which joint has another place on which link
     coupled_motion    which joints follow others by couplings
     mimic             a linkage with loops against linear couplings that replace its loops
     hinge_matching    which hinge of the linkage is which of the other side
     linkage_motion    the linkage with closed loops along the stroke of its driver
     mimic_statements  base frame, tool frame and limits of both
+    tool_path         which joints lie between base and tool, and which beside
     poses             rows of joint values and tool poses against a robot
     row_columns       which column of rows is which joint
     tool_motion       the tool at the rows, with changed signs, zeros and places of joints
@@ -35,7 +36,7 @@ What differs:
 
     frames            frames of both sides with the same name
     items             what a fit says about the two sides, as named conventions and differences
-    range             the largest difference of the tools over the common range
+    largest_difference        that of the tools over the common range
     properties        limits, velocities, masses, couplings
 
 Which number to edit:
@@ -48,10 +49,15 @@ Which number to edit:
     solved_value      the value of a number with which both sides agree
     paths             paths as they are told
     rereading         edits that are found by reading a changed text again
-    dh_edits, loop_edits, property_edits      edits of DH tables, of joints of loops, of properties
+    dh_statements     the numbers of a DH table, and what each moves
+    loop_edits, property_edits        edits of joints of loops, of properties
     xacro_lines       whether a line of a xacro states the number that an edit names
 
-    pair              one comparison of two sides, from all of these
+    openings, loop_gaps       by how much loops are open where they are drawn, as differences
+    line_pair         one comparison of two sides by their joint lines
+    pose_pair         one comparison of a side with poses: measured ones, or those of equations
+    pair              the choice between the two
+    side_pair         what such a comparison has found
     comparison_result verdict, findings, text and data of all pairs
 
 No module here imports a writer, an audit, a solver or the reference model: poses come from the joint lines alone.

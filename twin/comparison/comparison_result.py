@@ -176,10 +176,14 @@ def _uncompared(mimic: MimicError) -> str:
 
 def _uncompared_joints(names: Sequence[str]) -> str:
     """Return that joints beside the tool were not compared by poses."""
-    listed = _listed([f"'{name}'" for name in names])
+    listed = _listed(list(map(_quoted, names)))
     if len(names) == 1:
         return f"the place of joint {listed} was not compared: the pose of the tool does not depend on it"
     return f"the places of joints {listed} were not compared: the pose of the tool does not depend on them"
+
+
+def _quoted(name: str) -> str:
+    return f"'{name}'"
 
 
 def _listed(texts: Sequence[str]) -> str:
@@ -230,8 +234,8 @@ def _properties_text(pair: SidePair, properties: Properties) -> Iterator[Part]:
     yield from _one_sided_text(properties.rows)
     stated = [row for row in properties.rows if row.stated]
     if stated:
-        different = [(row.kind, row.where, row.first, row.second) for row in stated]
-        yield TextTable(("differs", "of", pair.first.label, pair.second.label), different)
+        table_rows = [(row.kind, row.where, row.first, row.second) for row in stated]
+        yield TextTable(("differs", "of", pair.first.label, pair.second.label), table_rows)
         for row in stated:
             for text in _edit_texts(row.edits, together=row.together):
                 yield f"      {row.kind} of '{row.where}': {text}"
@@ -240,20 +244,24 @@ def _properties_text(pair: SidePair, properties: Properties) -> Iterator[Part]:
 def _unedited_text(pair: SidePair) -> Iterator[str]:
     """Yield for each side whose numbers cannot be edits the reason, if an item has no edit of it."""
     for side in (pair.first, pair.second):
-        unedited = [item for item in pair.items if item.moves_geometry and not _has_edit_of(item, side)]
+        has_unedited = any(item.moves_geometry and not _has_edit_of(item, side) for item in pair.items)
         reason = why_not_edited(side)
-        if unedited and reason:
+        if has_unedited and reason:
             yield f"  no edits of {side.label}: {reason}."
 
 
 def _has_edit_of(item: ComparedItem, side: RobotSide) -> bool:
-    return any(edit.side == side.label for edit in item.edits)
+    """Return whether an item has an edit of a side."""
+    return side.label in [edit.side for edit in item.edits]
 
 
 def _one_sided_text(rows: Sequence[PropertyRow]) -> Iterator[str]:
     """Yield for each kind of property the joints or links of which only one side states a value."""
     for kind in KINDS:
-        names = [f"'{row.where}'" for row in rows if row.kind == kind and not row.stated]
+        names = []
+        for row in rows:
+            if row.kind == kind and not row.stated:
+                names.append(_quoted(row.where))
         if not names:
             continue
         yield f"  {kind} of {_listed(names)}: not compared, because only one side states them"
@@ -285,6 +293,7 @@ def _noise(fit: PoseFit) -> str:
 
 
 def _remainder(fit: PoseFit) -> str:
+    """Return the largest remainder of poses, or of positions alone, as text."""
     if fit.rotations:
         return f"{mm(fit.distance)} and {deg(fit.angle)}"
     return str(mm(fit.distance))
@@ -341,6 +350,7 @@ def _by_side(edits: Sequence[NumberEdit]) -> dict[str, list[NumberEdit]]:
 
 
 def _suggestion(item: ComparedItem) -> str:
+    """Return the edits of an item as sentences; "" without edits."""
     return " ".join(_edit_texts(item.edits))
 
 
@@ -351,19 +361,19 @@ def _edit_texts(edits: Sequence[NumberEdit], *, together: bool = False) -> list[
     """
     separator = "; and " if together else "; or "
     sentences = []
-    for chosen in _by_side(edits).values():
-        for edit in chosen:
+    for edits_of_side in _by_side(edits).values():
+        for edit in edits_of_side:
             if edit.obstacle:
                 sentences.append(f"{edit.text()}.")
-        shown = [edit for edit in chosen if not edit.obstacle]
-        if not shown:
+        texts = [edit.text() for edit in edits_of_side if not edit.obstacle]
+        if not texts:
             continue
         if not together:
-            shown = shown[:_SHOWN_EDITS]
-        texts = [edit.text() for edit in shown]
+            texts = texts[:_SHOWN_EDITS]
         sentences.append(f"Edit {separator.join(texts)}.")
     return sentences
 
 
 def _sentence(text: str) -> str:
+    """Return a text with a capital at its beginning, and a full stop at its end."""
     return text[0].upper() + text[1:] + "."

@@ -31,13 +31,14 @@ def zero_of(problem: Problem, unknowns: Unknowns, joint: int) -> float:
     axis = problem.axes[joint]
     if not axis.is_angle:
         return shift
-    shift = float(np.arctan2(np.sin(shift), np.cos(shift)))
+    shift = float(np.arctan2(np.sin(shift), np.cos(shift)))  # into -pi..pi
     limits = axis.limits
     target = problem.second.axes[joint].limits
     if limits is None or target is None or not np.isfinite([*limits, *target]).all():
         return shift
     sign = float(unknowns.signs[joint])
-    low, high = sorted(sign * (value - shift) for value in limits)
+    # q_first = sign * q_second + shift: with another sign, the lower limit becomes the upper one
+    low, high = np.sort(sign * (np.array(limits) - shift))
     turns = round((target[0] - low) / (2 * np.pi))
     low_gap = abs(low + turns * 2 * np.pi - target[0])
     high_gap = abs(high + turns * 2 * np.pi - target[1])

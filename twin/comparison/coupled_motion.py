@@ -77,13 +77,14 @@ def followed(ratios: Array, totals: Array, order: Sequence[int]) -> dict[int, Co
 
 def followed_of(side: RobotSide) -> dict[int, CoupledFollower]:
     """Return `followed` of the couplings of one side, for joints in the order of its axes."""
+    # the followers of the file first, so that the elimination makes them follow where it can
     names = {coupling.follower for coupling in side.couplings}
     followers = []
-    others = []
+    free_joints = []
     for i, axis in enumerate(side.axes):
         if axis.name in names:
             followers.append(i)
         else:
-            others.append(i)
+            free_joints.append(i)
     ratios, totals = constraints(side, side.axes)
-    return followed(ratios, totals, [*followers, *others])
+    return followed(ratios, totals, [*followers, *free_joints])

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from twin.comparison.dh_edits import CellStatement
+from twin.comparison.dh_statements import CellStatement
 from twin.comparison.fit import Problem, Unknowns, values_of
 from twin.comparison.frames import gaps, gaps_of, leaf_gaps
 from twin.comparison.matching import Matching
@@ -26,14 +26,14 @@ class EditCase:
     Attributes:
         problem: the pair.
         matching: which joints are the same.
-        u: the solution without the change of the item.
+        unknowns: the solution without the change of the item.
         edited: 0 if the first side is edited, 1 for the second.
         moved_tools: joints whose leaf frames differ by other conventions.
     """
 
     problem: Problem
     matching: Matching
-    u: Unknowns
+    unknowns: Unknowns
     edited: int
     moved_tools: Sequence[int]
 
@@ -43,22 +43,25 @@ class EditCase:
         return (self.problem.first, self.problem.second)[self.edited]
 
     @cached_property
-    def apart(self) -> frozenset[int]:
+    def differing_joints(self) -> frozenset[int]:
         """The joints whose lines are apart, as in `Problem.axes`."""
-        gap = self.problem.gap(self.u)
+        gap = self.problem.gap(self.unknowns)
         is_apart = (gap.distances > self.problem.tolerance) | (gap.angles > self.problem.angle_tolerance)
-        return frozenset(int(i) for i in np.flatnonzero(is_apart))
+        return frozenset(np.flatnonzero(is_apart).tolist())
 
     def moves_all(self, statement: Statement) -> bool:
         """Return whether a statement moves each joint whose line is apart, or a joint before it in the tree."""
         axes = (self.problem.axes, self.problem.second.axes)[self.edited]
-        pending = [i for i, axis in enumerate(axes) if statement.moves(axis)]
+        pending: list[int] = []
+        for i, axis in enumerate(axes):
+            if statement.moves(axis):
+                pending.append(i)
         reached: set[int] = set()
         while pending:
             joint = pending.pop()
             reached.add(joint)
-            pending += [k for k in self.problem.below[joint] if k not in reached]
-        return self.apart <= reached
+            pending += set(self.problem.below[joint]) - reached
+        return self.differing_joints <= reached
 
     def with_side(self, side: RobotSide) -> Problem:
         """Return the pair with another side instead of the edited one."""
@@ -69,8 +72,9 @@ class EditCase:
     def residual(self, side: RobotSide) -> Array:
         """Return what remains of lines, and of leaf frames except those on the joints `moved_tools`, in m and rad."""
         problem = self.with_side(side)
-        parents, children, groups = problem.motions(self.u.signs, values_of(self.u)[None], self.u.deviating)
-        parts = [problem.rows(self.u.signs, parents, children)[0]]
+        unknowns = self.unknowns
+        parents, children, groups = problem.motions(unknowns.signs, values_of(unknowns)[None], unknowns.deviating)
+        parts = [problem.rows(unknowns.signs, parents, children)[0]]
         for gap in gaps_of(problem, groups, inner=False):
             if gap.joint not in self.moved_tools:
                 parts.append((gap.T - np.eye(4))[:3].ravel())
@@ -79,9 +83,9 @@ class EditCase:
     def agrees(self, side: RobotSide) -> bool:
         """Return whether all lines coincide, and all leaf frames except those on the joints `moved_tools`."""
         problem = self.with_side(side)
-        if not problem.holds(problem.gap(self.u)):
+        if not problem.holds(problem.gap(self.unknowns)):
             return False
-        for gap in leaf_gaps(problem, self.u):
+        for gap in leaf_gaps(problem, self.unknowns):
             if gap.joint not in self.moved_tools and gap.differs(problem):
                 return False
         return True
@@ -89,4 +93,7 @@ class EditCase:
     def differing_frames(self, side: RobotSide) -> int:
         """Return the number of frames of inner links that differ."""
         problem = self.with_side(side)
-        return sum(gap.differs(problem) for gap in gaps(problem, self.u))
+        count = 0
+        for gap in gaps(problem, self.unknowns):
+            count += gap.differs(problem)
+        return count

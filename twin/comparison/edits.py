@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from twin.comparison import rereading
-from twin.comparison.dh_edits import CellStatement
+from twin.comparison.dh_statements import CellStatement
 from twin.comparison.edit_case import EditCase, Statement
 from twin.comparison.file_numbers import FileNumber
 from twin.comparison.file_statements import statements
@@ -41,7 +41,10 @@ def with_edits(
     if problem.first.looped:
         return list(items)
     statements_of_sides = [statements(problem.first), statements(problem.second)]
-    moved_tools = [gap.joint for gap in leaf_gaps(problem, solution.unknowns) if gap.differs(problem)]
+    moved_tools = []
+    for gap in leaf_gaps(problem, solution.unknowns):
+        if gap.differs(problem):
+            moved_tools.append(gap.joint)
     common = _common_edits(problem, matching, items, statements_of_sides)
     items_with_edits = []
     for item in items:
@@ -81,7 +84,7 @@ def _common_edits(
     problem: Problem,
     matching: Matching,
     items: Sequence[ComparedItem],
-    statements_of_side: Sequence[Sequence[NumberStatement | CellStatement]],
+    statements_of_sides: Sequence[Sequence[NumberStatement | CellStatement]],
 ) -> list[list[NumberEdit]]:
     """Return for each side the edits that remove all items at once: one wrong number is likelier than two."""
     geometric = [item for item in items if item.moves_geometry]
@@ -90,10 +93,10 @@ def _common_edits(
     edits_of_sides = []
     for edited in (0, 1):
         case = EditCase(problem, matching, problem.start, edited, ())
-        edits = _edits(case, statements_of_side[edited], placed=False)
+        edits = _edits(case, statements_of_sides[edited], placed=False)
         # To read a text again for each of its numbers takes long. Where numbers of it are statements, these were tried,
         # and its other numbers are only tried for single items.
-        if not edits and not statements_of_side[edited]:
+        if not edits and not statements_of_sides[edited]:
             edits = _reread(case, geometric, ())
         edits_of_sides.append(edits)
     return edits_of_sides
@@ -104,7 +107,7 @@ def _reread(
 ) -> list[NumberEdit]:
     """Return the edits of one number of a text that is read again, for numbers that are no statements.
 
-    The statements `known` were tried before: to read the text again with each of their values takes most of the time.
+    The statements were tried before: to read the text again with each of their values takes most of the time.
     """
     by_line: dict[int, list[NumberStatement | CellStatement]] = {}
     for statement in statements_of_side:
@@ -178,13 +181,17 @@ def _without(problem: Problem, unknowns: Unknowns, item: ComparedItem) -> Unknow
         return replace(unknowns, signs=signs)
     assert unknowns.deviations is not None
     of_item = (joint, problem.turned_axis(joint))
-    kept_items = [k for k, deviating in enumerate(unknowns.deviating) if deviating not in of_item]
-    still_deviating = tuple(unknowns.deviating[k] for k in kept_items)
-    return replace(unknowns, deviating=still_deviating, deviations=unknowns.deviations[kept_items])
+    rows = []
+    still_deviating = []
+    for k, deviating in enumerate(unknowns.deviating):
+        if deviating not in of_item:
+            rows.append(k)
+            still_deviating.append(deviating)
+    return replace(unknowns, deviating=tuple(still_deviating), deviations=unknowns.deviations[rows])
 
 
 def _edits(
-    case: EditCase, statements_of_sides: Sequence[NumberStatement | CellStatement], *, placed: bool = True
+    case: EditCase, statements_of_side: Sequence[NumberStatement | CellStatement], *, placed: bool = True
 ) -> list[NumberEdit]:
     """Return the edits of one side that make it agree: of one number, else of one attribute, else of one place.
 
@@ -193,7 +200,7 @@ def _edits(
     side = case.side
     before = case.residual(side)
     ranked: list[tuple[int, NumberEdit]] = []
-    for statement in statements_of_sides:
+    for statement in statements_of_side:
         for k in range(len(statement.values)):
             values = solved_values(case, statement, [k], before)
             if values is not None:
@@ -203,15 +210,15 @@ def _edits(
     for _, edit in ranked:
         what, _, _ = edit.what.partition("[")
         named.add((edit.file, edit.line, what))
-    for statement in statements_of_sides:
+    for statement in statements_of_side:
         # another axis changes two numbers, and may be likelier than one angle that turns all links behind the joint
         if has_edit_of_one_number and statement.role != "axis":
             continue
         if len(statement.values) > 1 and (statement.file, statement.line, statement.what) not in named:
-            ranked += _whole(case, statement, before)
+            ranked += _edit_of_all_numbers(case, statement, before)
     if not ranked and placed:
-        for place in places(statements_of_sides):
-            ranked += _whole(case, place, before)
+        for place in places(statements_of_side):
+            ranked += _edit_of_all_numbers(case, place, before)
     # frames of inner links that agree as well, and a round number, make an edit likelier
     ranked.sort(key=lambda pair: (pair[0], len(pair[1].new)))
     # a value that changes less than its text shows is no edit
@@ -219,7 +226,7 @@ def _edits(
     return changes[:_MOST]
 
 
-def _whole(case: EditCase, statement: Statement, before: Array) -> list[tuple[int, NumberEdit]]:
+def _edit_of_all_numbers(case: EditCase, statement: Statement, before: Array) -> list[tuple[int, NumberEdit]]:
     """Return the edit of all numbers of a statement, with the number of frames that still differ; [] without one."""
     values = solved_values(case, statement, list(range(len(statement.values))), before)
     if values is None:
@@ -229,21 +236,25 @@ def _whole(case: EditCase, statement: Statement, before: Array) -> list[tuple[in
 
 def _differing_frames(case: EditCase, statement: Statement, values: Array) -> int:
     """Return the number of frames of inner links that still differ after an edit."""
-    side = statement.applied(case.side, tuple(float(value) for value in values))
+    side = statement.applied(case.side, values.tolist())
     assert side is not None
     return case.differing_frames(side)
+
+
+def _number_text(value: float) -> str:
+    return f"{value:.12g}"
 
 
 def _edit(side: RobotSide, statement: Statement, column: int | None, values: Array) -> NumberEdit:
     """Return the edit of one number of a statement or, without a column, of all."""
     what = statement.what
-    old = " ".join(f"{value:.12g}" for value in statement.values)
-    new = " ".join(f"{value:.12g}" for value in values)
+    old = " ".join(map(_number_text, statement.values))
+    new = " ".join(map(_number_text, values))
     if column is not None and len(statement.values) == 1:
         column = None
     if column is not None:
         what = f"{statement.what}[{column}]"
-        old = f"{statement.values[column]:.12g}"
-        new = f"{values[column]:.12g}"
+        old = _number_text(statement.values[column])
+        new = _number_text(values[column])
     edit = NumberEdit(side.label, short(statement.file), statement.line, what, old, new)
     return rereading.hindered(side, edit, statement.file)

@@ -67,7 +67,6 @@ class StatedEvidence:
 
     Attributes:
         problem: the two sides.
-        known: the pieces of evidence that conventions could make equal.
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -82,7 +81,10 @@ class StatedEvidence:
         """
         leaves = leaf_gaps(self.problem, self.problem.start)
         tools = (self.problem.first.tool, self.problem.second.tool)
-        with_tool = {gap.joint for gap in leaves if gap.name in tools}
+        with_tool = set()
+        for gap in leaves:
+            if gap.name in tools:
+                with_tool.add(gap.joint)
         frames = []
         for gap in leaves:
             if gap.joint not in with_tool or gap.name in tools:
@@ -98,7 +100,7 @@ class StatedEvidence:
                 partners[axis.child] = self.problem.second.axes[i].child
         return partners
 
-    def known(self, signs: Array) -> list[Evidence]:
+    def satisfiable(self, signs: Array) -> list[Evidence]:
         """Return the pieces of evidence that some values of the conventions make equal."""
         problem = self.problem
         evidence = [Evidence("base", 0, CONVENTION)]
@@ -106,7 +108,8 @@ class StatedEvidence:
             evidence.append(Evidence("zero", i, CONVENTION))
             if self.limit_zero(i, signs) is not None:
                 evidence.append(Evidence("limits", i, PROPERTY))
-        for joint in sorted({gap.joint for gap in self.frames}):
+        joints_with_frames = {gap.joint for gap in self.frames}
+        for joint in sorted(joints_with_frames):
             evidence.append(Evidence("tool", joint, CONVENTION))
         for group in self._inertias:
             evidence.append(Evidence("inertia", group, INERTIA))
@@ -191,6 +194,7 @@ class StatedEvidence:
         return (T - np.eye(4))[:, :3].reshape(len(motions), 12)
 
     def _group_of(self, gap: FrameGap) -> int:
+        """Return the group of bodies of the first side that carries a frame."""
         return self.problem.axes[gap.joint].child
 
     @cached_property
@@ -211,8 +215,11 @@ class StatedEvidence:
         possible = self._possible_tools.get(key)
         if possible is None:
             frames = self._frames_on(evidence.index)
-            Ts_first = np.array([self._placed_first[gap.name] for gap in frames])
-            Ts_second = np.array([gap.T_base_second for gap in frames])
+            Ts_first = np.zeros((len(frames), 4, 4))
+            Ts_second = np.zeros((len(frames), 4, 4))
+            for k, gap in enumerate(frames):
+                Ts_first[k] = self._placed_first[gap.name]
+                Ts_second[k] = gap.T_base_second
             possible = may_agree(self.problem, evidence.index, Ts_first, Ts_second, unknowns.signs, unknowns.deviating)
             self._possible_tools[key] = possible
         return possible
@@ -229,11 +236,11 @@ class StatedEvidence:
         _, _, motions = self.problem.motions(unknowns.signs, values, unknowns.deviating)
         violated = []
         for evidence in pieces:
-            if not self._holds(evidence, self._rows(evidence, unknowns.signs, values, motions)[0]):
+            if not self._is_equal(evidence, self._rows(evidence, unknowns.signs, values, motions)[0]):
                 violated.append(evidence)
         return violated
 
-    def rows(self, evidence: Evidence) -> int:
+    def row_count(self, evidence: Evidence) -> int:
         """Return the number of rows of a piece of evidence in `residuals`."""
         if evidence.kind == "base":
             return 6
@@ -243,7 +250,7 @@ class StatedEvidence:
             return 12
         return 1
 
-    def _holds(self, evidence: Evidence, rows: Array) -> bool:
+    def _is_equal(self, evidence: Evidence, rows: Array) -> bool:
         """Return whether a piece of evidence is equal, for its rows (rows,)."""
         problem = self.problem
         if evidence.kind == "base":
@@ -262,7 +269,7 @@ class StatedEvidence:
             return bool(shifts.max() <= problem.tolerance and turns.max() <= problem.angle_tolerance)
         return bool(np.linalg.norm(rows[:3]) <= CENTRE and np.linalg.norm(rows[3:]) <= RELATIVE)
 
-    def fixed(self, evidence: Evidence, signs: Array) -> dict[int, float]:
+    def fixed_values(self, evidence: Evidence, signs: Array) -> dict[int, float]:
         """Return {index of an unknown: value} that a piece of evidence states; {} for one that is a condition."""
         if evidence.kind == "base":
             return dict.fromkeys(range(6), 0.0)

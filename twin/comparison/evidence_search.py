@@ -24,7 +24,7 @@ from twin.comparison.fit import (
     with_values,
 )
 from twin.comparison.fit_starts import solve
-from twin.comparison.invariants import Local
+from twin.comparison.invariants import NeighbourLines
 from twin.comparison.smallest_deviations import NEAR
 from twin.core.spatial import Array
 
@@ -67,14 +67,14 @@ class _FitChoice:
         solution: the fit.
         free: (unknowns,) the values that may still change.
         conditions: the evidence that must stay equal.
-        kept: all evidence that fixed values.
+        used_evidence: all evidence that fixed values.
         final: whether no more evidence can fix anything.
     """
 
     solution: FitSolution
     free: Array
     conditions: tuple[Evidence, ...]
-    kept: frozenset[Evidence]
+    used_evidence: frozenset[Evidence]
     final: bool = False
 
 
@@ -83,14 +83,16 @@ class EvidenceSearch:
 
     Attributes:
         problem: the two sides.
-        known: what consecutive joint lines say before a fit.
+        neighbours: what consecutive joint lines say before a fit.
         largest_cost: costs above it are not searched.
         most_choices: maximum number of choices of evidence that are fitted.
     """
 
-    def __init__(self, problem: Problem, neighbours: Local, largest_cost: float, most_choices: int = _NODES) -> None:
+    def __init__(
+        self, problem: Problem, neighbours: NeighbourLines, largest_cost: float, most_choices: int = _NODES
+    ) -> None:
         self.problem = problem
-        self.known = neighbours
+        self.neighbours = neighbours
         self.largest_cost = largest_cost
         self.most_choices = most_choices
         self.stated = StatedEvidence(problem)
@@ -102,6 +104,7 @@ class EvidenceSearch:
         self._evidence_fits = 0
 
     def _push(self, bound: float, choice: _SignChoice | _FitChoice) -> None:
+        """Add a choice whose cost is at least `bound` to those that are searched, unless this is too much."""
         if bound > self.largest_cost + SAME_COST:
             return
         # of equal bounds the first one: choices cannot be compared
@@ -158,7 +161,7 @@ class EvidenceSearch:
         for sign in possible:
             signs = (*choice.signs, sign)
             by_joint = dict(zip(order, signs, strict=False))
-            needed = self.known.zeros(by_joint, joint, choice.deviating)
+            needed = self.neighbours.zeros(by_joint, joint, choice.deviating)
             if needed is None:
                 continue
             zeros = choice.zeros | needed
@@ -214,7 +217,7 @@ class EvidenceSearch:
     def _open(self, choice: _FitChoice, pieces: Sequence[Evidence]) -> tuple[Array, list[Array]]:
         """Return (directions (free unknowns, k) that are still open, derivatives of each evidence along them)."""
         J = self._derivatives(choice, pieces)
-        sizes = [self.stated.rows(evidence) for evidence in pieces]
+        sizes = list(map(self.stated.row_count, pieces))
         start = len(J) - sum(sizes)
         directions = _separated(open_directions(J[:start]).T).T
         along = []
@@ -227,7 +230,7 @@ class EvidenceSearch:
         """Return the cost of what no open direction can change."""
         unknowns = choice.solution.unknowns
         bound = CONVENTION * len(unknowns.flips)
-        pieces = self.stated.violated(self.stated.known(unknowns.signs), unknowns)
+        pieces = self.stated.violated(self.stated.satisfiable(unknowns.signs), unknowns)
         _, along = self._open(choice, pieces)
         for evidence, J in zip(pieces, along, strict=True):
             if not _is_open(J) or not self.stated.may_hold(evidence, unknowns):
@@ -241,14 +244,14 @@ class EvidenceSearch:
         """
         unknowns = choice.solution.unknowns
         pieces = []
-        for evidence in self.stated.known(unknowns.signs):
-            if evidence not in choice.kept and self.stated.may_hold(evidence, unknowns):
+        for evidence in self.stated.satisfiable(unknowns.signs):
+            if evidence not in choice.used_evidence and self.stated.may_hold(evidence, unknowns):
                 pieces.append(evidence)
         directions, along = self._open(choice, pieces)
         violated = set(self.stated.violated(pieces, unknowns))
         for evidence, J in zip(pieces, along, strict=True):
             if _is_open(J) and evidence in violated and evidence.weight > budget + SAME_COST:
-                self._keep(choice, evidence, directions, J)
+                self._fit_with(choice, evidence, directions, J)
                 return True
         impossible: set[Evidence] = set()
         for direction in _fewest_first(along):
@@ -256,7 +259,7 @@ class EvidenceSearch:
             for evidence, J in zip(pieces, along, strict=True):
                 if evidence in impossible or not _is_open(J[:, direction]):
                     continue
-                if self._keep(choice, evidence, directions, J):
+                if self._fit_with(choice, evidence, directions, J):
                     is_fixed = True
                 else:
                     impossible.add(evidence)
@@ -264,10 +267,10 @@ class EvidenceSearch:
                 return True
         return False
 
-    def _keep(self, choice: _FitChoice, evidence: Evidence, directions: Array, J: Array) -> bool:
+    def _fit_with(self, choice: _FitChoice, evidence: Evidence, directions: Array, J: Array) -> bool:
         """Fit with one more piece of evidence; return whether that is possible."""
         unknowns = choice.solution.unknowns
-        key = (unknowns.deviating, tuple(unknowns.signs), choice.kept | {evidence})
+        key = (unknowns.deviating, tuple(unknowns.signs), choice.used_evidence | {evidence})
         if key in self._seen:
             return True
         self._evidence_fits += 1
@@ -283,7 +286,7 @@ class EvidenceSearch:
         problem = self.problem
         unknowns = choice.solution.unknowns
         free = choice.free.copy()
-        stated = self.stated.fixed(evidence, unknowns.signs)
+        stated = self.stated.fixed_values(evidence, unknowns.signs)
         conditions = choice.conditions
         if not stated:
             conditions = (*conditions, evidence)
@@ -293,7 +296,7 @@ class EvidenceSearch:
             if not choice.free[column] and abs(x[column] - value) > problem.tolerance:
                 return None
         must_hold = [*conditions, evidence]
-        for evidence_kept in choice.kept:
+        for evidence_kept in choice.used_evidence:
             if evidence_kept.kind in ("tool", "inertia"):
                 must_hold.append(evidence_kept)
         for start in self._starts(choice, evidence, directions, J):
@@ -301,7 +304,7 @@ class EvidenceSearch:
                 start[column] = value
             refined = self._refined(with_values(unknowns, start), free, conditions)
             if problem.holds(refined.gap) and not self.stated.violated(must_hold, refined.unknowns):
-                return _FitChoice(refined, free, conditions, choice.kept | {evidence})
+                return _FitChoice(refined, free, conditions, choice.used_evidence | {evidence})
         return None
 
     def _starts(self, choice: _FitChoice, evidence: Evidence, directions: Array, J: Array) -> Iterator[Array]:
@@ -319,7 +322,7 @@ class EvidenceSearch:
         # from a frame that is turned by a right angle or more, no small step leads to the other one
         _, _, Vt = np.linalg.svd(J)
         steepest = directions @ Vt[0]
-        turns = [k for k, column in enumerate(columns) if column in self._turning]
+        turns = np.isin(columns, self._turning)
         largest_turn = float(np.abs(steepest[turns]).max(initial=0.0))
         if largest_turn < _LARGEST_TURN:
             return
@@ -328,15 +331,15 @@ class EvidenceSearch:
             start[columns] += steepest / largest_turn * angle
             yield start
 
-    def _refined(self, u: Unknowns, free: Array, conditions: Sequence[Evidence]) -> FitSolution:
+    def _refined(self, unknowns: Unknowns, free: Array, conditions: Sequence[Evidence]) -> FitSolution:
         """Return the fit of the free values (unknowns,) of lines and conditions."""
         if not conditions:
-            return self.problem.refine(u, free)
+            return self.problem.refine(unknowns, free)
 
         def residuals_of_conditions(values: Array, groups: Array) -> Array:
-            return self.stated.residuals_of(conditions, u.signs, values, groups)
+            return self.stated.residuals_of(conditions, unknowns.signs, values, groups)
 
-        return self.problem.refine(u, free, residuals_of_conditions)
+        return self.problem.refine(unknowns, free, residuals_of_conditions)
 
 
 def _is_open(J: Array) -> bool:
@@ -372,12 +375,13 @@ def _fewest_first(along: Sequence[Array]) -> list[int]:
     counts = np.zeros(along[0].shape[1], int)
     for J in along:
         counts += np.abs(J).max(axis=0) > _OPEN
-    return [int(k) for k in np.argsort(counts, kind="stable") if counts[k] > 0]
+    order = np.argsort(counts, kind="stable")
+    return order[counts[order] > 0].tolist()
 
 
 def cost(stated: StatedEvidence, unknowns: Unknowns) -> float:
     """Return the cost of signs and of all evidence that differs."""
-    of_evidence = 0.0
-    for evidence in stated.violated(stated.known(unknowns.signs), unknowns):
-        of_evidence += evidence.weight
-    return CONVENTION * len(unknowns.flips) + of_evidence
+    cost_of_evidence = 0.0
+    for evidence in stated.violated(stated.satisfiable(unknowns.signs), unknowns):
+        cost_of_evidence += evidence.weight
+    return CONVENTION * len(unknowns.flips) + cost_of_evidence

@@ -26,6 +26,7 @@ _USDA = b"#usda"
 """Beginning of a USD stage in text form."""
 
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+"""Bytes that some editors write before a text in UTF-8."""
 
 _NO_PLACE = re.compile(
     r"inerti|mass|limit|lower|upper|range|velocity|effort|force|geom|mesh|visual|collision|color|rgba|damping|friction"
@@ -138,6 +139,7 @@ def has_numbers(data: bytes, *, table: bool) -> bool:
 
 
 def _is_xml(data: bytes) -> bool:
+    """Return whether a text begins as XML does."""
     return data.removeprefix(_BYTE_ORDER_MARK).lstrip().startswith(b"<")
 
 
@@ -181,6 +183,7 @@ class _XmlNumbers:
         self._parser.Parse(self._data, True)
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        """Collect the numbers of the attributes of an element, and of the text behind its beginning."""
         refers = attributes.get("joint", attributes.get("joint1", ""))
         self._open.append(_OpenElement(tag, attributes.get("name", ""), refers))
         data = self._data
@@ -192,7 +195,7 @@ class _XmlNumbers:
                 continue
             quote = value.group(1)
             self._add(value.end(), data.find(quote, value.end()), attribute)
-        if end > 0 and data[end - 1 : end] != b"/":
+        if end > 0 and data[end - 1 : end] != b"/":  # an element without a body has no text
             self._add(end + 1, data.find(b"<", end), "")
 
     def _end(self, _tag: str) -> None:
@@ -210,19 +213,24 @@ class _XmlNumbers:
 
     def _titles(self) -> list[str]:
         """Return the elements around a number as they are told, without the root."""
-        return [element.title for element in self._open[1:]][-_TITLES:]
+        inside_root = self._open[1:]
+        return [element.title for element in inside_root[-_TITLES:]]
 
     def _names(self) -> tuple[str, ...]:
         """Return the plain names of the nearest elements, or of the joints that they refer to."""
-        names = [element.name or element.refers for element in self._open]
-        named = tuple(plain(name) for name in names if name)
-        return named[-_NEAREST:]
+        names = []
+        for element in self._open:
+            name = element.name or element.refers
+            if name:
+                names.append(plain(name))
+        return tuple(names[-_NEAREST:])
 
     def _path(self) -> str:
         """Return the path of an element below the robot of a URDF: joint, its name, origin."""
-        parts = [element.tag for element in self._open[1:]]
+        inside_root = self._open[1:]
+        parts = [element.tag for element in inside_root]
         if parts:
-            parts.insert(1, self._open[1].name)
+            parts.insert(1, inside_root[0].name)
         return "/".join(parts)
 
 
@@ -285,7 +293,7 @@ def _of_usda(data: bytes) -> list[FileNumber]:
         value = _USD_VALUE.match(content)
         if value is not None and prims.names:
             attribute = value.group(1).decode()
-            names = tuple(plain(name) for name in prims.names)
+            names = tuple(map(plain, prims.names))
             for k, match in enumerate(_NUMBER.finditer(data, start + value.end(), start + len(content))):
                 what = f"</{'/'.join(prims.names)}>.{attribute}[{k}]"
                 file_numbers.append(FileNumber(match.start(), match.end(), line, what, names))

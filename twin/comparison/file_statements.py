@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from xml.parsers import expat
 
-from twin.comparison.dh_edits import CellStatement, cells
+from twin.comparison.dh_statements import CellStatement, cells
 from twin.comparison.side import RobotSide, plain
 from twin.comparison.statements import NumberStatement, Role
 from twin.core.foreign.budget import MJCF_SUFFIXES
@@ -36,10 +36,15 @@ class _Element:
     children: list[_Element] = field(default_factory=list)
 
     def find(self, tag: str) -> _Element | None:
+        """Return the first child with a tag; None if there is none."""
         for child in self.children:
             if child.tag == tag:
                 return child
         return None
+
+    def all_of(self, tag: str) -> list[_Element]:
+        """Return the children with a tag."""
+        return [child for child in self.children if child.tag == tag]
 
 
 def statements(side: RobotSide) -> Sequence[NumberStatement | CellStatement]:
@@ -91,6 +96,7 @@ def _elements(data: bytes, path: Path) -> _Element | None:
         text = data[begin:end]
         lines = {}
         for name in attributes:
+            # expat tells the line of an element, not those of its attributes
             match = re.search(rb"\s" + re.escape(name.encode()) + rb"\s*=", text)
             before = text[: match.end()] if match else b""
             lines[name] = parser.CurrentLineNumber + before.count(b"\n")
@@ -115,7 +121,7 @@ def _numbers(text: str | None, count: int) -> tuple[float, ...] | None:
     if text is None:
         return None
     try:
-        values = tuple(float(word) for word in text.replace(",", " ").split())
+        values = tuple(map(float, text.replace(",", " ").split()))
     except ValueError:
         return None
     if len(values) != count:
@@ -146,7 +152,7 @@ class _JointLinks:
 
 def _urdf(root: _Element, places: Mapping[str, tuple[str, int]]) -> list[NumberStatement]:
     """Return the statements of a URDF; `places` are the places of its elements in the files of a xacro."""
-    joints = [element for element in root.children if element.tag == "joint"]
+    joints = root.all_of("joint")
     ends: dict[str, _JointLinks] = {}
     below: dict[str, list[str]] = {}  # {link: joints of which it is the parent}
     for joint in joints:
@@ -252,17 +258,14 @@ def _mjcf(root: _Element, path: Path) -> list[NumberStatement]:
     _include(root, path, _INCLUDES)
     unit = DEG
     sequence = "xyz"
-    for compiler in root.children:
-        if compiler.tag == "compiler":
-            if compiler.attributes.get("angle") == "radian":
-                unit = 1.0
-            sequence = compiler.attributes.get("eulerseq", sequence)
+    for compiler in root.all_of("compiler"):
+        if compiler.attributes.get("angle") == "radian":
+            unit = 1.0
+        sequence = compiler.attributes.get("eulerseq", sequence)
     statements: list[NumberStatement] = []
-    worlds = [element for element in root.children if element.tag == "worldbody"]
-    for world in worlds:
-        for body in world.children:
-            if body.tag == "body":
-                _body(body, f"euler:{sequence}", unit, statements)
+    for world in root.all_of("worldbody"):
+        for body in world.all_of("body"):
+            _body(body, f"euler:{sequence}", unit, statements)
     return statements
 
 
@@ -289,14 +292,13 @@ def _body(body: _Element, euler: str, unit: float, statements: list[NumberStatem
     name = body.attributes.get("name", "")
     joints: set[str] = set()
     bodies = {plain(name)}
-    own_joints = [child for child in body.children if child.tag == "joint"]
-    for child in body.children:
-        if child.tag == "joint":
-            joints.add(plain(child.attributes.get("name", "")))
-        if child.tag == "body":
-            joints_below, bodies_below = _body(child, euler, unit, statements)
-            joints |= joints_below
-            bodies |= bodies_below
+    own_joints = body.all_of("joint")
+    for joint in own_joints:
+        joints.add(plain(joint.attributes.get("name", "")))
+    for child in body.all_of("body"):
+        joints_below, bodies_below = _body(child, euler, unit, statements)
+        joints |= joints_below
+        bodies |= bodies_below
     if not name:
         return joints, bodies
     moved = _MovedNames(plain(name), frozenset(joints), frozenset(bodies))

@@ -38,6 +38,9 @@ _RANK = 1e-6
 Derivatives by differences have errors of about 1e-8: a smaller value would let such a direction run to kilometres.
 """
 
+_NO_STRENGTH = 1e-12
+"""Derivative that stands for 0 where nothing changes the lines: rounding alone would else determine a direction."""
+
 _STALLED = 1e-4
 """Part of the sum of squares that a step must remove where the lines are still far apart: else they stay apart."""
 
@@ -82,7 +85,7 @@ class Unknowns:
     @property
     def flips(self) -> tuple[int, ...]:
         """Indices of the joints that turn the other way."""
-        return tuple(int(i) for i in np.flatnonzero(self.signs < 0))
+        return tuple(np.flatnonzero(self.signs < 0).tolist())
 
 
 @dataclass(frozen=True)
@@ -128,8 +131,8 @@ class Problem:
         self.tolerance = tolerance
         self.axes = [first.axes[i] for i in matching.pairs]
         self.count = len(self.axes)
-        ends = tuple(_JointEnds(axis.parent, axis.child, axis.closing) for axis in self.axes)
-        self.order, self.below = _tree(ends)
+        ends = [_JointEnds(axis.parent, axis.child, axis.closing) for axis in self.axes]
+        self.order, self.below = _tree(tuple(ends))
         self.points = np.array([axis.point for axis in self.axes])
         self.directions = np.array([axis.direction for axis in self.axes])
         self.target_points = np.array([axis.point for axis in second.axes])
@@ -213,7 +216,7 @@ class Problem:
         groups[:] = base[:, None]
         parents = np.zeros((count, self.count, 4, 4))
         children = np.zeros((count, self.count, 4, 4))
-        places = {joint: k for k, joint in enumerate(deviating)}
+        places = dict(zip(deviating, range(len(deviating)), strict=True))
         for i in self.order:
             axis = self.axes[i]
             parent = groups[:, axis.parent]
@@ -302,7 +305,9 @@ class Problem:
         tilts = (directions - self.target_directions)[:, with_direction]
         moments = cross(to_lines[:, with_place], self.target_directions[with_place])
         shifts = to_lines[:, with_centre]
-        rows = [table.reshape(len(parents), -1) for table in (tilts, moments, shifts)]
+        rows = []
+        for residuals in (tilts, moments, shifts):
+            rows.append(residuals.reshape(len(parents), -1))
         for i, axis in enumerate(self.axes):
             if axis.closing:
                 # the tree does not bring the child of such a joint to its parent: both must be on the line
@@ -381,7 +386,7 @@ class Problem:
         """Return the unknowns after damped Gauss-Newton steps.
 
         Args:
-            u: values to begin with.
+            unknowns: values to begin with.
             free: (unknowns,) which values may change. None: see `free`.
             further_residuals: a function of values (k, unknowns), and of the motions (k, groups, 4, 4) of the groups of
                 bodies with these values, that returns (k, rows) of further residuals in m and rad.
@@ -467,7 +472,7 @@ def open_directions(J: Array) -> Array:
         return np.eye(J.shape[1])
     Q, R, _ = cast(tuple[Array, Array, Array], linalg.qr(J.T, pivoting=True))
     strengths = np.abs(np.diag(R))
-    rank = int(np.sum(strengths > _RANK * max(float(strengths[0]), 1e-12)))
+    rank = int(np.sum(strengths > _RANK * max(float(strengths[0]), _NO_STRENGTH)))
     return Q[:, rank:]
 
 
@@ -488,8 +493,13 @@ def _tree(joints: tuple[_JointEnds, ...]) -> tuple[list[int], list[list[int]]]:
     """
     reached = {0}
     order: list[int] = []
-    closing = [i for i, joint in enumerate(joints) if joint.closing]
-    pending = [i for i, joint in enumerate(joints) if not joint.closing]
+    closing: list[int] = []
+    pending: list[int] = []
+    for i, joint in enumerate(joints):
+        if joint.closing:
+            closing.append(i)
+        else:
+            pending.append(i)
     while pending:
         ready = [i for i in pending if joints[i].parent in reached]
         if not ready:

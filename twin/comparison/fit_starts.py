@@ -92,15 +92,15 @@ def _aligned_base(problem: Problem, signs: Array, deviating: tuple[int, ...]) ->
             if problem.axes[k].parent not in (0, axis.child):
                 continue
             directions = signs[:, None] * problem.directions
-            own = _pair_frame(problem.points[i], directions[i], problem.points[k], directions[k])
+            first = _pair_frame(problem.points[i], directions[i], problem.points[k], directions[k])
             target = _pair_frame(
                 problem.target_points[i],
                 problem.target_directions[i],
                 problem.target_points[k],
                 problem.target_directions[k],
             )
-            if own is not None and target is not None:
-                return target @ spatial.inverse(own)
+            if first is not None and target is not None:
+                return target @ spatial.inverse(first)
     return None
 
 
@@ -160,9 +160,9 @@ def _displacement(
 def _angle(problem: Problem, joint: int, T: Array, axis: Array, children: Sequence[int], signs: Array) -> float | None:
     """Return the angle about `axis` that brings the lines of the children nearest to their targets, or None."""
     centre = T[:3, :3] @ problem.points[joint] + T[:3, 3]
-    # cost of the angle: constant - a cos - b sin, for directions and for moments about a point of the axis
-    a = 0.0
-    b = 0.0
+    # cost of the angle: constant - cosine_part cos - sine_part sin, for directions, and for moments about the axis
+    cosine_part = 0.0
+    sine_part = 0.0
     for k in children:
         point, direction = problem.line(T, k, signs)
         target_direction = problem.target_directions[k]
@@ -177,18 +177,18 @@ def _angle(problem: Problem, joint: int, T: Array, axis: Array, children: Sequen
             vectors.append((point - centre, problem.target_points[k] - centre))
         for vector, target in vectors:
             across = vector - axis * (axis @ vector)
-            a += float(across @ target)
-            b += float(cross(axis, across) @ target)
-    if np.hypot(a, b) < _FLAT:
+            cosine_part += float(across @ target)
+            sine_part += float(cross(axis, across) @ target)
+    if np.hypot(cosine_part, sine_part) < _FLAT:
         return None
-    return float(np.arctan2(b, a))
+    return float(np.arctan2(sine_part, cosine_part))
 
 
 def _slide(problem: Problem, T: Array, axis: Array, children: Sequence[int]) -> float | None:
     """Return the displacement along `axis` that brings the lines of the children nearest to their targets, or None."""
-    # cost of the displacement s: a s^2 - 2 b s + constant
-    a = 0.0
-    b = 0.0
+    # cost of the displacement s: square_part s^2 - 2 linear_part s + constant
+    square_part = 0.0
+    linear_part = 0.0
     for k in children:
         if problem.kinds[k] not in TURNING and problem.kinds[k] != "spherical":
             continue
@@ -200,11 +200,11 @@ def _slide(problem: Problem, T: Array, axis: Array, children: Sequence[int]) -> 
         if problem.kinds[k] == "spherical":
             along = axis
             needed = to_target
-        a += float(along @ along)
-        b += float(along @ needed)
-    if a < _FLAT:
+        square_part += float(along @ along)
+        linear_part += float(along @ needed)
+    if square_part < _FLAT:
         return None
-    return b / a
+    return linear_part / square_part
 
 
 def _turn(direction: Array, target: Array) -> Array:
@@ -223,7 +223,7 @@ def _turn(direction: Array, target: Array) -> Array:
 
 
 def _pair_frame(p_first: Array, d_first: Array, p_second: Array, d_second: Array) -> Array | None:
-    """Return a frame (4, 4) fixed to two lines (p, d) and (q, e); None if they are the same line."""
+    """Return a frame (4, 4) fixed to two lines, each by a point and a direction; None if they are the same line."""
     normal = cross(d_first, d_second)
     sine = np.linalg.norm(normal)
     between = p_second - p_first

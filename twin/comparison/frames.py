@@ -57,10 +57,14 @@ def gaps_of(problem: Problem, motions: Array, *, inner: bool = True) -> list[Fra
     """Return the same for the motions (1, groups, 4, 4) of the groups of bodies."""
     carrier = carriers(problem)
     carrier[0] = BASE
-    group_of_joint = {joint: problem.second.axes[joint].child for joint in range(problem.count)}
-    group_of_joint[BASE] = 0
+    group_of_joint = {BASE: 0}
+    for joint, axis in enumerate(problem.second.axes):
+        group_of_joint[joint] = axis.child
     # a tool that a reader has chosen is no statement of the file
-    guessed = {side.tool for side in (problem.first, problem.second) if side.guessed_tool}
+    guessed = set()
+    for side in (problem.first, problem.second):
+        if side.guessed_tool:
+            guessed.add(side.tool)
     gaps = []
     for name, (group, T) in problem.first.frames.items():
         partner = problem.second.frames.get(name)
@@ -81,7 +85,11 @@ def gaps_of(problem: Problem, motions: Array, *, inner: bool = True) -> list[Fra
 
 def carriers(problem: Problem) -> dict[int, int]:
     """Return {group of the first side: joint that carries it}."""
-    return {axis.child: i for i, axis in enumerate(problem.axes) if not axis.closing}
+    carrier = {}
+    for i, axis in enumerate(problem.axes):
+        if not axis.closing:
+            carrier[axis.child] = i
+    return carrier
 
 
 def _tools(problem: Problem, motions: Array, carrier: dict[int, int]) -> FrameGap | None:
@@ -107,4 +115,5 @@ def _gap(
 
 
 def _on_leaf(problem: Problem, joint: int) -> bool:
+    """Return whether a joint carries a link on which no further joint is."""
     return joint != BASE and not problem.below[joint]

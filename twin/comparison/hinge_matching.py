@@ -35,8 +35,8 @@ def base_motion(linkage: RobotSide, coupled: RobotSide) -> Array | None:
 
     None if the sides have no two such hinges, or another number of them, or if they are too far apart.
     """
-    own_hinges = [axis for axis in linkage.tree if axis.parent == 0]
-    targets = [axis for axis in coupled.tree if axis.parent == 0]
+    own_hinges = _on_base(linkage)
+    targets = _on_base(coupled)
     if len(own_hinges) < 2 or len(own_hinges) != len(targets) or len(own_hinges) > _MOST_HINGES:
         return None
     goal = _points(targets)
@@ -54,15 +54,24 @@ def base_motion(linkage: RobotSide, coupled: RobotSide) -> Array | None:
 
 
 def _points(axes: Sequence[Axis]) -> Array:
+    """Return a point (axes, 3) of each line in m."""
     return np.array([axis.point for axis in axes])
+
+
+def _on_base(side: RobotSide) -> list[Axis]:
+    """Return the joints of the tree that start at the base."""
+    return [axis for axis in side.tree if axis.parent == 0]
 
 
 def _coincides_unmoved(hinges: Sequence[Axis], goal: Array, along: Array) -> bool:
     """Return whether the hinges of both sides coincide as they are drawn, in any order."""
     if abs(hinges[0].direction @ along) <= 1.0 - PARALLEL**2:
         return False
-    gaps = [_distances(np.eye(4), _points(chosen), goal, along).max() for chosen in permutations(hinges)]
-    return min(gaps) < _SAME
+    smallest_gap = np.inf
+    for ordered in permutations(hinges):
+        distances = _distances(np.eye(4), _points(ordered), goal, along)
+        smallest_gap = min(smallest_gap, float(distances.max()))
+    return smallest_gap < _SAME
 
 
 def _base_candidates(hinges: Sequence[Axis], goal: Array, along: Array) -> Iterator[tuple[Array, Array]]:
@@ -70,8 +79,8 @@ def _base_candidates(hinges: Sequence[Axis], goal: Array, along: Array) -> Itera
 
     Two hinges that coincide are likelier than all that nearly do: each motion is that of two of the hinges.
     """
-    for chosen in permutations(hinges):
-        points = _points(chosen)
+    for ordered in permutations(hinges):
+        points = _points(ordered)
         # which way along the hinges is positive is not known
         for direction in (hinges[0].direction, -hinges[0].direction):
             of_all = _plane_fit(points, goal, direction, along)

@@ -19,6 +19,7 @@ from twin.comparison.side import TURNING
 from twin.core.spatial import Array
 
 _SIGNS = (1.0, -1.0)
+"""Signs that a joint can have."""
 
 SLACK = 3.0
 """Factor of the tolerances: a fit spreads errors over several joints."""
@@ -107,7 +108,7 @@ class JointNeighbours:
             feet.append(normals[1].foot - normals[0].foot)
         return feet[0], feet[1]
 
-    def possible(self, signs: tuple[float, float, float]) -> bool:
+    def is_possible(self, signs: tuple[float, float, float]) -> bool:
         """Return whether the lines can coincide with these signs of the three joints."""
         if not self.turns:
             return abs(self._angle(signs)) <= self.angle_limit
@@ -116,9 +117,9 @@ class JointNeighbours:
             return True
         return abs(signs[1] * feet[0] - feet[1]) <= self.foot_limit
 
-    def possible_with_any(self) -> bool:
+    def is_possible_with_any(self) -> bool:
         """Return whether the lines can coincide with some signs of the three joints."""
-        return any(self.possible(signs) for signs in itertools.product(_SIGNS, _SIGNS, _SIGNS))
+        return any(map(self.is_possible, itertools.product(_SIGNS, _SIGNS, _SIGNS)))
 
     def needs_zero(self, signs: tuple[float, float, float]) -> bool:
         """Return whether the zero of the joint must move with these signs of the three joints."""
@@ -153,8 +154,8 @@ class Contradiction:
 
 
 @dataclass(frozen=True)
-class Local:
-    """What consecutive joints say.
+class NeighbourLines:
+    """What the lines of consecutive joints say, before any fit.
 
     Attributes:
         different: {joint: joint before it} where the distance or the angle of the two differs.
@@ -177,7 +178,8 @@ class Local:
     def _of_three(self, rule: JointNeighbours) -> frozenset[int]:
         """Return what changes a joint with those before and behind it, as in `Unknowns.deviating`."""
         axes = (rule.before, rule.joint, rule.behind)
-        return frozenset({rule.joint, rule.behind, *(self.count + joint for joint in axes)})
+        turned_axes = {self.count + joint for joint in axes}
+        return frozenset({rule.joint, rule.behind} | turned_axes)
 
     def allows(self, signs: Array, deviating: tuple[int, ...]) -> bool:
         """Return whether a set of signs is possible if these joints deviate."""
@@ -187,7 +189,7 @@ class Local:
         for rule in self.between:
             if not self._of_three(rule).isdisjoint(deviating):
                 continue
-            if not rule.possible((signs[rule.before], signs[rule.joint], signs[rule.behind])):
+            if not rule.is_possible((signs[rule.before], signs[rule.joint], signs[rule.behind])):
                 return False
         return True
 
@@ -208,10 +210,10 @@ class Local:
         for rule in self.between:
             if rule.behind != last or not self._of_three(rule).isdisjoint(deviating):
                 continue
-            chosen = (signs[rule.before], signs[rule.joint], signs[rule.behind])
-            if not rule.possible(chosen):
+            signs_of_three = (signs[rule.before], signs[rule.joint], signs[rule.behind])
+            if not rule.is_possible(signs_of_three):
                 return None
-            if rule.needs_zero(chosen):
+            if rule.needs_zero(signs_of_three):
                 needed.add(rule.joint)
         return needed
 
@@ -220,11 +222,11 @@ class Local:
         for k, i in self.different.items():
             yield Contradiction(self.turned[k] | {k}, self._of_pair(i, k) - {k})
         for rule in self.between:
-            if not rule.possible_with_any():
+            if not rule.is_possible_with_any():
                 yield Contradiction(self._of_three(rule))
 
 
-def local(problem: Problem) -> Local:
+def neighbour_lines(problem: Problem) -> NeighbourLines:
     """Compare all pairs of consecutive joints of the tree."""
     carrier = carriers(problem)
     different = {}
@@ -252,7 +254,7 @@ def local(problem: Problem) -> Local:
             rule = _between(problem, before, i, k)
             if rule is not None:
                 between.append(rule)
-    return Local(different, turned, products, tuple(between), problem.count)
+    return NeighbourLines(different, turned, products, tuple(between), problem.count)
 
 
 def _between(problem: Problem, before: int, joint: int, behind: int) -> JointNeighbours | None:
@@ -321,6 +323,7 @@ def _angle_about(direction: Array, a: Array, b: Array) -> float:
 
 
 def _wrapped(angle: float) -> float:
+    """Return an angle in rad in -pi..pi."""
     return float(np.arctan2(np.sin(angle), np.cos(angle)))
 
 

@@ -115,12 +115,12 @@ class ComparedItem:
 
 def items(problem: Problem, matching: Matching, solution: FitSolution) -> list[ComparedItem]:
     """Return the conventions and the differences of a solution, differences last."""
-    u = solution.unknowns
+    unknowns = solution.unknowns
     items_of_solution = _names(problem, matching)
-    items_of_solution += _base(problem, u)
-    items_of_solution += _joints(problem, u)
-    items_of_solution += _tools(problem, u)
-    items_of_solution += _links(problem, u)
+    items_of_solution += _base(problem, unknowns)
+    items_of_solution += _joints(problem, unknowns)
+    items_of_solution += _tools(problem, unknowns)
+    items_of_solution += _links(problem, unknowns)
     return items_of_solution
 
 
@@ -134,9 +134,9 @@ def _names(problem: Problem, matching: Matching) -> list[ComparedItem]:
     for axis, partner in zip(problem.axes, problem.second.axes, strict=True):
         partners[axis.name] = partner.name
     # of the joints that motors of both sides drive, with the names of the second side
-    driven = [partners[name] for name in problem.first.order if name in partners]
-    order_of_second = [name for name in problem.second.order if name in driven]
-    order_of_first = [name for name in driven if name in order_of_second]
+    driven_by_first = [partners[name] for name in problem.first.order if name in partners]
+    order_of_second = [name for name in problem.second.order if name in driven_by_first]
+    order_of_first = [name for name in driven_by_first if name in order_of_second]
     if order_of_first != order_of_second:
         text = (
             f"the order of the joints is {', '.join(order_of_first)} in {problem.first.label}, "
@@ -210,7 +210,7 @@ def _tools(problem: Problem, unknowns: Unknowns) -> list[ComparedItem]:
             moved_frames.setdefault(gap.joint, []).append(gap)
     items_of_tools = []
     for joint, frames in moved_frames.items():
-        names = ", ".join(f"'{gap.name}'" for gap in frames)
+        names = ", ".join([f"'{gap.name}'" for gap in frames])
         gap = frames[0]
         shift = gap.T[:3, 3]
         turn = spatial.log_so3(gap.T[:3, :3])
@@ -262,14 +262,14 @@ def _between(problem: Problem, i: int, k: int) -> str:
     return f"its axis and that of '{name}': {parts[0]} in {problem.first.label}, {parts[1]} in {problem.second.label}"
 
 
-def line_distance(p: Array, d: Array, q: Array, e: Array) -> tuple[float, float]:
-    """Return the distance in m and the angle in rad of two lines (p, d) and (q, e)."""
-    normal = np.cross(d, e)
+def line_distance(p_first: Array, d_first: Array, p_second: Array, d_second: Array) -> tuple[float, float]:
+    """Return the distance in m and the angle in rad of two lines, each by a point and a direction."""
+    normal = np.cross(d_first, d_second)
     sine = float(np.linalg.norm(normal))
-    between = q - p
-    angle = float(np.arctan2(sine, d @ e))
+    between = p_second - p_first
+    angle = float(np.arctan2(sine, d_first @ d_second))
     if sine < _PARALLEL:
-        return float(np.linalg.norm(np.cross(between, d))), angle
+        return float(np.linalg.norm(np.cross(between, d_first))), angle
     return abs(float(between @ normal)) / sine, angle
 
 

@@ -40,7 +40,7 @@ class _JointParts:
     """Joints that stand for one: their indices, and the joint."""
 
     indices: tuple[int, ...]
-    whole: Axis
+    merged: Axis
 
 
 def joined(side: RobotSide, other_side: RobotSide, tolerance: float) -> RobotSide:
@@ -48,18 +48,18 @@ def joined(side: RobotSide, other_side: RobotSide, tolerance: float) -> RobotSid
 
     Args:
         side: the side whose joints are joined.
-        other: the side that it is compared with.
+        other_side: the side that it is compared with.
         tolerance: distance in m up to which lines meet in a point.
     """
     joined_side = side
     for kind, parts_of in (("spherical", _balls), ("cylindrical", _cylinders), ("revolute", _closing_hinges)):
-        joined_side = _with_wholes(joined_side, other_side, kind, list(parts_of(joined_side, tolerance)), tolerance)
-    read = side.reread
-    if joined_side is side or read is None:
+        joined_side = _with_merged(joined_side, other_side, kind, list(parts_of(joined_side, tolerance)), tolerance)
+    reread_parts = side.reread
+    if joined_side is side or reread_parts is None:
         return _without_numbers(joined_side, other_side)
 
     def reread(data: bytes) -> RobotSide:
-        side_read_again = joined(read(data), other_side, tolerance)
+        side_read_again = joined(reread_parts(data), other_side, tolerance)
         if len(side_read_again.axes) != len(joined_side.axes):
             raise TwinError(f"{side.label}: with this number, joints are no longer parts of one")
         return side_read_again
@@ -67,14 +67,16 @@ def joined(side: RobotSide, other_side: RobotSide, tolerance: float) -> RobotSid
     return _without_numbers(replace(joined_side, reread=reread), other_side)
 
 
-def _with_wholes(
+def _with_merged(
     side: RobotSide, other_side: RobotSide, kind: str, candidates: Sequence[_JointParts], tolerance: float
 ) -> RobotSide:
     """Return the side with some of the candidates joined: as many as the other side has more joints of this type."""
-    names = {plain(other_side.axes[i].name) for i in _of_kind(other_side, kind)}
+    names = set()
+    for i in _of_kind(other_side, kind):
+        names.add(plain(other_side.axes[i].name))
     # those whose name the other side knows first
-    ordered = sorted(candidates, key=lambda parts: plain(parts.whole.name) not in names)
-    missing = _missing(side, other_side, kind)
+    ordered = sorted(candidates, key=lambda parts: plain(parts.merged.name) not in names)
+    missing = _missing_count(side, other_side, kind)
     chosen: list[_JointParts] = []
     used_joints: set[int] = set()
     for parts in ordered:
@@ -85,7 +87,7 @@ def _with_wholes(
     replacements: list[tuple[list[str], Axis]] = []
     for parts in chosen:
         part_names = [side.axes[i].name for i in parts.indices]
-        replacements.append((part_names, parts.whole))
+        replacements.append((part_names, parts.merged))
     for part_names, merged_joint in replacements:
         if kind == "revolute":
             merged_joint = _as_parallel(merged_joint, side, other_side, tolerance)
@@ -93,7 +95,7 @@ def _with_wholes(
     return side
 
 
-def _missing(side: RobotSide, other_side: RobotSide, kind: str) -> int:
+def _missing_count(side: RobotSide, other_side: RobotSide, kind: str) -> int:
     """Return how many joints of a type the other side has more."""
     missing = len(_of_kind(other_side, kind)) - len(_of_kind(side, kind))
     if kind != "revolute":
@@ -145,7 +147,7 @@ def _without_groups(side: RobotSide, inner_groups: Sequence[int], last: int) -> 
         number[group] = len(number)
         if group == last:
             for inner in inner_groups:
-                bodies = _together(bodies, side.groups[inner])
+                bodies = _with_mass_of(bodies, side.groups[inner])
         groups.append(bodies)
     axes = []
     for axis in side.axes:
@@ -157,7 +159,7 @@ def _without_groups(side: RobotSide, inner_groups: Sequence[int], last: int) -> 
     return replace(side, axes=tuple(axes), groups=tuple(groups), frames=frames)
 
 
-def _together(outer: JointGroup, inner: JointGroup) -> JointGroup:
+def _with_mass_of(outer: JointGroup, inner: JointGroup) -> JointGroup:
     """Return a group with the mass of another; the names are those of the outer one."""
     inertia = outer.inertia
     if inertia is None:
@@ -179,11 +181,18 @@ def _chains(side: RobotSide, length: int) -> Iterator[tuple[int, ...]]:
     for axis in side.axes:
         touching[axis.parent] += 1
         touching[axis.child] += 1
-    carrying = {group for group, count in touching.items() if count != 2}
+    # groups that carry something else than the two joints between which they are
+    carrying = set()
+    for group, count in touching.items():
+        if count != 2:
+            carrying.add(group)
     if side.tool in side.frames:
         tool_group, _ = side.frames[side.tool]
         carrying.add(tool_group)
-    behind = {axis.parent: i for i, axis in enumerate(side.axes) if not axis.closing}
+    behind: dict[int, int] = {}
+    for i, axis in enumerate(side.axes):
+        if not axis.closing:
+            behind[axis.parent] = i
     for start, axis in enumerate(side.axes):
         if axis.closing:
             continue
@@ -208,14 +217,14 @@ def _balls(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
         # The first and the third hinge may be parallel: that is a singular posture of a ball.
         first, second, third = axes
         cosine = abs(float(first.direction @ second.direction))
-        other_cosine = abs(float(second.direction @ third.direction))
-        if max(cosine, other_cosine) > ANGLE_PER_LENGTH * tolerance:
+        cosine_behind = abs(float(second.direction @ third.direction))
+        if max(cosine, cosine_behind) > ANGLE_PER_LENGTH * tolerance:
             continue
         centre = _nearest_point(axes)
-        distances = [_distance(centre, axis) for axis in axes]
-        if max(distances) > tolerance:
+        farthest = max(_distance(centre, axis) for axis in axes)
+        if farthest > tolerance:
             continue
-        yield _JointParts(chain, _whole(axes, "spherical", centre, axes[0].direction))
+        yield _JointParts(chain, _merged_joint(axes, "spherical", centre, axes[0].direction))
 
 
 def _cylinders(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
@@ -230,7 +239,7 @@ def _cylinders(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
         # a slide moves along its direction from any point: only the directions must be parallel
         if np.linalg.norm(np.cross(hinge.direction, slide.direction)) > ANGLE_PER_LENGTH * tolerance:
             continue
-        yield _JointParts(chain, _whole(axes, "cylindrical", hinge.point, hinge.direction))
+        yield _JointParts(chain, _merged_joint(axes, "cylindrical", hinge.point, hinge.direction))
 
 
 def _closing_hinges(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
@@ -248,7 +257,7 @@ def _closing_hinges(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
         if distance < _APART:
             continue
         middle = (axes[0].point + axes[1].point) / 2
-        hinge = replace(_whole(axes, "revolute", middle, between / distance), directed=False)
+        hinge = replace(_merged_joint(axes, "revolute", middle, between / distance), directed=False)
         yield _JointParts(tuple(indices), hinge)
 
 
@@ -259,9 +268,14 @@ def _as_parallel(hinge: Axis, side: RobotSide, other_side: RobotSide, tolerance:
     two parallel hinges on a link, and both points are within the tolerance of such a line here, this line is meant.
     """
     distance = float(np.linalg.norm(hinge.joined[1].point - hinge.joined[0].point))
-    own_hinges = {plain(side.axes[i].name): side.axes[i] for i in _of_kind(side, "revolute")}
+    own_hinges: dict[str, Axis] = {}
+    for i in _of_kind(side, "revolute"):
+        own_hinges[plain(side.axes[i].name)] = side.axes[i]
     other_hinges = [other_side.axes[i] for i in _of_kind(other_side, "revolute")]
-    partners = [axis for axis in other_hinges if plain(axis.name) == plain(hinge.name)]
+    partners = []
+    for axis in other_hinges:
+        if plain(axis.name) == plain(hinge.name):
+            partners.append(axis)
     if len(partners) != 1:
         return hinge
     partner = partners[0]
@@ -280,16 +294,17 @@ def _as_parallel(hinge: Axis, side: RobotSide, other_side: RobotSide, tolerance:
     return hinge
 
 
-def _whole(axes: Sequence[Axis], kind: str, point: Array, direction: Array) -> Axis:
+def _merged_joint(axes: Sequence[Axis], kind: str, point: Array, direction: Array) -> Axis:
     """Return the joint that several stand for, with the common beginning of their names."""
     first = axes[0]
     stem = common_beginning([axis.name for axis in axes])
     name = stem.rstrip("_") or first.name
     child = first.child if first.closing else axes[-1].child
     active = any(axis.active for axis in axes)
-    distance = max(axis.opened[0] for axis in axes)
-    angle = max(axis.opened[1] for axis in axes)
-    opened_at = next((axis.opened_at for axis in axes if axis.opened_at), "")
+    distance, angle = np.max([axis.opened for axis in axes], axis=0).tolist()
+    opened_at = ""
+    for axis in axes:
+        opened_at = opened_at or axis.opened_at
     return Axis(
         name,
         kind,
@@ -328,7 +343,9 @@ def _distance(point: Array, axis: Axis) -> float:
 def _without_numbers(side: RobotSide, other_side: RobotSide) -> RobotSide:
     """Return the side with the names of the other side for closing joints that differ only by a number behind it."""
     own_names = set(map(plain, side.joint_names))
-    names_of_other = {plain(name): name for name in other_side.joint_names}
+    names_of_other: dict[str, str] = {}
+    for name in other_side.joint_names:
+        names_of_other[plain(name)] = name
     axes = []
     for axis in side.axes:
         stem = _NUMBER.sub("", axis.name)

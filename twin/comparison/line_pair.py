@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from twin.comparison.common_posture import in_common_posture
+from twin.comparison.differing_places import differing_places, place_items
 from twin.comparison.edits import with_edits
 from twin.comparison.fit import ANGLE_PER_LENGTH, FitSolution, Problem
 from twin.comparison.items import items
 from twin.comparison.joined import joined
+from twin.comparison.largest_difference import largest_difference
 from twin.comparison.link_motions import PlaceDifference
-from twin.comparison.links import differing_places, place_items
 from twin.comparison.loop_edits import loop_edits
 from twin.comparison.loop_gaps import differing_gaps, open_loops
 from twin.comparison.matching import Matching, match
 from twin.comparison.mimic import MimicError, mimic_error
 from twin.comparison.mimic_statements import mimic_conventions, mimic_properties
-from twin.comparison.posed import posed
 from twin.comparison.properties import compare
 from twin.comparison.property_edits import with_property_edits
-from twin.comparison.range import worst
 from twin.comparison.recut import recut
 from twin.comparison.rereading import remembering
 from twin.comparison.search import conventions, deviations
@@ -49,7 +49,7 @@ def compare_lines(first: RobotSide, second: RobotSide, tolerance: float) -> Side
     solutions = conventions(problem)
     if not solutions and first.looped:
         # balls and bars between them have no coordinate that leads from one posture to another
-        in_posture = posed(problem)
+        in_posture = in_common_posture(problem)
         if in_posture is not None:
             problem = Problem(*in_posture, matching, tolerance)
             solutions = conventions(problem)
@@ -112,7 +112,7 @@ def _of_solutions(
         texts = tuple(item.text for item in items(problem, matching, other))
         if texts not in ties and texts != told:
             ties.append(texts)
-    largest = worst(problem, best)
+    largest = largest_difference(problem, best)
     properties = with_property_edits(problem, matching, best, compare(problem, best))
     return SidePair(
         first=first,

@@ -70,7 +70,7 @@ class LinkMotions:
                 self.places.append(JointPlace(i, "both"))
 
     def residual(self, T: Array, joint: int, where: Where) -> tuple[Array, Array]:
-        """Return (residual (rows,), derivatives (rows, 6 groups)) of the place of joint `i`; "both": see `_shared`.
+        """Return (residual (rows,), derivatives (rows, 6 groups)) of the place of a joint; "both": see `_shared`.
 
         `T` (groups, 4, 4) are the motions. The derivatives of a link are by a rotation about the origin in rad, then by
         a shift in m.
@@ -169,10 +169,9 @@ class LinkMotions:
         shift = float(np.linalg.norm(r[3:])) / self.problem.tolerance
         return max(turn, shift)
 
-    def agree(self, T: Array, places: Sequence[JointPlace]) -> bool:
+    def places_agree(self, T: Array, places: Sequence[JointPlace]) -> bool:
         """Return whether the kept places agree within the tolerance."""
-        misfits = [self.misfit(T, i, where) for i, where in places]
-        return max(misfits) <= 1.0
+        return max(self.misfit(T, joint, where) for joint, where in places) <= 1.0
 
     def together(self) -> Array:
         """Return the motions (groups, 4, 4) that bring all places together, in the sense of least squares."""
@@ -196,9 +195,10 @@ class LinkMotions:
         """Return by how much the places that are left out differ, if all others agree without them; else None."""
         remaining = self.without(left_out)
         T = self.solved(remaining, np.ones(len(remaining)).tolist(), start)
-        if not self.agree(T, remaining):
+        if not self.places_agree(T, remaining):
             return None
-        return tuple(self._difference(T, i, where) for i, where in left_out)
+        differences = [self._difference(T, joint, where) for joint, where in left_out]
+        return tuple(differences)
 
     def _difference(self, T: Array, joint: int, where: Where) -> PlaceDifference:
         """Return how the place of a joint in the first side differs from that in the second."""

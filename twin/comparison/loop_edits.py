@@ -131,6 +131,6 @@ def _goal(sides: tuple[RobotSide, RobotSide], edited: int, tolerance: float) -> 
             links, T = links_of(side)
         except TwinError:
             return False
-        return links.agree(T, links.places)
+        return links.places_agree(T, links.places)
 
     return EditGoal(residual, agrees, lambda _: 0, tolerance)

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from twin.comparison.side import RobotSide, common_beginning, plain
+from twin.comparison.side import Axis, RobotSide, common_beginning, plain
 from twin.core.errors import TwinError
 
 
@@ -60,8 +60,9 @@ def _same_names(of_first: Sequence[str], of_second: Sequence[str]) -> list[int] 
 
     None if a name has no partner, or two: names that differ only in case or signs are the same.
     """
-    index = {plain(name): i for i, name in enumerate(of_first)}
-    names_of_second = [plain(name) for name in of_second]
+    names_of_first = list(map(plain, of_first))
+    names_of_second = list(map(plain, of_second))
+    index = dict(zip(names_of_first, range(len(names_of_first)), strict=True))
     is_unique = len(index) == len(of_first)
     if not is_unique or len(names_of_second) != len(index) or set(names_of_second) != index.keys():
         return None
@@ -89,14 +90,17 @@ def pairs_by_links(first: RobotSide, second: RobotSide) -> list[int] | None:
     for name, j in index_of_second.items():
         if name in index_of_first:
             pairs[j] = index_of_first[name]
-    unpaired = [i for i in range(len(first.axes)) if i not in pairs.values()]
+    unpaired = sorted(set(range(len(first.axes))) - set(pairs.values()))
     if not pairs or not unpaired:
         return None
     for j, axis in enumerate(second.axes):
         if j in pairs:
             continue
         ends = {links.get(axis.parent), links.get(axis.child)}
-        candidates = [i for i in unpaired if _ends(first, i) == ends]
+        candidates = []
+        for i in unpaired:
+            if _ends(first, i) == ends:
+                candidates.append(i)
         if len(candidates) != 1:
             return None
         i = candidates[0]
@@ -133,7 +137,7 @@ def _links_by_bodies(first: RobotSide, second: RobotSide) -> dict[int, int]:
 
 def _unique(names: Sequence[str]) -> dict[str, int]:
     """Return {plain name: its index} of the names that occur once."""
-    count = Counter(plain(name) for name in names)
+    count = Counter(map(plain, names))
     indices = {}
     for i, name in enumerate(names):
         if count[plain(name)] == 1:
@@ -212,7 +216,9 @@ def _by_structure(first: RobotSide, second: RobotSide) -> list[int]:
 
 def _other_type(first: RobotSide, second: RobotSide) -> str | None:
     """Return the text of the error for joints with the same names and other types; None if there are none."""
-    axis_of_name = {plain(axis.name): axis for axis in first.axes}
+    axis_of_name: dict[str, Axis] = {}
+    for axis in first.axes:
+        axis_of_name[plain(axis.name)] = axis
     parts = []
     for axis in second.axes:
         partner = axis_of_name.get(plain(axis.name))
@@ -230,9 +236,9 @@ def _structure(side: RobotSide) -> list[tuple[str, int, int]]:
     return [(axis.kind, axis.parent, axis.child) for axis in side.axes]
 
 
-def _shared_names(side: RobotSide, other: RobotSide) -> tuple[list[str], list[str]]:
+def _shared_names(side: RobotSide, other_side: RobotSide) -> tuple[list[str], list[str]]:
     """Return (names of the joints of a side that the other side also has, names that it does not have)."""
-    names_of_other = set(map(plain, other.joint_names))
+    names_of_other = set(map(plain, other_side.joint_names))
     shared = []
     alone = []
     for name in side.joint_names:
@@ -246,8 +252,8 @@ def _shared_names(side: RobotSide, other: RobotSide) -> tuple[list[str], list[st
 def _mismatch(first: RobotSide, second: RobotSide) -> str:
     """Return the text of the error for sides whose joints do not match."""
     parts = []
-    for side, other in ((first, second), (second, first)):
-        _, alone = _shared_names(side, other)
+    for side, other_side in ((first, second), (second, first)):
+        _, alone = _shared_names(side, other_side)
         listed = ", ".join(alone) or "none"
         parts.append(f"{side.label} has {len(side.axes)} moving joints, without a joint of the same name: {listed}")
     common, _ = _shared_names(first, second)

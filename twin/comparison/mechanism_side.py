@@ -107,7 +107,10 @@ def _moving(mechanism: Mechanism, only: Collection[str], label: str) -> set[str]
         return names
     chosen = set()
     for name in only:
-        alike = [name_of_joint for name_of_joint in names if plain(name_of_joint) == plain(name)]
+        alike = []
+        for name_of_joint in names:
+            if plain(name_of_joint) == plain(name):
+                alike.append(name_of_joint)
         if name in names:
             alike = [name]
         if len(alike) != 1:
@@ -158,7 +161,7 @@ def _groups(mechanism: Mechanism, moving: Collection[str]) -> dict[str, int]:
                 group_of[body] = kept_group
     # without the numbers of the welded groups
     kept_groups = sorted(set(group_of.values()))
-    number = {group: k for k, group in enumerate(kept_groups)}
+    number = dict(zip(kept_groups, range(len(kept_groups)), strict=True))
     return {body: number[group] for body, group in group_of.items()}
 
 

@@ -90,8 +90,8 @@ class MimicError:
 
     def is_within(self, distance: float, angle: float) -> bool:
         """Return whether no hinge or link is further away than a distance in m, or turned more than an angle in rad."""
-        for _, apart in self.moved_hinges:
-            if apart > distance:
+        for _, offset in self.moved_hinges:
+            if offset > distance:
                 return False
         return all(link.is_within(distance, angle) for link in self.links)
 
@@ -149,12 +149,16 @@ def mimic_error(linkage: RobotSide, coupled: RobotSide) -> MimicError | None:
     leaders = _leaders(coupled)
     if not linkage.looped or coupled.looped or not coupled.couplings or len(leaders) != 1:
         return None
-    if any(axis.kind != "revolute" for axis in (*linkage.tree, *coupled.tree)):
+    if {axis.kind for axis in (*linkage.tree, *coupled.tree)} != {"revolute"}:
         return None
-    closing = [axis for axis in linkage.axes if axis.closing]
-    if any(axis.kind not in ("revolute", "spherical") for axis in closing):
-        return None  # a loop is closed by a point that both links share: a slide or a cylinder shares none
-    pins = [axis for axis in closing if axis.kind == "revolute"]
+    pins: list[Axis] = []
+    for axis in linkage.axes:
+        if not axis.closing:
+            continue
+        if axis.kind not in ("revolute", "spherical"):
+            return None  # a loop is closed by a point that both links share: a slide or a cylinder shares none
+        if axis.kind == "revolute":
+            pins.append(axis)
     if not _are_parallel([*linkage.tree, *pins]) or not _are_parallel(coupled.axes):
         return None
     pair = _matched(linkage, coupled, leaders[0])
@@ -165,14 +169,15 @@ def mimic_error(linkage: RobotSide, coupled: RobotSide) -> MimicError | None:
 
 def _are_parallel(axes: Sequence[Axis]) -> bool:
     """Return whether all hinges are parallel; which way along their lines is positive does not matter."""
-    sines = [np.linalg.norm(np.cross(axis.direction, axes[0].direction)) for axis in axes]
-    return float(max(sines)) <= PARALLEL
+    directions = np.array([axis.direction for axis in axes])
+    sines = np.linalg.norm(np.cross(directions, directions[0]), axis=1)
+    return float(sines.max()) <= PARALLEL
 
 
 def _leaders(side: RobotSide) -> list[int]:
     """Return the joints that follow no other."""
     followers = followed_of(side)
-    return [i for i in range(len(side.axes)) if i not in followers]
+    return sorted(set(range(len(side.axes))) - followers.keys())
 
 
 def _matched(linkage: RobotSide, coupled: RobotSide, leader: int) -> _MatchedSides | None:
@@ -263,8 +268,13 @@ class _MatchedSides:
         displacements = self.motion.along(sign * stroke, self.x_zero)
         if displacements is None:
             return None
-        names = linkage.joint_names
-        found_hinges = {*self.partners.values(), *self.motion.held}
+        held: list[str] = []
+        missing: list[str] = []
+        for i, name in enumerate(linkage.joint_names):
+            if i in self.motion.held:
+                held.append(name)
+            elif i not in self.partners.values():
+                missing.append(name)
         return MimicError(
             linkage=linkage.label,
             coupled=self.coupled.label,
@@ -272,8 +282,8 @@ class _MatchedSides:
             stroke=(float(low), float(high)),
             links=self._link_errors(displacements, stroke),
             moved_hinges=self._moved_hinges(),
-            held=tuple(names[i] for i in sorted(self.motion.held)),
-            missing=tuple(name for i, name in enumerate(names) if i not in found_hinges),
+            held=tuple(held),
+            missing=tuple(missing),
             base=self._base(),
             tool=self._tool(),
             limits=(driver_limits, leader.limits),
@@ -312,7 +322,10 @@ class _MatchedSides:
     def _points_on(self, group: int) -> list[Array]:
         """Return the points (3,) of a link of the coupled side: of its hinges, its frames and its centre of mass."""
         side = self.coupled
-        points = [axis.point for axis in side.axes if group in (axis.parent, axis.child)]
+        points = []
+        for axis in side.axes:
+            if group in (axis.parent, axis.child):
+                points.append(axis.point)
         for group_of_frame, T in side.frames.values():
             if group_of_frame == group:
                 points.append(T[:3, 3])
@@ -378,4 +391,6 @@ def _stroke(first: tuple[float, float] | None, second: tuple[float, float] | Non
             highs.append(limits[1])
     low = max(lows, default=-np.pi)
     high = min(highs, default=np.pi)
-    return (float(low), float(high)) if low < high else None
+    if low >= high:
+        return None
+    return float(low), float(high)

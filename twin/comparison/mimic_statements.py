@@ -14,6 +14,7 @@ from twin.core.quantity import moved
 from twin.core.spatial import Array
 
 _Limits = tuple[float, float] | None
+"""Range of a joint in m or rad; None if a side states nothing, as in `side.Axis`."""
 
 
 def mimic_conventions(mimic: MimicError, tolerance: float) -> tuple[ComparedItem, ...]:
@@ -49,6 +50,7 @@ def mimic_properties(mimic: MimicError, linkage_first: bool) -> Properties:
 
 
 def _interval(limits: _Limits) -> str:
+    """Return the range of a hinge as text."""
     if limits is None:
         return "-"
     if not np.isfinite(limits).any():
@@ -57,9 +59,11 @@ def _interval(limits: _Limits) -> str:
 
 
 def _motion(T: Array) -> str:
+    """Return a motion (4, 4) as text."""
     return placed(T[:3, 3], spatial.log_so3(T[:3, :3]))
 
 
 def _item(kind: str, text: str, T: Array) -> ComparedItem:
+    """Return the convention of a frame that is moved by T (4, 4)."""
     shift = float(np.linalg.norm(T[:3, 3]))
     return ComparedItem(kind, "", text, shift=shift, turn=float(spatial.rotation_angle(T[:3, :3])))

@@ -20,12 +20,12 @@ _TURN_Z = 5
 
 def opened(joint: Joint, poses: Mapping[str, Array]) -> tuple[float, float]:
     """Return by how much the two frames of a joint are apart in what it does not let move, in m and rad."""
-    shift, M = _opening(joint, poses)
+    shift, T_gap = _opening(joint, poses)
     angle = 0.0
     if _TURN_X not in joint.free_axes:
-        angle = float(np.arctan2(np.linalg.norm(M[:2, 2]), M[2, 2]))  # of the two axes z
+        angle = float(np.arctan2(np.linalg.norm(T_gap[:2, 2]), T_gap[2, 2]))  # of the two axes z
         if _TURN_Z not in joint.free_axes:
-            angle = float(spatial.rotation_angle(M[:3, :3]))
+            angle = float(spatial.rotation_angle(T_gap[:3, :3]))
     return float(np.linalg.norm(shift)), angle
 
 
@@ -36,12 +36,12 @@ def openings(mechanism: Mechanism, poses: Mapping[str, Array]) -> Array:
     """
     rows = [np.zeros(0)]
     for joint in mechanism.loops:
-        shift, M = _opening(joint, poses)
+        shift, T_gap = _opening(joint, poses)
         tilt = np.zeros(3)
         if _TURN_X not in joint.free_axes:
-            tilt = M[:3, 2] - np.array([0.0, 0.0, 1.0])
+            tilt = T_gap[:3, 2] - np.array([0.0, 0.0, 1.0])
             if _TURN_Z not in joint.free_axes:
-                tilt = spatial.log_so3(M[:3, :3])
+                tilt = spatial.log_so3(T_gap[:3, :3])
         rows += [shift, tilt]
     return np.concatenate(rows)
 
@@ -62,10 +62,10 @@ def with_welds(
         poses: {body: T_base_body (4, 4)} at the drawn state.
     """
     axes = list(axes)
-    own_axis = {axis.name for axis in axes}
+    moving_joints = {axis.name for axis in axes}
     for weld in mechanism.loops:
         # where the base of a floating robot is says nothing about its kinematics
-        if weld.name in own_axis or weld.type == "free":
+        if weld.name in moving_joints or weld.type == "free":
             continue
         distance, angle = opened(weld, poses)
         closed_by = _axis_closed_by(weld, mechanism, axes, group_of)
@@ -85,7 +85,8 @@ def _axis_closed_by(weld: Joint, mechanism: Mechanism, axes: Sequence[Axis], gro
     This is a joint that carries one of the bodies of the weld, if possible one that counts as closing; a weld between
     two bodies that no joint carries is told at the first joint on their group.
     """
-    index_of = {axis.name: i for i, axis in enumerate(axes)}
+    names = [axis.name for axis in axes]
+    index_of = dict(zip(names, range(len(names)), strict=True))
     carried_by: dict[str, int | None] = {mechanism.base: None}
     for joint in mechanism.tree:
         carried_by[joint.child] = index_of.get(joint.name, carried_by[joint.parent])
@@ -111,9 +112,9 @@ def _opening(joint: Joint, poses: Mapping[str, Array]) -> tuple[Array, Array]:
     The shift is that in the directions in which the joint does not let move.
     """
     T_base_joint = poses[joint.parent] @ joint.T_parent_joint
-    M = spatial.inverse(T_base_joint) @ poses[joint.child] @ joint.T_child_joint
-    shift = M[:3, 3].copy()
+    T_gap = spatial.inverse(T_base_joint) @ poses[joint.child] @ joint.T_child_joint
+    shift = T_gap[:3, 3].copy()
     for k in joint.free_axes:
         if k < _TURN_X:
             shift[k] = 0.0
-    return shift, M
+    return shift, T_gap

@@ -12,10 +12,10 @@ import numpy as np
 
 from twin.comparison.fit import ANGLE_PER_LENGTH
 from twin.comparison.items import ComparedItem, placed
+from twin.comparison.largest_difference import ToolDifference
 from twin.comparison.line_pair import compare_lines
 from twin.comparison.loop_gaps import open_loops
 from twin.comparison.poses import PoseFit, compare_rows
-from twin.comparison.range import Worst
 from twin.comparison.side import RobotSide
 from twin.comparison.side_pair import Kinematics, SidePair
 from twin.comparison.tool_path import joints_beside_tool
@@ -30,10 +30,16 @@ def side_of_poses(first: RobotSide, second: RobotSide) -> RobotSide | None:
     A table has only rows. Equations also have joint lines if they are those of a chain, but a robot with loops, or with
     further joints, has others.
     """
-    sampled = [side for side in (first, second) if side.sampled is not None]
+    sampled: list[RobotSide] = []
+    tables: list[RobotSide] = []
+    for side in (first, second):
+        if side.sampled is None:
+            continue
+        sampled.append(side)
+        if not side.axes:
+            tables.append(side)
     if not sampled:
         return None
-    tables = [side for side in sampled if not side.axes]
     if len(tables) == 2:
         way_out = "compare each with a description: a file, or the CAD of a robot"
         raise TwinError(f"{first.label} and {second.label} both have only poses, at their own joint values: {way_out}")
@@ -57,7 +63,7 @@ def compare_poses(first: RobotSide, second: RobotSide, table: RobotSide, toleran
     rows = table.sampled()
     compared = compare_rows(rows, table.label, robot, tolerance)
     fit = compared.fit
-    largest = Worst(robot.tool, fit.distance, fit.angle, compared.q, compared.q, fit.rows)
+    largest = ToolDifference(robot.tool, fit.distance, fit.angle, compared.q, compared.q, fit.rows)
     beside_tool = tuple(axis.name for axis in joints_beside_tool(robot))
     if compared.identified is None:
         conventions: tuple[ComparedItem, ...] = ()
@@ -122,9 +128,11 @@ def _is_moved(T: Array, tolerance: float) -> bool:
 
 
 def _placed(T: Array) -> str:
+    """Return a motion (4, 4) as text."""
     return placed(T[:3, 3], spatial.log_so3(T[:3, :3]))
 
 
 def _frame_item(kind: str, text: str, T: Array) -> ComparedItem:
+    """Return the convention of a frame that is moved by T (4, 4)."""
     shift = float(np.linalg.norm(T[:3, 3]))
     return ComparedItem(kind, "", text, shift=shift, turn=float(spatial.rotation_angle(T[:3, :3])))

@@ -159,7 +159,7 @@ def _compared(
         line=rows.lines[worst] if rows.lines else 0,
         agrees=agrees,
     )
-    q_worst = {name: float(q[worst, i]) for i, name in enumerate(side.order)}
+    q_worst = dict(zip(side.order, q[worst].tolist(), strict=True))
     if explained is None or saturated is None or not isinstance(motion, ChainMotion):
         return PoseComparison(pose_fit, q_worst, None, tolerance)
     uncertainty = _uncertainty(motion, explained, noise.uncertainties(explained, saturated))
@@ -175,7 +175,8 @@ def _uncertainty(motion: ChainMotion, state: RowState, uncertainties: Array) -> 
         values = uncertainties[columns]
         if change.kind == "zero":
             is_angle = motion.path[change.joint].is_angle
-            largest = max(largest, float(values[0]) * (LEVER if is_angle else 1.0))
+            unit = LEVER if is_angle else 1.0
+            largest = max(largest, float(values[0]) * unit)
             continue
         largest = max(largest, LEVER * float(values[:3].max()), float(values[3:].max()))
     return largest
@@ -192,28 +193,30 @@ def _identified(motion: ChainMotion, state: RowState, label: str) -> RobotSide:
             zeros[name] = float(state.x[columns.start])
         else:
             places[name] = motion.place(change.joint, state.x[columns])
-    signs = {axis.name: float(sign) for axis, sign in zip(motion.path, state.signs, strict=True)}
+    names_on_path = [axis.name for axis in motion.path]
+    signs = dict(zip(names_on_path, state.signs.tolist(), strict=True))
     moves: dict[int, Array] = {0: np.eye(4)}  # {group: its motion by the changes of all joints before it}
     axes = []
     for axis in side.tree:
-        W = moves[axis.parent]
+        W_joint = moves[axis.parent]
         if axis.name in places:
-            W = W @ places[axis.name]
+            W_joint = W_joint @ places[axis.name]
         sign = signs.get(axis.name, 1.0)
         zero = zeros.get(axis.name, 0.0)
-        point = W[:3, :3] @ axis.point + W[:3, 3]
-        direction = sign * (W[:3, :3] @ axis.direction)
+        point = W_joint[:3, :3] @ axis.point + W_joint[:3, 3]
+        direction = sign * (W_joint[:3, :3] @ axis.direction)
         axes.append(replace(axis, point=point, direction=direction, limits=None, max_speed=None))
-        moves[axis.child] = W @ joint_motion(axis, np.array([zero]))[0]
+        moves[axis.child] = W_joint @ joint_motion(axis, np.array([zero]))[0]
     frames = {}
     for name, (group, T) in side.frames.items():
         frames[name] = (group, moves[group] @ T)
-    groups = tuple(JointGroup(group.bodies) for group in side.groups)
+    # rows of poses say nothing about masses
+    groups = [JointGroup(group.bodies) for group in side.groups]
     return replace(
         side,
         label=label,
         axes=tuple(axes),
-        groups=groups,
+        groups=tuple(groups),
         frames=frames,
         path=None,
         text=None,

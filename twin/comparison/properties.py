@@ -21,6 +21,7 @@ from twin.core.spatial import Array
 from twin.model.inertia import Inertia
 
 KINDS: tuple[str, ...] = ("limits", "speeds", "efforts", "masses", "centres of mass", "inertias", "couplings")
+"""Kinds of properties in the order of reports."""
 
 OF_BODIES = ("masses", "centres of mass", "inertias")
 """Kinds of properties of the bodies on a joint; the others are of the joint."""
@@ -175,7 +176,7 @@ class _PropertyComparison:
         second: float | None,
         text_of: Callable[[float], str],
     ) -> None:
-        """Compare a value of both sides, None where a side does not state it; `shown` returns a value as text."""
+        """Compare a value of both sides, None where a side does not state it; `text_of` returns a value as text."""
         if first is None and second is None:
             return
         text_of_first = "-" if first is None else text_of(first)
@@ -238,7 +239,7 @@ class _PropertyComparison:
 
 
 def difference(problem: Problem, solution: FitSolution, kind: str, index: int) -> Array:
-    """Return what differs in a row of some kind, as numbers in SI units; `i` as `PropertyRow.index`.
+    """Return what differs in a row of some kind, as numbers in SI units; `index` as in `PropertyRow`.
 
     (0,) if a side does not state the value.
     """
@@ -256,6 +257,7 @@ def difference(problem: Problem, solution: FitSolution, kind: str, index: int) -
 
 
 def _difference_of_numbers(first: float | None, second: float | None) -> Array:
+    """Return the difference (1,) of two values; (0,) if a side does not state it."""
     if first is None or second is None:
         return np.zeros(0)
     return np.array([first - second])
@@ -291,7 +293,7 @@ def _difference_of_bodies(problem: Problem, solution: FitSolution, kind: str, gr
 
 
 def _difference_of_couplings(problem: Problem, solution: FitSolution, joint: int) -> Array:
-    """Return the differences (joints + 1,) of the ratios with which joint i follows, then of its offset."""
+    """Return the differences (joints + 1,) of the ratios with which a joint follows, then of its offset."""
     coupled = _coupled(problem, solution)
     first = coupled.first.get(joint)
     second = coupled.second.get(joint)
@@ -310,7 +312,7 @@ def mapped_limits(problem: Problem, solution: FitSolution, joint: int) -> tuple[
         return None
     sign = solution.unknowns.signs[joint]
     zero = zero_of(problem, solution.unknowns, joint)
-    low, high = sorted(float(sign * (value - zero)) for value in limits)
+    low, high = np.sort(sign * (np.array(limits) - zero)).tolist()
     return low, high
 
 
@@ -325,8 +327,8 @@ def _partners(problem: Problem) -> dict[int, int]:
 
 def _body_motions(problem: Problem, solution: FitSolution) -> Array:
     """Return the motions (groups, 4, 4) of the bodies of the first side onto those of the second."""
-    u = solution.unknowns
-    _, _, motions = problem.motions(u.signs, values_of(u)[None], u.deviating)
+    unknowns = solution.unknowns
+    _, _, motions = problem.motions(unknowns.signs, values_of(unknowns)[None], unknowns.deviating)
     return motions[0]
 
 
@@ -340,11 +342,13 @@ class _CoupledSides(NamedTuple):
 
 def _coupled(problem: Problem, solution: FitSolution) -> _CoupledSides:
     """Return the followers of both sides, so that the same joints follow in both where the couplings allow it."""
-    u = solution.unknowns
-    zeros = np.array([zero_of(problem, u, i) for i in range(problem.count)])
+    unknowns = solution.unknowns
+    zeros = np.zeros(problem.count)
+    for joint in range(problem.count):
+        zeros[joint] = zero_of(problem, unknowns, joint)
     ratios, totals = constraints(problem.first, problem.axes)
     # q_first = sign * q_second + zero
-    ratios_of_first = ratios * u.signs
+    ratios_of_first = ratios * unknowns.signs
     totals_of_first = totals - ratios @ zeros
     ratios_of_second, totals_of_second = constraints(problem.second, problem.second.axes)
     order = _follower_order(problem)
@@ -357,7 +361,10 @@ def _follower_order(problem: Problem) -> list[int]:
     """Return the joints: those that follow in the second side, then those that follow in the first, then all others."""
     first_followers = {coupling.follower for coupling in problem.first.couplings}
     second_followers = {coupling.follower for coupling in problem.second.couplings}
-    order = [i for i, axis in enumerate(problem.second.axes) if axis.name in second_followers]
+    order = []
+    for i, axis in enumerate(problem.second.axes):
+        if axis.name in second_followers:
+            order.append(i)
     for i, axis in enumerate(problem.axes):
         if axis.name in first_followers and i not in order:
             order.append(i)
@@ -400,7 +407,8 @@ def _position(value: float, is_angle: bool, digits: int) -> str:
     return format.shown(size.value, size.unit, digits)
 
 
-def _interval(limits: tuple[float, float] | None, is_angle: bool, digits: int = 4) -> str:
+def _interval(limits: tuple[float, float] | None, is_angle: bool, digits: int = _DIGITS[0]) -> str:
+    """Return a range in m or rad as text in mm or degrees; "-" if a side states none."""
     if limits is None:
         return "-"
     if limits == UNLIMITED:
@@ -426,6 +434,7 @@ def _speed(value: float, axis: Axis) -> str:
 
 
 def _effort(value: float, axis: Axis) -> str:
+    """Return a torque in N m, or a force in N, as text."""
     unit = "N m" if axis.is_angle else "N"
     return f"{value:g} {unit}"
 
@@ -435,11 +444,13 @@ def _mass(value: float) -> str:
 
 
 def _point(p: Array) -> str:
+    """Return a point (3,) in m as text in mm."""
     x, y, z = np.round(1e3 * p, 3) + 0.0
     return f"({x:g}, {y:g}, {z:g}) mm"
 
 
 def _moments(tensor: Array) -> str:
+    """Return the principal moments of an inertia tensor (3, 3) in kg m2 as text, smallest first."""
     values = [f"{value:.4g}" for value in np.linalg.eigvalsh(tensor)]
     return f"moments {', '.join(values)} kg m2"
 

@@ -52,7 +52,11 @@ _RowKey = tuple[str, int]
 
 def _disagreeing(properties: Properties) -> set[_RowKey]:
     """Return the rows in which the sides disagree."""
-    return {(row.kind, row.index) for row in properties.rows if row.stated}
+    keys = set()
+    for row in properties.rows:
+        if row.stated:
+            keys.add((row.kind, row.index))
+    return keys
 
 
 class _PropertyEdits:
@@ -72,9 +76,9 @@ class _PropertyEdits:
         for edited in (0, 1):
             side = (self._problem.first, self._problem.second)[edited]
             earlier_edits = self._removed_by.get((row.kind, row.index), ())
-            own_edits = [edit for edit in earlier_edits if edit.side == side.label]
-            if own_edits:
-                edits += own_edits
+            edits_of_side = [edit for edit in earlier_edits if edit.side == side.label]
+            if edits_of_side:
+                edits += edits_of_side
                 continue
             goal = self._goal(row, edited)
             names = _names(self._problem, row, edited)

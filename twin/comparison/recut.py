@@ -13,30 +13,31 @@ from twin.comparison.matching import pairs_by_links, pairs_by_name
 from twin.comparison.side import Axis, RobotSide
 
 
-def recut(side: RobotSide, other: RobotSide) -> RobotSide:
+def recut(side: RobotSide, other_side: RobotSide) -> RobotSide:
     """Return the side with the tree of the other side, if both have loops and the same joints between the same links.
 
     The joints are matched by their names, see `matching.pairs_by_name`, or by their links, see
     `matching.pairs_by_links`. Without such a match the side is returned as it is.
     """
-    if not (side.looped and other.looped) or len(side.axes) != len(other.axes):
+    if not (side.looped and other_side.looped) or len(side.axes) != len(other_side.axes):
         return side
-    possible_pairs = list(pairs_by_name(side, other))
-    by_links = pairs_by_links(side, other)
+    possible_pairs = list(pairs_by_name(side, other_side))
+    by_links = pairs_by_links(side, other_side)
     if by_links is not None:
         possible_pairs.append(by_links)
     for pairs in possible_pairs:
-        axes = _with_tree([side.axes[i] for i in pairs], other)
+        partners = [side.axes[i] for i in pairs]
+        axes = _with_tree(partners, other_side)
         if axes is not None:
             return replace(side, axes=tuple(axes))
     return side
 
 
-def _with_tree(partners: Sequence[Axis], other: RobotSide) -> list[Axis] | None:
+def _with_tree(partners: Sequence[Axis], other_side: RobotSide) -> list[Axis] | None:
     """Return the joints of one side with the ends and cuts of the other; None if they connect other links."""
     partner_of = {0: 0}  # group of the other side: group of this side
     axes = []
-    for axis, model in zip(partners, other.axes, strict=True):
+    for axis, model in zip(partners, other_side.axes, strict=True):
         if model.parent not in partner_of:
             return None
         start = partner_of[model.parent]

@@ -62,6 +62,9 @@ _MOST_DIGITS = 13
 _SAME_VALUE = 1e-12
 """Difference of two values of a number that are the same."""
 
+_USUAL_ROUNDING = 1e-6
+"""Inaccuracy of a quarter turn in rad or degrees that is written with few digits."""
+
 _MULTIPLE = 1e-4
 """Part of a quarter turn up to which an angle is a multiple of it."""
 
@@ -112,6 +115,7 @@ def remembering(side: RobotSide) -> RobotSide:
 
 
 def _never(_number: FileNumber, _value: float) -> bool:
+    """Return that no number was tried before."""
     return False
 
 
@@ -204,19 +208,22 @@ def edits_together(
     changes = -np.linalg.pinv(J, rcond=1e-9) @ r
     steepest = np.abs(J).max(axis=0)
     allowed = _ROUNDING * goal.inaccuracy
-    chosen: list[tuple[FileNumber, float]] = []
+    changes_of_numbers: list[tuple[FileNumber, float]] = []
     for k in np.flatnonzero(np.abs(changes) * steepest > allowed):
         value = _value(data, effective_numbers[k]) + float(changes[k])
-        chosen.append((effective_numbers[k], _fewest_digits(value, allowed / float(steepest[k]))))
-    edited = _reread(side, data, chosen)
+        changes_of_numbers.append((effective_numbers[k], _fewest_digits(value, allowed / float(steepest[k]))))
+    edited = _reread(side, data, changes_of_numbers)
     if edited is None or not goal.agrees(edited):
         return []
-    return [_number_edit(side, data, number, _text(value), file) for number, value in chosen]
+    edits_of_numbers = []
+    for number, value in changes_of_numbers:
+        edits_of_numbers.append(_number_edit(side, data, number, _text(value), file))
+    return edits_of_numbers
 
 
 def _number_edit(side: RobotSide, data: bytes, number: FileNumber, new: str, file: Callable[[str], str]) -> NumberEdit:
     """Return the edit of one number of a text, which was read and compared again with the new one."""
-    old = data[number.start : number.end].decode()
+    old = _written(data, number)
     place = file(number.file or str(side.path))
     edit = NumberEdit(side.label, place, number.line, number.what, old, new, confirmed=True)
     return hindered(side, edit, number.file)
@@ -242,8 +249,8 @@ def attribute_edits(
         values = _attribute_values(side, data, own_numbers, goal, before)
         if values is None:
             continue
-        old = " ".join(data[number.start : number.end].decode() for number in own_numbers)
-        new = " ".join(_text(value) for value in values)
+        old = " ".join([_written(data, number) for number in own_numbers])
+        new = " ".join(map(_text, values))
         source = own_numbers[0].file
         edit = NumberEdit(side.label, file(source or str(side.path)), line, what, old, new, confirmed=True)
         edits_of_side.append(hindered(side, edit, source))
@@ -299,7 +306,9 @@ def _fewest_decimals(
     side: RobotSide, data: bytes, attribute_numbers: Sequence[FileNumber], goal: EditGoal, values: Array
 ) -> list[float]:
     """Return the values with as few decimals as are needed, within a twentieth of the inaccuracy."""
-    rounded = [_fewest_digits(float(value), _ROUNDING * goal.inaccuracy) for value in values]
+    rounded = []
+    for value in values.tolist():
+        rounded.append(_fewest_digits(value, _ROUNDING * goal.inaccuracy))
     edited = _reread_with(side, data, attribute_numbers, np.array(rounded))
     if edited is not None and goal.agrees(edited):
         return rounded
@@ -346,12 +355,18 @@ def _fewest_digits(value: float, inaccuracy: float) -> float:
 
 
 def _text(value: float) -> str:
+    """Return a value with the twelve digits that an edit states."""
     return f"{value:.12g}"
+
+
+def _written(data: bytes, number: FileNumber) -> str:
+    """Return a number as the text states it."""
+    return data[number.start : number.end].decode()
 
 
 def _value(data: bytes, number: FileNumber) -> float:
     """Return the value of a number in a text."""
-    return float(data[number.start : number.end])
+    return float(_written(data, number))
 
 
 @dataclass(frozen=True)
@@ -410,7 +425,7 @@ def _elsewhere(side: RobotSide, data: bytes, number: FileNumber, goal: EditGoal)
             continue
         edited = _reread(side, data, [(number, candidate)])
         if edited is not None and goal.agrees(edited):
-            return _SolvedNumber(_fewest_digits(candidate, 1e-6), edited)
+            return _SolvedNumber(_fewest_digits(candidate, _USUAL_ROUNDING), edited)
     return None
 
 

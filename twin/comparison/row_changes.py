@@ -62,8 +62,8 @@ class RowChanges:
         if not self._noise.accepts(saturated, saturated):
             return None, saturated  # what remains with every joint free is no noise: fewer changes leave more
         # the estimate of the noise may have changed the unit of angles
-        starts = [self._fit.solved(state.signs, (), state.x) for state in starts]
-        return self._explained(starts, saturated), saturated
+        refitted = [self._fit.solved(state.signs, (), state.x) for state in starts]
+        return self._explained(refitted, saturated), saturated
 
     def _explained(self, starts: Sequence[RowState], saturated: RowState) -> RowState | None:
         """Return the fit with the fewest changes that leaves only noise; None if there is none."""
@@ -81,7 +81,9 @@ class RowChanges:
 
     def _possible_changes(self) -> list[JointChange]:
         """Return the zeros of the joints of which the rows have values, then the places of all joints."""
-        changes = [JointChange("zero", int(joint)) for joint in np.flatnonzero(self._motion.has_values)]
+        changes = []
+        for joint in np.flatnonzero(self._motion.has_values).tolist():
+            changes.append(JointChange("zero", joint))
         for joint in range(self._motion.count):
             changes.append(JointChange("place", joint))
         return changes
@@ -116,8 +118,12 @@ class RowChanges:
             joints = {change.joint for change in chosen}
             if len(joints) < size:
                 continue
-            remainder = _linear_remainder(state, [derivatives[change] for change in chosen])
-            values = sum(change.size for change in chosen)
+            derivatives_of_set = []
+            values = 0
+            for change in chosen:
+                derivatives_of_set.append(derivatives[change])
+                values += change.size
+            remainder = _linear_remainder(state, derivatives_of_set)
             estimates.append((remainder, values, chosen))
         estimates.sort(key=lambda entry: entry[0])
         most = _TRIED if size == 1 else _TRIED // 2
@@ -143,6 +149,7 @@ class RowChanges:
     def _with_one_held(self, state: RowState, saturated: RowState) -> RowState | None:
         """Return the fit with one more value of the changes held at zero; None if the noise allows none."""
         uncertainties = self._noise.uncertainties(state, saturated)
+        # the unknowns of base and tool frame are always fitted
         values = [k for k in np.flatnonzero(state.free) if k >= FRAME_UNKNOWNS]
         # first those that are smallest for what the rows say about them
         values.sort(key=lambda k: abs(state.x[k]) / max(uncertainties[k], _NO_DEVIATION))

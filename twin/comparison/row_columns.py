@@ -43,7 +43,7 @@ def without_followers(rows: PoseRows, label: str, side: RobotSide) -> PoseRows:
     """
     if side.looped:
         return rows
-    column = {plain(name): k for k, name in enumerate(rows.joints)}
+    column = _column_of_name(rows)
     values = np.full((len(rows.q), len(side.axes)), np.nan)
     for i, axis in enumerate(side.axes):
         if plain(axis.name) in column:
@@ -63,9 +63,15 @@ def without_followers(rows: PoseRows, label: str, side: RobotSide) -> PoseRows:
             way_out = "Correct the value or the coupling, or remove the column"
             raise TwinError(f"{label}{line}: {stated} in rad or m (up to {_FOLLOWS:g} apart is allowed). {way_out}")
         kept_columns.remove(column[plain(name)])
-    joints = tuple(rows.joints[k] for k in kept_columns)
-    angles = tuple(rows.angles[k] for k in kept_columns)
-    return replace(rows, joints=joints, angles=angles, q=rows.q[:, kept_columns])
+    joints = [rows.joints[k] for k in kept_columns]
+    angles = [rows.angles[k] for k in kept_columns]
+    return replace(rows, joints=tuple(joints), angles=tuple(angles), q=rows.q[:, kept_columns])
+
+
+def _column_of_name(rows: PoseRows) -> dict[str, int]:
+    """Return {plain name of a joint of the rows: its column}."""
+    names = list(map(plain, rows.joints))
+    return dict(zip(names, range(len(names)), strict=True))
 
 
 def joint_values(rows: PoseRows, label: str, side: RobotSide) -> Array:
@@ -95,19 +101,26 @@ def _columns(rows: PoseRows, label: str, side: RobotSide) -> dict[str, int]:
     Raises:
         TwinError: it names the joints of both, and the way out.
     """
-    column_of_name = {plain(name): column for column, name in enumerate(rows.joints)}
+    column_of_name = _column_of_name(rows)
     driving = _driving(side)
     driving_joints = [name for name in side.order if name in driving]
-    missing = [name for name in driving_joints if plain(name) not in column_of_name]
-    if side.tool_poses is not None:
+    missing = []
+    for name in driving_joints:
+        if plain(name) in column_of_name:
+            continue
         # which joints of loops move the tool is not read from the lines: the missing ones are tried
-        missing = [name for name in missing if _moves_tool(side, name)]
-    driven_names = {plain(joint) for joint in side.order}
+        if side.tool_poses is None or _moves_tool(side, name):
+            missing.append(name)
+    driven_names = set(map(plain, side.order))
     extra = [name for name in rows.joints if plain(name) not in driven_names]
     if not missing and not extra:
-        return {name: column_of_name[plain(name)] for name in side.order if plain(name) in column_of_name}
+        columns = {}
+        for name in side.order:
+            if plain(name) in column_of_name:
+                columns[name] = column_of_name[plain(name)]
+        return columns
     if len(rows.joints) == len(driving_joints) == len(missing):
-        return {name: column for column, name in enumerate(driving_joints)}
+        return dict(zip(driving_joints, range(len(driving_joints)), strict=True))
     stated = f"{label} has values of {len(rows.joints)} joints ({', '.join(rows.joints)})"
     needed = f"the tool of {side.label} is moved by {len(driving_joints)} ({', '.join(driving_joints)})"
     way_out = "Name the joints alike, or compare fewer with --only"
@@ -129,7 +142,7 @@ def _require_unit(rows: PoseRows, column: int, label: str, axis: Axis, side: Rob
 
 def _passive(names: Sequence[str], side: RobotSide) -> list[str]:
     """Return which of the names are joints of the side without a motor."""
-    undriven = {plain(axis.name) for axis in side.axes} - {plain(name) for name in side.order}
+    undriven = set(map(plain, side.joint_names)) - set(map(plain, side.order))
     return [name for name in names if plain(name) in undriven]
 
 

@@ -32,6 +32,9 @@ _SMALLEST_DAMPING = 1e-12
 _LARGEST_DAMPING = 10.0
 """Damping above which steps no longer lead anywhere."""
 
+_DAMPING_GROWTH = 30
+"""Factor of the damping after a step that did not lower the remainder."""
+
 _STALLED = 1e-7
 """Part of the sum of squares that a step must remove, or the fit has ended."""
 
@@ -146,7 +149,7 @@ class RowFit:
                 if before - after < _STALLED * before:
                     break
             else:
-                damping *= 30
+                damping *= _DAMPING_GROWTH
                 if damping > _LARGEST_DAMPING:
                     break
         return RowState(signs, changes, x, free, r, J)
@@ -213,14 +216,14 @@ def _from_relative_motions(T: Array, target: Array) -> Array:
     target_turns = spatial.log_so3(target_motions[:, :3, :3])
     turns = spatial.log_so3(motions[:, :3, :3])
     R = _nearest_rotation(target_turns.T @ turns)
-    # R_A p + p_A = R p_B + p, for the shift p of X
+    # R_target p + p_target = R p_motion + p for each pair of relative motions, with the shift p of X
     coefficients = (target_motions[:, :3, :3] - np.eye(3)).reshape(-1, 3)
     right_side = (motions[:, :3, 3] @ R.T - target_motions[:, :3, 3]).ravel()
     p = np.linalg.lstsq(coefficients, right_side, rcond=1e-9)[0]
     X = spatial.pose(R, p)
     Y = spatial.inverse(X @ T[0]) @ target[0]
     parts = [spatial.log_so3(R), p, spatial.log_so3(Y[:3, :3]), Y[:3, 3]]
-    return np.concatenate([np.asarray(part, float) for part in parts])
+    return np.concatenate(parts)
 
 
 def _nearest_motion(points: Array, targets: Array) -> tuple[Array, Array]:

@@ -28,6 +28,9 @@ _FREEDOMS = 6
 _RANK = 1e-9
 """Size of a singular value of the normal matrix, relative to its trace, below which a direction is open."""
 
+_SAME_SUM = 1e-9
+"""Relative difference of two sums of squares that is only rounding."""
+
 _MUCH_LESS = 0.5
 """Ratio of two standard deviations from which the smaller one belongs to other signs, not to chance."""
 
@@ -78,9 +81,9 @@ class RowNoise:
         motion = self.fit.motion
         if not isinstance(motion, ChainMotion):
             return None
-        changes = tuple(JointChange("place", joint) for joint in range(motion.count))
+        changes = [JointChange("place", joint) for joint in range(motion.count)]
         x = np.concatenate([state.x, np.zeros(6 * motion.count)])
-        saturated = self.fit.solved(state.signs, changes, x)
+        saturated = self.fit.solved(state.signs, tuple(changes), x)
         if self.freedoms(saturated) < _FREEDOMS:
             return None
         if self.stated or self.fit.rows.computed or not self.fit.rows.rotations:
@@ -171,7 +174,7 @@ class RowNoise:
         further_unknowns = self._rank(saturated) - self._rank(state)
         freedoms = self.freedoms(saturated)
         if further_unknowns <= 0 or saturated.sse <= 0:
-            return state.sse <= saturated.sse * (1 + 1e-9)
+            return state.sse <= saturated.sse * (1 + _SAME_SUM)
         removed = max(state.sse - saturated.sse, 0.0) / further_unknowns
         F = removed / (saturated.sse / freedoms)
         return float(fdtrc(further_unknowns, freedoms, F)) > _SIGNIFICANCE

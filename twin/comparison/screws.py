@@ -35,6 +35,7 @@ _STATES = 64
 """Number of states at which the chain is compared with the equations."""
 
 _SEED = 7
+"""Seed of these states."""
 
 
 class NotAChainError(TwinError):
@@ -62,7 +63,10 @@ def chain_of(
     Raises:
         NotAChainError: the poses of the equations are not those of a chain of hinges and slides.
     """
-    moving = [i for i, joint in enumerate(names) if not only or joint in only]
+    moving: list[int] = []
+    for i, joint in enumerate(names):
+        if not only or joint in only:
+            moving.append(i)
     drawn = np.zeros(len(names))
     T_drawn = forward(drawn[None])[0]
     if not np.isfinite(T_drawn).all():
@@ -80,7 +84,7 @@ def chain_of(
         groups=tuple(groups),
         frames={TOOL: (len(moving), T_drawn)},
         tool=TOOL,
-        order=tuple(names[i] for i in moving),
+        order=tuple([names[i] for i in moving]),
     )
     _require_same_poses(forward, side, moving, len(names))
     return side

@@ -13,7 +13,7 @@ from twin.comparison.evidence_search import NODES_WITH_MANY, SAME_COST, Evidence
 from twin.comparison.fit import FitSolution, Problem, Unknowns, values_of
 from twin.comparison.fit_starts import solve
 from twin.comparison.frames import gaps
-from twin.comparison.invariants import Contradiction, Local, local
+from twin.comparison.invariants import Contradiction, NeighbourLines, neighbour_lines
 from twin.comparison.smallest_deviations import NEAR, smallest_deviations, with_few_numbers, with_short_turns
 from twin.core.spatial import Array
 
@@ -45,8 +45,8 @@ def conventions(problem: Problem) -> list[FitSolution]:
     Conventions explain all differences where they can. Only where they leave limits or inertias different that one
     deviating joint makes equal, with far fewer changes, is this joint the explanation.
     """
-    neighbours = local(problem)
-    if any(True for _ in neighbours.contradictions()):
+    neighbours = neighbour_lines(problem)
+    if next(neighbours.contradictions(), None) is not None:
         return []
     by_conventions = _ordered(problem, EvidenceSearch(problem, neighbours, np.inf).run([()]))
     if not by_conventions:
@@ -61,9 +61,9 @@ def conventions(problem: Problem) -> list[FitSolution]:
     return _explained(problem, by_one_joint) or by_conventions
 
 
-def _contradicts(stated: StatedEvidence, u: Unknowns) -> bool:
+def _contradicts(stated: StatedEvidence, unknowns: Unknowns) -> bool:
     """Return whether limits or inertias differ that other conventions could make equal."""
-    violated = stated.violated(stated.known(u.signs), u)
+    violated = stated.violated(stated.satisfiable(unknowns.signs), unknowns)
     return any(evidence.weight > CONVENTION for evidence in violated)
 
 
@@ -81,7 +81,7 @@ def deviations(problem: Problem) -> list[FitSolution]:
 
     The result is empty if no `_DEVIATING` joints explain the difference.
     """
-    neighbours = local(problem)
+    neighbours = neighbour_lines(problem)
     contradictions = list(neighbours.contradictions())
     for size in range(1, _SETS + 1):
         # without contradictions, nothing excludes any of the many sets: each would be fitted
@@ -110,7 +110,8 @@ def _ordered(problem: Problem, solutions: Sequence[FitSolution]) -> list[FitSolu
     different: list[FitSolution] = []
     for candidate in solutions:
         solution = replace(candidate, unknowns=with_short_turns(candidate.unknowns))
-        if not any(_is_same(problem, solution.unknowns, known_solution.unknowns) for known_solution in different):
+        known = [known_solution.unknowns for known_solution in different]
+        if not _is_one_of(problem, solution.unknowns, known):
             different.append(solution)
     costs = []
     for solution in different:
@@ -126,15 +127,19 @@ def _explained(problem: Problem, solutions: Sequence[FitSolution]) -> list[FitSo
     """Return the solutions with few changed numbers; of those with the same conventions and joints, the first."""
     different: list[FitSolution] = []
     for solution in solutions:
-        if not any(
-            _is_same(problem, _undeviated(solution), _undeviated(known_solution)) for known_solution in different
-        ):
+        known = list(map(_undeviated, different))
+        if not _is_one_of(problem, _undeviated(solution), known):
             different.append(solution)
     simplified = []
     for solution in different:
         smallest = smallest_deviations(problem, solution)
         simplified.append(with_few_numbers(problem, smallest))
     return _ordered(problem, simplified)
+
+
+def _is_one_of(problem: Problem, unknowns: Unknowns, known: Sequence[Unknowns]) -> bool:
+    """Return whether a solution differs from one of some others only by inaccuracies."""
+    return any(_is_same(problem, unknowns, other_unknowns) for other_unknowns in known)
 
 
 def _undeviated(solution: FitSolution) -> Unknowns:
@@ -161,7 +166,7 @@ def _changed_numbers(solution: FitSolution) -> float:
     return float(np.count_nonzero(np.abs(deviations) > _UNCHANGED))
 
 
-def _added_one_by_one(problem: Problem, neighbours: Local) -> list[FitSolution]:
+def _added_one_by_one(problem: Problem, neighbours: NeighbourLines) -> list[FitSolution]:
     """Return solutions whose deviating joints are added one by one, each that lowers the gap most."""
     deviating = tuple(sorted(neighbours.different))
     signs = np.ones(problem.count)
@@ -191,7 +196,7 @@ def _needed(problem: Problem, signs: Array, deviating: tuple[int, ...]) -> tuple
     """Return the deviating joints without those that a later choice has made needless."""
     needed = list(deviating)
     for joint in deviating:
-        fewer = tuple(other for other in needed if other != joint)
+        fewer = tuple([kept_joint for kept_joint in needed if kept_joint != joint])
         if fewer and problem.holds(solve(problem, signs, fewer).gap):
             needed.remove(joint)
     return tuple(needed)

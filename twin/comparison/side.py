@@ -148,10 +148,12 @@ class PoseRows:
     noise: tuple[float | None, float | None] = (None, None)
     computed: bool = False
 
-    def chosen(self, kept: NDArray[np.bool_]) -> PoseRows:
-        """Return some of the rows (k,), given as bool."""
-        rows = np.flatnonzero(kept)
-        lines = tuple(self.lines[k] for k in rows) if self.lines else ()
+    def chosen(self, mask: NDArray[np.bool_]) -> PoseRows:
+        """Return the rows of which the mask (k,) is true."""
+        rows = np.flatnonzero(mask)
+        lines = self.lines
+        if lines:
+            lines = tuple(np.array(lines)[rows].tolist())
         return replace(self, q=self.q[rows], T=self.T[rows], lines=lines)
 
 
@@ -247,8 +249,8 @@ def plain(name: str) -> str:
 
     Signs between digits stay as "_": "j1_1" and "j_11" are two joints.
     """
-    kept = re.sub(r"(?<=[0-9])[^a-z0-9]+(?=[0-9])", "_", name.lower())
-    return re.sub(r"[^a-z0-9_]|(?<![0-9])_|_(?![0-9])", "", kept)
+    parted_numbers = re.sub(r"(?<=[0-9])[^a-z0-9]+(?=[0-9])", "_", name.lower())
+    return re.sub(r"[^a-z0-9_]|(?<![0-9])_|_(?![0-9])", "", parted_numbers)
 
 
 def common_beginning(names: Sequence[str]) -> str:

@@ -7,10 +7,10 @@ from typing import Literal
 
 from twin.comparison.fit import FitSolution, Problem
 from twin.comparison.items import ComparedItem
+from twin.comparison.largest_difference import ToolDifference
 from twin.comparison.mimic import MimicError
 from twin.comparison.poses import PoseFit
 from twin.comparison.properties import KINDS, Properties
-from twin.comparison.range import Worst
 from twin.comparison.side import RobotSide
 from twin.core.json_types import JsonObject
 
@@ -41,7 +41,7 @@ class SidePair:
     items: tuple[ComparedItem, ...]
     ties: tuple[tuple[str, ...], ...]
     properties: Properties | None
-    worst: Worst | None
+    worst: ToolDifference | None
     problem: Problem | None = field(repr=False)
     solution: FitSolution | None = field(repr=False)
     poses: PoseFit | None = None

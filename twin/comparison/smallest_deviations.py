@@ -47,11 +47,14 @@ def smallest_deviations(problem: Problem, solution: FitSolution) -> FitSolution:
     free[: 6 + problem.count] = False
     columns = np.flatnonzero(free)
     stated = StatedEvidence(problem)
-    of_bodies = [evidence for evidence in stated.known(unknowns.signs) if evidence.kind in ("tool", "inertia")]
+    of_bodies = []
+    for evidence in stated.satisfiable(unknowns.signs):
+        if evidence.kind in ("tool", "inertia"):
+            of_bodies.append(evidence)
     differing = stated.violated(of_bodies, unknowns)
     agreeing = [evidence for evidence in of_bodies if evidence not in differing]
 
-    def residuals_of_kept(values: Array, groups: Array) -> Array:
+    def residuals_of_agreeing(values: Array, groups: Array) -> Array:
         return stated.residuals_of(agreeing, unknowns.signs, values, groups)
 
     for _ in range(_SHRINKS):
@@ -59,7 +62,7 @@ def smallest_deviations(problem: Problem, solution: FitSolution) -> FitSolution:
         stepped = with_steps(x, columns)
         parents, children, groups = problem.motions(unknowns.signs, stepped, unknowns.deviating)
         lines = problem.rows(unknowns.signs, parents, children)
-        rows = np.concatenate([lines, residuals_of_kept(stepped, groups)], axis=1)
+        rows = np.concatenate([lines, residuals_of_agreeing(stepped, groups)], axis=1)
         undetermined = open_directions((rows[:-1] - rows[-1]).T / STEP)
         # the part of the deviations that neither lines nor evidence determine
         excess = undetermined @ (undetermined.T @ x[columns])
@@ -68,7 +71,7 @@ def smallest_deviations(problem: Problem, solution: FitSolution) -> FitSolution:
         x_tried = x.copy()
         # only a small turn keeps the directions
         x_tried[columns] -= excess * min(1.0, _SMALL_TURN / float(np.abs(excess).max()))
-        refined = problem.refine(with_values(unknowns, x_tried), free, residuals_of_kept)
+        refined = problem.refine(with_values(unknowns, x_tried), free, residuals_of_agreeing)
         smaller = np.linalg.norm(values_of(refined.unknowns)[columns]) < np.linalg.norm(x[columns])
         if not smaller or not problem.holds(refined.gap) or stated.violated(agreeing, refined.unknowns):
             break

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from twin.comparison.dh_edits import CellStatement
+from twin.comparison.dh_statements import CellStatement
 from twin.comparison.edit_case import EditCase, Statement
 from twin.comparison.statements import PlaceStatement
 from twin.core.spatial import Array
@@ -43,6 +43,9 @@ _PROBE = 0.1
 _BETTER_STARTS = 2
 """Number of other values from which a search starts, those with the least residual."""
 
+_HALF_TURN = 1e-6
+"""Relative excess over half a turn that is only rounding: 180 degrees stay as they are."""
+
 _DIGITS = range(1, 13)
 """Numbers of decimals that are tried, fewest first, for the text of a new value."""
 
@@ -65,7 +68,7 @@ def solved_values(case: EditCase, statement: Statement, columns: Sequence[int], 
         return None
     for start, r in _starts(case, statement, columns, before):
         values = _improved(case, statement, columns, start, r)
-        if values is not None and _holds(case, statement, values):
+        if values is not None and _agrees_with(case, statement, values):
             return _rounded(case, statement, _wrapped(statement, columns, values), columns)
     return None
 
@@ -158,7 +161,7 @@ def _wrapped(statement: Statement, columns: Sequence[int], values: Array) -> Arr
     wrapped = values.copy()
     turn = 2 * np.pi / _unit(statement)
     for k in _angles(statement, columns):
-        if abs(wrapped[k]) > turn / 2 * (1 + 1e-6):
+        if abs(wrapped[k]) > turn / 2 * (1 + _HALF_TURN):
             wrapped[k] -= turn * np.round(wrapped[k] / turn)
     return wrapped
 
@@ -203,8 +206,9 @@ def _derivatives(case: EditCase, statement: Statement, values: Array, columns: S
     return np.array(derivatives).T
 
 
-def _holds(case: EditCase, statement: Statement, values: Array) -> bool:
-    side = statement.applied(case.side, tuple(float(value) for value in values))
+def _agrees_with(case: EditCase, statement: Statement, values: Array) -> bool:
+    """Return whether the sides agree with other values of a statement."""
+    side = statement.applied(case.side, values.tolist())
     return side is not None and case.agrees(side)
 
 
@@ -215,6 +219,6 @@ def _rounded(case: EditCase, statement: Statement, values: Array, columns: Seque
         rounded[columns] = np.round(values[columns], digits)
         if np.abs(rounded - values).max() >= _ROUNDING * case.problem.tolerance:
             continue
-        if _holds(case, statement, rounded):
+        if _agrees_with(case, statement, rounded):
             return rounded + 0.0  # 0.0 instead of -0.0
     return values

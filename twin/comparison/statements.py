@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from twin.comparison.dh_edits import CellStatement
+from twin.comparison.dh_statements import CellStatement
 from twin.comparison.side import Axis, RobotSide, plain
 from twin.core import spatial
 from twin.core.spatial import Array
@@ -183,11 +183,15 @@ def _element(statement: NumberStatement) -> str:
 
 def _product(angles: Array, sequence: str) -> Array:
     """Return the product (3, 3) of rotations about axes: lower case about moving axes, upper case about fixed axes."""
-    axes = np.eye(3)[["xyz".index(letter) for letter in sequence.lower()]]
+    numbers = list(map("xyz".index, sequence.lower()))
+    axes = np.eye(3)[numbers]
     steps = spatial.exp_so3(np.asarray(angles, float)[:, None] * axes)
     R = np.eye(3)
     for step, letter in zip(steps, sequence, strict=True):
-        R = R @ step if letter.islower() else step @ R
+        if letter.islower():
+            R = R @ step
+        else:
+            R = step @ R
     return R
 
 

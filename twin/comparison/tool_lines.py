@@ -29,8 +29,11 @@ def may_agree(
     """
     if not _same_link(problem, Ts_first, Ts_second):
         return False
-    frame_pairs = zip(Ts_first, Ts_second, strict=True)
-    return all(_on_line(problem, joint, T_first, T_second, signs, deviating) for T_first, T_second in frame_pairs)
+    for T_first, T_second in zip(Ts_first, Ts_second, strict=True):
+        is_possible = _on_line(problem, joint, T_first, T_second, signs, deviating)
+        if not is_possible:
+            return False
+    return True
 
 
 def _same_link(problem: Problem, Ts_first: Array, Ts_second: Array) -> bool:

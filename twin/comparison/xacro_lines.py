@@ -74,12 +74,16 @@ def _states(text: str, numbers: list[str]) -> bool:
             values.append(float(word))
         except ValueError:
             values.append(None)
-    values_stated = [float(number) for number in numbers]
-    windows = [values[start : start + len(values_stated)] for start in range(len(values) - len(values_stated) + 1)]
-    return any(_are_same(window, values_stated) for window in windows)
+    stated = list(map(float, numbers))
+    has_stated = False
+    for start in range(len(values) - len(stated) + 1):
+        window = values[start : start + len(stated)]
+        has_stated = has_stated or _are_same(window, stated)
+    return has_stated
 
 
 def _are_same(values: list[float | None], stated: list[float]) -> bool:
+    """Return whether the words of a text, None for those that are no number, are these numbers."""
     for value, number in zip(values, stated, strict=True):
         if value is None or abs(value - number) > _ROUNDING * abs(number):
             return False

@@ -28,6 +28,7 @@ _ENDS = _SAMPLES // 4
 """Number of further states in which each joint is at an end of its range."""
 
 _SEED = 40
+"""Seed of the joint states: the same files give the same differences."""
 
 _TIE = 1e-3
 """Distance in m that an angle of 1 rad counts: of equal distances, the larger angle is worse."""
@@ -40,7 +41,7 @@ _SLIDE = 0.1
 
 
 @dataclass(frozen=True)
-class Worst:
+class ToolDifference:
     """The largest difference of one frame.
 
     Attributes:
@@ -104,8 +105,11 @@ def _overlap(first: tuple[float, float] | None, second: tuple[float, float] | No
     The first number is larger than the second if they do not overlap.
     """
     stated = [limits for limits in (first, second) if limits is not None]
-    low = max((limits[0] for limits in stated), default=-half)
-    high = min((limits[1] for limits in stated), default=half)
+    low = -half
+    high = half
+    if stated:
+        low = max(limits[0] for limits in stated)
+        high = min(limits[1] for limits in stated)
     if not np.isfinite(low):
         low = min(-half, high - half)
     if not np.isfinite(high):
@@ -114,6 +118,7 @@ def _overlap(first: tuple[float, float] | None, second: tuple[float, float] | No
 
 
 def _interval(limits: tuple[float, float], is_angle: bool) -> str:
+    """Return a range in m or rad as text."""
     return f"{moved(limits[0], is_angle)} .. {moved(limits[1], is_angle)}"
 
 
@@ -128,7 +133,7 @@ def _stated_at(side: RobotSide, axis: Axis) -> str:
     return side.label
 
 
-def worst(problem: Problem, solution: FitSolution) -> Worst | None:
+def largest_difference(problem: Problem, solution: FitSolution) -> ToolDifference | None:
     """Return the largest difference of the tool frames without the deviations of the solution; None without a tool."""
     tools = leaf_gaps(problem, solution.unknowns)
     if not tools:
@@ -141,7 +146,7 @@ def worst(problem: Problem, solution: FitSolution) -> Worst | None:
         states = _states(problem, common_range(problem, solution))
     largest = None
     for tool in tools:
-        candidate = _worst_of(problem, undeviated, tool, states)
+        candidate = _difference_of(problem, undeviated, tool, states)
         if largest is None or (candidate.distance, candidate.angle) > (largest.distance, largest.angle):
             largest = candidate
     return largest
@@ -160,7 +165,7 @@ def _states(problem: Problem, ranges: Array) -> Array:
     return states
 
 
-def _worst_of(problem: Problem, unknowns: Unknowns, tool: FrameGap, states: Array) -> Worst:
+def _difference_of(problem: Problem, unknowns: Unknowns, tool: FrameGap, states: Array) -> ToolDifference:
     """Return the largest difference of a tool at states (k, joints) of the second side, without deviations."""
     group, T_first = problem.first.frames.get(tool.name, problem.first.frames[problem.first.tool])
     group_of_second, T_second = problem.second.frames[tool.name]
@@ -171,7 +176,10 @@ def _worst_of(problem: Problem, unknowns: Unknowns, tool: FrameGap, states: Arra
     values[:, 6 : 6 + problem.count] += unknowns.signs * (states - problem.target_drawn)
     _, _, motions = problem.motions(unknowns.signs, values, ())
     first = motions[:, group] @ T_tool
-    tree = [i for i, axis in enumerate(problem.second.axes) if not axis.closing]
+    tree = []
+    for i, axis in enumerate(problem.second.axes):
+        if not axis.closing:
+            tree.append(i)
     second = problem.second.poses((states - problem.target_drawn)[:, tree])[:, group_of_second] @ T_second
     distances = np.linalg.norm(first[:, :3, 3] - second[:, :3, 3], axis=1)
     angles = spatial.rotation_angle(np.swapaxes(first[:, :3, :3], 1, 2) @ second[:, :3, :3])
@@ -179,4 +187,4 @@ def _worst_of(problem: Problem, unknowns: Unknowns, tool: FrameGap, states: Arra
     q = dict(zip(problem.second.joint_names, states[worst_state].tolist(), strict=True))
     names_of_first = [axis.name for axis in problem.axes]
     q_first = dict(zip(names_of_first, (unknowns.signs * states[worst_state] + unknowns.zeros).tolist(), strict=True))
-    return Worst(tool.name, float(distances[worst_state]), float(angles[worst_state]), q, q_first, len(states))
+    return ToolDifference(tool.name, float(distances[worst_state]), float(angles[worst_state]), q, q_first, len(states))

@@ -42,12 +42,14 @@ def differing_places(problem: Problem) -> list[tuple[PlaceDifference, ...]]:
     """
     explanations: list[tuple[PlaceDifference, ...]] = []
     for places in _explanations(problem):
-        if not all(_is_within_tolerance(problem, place) for place in places):
+        has_difference = any(not _is_within_tolerance(problem, place) for place in places)
+        if has_difference:
             explanations.append(places)
     return explanations
 
 
 def _is_within_tolerance(problem: Problem, place: PlaceDifference) -> bool:
+    """Return whether a place differs by no more than two lines may that coincide."""
     shift = float(np.linalg.norm(place.shift))
     turn = float(np.linalg.norm(place.turn))
     return shift <= problem.tolerance and turn <= problem.angle_tolerance
@@ -96,7 +98,7 @@ def _simplest(explanations: Sequence[tuple[PlaceDifference, ...]]) -> list[tuple
     simplest: list[tuple[PlaceDifference, ...]] = []
     fewest = math.inf
     for explanation in explanations:
-        on_both = sum(place.where == "both" for place in explanation)
+        on_both = [place.where for place in explanation].count("both")
         if on_both < fewest:
             simplest = []
             fewest = on_both
@@ -118,7 +120,7 @@ def _suspects(links: LinkMotions, start: Array) -> list[int]:
     worst = np.zeros(links.problem.count)
     for i, where in links.places:
         worst[i] = max(worst[i], links.misfit(T, i, where))
-    return [int(i) for i in np.argsort(-worst, kind="stable")]
+    return np.argsort(-worst, kind="stable").tolist()
 
 
 def place_items(problem: Problem, places: Sequence[PlaceDifference]) -> list[ComparedItem]:

@@ -11,7 +11,7 @@ from twin.core import spatial
 from twin.core.spatial import Array
 
 
-def posed(problem: Problem) -> tuple[RobotSide, RobotSide] | None:
+def in_common_posture(problem: Problem) -> tuple[RobotSide, RobotSide] | None:
     """Return both sides, the first in the posture in which the second is drawn; None if its links differ.
 
     The bodies of the first side stay where its base is. The spin of a bar between two balls is not known: neither side
@@ -19,9 +19,9 @@ def posed(problem: Problem) -> tuple[RobotSide, RobotSide] | None:
     """
     links = LinkMotions(problem)
     T = links.together()
-    if not links.agree(T, links.places):
+    if not links.places_agree(T, links.places):
         return None
-    moves = spatial.inverse(T[0]) @ T
+    moves = spatial.inverse(T[0]) @ T  # relative to the base, which stays where it is
     axes: list[Axis] = []
     for axis in problem.first.axes:
         displacement = _displacement(axis, moves)
@@ -37,7 +37,9 @@ def posed(problem: Problem) -> tuple[RobotSide, RobotSide] | None:
     groups: list[JointGroup] = []
     for group, motion in zip(problem.first.groups, moves, strict=True):
         inertia = group.inertia
-        groups.append(replace(group, inertia=None if inertia is None else inertia.seen_from(motion)))
+        if inertia is not None:
+            inertia = inertia.seen_from(motion)
+        groups.append(replace(group, inertia=inertia))
     partners = list(problem.second.groups)
     for i, axis in enumerate(problem.axes):
         if _spins(problem, axis.child):
@@ -68,5 +70,8 @@ def _displacement(axis: Axis, moves: Array) -> float | None:
 
 def _spins(problem: Problem, group: int) -> bool:
     """Return whether a group is a bar between at most two balls, which can spin about its line."""
-    kinds = [axis.kind for axis in problem.axes if group in (axis.parent, axis.child)]
+    kinds = []
+    for axis in problem.axes:
+        if group in (axis.parent, axis.child):
+            kinds.append(axis.kind)
     return group != 0 and len(kinds) <= 2 and set(kinds) == {"spherical"}

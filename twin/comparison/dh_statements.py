@@ -111,6 +111,7 @@ class CellStatement:
 
 
 def _moved(axis: Axis, motion: Array) -> Axis:
+    """Return a joint whose line is moved by a motion (4, 4) in base."""
     point = motion[:3, :3] @ axis.point + motion[:3, 3]
     return replace(axis, point=point, direction=motion[:3, :3] @ axis.direction)
 
