@@ -52,7 +52,7 @@ class Reader:
 
 def _description(path: Path, on: bool) -> None:
     from twin.exchange.read import read
-    from twin.exchange.read.closing import close
+    from twin.exchange.read.loop_closing import close
 
     found = read(path, guarded=False)
     if on and len(found.mechanism.joints) < 40:

@@ -29,7 +29,7 @@ from twin.exchange.formats.mjcf.write import write_mjcf
 from twin.exchange.formats.urdf.write import write_urdf
 from twin.exchange.formats.usd.write import write_usd
 from twin.exchange.read import read
-from twin.exchange.read.closing import close
+from twin.exchange.read.loop_closing import close
 
 TOLERANCE = 1e-5
 

@@ -10,7 +10,7 @@ import twin
 from twin.comparison.properties import PropertyRow
 from twin.core.errors import TwinError
 from twin.exchange.read import read
-from twin.exchange.read.folder import write_folder
+from twin.exchange.read.robot_folder import write_folder
 
 WELDED = """<robot name="welded">
 <link name="base"/>

@@ -21,7 +21,7 @@ from made.by_pinocchio import by_pinocchio
 from twin.core import spatial
 from twin.core.errors import SourceError
 from twin.exchange.read import read
-from twin.exchange.read.source import rest_poses
+from twin.exchange.read.imported_robot import rest_poses
 from twin.exchange.xacro import settings
 from twin.usd.read.names import identifier
 

@@ -27,8 +27,8 @@ from twin.exchange.formats.mjcf.write import write_mjcf
 from twin.exchange.formats.urdf.write import write_urdf
 from twin.exchange.formats.usd.write import write_usd
 from twin.exchange.read import read
-from twin.exchange.read.closing import close
-from twin.exchange.read.folder import write_folder
+from twin.exchange.read.loop_closing import close
+from twin.exchange.read.robot_folder import write_folder
 from twin.reference import ReferenceModel
 from twin.usd.read.names import identifier
 

@@ -22,8 +22,8 @@ from twin.cli import main
 from twin.exchange.format import Holds
 from twin.exchange.formats import audited
 from twin.exchange.read import read
-from twin.exchange.read.closing import close
-from twin.exchange.read.folder import write_folder
+from twin.exchange.read.loop_closing import close
+from twin.exchange.read.robot_folder import write_folder
 from twin.exchange.write import bundle as bundles
 from twin.exchange.write.clip import ClipAccuracy
 

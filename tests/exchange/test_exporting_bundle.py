@@ -405,10 +405,10 @@ def test_a_planned_trajectory_is_the_only_motion(robot, no_audit, tmp_path):
 def test_quick_looks_are_the_default_and_those_asked_for():
     from twin.exchange.write.order import _quick_looks
 
-    assert _quick_looks("b", ["a", "b", "c"], asked=False) == ("b",)
-    assert _quick_looks("b", ["a", "b", "c"], asked=True) == ("b", "a", "c")
-    assert _quick_looks("b", ["a"], asked=True) == ("a",)
-    assert _quick_looks("b", [], asked=False) == ()
+    assert _quick_looks("b", ["a", "b", "c"], are_requested=False) == ("b",)
+    assert _quick_looks("b", ["a", "b", "c"], are_requested=True) == ("b", "a", "c")
+    assert _quick_looks("b", ["a"], are_requested=True) == ("a",)
+    assert _quick_looks("b", [], are_requested=False) == ()
 
 
 @pytest.mark.parametrize(

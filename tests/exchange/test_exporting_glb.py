@@ -12,7 +12,7 @@ import trimesh
 
 from twin.core import spatial
 from twin.exchange.formats.glb.write import glb_bytes, moving_paths, surface, write_glb
-from twin.exchange.write.clip import Between, Clip, home_poses
+from twin.exchange.write.clip import Clip, InterpolationErrors, home_poses
 from twin.model.body import Body, Frame, Mesh
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint
@@ -56,7 +56,7 @@ def clip(mechanism: Mechanism, q: np.ndarray, s: np.ndarray, name: str = "swing"
         ("pin", "rail"),
         (("go", 0.0, float(times[-1])),),
         10.0,
-        Between(0, 0, 0),
+        InterpolationErrors(0, 0, 0),
     )
 
 

@@ -14,7 +14,7 @@ from made.lanes import one_of_a_kind
 from twin.core import spatial
 from twin.exchange.formats.tracks.write import write_tracks
 from twin.exchange.formats.urdf.write import write_urdf
-from twin.exchange.write.clip import Between, Clip
+from twin.exchange.write.clip import Clip, InterpolationErrors
 from twin.model.body import Body, Frame
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
@@ -42,7 +42,9 @@ def swing(mechanism: Mechanism) -> Clip:
     run = model.run(q, home)
     joints = {j.name: run.q[:, i] for i, j in enumerate(mechanism.active)} | run.q_passive
     active = tuple(j.name for j in mechanism.active)
-    return Clip("swing", "", times, model.link_poses(run.x), joints, active, (), 10.0, Between(0.0, 0.0, 0.0))
+    return Clip(
+        "swing", "", times, model.link_poses(run.x), joints, active, (), 10.0, InterpolationErrors(0.0, 0.0, 0.0)
+    )
 
 
 def slider() -> tuple[Mechanism, Clip]:
@@ -64,7 +66,7 @@ def slider() -> tuple[Mechanism, Clip]:
     there = spatial.pose(p=[0.0, 0.02, 0.0])
     bob = rod @ spatial.inverse(home["rod"]) @ home["bob"] @ there @ tumble @ spatial.inverse(there)
     links = {"base": np.broadcast_to(home["base"], (FRAMES, 4, 4)), "rod": rod, "bob": bob}
-    return mechanism, Clip("swing", "", t, links, {}, (), (), 8.0, Between(0.0, 0.0, 0.0))
+    return mechanism, Clip("swing", "", t, links, {}, (), (), 8.0, InterpolationErrors(0.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize("name", [*one_of_a_kind(), "rod"])

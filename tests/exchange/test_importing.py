@@ -13,8 +13,8 @@ from twin.cad.build import read_mechanism
 from twin.cad.description import load
 from twin.core import spatial
 from twin.exchange.read import read
-from twin.exchange.read.closing import close
-from twin.exchange.read.folder import write_folder
+from twin.exchange.read.loop_closing import close
+from twin.exchange.read.robot_folder import write_folder
 from twin.reference import ReferenceModel
 
 DATA = Path(__file__).parents[1] / "data/importing"

@@ -8,7 +8,7 @@ import pytest
 from twin.core.errors import SourceError
 from twin.exchange.formats.urdf.read.closures import RETYPED
 from twin.exchange.read import read
-from twin.exchange.read.closing import close
+from twin.exchange.read.loop_closing import close
 from twin.reference import ReferenceModel
 
 HINGE = (

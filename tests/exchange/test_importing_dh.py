@@ -16,7 +16,7 @@ from twin import cli
 from twin.core.errors import SourceError
 from twin.exchange.formats.dh.table import read_table
 from twin.exchange.read import read
-from twin.exchange.read.source import DhOptions, rest_poses, stated
+from twin.exchange.read.imported_robot import DhOptions, dh_options, rest_poses
 
 DATA = Path(__file__).parents[1] / "data/dh"
 
@@ -205,17 +205,17 @@ def test_options_state_convention_and_units(tmp_path):
     path = tmp_path / "arm.csv"
     path.write_text("theta;d;a;alpha\nq1;0;100;90\n")
     with pytest.raises(SourceError, match=r"arm\.csv:1: .*--dh standard"):
-        read(path, dh=stated(None, "mm,deg"))
+        read(path, dh=dh_options(None, "mm,deg"))
     with pytest.raises(SourceError, match=r"arm\.csv:2: the unit of lengths .* Give it by --units"):
-        read(path, dh=stated("standard", "deg"))
-    table = read_table(path, stated("standard", "mm, deg"))
+        read(path, dh=dh_options("standard", "deg"))
+    table = read_table(path, dh_options("standard", "mm, deg"))
     assert table.rows[0].values["a"].value == 0.1
     assert table.rows[0].values["alpha"].value == pytest.approx(np.pi / 2)
     with pytest.raises(SourceError, match=r"--units inch,deg: there is no unit 'inch'"):
-        stated(None, "inch,deg")
+        dh_options(None, "inch,deg")
     good = DATA.parent / "importing/good.urdf"
     with pytest.raises(SourceError, match=r"good\.urdf: --dh and the units are for a table"):
-        read(good, dh=stated("standard", None))
+        read(good, dh=dh_options("standard", None))
 
 
 @pytest.mark.parametrize(
@@ -225,7 +225,7 @@ def test_a_coordinate_stands_alone_or_with_an_offset(tmp_path, cell):
     path = tmp_path / "arm.csv"
     path.write_text(f"theta;d;a;alpha\n{cell};0;100;90\nq2;0;100;0\n")
     with pytest.raises(SourceError, match=r"arm\.csv:2: theta = "):
-        read(path, dh=stated("standard", "mm,deg"))
+        read(path, dh=dh_options("standard", "mm,deg"))
 
 
 @pytest.mark.parametrize("cell", ["q1", "d3", "theta_1"])
@@ -233,7 +233,7 @@ def test_the_name_of_a_coordinate_is_no_length_along_x(tmp_path, cell):
     path = tmp_path / "arm.csv"
     path.write_text(f"theta;d;a;alpha\nq1;0;{cell};90\n")
     with pytest.raises(SourceError, match=rf"arm\.csv:2: a = '{cell}' is not a number"):
-        read(path, dh=stated("standard", "mm,deg"))
+        read(path, dh=dh_options("standard", "mm,deg"))
 
 
 @pytest.mark.parametrize(
@@ -255,7 +255,7 @@ def test_multiples_of_pi_are_read_as_papers_print_them(tmp_path, cell, radians):
 def test_what_is_usual_is_told_where_the_table_is_silent(tmp_path):
     path = tmp_path / "arm.csv"
     path.write_text("theta;d;a;alpha\n90;0;100;90\n0;0;100;0\n")
-    found = read(path, dh=stated("standard", "mm,deg"))
+    found = read(path, dh=dh_options("standard", "mm,deg"))
     assert [j.type for j in found.mechanism.joints] == ["revolute", "revolute"]
     (told,) = (f.message for f in found.findings if f.code == "import.dh" and f.severity == "warning")
     assert "all are hinges, and theta is their offset" in told
@@ -331,7 +331,7 @@ def test_offsets_and_limits_without_a_unit_are_no_radians(column, tmp_path):
     path.write_text(f"theta,d,a,alpha,{heading}\nq1,0,0,0,{cell}\n")
     with pytest.raises(SourceError, match=rf"arm\.csv:2: the unit of angles \({heading.split(',')[0]} = "):
         read_table(path, DhOptions("standard"))
-    assert read_table(path, stated("standard", "deg")).rows[0].line == 2
+    assert read_table(path, dh_options("standard", "deg")).rows[0].line == 2
 
 
 def test_offsets_and_limits_have_the_unit_of_their_heading_or_of_theta(tmp_path):
@@ -364,7 +364,7 @@ def test_numbers_of_programs_are_refused(tmp_path, cell):
     path = tmp_path / "arm.csv"
     path.write_text(f"theta;d;a;alpha\nq1;0;{cell};0\n", encoding="utf-8")
     with pytest.raises(SourceError, match=rf"arm\.csv:2: a = '{re.escape(cell)}' is not a number"):
-        read_table(path, stated("standard", "m,rad"))
+        read_table(path, dh_options("standard", "m,rad"))
 
 
 @pytest.mark.parametrize("text", ["not modified", "never Craig", "non-standard, unlike modified"])
@@ -380,27 +380,31 @@ def test_a_row_of_dashes_is_no_rule(tmp_path):
     rows = "| θ | d | a | α |\n|---|---|---|---|\n| q1 | 0 | 1 | 0 |\n"
     path.write_text(rows + "| - | - | - | - |\n| q2 | 0 | 1 | 0 |\n")
     with pytest.raises(SourceError, match=r"arm\.md:4: α = '-' is not a number"):
-        read_table(path, stated("standard", "m,rad"))
+        read_table(path, dh_options("standard", "m,rad"))
     path.write_text(rows.replace("|---|---|---|---|", "|-|-|-|-|") + "| q2 | 0 | 1 | 0 |\n")
-    assert len(read_table(path, stated("standard", "m,rad")).rows) == 2
+    assert len(read_table(path, dh_options("standard", "m,rad")).rows) == 2
 
 
 def test_titles_of_markdown_are_no_tables_and_a_sharp_is_a_heading(tmp_path):
     path = tmp_path / "arm.md"
     path.write_text("# The arm | version 2 | of 2024\n\n# | θ | d | a | α\n--|--|--|--|--\n1 | q1 | 0 | 1 | 0\n")
-    assert len(read_table(path, stated("standard", "m,rad")).rows) == 1
+    assert len(read_table(path, dh_options("standard", "m,rad")).rows) == 1
     path = tmp_path / "arm.csv"
     path.write_text("# from the manual, page 3\n#,theta,d,a,alpha\n1,q1,0,1,0\n# the wrist\n2,q2,0,1,0\n")
-    assert len(read_table(path, stated("standard", "m,rad")).rows) == 2
+    assert len(read_table(path, dh_options("standard", "m,rad")).rows) == 2
 
 
 def test_coordinates_are_numbered_in_the_order_of_the_rows(tmp_path):
     path = tmp_path / "arm.csv"
     path.write_text("theta,d,a,alpha\nq2,0,1,0\nq1,0,1,0\n")
     with pytest.raises(SourceError, match=r"arm\.csv:3: the coordinate q1 stands after q2"):
-        read_table(path, stated("standard", "m,rad"))
+        read_table(path, dh_options("standard", "m,rad"))
     path.write_text("theta,d,a,alpha\nq1,0,1,0\nq3,0,1,0\n")
     with pytest.raises(SourceError, match=r"arm\.csv:3: the row of a joint is missing: q3 follows q1"):
-        read_table(path, stated("standard", "m,rad"))
+        read_table(path, dh_options("standard", "m,rad"))
     path.write_text("theta,d,a,alpha\nq1,0,1,0\n0,0,1,0\nq3,0,1,0\n")
-    assert [row.kind for row in read_table(path, stated("standard", "m,rad")).rows] == ["revolute", "fixed", "revolute"]
+    assert [row.kind for row in read_table(path, dh_options("standard", "m,rad")).rows] == [
+        "revolute",
+        "fixed",
+        "revolute",
+    ]

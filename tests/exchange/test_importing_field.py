@@ -18,8 +18,8 @@ import twin
 from twin.exchange.audit.meshes import check_mesh
 from twin.exchange.audit.report import Ledger
 from twin.exchange.read import read
-from twin.exchange.read.closing import close
-from twin.exchange.read.folder import write_folder
+from twin.exchange.read.loop_closing import close
+from twin.exchange.read.robot_folder import write_folder
 from twin.model.body import Body, Frame, Mesh
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism

@@ -14,8 +14,8 @@ from twin import api, cli
 from twin.core import spatial
 from twin.core.errors import KinematicsError, OutputError
 from twin.exchange.read import read
-from twin.exchange.read.closing import close
-from twin.exchange.read.folder import write_folder
+from twin.exchange.read.loop_closing import close
+from twin.exchange.read.robot_folder import write_folder
 from twin.exchange.read.templates import protocol
 from twin.ui.session.movable_robot import MovableRobot
 
@@ -185,12 +185,12 @@ def test_force_writes_over_a_robot_folder_but_keeps_equations_and_protocols(tmp_
 
 
 def test_a_write_that_fails_leaves_nothing(tmp_path, monkeypatch):
-    from twin.exchange.read import folder
+    from twin.exchange.read import robot_folder
 
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(folder, "notes", full)
+    monkeypatch.setattr(robot_folder, "notes", full)
     with pytest.raises(OutputError, match="No space left"):
         write_folder(close(read(DATA / "good.urdf")), "arm", tmp_path / "a/arm", DATA / "good.urdf")
     assert list(tmp_path.iterdir()) == []

@@ -15,8 +15,8 @@ from made.lanes import thinned
 from twin.cad.build import read_mechanism
 from twin.core import assets
 from twin.exchange.read import read
-from twin.exchange.read.closing import close
-from twin.exchange.read.folder import write_folder
+from twin.exchange.read.loop_closing import close
+from twin.exchange.read.robot_folder import write_folder
 from twin.reference import ReferenceModel
 from twin.usd.read import read_stage
 

@@ -11,7 +11,7 @@ from pxr import Gf, Usd, UsdGeom, UsdPhysics
 from twin import api, cli
 from twin.core.errors import TwinError
 from twin.exchange.read import read
-from twin.exchange.read.closing import close
+from twin.exchange.read.loop_closing import close
 from twin.ui.session.movable_robot import MovableRobot
 from twin.usd.read import inspect_stage
 

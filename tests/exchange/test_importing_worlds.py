@@ -12,7 +12,7 @@ from twin.cad.build import read_mechanism
 from twin.core.errors import BudgetError, SourceError, UnsupportedError
 from twin.core.foreign.budget import INCLUDES
 from twin.exchange.read import read
-from twin.exchange.read.closing import close
+from twin.exchange.read.loop_closing import close
 from twin.reference import ReferenceModel
 
 WORLDS = Path(__file__).parents[1] / "data/importing/worlds"

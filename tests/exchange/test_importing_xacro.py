@@ -19,7 +19,7 @@ from twin.core.foreign.budget import Budget
 from twin.exchange.audit import audit
 from twin.exchange.formats.urdf.format import robots
 from twin.exchange.read import read
-from twin.exchange.read.source import rest_poses
+from twin.exchange.read.imported_robot import rest_poses
 from twin.exchange.xacro import XacroSettings, expand, is_xacro, settings
 
 HERE = Path(__file__).parents[1]

@@ -25,7 +25,7 @@ from twin.exchange.formats.mjcf.write import write_mjcf
 from twin.exchange.formats.urdf.write import write_urdf
 from twin.exchange.formats.usd.write import write_usd
 from twin.exchange.read import read
-from twin.exchange.read.closing import close
+from twin.exchange.read.loop_closing import close
 from twin.reference import ReferenceModel
 
 PRECISION = {"urdf": 1e-9, "mjcf": 1e-9, "usd": 2e-6, "sdf": 1e-9}

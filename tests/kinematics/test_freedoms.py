@@ -15,9 +15,9 @@ from made.loops import mechanism
 from twin import api, cli
 from twin.core import spatial
 from twin.core.errors import ProtocolError
-from twin.exchange.read.closing import close
-from twin.exchange.read.folder import write_folder
-from twin.exchange.read.source import Imported
+from twin.exchange.read.imported_robot import Imported
+from twin.exchange.read.loop_closing import close
+from twin.exchange.read.robot_folder import write_folder
 from twin.kinematics.closed_loops import LoopSolver
 from twin.model.joint import Joint
 from twin.planning.protocol import load_protocol

@@ -37,7 +37,7 @@ def states_at(times):
 
 def between(times):
     """Return the errors of linear interpolation in the middle between keys, computed from the closed form."""
-    from twin.exchange.write.clip import Between
+    from twin.exchange.write.clip import InterpolationErrors
 
     robot, keys, halfway = made.four_bar(), states_at(times), states_at((times[1:] + times[:-1]) / 2)
     position = rotation = gap = 0.0
@@ -54,7 +54,7 @@ def between(times):
         gap = max(
             gap, *(float(np.linalg.norm(j.relative(drawn[j.parent], drawn[j.child])[:3, 3])) for j in robot.joints)
         )
-    return Between(position, rotation, gap)
+    return InterpolationErrors(position, rotation, gap)
 
 
 def swing():

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from twin.exchange.read import read
-from twin.exchange.read.folder import write_folder
+from twin.exchange.read.robot_folder import write_folder
 
 FOLDER = Path(__file__).parents[1] / "kinerrata"
 

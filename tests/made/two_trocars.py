@@ -161,8 +161,8 @@ def protocol(name: str = "stitch", places=PLACES, stated=None, about: str = "lef
 
 def write(folder: Path) -> Path:
     """Write the robot folder, with equations and the protocols `stitch` (trocars as drawn) and `moved`; return it."""
-    from twin.exchange.read.folder import write_folder
-    from twin.exchange.read.source import Imported
+    from twin.exchange.read.imported_robot import Imported
+    from twin.exchange.read.robot_folder import write_folder
 
     source = folder.parent / f"{NAME}.py"
     write_folder(Imported(mechanism(), []), NAME, folder, source)

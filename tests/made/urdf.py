@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from twin.exchange.read import read
-from twin.exchange.read.closing import close
-from twin.exchange.read.folder import write_folder
+from twin.exchange.read.loop_closing import close
+from twin.exchange.read.robot_folder import write_folder
 from twin.model.mechanism import Mechanism
 
 FORMULA = '''"""{about}"""

@@ -26,10 +26,10 @@ from twin.exchange.audit import audit
 from twin.exchange.formats.mjcf.write import mjcf_findings, write_mjcf
 from twin.exchange.formats.urdf.write import urdf_findings, write_urdf
 from twin.exchange.read import read
-from twin.exchange.read.closing import close
-from twin.exchange.read.drives import with_drives
-from twin.exchange.read.folder import write_folder
-from twin.exchange.read.source import Imported
+from twin.exchange.read.assumed_drives import with_drives
+from twin.exchange.read.imported_robot import Imported
+from twin.exchange.read.loop_closing import close
+from twin.exchange.read.robot_folder import write_folder
 from twin.kinematics.closed_loops.bounds import bounds_of
 from twin.kinematics.closed_loops.dragging import Dragger
 from twin.model.transmission import Actuator, Transmission

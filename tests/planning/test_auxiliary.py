@@ -16,7 +16,7 @@ from twin.core.errors import ProtocolError
 from twin.core.units import DEG
 from twin.exchange.audit import audit
 from twin.exchange.read import read
-from twin.exchange.read.closing import close
+from twin.exchange.read.loop_closing import close
 from twin.model.body import Body, Frame
 from twin.model.joint import Joint
 from twin.model.mechanism import Coupling, Mechanism

@@ -9,7 +9,7 @@ from made import column
 from twin import api
 from twin.exchange.audit import audit
 from twin.exchange.read import read
-from twin.exchange.read.closing import close
+from twin.exchange.read.loop_closing import close
 from twin.reference.dynamics import Dynamics
 from twin.simulation.dynamics.computed_torque import EXACT_LIMIT, TIP_LIMIT
 from twin.ui.session.movable_robot import MovableRobot

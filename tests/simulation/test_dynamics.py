@@ -15,7 +15,7 @@ from twin.core import spatial
 from twin.core.errors import MechanismError
 from twin.exchange.formats.mjcf.write import mjcf_text
 from twin.exchange.read import read
-from twin.exchange.read.closing import close
+from twin.exchange.read.loop_closing import close
 from twin.model.body import Body
 from twin.model.joint import Joint
 from twin.reference.dynamics import Dynamics, SharedLoops

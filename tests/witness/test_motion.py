@@ -10,7 +10,7 @@ import pytest
 import twin
 from twin.core.units import DEG
 from twin.exchange.formats.urdf.write import write_urdf
-from twin.exchange.write import xml
+from twin.exchange.write import xml_text
 from twin.reference import inertia
 from twin.simulation.dynamics.arm import arm
 from twin.simulation.dynamics.effort_plants import ModelPlant
@@ -45,7 +45,7 @@ def test_the_raven_moves_as_it_does_by_drake(foreign, tmp_path, monkeypatch, fee
         efforts.append(effort + kp * (q - plant.q) + kd * (qd - plant.qd))
         plant.advance(efforts[-1], TICK)
         ours.append(plant.q)
-    monkeypatch.setattr(xml, "DECIMALS", 17)
+    monkeypatch.setattr(xml_text, "DECIMALS", 17)
     job = {
         "urdf": str(write_urdf(model.mechanism, tmp_path)),
         "base": model.mechanism.base,

@@ -15,7 +15,7 @@ from twin.checking.file_verdict import judge as judge_file
 from twin.core import spatial
 from twin.core.errors import SourceError
 from twin.exchange.read import read
-from twin.exchange.read.source import rest_poses
+from twin.exchange.read.imported_robot import rest_poses
 from twin.exchange.xacro import XacroSettings
 from twin.usd.read.names import identifier
 

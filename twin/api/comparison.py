@@ -22,8 +22,8 @@ from twin.core.spatial import Array
 if TYPE_CHECKING:
     from twin.comparison.comparison_result import Comparison
     from twin.comparison.side import PoseRows, RobotSide, TableLine
+    from twin.exchange.read.imported_robot import DhOptions
     from twin.exchange.read.pose_table import ReadPoses
-    from twin.exchange.read.source import DhOptions
     from twin.exchange.xacro import XacroSettings
     from twin.kinematics import Kinematics
     from twin.model.mechanism import Mechanism
@@ -89,21 +89,21 @@ def compare(
     """
     from twin.comparison.comparison_result import Comparison
     from twin.comparison.pair import compare_pair
-    from twin.exchange.read.shapes import meshes_kept
-    from twin.exchange.read.source import stated
+    from twin.exchange.read.imported_robot import dh_options
+    from twin.exchange.read.shapes import mesh_cache
 
     if len(sides) < 2:
         raise TwinError("give at least two sides to compare: names of robots, folders or files")
     if not tolerance > 0:
         raise TwinError(f"tolerance {tolerance:g} m: give a positive number")
     labels = _labels(sides)
-    table = stated(dh, units)
+    table = dh_options(dh, units)
     has_table = any(map(_is_table, sides))
     if (dh or units) and not has_table:
         raise TwinError("--dh and --units are for tables (CSV, TOML, Markdown, LaTeX), but no side is one: omit them")
     read_sides = []
     pairs = []
-    with ExitStack() as mirrors, meshes_kept():  # a file is read again with other numbers and the same meshes
+    with ExitStack() as mirrors, mesh_cache():  # a file is read again with other numbers and the same meshes
         for i, side in enumerate(sides):
             progress(f"read {labels[i]}", i / (2 * len(sides)))
             read_sides.append(_side(side, labels[i], only, xacro, table, mirrors))
@@ -215,7 +215,7 @@ def _file_side(
 ) -> RobotSide:
     from twin.comparison.mechanism_side import from_mechanism
     from twin.exchange.read import read
-    from twin.exchange.read.closing import close
+    from twin.exchange.read.loop_closing import close
 
     imported = read(path, guarded=guarded, xacro=xacro, dh=table if _is_table(path) else None)
     if imported.mechanism.loops:

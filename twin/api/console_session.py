@@ -354,7 +354,7 @@ class ConsoleSession(Result):
 
     def _clip(self, name: str, mechanism: Mechanism, poses: Mapping[str, Array]) -> Clip:
         from twin.exchange.write.clip import Clip, extreme_points, key_rows, measure_between, rounded
-        from twin.exchange.write.sampled import coordinates
+        from twin.exchange.write.stage_clip import coordinates
 
         keys = key_rows(len(self.t), _STRIDE)
         # the last digits depend on the processor, and the exported files must not

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from twin.core.errors import SourceError
 
 if TYPE_CHECKING:
-    from twin.exchange.read.source import DhOptions, Imported
+    from twin.exchange.read.imported_robot import DhOptions, Imported
     from twin.exchange.xacro import XacroSettings
     from twin.model.mechanism import Mechanism
 
@@ -74,7 +74,7 @@ class ImportedFile:
             SourceError: the file cannot be read, or its content cannot be expressed as a mechanism.
         """
         from twin.exchange.read import read
-        from twin.exchange.read.closing import close
+        from twin.exchange.read.loop_closing import close
 
         return close(read(self.path, xacro=self.xacro, dh=self.dh))
 
@@ -111,9 +111,9 @@ def imported_file(
     Raises:
         SourceError: the file does not exist or is a drawing, or the options do not apply.
     """
-    from twin.exchange.read.source import stated
+    from twin.exchange.read.imported_robot import dh_options
 
     table = None
     if dh is not None or units is not None:
-        table = stated(dh, units)
+        table = dh_options(dh, units)
     return ImportedFile(path, tool, xacro, table)

@@ -142,7 +142,7 @@ def new(
         ('q',)
     """
     from twin.exchange.read import format_of
-    from twin.exchange.read.folder import require_free
+    from twin.exchange.read.robot_folder import require_free
     from twin.usd.read.names import identifier
 
     path = Path(source)
@@ -186,12 +186,12 @@ def _from_description(
     progress: Progress,
 ) -> NewRobot:
     from twin.exchange.read import format_of, read
-    from twin.exchange.read.closing import close
-    from twin.exchange.read.folder import write_folder
-    from twin.exchange.read.source import stated
+    from twin.exchange.read.imported_robot import dh_options
+    from twin.exchange.read.loop_closing import close
+    from twin.exchange.read.robot_folder import write_folder
     from twin.reference import ReferenceModel
 
-    imported = read(path, closures, root, xacro=xacro, dh=stated(dh, units))
+    imported = read(path, closures, root, xacro=xacro, dh=dh_options(dh, units))
     progress("close loops", 0.4)
     imported = close(imported)  # before writing: the folder states rest poses in which the loops are closed
     progress("write the folder", 0.8)

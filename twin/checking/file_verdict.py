@@ -25,7 +25,7 @@ from twin.core.errors import (
     UnsupportedError,
 )
 from twin.core.foreign.text import parse_xml
-from twin.exchange.read.source import Imported
+from twin.exchange.read.imported_robot import Imported
 from twin.exchange.xacro import Expanded, XacroSettings, expand, is_xacro
 from twin.usd.read.names import identifier
 
@@ -156,7 +156,7 @@ def _without_path(description: DescriptionFile, message: str) -> str:
 
 def _judged_markup(job: JudgeJob) -> JudgedFile:
     """Return the findings on a URDF, a xacro or a SDF, whose elements have rules with lines."""
-    from twin.exchange.read.xml import Xml
+    from twin.exchange.read.xml_file import Xml
 
     description = job.description
     path = description.path
@@ -357,7 +357,7 @@ def _missing_meshes(job: JudgeJob, elements: Elements) -> Iterator[CheckFinding]
 def _imported(job: JudgeJob, findings: list[CheckFinding] | tuple[()]) -> JudgedFile:
     """Return the findings of the elements with those of the import and the audit."""
     from twin.exchange.read import read
-    from twin.exchange.read.closing import close
+    from twin.exchange.read.loop_closing import close
 
     description = job.description
     path = description.path

@@ -8,7 +8,7 @@ import numpy as np
 
 from twin.checking.check_finding import CheckFinding
 from twin.core.quantity import mm
-from twin.exchange.read.source import Imported
+from twin.exchange.read.imported_robot import Imported
 from twin.model.body import Body
 from twin.model.mechanism import Mechanism
 

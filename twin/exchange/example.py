@@ -7,7 +7,7 @@ from pathlib import Path
 
 from twin.core import assets
 from twin.core.errors import TwinError, unknown
-from twin.exchange.read.folder import require_free
+from twin.exchange.read.robot_folder import require_free
 
 _COPIED = ("cad/*.toml", "cad/*.step", "trajectories/*.toml", "formula.py")
 """Files of a robot folder; programs that draw its STEP, and the stage built from it, are not copied."""
@@ -28,11 +28,11 @@ def copy_example(name: str, target: Path, force: bool = False) -> list[Path]:
         TwinError: there is no such example.
         OutputError: `target` is a file, or a folder that must not be overwritten.
     """
-    known = assets.examples()
-    if name not in known:
-        raise TwinError(unknown("example", name, known))
+    examples = assets.examples()
+    if name not in examples:
+        raise TwinError(unknown("example", name, examples))
     require_free(target, force)
-    source = known[name]
+    source = examples[name]
     written = []
     with assets.atomic_folder(target) as work:
         for pattern in _COPIED:

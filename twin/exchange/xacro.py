@@ -54,8 +54,8 @@ def settings(arguments: list[str], packages: list[str]) -> XacroSettings:
     """
     named: dict[str, str] = {}
     for argument in arguments:
-        name, mark, value = argument.partition(":=")
-        if not (name and mark):
+        name, separator, value = argument.partition(":=")
+        if not (name and separator):
             raise SourceError(f"--arg {argument}: expected name:=value, as in --arg prefix:=left_")
         named[name] = value
     folders: list[Path] = []
@@ -117,7 +117,7 @@ def is_xacro(path: Path) -> bool:
         return b"<xacro:" in data  # xacro says what is wrong
 
 
-def expand(path: Path, given: XacroSettings) -> Expanded:
+def expand(path: Path, xacro_settings: XacroSettings) -> Expanded:
     """Return the URDF that a xacro describes.
 
     Raises:
@@ -133,8 +133,8 @@ def expand(path: Path, given: XacroSettings) -> Expanded:
     with tempfile.TemporaryDirectory(prefix="twin-xacro-") as folder:
         request = Path(folder) / "request.json"
         answer = Path(folder) / "answer.json"
-        packages = [str(package.resolve()) for package in given.packages]
-        request.write_text(json.dumps({"arguments": dict(given.arguments), "packages": packages}), "utf-8")
+        packages = [str(package.resolve()) for package in xacro_settings.packages]
+        request.write_text(json.dumps({"arguments": dict(xacro_settings.arguments), "packages": packages}), "utf-8")
         code = run(path, "xacro", str(request), str(answer))
         if not answer.is_file():
             raise SourceError(f"{path}: xacro ended with exit code {code} and no result: the file may be damaged")
@@ -150,7 +150,9 @@ def expand(path: Path, given: XacroSettings) -> Expanded:
         omitted.append(f"{_short(path, file)}:{line}: <{macro}> is not defined without it, and is left out.")
     for constant, value in outcome["lent"].items():
         omitted.append(f"'{constant}' is not defined without it, and is {value:.17g}, as its name says.")
-    places = {name: (file, line) for name, (file, line) in outcome["places"].items()}
+    places = {}
+    for name, (file, line) in outcome["places"].items():
+        places[name] = (file, line)
     return Expanded(outcome["text"].encode(), tuple(omitted), places)
 
 
@@ -158,7 +160,9 @@ def _located(path: Path, outcome: Mapping[str, object]) -> str:
     file, line = str(outcome["file"]), outcome["line"]
     if not file:
         return f"{path}: {outcome['error']}"
-    where = str(path) if Path(file).resolve() == path.resolve() else f"{path}: {_short(path, file)}"
+    where = str(path)
+    if Path(file).resolve() != path.resolve():  # an included file
+        where = f"{path}: {_short(path, file)}"
     if line:
         where += f":{line}"
     return f"{where}: {outcome['error']}."

@@ -1,12 +1,14 @@
 """Convert a URDF, MJCF, SDF, USD or STEP file to a robot folder, for `twin new`.
 
-    source     the common result of all readers: a mechanism with findings
-    xml        XML with errors that name file and element
-    shapes     boxes, cylinders, spheres and mesh files as meshes of a body
-    start      the joint values at which the robot starts, within the joint limits
-    closing    find a pose in which the loops close; report remaining gaps
-    pairs      fitting faces of the solids of a STEP assembly; proposals: joints that these faces propose
-    folder     write the robot folder: description, meshes, notes; initial formula and protocol (templates)
+    imported_robot    the common result of all readers: a mechanism with findings
+    xml_file          XML with errors that name file and element
+    shapes            boxes, cylinders, spheres and mesh files as meshes of a body
+    start_values      the joint values at which the robot starts, within the joint limits
+    loop_closing      find a pose in which the loops close; report remaining gaps
+    assumed_drives    drives for driven joints for which the file states no gains
+    fitting_faces     fitting faces of the solids of a STEP assembly; proposals: joints that these faces propose
+    robot_folder      write the robot folder: description, meshes, notes; initial formula and protocol (templates)
+    pose_table        tables of measured poses, which `twin validate` compares with a robot
 
 The readers are the modules `read` in twin.exchange.formats. Files of all formats are only read; no code in them is run.
 """
@@ -18,17 +20,17 @@ from pathlib import Path
 from twin.core.errors import SourceError
 from twin.exchange.format import Format
 from twin.exchange.formats import imported
-from twin.exchange.read.source import DhOptions, Imported, Options
+from twin.exchange.read.imported_robot import DhOptions, Imported, Options
 from twin.exchange.xacro import XacroSettings
 
 
 def suffixes() -> dict[str, Format]:
     """Return the formats that can be read, by file name suffix."""
-    known: dict[str, Format] = {}
+    formats_by_suffix: dict[str, Format] = {}
     for format in imported():
         for suffix in format.sources:
-            known[suffix] = format
-    return known
+            formats_by_suffix[suffix] = format
+    return formats_by_suffix
 
 
 def format_of(path: Path) -> Format:
@@ -37,10 +39,10 @@ def format_of(path: Path) -> Format:
     Raises:
         SourceError: the file does not exist, or its suffix is not supported.
     """
-    known = suffixes()
-    format = known.get(path.suffix.lower())
+    formats_by_suffix = suffixes()
+    format = formats_by_suffix.get(path.suffix.lower())
     if format is None:
-        raise SourceError(f"{path}: suffix '{path.suffix}' is not supported; use one of {', '.join(known)}")
+        raise SourceError(f"{path}: suffix '{path.suffix}' is not supported; use one of {', '.join(formats_by_suffix)}")
     if not path.is_file():
         raise SourceError(f"{path}: the file does not exist")
     return format

@@ -61,10 +61,10 @@ class Round:
         """Return 1 if the solid is inside the face (pin, ball), -1 if it is outside (bore, cup), 0 if undetermined."""
         corners = self.part.vertices[self.part.triangles]  # (n, 3, 3)
         offset = corners - self.face.point
-        away = offset - (offset @ self.face.direction)[..., None] * self.face.direction
-        on = np.all(np.abs(np.linalg.norm(away, axis=-1) - self.face.radius) < _APART, axis=1)
-        normal = np.cross(corners[on, 1] - corners[on, 0], corners[on, 2] - corners[on, 0])
-        outwards = np.sum(normal * away[on].mean(axis=1))
+        radial = offset - (offset @ self.face.direction)[..., None] * self.face.direction
+        on_face = np.all(np.abs(np.linalg.norm(radial, axis=-1) - self.face.radius) < _APART, axis=1)
+        normal = np.cross(corners[on_face, 1] - corners[on_face, 0], corners[on_face, 2] - corners[on_face, 0])
+        outwards = np.sum(normal * radial[on_face].mean(axis=1))
         return int(np.sign(outwards))
 
 
@@ -167,19 +167,20 @@ def _on_axis_of_one(pair: Pair, fits: Sequence[Pair]) -> bool:
     return False
 
 
-def same_axis(a: Round, b: Round, within: tuple[float, float] = _ONE_AXIS) -> bool:
+def same_axis(first: Round, second: Round, tolerances: tuple[float, float] = _ONE_AXIS) -> bool:
     """Return whether two faces of one body have the same axis or centre.
 
-    `within` contains the tolerances: distance in m, angle in rad.
+    `tolerances` are a distance in m and an angle in rad.
     """
-    if not np.any(a.face.direction):
-        return float(np.linalg.norm(a.face.point - b.face.point)) < within[0]
-    tilt = float(np.linalg.norm(np.cross(a.face.direction, b.face.direction)))
-    apart = float(spatial.point_to_line(b.face.point, a.face.point, a.face.direction))
-    return tilt < within[1] and apart < within[0]
+    if not np.any(first.face.direction):
+        return float(np.linalg.norm(first.face.point - second.face.point)) < tolerances[0]
+    tilt = float(np.linalg.norm(np.cross(first.face.direction, second.face.direction)))
+    distance = float(spatial.point_to_line(second.face.point, first.face.point, first.face.direction))
+    return tilt < tolerances[1] and distance < tolerances[0]
 
 
 def _rounds(parts: Mapping[str, Sequence[Part]], kind: Literal["cylinder", "sphere"]) -> list[Round]:
+    """Return the round faces of one kind, in the order of the bodies and parts."""
     rounds = []
     for body, body_parts in parts.items():
         for part in body_parts:
@@ -210,61 +211,66 @@ def _coaxial(rounds: list[Round]) -> Iterator[Pair]:
         return
     max_distance, max_tilt = GROSS
     max_clearance, max_fraction = _CLEARANCE
-    points = np.array([r.face.point for r in rounds])
-    directions = np.array([r.face.direction for r in rounds])
-    radii = np.array([r.face.radius for r in rounds])
-    half_lengths = 0.5 * np.array([r.length for r in rounds])
-    bodies = np.array([r.body for r in rounds])
-    for i, a in enumerate(rounds):
-        later = slice(i + 1, None)
-        offset = points[later] - points[i]
-        along = offset @ directions[i]
-        distance = np.linalg.norm(offset - along[:, None] * directions[i], axis=1)
-        tilt = np.linalg.norm(np.cross(directions[later], directions[i]), axis=1)
+    points = np.zeros((len(rounds), 3))
+    directions = np.zeros((len(rounds), 3))
+    radii = np.zeros(len(rounds))
+    half_lengths = np.zeros(len(rounds))
+    for number, cylinder in enumerate(rounds):
+        points[number] = cylinder.face.point
+        directions[number] = cylinder.face.direction
+        radii[number] = cylinder.face.radius
+        half_lengths[number] = 0.5 * cylinder.length
+    bodies = np.array([cylinder.body for cylinder in rounds])
+    for number, first in enumerate(rounds):
+        later = slice(number + 1, None)
+        offset = points[later] - points[number]
+        along = offset @ directions[number]
+        distance = np.linalg.norm(offset - along[:, None] * directions[number], axis=1)
+        tilt = np.linalg.norm(np.cross(directions[later], directions[number]), axis=1)
         # A point of a face is somewhere along it: up to there, a tilted axis departs from the other one.
-        departure = tilt * (half_lengths[later] + half_lengths[i])
-        clearance = np.abs(radii[later] - radii[i])
-        fits = bodies[later] != a.body
+        departure = tilt * (half_lengths[later] + half_lengths[number])
+        clearance = np.abs(radii[later] - radii[number])
+        fits = bodies[later] != first.body
         fits &= tilt < max_tilt
         fits &= distance < max_distance + departure
-        fits &= clearance <= np.maximum(max_clearance, max_fraction * np.minimum(radii[later], radii[i]))
-        for k in np.flatnonzero(fits):
-            b = rounds[i + 1 + k]
-            low, high = shared(a, b)
+        fits &= clearance <= np.maximum(max_clearance, max_fraction * np.minimum(radii[later], radii[number]))
+        for offset_number in np.flatnonzero(fits):
+            second = rounds[number + 1 + offset_number]
+            low, high = shared(first, second)
             if high - low < _APART:
                 continue
-            middle = a.face.point + 0.5 * (low + high) * a.face.direction
-            off = float(spatial.point_to_line(middle, b.face.point, b.face.direction))
-            if off < max_distance:
-                yield Pair("coaxial", a, b, high - low, off, float(tilt[k]))
+            middle = first.face.point + 0.5 * (low + high) * first.face.direction
+            middle_distance = float(spatial.point_to_line(middle, second.face.point, second.face.direction))
+            if middle_distance < max_distance:
+                yield Pair("coaxial", first, second, high - low, middle_distance, float(tilt[offset_number]))
 
 
-def shared(a: Round, b: Round) -> tuple[float, float]:
-    """Return the interval (start, end) in which two cylinders overlap along the axis of `a`.
+def shared(first: Round, second: Round) -> tuple[float, float]:
+    """Return the interval (start, end) in which two cylinders overlap along the axis of the first.
 
-    Both ends are distances in m from `a.face.point`.
+    Both ends are distances in m from `first.face.point`.
     """
-    d = a.face.direction
-    offset = float((b.face.point - a.face.point) @ d)
-    start, end = b.reach
-    if not b.face.direction @ d > 0:
+    axis = first.face.direction
+    offset = float((second.face.point - first.face.point) @ axis)
+    start, end = second.reach
+    if not second.face.direction @ axis > 0:
         start, end = -end, -start
-    return max(a.reach[0], offset + start), min(a.reach[1], offset + end)
+    return max(first.reach[0], offset + start), min(first.reach[1], offset + end)
 
 
 def _concentric(rounds: list[Round]) -> Iterator[Pair]:
     """Yield the concentric fits of spheres."""
     max_distance, _ = GROSS
     max_clearance, max_fraction = _CLEARANCE
-    for i, a in enumerate(rounds):
-        for b in rounds[i + 1 :]:
-            if a.body == b.body:
+    for number, first in enumerate(rounds):
+        for second in rounds[number + 1 :]:
+            if first.body == second.body:
                 continue
-            distance = float(np.linalg.norm(a.face.point - b.face.point))
-            smaller = min(a.face.radius, b.face.radius)
-            clearance = abs(a.face.radius - b.face.radius)
+            distance = float(np.linalg.norm(first.face.point - second.face.point))
+            smaller = min(first.face.radius, second.face.radius)
+            clearance = abs(first.face.radius - second.face.radius)
             if distance < max_distance and clearance <= max(max_clearance, max_fraction * smaller):
-                yield Pair("concentric", a, b, 2 * smaller, distance, 0.0)
+                yield Pair("concentric", first, second, 2 * smaller, distance, 0.0)
 
 
 def perpendicular(parts: Sequence[Part], axis: Array) -> list[tuple[Part, Face]]:

@@ -37,7 +37,7 @@ _ANGLES = ("deg", "°", "rad")
 
 _POSITION = ("x", "y", "z")
 _QUATERNION = ("qw", "qx", "qy", "qz")
-_MATRIX = tuple(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3))
+_MATRIX = ("r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33")
 _RPY = ("roll", "pitch", "yaw")
 
 _UNIT = 0.01
@@ -83,7 +83,11 @@ def is_pose_table(path: Path) -> bool:
         return False  # the reader of the other kind of table states the fault
     if not lines:
         return False
-    names = {_split(heading)[0].lower() for heading in lines[0][1]}
+    _, headings = lines[0]
+    names = set()
+    for heading in headings:
+        name, _ = _split(heading)
+        names.add(name.lower())
     return set(_POSITION) <= names
 
 
@@ -107,7 +111,7 @@ def read_poses(path: Path, length: str | None = None, angle: str | None = None) 
 
 def _rows(path: Path, text: str) -> list[tuple[int, list[str]]]:
     """Return (line, cells) of the lines that are neither empty nor comments."""
-    kept: list[tuple[int, list[str]]] = []
+    kept_rows: list[tuple[int, list[str]]] = []
     separator = ""
     for number, line in enumerate(text.splitlines(), 1):
         if not line.strip() or line.lstrip().startswith("#"):
@@ -121,18 +125,18 @@ def _rows(path: Path, text: str) -> list[tuple[int, list[str]]]:
             cells = next(csv.reader([line], delimiter=separator, skipinitialspace=True))
         except csv.Error as error:
             raise SourceError(f"{path}:{number}: the line is not CSV: {error}") from error
-        kept.append((number, [cell.strip() for cell in cells]))
-        if len(kept) > ROWS + 1:
+        kept_rows.append((number, list(map(str.strip, cells))))
+        if len(kept_rows) > ROWS + 1:
             raise SourceError(f"{path}: the table has more than {ROWS} rows")
-    return kept
+    return kept_rows
 
 
 def _split(heading: str) -> tuple[str, str]:
     """Return (name, unit or "") of a heading such as "x [mm]"."""
-    found = _HEADING.match(heading.strip())
-    if found is None:
+    match = _HEADING.match(heading.strip())
+    if match is None:
         return heading.strip(), ""
-    return found[1].strip(), found[2].lower()
+    return match[1].strip(), match[2].lower()
 
 
 class _Reader:
@@ -152,9 +156,11 @@ class _Reader:
             units = _STATED_UNITS.match(line)
             if units:
                 for unit in re.split(r"[,;\s]+", units[1].lower()):
-                    kind = "length" if unit in _LENGTHS else "angle"
                     if unit not in _SIZES:
                         self.fail(number, f"there is no unit '{unit}'; use two of {', '.join(_SIZES)}")
+                    kind = "angle"
+                    if unit in _LENGTHS:
+                        kind = "length"
                     self.units[kind] = unit
             noise = _NOISE.match(line)
             if noise:
@@ -162,9 +168,12 @@ class _Reader:
                     self._noise(number, part.strip())
 
     def _noise(self, number: int, part: str) -> None:
-        found = re.fullmatch(r"([0-9.eE+-]+)\s*([A-Za-z°]+)", part)
-        unit = found[2].lower() if found else ""
-        value = _number(found[1]) if found else None
+        match = re.fullmatch(r"([0-9.eE+-]+)\s*([A-Za-z°]+)", part)
+        unit = ""
+        value: float | None = None
+        if match is not None:
+            unit = match[2].lower()
+            value = _number(match[1])
         if unit not in _SIZES or value is None or not value > 0:
             self.fail(number, f"noise '{part}': write a positive number and a unit, as in # noise: 0.05 mm, 0.01 deg")
         self.noise[unit in _ANGLES] = value * _SIZES[unit]
@@ -173,134 +182,153 @@ class _Reader:
         """Return the table."""
         if not self.lines:
             raise SourceError(f"{self.path}: the file has no table: a line of headings, then a line for each pose")
-        (line, headings), *rest = self.lines
-        names = []
-        units = []
+        (line, headings), *pose_rows = self.lines
+        names: list[str] = []
+        lower_names: list[str] = []
+        units: list[str] = []
         for heading in headings:
             name, unit = _split(heading)
             if not name:
                 self.fail(line, "a heading is empty: name the joint, or remove the column")
-            if name.lower() in [known.lower() for known in names]:
+            if name.lower() in lower_names:
                 self.fail(line, f"the heading '{name}' stands twice: remove one of the columns")
             if unit and unit not in _SIZES:
                 self.fail(line, f"the heading '{heading}' has no known unit: use one of {', '.join(_SIZES)}")
             names.append(name)
+            lower_names.append(name.lower())
             units.append(unit)
-        plain = [name.lower() for name in names]
-        rotation = self._rotation(line, plain)
-        pose = {*_POSITION, *rotation}
-        joints = [i for i, name in enumerate(plain) if name not in pose]
-        if not joints:
+        rotation_columns = self._rotation(line, lower_names)
+        pose = {*_POSITION, *rotation_columns}
+        joint_columns = []
+        joint_names = []
+        for column, name in enumerate(names):
+            if name.lower() not in pose:
+                joint_columns.append(column)
+                joint_names.append(name)
+        if not joint_columns:
             self.fail(line, "the table has no column with joint values: add one for each joint, as in joint_1 [deg]")
         for name in _POSITION:
-            if name not in plain:
+            if name not in lower_names:
                 self.fail(line, f"the table has no column '{name}': the position needs x, y and z")
-        if len(rest) < _FEWEST:
-            self.fail(line, f"the table has {len(rest)} rows; at least {_FEWEST} are needed, and more to judge a robot")
-        values = self._values(headings, rest)
+        if len(pose_rows) < _FEWEST:
+            self.fail(
+                line, f"the table has {len(pose_rows)} rows; at least {_FEWEST} are needed, and more to judge a robot"
+            )
+        values = self._values(headings, pose_rows)
         angles = []
-        for i in joints:
-            unit = units[i] or self._unit(line, headings[i], angle=True)
+        for column in joint_columns:
+            unit = units[column] or self._unit(line, headings[column], angle=True)
             angles.append(unit in _ANGLES)
-            values[:, i] *= _SIZES[unit]
-        lines = tuple(number for number, _ in rest)
-        p = np.zeros((len(rest), 3))
-        for k, name in enumerate(_POSITION):
-            i = plain.index(name)
-            unit = units[i] or self._unit(line, headings[i], angle=False)
+            values[:, column] *= _SIZES[unit]
+        lines = tuple(number for number, _ in pose_rows)
+        positions = np.zeros((len(pose_rows), 3))
+        for axis, name in enumerate(_POSITION):
+            column = lower_names.index(name)
+            unit = units[column] or self._unit(line, headings[column], angle=False)
             if unit not in _LENGTHS:
-                self.fail(line, f"the heading '{headings[i]}' is in {unit}, but {name} is a length")
-            p[:, k] = values[:, i] * _SIZES[unit]
-        R = self._rotations(line, plain, units, rotation, values, lines)
+                self.fail(line, f"the heading '{headings[column]}' is in {unit}, but {name} is a length")
+            positions[:, axis] = values[:, column] * _SIZES[unit]
+        rotations = self._rotations(line, lower_names, units, rotation_columns, values, lines)
         return ReadPoses(
             self.path,
-            tuple(names[i] for i in joints),
+            tuple(joint_names),
             tuple(angles),
-            values[:, joints],
-            spatial.pose(R, p),
-            bool(rotation),
+            values[:, joint_columns],
+            spatial.pose(rotations, positions),
+            bool(rotation_columns),
             lines,
             (self.noise[0], self.noise[1]),
         )
 
     def _unit(self, line: int, heading: str, *, angle: bool) -> str:
         """Return the unit of a column without one: that of --units or of the comment."""
-        unit = self.units["angle" if angle else "length"]
+        kind = "length"
+        example = "mm"
+        if angle:
+            kind = "angle"
+            example = "deg"
+        unit = self.units[kind]
         if unit is None:
-            example = "deg" if angle else "mm"
             self.fail(line, f"the unit of '{heading}' is not stated: write '{heading} [{example}]', or give --units")
         return unit
 
-    def _rotation(self, line: int, plain: Sequence[str]) -> tuple[str, ...]:
+    def _rotation(self, line: int, lower_names: Sequence[str]) -> tuple[str, ...]:
         """Return the columns of the rotation, () without one."""
-        found: list[tuple[str, ...]] = []
+        stated_columns: list[tuple[str, ...]] = []
         for columns in (_QUATERNION, _MATRIX, _RPY):
-            missing = [name for name in columns if name not in plain]
+            missing = [name for name in columns if name not in lower_names]
             if not missing:
-                found.append(columns)
+                stated_columns.append(columns)
             elif len(missing) < len(columns):
-                stated = ", ".join(name for name in columns if name in plain)
+                stated = ", ".join(name for name in columns if name in lower_names)
                 self.fail(line, f"the rotation has {stated}, but not {', '.join(missing)}: write all of them or none")
-        if len(found) > 1:
-            self.fail(line, f"the rotation is stated twice, by {found[0][0]}.. and {found[1][0]}..: remove one")
-        return found[0] if found else ()
+        if len(stated_columns) > 1:
+            self.fail(
+                line,
+                f"the rotation is stated twice, by {stated_columns[0][0]}.. and {stated_columns[1][0]}..: remove one",
+            )
+        if not stated_columns:
+            return ()
+        return stated_columns[0]
 
     def _values(self, headings: Sequence[str], rows: Sequence[tuple[int, list[str]]]) -> Array:
         """Return the numbers (k, columns) of the rows."""
         values = np.zeros((len(rows), len(headings)))
-        for k, (number, cells) in enumerate(rows):
+        for row_number, (number, cells) in enumerate(rows):
             if len(cells) != len(headings):
                 self.fail(number, f"the row has {len(cells)} cells, but there are {len(headings)} headings")
-            for i, cell in enumerate(cells):
+            for column, cell in enumerate(cells):
                 value = _number(cell)
                 if value is None:
                     self.fail(
-                        number, f"{headings[i]} = '{cell[:40]}' is not a number: correct the cell, or remove the row"
+                        number,
+                        f"{headings[column]} = '{cell[:40]}' is not a number: correct the cell, or remove the row",
                     )
-                values[k, i] = value
+                values[row_number, column] = value
         return values
 
     def _rotations(
         self,
         line: int,
-        plain: list[str],
+        lower_names: list[str],
         units: Sequence[str],
-        rotation: Sequence[str],
+        rotation_columns: Sequence[str],
         values: Array,
         lines: Sequence[int],
     ) -> Array:
         """Return the rotations (k, 3, 3); identity for a table without them."""
-        if not rotation:
+        if not rotation_columns:
             return np.broadcast_to(np.eye(3), (len(values), 3, 3))
-        columns = [plain.index(name) for name in rotation]
+        columns = [lower_names.index(name) for name in rotation_columns]
         numbers = values[:, columns]
-        if rotation == _RPY:
+        if rotation_columns == _RPY:
             sizes = []
-            for i in columns:
-                unit = units[i] or self._unit(line, plain[i], angle=True)
+            for column in columns:
+                unit = units[column] or self._unit(line, lower_names[column], angle=True)
                 if unit not in _ANGLES:
-                    self.fail(line, f"the heading '{plain[i]}' is in {unit}, but is an angle")
+                    self.fail(line, f"the heading '{lower_names[column]}' is in {unit}, but is an angle")
                 sizes.append(_SIZES[unit])
             roll, pitch, yaw = (numbers * sizes).T
             x, y, z = np.eye(3)
             Rz = spatial.exp_so3(yaw[:, None] * z)
             Ry = spatial.exp_so3(pitch[:, None] * y)
             return Rz @ Ry @ spatial.exp_so3(roll[:, None] * x)
-        if rotation == _QUATERNION:
+        if rotation_columns == _QUATERNION:
             lengths = np.linalg.norm(numbers, axis=1)
-            wrong = np.flatnonzero(np.abs(lengths - 1.0) > _UNIT)
-            if len(wrong):
-                k = int(wrong[0])
-                self.fail(lines[k], f"the quaternion has the length {lengths[k]:.4g} instead of 1")
-            return np.array([spatial.matrix_from_quat_wxyz(row) for row in numbers])
-        M = numbers.reshape(-1, 3, 3)
-        gaps = np.abs(np.swapaxes(M, 1, 2) @ M - np.eye(3)).max(axis=(1, 2))
-        wrong = np.flatnonzero((gaps > 2 * _UNIT) | (np.linalg.det(M) < 0))
-        if len(wrong):
+            wrong_rows = np.flatnonzero(np.abs(lengths - 1.0) > _UNIT)
+            if len(wrong_rows):
+                row_number = int(wrong_rows[0])
+                self.fail(lines[row_number], f"the quaternion has the length {lengths[row_number]:.4g} instead of 1")
+            return spatial.matrix_from_quat_wxyz(numbers)
+        matrices = numbers.reshape(-1, 3, 3)
+        gaps = np.abs(np.swapaxes(matrices, 1, 2) @ matrices - np.eye(3)).max(axis=(1, 2))
+        wrong_rows = np.flatnonzero((gaps > 2 * _UNIT) | (np.linalg.det(matrices) < 0))
+        if len(wrong_rows):
             self.fail(
-                lines[int(wrong[0])], "r11 to r33 are no rotation: its columns must be unit vectors, right-handed"
+                lines[int(wrong_rows[0])], "r11 to r33 are no rotation: its columns must be unit vectors, right-handed"
             )
-        U, _, Vt = np.linalg.svd(M)
+        # the nearest rotations, because files round the numbers
+        U, _, Vt = np.linalg.svd(matrices)
         return U @ Vt
 
 
@@ -312,4 +340,6 @@ def _number(text: str) -> float | None:
         value = float(text)
     except ValueError:
         return None
-    return value if math.isfinite(value) else None
+    if not math.isfinite(value):
+        return None
+    return value

@@ -23,7 +23,7 @@ from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.exchange.read.fitting_faces import GROSS, Pair, Round, perpendicular, same_axis, shared
-from twin.exchange.read.text import frame as given
+from twin.exchange.read.toml_text import frame as frame_table
 from twin.model.joint import JointType
 
 MEETING = (0.001 * MM, 0.001 * DEG)
@@ -31,6 +31,9 @@ MEETING = (0.001 * MM, 0.001 * DEG)
 
 _TOLERANCE = CadTolerance(gross_mm=1, gross_deg=1, meeting_um=1, meeting_deg=0.001)
 """Values of the section [tolerance] of a new description."""
+
+_PARALLEL = 1e-4
+"""Largest cosine of the angle between an axis and the normal of a face that is parallel to the axis: 0.006 degrees."""
 
 _RAIL = 2.0
 """Ratio of shaft length to bush length above which a shaft without stops is assumed to be a rail."""
@@ -101,11 +104,11 @@ def propose(parts: Mapping[str, Sequence[Part]], pairs: Sequence[Pair], base: st
         for body in (parent, child):
             if body not in reached:
                 reached.append(body)
-        kinds, others = _kinds(joining)
+        joints, others = _kinds(joining)
         unused += others
-        for kind, pair, why in kinds:
+        for joint_type, pair, why in joints:
             name = f"j{len(proposals) + 1}"
-            proposals.append(_joint(name, kind, parent, child, pair, parts, why))
+            proposals.append(_joint(name, joint_type, parent, child, pair, parts, why))
     return proposals, unused
 
 
@@ -120,7 +123,9 @@ def _next_bodies(fits: Mapping[tuple[str, str], list[Pair]], reached: Sequence[s
 
 def _order(body: str, reached: Sequence[str]) -> int:
     """Return when a body was reached from the base; bodies that are not reached come last."""
-    return reached.index(body) if body in reached else len(reached)
+    if body not in reached:
+        return len(reached)
+    return reached.index(body)
 
 
 def _kinds(pairs: list[Pair]) -> tuple[list[tuple[JointType | None, Pair, str]], list[Pair]]:
@@ -142,7 +147,7 @@ def _kinds(pairs: list[Pair]) -> tuple[list[tuple[JointType | None, Pair, str]],
     first, *others = axes
     repeated = []
     doubtful = []
-    kept = [first]
+    pins = [first]
     for pair in others:
         # A second fit that is nearly on the axis of the first is a defect of the CAD, not a second axis.
         if same_axis(first.a, pair.a, GROSS) and same_axis(first.b, pair.b, GROSS):
@@ -150,28 +155,28 @@ def _kinds(pairs: list[Pair]) -> tuple[list[tuple[JointType | None, Pair, str]],
         elif pair.confidence == "low":
             doubtful.append(pair)
         else:
-            kept.append(pair)
+            pins.append(pair)
     unused = repeated + doubtful
-    if not _parallel(first, kept):
+    if not _parallel(first, pins):
         text = (
-            f"{len(kept)} pins fit bores, and their axes are not parallel: the parts are bolted, or one axis is a "
+            f"{len(pins)} pins fit bores, and their axes are not parallel: the parts are bolted, or one axis is a "
             f"hinge. The closest fit: {first.radii}."
         )
-        return [("fixed", first, text)], unused + _near_fits(kept, first)
-    if len(kept) > 1:
-        longest = max(kept, key=lambda p: (not p.near, p.overlap))
-        text = f"{len(kept)} fits have parallel axes: a slide on rails, or bolted parts. The longest: {longest.radii}."
-        return [("prismatic", longest, text)], unused + _near_fits(kept, longest)
+        return [("fixed", first, text)], unused + _near_fits(pins, first)
+    if len(pins) > 1:
+        longest = max(pins, key=lambda p: (not p.near, p.overlap))
+        text = f"{len(pins)} fits have parallel axes: a slide on rails, or bolted parts. The longest: {longest.radii}."
+        return [("prismatic", longest, text)], unused + _near_fits(pins, longest)
     return [(None, first, f"One coaxial fit: {first.radii}.")], unused
 
 
-def _near_fits(pairs: Sequence[Pair], used: Pair) -> list[Pair]:
+def _near_fits(pairs: Sequence[Pair], used_pair: Pair) -> list[Pair]:
     """Return the fits whose axes do not coincide, except the one that is used for a joint."""
-    near = []
+    near_pairs = []
     for pair in pairs:
-        if pair.near and pair is not used:
-            near.append(pair)
-    return near
+        if pair.near and pair is not used_pair:
+            near_pairs.append(pair)
+    return near_pairs
 
 
 def _parallel(first: Pair, pairs: Sequence[Pair]) -> bool:
@@ -186,34 +191,36 @@ def _parallel(first: Pair, pairs: Sequence[Pair]) -> bool:
 
 def _joint(
     name: str,
-    kind: JointType | None,
+    joint_type: JointType | None,
     parent: str,
     child: str,
     pair: Pair,
     parts: Mapping[str, Sequence[Part]],
     why: str,
 ) -> Proposal:
-    p = pair.a
-    c = pair.b
-    if p.body != parent:
-        p, c = c, p
+    parent_round = pair.a
+    child_round = pair.b
+    if parent_round.body != parent:
+        parent_round, child_round = child_round, parent_round
     if pair.kind == "concentric":
-        on_parent = _Frame(p.body, f"{name}_ball", p.part, p.face, np.eye(3))
-        on_child = _Frame(c.body, f"{name}_ball", c.part, c.face, np.eye(3))
+        on_parent = _Frame(parent_round.body, f"{name}_ball", parent_round.part, parent_round.face, np.eye(3))
+        on_child = _Frame(child_round.body, f"{name}_ball", child_round.part, child_round.face, np.eye(3))
     else:
-        kind, frames, more = _along_axis(name, kind, pair, p, c, parts)
+        joint_type, frames, evidence = _along_axis(name, joint_type, pair, parent_round, child_round, parts)
         on_parent, on_child = frames
-        why += more
-    assert kind is not None
+        why += evidence
+    assert joint_type is not None
     try:
         T_parent = on_parent.measured(parts[on_parent.body])
         T_child = on_child.measured(parts[on_child.body])
     except CadError as error:
-        numbers = given(spatial.pose(on_parent.R, p.face.point))
+        numbers = frame_table(spatial.pose(on_parent.R, parent_round.face.point))
         why += f" NOT MEASURED: both frames are given as numbers, because {error}"
-        return Proposal(name, kind, parent, child, Side(numbers, {}), Side(dict(numbers), {}), pair, 0.0, 0.0, why)
-    offset, tilt = locked_error(spatial.inverse(T_parent) @ T_child, kind)
-    return Proposal(name, kind, parent, child, on_parent.side(), on_child.side(), pair, offset, tilt, why)
+        return Proposal(
+            name, joint_type, parent, child, Side(numbers, {}), Side(dict(numbers), {}), pair, 0.0, 0.0, why
+        )
+    offset, tilt = locked_error(spatial.inverse(T_parent) @ T_child, joint_type)
+    return Proposal(name, joint_type, parent, child, on_parent.side(), on_child.side(), pair, offset, tilt, why)
 
 
 class _Frame:
@@ -242,10 +249,10 @@ class _Frame:
 
     def measured(self, parts: Sequence[Part]) -> Array:
         """Return the frame (4, 4) in the coordinates of the CAD, measured like the frames of a description."""
-        found = {}
+        positions = {}
         for name, feature in self.features.items():
-            found[name] = find(self.body, name, feature, parts, _TOLERANCE)
-        return frame(FrameSpec(**self._spec()), found)
+            positions[name] = find(self.body, name, feature, parts, _TOLERANCE)
+        return frame(FrameSpec(**self._spec()), positions)
 
     def side(self) -> Side:
         """Return the frame and its features."""
@@ -256,7 +263,12 @@ class _Frame:
 
 
 def _along_axis(
-    name: str, kind: JointType | None, pair: Pair, p: Round, c: Round, parts: Mapping[str, Sequence[Part]]
+    name: str,
+    joint_type: JointType | None,
+    pair: Pair,
+    parent_round: Round,
+    child_round: Round,
+    parts: Mapping[str, Sequence[Part]],
 ) -> tuple[JointType, list[_Frame], str]:
     """Return (type, frames, evidence) of a joint about or along the common axis of two faces.
 
@@ -264,54 +276,61 @@ def _along_axis(
     origins are on these faces. Otherwise, a number shifts the child's frame along the axis to the origin of the
     parent's frame.
     """
-    low, high = shared(p, c)
-    middle = p.face.point + 0.5 * (low + high) * p.face.direction
-    z_parent = p.face.direction
+    low, high = shared(parent_round, child_round)
+    middle = parent_round.face.point + 0.5 * (low + high) * parent_round.face.direction
+    z_parent = parent_round.face.direction
     # The axis of the child's frame points in the direction of that of the parent's.
-    z_child = c.face.direction * (1.0 if c.face.direction @ z_parent > 0 else -1.0)
-    on_parent = _stops(parts[p.body], z_parent, middle)
-    on_child = _stops(parts[c.body], z_child, middle)
+    z_child = child_round.face.direction
+    if not z_child @ z_parent > 0:
+        z_child = -z_child
+    on_parent = _stops(parts[parent_round.body], z_parent, middle)
+    on_child = _stops(parts[child_round.body], z_child, middle)
     reach, _ = MEETING
     if pair.near:
         reach += pair.offset + pair.tilt * pair.overlap
     touching = _touching(on_parent, on_child, reach)
-    more = ""
+    evidence = ""
     if touching is not None:
         stops = touching
-        if kind is None:
-            kind = "revolute"
-            more = " Faces stop the motion along the axis: assumed to be a pin; could also be cylindrical or a slide."
+        if joint_type is None:
+            joint_type = "revolute"
+            evidence = (
+                " Faces stop the motion along the axis: assumed to be a pin; could also be cylindrical or a slide."
+            )
     else:
         stops = (_nearest(on_parent), _nearest(on_child))
-        more = " No face stops the motion along the axis."
-        if kind is None:
-            kind, assumption = _assumed_kind(p, c)
-            more = f" No face stops the motion along the axis: {assumption}"
+        evidence = " No face stops the motion along the axis."
+        if joint_type is None:
+            joint_type, assumption = _assumed_kind(parent_round, child_round)
+            evidence = f" No face stops the motion along the axis: {assumption}"
     # For a pin, whose rotation is free, only flats that are parallel within rounding count.
-    _, tilt = MEETING if kind == "revolute" else GROSS
-    flats = _flats((parts[p.body], parts[c.body]), (z_parent, z_child), tilt)
+    _, tilt = MEETING if joint_type == "revolute" else GROSS
+    flats = _flats((parts[parent_round.body], parts[child_round.body]), (z_parent, z_child), tilt)
     x = spatial.unit_across(z_parent)  # the axis of the CAD that is farthest from z
     if flats:
         _, flat = flats[0]
         x = flat.direction
     frames = []
     origins = []
-    for i, (r, z, stop) in enumerate(zip((p, c), (z_parent, z_child), stops, strict=True)):
-        made = _Frame(r.body, f"{name}_axis", r.part, r.face, spatial.frame_from_axes(z, x))
-        made.keys["z"] = f"{name}_axis"
-        origin = float((r.face.point - middle) @ z)
+    for side_number, round_face in enumerate((parent_round, child_round)):
+        axis = (z_parent, z_child)[side_number]
+        stop = stops[side_number]
+        R = spatial.frame_from_axes(axis, x)
+        side_frame = _Frame(round_face.body, f"{name}_axis", round_face.part, round_face.face, R)
+        side_frame.keys["z"] = f"{name}_axis"
+        origin = float((round_face.face.point - middle) @ axis)
         if stop is not None:
             part, face, origin = stop
-            made.keys["at"] = made.name(f"{name}_face", part, face, z)
+            side_frame.keys["at"] = side_frame.name(f"{name}_face", part, face, axis)
         if flats:
-            made.keys["x_along"] = made.name(f"{name}_flat", *flats[i], x)
-        if i and touching is None:  # the child's frame moves to the origin of the parent's
-            made.keys["offset_mm"] = round((origins[0] - origin) / MM, 6)
+            side_frame.keys["x_along"] = side_frame.name(f"{name}_flat", *flats[side_number], x)
+        if side_number == 1 and touching is None:  # the child's frame moves to the origin of the parent's
+            side_frame.keys["offset_mm"] = round((origins[0] - origin) / MM, 6)
         origins.append(origin)
-        frames.append(made)
-    if not flats and kind != "revolute":
-        more += " The rotation about the axis is given as a number, because no two flat faces match."
-    return kind, frames, more
+        frames.append(side_frame)
+    if not flats and joint_type != "revolute":
+        evidence += " The rotation about the axis is given as a number, because no two flat faces match."
+    return joint_type, frames, evidence
 
 
 def _assumed_kind(a: Round, b: Round) -> tuple[JointType, str]:
@@ -341,15 +360,15 @@ def _touching(on_parent: Sequence[_Stop], on_child: Sequence[_Stop], reach: floa
     Faces that touch are preferred, then the nearest to the origin on the axis.
     """
     candidates = []
-    for i, (_, _, at_parent) in enumerate(on_parent):
-        for k, (_, _, at_child) in enumerate(on_child):
+    for parent_number, (_, _, at_parent) in enumerate(on_parent):
+        for child_number, (_, _, at_child) in enumerate(on_child):
             distance = abs(at_parent - at_child)
             if distance < reach:
-                candidates.append((distance > MEETING[0], abs(at_parent), i, k))
+                candidates.append((distance > MEETING[0], abs(at_parent), parent_number, child_number))
     if not candidates:
         return None
-    _, _, i, k = min(candidates)
-    return on_parent[i], on_child[k]
+    _, _, parent_number, child_number = min(candidates)
+    return on_parent[parent_number], on_child[child_number]
 
 
 def _nearest(stops: Sequence[_Stop]) -> _Stop | None:
@@ -365,14 +384,14 @@ def _flats(parts: Sequence[Sequence[Part]], zs: Sequence[Array], within: float) 
     on_child = _along(parts[1], zs[1])
     if not on_parent or not on_child:
         return None
-    a = np.array([face.direction for _, face in on_parent])
-    b = np.array([face.direction for _, face in on_child])
-    sines = np.linalg.norm(np.cross(a[:, None], b[None]), axis=-1)
+    parent_directions = np.array([face.direction for _, face in on_parent])
+    child_directions = np.array([face.direction for _, face in on_child])
+    sines = np.linalg.norm(np.cross(parent_directions[:, None], child_directions[None]), axis=-1)
     # Rounded, so that of equally good faces the first is chosen on every processor.
-    i, k = np.unravel_index(int(np.argmin(np.round(sines, 9))), sines.shape)
-    if not sines[i, k] < within:
+    parent_number, child_number = np.unravel_index(int(np.argmin(np.round(sines, 9))), sines.shape)
+    if not sines[parent_number, child_number] < within:
         return None
-    return [on_parent[i], on_child[k]]
+    return [on_parent[parent_number], on_child[child_number]]
 
 
 def _along(parts: Sequence[Part], axis: Array) -> list[tuple[Part, Face]]:
@@ -380,6 +399,6 @@ def _along(parts: Sequence[Part], axis: Array) -> list[tuple[Part, Face]]:
     planes = []
     for part in parts:
         for face in part.faces:
-            if face.kind == "plane" and abs(float(face.direction @ axis)) < 1e-4:
+            if face.kind == "plane" and abs(float(face.direction @ axis)) < _PARALLEL:
                 planes.append((part, face))
     return planes

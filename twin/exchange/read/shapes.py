@@ -15,8 +15,8 @@ from twin.core.errors import CadError
 from twin.core.findings import Finding
 from twin.core.spatial import Array
 from twin.core.units import linear
-from twin.exchange.read.source import Findings
-from twin.exchange.read.xml import Xml
+from twin.exchange.read.imported_robot import Findings
+from twin.exchange.read.xml_file import Xml
 from twin.model.body import Mesh
 
 SIZES = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
@@ -29,31 +29,32 @@ GREY: Color = (0.8, 0.8, 0.8, 1.0)
 """Default colour as display values 0..1."""
 
 
-_KEPT: ContextVar[dict[tuple[Path, int, int], tuple[Mesh, list[Finding]]] | None] = ContextVar("kept", default=None)
-"""{(file, time of its change, its size): what was read} within `meshes_kept`."""
+_MESHES_READ: ContextVar[dict[tuple[Path, int, int], tuple[Mesh, list[Finding]]] | None]
+_MESHES_READ = ContextVar("meshes_read", default=None)
+"""{(file, time of its change, its size): what was read} within `mesh_cache`."""
 
 
 @contextmanager
-def meshes_kept() -> Iterator[None]:
+def mesh_cache() -> Iterator[None]:
     """Read each mesh file once within this block: for a robot that is read again and again with other numbers."""
-    token = _KEPT.set({})
+    token = _MESHES_READ.set({})
     try:
         yield
     finally:
-        _KEPT.reset(token)
+        _MESHES_READ.reset(token)
 
 
 def _loaded(path: Path) -> tuple[Mesh, list[Finding]]:
     """Return the mesh of a file in m with the axes of the file, and findings on it; see `load_mesh` for errors."""
-    kept = _KEPT.get()
-    if kept is None:
+    cache = _MESHES_READ.get()
+    if cache is None:
         return load_mesh(path, "m", None, apply_up_axis=False)
-    place = path.resolve()
-    state = place.stat()
-    key = (place, state.st_mtime_ns, state.st_size)
-    if key not in kept:
-        kept[key] = load_mesh(path, "m", None, apply_up_axis=False)
-    return kept[key]
+    resolved = path.resolve()
+    status = resolved.stat()
+    key = (resolved, status.st_mtime_ns, status.st_size)
+    if key not in cache:
+        cache[key] = load_mesh(path, "m", None, apply_up_axis=False)
+    return cache[key]
 
 
 def primitive(kind: str, size: Sequence[float]) -> tuple[Array, np.ndarray]:
@@ -79,7 +80,7 @@ def primitive(kind: str, size: Sequence[float]) -> tuple[Array, np.ndarray]:
     return np.asarray(solid.vertices, float), np.asarray(solid.faces, np.int32)
 
 
-def sized(
+def sized_primitive(
     xml: Xml, where: str, kind: str, text: Callable[[str], str | None], findings: Findings
 ) -> tuple[Array, np.ndarray] | None:
     """Return the surface of a box, cylinder or sphere as in `primitive`. `text` returns the text of an attribute.
@@ -109,12 +110,12 @@ def stated_color(text: str | None, where: str, findings: Findings) -> Color:
     if text is None:
         return GREY
     try:
-        values = [float(t) for t in text.split()]
+        values = list(map(float, text.split()))
     except ValueError:
         values = []
     if len(values) not in (3, 4) or not np.all(np.isfinite(values)):
-        shown = " ".join(text.split())[:80]
-        findings.warn("color", f"{where}: the colour '{shown}' is not three or four numbers; grey is used.", where)
+        shown_text = " ".join(text.split())[:80]
+        findings.warn("color", f"{where}: the colour '{shown_text}' is not three or four numbers; grey is used.", where)
         return GREY
     if len(values) == 3:
         values.append(1.0)
@@ -135,8 +136,8 @@ def shows_all(link: Element, read: int) -> bool:
         return read == len(colliders)
     if read != len(visuals) or not colliders:
         return False
-    shown = {_shape_text(visual) for visual in visuals}
-    return all(_shape_text(collider) in shown for collider in colliders)
+    shown_shapes = set(map(_shape_text, visuals))
+    return shown_shapes.issuperset(map(_shape_text, colliders))
 
 
 def _shape_text(element: Element) -> str:
@@ -148,7 +149,7 @@ def _shape_text(element: Element) -> str:
     return "".join(text.split())
 
 
-def placed(name: str, vertices: Array, triangles: np.ndarray, T_body_mesh: Array, color: Color) -> Mesh:
+def placed_mesh(name: str, vertices: Array, triangles: np.ndarray, T_body_mesh: Array, color: Color) -> Mesh:
     """Return a mesh transformed to the frame of its body, with the colour converted to linear components."""
     points = vertices @ T_body_mesh[:3, :3].T + T_body_mesh[:3, 3]
     r, g, b, a = color
@@ -181,27 +182,28 @@ def link_meshes(
     return meshes
 
 
-def find(uri: str, beside: Path) -> Path | None:
+def find_file(uri: str, beside: Path) -> Path | None:
     """Return the file at a path or a `package://`, `model://` or `file://` address; None if the file does not exist.
 
     The search for a package includes `beside` and up to four of its parent folders; environment variables are not used.
     """
-    scheme, mark, address = uri.partition("://")
-    if not mark:
+    scheme, separator, address = uri.partition("://")
+    if not separator:
         address = uri
     name = address.lstrip("/")
     names = [name]
-    if mark and scheme != "file":
+    if separator and scheme != "file":
         _, _, in_package = name.partition("/")
         names.append(in_package)
     candidates = []
-    if scheme == "file" or not mark:
+    if scheme == "file" or not separator:
         candidates.append(Path(address))
     folders = [beside, *list(beside.resolve().parents)[:4]]
     # The whole name in all folders first: without the name of the package, a file of another package may be found.
     for name in names:
         if name:
-            candidates += [folder / name for folder in folders]
+            for folder in folders:
+                candidates.append(folder / name)
     for candidate in candidates:
         if candidate.is_file():
             return candidate
@@ -219,7 +221,7 @@ def mesh_file(uri: str, beside: Path, scale: Array, link: str, findings: Finding
     gz-common ColladaLoader.cc (reads only the unit) and AssimpLoader.cc; moveit/geometric_shapes pull request 52;
     hpp-fcl src/mesh_loader/assimp.cpp.
     """
-    path = find(uri, beside)
+    path = find_file(uri, beside)
     if path is None or path.suffix.lower() not in SUFFIXES:
         reason = f"is not a file of type {', '.join(SUFFIXES)}"
         if path is None:
@@ -227,13 +229,13 @@ def mesh_file(uri: str, beside: Path, scale: Array, link: str, findings: Finding
         findings.warn("mesh", f"link '{link}': mesh {uri} {reason}: the link is shown without this mesh.", uri)
         return None
     try:
-        mesh, found = _loaded(path)
+        mesh, mesh_findings = _loaded(path)
     except CadError as error:
         findings.warn("mesh", f"link '{link}': {error}: the link is shown without this mesh.", uri)
         return None
-    reported = any(f.code == "import.up_axis" for f in findings)  # once a robot: its files are from one program
-    for finding in found:
-        if finding.code == "cad.up_axis" and not reported:
+    is_reported = any(f.code == "import.up_axis" for f in findings)  # once a robot: its files are from one program
+    for finding in mesh_findings:
+        if finding.code == "cad.up_axis" and not is_reported:
             findings.warn("up_axis", f"link '{link}': {finding.message}; {finding.suggestion}.", uri)
     triangles = mesh.triangles
     if np.prod(scale) < 0:  # a mirrored mesh: its triangles must turn the other way to show their outer side

@@ -8,7 +8,7 @@ from twin.core.assets import NO_EQUATIONS
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, display_unit
-from twin.exchange.read.text import one_line, toml
+from twin.exchange.read.toml_text import one_line, toml
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
 from twin.reference.conditioning import conditioning
@@ -77,8 +77,9 @@ def protocol(mechanism: Mechanism) -> str:
     else:
         place = "a pose beside home, where the mechanism is singular,"
         note = "Beside the home position, which is singular"
-    home, near, how = _near(model, start)
-    return f"""# A first motion: the driven joints move from {place} to nearby values and back. {how}
+    home_values, near_values, difference = _near(model, start)
+    waypoints = _waypoint("home", home_values, note) + _waypoint("near", near_values, "Near the start")
+    return f"""# A first motion: the driven joints move from {place} to nearby values and back. {difference}
 # Try it: twin plan, twin validate. To move the tool to a pose, use a phase of type "positioning" and a waypoint with
 # position_mm and angles_deg; see docs/your-own-robot.md.
 name = "first"
@@ -99,7 +100,7 @@ waypoint_mm = 0.01
 waypoint_deg = 0.01
 provenance = "ASSUMED"
 note = "To be replaced."
-{_limits("joints")}{_limits("home")}{_waypoint("home", home, note)}{_waypoint("near", near, "Near the start")}
+{_limits("joints")}{_limits("home")}{waypoints}
 [[phases]]
 type = "joints"
 name = "go"
@@ -140,10 +141,10 @@ def _regularity(model: ReferenceModel, state: Assembly) -> float:
     """
     if not model.mechanism.active:
         return np.inf
-    found = conditioning(model, state.x[None], LENGTH_SCALE)
-    moves = found.moves[0]
-    stands = np.nan_to_num(found.stands[0])  # NaN where no joint moves the tool
-    return float(min(stands, moves))
+    measures = conditioning(model, state.x[None], LENGTH_SCALE)
+    moving = measures.moves[0]
+    standing = np.nan_to_num(measures.stands[0])  # NaN where no joint moves the tool
+    return float(min(standing, moving))
 
 
 def _near(model: ReferenceModel, home: Assembly) -> tuple[dict[str, float], dict[str, float], str]:
@@ -155,27 +156,31 @@ def _near(model: ReferenceModel, home: Assembly) -> tuple[dict[str, float], dict
     mechanism = model.mechanism
     values = _values(mechanism, home.q)
     without_tool: tuple[dict[str, float], str] | None = None
-    for i, joint in enumerate(mechanism.active):
+    for number, joint in enumerate(mechanism.active):
         low, high = joint.limits or (-np.inf, np.inf)
         for step in (_STEP[joint.type], -_STEP[joint.type]):
             q = home.q.copy()
-            q[i] += step
-            if not low <= q[i] <= high:
+            q[number] += step
+            if not low <= q[number] <= high:
                 continue
             try:
-                moved = model.solve(q, home)
+                moved_state = model.solve(q, home)
             except TwinError:
                 continue
-            distance = f"{step / DEG:g} degrees" if joint.is_angle else f"{step / MM:g} mm"
+            distance = f"{step / MM:g} mm"
+            if joint.is_angle:
+                distance = f"{step / DEG:g} degrees"
             how = f"Driven joint {joint.name} moves by {distance}"
-            if np.abs(moved.T_base_tool - home.T_base_tool).max() > 1e-6:
+            if np.abs(moved_state.T_base_tool - home.T_base_tool).max() > 1e-6:
                 return values, _values(mechanism, q), f"{how}."
             if without_tool is None:
                 without_tool = (_values(mechanism, q), f"{how}; the tool does not move.")
     if without_tool is not None:
-        near, how = without_tool
-        return values, near, how
-    reason = "No driven joint can be moved from home" if mechanism.active else "No joint is driven yet"
+        near_values, how = without_tool
+        return values, near_values, how
+    reason = "No joint is driven yet"
+    if mechanism.active:
+        reason = "No driven joint can be moved from home"
     how = f"{reason}: give `near` other values, as in joints = {{ NAME_deg = 5 }} or {{ NAME_mm = 10 }}."
     return values, values, how
 

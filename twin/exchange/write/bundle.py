@@ -25,7 +25,7 @@ from twin.core.version import __version__
 from twin.exchange.format import Holds
 from twin.exchange.formats import exported, named
 from twin.exchange.write import readme
-from twin.exchange.write.clip import Between, Clip, ClipAccuracy, model_hash
+from twin.exchange.write.clip import Clip, ClipAccuracy, InterpolationErrors, model_hash
 from twin.exchange.write.order import Order, Progress
 
 PROOF = "proof.json"
@@ -86,12 +86,12 @@ class Bundle(Result):
     def text(self) -> Iterator[Part]:
         """Yield lines of text: verdict, findings, motions with their errors, and files."""
         yield f"{self.order.mechanism.name} · {', '.join(self.formats)}\n\n  {_VERDICTS[self.verdict]}\n"
-        reported = False
+        has_findings = False
         for finding in by_severity(self.findings):
             if finding.severity != "info":
-                reported = True
+                has_findings = True
                 yield finding
-        if reported:
+        if has_findings:
             yield ""
         if self.order.clips:
             header = ("motion", "duration s", "keys per second", "error µm", "error deg", "joint gap µm")
@@ -143,21 +143,21 @@ def _row(clip: Clip) -> tuple[str, ...]:
     return clip.name, f"{clip.times[-1]:.3f}", f"{clip.rate:g}", position, rotation, gap
 
 
-def chosen_formats(asked: Sequence[str] | None) -> tuple[str, ...]:
-    """Return the names of the chosen formats in the order of an export; if `asked` is None, return all formats.
+def chosen_formats(requested: Sequence[str] | None) -> tuple[str, ...]:
+    """Return the names of the chosen formats in the order of an export; if `requested` is None, return all formats.
 
     Raises:
-        TwinError: `asked` is empty, or a format does not exist; the message lists the known formats.
+        TwinError: `requested` is empty, or a format does not exist; the message lists the known formats.
     """
-    known = tuple(format.name for format in exported())
-    if asked is None:
-        return known
-    for name in asked:
-        if name not in known:
-            raise TwinError(unknown("format", name, known))
-    if not asked:
-        raise TwinError(f"no format is given. Known formats: {', '.join(known)}.")
-    return tuple(sorted(set(asked), key=known.index))
+    known_names = tuple(format.name for format in exported())
+    if requested is None:
+        return known_names
+    for name in requested:
+        if name not in known_names:
+            raise TwinError(unknown("format", name, known_names))
+    if not requested:
+        raise TwinError(f"no format is given. Known formats: {', '.join(known_names)}.")
+    return tuple(sorted(set(requested), key=known_names.index))
 
 
 def write_bundle(
@@ -197,13 +197,13 @@ def write_bundle(
         truth: dict[str, tuple[Array, Mapping[str, Array]]] = {}
         for scene in order.scenes:
             truth[scene.clip.name] = (scene.clip.times, scene.judged)
-        judged = audit(work, truth=truth, mechanism=order.mechanism)
+        audit_result = audit(work, truth=truth, mechanism=order.mechanism)
         checks, missed = _budgets(order)
-        read: set[str] = set()
-        for check in judged.checks:
+        files_read: set[str] = set()
+        for check in audit_result.checks:
             checks.append(check.as_dict())
-            read.add(check.file)
-        findings += [*missed, *judged.findings, *_unjudged(written, read)]
+            files_read.add(check.file)
+        findings += [*missed, *audit_result.findings, *_unjudged(written, files_read)]
         files = sorted(map(Path, _tree(work)))
         proof = _proof(order, work, files, checks, findings)
         (work / PROOF).write_text(_lines(proof), encoding="utf-8")
@@ -233,29 +233,33 @@ def write_format(name: str, order: Order, folder: Path) -> list[Finding]:
 
 def _tree(folder: Path) -> set[str]:
     """Return the paths of all files in a folder and below, relative to the folder."""
-    return {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
+    files = set()
+    for path in folder.rglob("*"):
+        if path.is_file():
+            files.add(path.relative_to(folder).as_posix())
+    return files
 
 
-def _unjudged(written: Mapping[str, set[str]], judged: set[str]) -> list[Finding]:
+def _unjudged(written: Mapping[str, set[str]], files_read: set[str]) -> list[Finding]:
     """Return an error for each format whose files the audit did not read; such an error makes the export fail."""
     findings = []
     for name, files in written.items():
         # A schema does not depend on the robot, and is not read by the audit.
         of_robot = {file for file in files if not file.endswith(".schema.json")}
-        if of_robot and not _reads_one(of_robot, judged):
+        if of_robot and not _reads_one(of_robot, files_read):
             text = f"the audit read none of the files of format '{name}', so these files are unchecked"
             advice = "add a reader for the format: audit.py in its folder"
             findings.append(error("export.unjudged", min(of_robot), text, suggestion=advice))
     return findings
 
 
-def _reads_one(files: set[str], judged: set[str]) -> bool:
+def _reads_one(files: set[str], files_read: set[str]) -> bool:
     """Return whether the audit read one of the files, or a folder with one of them."""
     for file in files:
-        if file in judged:
+        if file in files_read:
             return True
         for folder in Path(file).parents:
-            if folder.as_posix() in judged:
+            if folder.as_posix() in files_read:
                 return True
     return False
 
@@ -268,19 +272,19 @@ def _budgets(order: Order) -> tuple[list[JsonObject], list[Finding]]:
     rows = []
     findings = []
     for clip in order.clips:
-        between = clip.between
+        errors = clip.between
         position = rotation = joint_gap = None
         if clip.budget is not None:
             position = clip.budget.position
             rotation = clip.budget.rotation
             joint_gap = clip.budget.joint_gap
         for name, worst, (where, when), unit, limit in (
-            ("any point of a link, between keys", between.position, between.position_at, "m", position),
-            ("rotation of a link, between keys", between.rotation, between.rotation_at, "rad", rotation),
-            ("gap of a joint, between keys", between.joint_gap, between.joint_gap_at, "m", joint_gap),
+            ("any point of a link, between keys", errors.position, errors.position_at, "m", position),
+            ("rotation of a link, between keys", errors.rotation, errors.rotation_at, "rad", rotation),
+            ("gap of a joint, between keys", errors.joint_gap, errors.joint_gap_at, "m", joint_gap),
         ):
             time = f"t = {when:.3f} s"
-            kept = limit is None or worst <= limit
+            is_within_budget = limit is None or worst <= limit
             tolerance: float | None = None
             if limit is not None:
                 tolerance = _short(limit)
@@ -292,12 +296,12 @@ def _budgets(order: Order) -> tuple[list[JsonObject], list[Finding]]:
                 "worst": _short(worst),
                 "unit": unit,
                 "tolerance": tolerance,
-                "verdict": "agree" if kept else "disagree",
+                "verdict": "agree" if is_within_budget else "disagree",
                 "where": where,
                 "when": time if where else "",
             }
             rows.append(row)
-            if limit is not None and not kept:
+            if limit is not None and not is_within_budget:
                 text = f"{clip.name}: {name} at {clip.rate:g} Hz"
                 findings.append(_BUDGET(where, text, Quantity(worst, unit), limit, when=time))
     return rows, findings
@@ -352,7 +356,7 @@ def _shortened(check: JsonMapping) -> JsonObject:
     return shortened
 
 
-def _errors(begin: str, begin_gap: str, errors: Between | ClipAccuracy) -> dict[str, float]:
+def _errors(begin: str, begin_gap: str, errors: InterpolationErrors | ClipAccuracy) -> dict[str, float]:
     return {
         f"{begin}position_m": _short(errors.position),
         f"{begin}rotation_rad": _short(errors.rotation),

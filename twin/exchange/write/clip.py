@@ -50,7 +50,7 @@ class ClipAccuracy:
 
 
 @dataclass(frozen=True)
-class Between:
+class InterpolationErrors:
     """Measured maximum errors between keys.
 
     Attributes:
@@ -113,7 +113,7 @@ class Clip:
     active: tuple[str, ...]
     phases: tuple[tuple[str, float, float], ...]
     rate: float
-    between: Between
+    between: InterpolationErrors
     budget: ClipAccuracy | None = None
     frame: str = ""
     shaft_axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
@@ -137,37 +137,37 @@ def make_clip(
     title: str = "",
     budget: ClipAccuracy | None = None,
     assumed: tuple[str, ...] = (),
-    moved: Callable[[Array], LinkMotion] | None = None,
+    motion_at: Callable[[Array], LinkMotion] | None = None,
 ) -> Clip:
     """Return the clip of a planned motion, at the lowest key rate of `RATES` whose errors are within the budget.
 
     If the errors exceed the budget at every rate, the highest rate is used. `mechanism` has the trocar positions of the
     protocol. If `title` is "", the title is the name of the protocol. `assumed` contains one text "name: reason" for
-    each assumed number of the protocol. `moved` returns the motion at times (k,) in s; None: the joint values of the
-    trajectory drive the compiled loops of the mechanism.
+    each assumed number of the protocol. `motion_at` returns the motion at times (k,) in s; None: the joint values of
+    the trajectory drive the compiled loops of the mechanism.
 
     Raises:
         AssemblyError: the loops of the mechanism cannot be closed.
     """
-    moved = moved or _by_plan(mechanism, trajectory)
+    motion_at = motion_at or _by_plan(mechanism, trajectory)
     budget = budget or ClipAccuracy()
     reaches = extreme_points(mechanism)
-    worst = ""  # link with the largest error at the previous rate; tested first, as it usually exceeds the budget
+    worst_link = ""  # link with the largest error at the previous rate; tested first, as it usually exceeds the budget
     for grid in _GRIDS:
         times = key_times(trajectory.duration, grid)
-        motion = moved(times)
+        motion = motion_at(times)
         links = rounded(motion.links)
         for rate in RATES:
             if _first_grid(rate) != grid:
                 continue
             keys = key_rows(len(times), grid // rate)
-            last = rate == RATES[-1]
-            if worst and not last:
-                error = draw(times, links[worst], keys, slerp) - links[worst]
-                if _furthest(error, reaches[worst]).max() > budget.position:
+            is_last_rate = rate == RATES[-1]
+            if worst_link and not is_last_rate:
+                error = draw(times, links[worst_link], keys, slerp) - links[worst_link]
+                if _furthest(error, reaches[worst_link]).max() > budget.position:
                     continue
             between = measure_between(mechanism, times, links, keys, reaches)
-            if between.keeps(budget) or last:
+            if between.keeps(budget) or is_last_rate:
                 phases = []
                 rcms = []
                 enforced = []
@@ -193,12 +193,15 @@ def make_clip(
                     assumed,
                     mechanism.trocar_places,
                 )
-            worst, _ = between.position_at
+            worst_link, _ = between.position_at
     raise AssertionError("no sample rate is suitable for the highest key rate")
 
 
 def _at_keys(arrays: Mapping[str, Array], keys: Index) -> dict[str, Array]:
-    return {name: values[keys] for name, values in arrays.items()}
+    at_keys = {}
+    for name, values in arrays.items():
+        at_keys[name] = values[keys]
+    return at_keys
 
 
 def _position(rcm: Array | None) -> Array | None:
@@ -208,7 +211,7 @@ def _position(rcm: Array | None) -> Array | None:
 
 
 def _by_plan(mechanism: Mechanism, trajectory: Trajectory) -> Callable[[Array], LinkMotion]:
-    """Return the function `moved` of `make_clip` for a trajectory without equations."""
+    """Return the function `motion_at` of `make_clip` for a trajectory without equations."""
     from twin.kinematics.closed_loops import LoopSolver
 
     loops = LoopSolver(mechanism)
@@ -234,7 +237,10 @@ def key_rows(count: int, stride: int) -> Index:
 
 def extreme_points(mechanism: Mechanism) -> dict[str, Array]:
     """Return {body: points (n, 3) in m, in the body's frame, whose convex hull contains the body}."""
-    return {body.name: _extremes(mechanism, body) for body in mechanism.bodies}
+    extremes = {}
+    for body in mechanism.bodies:
+        extremes[body.name] = _extremes(mechanism, body)
+    return extremes
 
 
 def _extremes(mechanism: Mechanism, body: Body) -> Array:
@@ -261,7 +267,7 @@ def _extremes(mechanism: Mechanism, body: Body) -> Array:
 
 def measure_between(
     mechanism: Mechanism, times: Array, links: Mapping[str, Array], keys: Index, reaches: Mapping[str, Array]
-) -> Between:
+) -> InterpolationErrors:
     """Return the maximum interpolation errors of players, measured at the samples between keys.
 
     Players interpolate positions linearly. They interpolate rotations by slerp (glTF, USD) or by components (Unity).
@@ -274,7 +280,10 @@ def measure_between(
         keys: indices of the keys among the samples.
         reaches: {body: points (n, 3) in m from `extreme_points`}; position errors are measured at these points.
     """
-    moving = [name for name, Ts in links.items() if np.any(Ts != Ts[0])]
+    moving = []
+    for name, Ts in links.items():
+        if np.any(Ts != Ts[0]):
+            moving.append(name)
     gaps: dict[str, Array] = {}
     for joint in mechanism.joints:
         gaps[joint.name] = _gaps(joint, links)
@@ -288,22 +297,22 @@ def measure_between(
             worst[quantity] = (float(error[k]), (name, float(times[k])))
 
     for blend in (slerp, nlerp):
-        drawn = dict(links)
+        interpolated = dict(links)
         for name in moving:
-            drawn[name] = draw(times, links[name], keys, blend)
-            error = drawn[name] - links[name]
+            interpolated[name] = draw(times, links[name], keys, blend)
+            error = interpolated[name] - links[name]
             note("position", name, _furthest(error, reaches[name]))
             # The Frobenius norm of R - R' is 2 sqrt(2) sin(angle / 2): accurate for small angles, and fast.
             chord = np.linalg.norm(error[:, :3, :3], axis=(1, 2)) / np.sqrt(8)
             note("rotation", name, 2 * np.arcsin(np.minimum(chord, 1.0)))
         for joint in mechanism.joints:
             if joint.parent in moving or joint.child in moving:
-                opened = _gaps(joint, drawn) - gaps[joint.name]
-                note("joint_gap", joint.name, np.linalg.norm(opened, axis=1))
+                gap_change = _gaps(joint, interpolated) - gaps[joint.name]
+                note("joint_gap", joint.name, np.linalg.norm(gap_change, axis=1))
     position, position_at = worst["position"]
     rotation, rotation_at = worst["rotation"]
     joint_gap, joint_gap_at = worst["joint_gap"]
-    return Between(position, rotation, joint_gap, position_at, rotation_at, joint_gap_at)
+    return InterpolationErrors(position, rotation, joint_gap, position_at, rotation_at, joint_gap_at)
 
 
 def draw(times: Array, Ts: Array, keys: Index, blend: Callable[[Array, Array, Array], Array]) -> Array:
@@ -322,9 +331,9 @@ def draw(times: Array, Ts: Array, keys: Index, blend: Callable[[Array, Array, Ar
     return spatial.pose(R, p[before] + share[:, None] * (p[after] - p[before]))
 
 
-def _furthest(error: Array, reach: Array) -> Array:
-    """Return the maximum position error (k,) in m of the points `reach` (n, 3) for pose errors (k, 4, 4)."""
-    turned = error[:, None, :3, :3] @ reach[None, :, :, None]
+def _furthest(error: Array, points: Array) -> Array:
+    """Return the maximum position error (k,) in m of points (n, 3) for pose errors (k, 4, 4)."""
+    turned = error[:, None, :3, :3] @ points[None, :, :, None]
     shifts = turned[..., 0] + error[:, None, :3, 3]
     return np.linalg.norm(shifts, axis=-1).max(axis=1)
 
@@ -346,22 +355,22 @@ def quaternions_xyzw(Ts: Array) -> Array:
     return np.roll(wxyz, -1, axis=1)
 
 
-def slerp(a: Array, b: Array, share: Array) -> Array:
+def slerp(first: Array, second: Array, share: Array) -> Array:
     """Return quaternions (k, 4), interpolated spherically from a (k, 4) to b (k, 4) at fractions `share` (k,), 0..1."""
-    cosine = np.clip(np.sum(a * b, axis=1), -1.0, 1.0)
+    cosine = np.clip(np.sum(first * second, axis=1), -1.0, 1.0)
     # An arc tangent of the chord is accurate for small rotations between keys; an arc cosine is not.
-    angle = 2 * np.arctan2(np.linalg.norm(b - a, axis=1), np.linalg.norm(b + a, axis=1))
+    angle = 2 * np.arctan2(np.linalg.norm(second - first, axis=1), np.linalg.norm(second + first, axis=1))
     sine = np.sin(angle)
-    small = (sine < 1e-9) | (np.abs(cosine) > 1 - 1e-18)
-    safe = np.where(small, 1.0, sine)
-    x = np.where(small, 1 - share, np.sin((1 - share) * angle) / safe)
-    y = np.where(small, share, np.sin(share * angle) / safe)
-    return x[:, None] * a + y[:, None] * b
+    is_small = (sine < 1e-9) | (np.abs(cosine) > 1 - 1e-18)
+    safe = np.where(is_small, 1.0, sine)
+    x = np.where(is_small, 1 - share, np.sin((1 - share) * angle) / safe)
+    y = np.where(is_small, share, np.sin(share * angle) / safe)
+    return x[:, None] * first + y[:, None] * second
 
 
-def nlerp(a: Array, b: Array, share: Array) -> Array:
+def nlerp(first: Array, second: Array, share: Array) -> Array:
     """Return unit quaternions (k, 4), interpolated by components from a to b (k, 4) at fractions `share` (k,), 0..1."""
-    q = a + share[:, None] * (b - a)
+    q = first + share[:, None] * (second - first)
     return q / np.linalg.norm(q, axis=1, keepdims=True)
 
 
@@ -374,8 +383,10 @@ def home_poses(mechanism: Mechanism) -> dict[str, Array]:
 
 def rounded(arrays: Mapping[str, Array]) -> dict[str, Array]:
     """Return arrays rounded to 1e-13, so that exported files do not depend on the processor."""
-    # Adding 0.0 removes negative zeros.
-    return {name: np.round(array, 13) + 0.0 for name, array in arrays.items()}
+    rounded_arrays = {}
+    for name, array in arrays.items():
+        rounded_arrays[name] = np.round(array, 13) + 0.0  # adding 0.0 removes negative zeros
+    return rounded_arrays
 
 
 def model_hash(mechanism: Mechanism) -> str:
@@ -420,10 +431,10 @@ def between_keys(keys: Array, Ts: Array, times: Array) -> Array:
 
     if len(keys) == 1:
         return np.broadcast_to(Ts[0], (len(times), 4, 4))
-    at = np.clip(times, keys[0], keys[-1])
-    out = np.broadcast_to(np.eye(4), (len(times), 4, 4)).copy()
+    shown_times = np.clip(times, keys[0], keys[-1])
+    T = np.broadcast_to(np.eye(4), (len(times), 4, 4)).copy()
     rotations = Slerp(keys, Rotation.from_matrix(Ts[:, :3, :3]))
-    out[:, :3, :3] = rotations(at).as_matrix()
-    for i in range(3):
-        out[:, i, 3] = np.interp(at, keys, Ts[:, i, 3])
-    return out
+    T[:, :3, :3] = rotations(shown_times).as_matrix()
+    for axis in range(3):
+        T[:, axis, 3] = np.interp(shown_times, keys, Ts[:, axis, 3])
+    return T

@@ -28,13 +28,13 @@ def mesh_file(mesh: Mesh) -> str:
 def write_meshes(mechanism: Mechanism, folder: Path) -> list[Path]:
     """Write every mesh of the mechanism below `folder`, in the frame of its body, and return the paths of the files."""
     (folder / "meshes").mkdir(parents=True, exist_ok=True)
-    out = []
+    paths = []
     for body in mechanism.bodies:
         for mesh in body.meshes:
             path = folder / mesh_file(mesh)
             path.write_text(_obj(mesh), "ascii", newline="\n")
-            out.append(path)
-    return out
+            paths.append(path)
+    return paths
 
 
 def _obj(mesh: Mesh) -> str:

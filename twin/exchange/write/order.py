@@ -85,8 +85,10 @@ class Order:
     @property
     def assumed_counts(self) -> AssumedCounts:
         """Numbers of assumed values, as all pages and commands count them."""
-        motions = sum(len(clip.assumed) for clip in self.clips)
-        return replace(count_assumed(self.numbers), protocol=motions)
+        of_protocols = 0
+        for clip in self.clips:
+            of_protocols += len(clip.assumed)
+        return replace(count_assumed(self.numbers), protocol=of_protocols)
 
     @property
     def clips(self) -> tuple[Clip, ...]:
@@ -142,16 +144,16 @@ def order(
     robot = robot.weighed()
     cad = robot.cad
     findings = [finding for finding in cad.findings if finding.severity != "info"]
-    chosen, found = _chosen(robot, trajectory, protocols)
-    findings += found
+    chosen, choice_findings = _chosen(robot, trajectory, protocols)
+    findings += choice_findings
     loaded = [robot.protocol(name) for name in chosen]
     sources = _sources(files, cad.description, chosen, loaded)  # hash the files first: planning takes time
     # A protocol that the user did not ask for may be one that an imported robot cannot follow.
     optional = protocols is None and robot.unwritten
     scenes: list[ExportedScene] = []
     planned_names: list[str] = []
-    for i, protocol in enumerate(loaded):
-        progress(f"plan {protocol.name}", i / len(loaded))
+    for number, protocol in enumerate(loaded):
+        progress(f"plan {protocol.name}", number / len(loaded))
         try:
             planned = trajectory
             if planned is None:
@@ -162,7 +164,7 @@ def order(
             text = f"protocol {protocol.name} is left out, because the mechanism cannot follow it: {error}"
             findings.append(warning("export.not_planned", protocol.name, text))
             continue
-        progress(f"keys of {protocol.name}", (i + 0.5) / len(loaded))
+        progress(f"keys of {protocol.name}", (number + 0.5) / len(loaded))
         scene = _scene(robot.bound(protocol), protocol, planned, budget)
         scenes.append(scene)
         planned_names.append(scene.clip.name)
@@ -204,9 +206,9 @@ def _chosen(
 
 def _scene(robot: Robot, protocol: Any, planned: Trajectory, budget: ClipAccuracy | None) -> ExportedScene:
     """Return the clip of a planned protocol, for a robot with the trocars of the protocol, and what judges it."""
-    moved = partial(robot.link_motion, planned)
+    motion_at = partial(robot.link_motion, planned)
     assumed = _assumed(protocol.parameters())
-    clip = make_clip(robot.mechanism, planned, protocol.title, budget, assumed, moved)
+    clip = make_clip(robot.mechanism, planned, protocol.title, budget, assumed, motion_at)
     model = robot.reference()
     run = robot.link_motion(planned, clip.times).on(model, planned)
     return ExportedScene(clip, robot.mechanism, model.link_poses(run.x))
@@ -220,17 +222,17 @@ def _sources(
     for path in (files.cad / "dimensions.toml", files.formula):
         if path.is_file():
             made_from.append(path)
-    shown: dict[str, Path] = {}
+    path_by_name: dict[str, Path] = {}
     for path in made_from:
-        shown[_shown(path, files.cad)] = path
+        path_by_name[_shown(path, files.cad)] = path
     for name, protocol in zip(chosen, loaded, strict=True):
         path = Path(name)
         if path.suffix != ".toml":
             path = files.protocols().get(protocol.name)
         if path is not None:
-            shown[f"trajectories/{path.name}"] = path
+            path_by_name[f"trajectories/{path.name}"] = path
     sources = []
-    for name, path in shown.items():
+    for name, path in path_by_name.items():
         sources.append((name, _sha256(path, files.read)))
     return tuple(sources)
 
@@ -238,7 +240,7 @@ def _sources(
 def _of_stage(robot: Robot, progress: Progress) -> Order:
     from pxr import Usd
 
-    from twin.exchange.write.sampled import sampled_clip
+    from twin.exchange.write.stage_clip import sampled_clip
 
     progress("read stage", 0.0)
     mechanism = robot.mechanism
@@ -279,14 +281,14 @@ def _of_file(robot: Robot, path: Path, progress: Progress) -> Order:
     return Order(mechanism, (), (), sources, lines, mechanism.name, path.name, (), numbers=tuple(mechanism.parameters))
 
 
-def _quick_looks(default: str, names: list[str], asked: bool) -> tuple[str, ...]:
+def _quick_looks(default: str, names: list[str], are_requested: bool) -> tuple[str, ...]:
     """Return the names of clips to write as .usdz: the clip of <robot>_ar.usdz, then the clips requested by name."""
     if not names:
         return ()
     first = names[0]
     if default in names:
         first = default
-    if not asked:
+    if not are_requested:
         return (first,)
     others = [name for name in names if name != first]
     return (first, *others)
@@ -299,10 +301,11 @@ def _assumed(parameters: Sequence[Parameter]) -> tuple[str, ...]:
         if parameter.provenance == "ASSUMED" and not parameter.name.startswith(DRAWING):
             line = f"{parameter.name} = {parameter.shown:g} {parameter.unit}: {parameter.note}"
             lines.append(" ".join(line.split()))
-    drawn = count_assumed(parameters).drawing
-    if drawn:
+    drawing_count = count_assumed(parameters).drawing
+    if drawing_count:
         lines.append(
-            f"{DRAWING}*: {drawn} lengths that affect only the appearance of parts (`twin info --all` lists them)"
+            f"{DRAWING}*: {drawing_count} lengths that affect only the appearance of parts (`twin info --all` lists "
+            "them)"
         )
     return tuple(dict.fromkeys(lines))  # each line once, in this order
 

@@ -40,12 +40,14 @@ def text(order: Order, formats: Sequence[str], findings: Sequence[Finding]) -> s
 
 
 def _files(order: Order, formats: Sequence[str]) -> Iterator[str]:
-    shown = []
+    file_rows = []
     for name in formats:
-        shown += named(name).module("write").files(order)
-    shown.append(("proof.json", "source and hash of every file, and the values measured by independent readers"))
-    width = max(len(file) for file, _ in shown)
-    for file, content in shown:
+        file_rows += named(name).module("write").files(order)
+    file_rows.append(("proof.json", "source and hash of every file, and the values measured by independent readers"))
+    width = 0
+    for file, _ in file_rows:
+        width = max(width, len(file))
+    for file, content in file_rows:
         yield f"{file.ljust(width)}  {content}"
 
 
@@ -87,5 +89,7 @@ def _wrapped(lines: Sequence[str]) -> Iterator[str]:
         if "  " in line:  # a row of a table
             yield line
             continue
-        indent = "  " if line.startswith("- ") else ""
+        indent = ""
+        if line.startswith("- "):
+            indent = "  "
         yield from textwrap.wrap(line, _WIDTH, subsequent_indent=indent, break_long_words=False) or [""]

@@ -18,7 +18,7 @@ from twin.core.foreign.text import read_text
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.exchange.formats.step.read import bodies
-from twin.exchange.read.source import Findings, Names
+from twin.exchange.read.imported_robot import Findings, Names
 
 _NEW = CadTolerance(gross_mm=1, gross_deg=1, meeting_um=1, meeting_deg=0.001)
 """Section [tolerance] of a new description."""

@@ -14,7 +14,7 @@ from twin.cad.step import Face
 from twin.core.errors import CadError, TwinError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.exchange.read.text import one_line, rows
+from twin.exchange.read.toml_text import one_line, rows
 from twin.ui.session.drawn_faces import DrawnFace, StepDrawing, in_mm
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")

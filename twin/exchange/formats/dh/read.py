@@ -15,8 +15,8 @@ import numpy as np
 from twin.core import spatial
 from twin.core.spatial import Array
 from twin.exchange.formats.dh.table import CellQuantity, DhRow, DhTable, read_table
-from twin.exchange.read.source import Findings, Imported, Names, Options, assemble
-from twin.exchange.read.text import one_line
+from twin.exchange.read.imported_robot import Findings, Imported, Names, Options, assemble
+from twin.exchange.read.toml_text import one_line
 from twin.model.body import Body, Frame
 from twin.model.joint import Joint, JointType
 

@@ -28,7 +28,7 @@ from twin.exchange.formats.dh.cell_numbers import (
     plain_text,
 )
 from twin.exchange.formats.dh.cells import Cells, TableRow, read_cells
-from twin.exchange.read.source import DhOptions
+from twin.exchange.read.imported_robot import DhOptions
 
 CONVENTIONS = ("standard", "modified", "khalil", "hayati")
 

@@ -22,10 +22,10 @@ from twin.core.quantity import Quantity
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.exchange.read.fitting_faces import GROSS, Pair, find_pairs
-from twin.exchange.read.folder import TOLERANCE, write_robot
+from twin.exchange.read.imported_robot import Findings, Imported, Names, Options, warning
 from twin.exchange.read.proposals import Proposal, propose
-from twin.exchange.read.source import Findings, Imported, Names, Options, warning
-from twin.exchange.read.text import one_line, rows, table, toml
+from twin.exchange.read.robot_folder import TOLERANCE, write_robot
+from twin.exchange.read.toml_text import one_line, rows, table, toml
 from twin.model.mechanism import Mechanism
 
 DRIVE_COMMENT = (

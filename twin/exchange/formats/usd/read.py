@@ -12,7 +12,14 @@ import numpy as np
 from twin.core.errors import SourceError, TwinError, UnsupportedError
 from twin.core.findings import Finding
 from twin.core.foreign.admit import admit
-from twin.exchange.read.source import Findings, Imported, Options, possible, stated_gravity, tooled
+from twin.exchange.read.imported_robot import (
+    Findings,
+    Imported,
+    Options,
+    possible_inertia,
+    stated_gravity,
+    with_tool_frame,
+)
 
 _READ = (
     "PhysicsRigidBodyAPI",
@@ -55,7 +62,7 @@ def read_usd(path: Path, root: str | None) -> Imported:
     bodies = []
     for body in mechanism.bodies:
         if body.inertia is not None:
-            body = replace(body, inertia=possible(body.inertia, body.name, findings))
+            body = replace(body, inertia=possible_inertia(body.inertia, body.name, findings))
         bodies.append(body)
     gravity = stated_gravity(np.array(mechanism.gravity), findings)
     mechanism = replace(mechanism, bodies=tuple(bodies), gravity=gravity)
@@ -73,7 +80,7 @@ def read_usd(path: Path, root: str | None) -> Imported:
         mechanism = replace(mechanism, joints=joints, postures={})
         text = f"no joint has a drive: all joints of the tree are driven, {', '.join(sorted(moving))}."
         findings.warn("driven", text, mechanism.base)
-    return Imported(tooled(mechanism, findings), findings)
+    return Imported(with_tool_frame(mechanism, findings), findings)
 
 
 def _as_import(finding: Finding) -> Finding:

@@ -24,14 +24,14 @@ from twin.core.spatial import Array
 from twin.exchange.formats.mjcf.read.geoms import read_geoms
 from twin.exchange.formats.mjcf.read.motors import fixed_tendon, read_motors
 from twin.exchange.formats.mjcf.read.robots import choose_robot, tied_bodies
-from twin.exchange.read.source import (
+from twin.exchange.read.imported_robot import (
     Findings,
     Imported,
     Names,
     Options,
-    along,
     assemble,
-    possible,
+    pose_along,
+    possible_inertia,
     stated_gravity,
 )
 from twin.model.body import TOOL, Body, Frame, Point
@@ -332,7 +332,7 @@ class _Mjcf:
                 # The largest component of a unit vector is at least 0.577: MuJoCo could not normalise a shorter axis.
                 if not np.abs(model.jnt_axis[joint]).max() > 0.5:
                     raise SourceError(f"{self.path}: the axis of joint '{name}' has length 0, or is too long")
-                T_body_joint = T_body_joint @ along(model.jnt_axis[joint])
+                T_body_joint = T_body_joint @ pose_along(model.jnt_axis[joint])
                 q0 = float(model.qpos0[model.jnt_qposadr[joint]])
                 T_home = spatial.pose(p=[0, 0, -q0])
                 if kind == _HINGE:
@@ -515,7 +515,7 @@ class _Mjcf:
             return None
         R = spatial.matrix_from_quat_wxyz(model.body_iquat[number])
         tensor = R @ np.diag(model.body_inertia[number]) @ R.T
-        return possible(
+        return possible_inertia(
             Inertia(float(model.body_mass[number]), model.body_ipos[number].copy(), tensor),
             self.bodies[number],
             self.findings,

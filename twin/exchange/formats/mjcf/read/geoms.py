@@ -8,8 +8,8 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.spatial import Array
-from twin.exchange.read.shapes import placed, primitive
-from twin.exchange.read.source import Findings
+from twin.exchange.read.imported_robot import Findings
+from twin.exchange.read.shapes import placed_mesh, primitive
 from twin.model.body import Mesh
 from twin.usd.read.names import unique
 
@@ -70,7 +70,7 @@ def read_geoms(
                 findings.warn("texture", text, bodies[body])
         red, green, blue, alpha = map(float, rgba)
         T_body_geom = spatial.pose(spatial.matrix_from_quat_wxyz(model.geom_quat[geom]), model.geom_pos[geom])
-        mesh = placed(names[str(geom)], vertices, triangles, T_body_geom, (red, green, blue, alpha))
+        mesh = placed_mesh(names[str(geom)], vertices, triangles, T_body_geom, (red, green, blue, alpha))
         meshes[body].append(mesh)
     for body in sorted(bodies_with_unused_colliders):
         text = f"body '{bodies[body]}': the colliders are not imported; the visual meshes are used for collision."

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.exchange.read.source import Findings, named_apart
+from twin.exchange.read.imported_robot import Findings, unique_identifiers
 from twin.model.transmission import CONDITION, Actuator, Coordinate, Transmission, condition
 from twin.usd.read.names import identifier
 
@@ -134,7 +134,7 @@ def _make_motors(
     actuator_names: list[tuple[int, str]] = []
     for tendon, number in actuator_numbers.items():
         actuator_names.append((tendon, name("ACTUATOR", number)))
-    labels = named_apart("motor", actuator_names, joints, findings)
+    labels = unique_identifiers("motor", actuator_names, joints, findings)
     texts: dict[str, str] = {}  # a text of the name of a motor states its kind of coordinate, as twin writes it
     for number in range(model.ntext):
         texts[name("TEXT", number)] = _text(model, number)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from twin.core.errors import SourceError, UnsupportedError, unknown
-from twin.exchange.read.source import Findings
+from twin.exchange.read.imported_robot import Findings
 
 WORLD = "world"
 """Value of `root` that selects all robots of the file, which are then read as one mechanism."""

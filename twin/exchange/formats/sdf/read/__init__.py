@@ -15,20 +15,29 @@ from twin.core import spatial
 from twin.core.errors import MechanismError, NoMechanismError, SourceError, UnsupportedError, unknown
 from twin.core.spatial import Array
 from twin.exchange.formats.sdf.read.world import robot_of
-from twin.exchange.read.shapes import SIZES, Color, link_meshes, mesh_file, placed, shows_all, sized, stated_color
-from twin.exchange.read.source import (
+from twin.exchange.read.imported_robot import (
     Findings,
     Imported,
     Names,
     Options,
-    along,
     assemble,
     limits,
-    possible,
+    pose_along,
+    possible_inertia,
     rpy,
     stated_gravity,
 )
-from twin.exchange.read.xml import Xml
+from twin.exchange.read.shapes import (
+    SIZES,
+    Color,
+    link_meshes,
+    mesh_file,
+    placed_mesh,
+    shows_all,
+    sized_primitive,
+    stated_color,
+)
+from twin.exchange.read.xml_file import Xml
 from twin.model.body import Body, Frame, Mesh
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint, JointType
@@ -432,7 +441,7 @@ class _Sdf:
             values["max_speed"] = speed
         if 0 < effort < _UNLIMITED:
             self.efforts[name] = effort
-        return T @ along(direction), values
+        return T @ pose_along(direction), values
 
     def _bound(self, where: str, axis: Element, key: str) -> float | None:
         """Return the limit `lower` or `upper` of an axis in rad or m; None if the axis is unlimited on this side."""
@@ -456,7 +465,7 @@ class _Sdf:
         mass = self.xml.number(where, "mass", element.findtext("mass"), 1.0)
         R = T_link_com[:3, :3]
         inertia = Inertia(mass, T_link_com[:3, 3], R @ tensor @ R.T)
-        return possible(inertia, name, self.findings)
+        return possible_inertia(inertia, name, self.findings)
 
     def _shapes(self, name: str, elements: list[Element]) -> list[Mesh]:
         """Return the shapes that can be read of the <visual> or <collision> elements of a link."""
@@ -473,7 +482,7 @@ class _Sdf:
                 uri = (shape.findtext("uri") or "").strip()
                 triangle_mesh = mesh_file(uri, self.path.parent, scale, name, self.findings)
             elif shape.tag in SIZES:
-                triangle_mesh = sized(self.xml, where, shape.tag, shape.findtext, self.findings)
+                triangle_mesh = sized_primitive(self.xml, where, shape.tag, shape.findtext, self.findings)
             else:
                 self.findings.warn("shape", f"{where}: a <{shape.tag}> is not shown.", name)
             if triangle_mesh is None:
@@ -483,7 +492,7 @@ class _Sdf:
             if meshes:
                 label += f"_{len(meshes) + 1}"
             color = self._color(element, where)
-            meshes.append(placed(label, vertices, triangles, self._pose(element, where), color))
+            meshes.append(placed_mesh(label, vertices, triangles, self._pose(element, where), color))
         return meshes
 
     def _color(self, element: Element, where: str) -> Color:

@@ -13,9 +13,9 @@ from xml.etree.ElementTree import Element, SubElement
 
 from twin.core.errors import IncompleteError, NoMechanismError, SourceError, UnsupportedError, unknown
 from twin.core.foreign.budget import INCLUDES, over
-from twin.exchange.read.shapes import find
-from twin.exchange.read.source import Findings, note, warning
-from twin.exchange.read.xml import Xml
+from twin.exchange.read.imported_robot import Findings, note, warning
+from twin.exchange.read.shapes import find_file
+from twin.exchange.read.xml_file import Xml
 
 ORIGIN = "__model__"
 """Name of a model's own frame in SDF; the frame of a nested model `hand` becomes `hand::__model__`."""
@@ -158,7 +158,7 @@ def _included(xml: Xml, include: Element, depth: int, included_files: list[Path]
         raise SourceError(f"{file}: included by {xml.path.name}: expected one model, found {len(models)}")
     model = copy.deepcopy(models[0])
     for address in model.iter("uri"):  # resolve mesh files relative to the folder of the included file
-        mesh_file = find((address.text or "").strip(), file.parent)
+        mesh_file = find_file((address.text or "").strip(), file.parent)
         if mesh_file is not None:
             address.text = str(mesh_file.resolve())
     _resolve(included, model, depth, included_files)
@@ -183,7 +183,7 @@ def _file(uri: str, beside: Path) -> Path | None:
     if _is_remote(uri):
         uri = uri.rstrip("/").rpartition("/")[2]  # nothing is downloaded; search a local copy instead
     for name in (f"{uri}/model.sdf", f"{uri}.sdf", uri):
-        file = find(name, beside)
+        file = find_file(name, beside)
         if file is not None:
             return file
     return None

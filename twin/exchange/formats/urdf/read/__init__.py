@@ -22,19 +22,19 @@ from twin.exchange.formats.urdf.read.bounds import JointBounds, read_bounds
 from twin.exchange.formats.urdf.read.closures import Closures, read_closures
 from twin.exchange.formats.urdf.read.gears import MOVING, read_gears
 from twin.exchange.formats.urdf.read.visuals import Visuals, origin
-from twin.exchange.read.shapes import shows_all
-from twin.exchange.read.source import (
+from twin.exchange.read.imported_robot import (
     Findings,
     Imported,
     Names,
     Options,
-    along,
     assemble,
-    named_apart,
-    possible,
+    pose_along,
+    possible_inertia,
+    unique_identifiers,
 )
-from twin.exchange.read.start import moved
-from twin.exchange.read.xml import Xml
+from twin.exchange.read.shapes import shows_all
+from twin.exchange.read.start_values import rest_at_values
+from twin.exchange.read.xml_file import Xml
 from twin.exchange.xacro import SUFFIX, Expanded, XacroSettings, expand, is_xacro
 from twin.model.body import Body, Frame
 from twin.model.inertia import Inertia
@@ -253,7 +253,7 @@ class _Urdf:
             if name not in names:
                 raise SourceError(f"{self.closure_file}: home: {unknown('joint', name, names.known())}")
             values[names[name]] = value
-        mechanism = replace(imported.mechanism, rest=moved(imported.mechanism, values))
+        mechanism = replace(imported.mechanism, rest=rest_at_values(imported.mechanism, values))
         return replace(imported, mechanism=mechanism, keys={"home": values}, posed=True)
 
     # -- structure ------------------------------------------------------------------------------------
@@ -531,8 +531,8 @@ class _Urdf:
         for name, gear in gears.items():
             motor_names.append((name, gear.motor))
             transmission_names.append((name, gear.transmission))
-        motors = named_apart("motor", motor_names, set(names.values()), self.findings)
-        labels = named_apart("transmission", transmission_names, (), self.findings)
+        motors = unique_identifiers("motor", motor_names, set(names.values()), self.findings)
+        labels = unique_identifiers("transmission", transmission_names, (), self.findings)
         transmissions: list[Transmission] = []
         for name, gear in gears.items():
             matrix = np.array([[1 / gear.ratio]])
@@ -557,7 +557,7 @@ class _Urdf:
         T_joint_axis = np.eye(4)
         bounds = JointBounds()
         if kind in MOVING:
-            T_joint_axis = along(self._axis(where, joint))
+            T_joint_axis = pose_along(self._axis(where, joint))
             bounds = read_bounds(self.xml, name, joint, self.findings)
             if bounds.max_effort is not None:
                 self.efforts[name] = bounds.max_effort
@@ -598,7 +598,7 @@ class _Urdf:
         joints = []
         for part, inner, outer, T_inner in ((first, parent, cross, T_parent_joint), (second, cross, child, np.eye(4))):
             axis = np.eye(3)["XYZ".index(part[-1])]  # the names of the parts end with their axis
-            T_joint_axis = along(axis)
+            T_joint_axis = pose_along(axis)
             is_driven = part in driven
             joints.append(
                 Joint(names[part], "revolute", inner, outer, T_inner @ T_joint_axis, T_joint_axis, active=is_driven)
@@ -613,7 +613,7 @@ class _Urdf:
         """
         where = f"joint '{name}'"
         joint = self.joints[name]
-        T_joint_normal = along(self._axis(where, joint))
+        T_joint_normal = pose_along(self._axis(where, joint))
         parent, T_parent_link = self.body_of_link[self.joint_links[name][0]]
         child, T_child_joint = self.body_of_link[self.joint_links[name][1]]
         first, second, third = self._part_names(name)
@@ -625,8 +625,8 @@ class _Urdf:
         if limit is not None and (limit.get("lower") or limit.get("upper")):
             text = f"{where} is planar: the limits {limit.get('lower')} .. {limit.get('upper')} are not imported."
             self.findings.warn("limits", text, name)
-        x_axis = along(np.array([1.0, 0.0, 0.0]))
-        y_axis = along(np.array([0.0, 1.0, 0.0]))
+        x_axis = pose_along(np.array([1.0, 0.0, 0.0]))
+        y_axis = pose_along(np.array([0.0, 1.0, 0.0]))
         T_parent_plane = T_parent_link @ origin(self.xml, joint, where) @ T_joint_normal
         return [
             Joint(names[first], "prismatic", parent, x_carriage, T_parent_plane @ x_axis, x_axis),
@@ -725,7 +725,7 @@ class _Urdf:
         I = R @ self.xml.tensor(where, tensor.get) @ R.T  # noqa: E741
         # The mean with the transpose is symmetric in all digits, which rotations by rounded matrices are not.
         symmetric = 0.5 * (I + I.T)
-        return possible(Inertia(kilograms, T_link_com[:3, 3], symmetric), name, self.findings)
+        return possible_inertia(Inertia(kilograms, T_link_com[:3, 3], symmetric), name, self.findings)
 
 
 def read(path: Path, options: Options) -> Imported:

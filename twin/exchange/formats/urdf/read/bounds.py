@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
-from twin.exchange.read.source import Findings, limits
-from twin.exchange.read.xml import Xml
+from twin.exchange.read.imported_robot import Findings, limits
+from twin.exchange.read.xml_file import Xml
 
 _UNSTATED = 1e6
 """Effort (N, N m) or speed (rad/s, m/s) from which a value counts as not stated. URDF requires numbers for both."""

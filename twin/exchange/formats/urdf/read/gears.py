@@ -7,8 +7,8 @@ from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
 from twin.core.errors import SourceError
-from twin.exchange.read.source import Findings
-from twin.exchange.read.xml import Xml
+from twin.exchange.read.imported_robot import Findings
+from twin.exchange.read.xml_file import Xml
 
 MOVING = ("revolute", "continuous", "prismatic")
 """Joint types of URDF with one coordinate, which a motor can drive."""

@@ -9,9 +9,18 @@ import numpy as np
 from twin.core import spatial
 from twin.core.errors import unknown
 from twin.core.spatial import Array
-from twin.exchange.read.shapes import GREY, SIZES, Color, link_meshes, mesh_file, placed, sized, stated_color
-from twin.exchange.read.source import Findings, rpy
-from twin.exchange.read.xml import Xml
+from twin.exchange.read.imported_robot import Findings, rpy
+from twin.exchange.read.shapes import (
+    GREY,
+    SIZES,
+    Color,
+    link_meshes,
+    mesh_file,
+    placed_mesh,
+    sized_primitive,
+    stated_color,
+)
+from twin.exchange.read.xml_file import Xml
 from twin.model.body import Mesh
 from twin.usd.read.names import identifier
 
@@ -83,7 +92,7 @@ class Visuals:
                 scale = self._scale(shape, where)
                 triangle_mesh = mesh_file(shape.get("filename", ""), self.xml.path.parent, scale, name, self.findings)
             elif shape.tag in SIZES:
-                triangle_mesh = sized(self.xml, where, shape.tag, shape.get, self.findings)
+                triangle_mesh = sized_primitive(self.xml, where, shape.tag, shape.get, self.findings)
             else:
                 self.xml.fail(where, unknown("shape", str(shape.tag), (*SIZES, "mesh")))
             if triangle_mesh is None:
@@ -97,5 +106,5 @@ class Visuals:
             if material is not None:
                 self._texture(material, where)
             color = self._color(material, where)
-            meshes.append(placed(label, vertices, triangles, origin(self.xml, element, where), color))
+            meshes.append(placed_mesh(label, vertices, triangles, origin(self.xml, element, where), color))
         return meshes

@@ -19,11 +19,11 @@ from twin.core import spatial
 from twin.core.findings import Finding, Kind, info, warning
 from twin.core.spatial import Array
 from twin.exchange.formats.urdf.write.closure_yaml import ends, write_closures
+from twin.exchange.write.assumed_masses import inertia_of, partly_shown, unweighed
 from twin.exchange.write.left_out import left_out, motors_left_out
-from twin.exchange.write.masses import inertia_of, partly_shown, unweighed
 from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
 from twin.exchange.write.order import Order
-from twin.exchange.write.xml import gains, numbers, srgb, write_xml
+from twin.exchange.write.xml_text import gains, numbers, srgb, write_xml
 from twin.model.body import Body, Material
 from twin.model.following import Following, following
 from twin.model.inertia import Inertia

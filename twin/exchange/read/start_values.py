@@ -11,7 +11,7 @@ from twin.core import spatial
 from twin.core.findings import Finding
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, ROUNDING
-from twin.exchange.read.source import Imported, motion, note, warning
+from twin.exchange.read.imported_robot import Imported, motion, note, warning
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
@@ -31,49 +31,50 @@ _INSIDE = 1e-9
 """Sum in rad and m by which joints may exceed their limits by rounding."""
 
 
-def started(imported: Imported) -> tuple[Mechanism, list[Finding]]:
+def start_within_limits(imported: Imported) -> tuple[Mechanism, list[Finding]]:
     """Return the mechanism with all joints of the tree within their limits in its rest pose, and findings.
 
     If a joint of the file's rest pose is outside its limits, the rest pose gets the joint values of the first key frame
     that is within all limits; without such a key frame, each joint that is outside moves to its nearest limit. The
     loops may then be open.
     """
-    m = imported.mechanism
+    mechanism = imported.mechanism
     limited: list[Joint] = []
     outside: list[Joint] = []
-    drawn: dict[str, float] = {}
-    for joint in m.tree:
+    file_values: dict[str, float] = {}
+    for joint in mechanism.tree:
         # A ball joint has a cone and no single coordinate.
         if joint.limits is None or len(joint.free_axes) != 1:
             continue
-        q = float(joint.coordinate(m.rest[joint.parent], m.rest[joint.child]))
+        q = float(joint.coordinate(mechanism.rest[joint.parent], mechanism.rest[joint.child]))
         limited.append(joint)
-        drawn[joint.name] = q
+        file_values[joint.name] = q
         if not _within(joint, q):
             outside.append(joint)
     if not outside:
-        return m, []
+        return mechanism, []
     first = outside[0]
-    where = f"joint '{first.name}' would be at {shown(first, drawn[first.name])}, outside its limits {_range(first)}"
+    first_value = value_text(first, file_values[first.name])
+    where = f"joint '{first.name}' would be at {first_value}, outside its limits {_range(first)}"
     if len(outside) > 1:
         where += f", and {len(outside) - 1} others outside theirs"
     for key, values in imported.keys.items():
-        if _all_within(limited, {**drawn, **values}):
+        if _all_within(limited, {**file_values, **values}):
             text = f"home is key frame '{key}': in the rest pose of the file {where}."
-            return replace(m, rest=moved(m, values)), [note("home", text, key)]
+            return replace(mechanism, rest=rest_at_values(mechanism, values)), [note("home", text, key)]
     clipped: dict[str, float] = {}
     for joint in outside:
         low, high = _limits(joint)
-        clipped[joint.name] = float(np.clip(drawn[joint.name], low, high))
-    rest = moved(m, clipped)
+        clipped[joint.name] = float(np.clip(file_values[joint.name], low, high))
+    rest = rest_at_values(mechanism, clipped)
     if imported.posed:
         text = f"home has each joint at its nearest limit: in the rest pose of the file {where}."
-        return replace(m, rest=rest), [warning("home", text, first.name)]
+        return replace(mechanism, rest=rest), [warning("home", text, first.name)]
     text = f"home has each joint at its limit nearest to zero: at zero {where}."
-    return replace(m, rest=rest), [note("home", text, first.name)]
+    return replace(mechanism, rest=rest), [note("home", text, first.name)]
 
 
-def inside(model: ReferenceModel, state: Assembly) -> Assembly | None:
+def state_within_limits(model: ReferenceModel, state: Assembly) -> Assembly | None:
     """Return a closed state near a closed `state` in which all joints are within their limits; None if none is found.
 
     Joints outside their limits are moved inside, then the loops are closed again, until both hold: alternating
@@ -90,14 +91,14 @@ def inside(model: ReferenceModel, state: Assembly) -> Assembly | None:
             if not np.isfinite(x).all():  # Newton's method diverged
                 break
             if limit_excess(model.tree, x) <= _INSIDE:
-                found = model.state(x)
-                if is_closed(found):
-                    return found
+                closed_state = model.state(x)
+                if is_closed(closed_state):
+                    return closed_state
                 break
     return None
 
 
-def shown(joint: Joint, q: float) -> str:
+def value_text(joint: Joint, q: float) -> str:
     """Return a joint value `q` (rad or m) as text in degrees or mm."""
     if joint.is_angle:
         return f"{q / DEG:.4g}°"
@@ -120,35 +121,35 @@ def _limits(joint: Joint) -> tuple[float, float]:
 
 def _range(joint: Joint) -> str:
     low, high = _limits(joint)
-    return f"{shown(joint, low)} .. {shown(joint, high)}"
+    return f"{value_text(joint, low)} .. {value_text(joint, high)}"
 
 
-def moved(m: Mechanism, values: Mapping[str, float]) -> dict[str, Array]:
+def rest_at_values(mechanism: Mechanism, values: Mapping[str, float]) -> dict[str, Array]:
     """Return the rest poses {body: T_base_body (4, 4)} with the joints of the tree that are in `values` moved to them.
 
     All other joints keep the relative pose of their bodies.
     """
-    rest = dict(m.rest)
-    for joint in m.tree:
-        between = spatial.inverse(m.rest[joint.parent]) @ m.rest[joint.child]
+    rest_poses = dict(mechanism.rest)
+    for joint in mechanism.tree:
+        T_parent_child = spatial.inverse(mechanism.rest[joint.parent]) @ mechanism.rest[joint.child]
         if joint.name in values:
             q = values[joint.name]
-            between = joint.T_parent_joint @ motion(joint, q) @ spatial.inverse(joint.T_child_joint)
-        rest[joint.child] = rest[joint.parent] @ between
-    return rest
+            T_parent_child = joint.T_parent_joint @ motion(joint, q) @ spatial.inverse(joint.T_child_joint)
+        rest_poses[joint.child] = rest_poses[joint.parent] @ T_parent_child
+    return rest_poses
 
 
 def _clipped(model: ReferenceModel, x: Array) -> Array:
     """Return a copy of configuration x (nq,) with each joint that is outside its limits moved to just inside them."""
-    out = x.copy()
+    clipped = x.copy()
     for joint in model.mechanism.tree:
         if joint.limits is None or joint.name not in model.tree.configuration:
             continue
         low, high = joint.limits
         margin = _MARGIN * min(high - low, 1.0)
-        place = model.tree.configuration[joint.name]
-        if out[place] < low:
-            out[place] = low + margin
-        elif out[place] > high:
-            out[place] = high - margin
-    return out
+        index = model.tree.configuration[joint.name]
+        if clipped[index] < low:
+            clipped[index] = low + margin
+        elif clipped[index] > high:
+            clipped[index] = high - margin
+    return clipped

@@ -21,10 +21,10 @@ from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, display_unit
 from twin.core.version import __version__
-from twin.exchange.read.drives import NOTE
-from twin.exchange.read.source import Imported
+from twin.exchange.read.assumed_drives import NOTE
+from twin.exchange.read.imported_robot import Imported
 from twin.exchange.read.templates import formula, protocol
-from twin.exchange.read.text import frame, one_line, rows, table, toml
+from twin.exchange.read.toml_text import frame, one_line, rows, table, toml
 from twin.model.body import Body, Mesh
 from twin.model.joint import Joint
 from twin.model.mechanism import EARTH, Mechanism
@@ -50,7 +50,7 @@ def require_free(target: Path, force: bool = False) -> None:
 
 
 def write_folder(imported: Imported, name: str, target: Path, source: Path, force: bool = False) -> list[Path]:
-    """Write the robot folder of a mechanism whose loops are closed (see `closing.close`).
+    """Write the robot folder of a mechanism whose loops are closed (see `loop_closing.close`).
 
     The target must be a new or empty folder. With `force`, the target may be a robot folder: its files are overwritten,
     except protocols and a formula that contains equations. The description contains the name of `source`, the imported
@@ -64,7 +64,7 @@ def write_folder(imported: Imported, name: str, target: Path, source: Path, forc
     """
     mechanism = replace(imported.mechanism, name=name)
 
-    def cad(folder: Path) -> Mechanism:
+    def write_cad(folder: Path) -> Mechanism:
         (folder / "meshes").mkdir()
         for body in mechanism.bodies:
             for mesh in body.meshes:
@@ -74,19 +74,19 @@ def write_folder(imported: Imported, name: str, target: Path, source: Path, forc
         )
         return mechanism
 
-    return write_robot(name, target, cad, imported.findings, source, force, imported.formula)
+    return write_robot(name, target, write_cad, imported.findings, source, force, imported.formula)
 
 
 def write_robot(
     name: str,
     target: Path,
-    cad: Callable[[Path], Mechanism],
+    write_cad: Callable[[Path], Mechanism],
     findings: list[Finding],
     source: Path,
     force: bool = False,
     equations: str = "",
 ) -> list[Path]:
-    """Write a robot folder with files from `cad`, a function that fills the folder cad/ and returns the mechanism.
+    """Write a robot folder with the files of `write_cad`, which fills the folder cad/ and returns the mechanism.
 
     `equations` is the text of the formula.py, "" for the template. The other arguments, the return value and the errors
     are the same as for `write_folder`.
@@ -95,17 +95,20 @@ def write_robot(
     with assets.atomic_folder(target) as work:
         (work / "cad").mkdir()
         (work / "trajectories").mkdir()
-        mechanism = cad(work / "cad")
-        own = assets.RobotFiles(name, work, work, work, target / "formula.py")
-        if not own.has_equations:
+        mechanism = write_cad(work / "cad")
+        robot_files = assets.RobotFiles(name, work, work, work, target / "formula.py")
+        if not robot_files.has_equations:
             (work / "formula.py").write_text(equations or formula(mechanism), "utf-8")
         if not (target / "trajectories/first.toml").exists():
             (work / "trajectories/first.toml").write_text(protocol(mechanism), "utf-8")
         (work / NOTES).write_text(notes(name, findings, source), "utf-8")
-        written = sorted(p.relative_to(work) for p in work.rglob("*") if p.is_file())
+        written = []
+        for path in work.rglob("*"):
+            if path.is_file():
+                written.append(path.relative_to(work))
     description = Path("cad") / f"{name}.toml"
     paths = [target / description]
-    for path in written:
+    for path in sorted(written):
         if path != description:
             paths.append(target / path)
     return paths
@@ -125,77 +128,99 @@ def notes(name: str, findings: list[Finding], source: Path) -> str:
     titles = {"warning": "Changes from the file", "info": "Changed without loss"}
     for severity, title in titles.items():
         items = []
-        for f in by_severity(findings):
-            if f.severity == severity:
-                items.append(f"- {one_line(f.message)} ({f.code})")
+        for finding in by_severity(findings):
+            if finding.severity == severity:
+                items.append(f"- {one_line(finding.message)} ({finding.code})")
         lines += [f"## {title}", "", *(items or ["- nothing"]), ""]
     return "\n".join(lines)
 
 
-def describe(m: Mechanism, source: str, assumed: Set[str] = frozenset(), unlimited: Set[str] = frozenset()) -> str:
+def describe(
+    mechanism: Mechanism, source: str, assumed: Set[str] = frozenset(), unlimited: Set[str] = frozenset()
+) -> str:
     """Return a mechanism's description in TOML.
 
     `assumed` names the joints and actuators whose drives are ASSUMED, `unlimited` the joints that have no limits.
     """
     cited = {"provenance": "CITED", "note": source}
-    head: JsonObject = {"name": m.name, "title": m.name, "source": source, "default_protocol": "first", "base": m.base}
-    head["tool"] = m.tool
+    head: JsonObject = {
+        "name": mechanism.name,
+        "title": mechanism.name,
+        "source": source,
+        "default_protocol": "first",
+        "base": mechanism.base,
+    }
+    head["tool"] = mechanism.tool
     # A description has one key for one trocar, and another one for several.
-    if len(m.trocars) == 1:
-        head["trocar"] = m.trocars[0]
-    elif m.trocars:
-        head["trocars"] = m.trocars
-    if m.gravity != EARTH:
-        head["gravity_m_s2"] = m.gravity
+    if len(mechanism.trocars) == 1:
+        head["trocar"] = mechanism.trocars[0]
+    elif mechanism.trocars:
+        head["trocars"] = mechanism.trocars
+    if mechanism.gravity != EARTH:
+        head["gravity_m_s2"] = mechanism.gravity
     lines = [
-        f"# {m.name}, made by `twin new` from {one_line(source)}; omitted and guessed data are listed in ../{NOTES}.",
+        f"# {mechanism.name}, made by `twin new` from {one_line(source)}; omitted and guessed data are listed in "
+        f"../{NOTES}.",
         "# All frames are in the base frame at the rest pose, with loops closed.",
         *rows(head),
         *TOLERANCE,
     ]
-    for body in m.bodies:
-        lines += _body(m, body, cited)
-    for joint in m.joints:
-        lines += table(
-            "[[joint]]",
-            name=joint.name,
-            type=joint.type,
-            parent=joint.parent,
-            child=joint.child,
-            active=joint.active or None,
-            on_parent=frame(m.rest[joint.parent] @ joint.T_parent_joint),
-            on_child=frame(m.rest[joint.child] @ joint.T_child_joint),
-        )
-    for joint in m.joints:
+    for body in mechanism.bodies:
+        lines += _body(mechanism, body, cited)
+    for joint in mechanism.joints:
+        lines += _joint(mechanism, joint)
+    for joint in mechanism.joints:
         lines += _limit(joint, cited, unlimited=joint.name in unlimited)
         drive = joint.drive
         if drive is not None:
             gains = {"stiffness": drive.stiffness, "damping": drive.damping, "max_effort": drive.max_effort}
             provenance = _GUESSED if joint.name in assumed else cited
             lines += table("[[drive]]", joints=[joint.name], **gains, **provenance)
-    for c in m.couplings:
-        unit, scale = display_unit(m.joint(c.joints[0]).is_angle)
-        total = {f"sum_{unit}": c.total / scale}
-        lines += table("[[coupling]]", name=c.name, joints=c.joints, ratios=c.ratios, **total, **cited)
-    for a in m.actuators:
-        provenance = _GUESSED if a.name in assumed else cited
-        lines += _actuator(a, provenance)
-    for t in m.transmissions:
-        parts = {"joints": t.joints, "actuators": t.actuators, "matrix": t.matrix}
-        lines += table("[[transmission]]", name=t.name, **parts, **cited)
-    for f in m.frames:
-        lines += table(f"[frame.{f.name}]", body=f.body, at=frame(m.rest[f.body] @ f.T_body_frame))
-    for p in m.points:
-        T = m.rest[p.body]
-        position = T[:3, :3] @ p.p_body + T[:3, 3]
-        lines += table(f"[point.{p.name}]", body=p.body, position_mm=position / MM)
-    for posture, values in m.postures.items():
-        shown = {}
-        for joint, q in values.items():
-            unit, scale = display_unit(m.joint(joint).is_angle)
-            shown[f"{joint}_{unit}"] = q / scale
-        lines += table(f"[posture.{posture}]", **shown)
+    for coupling in mechanism.couplings:
+        unit, scale = display_unit(mechanism.joint(coupling.joints[0]).is_angle)
+        total = {f"sum_{unit}": coupling.total / scale}
+        lines += table(
+            "[[coupling]]", name=coupling.name, joints=coupling.joints, ratios=coupling.ratios, **total, **cited
+        )
+    for actuator in mechanism.actuators:
+        provenance = _GUESSED if actuator.name in assumed else cited
+        lines += _actuator(actuator, provenance)
+    for transmission in mechanism.transmissions:
+        parts = {"joints": transmission.joints, "actuators": transmission.actuators, "matrix": transmission.matrix}
+        lines += table("[[transmission]]", name=transmission.name, **parts, **cited)
+    for named_frame in mechanism.frames:
+        T_base_frame = mechanism.rest[named_frame.body] @ named_frame.T_body_frame
+        lines += table(f"[frame.{named_frame.name}]", body=named_frame.body, at=frame(T_base_frame))
+    for point in mechanism.points:
+        T = mechanism.rest[point.body]
+        position = T[:3, :3] @ point.p_body + T[:3, 3]
+        lines += table(f"[point.{point.name}]", body=point.body, position_mm=position / MM)
+    for posture, values in mechanism.postures.items():
+        lines += _posture(mechanism, posture, values)
     return "\n".join(lines) + "\n"
+
+
+def _joint(mechanism: Mechanism, joint: Joint) -> list[str]:
+    """Return the lines of a joint, with its frames on both bodies relative to the base at rest."""
+    return table(
+        "[[joint]]",
+        name=joint.name,
+        type=joint.type,
+        parent=joint.parent,
+        child=joint.child,
+        active=joint.active or None,
+        on_parent=frame(mechanism.rest[joint.parent] @ joint.T_parent_joint),
+        on_child=frame(mechanism.rest[joint.child] @ joint.T_child_joint),
+    )
+
+
+def _posture(mechanism: Mechanism, name: str, values: Mapping[str, float]) -> list[str]:
+    """Return the lines of a posture {joint: value in m or rad}, whose keys state the units."""
+    posture_values = {}
+    for joint, q in values.items():
+        unit, scale = display_unit(mechanism.joint(joint).is_angle)
+        posture_values[f"{joint}_{unit}"] = q / scale
+    return table(f"[posture.{name}]", **posture_values)
 
 
 TOLERANCE = ("", "[tolerance]", "gross_mm = 1", "gross_deg = 1", "meeting_um = 1", "meeting_deg = 0.001")
@@ -204,12 +229,13 @@ TOLERANCE = ("", "[tolerance]", "gross_mm = 1", "gross_deg = 1", "meeting_um = 1
 _GUESSED = {"provenance": "ASSUMED", "note": NOTE}
 
 
-def _body(m: Mechanism, body: Body, cited: Mapping[str, str]) -> list[str]:
+def _body(mechanism: Mechanism, body: Body, cited: Mapping[str, str]) -> list[str]:
+    """Return the lines of a body: its mass properties in the frame of the base, and its meshes."""
     # True is the default of a description, so the key is written only for meshes that show a part of the body.
-    whole = None if body.whole else False
-    lines = table(f"[body.{body.name}]", whole=whole)
+    states_whole = None if body.whole else False
+    lines = table(f"[body.{body.name}]", whole=states_whole)
     if body.inertia is not None:
-        T = m.rest[body.name]
+        T = mechanism.rest[body.name]
         com = T[:3, :3] @ body.inertia.p_body_com + T[:3, 3]
         I = T[:3, :3] @ body.inertia.I_com @ T[:3, :3].T  # noqa: E741
         tensor = [I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]
@@ -228,12 +254,13 @@ def _body(m: Mechanism, body: Body, cited: Mapping[str, str]) -> list[str]:
 
 
 def _limit(joint: Joint, cited: Mapping[str, str], *, unlimited: bool) -> list[str]:
+    """Return the lines of the limits of a joint; [] if it has none of which a description could state something."""
     unit, scale = display_unit(joint.is_angle)
     # A description refuses soft limits beside "none"; they are kept, for they are numbers of the file.
-    none = unlimited and joint.limits is None and joint.soft_limits is None
+    is_stated_unlimited = unlimited and joint.limits is None and joint.soft_limits is None
     # Without a limit, `and` leaves None, and the key is not written.
     values = {
-        "limits": "none" if none else None,
+        "limits": "none" if is_stated_unlimited else None,
         f"limits_{unit}": joint.limits and np.divide(joint.limits, scale),
         f"soft_limits_{unit}": joint.soft_limits and np.divide(joint.soft_limits, scale),
         f"max_speed_{unit}_s": joint.max_speed and joint.max_speed / scale,
@@ -246,17 +273,17 @@ def _limit(joint: Joint, cited: Mapping[str, str], *, unlimited: bool) -> list[s
     return table("[[limit]]", joints=[joint.name], **values, **cited)
 
 
-def _actuator(a: Actuator, provenance: Mapping[str, str]) -> list[str]:
-    unit, scale = display_unit(a.is_angle)
+def _actuator(actuator: Actuator, provenance: Mapping[str, str]) -> list[str]:
+    unit, scale = display_unit(actuator.is_angle)
     values = {
-        f"limits_{unit}": a.limits and np.divide(a.limits, scale),
-        "max_effort": a.max_effort,
-        "rotor_inertia": a.rotor_inertia,
-        "stiffness": a.stiffness,
-        "damping": a.damping or None,
-        f"max_speed_{unit}_s": a.max_speed and a.max_speed / scale,
+        f"limits_{unit}": actuator.limits and np.divide(actuator.limits, scale),
+        "max_effort": actuator.max_effort,
+        "rotor_inertia": actuator.rotor_inertia,
+        "stiffness": actuator.stiffness,
+        "damping": actuator.damping or None,
+        f"max_speed_{unit}_s": actuator.max_speed and actuator.max_speed / scale,
     }
-    return table("[[actuator]]", name=a.name, kind=a.kind, **values, **provenance)
+    return table("[[actuator]]", name=actuator.name, kind=actuator.kind, **values, **provenance)
 
 
 _OBJ_BYTES = (50, 30)

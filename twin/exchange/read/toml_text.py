@@ -45,7 +45,12 @@ def table(header: str, **values: Any) -> list[str]:
 
 def one_line(text: str) -> str:
     """Return a text as one line without control characters, for a comment."""
-    return "".join(c if c.isprintable() else " " for c in text)
+    characters = []
+    for character in text:
+        if not character.isprintable():
+            character = " "
+        characters.append(character)
+    return "".join(characters)
 
 
 def frame(T: Array) -> JsonObject:

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from twin.core import spatial
-from twin.exchange.read.source import Findings, Imported
+from twin.exchange.read.imported_robot import Findings, Imported
 from twin.model.joint import Drive, Joint
 from twin.model.mechanism import Mechanism
 from twin.model.transmission import Actuator
@@ -70,34 +70,40 @@ def with_drives(imported: Imported) -> Imported:
     return replace(imported, mechanism=mechanism, findings=findings, assumed=frozenset(assumed), efforts={})
 
 
-def _motors(m: Mechanism, efforts: dict[str, float], assumed: set[str], findings: Findings) -> tuple[Actuator, ...]:
+def _motors(
+    mechanism: Mechanism, efforts: dict[str, float], assumed: set[str], findings: Findings
+) -> tuple[Actuator, ...]:
     """Return the actuators, each with a drive. Missing gains are ASSUMED, from the inertia that the motor moves."""
     motors: dict[str, Actuator] = {}
-    for actuator in m.actuators:
+    for actuator in mechanism.actuators:
         motors[actuator.name] = actuator
-    for t in m.transmissions:
+    for transmission in mechanism.transmissions:
         carried_by_joints: list[float] = []
-        for name in t.joints:
-            joint = m.joint(name)
-            carried_by_joints.append(_carried(m, joint) or _NOTHING[joint.type])
-        inertias = np.array(carried_by_joints) @ t.matrix**2  # what each motor moves, with the other joints locked
-        for name, carried in zip(t.actuators, inertias, strict=True):
+        for name in transmission.joints:
+            joint = mechanism.joint(name)
+            carried_by_joints.append(_carried(mechanism, joint) or _NOTHING[joint.type])
+        inertias = (
+            np.array(carried_by_joints) @ transmission.matrix**2
+        )  # what each motor moves, with the other joints locked
+        for name, carried in zip(transmission.actuators, inertias, strict=True):
             motor = motors[name]
             if motor.stiffness is not None:
                 continue
-            moved = carried + (motor.rotor_inertia or 0.0)
-            motors[name] = replace(motor, stiffness=float(moved * _RATE**2), damping=float(2 * moved * _RATE))
+            moved_inertia = carried + (motor.rotor_inertia or 0.0)
+            motors[name] = replace(
+                motor, stiffness=float(moved_inertia * _RATE**2), damping=float(2 * moved_inertia * _RATE)
+            )
             assumed.add(name)
             text = (
                 f"the file states no gains for actuator '{name}': they are ASSUMED, with a natural frequency of "
                 f"{FREQUENCY:g} Hz."
             )
             findings.warn("drive", text, name)
-        for joint in t.joints:
+        for joint in transmission.joints:
             effort = efforts.get(joint)
             if not effort:
                 continue
-            single = t.single(joint)
+            single = transmission.single(joint)
             if single is None:
                 text = f"joint '{joint}': effort {effort:g} is not imported: several motors move the joint."
                 findings.warn("effort", text, joint)
@@ -109,22 +115,22 @@ def _motors(m: Mechanism, efforts: dict[str, float], assumed: set[str], findings
     return tuple(motors.values())
 
 
-def _carried(m: Mechanism, joint: Joint) -> float:
+def _carried(mechanism: Mechanism, joint: Joint) -> float:
     """Return the inertia in kg m2 of the bodies moved by a joint, about its axis; for a slide, their mass in kg."""
     # The tree is sorted from the base outwards: a joint comes after the joint that carries its parent.
-    moved: set[str] = set()
-    for j in m.tree:
-        if j.name == joint.name or j.parent in moved:
-            moved.add(j.child)
-    T = spatial.inverse(m.rest[joint.parent] @ joint.T_parent_joint)
+    moved_bodies: set[str] = set()
+    for tree_joint in mechanism.tree:
+        if tree_joint.name == joint.name or tree_joint.parent in moved_bodies:
+            moved_bodies.add(tree_joint.child)
+    T = spatial.inverse(mechanism.rest[joint.parent] @ joint.T_parent_joint)
     total = 0.0
-    for body in m.bodies:
-        if body.name not in moved or body.inertia is None:
+    for body in mechanism.bodies:
+        if body.name not in moved_bodies or body.inertia is None:
             continue
         if not joint.is_angle:
             total += body.inertia.mass
             continue
-        at = T @ m.rest[body.name]
+        at = T @ mechanism.rest[body.name]
         x, y, _ = at[:3, :3] @ body.inertia.p_body_com + at[:3, 3]
         turned = at[:3, :3] @ body.inertia.I_com @ at[:3, :3].T
         total += float(turned[2, 2] + body.inertia.mass * (x * x + y * y))

@@ -1,4 +1,4 @@
-"""Functions that all readers use: convert names to identifiers, add findings, check limits, add a tool frame."""
+"""The common result of all readers, and how they make it: names as identifiers, findings, limits, a tool frame."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class DhOptions:
     angle: str | None = None
 
 
-def stated(convention: str | None, units: str | None) -> DhOptions:
+def dh_options(convention: str | None, units: str | None) -> DhOptions:
     """Return the options `--dh` and `--units LENGTH,ANGLE` of a table of Denavit-Hartenberg parameters.
 
     Raises:
@@ -141,28 +141,28 @@ class Names:
         return self._known
 
 
-def named_apart(
-    kind: str, wanted: Iterable[tuple[Hashable, str]], taken: Collection[str], findings: Findings
+def unique_identifiers(
+    kind: str, names_in_file: Iterable[tuple[Hashable, str]], used_names: Collection[str], findings: Findings
 ) -> dict[Any, str]:
-    """Return for each key a unique identifier that is not in `taken`; add a finding for each changed name.
+    """Return for each key a unique identifier that is not in use; add a finding for each changed name.
 
-    `wanted` contains (key, name in the file) of each object, `taken` the identifiers already in use. `kind` is the noun
-    for the objects in the findings, such as "joint".
+    `names_in_file` contains (key, name in the file) of each object, `used_names` the identifiers already in use. `kind`
+    is the noun for the objects in the findings, such as "joint".
     """
-    out: dict[Any, str] = {}
-    for key, name in wanted:
-        wanted_name = identifier(name)
-        free = wanted_name
-        if free in taken:
-            free = f"{wanted_name}_{kind}"
-        i = 1
-        while free in taken or free in out.values():
-            i += 1
-            free = f"{wanted_name}_{i}"
+    identifiers: dict[Any, str] = {}
+    for key, name in names_in_file:
+        plain_name = identifier(name)
+        free = plain_name
+        if free in used_names:
+            free = f"{plain_name}_{kind}"
+        number = 1
+        while free in used_names or free in identifiers.values():
+            number += 1
+            free = f"{plain_name}_{number}"
         if free != name:
             findings.note("renamed", f"{kind} '{name}' is renamed to '{free}'.", name)
-        out[key] = free
-    return out
+        identifiers[key] = free
+    return identifiers
 
 
 def note(code: str, message: str, where: str) -> Finding:
@@ -181,7 +181,7 @@ def rpy(angles: Array) -> Array:
     return spatial.exp_so3(angles[2] * ez) @ spatial.exp_so3(angles[1] * ey) @ spatial.exp_so3(angles[0] * ex)
 
 
-def along(axis: Array) -> Array:
+def pose_along(axis: Array) -> Array:
     """Return a pose (4, 4) at the origin whose z axis has the direction of the nonzero vector `axis` (3,).
 
     If `axis` has the direction of z, the pose is the identity.
@@ -194,7 +194,7 @@ def along(axis: Array) -> Array:
     return spatial.pose(R)
 
 
-def possible(inertia: Inertia, link: str, findings: Findings) -> Inertia | None:
+def possible_inertia(inertia: Inertia, link: str, findings: Findings) -> Inertia | None:
     """Return the inertia; if it is physically impossible, add a warning and return None."""
     if np.all(np.isfinite(inertia.I_com)):
         violations = inertia.violations()
@@ -267,7 +267,7 @@ def assemble(
     try:
         bare = Mechanism(identifier(name), base, tuple(bodies), tuple(joints), tuple(frames), source=path.name)
         mechanism = replace(bare, rest=rest_poses(bare, start), couplings=tuple(couplings))
-        mechanism = tooled(mechanism, findings)
+        mechanism = with_tool_frame(mechanism, findings)
     except MechanismError as error:
         raise SourceError(f"{path}: {error}") from error
     return Imported(mechanism, findings, efforts or {})
@@ -290,11 +290,13 @@ def motion(joint: Joint, q: float) -> Array:
     return spatial.pose(p=[0, 0, q])
 
 
-def tooled(mechanism: Mechanism, findings: Findings) -> Mechanism:
+def with_tool_frame(mechanism: Mechanism, findings: Findings) -> Mechanism:
     """Return the mechanism with a tool frame. If a frame had to be added, a warning is added to `findings`."""
-    out, said = with_tool(mechanism)
-    if out.frames != mechanism.frames:
-        findings.warn("tool", f"{said} Edit [frame.tool] to move this frame to the tool.", out.frame(out.tool).body)
-    elif said:
-        findings.note("tool", said, out.tool)
-    return out
+    with_frame, text = with_tool(mechanism)
+    if with_frame.frames != mechanism.frames:
+        findings.warn(
+            "tool", f"{text} Edit [frame.tool] to move this frame to the tool.", with_frame.frame(with_frame.tool).body
+        )
+    elif text:
+        findings.note("tool", text, with_frame.tool)
+    return with_frame

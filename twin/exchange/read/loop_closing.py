@@ -11,10 +11,10 @@ from twin.cad.meeting import locked_error
 from twin.core.findings import Finding, Severity, finding
 from twin.core.quantity import Quantity, deg, mm
 from twin.core.spatial import Array
-from twin.exchange.read.drives import with_drives
+from twin.exchange.read.assumed_drives import with_drives
+from twin.exchange.read.imported_robot import Findings, Imported, note, warning
 from twin.exchange.read.proposals import MEETING
-from twin.exchange.read.source import Findings, Imported, note, warning
-from twin.exchange.read.start import inside, shown, started
+from twin.exchange.read.start_values import start_within_limits, state_within_limits, value_text
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.reference import ReferenceModel
@@ -29,8 +29,11 @@ _UNREAD = ("import.unread", "import.schema", "import.plugin", "import.inactive")
 _ROUNDS = 6
 """Maximum number of searches for a less singular state near the best state found."""
 
-_IN = 1e-6
-"""Tolerance of joint limits in m and rad."""
+_LIMIT_TOLERANCE = 1e-6
+"""Tolerance of joint limits in m and rad at the states that are candidates for home."""
+
+_ROUNDING = 1e-9
+"""Rounding in m or rad of a coordinate that is computed from the poses of two bodies."""
 
 
 def close(imported: Imported) -> Imported:
@@ -39,21 +42,24 @@ def close(imported: Imported) -> Imported:
     For each loop that cannot be closed, a finding states the gap. The finding calls the gap a defect of the model if
     the gap remains when all other loops are cut, and all elements of the file are supported.
 
-    The rest pose is that of the file, with all joints moved into their limits (see `start.started`). If the loops
+    The rest pose is that of the file, with all joints moved into their limits (see `start_within_limits`). If the loops
     cannot be closed near it, or the closed state is singular, `home` is the first key frame of the file at which the
     loops close within the joint limits and the state is not singular. If no key frame has these properties, a singular
     state is replaced by the least singular nearby state within the joint limits.
     """
     findings = Findings(imported.findings)
     findings += _authored_open(imported)
-    mechanism, said = started(imported)
-    findings += said
+    mechanism, home_findings = start_within_limits(imported)
+    findings += home_findings
     model = ReferenceModel(mechanism)
-    home, said = _home(model, imported.keys)
-    findings += said
-    unread = [f for f in findings if f.severity == "warning" and f.code in _UNREAD]
+    home, home_findings = _home(model, imported.keys)
+    findings += home_findings
+    unread = []
+    for reported in findings:
+        if reported.severity == "warning" and reported.code in _UNREAD:
+            unread.append(reported)
     for name, (offset, tilt) in home.gap.items():
-        if _open(offset, tilt):
+        if _is_open(offset, tilt):
             findings.append(_gap(mechanism, name, offset, tilt, unread))
     _report_moved(mechanism, home, findings)
     _report_outside(mechanism, home, findings)
@@ -77,17 +83,16 @@ def close(imported: Imported) -> Imported:
 
 def _report_moved(mechanism: Mechanism, home: Assembly, findings: Findings) -> None:
     """Add a finding that names the driven joints whose values at home differ from those of the rest pose."""
-    moved: list[Joint] = []
+    moved_joints: list[Joint] = []
     values: list[str] = []
     for joint in mechanism.active:
-        drawn = joint.coordinate(mechanism.rest[joint.parent], mechanism.rest[joint.child])
-        # 1e-9 rad or m is more than the rounding of a coordinate that is computed from two body poses.
-        if abs(home.q_full.get(joint.name, 0.0) - drawn) > 1e-9:
-            moved.append(joint)
-            values.append(f"'{joint.name}' at {shown(joint, home.q_full[joint.name])}")
-    if moved:
+        rest_value = joint.coordinate(mechanism.rest[joint.parent], mechanism.rest[joint.child])
+        if abs(home.q_full.get(joint.name, 0.0) - rest_value) > _ROUNDING:
+            moved_joints.append(joint)
+            values.append(f"'{joint.name}' at {value_text(joint, home.q_full[joint.name])}")
+    if moved_joints:
         text = f"Driven joints were moved to close the loops; their values at home: {', '.join(values)}."
-        findings.note("moved", text, moved[0].name)
+        findings.note("moved", text, moved_joints[0].name)
 
 
 def _report_outside(mechanism: Mechanism, home: Assembly, findings: Findings) -> None:
@@ -97,17 +102,15 @@ def _report_outside(mechanism: Mechanism, home: Assembly, findings: Findings) ->
         if q is None or not joint.limits:
             continue
         low, high = joint.limits
-        if not low - 1e-9 <= q <= high + 1e-9:
-            text = (
-                f"joint '{joint.name}' is at {shown(joint, q)} at home, outside its limits {shown(joint, low)} .. "
-                f"{shown(joint, high)}."
-            )
+        if not low - _ROUNDING <= q <= high + _ROUNDING:
+            limits = f"{value_text(joint, low)} .. {value_text(joint, high)}"
+            text = f"joint '{joint.name}' is at {value_text(joint, q)} at home, outside its limits {limits}."
             findings.warn("rest", text, joint.name)
 
 
 def _authored_open(imported: Imported) -> Iterator[Finding]:
     """Yield a finding for each joint whose two frames do not coincide at the body poses of the file."""
-    m = imported.mechanism
+    mechanism = imported.mechanism
     if imported.posed:
         severity: Severity = "warning"
         poses = "the body poses of the file"
@@ -115,8 +118,8 @@ def _authored_open(imported: Imported) -> Iterator[Finding]:
         # A URDF states no pose: nobody claimed that its loops close at zero.
         severity = "info"
         poses = "the body poses of the file (all coordinates zero)"
-    for joint in m.joints:
-        T = joint.relative(m.rest[joint.parent], m.rest[joint.child])
+    for joint in mechanism.joints:
+        T = joint.relative(mechanism.rest[joint.parent], mechanism.rest[joint.child])
         offset, tilt = locked_error(T, joint.type)
         if offset > MEETING[0] or tilt > MEETING[1]:
             text = (
@@ -128,50 +131,53 @@ def _authored_open(imported: Imported) -> Iterator[Finding]:
 
 def _home(model: ReferenceModel, keys: Mapping[str, Mapping[str, float]]) -> tuple[Assembly, list[Finding]]:
     """Return (state for `home`, findings that explain the choice of the state)."""
-    drawn = assemble(model)
-    if is_closed(drawn):
-        drawn = inside(model, drawn) or drawn
-    drawn_regularity: Regularity | None = None
-    if is_closed(drawn):
-        drawn_regularity = regularity(model, [drawn.x])[0]
-    if drawn_regularity is None:
+    rest_state = assemble(model)
+    if is_closed(rest_state):
+        rest_state = state_within_limits(model, rest_state) or rest_state
+    rest_regularity: Regularity | None = None
+    if is_closed(rest_state):
+        rest_regularity = regularity(model, [rest_state.x])[0]
+    if rest_regularity is None:
         reason = "the loops do not close at the rest pose of the file"
-    elif drawn_regularity.singular:
+    elif rest_regularity.singular:
         reason = (
-            f"at the rest pose the mechanism is singular (rank of the loop equations {drawn_regularity.rank}; at "
-            f"nearby states {drawn_regularity.usual})"
+            f"at the rest pose the mechanism is singular (rank of the loop equations {rest_regularity.rank}; at "
+            f"nearby states {rest_regularity.usual})"
         )
     else:
-        return drawn, []
+        return rest_state, []
     for key, values in keys.items():
         state = settle(model, values)
-        if state is None or limit_excess(model.tree, state.x) >= _IN:
+        if state is None or limit_excess(model.tree, state.x) >= _LIMIT_TOLERANCE:
             continue
         if not regularity(model, [state.x])[0].singular:
             return state, [note("home", f"{reason}: home is key frame '{key}', with its loops closed.", key)]
-    if drawn_regularity is None:
-        return drawn, []
+    if rest_regularity is None:
+        return rest_state, []
     name = model.mechanism.name
-    best, margin = _less_singular(model, drawn, drawn_regularity.margin)
+    best, margin = _less_singular(model, rest_state, rest_regularity.margin)
     if margin < SINGULAR:
         text = f"{reason}, and no nearby state was found that is less singular: small moves from home may fail."
-        return drawn, [warning("singular", text, name)]
+        return rest_state, [warning("singular", text, name)]
     return model.state(best), [warning("home", f"{reason}: home is a nearby state that is less singular.", name)]
 
 
-def _less_singular(model: ReferenceModel, drawn: Assembly, margin: float) -> tuple[Array, float]:
-    """Return the least singular state (nq,) found near `drawn` within the joint limits, and its margin.
+def _less_singular(model: ReferenceModel, rest_state: Assembly, margin: float) -> tuple[Array, float]:
+    """Return the least singular state (nq,) found near `rest_state` within the joint limits, and its margin.
 
-    `margin` is that of `drawn`, which is returned if no better state is found.
+    `margin` is that of `rest_state`, which is returned if no better state is found.
     """
-    best = drawn.x
+    best = rest_state.x
     for _ in range(_ROUNDS):
-        within = [x for x in closed_beside(model, best) if limit_excess(model.tree, x) < _IN]
+        states_within_limits = []
+        for x in closed_beside(model, best):
+            if limit_excess(model.tree, x) < _LIMIT_TOLERANCE:
+                states_within_limits.append(x)
         # `best` comes first, because all ranks are compared with the ranks near the first state.
-        graded = regularity(model, [best, *within])[1:]
+        grades = regularity(model, [best, *states_within_limits])[1:]
         nearby_best: Array | None = None
         nearby_margin = -np.inf
-        for grade, x in zip(graded, within, strict=True):
+        for grade, x in zip(grades, states_within_limits, strict=True):
             if nearby_best is None or grade.margin > nearby_margin:
                 nearby_best = x
                 nearby_margin = grade.margin
@@ -182,11 +188,13 @@ def _less_singular(model: ReferenceModel, drawn: Assembly, margin: float) -> tup
     return best, margin
 
 
-def _open(offset: float, tilt: float) -> bool:
+def _is_open(offset: float, tilt: float) -> bool:
+    """Return whether a gap in m and rad is more than that of a closed loop."""
     return offset > CLOSED[0] or tilt > CLOSED[1]
 
 
 def _gap(mechanism: Mechanism, name: str, offset: float, tilt: float, unread: Sequence[Finding]) -> Finding:
+    """Return the finding on a loop or coupling `name` that stays open by a gap in m and rad, with the likely cause."""
     if any(coupling.name == name for coupling in mechanism.couplings):
         text = (
             f"the sum of coupling '{name}' differs from its constant by {deg(tilt)} or {mm(offset)} at the state with "
@@ -194,13 +202,15 @@ def _gap(mechanism: Mechanism, name: str, offset: float, tilt: float, unread: Se
         )
         return finding("warning", "import.gap", name, text, Quantity(offset, "m"), CLOSED[0], word="")
     alone_offset, alone_tilt = closes_alone(mechanism, name)
-    if _open(alone_offset, alone_tilt):
-        why = f"With all other loops cut, a gap of {mm(alone_offset)} and {deg(alone_tilt)} remains. "
+    if _is_open(alone_offset, alone_tilt):
+        reason = f"With all other loops cut, a gap of {mm(alone_offset)} and {deg(alone_tilt)} remains. "
         if unread:
-            why += f"{len(unread)} elements of the file are not supported; the first: {unread[0].message}"
+            reason += f"{len(unread)} elements of the file are not supported; the first: {unread[0].message}"
         else:
-            why += "The gap is a defect of the model."
+            reason += "The gap is a defect of the model."
     else:
-        why = "With all other loops cut, this loop closes: the loops contradict each other, or need another start pose."
-    text = f"loop '{name}' stays open by {mm(offset)} and {deg(tilt)}. {why}"
+        reason = (
+            "With all other loops cut, this loop closes: the loops contradict each other, or need another start pose."
+        )
+    text = f"loop '{name}' stays open by {mm(offset)} and {deg(tilt)}. {reason}"
     return finding("warning", "import.gap", name, text, Quantity(offset, "m"), CLOSED[0], word="")

@@ -57,10 +57,10 @@ class Xml:
 
     def _no_xacro(self) -> None:
         """Raise `SourceError` if the file is a xacro: without its macros, parts of the robot would be missing."""
-        found = sign_of_xacro(self.root)
-        if found:
+        sign = sign_of_xacro(self.root)
+        if sign:
             raise SourceError(
-                f"{self.path}: this is a xacro, not a URDF: it has {found}. Expand it first, for example with "
+                f"{self.path}: this is a xacro, not a URDF: it has {sign}. Expand it first, for example with "
                 f"`xacro {self.path.name} > robot.urdf`"
             )
 
@@ -81,13 +81,13 @@ class Xml:
 
     def named(self, parent: ElementTree.Element, kind: str) -> dict[str, ElementTree.Element]:
         """Return the children of one kind as {name: element}; raise `SourceError` if a name is missing or repeated."""
-        out: dict[str, ElementTree.Element] = {}
+        elements: dict[str, ElementTree.Element] = {}
         for element in parent.findall(kind):
             name = self.name(element, kind)
-            if name in out:
+            if name in elements:
                 self.fail(f"{kind} '{name}'", "the name is used twice")
-            out[name] = element
-        return out
+            elements[name] = element
+        return elements
 
     def numbers(self, where: str, what: str, text: str | None, count: int, default: Sequence[float] | None) -> Array:
         """Return `count` finite numbers parsed from a text; the default if the text is None.
@@ -99,18 +99,18 @@ class Xml:
             if default is None:
                 self.fail(where, f"{what} is missing")
             return np.array(default, float)
-        shown = text[:80]
+        shown_text = text[:80]
         stated = text.rstrip(_LEFT_OVER)
         try:
             values = np.array([float(word) for word in stated.split()])
         except ValueError:
-            wanted = "a number" if count == 1 else f"{count} numbers"
-            self.fail(where, f"{what} = '{shown}' is not {wanted}")
+            expected = "a number" if count == 1 else f"{count} numbers"
+            self.fail(where, f"{what} = '{shown_text}' is not {expected}")
         if stated != text.rstrip():
-            self.repaired.append(f"{where}: {what} = '{shown}': the characters after the numbers are ignored.")
+            self.repaired.append(f"{where}: {what} = '{shown_text}': the characters after the numbers are ignored.")
         if len(values) != count or not np.all(np.isfinite(values)):
-            wanted = "a finite number" if count == 1 else f"{count} finite numbers"
-            self.fail(where, f"{what} = '{shown}' is not {wanted}")
+            expected = "a finite number" if count == 1 else f"{count} finite numbers"
+            self.fail(where, f"{what} = '{shown_text}' is not {expected}")
         return values
 
     def number(self, where: str, what: str, text: str | None, default: float | None = None) -> float:
@@ -133,16 +133,16 @@ class Xml:
         `text` is a function that returns the text of an entry `ixx`, `ixy`, ..., or None if the entry is missing. A
         missing entry has the value in `default`.
         """
-        out = np.zeros((3, 3))
-        for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
-            key = f"i{'xyz'[i]}{'xyz'[j]}"
+        tensor = np.zeros((3, 3))
+        for row, column in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
+            key = f"i{'xyz'[row]}{'xyz'[column]}"
             missing: float | None = None
             if default is not None:
-                missing = default[i, j]
+                missing = default[row, column]
             value = self.number(where, key, text(key), missing)
-            out[i, j] = value
-            out[j, i] = value
-        return out
+            tensor[row, column] = value
+            tensor[column, row] = value
+        return tensor
 
 
 _PREFIX = re.compile(rb"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_]")
@@ -154,11 +154,11 @@ def _repaired(data: bytes) -> tuple[bytes, list[str]]:
 
     The faults: text before the XML declaration, and prefixes without a declared namespace.
     """
-    found = []
+    faults = []
     start = data.find(b"<?xml")
     if start > 0 and not data[:start].lstrip(b"\xef\xbb\xbf").startswith(b"<"):
         data = data[start:]
-        found.append(f"the file has {start} bytes before its XML declaration; they are ignored.")
+        faults.append(f"the file has {start} bytes before its XML declaration; they are ignored.")
     # Comments, CDATA and values of attributes may contain colons that are not prefixes.
     markup = re.sub(rb"<!--.*?-->|<!\[CDATA\[.*?\]\]>|\"[^\"]*\"|'[^']*'", b"", data, flags=re.DOTALL)
     tags = b" ".join(re.findall(rb"<[^>]*>", markup))
@@ -174,5 +174,5 @@ def _repaired(data: bytes) -> tuple[bytes, list[str]]:
             declarations += b' xmlns:%s="undeclared:%s"' % (prefix, prefix)
         data = data[: root.end()] + declarations + data[root.end() :]
         names = b", ".join(undeclared).decode()
-        found.append(f"the namespaces of these prefixes are not declared: {names}; elements with them are not read.")
-    return data, found
+        faults.append(f"the namespaces of these prefixes are not declared: {names}; elements with them are not read.")
+    return data, faults

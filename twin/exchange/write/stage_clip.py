@@ -61,12 +61,12 @@ def sampled_clip(mechanism: Mechanism, stage: Path) -> Clip | None:
 
 def coordinates(mechanism: Mechanism, links: Mapping[str, Array]) -> dict[str, Array]:
     """Return {joint: coordinate (k,) in m or rad} for joints with a single coordinate, from link poses (k, 4, 4)."""
-    out = {}
+    values_by_joint = {}
     for joint in mechanism.joints:
         if len(joint.free_axes) != 1:
             continue
         values = joint.coordinate(links[joint.parent], links[joint.child])
         if joint.is_angle:
             values = np.round(np.unwrap(values), 13) + 0.0  # adding 0.0 removes negative zeros
-        out[joint.name] = values
-    return out
+        values_by_joint[joint.name] = values
+    return values_by_joint
