@@ -36,7 +36,7 @@ SILS = Path(__file__).parents[1] / "cad/sils/sils.toml"
 
 FIRST = (
     "test_docs_pages", "test_hazards", "test_pegboard", "test_dome_task", "test_procedure", "test_camera_task",
-    "test_explain_faults", "test_explain_hollow", "test_operator", "test_tissue", "test_cad_sher", "test_cad_sils",
+    "test_explain_faults", "test_explain_dependence", "test_operator", "test_tissue", "test_cad_sher", "test_cad_sils",
     "test_wheel", "test_kill", "test_selftest", "test_session", "test_by_hand", "test_machine_operated",
     # in a browser
     "test_viewer_page", "test_headset_page", "test_headset_xr", "test_headset_xr_console", "test_headset_page_touch",

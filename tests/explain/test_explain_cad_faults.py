@@ -1,6 +1,6 @@
 """Parts that do not meet in the drawing: `explain` names the part, and offers no edit of a correct formula.
 
-`TWIN_CAD_FAULTS=40 pytest -m slow tests/explain/test_explain_drawing.py` draws forty faults.
+`TWIN_CAD_FAULTS=40 pytest -m slow tests/explain/test_explain_cad_faults.py` draws forty faults.
 """
 
 from __future__ import annotations
