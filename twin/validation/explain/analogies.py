@@ -26,7 +26,7 @@ from twin.validation.explain.function_source import Edit, Source, Statement, app
 from twin.validation.explain.plain_values import scalar_form, unwrapped
 from twin.validation.explain.term_texts import Atom
 
-_LONGEST = 240
+_LONGEST_EXPRESSION = 240
 """Maximum length of an expression that is written with other names."""
 
 _MOST_NAMES = 8
@@ -35,14 +35,14 @@ _MOST_NAMES = 8
 _MOST_UNREAD = 4
 """Maximum number of names without a reader; with more of them, the function is not one with a missing term."""
 
-_MOST_TRIED = 2500
+_MOST_EVALUATED = 2500
 """Maximum number of expressions that are evaluated for one statement, of each kind."""
 
 _MOST_FOREIGN = 3
 """Maximum number of names that only another row has."""
 
 
-_OF_VECTORS = {"norm_2", "sumsqr", "dot", "cross", "vertcat"}
+_VECTOR_FUNCTIONS = {"norm_2", "sumsqr", "dot", "cross", "vertcat"}
 """Functions of vectors: an expression with one is no formula of scalars."""
 
 
@@ -166,7 +166,7 @@ def analogies(source: Source, statement: Statement, shift: Shift, fixed: Sequenc
             evaluated_count = 0
             for template, replacements in choices:
                 evaluated_count += len(replacements)
-                if evaluated_count > _MOST_TRIED:
+                if evaluated_count > _MOST_EVALUATED:
                     break
                 for written, values in _of_replacements(template, replacements, shift):
                     atoms.setdefault(written, Atom(written, values))
@@ -242,7 +242,7 @@ def _templates(text: str, function_name: str) -> tuple[_Template, ...]:
 def _template(written: str, node: ast.expr, row: frozenset[str] = frozenset()) -> _Template | None:
     """Return the template of an expression; None if it has no names, too many of them, or is too long."""
     names = _own_names(node)
-    if not names or len(names) > _MOST_NAMES or len(written) > _LONGEST:
+    if not names or len(names) > _MOST_NAMES or len(written) > _LONGEST_EXPRESSION:
         return None
     return _Template(written, compile(written, "<explain>", "eval"), names, row)
 
@@ -305,7 +305,7 @@ def _own_names(node: ast.expr) -> tuple[str, ...]:
             return ()
         if isinstance(part, ast.Call) and isinstance(part.func, ast.Name):
             called.add(part.func.id)
-    if called & _OF_VECTORS:
+    if called & _VECTOR_FUNCTIONS:
         return ()
     names: dict[str, None] = {}
     for part in ast.walk(node):

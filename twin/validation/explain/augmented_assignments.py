@@ -20,10 +20,10 @@ from twin.formula.scalar import Value
 
 _SYMBOLIC = "twin.formula.symbolic"
 
-NAME = "_augmented_"
+AUGMENTED_NAME = "_augmented_"
 """Name of the function that replaces augmented assignments, in the globals of rebuilt functions."""
 
-_OUTER = "_outer_"
+_OUTER_NAME = "_outer_"
 """Name of a function around a closure that is compiled again; it has the closure's variables."""
 
 _SIGNS: dict[type[ast.operator], str] = {
@@ -50,7 +50,7 @@ _OPERATIONS: dict[str, tuple[Callable[..., Value], Callable[..., Value]]] = {
 """The operation that gives a new value, and the one that changes its first argument where that is possible."""
 
 
-def augmented(sign: str, value: Value, other: Value) -> Value:
+def augmented(sign: str, value: Value, operand: Value) -> Value:
     """Return the value of a variable after an augmented assignment.
 
     Arrays of numbers stand for scalars of CasADi: they get a new value. All others are changed where Python does it, as
@@ -58,8 +58,8 @@ def augmented(sign: str, value: Value, other: Value) -> Value:
     """
     make_new, change_in_place = _OPERATIONS[sign]
     if isinstance(value, np.ndarray) and value.dtype != object:
-        return make_new(value, other)
-    return change_in_place(value, other)
+        return make_new(value, operand)
+    return change_in_place(value, operand)
 
 
 class _Rewriter(ast.NodeTransformer):
@@ -72,13 +72,15 @@ class _Rewriter(ast.NodeTransformer):
         if sign is None or not isinstance(node.target, ast.Name):
             return node
         before = ast.Name(node.target.id, ast.Load())
-        call = ast.Call(ast.Name(NAME, ast.Load()), [ast.Constant(sign), before, node.value], [])
+        call = ast.Call(ast.Name(AUGMENTED_NAME, ast.Load()), [ast.Constant(sign), before, node.value], [])
         assignment = ast.copy_location(ast.Assign([node.target], call), node)
         return ast.fix_missing_locations(assignment)
 
 
 def compiled(text: str, path: str) -> types.CodeType:
-    """Return the code of statements, with augmented assignments as in CasADi; they need `augmented` as `NAME`.
+    """Return the code of statements, with augmented assignments as in CasADi.
+
+    The globals with which it runs must have `augmented` under the name `AUGMENTED_NAME`.
 
     Raises:
         SyntaxError: the text is not valid Python.
@@ -91,26 +93,26 @@ def _has_augmented(root: ast.AST) -> bool:
     return any(isinstance(node, ast.AugAssign) for node in ast.walk(root))
 
 
-def rewritten(f: types.FunctionType) -> types.CodeType:
+def rewritten(function: types.FunctionType) -> types.CodeType:
     """Return the code of a function, with augmented assignments as in CasADi where its source can be read."""
-    # Without the attributes of `f`, so that the definition is its own, not that of a function that it decorates.
-    bare = types.FunctionType(f.__code__, f.__globals__, f.__name__, None, f.__closure__)
+    # Without the attributes of `function`, so that the definition is its own, not that of a function that it decorates.
+    bare = types.FunctionType(function.__code__, function.__globals__, function.__name__, None, function.__closure__)
     try:
         node = definition(bare)
     except KinematicsError:
-        return f.__code__
+        return function.__code__
     if not _has_augmented(node):
-        return f.__code__
+        return function.__code__
     tree = _Rewriter().visit(copy.deepcopy(node))  # the tree of the file stays as it is, because others read it
     tree.decorator_list = []
-    free_variables = f.__code__.co_freevars
+    free_variables = function.__code__.co_freevars
     statements = ast.Module([_with_free_variables(tree, free_variables)], [])
-    module = compile(statements, f.__code__.co_filename, "exec")
-    code = _code_of(f.__code__.co_name, module)
+    module = compile(statements, function.__code__.co_filename, "exec")
+    code = _code_of(function.__code__.co_name, module)
     # A closure holds one cell for each free variable, in their order: code with other ones cannot take its place.
     if code is None or code.co_freevars != free_variables:
-        return f.__code__
-    return code.replace(co_firstlineno=f.__code__.co_firstlineno)
+        return function.__code__
+    return code.replace(co_firstlineno=function.__code__.co_firstlineno)
 
 
 def _with_free_variables(tree: ast.FunctionDef, free_variables: tuple[str, ...]) -> ast.FunctionDef:
@@ -119,18 +121,18 @@ def _with_free_variables(tree: ast.FunctionDef, free_variables: tuple[str, ...])
         return tree
     names = [ast.arg(name) for name in free_variables]
     arguments = ast.arguments([], names, None, [], [], None, [])
-    outer = ast.FunctionDef(_OUTER, arguments, [tree], [])
+    outer = ast.FunctionDef(_OUTER_NAME, arguments, [tree], [])
     return ast.fix_missing_locations(ast.copy_location(outer, tree))
 
 
 def _code_of(name: str, code: types.CodeType) -> types.CodeType | None:
-    """Return the code of a function of this name that is defined in `code`, or in the function `_OUTER` there."""
+    """Return the code of a function of this name that is defined in `code`, or in the function `_OUTER_NAME` there."""
     for constant in code.co_consts:
         if not isinstance(constant, types.CodeType):
             continue
         if constant.co_name == name:
             return constant
-        if constant.co_name == _OUTER:
+        if constant.co_name == _OUTER_NAME:
             return _code_of(name, constant)
     return None
 
@@ -148,4 +150,4 @@ def uses_casadi(names: Mapping[str, object]) -> bool:
             continue
         if module == _SYMBOLIC or module.split(".")[0] == "casadi":
             return True
-    return NAME in names
+    return AUGMENTED_NAME in names

@@ -23,12 +23,12 @@ from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.equation_steps import RowKey
 from twin.validation.explain.expression import Site
 from twin.validation.explain.expression_shifts import (
+    CONVERGED,
     DIFFERENCE,
-    FEWEST,
+    FEWEST_POSES,
     SINGULAR,
-    STARTS,
+    START_FACTORS,
     STEPS,
-    TIGHT,
     Shift,
     cost,
     shifted,
@@ -37,7 +37,7 @@ from twin.validation.explain.function_source import Edit, TextPlace
 from twin.validation.explain.rebuilt_functions import unguarded
 from twin.validation.explain.row_deviations import Judge, by_row
 
-_SIZES = (1, 4, 16, 64)
+_BATCH_SIZES = (1, 4, 16, 64)
 """Numbers of choices that one evaluation may have."""
 
 _HALVINGS = 4
@@ -96,7 +96,7 @@ class Choice:
 class Batch:
     """Evaluates the equations at copies of some poses, one copy for each choice of expressions."""
 
-    def __init__(self, judge: Judge, poses: Sequence[int], fewest: int = FEWEST) -> None:
+    def __init__(self, judge: Judge, poses: Sequence[int], fewest: int = FEWEST_POSES) -> None:
         """Set up evaluations at some poses of `judge`; rows must have values at the `fewest` poses."""
         self.poses = list(poses)
         self.fewest = fewest
@@ -153,8 +153,8 @@ class Batch:
 
     def copies(self, count: int) -> Judge:
         """Return a judge at the poses, repeated for at least `count` choices."""
-        size = _SIZES[-1]
-        for smaller in reversed(_SIZES):
+        size = _BATCH_SIZES[-1]
+        for smaller in reversed(_BATCH_SIZES):
             if smaller >= count:
                 size = smaller
         if size not in self._copies:
@@ -169,7 +169,7 @@ def _parts(functions: Sequence[tuple[Path, str]]) -> list[list[int]]:
     latest: dict[tuple[Path, str], list[int]] = {}
     for i, function in enumerate(functions):
         part = latest.get(function)
-        if part is None or len(part) == _SIZES[-1]:
+        if part is None or len(part) == _BATCH_SIZES[-1]:
             part = []
             latest[function] = part
             parts_of_choices.append(part)
@@ -246,7 +246,7 @@ class _Newton:
             if not self.undecided:
                 break
             size = _largest(residuals, has_value)
-            converged = size <= TIGHT
+            converged = size <= CONVERGED
             for n in np.flatnonzero(converged).tolist():
                 solutions.append(self._solution(n, values))
             values, residuals, has_value = self._only(~converged, values, residuals, has_value)
@@ -285,7 +285,7 @@ class _Newton:
         if np.isfinite(r).all():
             return values, r
         lacks_value: NDArray[np.bool_] = np.logical_not(np.isfinite(r).all(axis=(1, 2)))
-        for factor in STARTS:
+        for factor in START_FACTORS:
             trial_values = values.copy()
             trial_values[:, :, : self.expressions] = factor * self.scale[:, :, : self.expressions]
             trial_residuals = self._residuals(trial_values)
@@ -372,9 +372,9 @@ class _Newton:
         return self._gathered(judge, residuals, shifts, values.shape)
 
     def _gathered(
-        self, judge: Judge, found: dict[RowKey, Array], shifts: dict[int, Shift], shape: tuple[int, ...]
+        self, judge: Judge, residuals_by_row: dict[RowKey, Array], shifts: dict[int, Shift], shape: tuple[int, ...]
     ) -> Array:
-        """Return the residuals `found` as one array (choices, poses, entries), and set `scale`.
+        """Return the rows' residuals as one array (choices, poses, entries), and set `scale`.
 
         Rows that no expression moves keep their residuals; those that a choice does not have are zero. `shape` is that
         of the values: (choices, poses, unknowns).
@@ -383,7 +383,7 @@ class _Newton:
         before = by_row(judge.residuals)
         parts: list[Array] = []
         for row in self.rows:
-            residual = found.get(row, before[row])
+            residual = residuals_by_row.get(row, before[row])
             of_copies = np.broadcast_to(residual, (judge.reference.k, before[row].shape[1]))
             part = of_copies[: count * poses].reshape(count, poses, -1).copy()
             for n, i in enumerate(self.undecided):
@@ -433,7 +433,7 @@ def _steps(
     """
     unknowns = J.shape[3]
     alone = counts.sum(axis=1) == 1
-    agrees = np.abs(r).max(axis=2, initial=0.0) <= TIGHT
+    agrees = np.abs(r).max(axis=2, initial=0.0) <= CONVERGED
     columns: list[Array] = []  # orthonormal, one for each unknown so far
     triangle = np.zeros((*J.shape[:2], unknowns, unknowns))
     right = np.zeros((*J.shape[:2], unknowns))

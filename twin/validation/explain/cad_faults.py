@@ -25,7 +25,7 @@ from twin.validation.explain.row_deviations import Judge
 CODES = ("cad.noise", "cad.meeting", "cad.tilt")
 """Codes of findings about joints whose parts do not meet."""
 
-_MOST = 12
+_MOST_COMBINATIONS = 12
 """Maximum number of combinations of parts that are tried."""
 
 _MOST_SORTED = 200
@@ -34,7 +34,7 @@ _MOST_SORTED = 200
 _MORE_THAN_ALL = 10**6
 """Number of wrong rows without a mechanism: more than any formula has."""
 
-_OPEN = (1e-8, 1e-7)
+_OPEN_GAPS = (1e-8, 1e-7)
 """Gaps in m and rad above which a loop is open."""
 
 
@@ -73,7 +73,7 @@ class _Correction:
         gaps = self.judge.reference.run.gaps
         if not gaps.size:  # there are no loops
             return True
-        return bool((gaps.max(axis=(0, 1)) < _OPEN).all())
+        return bool((gaps.max(axis=(0, 1)) < _OPEN_GAPS).all())
 
     @property
     def agrees(self) -> bool:
@@ -135,11 +135,11 @@ def _corrections(
     best_score = _score(choices[0])
     corrections: list[_Correction] = []
     some_agrees = False
-    for i, suspects in enumerate(choices[:_MOST]):
+    for i, suspects in enumerate(choices[:_MOST_COMBINATIONS]):
         # Less evidence is enough only as long as no combination makes every row agree.
         if _score(suspects) < best_score and some_agrees:
             break
-        progress(i / min(_MOST, len(choices)))
+        progress(i / min(_MOST_COMBINATIONS, len(choices)))
         correction = _corrected(cad, suspects, judge_of)
         some_agrees |= correction.agrees
         corrections.append(correction)

@@ -19,14 +19,15 @@ from twin.validation.explain.row_deviations import Judge, by_row, trial_residual
 TOKENS = ("trig", "index", "parameter", "name", "sign", "left side", "function", "number", "operator", "exponent")
 """Kinds of edits that change one token, like a misprint; these edits are ranked before edits of other kinds."""
 
-REST = ("transpose", "order", "parenthesis", "surplus", "missing")
+MULTI_TOKEN = ("transpose", "order", "parenthesis", "surplus", "missing")
+"""Kinds of edits that change more than one token."""
 
 CALLS = ("trig", "function", "order", "transpose")
 OPERATORS = ("sign", "operator", "exponent")
 FORMS = (*CALLS, *OPERATORS)
 """Kinds of edits with few replacements at each position of the text, unlike names and numbers."""
 
-_ORDER = (*TOKENS, *REST)
+_KINDS_BY_RANK = (*TOKENS, *MULTI_TOKEN)
 
 
 @dataclass
@@ -54,14 +55,14 @@ class Candidate:
     dropped: tuple[str, ...] = ()
     by_chance: bool = False
 
-    def merge(self, other: Candidate) -> None:
+    def merge(self, candidate: Candidate) -> None:
         """Add what the same edits change in another equation; the worse of two residuals of a row counts."""
-        self.is_trivial |= other.is_trivial
-        self.breaks_row |= other.breaks_row
-        self.dropped = tuple(sorted({*self.dropped, *other.dropped}))
-        for row, residual in other.scores.items():
+        self.is_trivial |= candidate.is_trivial
+        self.breaks_row |= candidate.breaks_row
+        self.dropped = tuple(sorted({*self.dropped, *candidate.dropped}))
+        for row, residual in candidate.scores.items():
             self.scores[row] = max(residual, self.scores.get(row, 0.0))
-        self.changed |= other.changed
+        self.changed |= candidate.changed
 
     def worst_over(self, rows: Iterable[RowKey], base: dict[RowKey, float]) -> float:
         """Return the worst residual over the given rows after the edits, in units of the tolerance.
@@ -89,7 +90,7 @@ class Candidate:
             length += abs(len(edit.new) - len(edit.old)) + len(edit.new) + len(edit.old)
             new_arguments += edit.define is not None and not edit.define[1]
             foreign += edit.function != self.step.source.name
-            kind = _ORDER.index(edit.kind) if edit.kind in _ORDER else len(_ORDER)
+            kind = _KINDS_BY_RANK.index(edit.kind) if edit.kind in _KINDS_BY_RANK else len(_KINDS_BY_RANK)
             last_kind = max(last_kind, kind)
         # The kind counts more than the length of any edit.
         return (len(self.edits), foreign, new_arguments, last_kind * 1000 + length)

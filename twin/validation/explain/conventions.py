@@ -161,12 +161,14 @@ def _euler(judge: Judge) -> Iterator[Convention]:
     angles = [name for name, unit in reference.coordinates if unit == "rad"]
     if len(angles) != 3 or not _read(judge, angles):
         return
-    wrong = [place for place in judge.failing() if judge.step(place.equation).stage == "inverse"]
+    wrong: list[RowPlace] = []
+    involved: set[str] = set()
+    for place in judge.failing():
+        if judge.step(place.equation).stage == "inverse":
+            wrong.append(place)
+            involved.update(suspects(judge, place))
     if not wrong:
         return
-    involved: set[str] = set()
-    for place in wrong:
-        involved.update(suspects(judge, place))
     values_of_angles = [reference.symbols[name] for name in angles]
     angle_values = np.column_stack(values_of_angles)
     for convention, values in _euler_conventions(reference.Ts[:, :3, :3]):
@@ -384,18 +386,18 @@ def _axes(judge: Judge) -> Iterator[Convention]:
     true = np.vstack(true_of_points)
     if not np.isfinite(value).all():
         return
-    for P in signed_permutations()[1:]:
+    for permutation in signed_permutations()[1:]:
         for factor, unit in ((1.0, ""), (1e3, ", in millimetres")):
-            largest = np.abs(value - factor * true @ P.T).max()
+            largest = np.abs(value - factor * true @ permutation.T).max()
             after = float(largest / factor / judge.tolerance.length)
             if after > 1:
                 continue
             kind = "axes"
             handedness = ""
-            if np.linalg.det(P) < 0:
+            if np.linalg.det(permutation) < 0:
                 kind = "handedness"
                 handedness = ": a left-handed frame"
-            text = f"points {', '.join(names)} use other axes{handedness}: {axes_text(P)}{unit}"
+            text = f"points {', '.join(names)} use other axes{handedness}: {axes_text(permutation)}{unit}"
             yield Convention(kind, text, _names(places), after)
             return
 
@@ -476,9 +478,9 @@ def _other_forms(helper: Helper) -> Iterator[tuple[Callable[..., Value], str]]:
     form = dh_form(function)
     if form is not None:
         kind, order = form
-        other = "standard" if kind == "modified" else "modified"
-        text = f"{name}() multiplies rows in {kind} Denavit-Hartenberg form; the table has the {other} form"
-        yield partial(_dh_row, other, order), text
+        other_form = "standard" if kind == "modified" else "modified"
+        text = f"{name}() multiplies rows in {kind} Denavit-Hartenberg form; the table has the {other_form} form"
+        yield partial(_dh_row, other_form, order), text
         return
     swap = "moves first and then rotates, as in modified Denavit-Hartenberg form; the rows agree if it rotates first"
     yield partial(_swapped, function, False), f"{name}() {swap} (standard form): swap rotation and translation"

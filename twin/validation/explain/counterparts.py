@@ -21,10 +21,10 @@ _FEWEST_NAMES = 2
 _FEWEST_RENAMED = 3
 """The same if the counterpart has other names."""
 
-_MOST = 24
+_MOST_EDITS = 24
 """Maximum number of edits of one statement."""
 
-_NUMBERS = {"pi"}
+_NUMBER_NAMES = {"pi"}
 """Names that always have the same value."""
 
 _Names = Mapping[str, str]
@@ -55,7 +55,7 @@ def counterpart_edits(source: Source, statement: Statement) -> Iterator[Edit]:
                 if key not in yielded:
                     yielded.add(key)
                     yield edit
-                if len(yielded) == _MOST:
+                if len(yielded) == _MOST_EDITS:
                     return
 
 
@@ -92,7 +92,7 @@ def _names(node: ast.AST) -> set[str]:
         if isinstance(part, ast.Name):
             names.add(part.id)
         todo += _operands(part)
-    return names - _NUMBERS
+    return names - _NUMBER_NAMES
 
 
 def _matched(node: ast.AST, longer: ast.AST, names: _Names) -> _Names | None:
@@ -122,7 +122,7 @@ def _is_same_operation(node: ast.AST, other: ast.AST) -> bool:
 
 def _matched_names(name: str, longer_name: str, names: _Names) -> _Names | None:
     """Return `names` with a further pair, or None if one of both names has another one already."""
-    is_number = name in _NUMBERS or longer_name in _NUMBERS
+    is_number = name in _NUMBER_NAMES or longer_name in _NUMBER_NAMES
     if is_number and name == longer_name:
         return names
     if longer_name in names and names[longer_name] == name:

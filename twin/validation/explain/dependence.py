@@ -55,48 +55,48 @@ class Dependence:
         self._symbols_read: dict[tuple[str, RowKey], set[str]] = {}
         """Symbols on which an unedited row depends, by equation in which the edits are, and row."""
 
-    def judge_dependence(self, c: Candidate, rows: Collection[RowKey]) -> None:
+    def judge_dependence(self, candidate: Candidate, rows: Collection[RowKey]) -> None:
         """Set `is_trivial` and `dropped` of a candidate that repairs `rows`; see `Candidate`."""
         if not rows:
             return
         for row in rows:
-            if not (self._returns_own(c, row) or self.determined(c, row)):
-                c.is_trivial = True
+            if not (self._returns_own(candidate, row) or self.determined(candidate, row)):
+                candidate.is_trivial = True
                 return
-        after = self._symbols_of(c.step, c.edits, rows)
+        after = self._symbols_of(candidate.step, candidate.edits, rows)
         dropped: set[str] = set()
         trivial = False
         for row in rows:
-            before = self.reads(c.step, row, rows)
-            if self._returns_own(c, row):
+            before = self.reads(candidate.step, row, rows)
+            if self._returns_own(candidate, row):
                 after[row].add(self._symbol[row])
             dropped |= before - after[row]
             if before and not after[row]:
                 trivial = True
-        c.dropped = tuple(sorted(dropped))
+        candidate.dropped = tuple(sorted(dropped))
         # A symbol that is still in the text but has no effect was multiplied by zero or cancelled. A single edit may
         # correctly restore a zero that was misprinted; for two edits this is not credible.
-        if len(c.edits) > 1 and not dropped <= _touched(c):
+        if len(candidate.edits) > 1 and not dropped <= _touched(candidate):
             trivial = True
-        c.is_trivial = trivial
+        candidate.is_trivial = trivial
 
-    def _returns_own(self, c: Candidate, row: RowKey) -> bool:
+    def _returns_own(self, candidate: Candidate, row: RowKey) -> bool:
         """Return whether an edited return statement gives a symbol that another row computes and that is judged there.
 
         Such a row always agrees, because the symbol has the mechanism's value; it is not trivial.
         """
         equation, index, position = row
         symbol = self._symbol[row]
-        statement = c.step.source.statements[index]
-        if equation != c.step.equation.name or not statement.returns:
+        statement = candidate.step.source.statements[index]
+        if equation != candidate.step.equation.name or not statement.returns:
             return False
         edits: list[Edit] = []
-        for edit in c.edits:
-            if edit.function == c.step.source.name and edit.statement == index:
+        for edit in candidate.edits:
+            if edit.function == candidate.step.source.name and edit.statement == index:
                 edits.append(edit)
         if not edits:
             return False
-        text = c.step.source.edited(statement, edits)
+        text = candidate.step.source.edited(statement, edits)
         value = ast.parse(f"({text.removeprefix('return').strip()}\n)", mode="eval").body
         if isinstance(value, ast.Tuple | ast.List):
             value = value.elts[position]
@@ -170,7 +170,7 @@ class Dependence:
 
     # -- unknowns of implicit rows ---------------------------------------------------------------------------
 
-    def determined(self, c: Candidate, row: RowKey) -> bool:
+    def determined(self, candidate: Candidate, row: RowKey) -> bool:
         """Return whether an edited row still determines its unknown, together with the other rows of the equation.
 
         Only an equation that uses its own outputs can fail this check. The gradient of each row (right side minus left
@@ -178,7 +178,7 @@ class Dependence:
         not be in the span of the other gradients.
         """
         step = self.judge.step(row[0])
-        unknowns = _own_unknowns(step, c.edits)
+        unknowns = _own_unknowns(step, candidate.edits)
         if not unknowns:
             return True
         kinds: dict[RowKey, str] = {}
@@ -190,7 +190,7 @@ class Dependence:
                 is_scalar = residual.shape[1] == 1
         if not is_scalar:
             return True
-        gradients = self._gradients(c, row[0], unknowns, kinds)
+        gradients = self._gradients(candidate, row[0], unknowns, kinds)
         if gradients is None:
             return False
         own_gradient = gradients.pop(row)
@@ -212,14 +212,14 @@ class Dependence:
         return float(share) > _MOST_POSES
 
     def _gradients(
-        self, c: Candidate, equation: str, unknowns: Sequence[str], kinds: Mapping[RowKey, str]
+        self, candidate: Candidate, equation: str, unknowns: Sequence[str], kinds: Mapping[RowKey, str]
     ) -> dict[RowKey, Array] | None:
         """Return {row: gradient (k, unknowns) of right minus left side in SI}, NaN for vectors; None after an error."""
         tolerance = self.judge.tolerance
         slopes: dict[RowKey, list[Array]] = {}
         for name in unknowns:
-            above = self._sides(c, equation, name, 1)
-            below = self._sides(c, equation, name, -1)
+            above = self._sides(candidate, equation, name, 1)
+            below = self._sides(candidate, equation, name, -1)
             if above is None or below is None:
                 return None
             for row, kind in kinds.items():
@@ -235,7 +235,7 @@ class Dependence:
             gradients[row] = np.stack(columns, axis=1)
         return gradients
 
-    def _sides(self, c: Candidate, equation: str, name: str, sign: int) -> dict[RowKey, Array] | None:
+    def _sides(self, candidate: Candidate, equation: str, name: str, sign: int) -> dict[RowKey, Array] | None:
         """Return the residuals of an edited equation with one symbol moved by a step; None after an error."""
         key = (equation, name, sign)
         if key not in self._stepped:
@@ -244,9 +244,9 @@ class Dependence:
             self._stepped[key] = self.judge.on(self.judge.reference.with_values(values), {equation})
         judge = self._stepped[key]
         unedited = edited_residuals(judge, equation, ()) or {}
-        if c.step.equation.name != equation:
+        if candidate.step.equation.name != equation:
             return unedited
-        changed = edited_residuals(judge, equation, c.edits)
+        changed = edited_residuals(judge, equation, candidate.edits)
         if changed is None:
             return None
         return {**unedited, **changed}
@@ -311,15 +311,15 @@ def _differ(before: Array, after: Array) -> bool:
     return bool((difference > limit).any())
 
 
-def _touched(c: Candidate) -> set[str]:
+def _touched(candidate: Candidate) -> set[str]:
     """Return the symbols in the text that the edits replace, and the symbols from which these are computed."""
     touched: set[str] = set()
-    for edit in c.edits:
+    for edit in candidate.edits:
         names = _names(edit.old)
-        if edit.function == c.step.source.name:
-            touched |= _origins(c.step.source, edit.statement, names)
+        if edit.function == candidate.step.source.name:
+            touched |= _origins(candidate.step.source, edit.statement, names)
         elif names:
-            touched.update(c.step.inputs)
+            touched.update(candidate.step.inputs)
     return touched
 
 

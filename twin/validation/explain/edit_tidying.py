@@ -14,7 +14,7 @@ Span = tuple[int, int]
 _Change = tuple[Span, bytes]
 """A part of a text, and the bytes that replace it."""
 
-_NEAR = 3
+_NEAR_BYTES = 3
 """Number of bytes around an edit in which the text may be tidied."""
 
 _MOST_CHANGES = 8
@@ -62,7 +62,7 @@ def _first_near(changes: Iterator[_Change], edited: Sequence[Span]) -> _Change |
     """Return the first change of a part that is near an edit; text far from the edits stays as its author wrote it."""
     for (start, end), new in changes:
         for first, last in edited:
-            if start <= last + _NEAR and first - _NEAR <= end:
+            if start <= last + _NEAR_BYTES and first - _NEAR_BYTES <= end:
                 return (start, end), new
     return None
 

@@ -20,7 +20,7 @@ from twin.validation.explain.equation_steps import RowKey
 from twin.validation.explain.function_source import Edit, Source, Statement
 from twin.validation.explain.row_deviations import Judge
 
-_SAME = 1e-7
+_SAME_RESIDUALS = 1e-7
 """Relative difference of residuals, also at perturbed values, below which two edited rows count as the same
 function."""
 
@@ -62,28 +62,28 @@ class EditedFunctions:
                 group.texts.add(text)
         return [group.members for group in groups]
 
-    def text(self, c: Candidate) -> str:
+    def text(self, candidate: Candidate) -> str:
         """Return the canonical text of the edited statements."""
         edits_of_statement: dict[tuple[Path, str, int], list[Edit]] = {}
-        for edit in c.edits:
+        for edit in candidate.edits:
             edits_of_statement.setdefault((edit.path, edit.function, edit.statement), []).append(edit)
         parts: list[str] = []
         for place in sorted(edits_of_statement):
             edits = edits_of_statement[place]
             _, name, i = place
-            source = self._source(c, edits[0])
+            source = self._source(candidate, edits[0])
             parts.append(f"{name}:{i}:{canonical(source, source.statements[i], edits)}")
         return "; ".join(parts)
 
-    def _source(self, c: Candidate, edit: Edit) -> Source:
+    def _source(self, candidate: Candidate, edit: Edit) -> Source:
         """Return the function in which an edit of a candidate is.
 
         Raises:
             LookupError: it is neither the candidate's equation nor a function that this equation calls.
         """
-        if edit.is_of(c.step.source):
-            return c.step.source
-        for helper in self.judge.helpers(c.step):
+        if edit.is_of(candidate.step.source):
+            return candidate.step.source
+        for helper in self.judge.helpers(candidate.step):
             if edit.is_of(helper.source):
                 return helper.source
         raise LookupError(edit.function)
@@ -139,7 +139,7 @@ def _same(a: dict[RowKey, Array], b: dict[RowKey, Array]) -> bool:
         # The largest entry gives the factor with the smallest rounding.
         largest = int(np.argmax(np.abs(x)))
         factor = y[largest] / x[largest]
-        if np.abs(y - x * factor).max() > _SAME * float(np.abs(y).max(initial=0.0)):
+        if np.abs(y - x * factor).max() > _SAME_RESIDUALS * float(np.abs(y).max(initial=0.0)):
             return False
     return True
 
@@ -206,10 +206,10 @@ def _sum(node: ast.AST, sign: str) -> list[str]:
 def _product(node: ast.AST, divided: bool = False) -> tuple[str, list[str]]:
     """Return ("-" or "", factors of a product, each with "*" or "/" before it)."""
     if _is_product(node):
-        left_sign, left = _product(node.left, divided)
+        left_sign, left_factors = _product(node.left, divided)
         right_sign, right = _product(node.right, divided != isinstance(node.op, ast.Div))
         sign = "-" if left_sign != right_sign else ""
-        return sign, left + right
+        return sign, left_factors + right
     if _is_minus(node):
         sign, factors = _product(node.operand, divided)
         return ("" if sign else "-"), factors

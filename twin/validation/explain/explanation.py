@@ -151,7 +151,7 @@ class Explanation(Result):
         return Line(f"  {verdict}: {wrong}, {reason}", "bold red")
 
 
-_SIZES = (
+_SIZES_REMARK = (
     "sizes: the largest difference of each row alone, at {} poses around the postures; `twin validate` gives the size "
     "of the fault along a protocol"
 )
@@ -187,7 +187,7 @@ def row_lines(rows: Sequence[WrongRow], repairs: Sequence[Repair], samples: int)
         has_sizes |= not row.why  # margins have a reason instead of a size
         lines += _row(row, faults.get(f"{row.equation}.{row.symbol}", ()))
     if has_sizes:
-        lines.insert(0, Line(f"  {_SIZES.format(samples)}", "dim"))
+        lines.insert(0, Line(f"  {_SIZES_REMARK.format(samples)}", "dim"))
     return lines
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.core.spatial import Array
-from twin.validation.explain.candidate import REST, TOKENS
+from twin.validation.explain.candidate import MULTI_TOKEN, TOKENS
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.expression_shifts import DIFFERENCE, Flat, Shift
 from twin.validation.explain.function_source import ByteRange, Edit, Source, Statement, apply
@@ -29,13 +29,13 @@ from twin.validation.explain.tokens import parents_of
 _HOLE = "_hole_"
 """Name that stands for a part of an expression whose value is sought."""
 
-_NEWTON = 10
+_NEWTON_STEPS = 10
 """Maximum number of Newton steps for the value of a part."""
 
-_EXACT = 1e-10
+_CONVERGED = 1e-10
 """Relative difference at which Newton's method ends."""
 
-_SMALLEST = 1e-9
+_SMALLEST_SIZE = 1e-9
 """Size in m or rad below which values are compared as if they had this size: they are rounding of zero."""
 
 _MOST_WRITTEN = 12
@@ -54,7 +54,7 @@ class Site:
     def edits(self) -> tuple[Edit, ...]:
         """All single edits of the statement that require no new name."""
         edits: list[Edit] = []
-        for edit in statement_edits(self.source, self.statement, self.pool, (*TOKENS, *REST)):
+        for edit in statement_edits(self.source, self.statement, self.pool, (*TOKENS, *MULTI_TOKEN)):
             if edit.define is None and edit.kind != "left side":
                 edits.append(edit)
         return tuple(edits)
@@ -89,19 +89,19 @@ class Expression:
         self._size = _size(shift.value[:, 0])
         self._sizes: dict[ast.expr, float] = {}
 
-    def one(self, wanted: Array) -> Iterator[Edit]:
-        """Yield single edits after which the expression has the values `wanted` (k,)."""
+    def one(self, required: Array) -> Iterator[Edit]:
+        """Yield single edits after which the expression has the values `required` (k,)."""
         singles, values = self.singles
-        for i in self._equal(values, wanted, self._size):
+        for i in self._equal(values, required, self._size):
             yield singles[i]
 
-    def composed(self, wanted: Array) -> Iterator[Edit]:
+    def composed(self, required: Array) -> Iterator[Edit]:
         """Yield edits that add a term or a factor, a root, a square or a sign to a part of the expression."""
         atoms: list[Atom] | None = None
         for part in self.parts:
             if self.deadline.passed:
                 return
-            needed = self.needed(part, (), wanted)
+            needed = self.needed(part, (), required)
             values = self.value((), self.span_of(part))
             if needed is None or values is None:
                 continue
@@ -114,8 +114,8 @@ class Expression:
             texts = written(self.site.source, self.site.statement, part, self.site.parents, shift, atoms)
             yield from islice(texts, _MOST_WRITTEN)
 
-    def two(self, wanted: Array) -> Iterator[tuple[Edit, Edit]]:
-        """Yield pairs of edits after which the expression has the values `wanted` (k,).
+    def two(self, required: Array) -> Iterator[tuple[Edit, Edit]]:
+        """Yield pairs of edits after which the expression has the values `required` (k,).
 
         For each edit and each largest part beside it, the value that this part must then have is computed; the edits of
         the part that give this value are looked up.
@@ -132,7 +132,7 @@ class Expression:
                 inside = singles_within[part]
                 if not len(inside):
                     continue
-                needed = self.needed(part, (first,), wanted)
+                needed = self.needed(part, (first,), required)
                 if needed is None:
                     continue
                 values = self.values_after(part, singles, inside)
@@ -183,12 +183,12 @@ class Expression:
                     continue
             todo += ast.iter_child_nodes(node)
 
-    def needed(self, part: ast.expr, change: Sequence[Edit], wanted: Array) -> Array | None:
-        """Return the values (k,) of a part with which the expression after `change` has the values `wanted`.
+    def needed(self, part: ast.expr, change: Sequence[Edit], required: Array) -> Array | None:
+        """Return the values (k,) of a part with which the expression after `change` has the values `required`.
 
         Operations with an inverse are inverted; for others, Newton's method is used. None if it finds no values.
         """
-        inverted = self._inverted(part, change, wanted)
+        inverted = self._inverted(part, change, required)
         if inverted is not None:
             return inverted
         start, end = self.span_of(part)
@@ -209,14 +209,14 @@ class Expression:
         if code is None or values is None:
             return None
         valued = self.valued_poses
-        limit = _EXACT * max(float(np.abs(wanted[valued]).max()), EQUAL)
+        limit = _CONVERGED * max(float(np.abs(required[valued]).max()), EQUAL)
         values = values.copy()
         previous_size = np.inf
-        for _ in range(_NEWTON):
+        for _ in range(_NEWTON_STEPS):
             result = self._run(code, values)
             if result is None:
                 return None
-            error = result - wanted
+            error = result - required
             size = float(np.abs(error[valued]).max())
             if size <= limit:
                 return values
@@ -231,16 +231,16 @@ class Expression:
             values = values - np.where(np.isfinite(step), step, 0.0)
         return None
 
-    def _inverted(self, part: ast.expr, change: Sequence[Edit], wanted: Array) -> Array | None:
+    def _inverted(self, part: ast.expr, change: Sequence[Edit], required: Array) -> Array | None:
         """Return what `needed` does, by inverse operations; None if there is one without an inverse."""
         nodes: list[ast.AST] = [part]
         while nodes[-1] is not self.node:
             nodes.append(self.site.parents[nodes[-1]])
-        values = wanted
+        values = required
         for child, node in zip(reversed(nodes[:-1]), reversed(nodes[1:]), strict=True):
             if not isinstance(node, ast.expr) or not isinstance(child, ast.expr):
                 return None
-            inner = inverse(node, child, values, lambda other: self.value(change, self.span_of(other)))
+            inner = inverse(node, child, values, lambda part: self.value(change, self.span_of(part)))
             if inner is None or not np.isfinite(inner[self.valued_poses]).all():
                 return None
             values = inner
@@ -287,17 +287,17 @@ class Expression:
             self._sizes[part] = _size(self.value((), self.span_of(part)))
         return self._sizes[part]
 
-    def _equal(self, values: Array, wanted: Array, size: float) -> NDArray[np.intp]:
-        """Return the indices of the rows of `values` (n, k) that are equal to `wanted` (k,), or by full turns.
+    def _equal(self, values: Array, required: Array, size: float) -> NDArray[np.intp]:
+        """Return the indices of the rows of `values` (n, k) that are equal to `required` (k,), or by full turns.
 
         `size` is the size of the values before: a value that must be zero is found up to rounding of this size.
         """
         if not len(values):
             return np.zeros(0, np.intp)
-        differences = values[:, self.valued_poses] - wanted[self.valued_poses]
+        differences = values[:, self.valued_poses] - required[self.valued_poses]
         turns = np.round(differences[:, :1] / (2 * np.pi))  # an angle may be found a full turn away
         differences = differences - 2 * np.pi * np.nan_to_num(turns)
-        limit = EQUAL * max(float(np.abs(wanted[self.valued_poses]).max()), size, _SMALLEST)
+        limit = EQUAL * max(float(np.abs(required[self.valued_poses]).max()), size, _SMALLEST_SIZE)
         return np.flatnonzero(np.abs(differences).max(axis=1) <= limit)
 
     def value(self, change: Sequence[Edit], span: tuple[int, int]) -> Array | None:

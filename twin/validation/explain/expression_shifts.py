@@ -26,13 +26,13 @@ STEPS = 12
 DIFFERENCE = 1e-6
 """Difference with which derivatives are computed."""
 
-TIGHT = 1e-3
+CONVERGED = 1e-3
 """Residual at which Gauss-Newton ends, in units of the tolerance."""
 
-STARTS = (-2.0, -0.9, -0.6, -0.3, 0.5, 1.0, 3.0)
+START_FACTORS = (-2.0, -0.9, -0.6, -0.3, 0.5, 1.0, 3.0)
 """Further shifts from which Gauss-Newton starts where a row has no value, as multiples of the expression's value."""
 
-FEWEST = 6
+FEWEST_POSES = 6
 """Minimum number of poses at which a row must have a value."""
 
 _HALVINGS = 4
@@ -204,54 +204,59 @@ def solution(
         deadline: time limit.
     """
     values: Array = start
-    r = residual(values)
-    if r is None:
+    residuals = residual(values)
+    if residuals is None:
         return None
-    if not np.isfinite(r).all():
+    if not np.isfinite(residuals).all():
         # Where the wrong row has no value, Gauss-Newton starts from another shift, with which it has one.
-        for factor in STARTS:
-            tried: Array = np.asarray(factor * scale(), np.float64)
-            tried_residuals = residual(tried)
-            if tried_residuals is None:
+        for factor in START_FACTORS:
+            trial_values: Array = np.asarray(factor * scale(), np.float64)
+            trial_residuals = residual(trial_values)
+            if trial_residuals is None:
                 return None
-            better: NDArray[np.bool_] = (cost(tried_residuals) < cost(r))[:, None]
-            values = np.where(better, tried, values)
-            r = np.where(better, tried_residuals, r)
-    known = np.asarray(np.isfinite(r).all(axis=1))
-    if known.sum() < FEWEST:
+            better: NDArray[np.bool_] = (cost(trial_residuals) < cost(residuals))[:, None]
+            values = np.where(better, trial_values, values)
+            residuals = np.where(better, trial_residuals, residuals)
+    has_value = np.asarray(np.isfinite(residuals).all(axis=1))
+    if has_value.sum() < FEWEST_POSES:
         return None
     for _ in range(STEPS):
         if deadline.passed:
             return None
-        if np.abs(r[known]).max() <= TIGHT:
+        if np.abs(residuals[has_value]).max() <= CONVERGED:
             break
-        step = _step(residual, values, r, known)
+        step = _step(residual, values, residuals, has_value)
         if step is None:
             return None
         new = residual(values + step)
         for _ in range(_HALVINGS):  # half the step where the residual grows
             if new is None:
                 return None
-            worse = known & ~(cost(new) <= cost(r))
+            worse = has_value & ~(cost(new) <= cost(residuals))
             if not worse.any():
                 break
             step = np.where(worse[:, None], step / 2, step)
             new = residual(values + step)
         if new is None:
             return None
-        largest = np.abs(new[known]).max()
-        if largest > max(_LEAST_PROGRESS * np.abs(r[known]).max(), 1.0):
+        largest = np.abs(new[has_value]).max()
+        if largest > max(_LEAST_PROGRESS * np.abs(residuals[has_value]).max(), 1.0):
             return None  # these expressions cannot make the rows agree
         values = values + step
-        r = new
-    if not np.abs(r[known]).max() <= 1:
+        residuals = new
+    if not np.abs(residuals[has_value]).max() <= 1:
         return None
     residual(values)
-    return values, known
+    return values, has_value
 
 
-def _step(residual: Callable[[Array], Array | None], values: Array, r: Array, known: np.ndarray) -> Array | None:
-    """Return a step of Gauss-Newton (k, unknowns), zero where `known` is false; None without a unique finite one."""
+def _step(
+    residual: Callable[[Array], Array | None], values: Array, residuals: Array, has_value: np.ndarray
+) -> Array | None:
+    """Return a step of Gauss-Newton (k, unknowns), zero where `has_value` is false.
+
+    None if the rows do not determine all unknowns, or have no finite derivatives.
+    """
     slopes: list[Array] = []
     for i in range(values.shape[1]):
         ahead = values.copy()
@@ -259,8 +264,8 @@ def _step(residual: Callable[[Array], Array | None], values: Array, r: Array, kn
         residuals_ahead = residual(ahead)
         if residuals_ahead is None:
             return None
-        slopes.append((residuals_ahead - r) / DIFFERENCE)
-    J = np.stack(slopes, axis=2)[known]
+        slopes.append((residuals_ahead - residuals) / DIFFERENCE)
+    J = np.stack(slopes, axis=2)[has_value]
     if not np.isfinite(J).all():
         return None
     if J.shape[2] > 1:
@@ -268,8 +273,8 @@ def _step(residual: Callable[[Array], Array | None], values: Array, r: Array, kn
         if J.shape[1] < J.shape[2] or (singular[:, -1] <= SINGULAR * singular[:, 0]).any():
             return None
     step = np.zeros_like(values)
-    newton = np.linalg.pinv(J) @ r[known][:, :, None]
-    step[known] = -newton[:, :, 0]
+    newton = np.linalg.pinv(J) @ residuals[has_value][:, :, None]
+    step[has_value] = -newton[:, :, 0]
     if not np.isfinite(step).all():
         return None
     return step

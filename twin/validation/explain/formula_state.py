@@ -58,7 +58,7 @@ def _loaded(formula: Formula, file: Path) -> Formula | None:
         return None
 
 
-_WORSE = 1.001
+_WORSE_FACTOR = 1.001
 """An edit is refused if the residual of a row is larger than before by this factor."""
 
 
@@ -87,7 +87,7 @@ def is_worse(worst_before: Mapping[RowKey, float], row: RowKey, residual: float)
     `worst_before` are the worst residuals before. A row that had none does not count as worse.
     """
     before = worst_before.get(row, np.inf)
-    return residual > max(1.0, _WORSE * before)
+    return residual > max(1.0, _WORSE_FACTOR * before)
 
 
 class FormulaStates:

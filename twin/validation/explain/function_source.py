@@ -18,7 +18,7 @@ from twin.validation.explain import augmented_assignments
 from twin.validation.explain.edit_tidying import tidy
 from twin.validation.explain.tokens import line_starts, span
 
-_BRANCHES = "the function returns from within a branch or a loop"
+_BRANCHES_REASON = "the function returns from within a branch or a loop"
 
 _AUGMENTED = re.compile(r"[-+*/@%]=")
 """Signs of augmented assignments, which few statements have."""
@@ -171,12 +171,12 @@ class Source:
             statements.append(self._statement(i, row))
         self.statements = tuple(statements)
         self.plain = bool(body) and isinstance(body[-1].node, ast.Return)
-        self.why = _BRANCHES
+        self.why = _BRANCHES_REASON
         for row in body:
             for node in ast.walk(row.node):
                 if isinstance(node, ast.Return) and row is not body[-1]:
                     self.plain = False
-                if isinstance(node, ast.FunctionDef) and self.why is _BRANCHES:
+                if isinstance(node, ast.FunctionDef) and self.why is _BRANCHES_REASON:
                     self.why = f"the function defines {node.name}() inside; define {node.name}() outside"
 
     def names_at(self, statement: Statement) -> tuple[set[str], set[str]]:

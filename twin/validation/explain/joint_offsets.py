@@ -20,10 +20,10 @@ from twin.validation.explain.explanation_data import Convention
 from twin.validation.explain.invariants import formula_pose
 from twin.validation.explain.row_deviations import Judge, RowPlace
 
-_QUARTERS = (np.pi / 2, -np.pi / 2, np.pi)
+_QUARTER_TURNS = (np.pi / 2, -np.pi / 2, np.pi)
 """Offsets in rad that are tried for each angle."""
 
-_MOST = 3
+_MOST_OFFSETS = 3
 """Maximum number of angles with an offset."""
 
 _TRIALS = 400
@@ -32,13 +32,13 @@ _TRIALS = 400
 _UNIQUE = 1e3
 """Factor by which the second smallest mean squared residual must exceed `_ALIKE`, so that the rotations are unique."""
 
-_MOVED = 0.1
+_SLIDE_STEP = 0.1
 """Change of a sliding joint in m, with which the direction is computed in which it moves the tool."""
 
 _NO_SHIFT = 1e-9
 """Shift of base or tool in m that is not told: it is rounding."""
 
-_AXIS = 1e-6
+_AXIS_DEVIATION = 1e-6
 """Difference from 1 up to which an entry of a rotation makes an axis one of the other frame."""
 
 _ALIKE = 1e-9
@@ -85,9 +85,9 @@ def _search(judge: Judge, place: RowPlace) -> tuple[str, float] | None:
 
 def _turned(angles: Sequence[str]) -> Iterator[dict[str, float]]:
     """Yield offsets in rad by name: quarter turns of no angle, of each angle, and of several angles."""
-    for count in range(_MOST + 1):
+    for count in range(_MOST_OFFSETS + 1):
         for chosen in combinations(angles, count):
-            for turns in product(_QUARTERS, repeat=count):
+            for turns in product(_QUARTER_TURNS, repeat=count):
                 yield dict(zip(chosen, turns, strict=True))
 
 
@@ -146,10 +146,10 @@ def _fitted_positions(
     missing = true[:, :3, 3] @ base - T[:, :3, 3]
     slopes: list[Array] = []  # change of the position (k, 3) with the value of each sliding joint
     for name in slides:
-        T_moved = _pose_with_offsets(judge, place, {**turns, name: _MOVED})
+        T_moved = _pose_with_offsets(judge, place, {**turns, name: _SLIDE_STEP})
         if T_moved is None:
             return None
-        slopes.append((T_moved[:, :3, 3] - T[:, :3, 3]) / _MOVED)
+        slopes.append((T_moved[:, :3, 3] - T[:, :3, 3]) / _SLIDE_STEP)
     of_slides = np.zeros((*missing.shape, 0))
     if slopes:
         of_slides = np.stack(slopes, axis=2)
@@ -199,7 +199,7 @@ def _sign(x: float) -> str:
 
 def axes_text(R: Array) -> str:
     """Return a rotation as text: "x = -y, ..." for quarter turns, otherwise its angle."""
-    if np.abs(np.abs(R).max(axis=1) - 1).max() < _AXIS:
+    if np.abs(np.abs(R).max(axis=1) - 1).max() < _AXIS_DEVIATION:
         parts: list[str] = []
         for axis, row in zip("xyz", R, strict=True):
             i = int(np.argmax(np.abs(row)))

@@ -22,7 +22,7 @@ from twin.validation.explain.function_source import OUT, Edit, Source, Statement
 from twin.validation.explain.plain_values import copied
 from twin.validation.explain.rebuilt_functions import Matrix
 
-_MOST = 100_000
+_MOST_PAIRS = 100_000
 """Maximum number of pairs in one evaluation."""
 
 _HOLES = ("_first_operand_", "_second_operand_")
@@ -40,7 +40,7 @@ All edits of the first place come with the first edit of the second one, then wi
 """
 
 
-class Rest(Protocol):
+class ResidualsAfter(Protocol):
     """Returns the residuals of the rows of a statement and of those after it; None without a value."""
 
     def __call__(self, statement: Statement, scope: Scope, size: int, /) -> dict[RowKey, Array] | None:
@@ -48,7 +48,9 @@ class Rest(Protocol):
         ...
 
 
-def operand_pairs(site: Site, edits: Sequence[Edit], scope: Scope, rest: Rest, end: Deadline) -> Iterator[Evaluated]:
+def operand_pairs(
+    site: Site, edits: Sequence[Edit], scope: Scope, residuals_after: ResidualsAfter, end: Deadline
+) -> Iterator[Evaluated]:
     """Yield the residuals after pairs of edits of a statement; `scope` has the values before it, at one pose."""
     source = site.source
     edits_within: dict[ast.AST, list[Edit]] = {}
@@ -68,13 +70,13 @@ def operand_pairs(site: Site, edits: Sequence[Edit], scope: Scope, rest: Rest, e
         for first, second in combinations(operands, 2):
             for firsts in groups(first):
                 for seconds in groups(second):
-                    yield from _of_groups(site, (first, second), firsts, seconds, scope, rest, end)
+                    yield from _of_groups(site, (first, second), firsts, seconds, scope, residuals_after, end)
             if end.passed:
                 return
         for operand in operands:
             for edit in _beside(source, node, operand, operands, edits):
                 for firsts in groups(operand):
-                    yield from _of_groups(site, (operand,), firsts, ([(edit,)], [None]), scope, rest, end)
+                    yield from _of_groups(site, (operand,), firsts, ([(edit,)], [None]), scope, residuals_after, end)
                 if end.passed:
                     return
 
@@ -124,7 +126,7 @@ def _of_groups(
     firsts: _Group,
     seconds: _Group,
     scope: Scope,
-    rest: Rest,
+    residuals_after: ResidualsAfter,
     end: Deadline,
 ) -> Iterator[Evaluated]:
     """Yield the residuals after pairs of edits of two operands, or of one operand and of the operation itself."""
@@ -141,7 +143,7 @@ def _of_groups(
     edits_of_first, values_of_first = firsts
     edits_of_second, values_of_second = seconds
     count = len(edits_of_first)
-    most = max(_MOST // count, 1)
+    most = max(_MOST_PAIRS // count, 1)
     for begin in range(0, len(edits_of_second), most):
         if end.passed:
             return
@@ -159,7 +161,7 @@ def _of_groups(
             return
         if None in forms:
             continue
-        deviations = rest(site.statement, own_scope, size)
+        deviations = residuals_after(site.statement, own_scope, size)
         if deviations is not None:
             yield part, edits_of_first, deviations
 

@@ -18,7 +18,7 @@ from twin.validation.explain.required_pairs import RequiredPairs
 from twin.validation.explain.statement_pairs import StatementPairs
 from twin.validation.explain.trials import Trials
 
-_POSE = 12
+_POSE_ENTRIES = 12
 """Minimum number of entries of the row of a pose."""
 
 _REQUIRED_PART = 0.85
@@ -27,13 +27,13 @@ _REQUIRED_PART = 0.85
 _POSE_PART = 0.4
 """Maximum part of this time for equations that return a pose, which are searched before the others."""
 
-_APART = 0.6
+_TWO_STATEMENTS_PART = 0.6
 """Maximum part of this time for pairs in different statements, of the last equation; less for those before."""
 
 _FIRST_PART = 0.6
 """Maximum part of this time for the equation whose rows have most entries; then of the rest for the next one."""
 
-_COARSE = 6
+_COARSE_POSES = 6
 """Number of poses at which most expressions are rejected."""
 
 _Stage = Callable[[RequiredPairs, Sequence[RowKey], Deadline], Iterator[tuple[Edit, Edit]]]
@@ -144,7 +144,7 @@ class PairSearch:
         """Return whether one of `rows` is a pose that an equation returns."""
         for row in rows:
             entries = self.trials.residuals_before[row].shape[1]
-            if row[0] == search.step.equation.name and entries >= _POSE:
+            if row[0] == search.step.equation.name and entries >= _POSE_ENTRIES:
                 return True
         return False
 
@@ -174,7 +174,7 @@ class PairSearch:
                 if statement_pairs is None:
                     continue
                 # The equations that are left share the time, but an early one may need more than its share.
-                part = _APART / (len(searches) - n) ** 0.5
+                part = _TWO_STATEMENTS_PART / (len(searches) - n) ** 0.5
                 end = until.within(part * until.left)
                 places: list[TextPlace] = []
                 # One entry of a row does not determine two scalars, so that their edits are tried as well.
@@ -207,8 +207,8 @@ class PairSearch:
     def required_pairs(self) -> list[RequiredPairs]:
         """The searches for two edits, one for each equation on which failing rows depend."""
         k = self.trials.judge.reference.k
-        few = np.linspace(0, k - 1, min(_COARSE, k)).astype(int)
-        coarse = Batch(self.trials.judge, few.tolist(), _COARSE // 2)
+        few = np.linspace(0, k - 1, min(_COARSE_POSES, k)).astype(int)
+        coarse = Batch(self.trials.judge, few.tolist(), _COARSE_POSES // 2)
         full = Batch(self.trials.judge, range(k))
         searches: list[RequiredPairs] = []
         for step, sites in self.trials.sites():

@@ -19,10 +19,10 @@ from twin.validation.explain.rebuilt_functions import Matrix, Rebuilder
 from twin.validation.explain.reference_values import ReferenceValues
 from twin.validation.explain.row_deviations import Judge
 
-_SAME = 1e-9
+_SAME_VALUE = 1e-9
 """Relative difference up to which two parameters are equal."""
 
-_CLOSED = 1e-7
+_SAME_POSE = 1e-7
 """Largest difference of two equal poses, in m or as an entry of a rotation."""
 
 _STEP = 1e-6
@@ -45,7 +45,7 @@ _ANGLE_CHANGE = 4
 _LEAST_POSES = 0.5
 """Part of the poses at which equations must have values with other parameters."""
 
-_LENGTH = 0.3
+_CHANGE_OF_ZERO = 0.3
 """Length in m by parts of which a length of zero is changed."""
 
 _NEARER = 1e-3
@@ -61,7 +61,10 @@ def groups(formula: Formula) -> list[tuple[Parameter, ...]]:
     for i, parameter in enumerate(stated):
         if not parameter.value:  # many parameters are zero for reasons of their own
             continue
-        equal = [candidate for candidate in stated[i:] if _is_equal(parameter, candidate)]
+        equal: list[Parameter] = []
+        for candidate in stated[i:]:
+            if _is_equal(parameter, candidate):
+                equal.append(candidate)
         is_part = False
         for group in all_groups:
             is_part |= set(equal) <= set(group)
@@ -73,9 +76,9 @@ def groups(formula: Formula) -> list[tuple[Parameter, ...]]:
     return all_groups
 
 
-def _is_equal(parameter: Parameter, other: Parameter) -> bool:
-    difference = abs(other.value - parameter.value)
-    return other.unit == parameter.unit and difference <= _SAME * abs(parameter.value)
+def _is_equal(parameter: Parameter, candidate: Parameter) -> bool:
+    difference = abs(candidate.value - parameter.value)
+    return candidate.unit == parameter.unit and difference <= _SAME_VALUE * abs(parameter.value)
 
 
 def condition(group: Sequence[Parameter]) -> str:
@@ -97,7 +100,7 @@ def changed(parameters: Sequence[Parameter], values: Mapping[str, float], part: 
         if parameter.unit in _ANGLES:
             other_values[name] = value + _ANGLE_CHANGE * amount
         elif value == 0:
-            other_values[name] = amount * _LENGTH
+            other_values[name] = amount * _CHANGE_OF_ZERO
         else:
             other_values[name] = value * (1 + amount)
     return other_values
@@ -116,7 +119,7 @@ def closes(judge: Judge, values: Mapping[str, float]) -> bool | None:
     has_value = np.isfinite(differences).all(axis=1)
     if np.mean(has_value) < _LEAST_POSES:
         return None
-    return bool(np.abs(differences[has_value]).max() <= _CLOSED)
+    return bool(np.abs(differences[has_value]).max() <= _SAME_POSE)
 
 
 def coincidences(judge: Judge) -> list[tuple[Parameter, ...]]:
@@ -130,15 +133,15 @@ def coincidences(judge: Judge) -> list[tuple[Parameter, ...]]:
             derived.append(parameter.name)
     coinciding: list[tuple[Parameter, ...]] = []
     for group in groups(judge.formula):
-        other = changed(group, values)
-        closed = closes(judge, other)
+        other_values = changed(group, values)
+        closed = closes(judge, other_values)
         if closed is None:  # most poses may be out of reach with these values, but not with values that are near
-            other = changed(group, values, _NEARER)
-            closed = closes(judge, other)
+            other_values = changed(group, values, _NEARER)
+            closed = closes(judge, other_values)
         if closed:
             continue
         # An inverse that has no values near those of the mechanism does not belong to the forward equations there.
-        if not derived or not _closes_with(judge, other, derived):
+        if not derived or not _closes_with(judge, other_values, derived):
             coinciding.append(group)
     return coinciding
 

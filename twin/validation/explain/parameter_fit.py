@@ -22,7 +22,7 @@ _GAIN = 1e-3
 _SLOW_STEPS = 2
 """A fit ends if so many successive steps reduce the sum of squares by less than the fraction `_GAIN`."""
 
-_DONE = 1e-13
+_CONVERGED = 1e-13
 """A fit ends if a step changes each parameter by less than this fraction of its scale."""
 
 _SHORTEST = 1e-3
@@ -37,7 +37,7 @@ _SMALLEST_SCALE = 0.01
 _PROBE = 1e-4
 """Change of a parameter, relative to its scale, that shows whether a row depends on it."""
 
-_FELT = 1e-3
+_LEAST_EFFECT = 1e-3
 """Smallest change of a residual, in units of the tolerance, by which a row depends on a parameter."""
 
 _NO_RESIDUAL = 1e-300
@@ -133,7 +133,7 @@ class ParameterResiduals:
             start = self.start[parameter.name]
             scale = max(abs(start), _SMALLEST_SCALE)
             changed_residual = self.residual({**self.start, parameter.name: start + _PROBE * scale})
-            if np.nanmax(np.abs(changed_residual - residual), initial=0.0) > _FELT:
+            if np.nanmax(np.abs(changed_residual - residual), initial=0.0) > _LEAST_EFFECT:
                 influential.append(parameter)
         return influential
 
@@ -176,7 +176,7 @@ class ParameterResiduals:
                 slow_steps += 1
             else:
                 slow_steps = 0
-            if change < _DONE or slow_steps == _SLOW_STEPS:
+            if change < _CONVERGED or slow_steps == _SLOW_STEPS:
                 break
         return ParameterFit(names, x, r, J / scale)
 

@@ -12,7 +12,7 @@ from twin.validation.explain.candidate import Candidate, GroupResult
 from twin.validation.explain.formula_state import edited_formula
 from twin.validation.explain.function_source import Edit
 
-_MOST = 6
+_MOST_PROVED = 6
 """Maximum number of repairs of one group of rows that are proved: each is a proof of the whole formula."""
 
 
@@ -103,8 +103,10 @@ class _Proofs:
         with ExitStack() as stack:  # the edited files exist while formulas are compared
             for n, cure in enumerate(result.cures):
                 edited = None
-                if n >= _MOST:
-                    verdict = ProofOfRepair(f"not judged by the prover: only {_MOST} repairs of these rows are", False)
+                if n >= _MOST_PROVED:
+                    verdict = ProofOfRepair(
+                        f"not judged by the prover: only {_MOST_PROVED} repairs of these rows are", False
+                    )
                 else:
                     change = list(dict.fromkeys([*_edits(cure), *edits_of_others]))
                     edited = stack.enter_context(edited_formula(self.formula, change))

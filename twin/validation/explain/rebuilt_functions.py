@@ -21,7 +21,7 @@ from twin.core.errors import KinematicsError, no_inverse
 from twin.core.spatial import Array
 from twin.formula.scalar import Value
 from twin.robots import FORMULA_MODULE
-from twin.validation.explain.augmented_assignments import NAME, augmented, rewritten, uses_casadi
+from twin.validation.explain.augmented_assignments import AUGMENTED_NAME, augmented, rewritten, uses_casadi
 
 _SYMBOLIC = "twin.formula.symbolic"
 _TWIN = Path(__file__).resolve().parents[2]
@@ -342,7 +342,7 @@ def _pose(R: Value, p: Value) -> Matrix:
     return Matrix(T)
 
 
-_FAST = {"rotation_x": turn(0), "rotation_y": turn(1), "rotation_z": turn(2), "pose": _pose}
+_NUMPY_VERSIONS = {"rotation_x": turn(0), "rotation_y": turn(1), "rotation_z": turn(2), "pose": _pose}
 """Functions of `symbolic` that have their own NumPy version."""
 
 
@@ -438,31 +438,31 @@ class Rebuilder:
         """Rebuilt functions, modules and globals by the identity of the original."""
         self._originals: list[Value] = []  # references, so that their identities stay unique
 
-    def function(self, f: Callable) -> Callable:
+    def function(self, function: Callable) -> Callable:
         """Return the function rebuilt with numeric globals, defaults and closure."""
-        if id(f) in self._rebuilt:
-            return self._rebuilt[id(f)]
-        if not isinstance(f, types.FunctionType):
-            raise KinematicsError(f"{f!r} is not a plain Python function: it cannot be evaluated on arrays")
-        scope = self.scope(f)
-        code = f.__code__
-        if NAME in scope:
-            code = rewritten(f)
-        rebuilt = types.FunctionType(code, scope, f.__name__, f.__defaults__, f.__closure__)
-        self._rebuilt[id(f)] = rebuilt  # before its closure, which may hold the function itself
-        self._originals.append(f)
-        if f.__closure__:
+        if id(function) in self._rebuilt:
+            return self._rebuilt[id(function)]
+        if not isinstance(function, types.FunctionType):
+            raise KinematicsError(f"{function!r} is not a plain Python function: it cannot be evaluated on arrays")
+        scope = self.scope(function)
+        code = function.__code__
+        if AUGMENTED_NAME in scope:
+            code = rewritten(function)
+        rebuilt = types.FunctionType(code, scope, function.__name__, function.__defaults__, function.__closure__)
+        self._rebuilt[id(function)] = rebuilt  # before its closure, which may hold the function itself
+        self._originals.append(function)
+        if function.__closure__:
             cells: list[types.CellType] = []
-            for cell in f.__closure__:
+            for cell in function.__closure__:
                 cells.append(types.CellType(self.value(cell.cell_contents)))
-            rebuilt = types.FunctionType(code, scope, f.__name__, f.__defaults__, tuple(cells))
-            self._rebuilt[id(f)] = rebuilt
-        rebuilt.__kwdefaults__ = f.__kwdefaults__
-        is_plain = not f.__closure__ and not f.__kwdefaults__ and of_formula(f)
+            rebuilt = types.FunctionType(code, scope, function.__name__, function.__defaults__, tuple(cells))
+            self._rebuilt[id(function)] = rebuilt
+        rebuilt.__kwdefaults__ = function.__kwdefaults__
+        is_plain = not function.__closure__ and not function.__kwdefaults__ and of_formula(function)
         # In the rebuilt globals, an edited function may stand in for one of the formula; in the module's it never does.
-        if is_plain and _is_leaf(f):
+        if is_plain and _is_leaf(function):
             rebuilt = _with_cache(rebuilt)
-            self._rebuilt[id(f)] = rebuilt
+            self._rebuilt[id(function)] = rebuilt
         return rebuilt
 
     def scope(self, f: types.FunctionType) -> dict[str, Value]:
@@ -471,7 +471,7 @@ class Rebuilder:
         if id(home) not in self._rebuilt:
             scope: dict[str, Value] = {}
             if uses_casadi(home):
-                scope[NAME] = augmented  # first, because the functions below are rebuilt with this scope
+                scope[AUGMENTED_NAME] = augmented  # first, because the functions below are rebuilt with this scope
             self._rebuilt[id(home)] = scope
             self._originals.append(home)
             for name, value in home.items():
@@ -479,7 +479,7 @@ class Rebuilder:
                     scope[name] = self.value(value)
             scope["__builtins__"] = home.get("__builtins__", __builtins__)
             if home.get("__name__") == _SYMBOLIC:
-                scope |= _FAST
+                scope |= _NUMPY_VERSIONS
         return self._rebuilt[id(home)]
 
     def value(self, x: Value) -> Value:
@@ -493,7 +493,7 @@ class Rebuilder:
         if _of_casadi(x):
             name = getattr(x, "__name__", "")
             return _FUNCTIONS.get(name, _missing(name or str(x)))
-        if isinstance(x, types.FunctionType) and _ours(x):
+        if isinstance(x, types.FunctionType) and _needs_rebuilding(x):
             return self.function(x)
         return x
 
@@ -503,12 +503,12 @@ class Rebuilder:
             self._rebuilt[id(module)] = space
             for name, value in vars(module).items():
                 if not name.startswith("__"):
-                    fast = _FAST.get(name) if module.__name__ == _SYMBOLIC else None
+                    fast = _NUMPY_VERSIONS.get(name) if module.__name__ == _SYMBOLIC else None
                     setattr(space, name, fast or self.value(value))
         return self._rebuilt[id(module)]
 
 
-_NOT_OURS = {
+_UNCHANGED_MODULES = {
     "dataclasses",
     "typing",
     "twin.formula.contract",
@@ -521,11 +521,11 @@ _NOT_OURS = {
 """Modules whose functions run unchanged: their operations on symbols also work with NumPy values."""
 
 
-def _ours(f: types.FunctionType) -> bool:
+def _needs_rebuilding(f: types.FunctionType) -> bool:
     """Return whether a function may use CasADi, directly or through helpers, and must be rebuilt."""
     module = f.__globals__.get("__name__", "")
     if module.split(".")[0] == "twin" or module.startswith(FORMULA_MODULE):  # wherever they are installed
-        return module not in _NOT_OURS
+        return module not in _UNCHANGED_MODULES
     return not {"site-packages", "dist-packages"} & set(Path(f.__code__.co_filename).parts)
 
 

@@ -54,18 +54,18 @@ class RepairChoice:
         self.by_chance: list[tuple[Candidate, str]] = []
         """Edits that make rows agree only by chance, which are no repairs, and the condition; see `FormulaState`."""
 
-    def is_rejected(self, c: Candidate) -> bool:
+    def is_rejected(self, candidate: Candidate) -> bool:
         """Return whether a candidate's edits were rejected together with the repairs of other rows."""
-        return self.trials.is_rejected(c.edits)
+        return self.trials.is_rejected(candidate.edits)
 
-    def is_general(self, c: Candidate) -> bool:
+    def is_general(self, candidate: Candidate) -> bool:
         """Return whether the rows agree after a candidate's edits not only by chance; also if that is not known.
 
         No row of the whole formula may be further off than before.
         """
-        if self.is_rejected(c):
+        if self.is_rejected(candidate):
             return False
-        after = self.states.after(c.edits)
+        after = self.states.after(candidate.edits)
         return after is None or not (after.chance or after.is_worse)
 
     def has_repair(self, row: RowKey, candidates: list[Candidate]) -> bool:
@@ -81,30 +81,30 @@ class RepairChoice:
                 return True
         return False
 
-    def exclude(self, c: Candidate) -> None:
+    def exclude(self, candidate: Candidate) -> None:
         """Set `by_chance` of a candidate whose edits do not repair rows in general, so that it is not proposed.
 
         If the rows agree only by chance, the candidate is also reported in `by_chance`, but only one for each row.
         """
-        after = self.states.after(c.edits)
-        c.by_chance = True
-        repaired = self._repaired(c)
+        after = self.states.after(candidate.edits)
+        candidate.by_chance = True
+        repaired = self._repaired(candidate)
         for reported, _ in self.by_chance:
             if not repaired.isdisjoint(self._repaired(reported)):
                 return
         if after is not None and after.chance:
-            self._report(c, after.chance)
+            self._report(candidate, after.chance)
 
-    def _report(self, c: Candidate, chance: str) -> None:
+    def _report(self, candidate: Candidate, chance: str) -> None:
         """Add a candidate and the condition of its chance to `by_chance`, unless the same edits are there already."""
         for reported, condition in self.by_chance:
-            if frozenset(reported.edits) == frozenset(c.edits) and condition == chance:
+            if frozenset(reported.edits) == frozenset(candidate.edits) and condition == chance:
                 return
-        self.by_chance.append((c, chance))
+        self.by_chance.append((candidate, chance))
 
-    def _repaired(self, c: Candidate) -> set[RowKey]:
+    def _repaired(self, candidate: Candidate) -> set[RowKey]:
         """Return the failing rows that agree after a candidate's edits."""
-        return {row for row in self.trials.failing if c.scores.get(row, np.inf) <= 1}
+        return {row for row in self.trials.failing if candidate.scores.get(row, np.inf) <= 1}
 
     def best(self, cures: list[list[Candidate]]) -> list[list[Candidate]]:
         """Keep the cures after which the fewest rows of the whole formula are wrong.

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from functools import cached_property
 
 import numpy as np
 
-from twin.validation.explain.candidate import CALLS, FORMS, OPERATORS, REST, TOKENS, Candidate, GroupResult
+from twin.validation.explain.candidate import CALLS, FORMS, MULTI_TOKEN, OPERATORS, TOKENS, Candidate, GroupResult
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.edited_functions import EditedFunctions
 from twin.validation.explain.equation_steps import RowKey
@@ -25,16 +25,16 @@ from twin.validation.explain.trials import Trials
 
 _FORM_TOKENS = tuple(kind for kind in TOKENS if kind in FORMS)
 _NAME_TOKENS = tuple(kind for kind in TOKENS if kind not in FORMS)
-_REST_BUT_CALLS = tuple(kind for kind in REST if kind not in FORMS)
+_MULTI_TOKEN_BUT_CALLS = tuple(kind for kind in MULTI_TOKEN if kind not in FORMS)
 
 _STAGES = (
     (False, _FORM_TOKENS),
     (True, CALLS),
     (False, _NAME_TOKENS),
     (True, OPERATORS),
-    (False, REST),
+    (False, MULTI_TOKEN),
     (True, _NAME_TOKENS),
-    (True, _REST_BUT_CALLS),
+    (True, _MULTI_TOKEN_BUT_CALLS),
 )
 """Stages of the search for one edit: (whether called functions are edited, kinds of edits).
 
@@ -142,11 +142,11 @@ class RepairSearch(Trials):
         for n, (in_called, kinds) in enumerate(_STAGES):
             settled = not unrepaired and len(self._groups) < 2
             # A value that must be often has several formulas: fewer of them than edits of one token make sense.
-            if settled and not is_from_values and (in_called or kinds == REST):
+            if settled and not is_from_values and (in_called or kinds == MULTI_TOKEN):
                 skipped_stages.append(n)
                 continue
             tried_everywhere = self._stage(n, settled, unrepaired)
-            if tried_everywhere and not in_called and kinds == REST:
+            if tried_everywhere and not in_called and kinds == MULTI_TOKEN:
                 all_kinds_tried = True
             unrepaired = self._group_rows()
             if n == _REQUIRED_AFTER and unrepaired:
@@ -175,7 +175,7 @@ class RepairSearch(Trials):
         self.singles.until = self.deadline.within(part * self.deadline.left)
         statements: set[tuple[str, int]] | None = None
         functions: set[int] | None = None
-        of_rows = not in_called and kinds != REST  # all are tried, to find every tie
+        of_rows = not in_called and kinds != MULTI_TOKEN  # all are tried, to find every tie
         if not unrepaired and not of_rows:
             statements, functions = self.singles.shared_sites(self._groups)
         if in_called:
@@ -199,7 +199,7 @@ class RepairSearch(Trials):
             for candidate in self.exact(group, self._candidates):
                 statements.add((candidate.step.equation.name, candidate.edits[0].statement))
         self.singles.until = self.deadline.within(_ALTERNATIVES * self.deadline.left)
-        self._candidates += self.singles.in_statements(REST, statements)
+        self._candidates += self.singles.in_statements(MULTI_TOKEN, statements)
 
     def _results(self, unrepaired: Sequence[RowKey]) -> tuple[list[GroupResult], list[RowKey]]:
         """Return (results of the groups that have a repair, rows without one)."""
@@ -225,12 +225,12 @@ class RepairSearch(Trials):
             while unrepaired:
                 row = unrepaired[0]
                 result, replaced = self._pair_result(row, unrepaired, results, late, deadline, budget)
-                identities = set(map(id, replaced))  # results with the same content may be of different rows
+                identities = set(map(id, replaced))  # results of arrays cannot be compared by ==
                 results = [earlier for earlier in results if id(earlier) not in identities]
                 results.append(result)
                 if not result.cures:
                     without_repair.append(row)
-                unrepaired = [left_row for left_row in unrepaired if left_row not in result.rows]
+                unrepaired = _without(unrepaired, result.rows)
             if without_repair:
                 return results, without_repair
             compatible, unrepaired = self.choice.together(results)
@@ -325,7 +325,7 @@ class RepairSearch(Trials):
         row: RowKey,
         unrepaired: list[RowKey],
         results: list[GroupResult],
-        tried: list[Candidate],
+        candidates: list[Candidate],
         pairs: list[Candidate],
     ) -> tuple[GroupResult, list[GroupResult]]:
         """Return (the result of `pairs` for a row and as many other rows as they repair, results that it replaces).
@@ -345,14 +345,14 @@ class RepairSearch(Trials):
             rows = list(group)
             for result in replaced:
                 rows += result.rows
-            widest = self._result(rows, pairs, tried)
+            widest = self._result(rows, pairs, candidates)
             if widest.cures:
                 return widest, replaced
         if len(group) > 1:
-            of_group = self._result(group, pairs, tried)
+            of_group = self._result(group, pairs, candidates)
             if of_group.cures:
                 return of_group, []
-        return self._result([row], pairs, tried), []
+        return self._result([row], pairs, candidates), []
 
     # -- groups -------------------------------------------------------------------------------------------------
 
@@ -372,7 +372,7 @@ class RepairSearch(Trials):
         grouped: set[RowKey] = set()
         for group in self._groups:
             grouped.update(group)
-        return [row for row in self.failing if row not in grouped]
+        return _without(self.failing, grouped)
 
     def _exclude_by_chance(self, group: list[RowKey], until: Deadline) -> bool:
         """Exclude the edits that repair a group if all of them do so only by chance; return whether they do."""
@@ -449,3 +449,8 @@ class RepairSearch(Trials):
             tried=self.trial_count,
             complete=self.singles.complete,
         )
+
+
+def _without(rows: Sequence[RowKey], repaired: Container[RowKey]) -> list[RowKey]:
+    """Return the rows that are not among `repaired`, in their order."""
+    return [row for row in rows if row not in repaired]

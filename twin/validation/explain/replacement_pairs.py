@@ -28,13 +28,13 @@ from twin.validation.explain.function_source import ByteRange, Edit
 from twin.validation.explain.rebuilt_functions import Matrix
 from twin.validation.explain.row_deviations import Judge, by_row
 
-_PLACES = 2
+_SAMPLES = 2
 """Number of the mechanism's samples used to exclude pairs; one perturbed sample is added."""
 
-_AWAY = 100
+_OTHER_FUNCTION_DISTANCE = 100
 """Assumed distance, in statements, between the row and a token in another function."""
 
-_MANY = 4096
+_MOST_COMBINATIONS = 4096
 """Maximum number of combinations in one evaluation."""
 
 
@@ -91,9 +91,9 @@ class ReplacementPairs:
         """Return the indices of the few samples, from those at which the row has a value."""
         residual = by_row(self.judge.residuals)[self.row]
         valued = np.flatnonzero(np.isfinite(residual).all(axis=1))
-        if len(valued) < _PLACES:
+        if len(valued) < _SAMPLES:
             valued = np.arange(self.judge.reference.k)
-        return valued[np.linspace(0, len(valued) - 1, _PLACES).astype(int)]
+        return valued[np.linspace(0, len(valued) - 1, _SAMPLES).astype(int)]
 
     def likely_pairs(self) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs that make the row agree at a few poses but not at perturbed values; stop at the deadline.
@@ -137,13 +137,13 @@ class ReplacementPairs:
 
     def _distance(self, pair: tuple[_Home, _Home]) -> tuple[bool, int, int]:
         """Return (whether the functions differ, distance in statements, distance of both from the row)."""
-        (*function, i), (*other_function, j) = pair
+        (*function, first_index), (*other_function, second_index) = pair
         from_row = 0
         for _, name, statement in pair:
-            from_row += abs(self.row[1] - statement) if name == self.step.source.name else _AWAY
+            from_row += abs(self.row[1] - statement) if name == self.step.source.name else _OTHER_FUNCTION_DISTANCE
         if function != other_function:
             return True, 0, from_row
-        return False, abs(i - j), from_row
+        return False, abs(first_index - second_index), from_row
 
     def _sorted(self, edits: Sequence[Edit]) -> list[_Position]:
         """Group the edits by token; tokens whose replacements can be evaluated at once come first."""
@@ -201,31 +201,31 @@ class ReplacementPairs:
 
     # -- evaluation -------------------------------------------------------------------------------------------
 
-    def _try(self, a: _Position, b: _Position) -> Iterator[tuple[Edit, Edit]]:
-        most = max(_MANY // len(b.edits), 1)
-        if len(a.edits) > most:
-            for i in range(0, len(a.edits), most):
-                yield from self._try(_Position(a.edits[i : i + most], True), b)
+    def _try(self, first: _Position, second: _Position) -> Iterator[tuple[Edit, Edit]]:
+        most = max(_MOST_COMBINATIONS // len(second.edits), 1)
+        if len(first.edits) > most:
+            for i in range(0, len(first.edits), most):
+                yield from self._try(_Position(first.edits[i : i + most], True), second)
             return
-        shape = (len(a.edits), len(b.edits))
-        change = [self._choice(a, 0), self._choice(b, 1)]
-        r = self._residual(change, (*a.edits, *b.edits), shape)
+        shape = (len(first.edits), len(second.edits))
+        change = [self._choice(first, 0), self._choice(second, 1)]
+        r = self._residual(change, (*first.edits, *second.edits), shape)
         if r is None:
             return
         largest = np.abs(r).max(axis=2)
-        agrees = largest[:, :_PLACES].max(axis=1) <= 1
+        agrees = largest[:, :_SAMPLES].max(axis=1) <= 1
         # At perturbed values an agreement would be a coincidence; NaN counts as disagreement.
-        by_chance = largest[:, _PLACES:].max(axis=1) <= 1e-3
+        by_chance = largest[:, _SAMPLES:].max(axis=1) <= 1e-3
         for c in np.flatnonzero(agrees & ~by_chance):
             i, j = divmod(int(c), shape[1])
-            yield a.edits[i], b.edits[j]
+            yield first.edits[i], second.edits[j]
 
     def _choice(self, position: _Position, axis: int) -> Edit:
         """Return the edit that inserts all replacements of a token as an array, or its only replacement."""
         if not position.is_batched:
             return position.edits[0]
         words = [edit.new for edit in position.edits]
-        new = f"{_NAMES[axis]}({', '.join(words)})"
+        new = f"{_CHOICE_NAMES[axis]}({', '.join(words)})"
         return dataclasses.replace(position.edits[0], new=new, kind="choice", define=None)
 
     def _residual(self, change: list[Edit], edits: Sequence[Edit], shape: tuple[int, int]) -> Array | None:
@@ -234,11 +234,11 @@ class ReplacementPairs:
         Return None if the edited text has no value.
         """
         count = shape[0] * shape[1]
-        n = 1 << (count - 1).bit_length()  # few sizes, because a judge is made for each of them
-        judge = self._judge(n)
+        repeats = 1 << (count - 1).bit_length()  # few sizes, because a judge is made for each of them
+        judge = self._judge(repeats)
         for pick in self._pick:
-            pick.shape = (*shape, _PLACES + 1)
-            pick.size = n * (_PLACES + 1)
+            pick.shape = (*shape, _SAMPLES + 1)
+            pick.size = repeats * (_SAMPLES + 1)
             pick.odd = set()
         step = judge.step(self.step.equation.name)
         extra = aliases(judge, step, edits)
@@ -250,19 +250,19 @@ class ReplacementPairs:
             name, expression = edit.define
             if not expression and name in judge.reference.symbols:  # a new argument of the function
                 extra[name] = plain_values.inside(step.plain, judge.reference.symbols[name])
-        picks: dict[str, Value] = dict(zip(_NAMES, self._pick, strict=True))
+        picks: dict[str, Value] = dict(zip(_CHOICE_NAMES, self._pick, strict=True))
         with names_in_helpers(judge, step, change, picks):
             deviations = edited_residuals(judge, self.step.equation.name, change, {**extra, **picks})
         if deviations is None or self.row not in deviations:
             return None
         r = deviations[self.row]
-        if len(r) != n * (_PLACES + 1):
+        if len(r) != repeats * (_SAMPLES + 1):
             return None
-        return r.reshape(n, _PLACES + 1, -1)[:count]
+        return r.reshape(repeats, _SAMPLES + 1, -1)[:count]
 
-    def _judge(self, n: int) -> Judge:
+    def _judge(self, repeats: int) -> Judge:
         """Return a judge at the few samples used to exclude pairs, repeated for n combinations."""
-        if n not in self._tiled:
+        if repeats not in self._tiled:
             step = self.step
             name = step.equation.name
             of_mechanism = {**step.computed, **self.judge.reference.symbols}
@@ -270,13 +270,13 @@ class ReplacementPairs:
             symbols: dict[str, Value] = {}
             for symbol, value in of_mechanism.items():
                 if symbol in perturbed:
-                    symbols[symbol] = self._tile(value, perturbed[symbol], n)
+                    symbols[symbol] = self._tile(value, perturbed[symbol], repeats)
             equations = [name]
             if self.row[0] != name:  # the row is in a later equation
                 equations = equations_from(self.judge, step)
-            reference = dataclasses.replace(self.judge.reference, symbols=symbols, k=n * (_PLACES + 1), run=None)
-            self._tiled[n] = self.judge.on(reference, equations)
-        return self._tiled[n]
+            reference = dataclasses.replace(self.judge.reference, symbols=symbols, k=repeats * (_SAMPLES + 1), run=None)
+            self._tiled[repeats] = self.judge.on(reference, equations)
+        return self._tiled[repeats]
 
     def _tile(self, value: Value, perturbed: Value, n: int) -> Value:
         """Return the few samples of a symbol's values, then one of its perturbed values, repeated n times."""
@@ -292,7 +292,7 @@ class ReplacementPairs:
         return np.concatenate([samples, perturbed_sample])
 
 
-_NAMES = ("_first_", "_second_")
+_CHOICE_NAMES = ("_first_", "_second_")
 """Names of the two `_Choice` functions in the edited text."""
 
 

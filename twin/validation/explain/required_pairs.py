@@ -27,7 +27,7 @@ from twin.validation.explain.counterparts import counterpart_edits
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.equation_steps import RowKey, Step
 from twin.validation.explain.expression import Expression, Site
-from twin.validation.explain.expression_shifts import FEWEST, Shift, shifted
+from twin.validation.explain.expression_shifts import FEWEST_POSES, Shift, shifted
 from twin.validation.explain.function_source import Edit, TextPlace
 from twin.validation.explain.plain_values import unwrapped
 from twin.validation.explain.rebuilt_functions import unguarded
@@ -35,28 +35,28 @@ from twin.validation.explain.required_values import RequiredValues
 from twin.validation.explain.row_deviations import Judge, by_row, entries_of, worst
 from twin.validation.explain.term_pairs import with_term
 
-_FULL_TURNS = (0.5, -0.5, 1.0)
+_TURNS = (0.5, -0.5, 1.0)
 """Shifts, in units of pi, of an angle whose constant is wrong; Gauss-Newton does not reach them from zero."""
 
 _MULTIPLES = (0.0, -2.0, -1.0, 1.0, -0.5, -0.75, 3.0)
 """Shifts, as multiples of an expression's value: unchanged, other sign, zero, twice, half, a fourth, four times."""
 
-_FEW = 4
+_FEW_POSES = 4
 """Number of poses at which such shifts are tried."""
 
-_NAMES = 8
+_MOST_NAMES = 8
 """Number of names of the same function whose values an expression may have instead."""
 
-_CHOICES = len(_MULTIPLES) + len(_FULL_TURNS) + _NAMES
+_CHOICES = len(_MULTIPLES) + len(_TURNS) + _MOST_NAMES
 """Number of shifts of each of two expressions that are tried in all combinations."""
 
-_PAIRS = 8
+_PAIRS_AT_ONCE = 8
 """Number of pairs of expressions for which such shifts are tried by one evaluation."""
 
-_POSE = 12
+_POSE_ENTRIES = 12
 """Number of entries of a row with which one pose decides whether shifts are good."""
 
-_NEAR = 0.1
+_NEAR_PART = 0.1
 """Largest part of the residuals that may be left after such shifts, for Gauss-Newton to start there."""
 
 _MOST_TEXTS = 6
@@ -105,13 +105,13 @@ class RequiredPairs:
 
     def in_one(self, rows: Sequence[RowKey], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of edits that both are in one expression."""
-        for expression, wanted in self._required_of_one(rows, deadline):
-            yield from expression.two(wanted)
+        for expression, required in self._required_of_one(rows, deadline):
+            yield from expression.two(required)
 
     def in_one_with_term(self, rows: Sequence[RowKey], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of an edit, and a missing term or factor in the same expression."""
-        for expression, wanted in self._required_of_one(rows, deadline):
-            yield from with_term(expression, wanted)
+        for expression, required in self._required_of_one(rows, deadline):
+            yield from with_term(expression, required)
 
     def _required_of_one(self, rows: Sequence[RowKey], deadline: Deadline) -> Iterator[tuple[Expression, Array]]:
         """Yield expressions with the values (k,) that they must have so that rows agree."""
@@ -245,12 +245,15 @@ class RequiredPairs:
                 r = base[row]
                 poses_with_value = np.isfinite(r).all(axis=1).sum()
                 # One entry has a right value nearly everywhere, and several calls may need several values.
-                if scalar.is_repeated or r.shape[1] == 1 or poses_with_value < FEWEST:
+                if scalar.is_repeated or r.shape[1] == 1 or poses_with_value < FEWEST_POSES:
                     possible.add(scalar)
-                for turn in (0.0, *_FULL_TURNS):
+                for turn in (0.0, *_TURNS):
                     start = np.full((len(self.coarse.poses), 1), turn * np.pi)
                     trials.append(Choice((scalar,), (row,), start))
-        undecided = [trial for trial in trials if trial.scalars[0] not in possible]
+        undecided: list[Choice] = []
+        for trial in trials:
+            if trial.scalars[0] not in possible:
+                undecided.append(trial)
         for i, _ in self.coarse.solved(self.step.equation.name, (), undecided, deadline):
             possible.add(undecided[i].scalars[0])
         if deadline.passed:  # expressions may be undecided
@@ -511,7 +514,7 @@ class RequiredPairs:
             remaining = np.where(np.isfinite(remaining), remaining, np.inf)
             best = int(np.argmin(remaining))
             # The first combination has no shift; Gauss-Newton starts there anyway.
-            if best != 0 and remaining[best] <= _NEAR * size:
+            if best != 0 and remaining[best] <= _NEAR_PART * size:
                 guesses.append(best)
             else:
                 guesses.append(None)
@@ -521,9 +524,9 @@ class RequiredPairs:
         """Return the shifts (choices, k) of an expression that are tried first; the first one is zero."""
         if scalar not in self._first_shifts:
             shifts = [multiple * scalar.value for multiple in _MULTIPLES]
-            for turn in _FULL_TURNS:
+            for turn in _TURNS:
                 shifts.append(np.full_like(scalar.value, turn * np.pi))
-            for value in self._argument_values(scalar)[:_NAMES]:
+            for value in self._argument_values(scalar)[:_MOST_NAMES]:
                 shifts.append(value - scalar.value)
             while len(shifts) < _CHOICES:
                 shifts.append(np.zeros_like(scalar.value))
@@ -557,12 +560,12 @@ class RequiredPairs:
         for row, residual in self.full.residuals.items():
             if row in self.failing:
                 most_entries = max(most_entries, residual.shape[1])
-        few = _FEW
-        if most_entries >= _POSE:
+        few = _FEW_POSES
+        if most_entries >= _POSE_ENTRIES:
             few = 1
         spaced = np.linspace(0, self.judge.reference.k - 1, few + 2).astype(int)
         poses = spaced[1:-1]
-        repeated = self.judge.reference.repeated(poses.tolist(), _CHOICES**2 * _PAIRS)
+        repeated = self.judge.reference.repeated(poses.tolist(), _CHOICES**2 * _PAIRS_AT_ONCE)
         with unguarded():
             judge = self.judge.on(repeated)
         return poses, judge
@@ -649,7 +652,7 @@ def _in_evaluations(pairs: Sequence[_ScalarPair]) -> Iterator[list[_ScalarPair]]
     for pair in pairs:
         part = by_function.setdefault(pair[0].function, [])
         part.append(pair)
-        if len(part) == _PAIRS:
+        if len(part) == _PAIRS_AT_ONCE:
             yield by_function.pop(pair[0].function)
     yield from by_function.values()
 
@@ -657,9 +660,9 @@ def _in_evaluations(pairs: Sequence[_ScalarPair]) -> Iterator[list[_ScalarPair]]
 def _is_inside(site: Site, node: ast.expr, others: Sequence[tuple[Site, ast.expr]]) -> bool:
     """Return whether an expression is part of one of `others`."""
     start, end = site.source.span(node)
-    for other, outer in others:
-        first, last = other.source.span(outer)
-        if other.source.path == site.source.path and first <= start and end <= last:
+    for site_of_outer, outer in others:
+        first, last = site_of_outer.source.span(outer)
+        if site_of_outer.source.path == site.source.path and first <= start and end <= last:
             return True
     return False
 

@@ -33,7 +33,7 @@ from twin.validation.explain.term_texts import Atom, Products, at_poses, equal, 
 from twin.validation.explain.tokens import parents_of
 from twin.validation.explain.vector_texts import VECTOR, vector_atoms, vector_texts
 
-_NAME = "_required_"
+_SHIFT_NAME = "_required_"
 """Name of the function, in the edited text, that changes the value of an expression."""
 
 _MOST_ATOMS = 200
@@ -45,7 +45,7 @@ _MOST_ENTRIES = 4
 _COFUNCTIONS = {"sin": "cos", "cos": "sin"}
 """The function that often stands with another one, of the same argument."""
 
-_LONGEST = 100
+_LONGEST_TEXT = 100
 """Maximum length of the text of a value."""
 
 _MOST_CALLS = 6
@@ -125,17 +125,17 @@ class RequiredValues:
 
         `entries` is the number of entries of a vector, 0 for a scalar.
         """
-        edit = shifted(source, statement, node, _NAME)
+        edit = shifted(source, statement, node, _SHIFT_NAME)
         at_zero = Shift(self.judge.reference.k, entries)
         base = self._residual(edit, at_zero, self._swivel)
         if base is None:
             return None
         at_zero.added = np.full_like(at_zero.added, DIFFERENCE)
-        moved = self._residual(edit, at_zero, self._swivel)
-        if moved is None:
+        moved_residuals = self._residual(edit, at_zero, self._swivel)
+        if moved_residuals is None:
             return None
         every_moved_row: list[RowKey] = []
-        for row, residual in moved.items():
+        for row, residual in moved_residuals.items():
             if row in base and not np.array_equal(base[row], residual):
                 every_moved_row.append(row)
         wrong_rows = [row for row in self.rows if row in every_moved_row]
@@ -162,15 +162,15 @@ class RequiredValues:
 
         With it, the rows agree that the expression moves; see `Calls.flat`.
         """
-        edit = shifted(source, statement, node, _NAME)
+        edit = shifted(source, statement, node, _SHIFT_NAME)
         shift = Shift(self.judge.reference.k)
         base = self._residual(edit, shift, self._swivel)
         shift.added = np.full_like(shift.added, DIFFERENCE)
-        moved = self._residual(edit, shift, self._swivel)
-        if base is None or moved is None:
+        moved_residuals = self._residual(edit, shift, self._swivel)
+        if base is None or moved_residuals is None:
             return None
         moved_rows: list[RowKey] = []
-        for row, residual in moved.items():
+        for row, residual in moved_residuals.items():
             if row in base and not np.array_equal(base[row], residual, equal_nan=True):
                 moved_rows.append(row)
         if not moved_rows:
@@ -233,7 +233,7 @@ class RequiredValues:
         """Return the residuals of the rows with a shifted expression; `angle`: values (k,) of the swivel, if any."""
         shift.begin()
         with unguarded():
-            return residuals_with(self.judge, self.step.equation.name, [*self.fixed, edit], {_NAME: shift}, angle)
+            return residuals_with(self.judge, self.step.equation.name, [*self.fixed, edit], {_SHIFT_NAME: shift}, angle)
 
     @cached_property
     def _swivel(self) -> Array | None:
@@ -281,8 +281,8 @@ def scalar_atoms(source: Source, statement: Statement, shift: Shift, fixed: Sequ
     Then expressions of the file with names that nobody reads, see `analogies`; `fixed` are edits made in any case.
     """
     texts = dict.fromkeys(_names_and_entries(source, statement, shift.scope))  # in the order in which they are found
-    for other in source.statements:
-        for node in ast.walk(other.node):
+    for statement_of_function in source.statements:
+        for node in ast.walk(statement_of_function.node):
             texts |= dict.fromkeys(_scalar_texts(node))
     atoms: list[Atom] = []
     with np.errstate(all="ignore"):
@@ -316,7 +316,7 @@ def _scalar_texts(node: ast.AST) -> Iterator[str]:
     """Yield the text of an expression; of a sine, also the cosine, and both of each name in its argument."""
     if isinstance(node, ast.Call | ast.BinOp | ast.Subscript):
         text = ast.unparse(node)
-        if len(text) <= _LONGEST:
+        if len(text) <= _LONGEST_TEXT:
             yield text
     if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Name) or node.func.id not in _COFUNCTIONS:
         return
@@ -397,18 +397,18 @@ def written(
 
     x = shift.value[shift.valued_poses, 0]
     added = shift.added[shift.valued_poses, 0]
-    wanted = x + added
+    required = x + added
     atoms = at_poses(atoms, shift.valued_poses)
-    if equal(wanted, -x):
+    if equal(required, -x):
         yield edit(f"-{factor_text}", "sign")
-    if equal(wanted, x**2):
+    if equal(required, x**2):
         yield edit(f"{factor_text}**2", "exponent")
     root = "sqrt"
     if "np." in source.text(statement.start, statement.end):
         root = "np.sqrt"
     with np.errstate(all="ignore"):
-        ratio = wanted / x
-        is_root = equal(wanted, np.sqrt(x))
+        ratio = required / x
+        is_root = equal(required, np.sqrt(x))
     if is_root:
         yield edit(f"{root}({text})", "missing")
     if not _is_sum(parent):  # a term of the sum is found at the sum
@@ -438,12 +438,12 @@ def _present(part: ast.expr, shift: Shift) -> Array | None:
 
 def _of_operands(node: ast.expr, shift: Shift) -> dict[ast.expr, Shift]:
     """Return the shifts of the operands of an expression that give it its required value; see `inverse`."""
-    wanted = shift.value[:, 0] + shift.added[:, 0]
+    required = shift.value[:, 0] + shift.added[:, 0]
     shifts: dict[ast.expr, Shift] = {}
     for child in ast.iter_child_nodes(node):
         if not isinstance(child, ast.expr):
             continue
-        needed = inverse(node, child, wanted, lambda part: _present(part, shift))
+        needed = inverse(node, child, required, lambda part: _present(part, shift))
         if needed is None:
             continue
         values = _present(child, shift)
@@ -453,12 +453,12 @@ def _of_operands(node: ast.expr, shift: Shift) -> dict[ast.expr, Shift]:
     return shifts
 
 
-def _shift_of_part(shift: Shift, values: Array, wanted: Array) -> Flat:
+def _shift_of_part(shift: Shift, values: Array, required: Array) -> Flat:
     """Return the shift of a part of an expression from its values (k,) to others (k,), in the scopes of `shift`."""
     of_part = Flat(len(values), shift.scopes)
     of_part.valued_poses = shift.valued_poses
     of_part.value = values[:, None]
-    of_part.added[shift.valued_poses, 0] = (wanted - values)[shift.valued_poses]
+    of_part.added[shift.valued_poses, 0] = (required - values)[shift.valued_poses]
     return of_part
 
 
@@ -486,25 +486,25 @@ def in_square(
     def value(part: ast.expr) -> Array | None:
         return _present(part, shift)
 
-    known = shift.valued_poses
+    valued = shift.valued_poses
     with np.errstate(all="ignore"):
         root = np.sqrt(shift.value[:, 0] + shift.added[:, 0])
     todo = [(node.left, root, -root)]
     while todo:
         part, first, second = todo.pop(0)
         present = value(part)
-        if present is not None and np.isfinite(present[known]).all():
-            x = present[known]
+        if present is not None and np.isfinite(present[valued]).all():
+            x = present[valued]
             with np.errstate(all="ignore"):
-                added = products.either(first[known] - x, second[known] - x)
-                ratios = products.either(first[known] / x, second[known] / x)
+                added = products.either(first[valued] - x, second[valued] - x)
+                ratios = products.either(first[valued] / x, second[valued] / x)
             with_term = x + added[:_MOST_EITHER]
             with_factor = x * ratios[:_MOST_EITHER]
-            for wanted in (*with_term, *with_factor):
+            for required in (*with_term, *with_factor):
                 of_part = Flat(len(present), shift.scopes)
-                of_part.valued_poses = known
+                of_part.valued_poses = valued
                 of_part.value = present[:, None]
-                of_part.added[known, 0] = wanted - x
+                of_part.added[valued, 0] = required - x
                 yield from islice(written(source, statement, part, parents, of_part, atoms), _MOST_EDITS)
         for child in ast.iter_child_nodes(part):
             if not isinstance(child, ast.expr):
@@ -526,8 +526,8 @@ def _written_vectors(
     """Yield the edits that give an expression its required value, a vector."""
     start, end = source.span(node)
     text = source.text(start, end)
-    known = shift.valued_poses
-    scalars = at_poses(atoms, known)
-    vectors = at_poses(vector_atoms(source, shift.scope, len(known)), known)
-    for new in vector_texts(text, node, shift.value[known], shift.added[known], scalars, vectors):
+    valued = shift.valued_poses
+    scalars = at_poses(atoms, valued)
+    vectors = at_poses(vector_atoms(source, shift.scope, len(valued)), valued)
+    for new in vector_texts(text, node, shift.value[valued], shift.added[valued], scalars, vectors):
         yield _replaced(source, statement, node, parents.get(node), new, "missing")

@@ -88,15 +88,15 @@ class Judge:
 
         `only`: names of the equations to run; None for all.
         """
-        other = copy.copy(self)
-        other.reference = reference
-        other.residuals = {}
-        other.notes = []
-        other._zeros = {}
-        other.limits = {}
+        judge = copy.copy(self)
+        judge.reference = reference
+        judge.residuals = {}
+        judge.notes = []
+        judge._zeros = {}
+        judge.limits = {}
         for name, limit in self.limits.items():  # limits are of states; at other ones, the largest limit holds
-            other.limits[name] = limit.max(keepdims=True, initial=1.0, where=np.isfinite(limit))
-        other.steps = []
+            judge.limits[name] = limit.max(keepdims=True, initial=1.0, where=np.isfinite(limit))
+        judge.steps = []
         for step in self.steps:
             if only is None or step.equation.name in only:
                 fresh = Step(
@@ -109,9 +109,9 @@ class Judge:
                     required=step.required,
                     plain=step.plain,
                 )
-                other.steps.append(fresh)
-        other._run()
-        return other
+                judge.steps.append(fresh)
+        judge._run()
+        return judge
 
     def _step(self, equation: Equation) -> Step | None:
         variant = self.variants.get(equation.name, equation.default)
@@ -318,13 +318,13 @@ class Judge:
 
     def _environment(self, step: Step, computed: Mapping[str, Value]) -> dict[str, Value]:
         """Return the variables with which an equation starts: its globals and its arguments."""
-        known = {**computed, **self.reference.symbols, **step.swivel}
+        values = {**computed, **self.reference.symbols, **step.swivel}
         if step.plain is not None:
-            return {**step.scope, **plain_values.arguments(step.plain, known)}
+            return {**step.scope, **plain_values.arguments(step.plain, values)}
         scope = dict(step.scope)
         for name in step.inputs:
-            if name in known:
-                scope[name] = known[name]
+            if name in values:
+                scope[name] = values[name]
         return scope
 
     def _compare(
@@ -468,10 +468,10 @@ class Judge:
         defaults = inspect.unwrap(helper.function).__defaults__  # type: ignore[attr-defined]
         edited = FunctionType(original.__code__, own_globals, original.__name__, defaults)
         scopes = [own_globals]
-        for other in self.steps:
-            scopes.append(other.scope)
-        for other in helpers:
-            scopes.append(other.function.__globals__)
+        for step_with_scope in self.steps:
+            scopes.append(step_with_scope.scope)
+        for step_with_scope in helpers:
+            scopes.append(step_with_scope.function.__globals__)
         replaced: list[tuple[dict[str, Value], str, Value]] = []
         for scope in scopes:
             for name, value in list(scope.items()):
@@ -605,11 +605,11 @@ class Judge:
 
         The mechanism's values stay single numbers: NumPy repeats them.
         """
-        other = copy.copy(self)
-        other.reference = replace(self.reference, k=size)
-        other.residuals = {}
-        other._zeros = {}
-        return other
+        judge = copy.copy(self)
+        judge.reference = replace(self.reference, k=size)
+        judge.residuals = {}
+        judge._zeros = {}
+        return judge
 
     def start(self, step: Step) -> dict[str, Value]:
         """Return the variables with which an equation starts, and all symbols that edits may add as arguments."""

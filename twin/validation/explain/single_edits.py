@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from pathlib import Path
 
 from twin.validation.explain.candidate import Candidate
@@ -208,13 +208,12 @@ class SingleEdits:
         self.refuted = []
         for place in refuted:
             # An edit of this expression may be a repair if it is one of an expression around it.
-            if not any(_is_within(place, outer) for outer in possible):
+            if not _is_within_one(place, possible):
                 self.refuted.append(place)
 
     def _is_refuted(self, edit: Edit) -> bool:
         """Return whether an edit is in an expression without a right value."""
-        place = (edit.path, edit.start, edit.end)
-        return any(_is_within(place, refuted) for refuted in self.refuted)
+        return _is_within_one((edit.path, edit.start, edit.end), self.refuted)
 
     def deferred(self) -> list[Candidate]:
         """Evaluate the edits that were left out because Gauss-Newton found no value for their expressions."""
@@ -283,8 +282,12 @@ class SingleEdits:
         return candidates
 
 
-def _is_within(place: TextPlace, outer: TextPlace) -> bool:
-    """Return whether a part of a file is within another one."""
+def _is_within_one(place: TextPlace, outer_places: Iterable[TextPlace]) -> bool:
+    """Return whether a part of a file is within one of others."""
     path, start, end = place
-    outer_path, first, last = outer
-    return path == outer_path and first <= start and end <= last
+    for outer_path, first, last in outer_places:
+        if path != outer_path:
+            continue
+        if first <= start and end <= last:
+            return True
+    return False

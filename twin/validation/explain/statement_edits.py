@@ -176,8 +176,8 @@ def _other_attributes(writer: _Writer, node: ast.Attribute) -> Iterator[Edit]:
         if node.attr not in group:
             continue
         module = writer.text(node.value)
-        for other in group:
-            yield writer.replace(node, f"{module}.{other}", "function")
+        for other_name in group:
+            yield writer.replace(node, f"{module}.{other_name}", "function")
     if node.attr == "T":
         yield writer.replace(node, writer.text(node.value), "transpose")
 
@@ -191,8 +191,8 @@ def _other_calls(writer: _Writer, node: ast.Call) -> Iterator[Edit]:
             kind = "function"
             if "cos" in group or "acos" in group:
                 kind = "trig"
-            for other in group:
-                yield writer.replace(node.func, other, kind)
+            for other_name in group:
+                yield writer.replace(node.func, other_name, kind)
     for first, second in pairwise(node.args):
         start, end_of_first = writer.source.span(first)
         start_of_second, end = writer.source.span(second)
@@ -273,11 +273,11 @@ def _operators(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
         if at < 0:
             continue
         at_byte = start + len(gap[:at].encode())
-        for other in others:
+        for other_sign in others:
             kind = "operator"
-            if {sign, other} == {"+", "-"}:
+            if {sign, other_sign} == {"+", "-"}:
                 kind = "sign"
-            yield writer.between(at_byte, at_byte + 1, other, kind)
+            yield writer.between(at_byte, at_byte + 1, other_sign, kind)
 
 
 def _numbers(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
@@ -313,9 +313,9 @@ def _other_numbers(writer: _Writer, node: ast.Constant, number: float) -> Iterat
             yield writer.replace(node, str(i), "exponent")
         return
     others = {number + 1, number - 1, 2 * number, number / 2} | _NEAR_NUMBERS
-    for other in sorted(others - {number}):
-        if other >= 0:
-            yield writer.replace(node, f"{other:g}", "number")
+    for other_number in sorted(others - {number}):
+        if other_number >= 0:
+            yield writer.replace(node, f"{other_number:g}", "number")
     if number in (0, 1):  # a symbol may be missing, which is 0 in a sum and 1 in a product
         for name in sorted(writer.pool.names):
             yield writer.replace(node, name, "missing", writer.need(name))
@@ -330,9 +330,9 @@ def _sides(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
     target = root.targets[0]
     if not isinstance(target, ast.Name) or target.id not in writer.source.arguments:
         return
-    for other in sorted(writer.pool.names - {target.id}):
-        if _stem(other) == _stem(target.id) and other in writer.source.arguments:
-            yield writer.replace(target, other, "left side")
+    for other_name in sorted(writer.pool.names - {target.id}):
+        if _stem(other_name) == _stem(target.id) and other_name in writer.source.arguments:
+            yield writer.replace(target, other_name, "left side")
 
 
 def _terms(writer: _Writer, root: ast.AST) -> Iterator[Edit]:

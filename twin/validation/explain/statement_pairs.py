@@ -32,7 +32,7 @@ from twin.validation.explain.rebuilt_functions import unguarded
 from twin.validation.explain.row_deviations import Judge
 from twin.validation.explain.tokens import names_in
 
-_MOST = 100_000
+_MOST_PAIRS = 100_000
 """Maximum number of pairs in one evaluation."""
 
 _VECTOR = 3
@@ -153,7 +153,7 @@ class StatementPairs:
                     scope = self._before(site.statement, angle)
                     if scope is None:
                         break
-                    runs.append(list(operand_pairs(site, edits, scope, self._rest, deadline)))
+                    runs.append(list(operand_pairs(site, edits, scope, self._residuals_after, deadline)))
             if len(runs) < len(self._angles):
                 continue
             pairs: list[tuple[Edit, Edit]] = []
@@ -196,7 +196,7 @@ class StatementPairs:
         """Yield edits of a statement after which its values have one form, with the residuals of rows after each."""
         for values in self._each(statement, _alone(edits), scope, 1, deadline):
             entered = self._entered(statement, values, scope, 1)
-            residuals = self._rest(statement, entered, len(values.edits))
+            residuals = self._residuals_after(statement, entered, len(values.edits))
             yield values.edits, residuals or {}
 
     @cached_property
@@ -218,7 +218,7 @@ class StatementPairs:
                 scope = self._before(last, angle)
                 if scope is None or not self._between([last], scope):
                     return False
-                at_angles.append(self._rest(last, scope, 1) or {})
+                at_angles.append(self._residuals_after(last, scope, 1) or {})
         for row in self.rows:
             of_row = [residuals[row] for residuals in at_angles if row in residuals]
             if len(of_row) < len(at_angles):
@@ -408,12 +408,12 @@ class StatementPairs:
             between = self.step.source.statements[first.index + 1 : second.index]
             if not self._between(between, changed):
                 continue
-            most = max(_MOST // size, 1)
+            most = max(_MOST_PAIRS // size, 1)
             for start in range(0, len(seconds), most):
                 part = _alone(seconds[start : start + most])
                 for second_values in self._each(second, part, changed, size, deadline):
                     entered = self._entered(second, second_values, changed, size)
-                    residuals = self._rest(second, entered, size * len(second_values.edits))
+                    residuals = self._residuals_after(second, entered, size * len(second_values.edits))
                     if residuals is not None:
                         yield second_values.edits, values.edits, residuals
 
@@ -510,7 +510,7 @@ class StatementPairs:
             entered[name] = stacked(values_of_name, size)
         return entered
 
-    def _rest(self, statement: Statement, scope: _Scope, size: int) -> dict[RowKey, Array] | None:
+    def _residuals_after(self, statement: Statement, scope: _Scope, size: int) -> dict[RowKey, Array] | None:
         """Return the residuals of the rows of a statement and of those after it; None without a value."""
         try:
             deviations = self.judge.of_size(size).finished(self.step, statement, scope)

@@ -25,23 +25,23 @@ _MOST_WRITTEN = 12
 """Maximum number of edits that give one part its required values by a short formula."""
 
 
-def with_term(expression: Expression, wanted: Array) -> Iterator[tuple[Edit, Edit]]:
-    """Yield pairs of a single edit and a term or factor, after which the expression has the values `wanted` (k,)."""
+def with_term(expression: Expression, required: Array) -> Iterator[tuple[Edit, Edit]]:
+    """Yield pairs of a single edit and a term or factor, after which the expression has the values `required` (k,)."""
     site = expression.site
     scope = Flat(expression.k, expression.scopes)
     scope.valued_poses = expression.valued_poses
     atoms = scalar_atoms(site.source, site.statement, scope)
     valued_atoms = at_poses(atoms, expression.valued_poses)
     products = Products(valued_atoms)
-    yield from _in_the_same_part(expression, wanted, valued_atoms, products)
-    yield from _in_another_part(expression, wanted, atoms, products)
+    yield from _in_the_same_part(expression, required, valued_atoms, products)
+    yield from _in_another_part(expression, required, atoms, products)
 
 
 def _in_the_same_part(
-    expression: Expression, wanted: Array, atoms: Sequence[Atom], products: Products
+    expression: Expression, required: Array, atoms: Sequence[Atom], products: Products
 ) -> Iterator[tuple[Edit, Edit]]:
     """Yield pairs of an edit of a part, and a term or factor of this part."""
-    known = expression.valued_poses
+    valued = expression.valued_poses
     singles, _ = expression.singles
     for part in expression.parts:
         if expression.deadline.passed:
@@ -50,19 +50,19 @@ def _in_the_same_part(
         inside = expression.singles_within(part)
         if not len(inside):
             continue
-        needed = expression.needed(part, (), wanted)
+        needed = expression.needed(part, (), required)
         if needed is None:
             continue
         edits = [singles[i] for i in inside]
-        after_edits = expression.values_after(part, singles, inside)[:, known]
+        after_edits = expression.values_after(part, singles, inside)[:, valued]
         if _takes_term(expression, part):
-            missing_terms = needed[known] - after_edits
+            missing_terms = needed[valued] - after_edits
             for edit, values in _likely(edits, missing_terms, products):
                 for addition in _terms(values, atoms):
                     yield from _beside(expression, span, edit, addition)
         if _takes_factor(expression, part):
             with np.errstate(all="ignore"):
-                missing_factors = needed[known] / after_edits
+                missing_factors = needed[valued] / after_edits
             for edit, values in _likely(edits, missing_factors, products):
                 for addition in _factors(values, atoms):
                     yield from _beside(expression, span, edit, addition)
@@ -115,7 +115,7 @@ def _beside(
 
 
 def _in_another_part(
-    expression: Expression, wanted: Array, atoms: Sequence[Atom], products: Products
+    expression: Expression, required: Array, atoms: Sequence[Atom], products: Products
 ) -> Iterator[tuple[Edit, Edit]]:
     """Yield pairs of an edit, and a term or factor of a part that the edit does not touch."""
     edits_with_needs: dict[ast.expr, list[tuple[Edit, Array]]] = {}
@@ -124,7 +124,7 @@ def _in_another_part(
         for part in expression.beside(edit):
             if expression.deadline.passed:
                 return
-            needed = expression.needed(part, (edit,), wanted)
+            needed = expression.needed(part, (edit,), required)
             if needed is not None:
                 edits_with_needs.setdefault(part, []).append((edit, needed))
     for part, with_needs in edits_with_needs.items():
@@ -149,10 +149,10 @@ def _completed(
     products: Products,
 ) -> Iterator[tuple[Edit, Edit]]:
     """Yield pairs of one of `edits`, and an edit that gives a part with `values` (k,) those of `needs` (edits, k)."""
-    known = expression.valued_poses
+    valued = expression.valued_poses
     with np.errstate(all="ignore"):
-        by_term = products.likely(needs[:, known] - values[known])
-        by_factor = products.likely(needs[:, known] / values[known])
+        by_term = products.likely(needs[:, valued] - values[valued])
+        by_factor = products.likely(needs[:, valued] / values[valued])
     likely = {*by_term.tolist(), *by_factor.tolist()}
     candidates = sorted(likely)
     if is_square(part):  # what is missing in the square may be no single term or factor outside
@@ -165,12 +165,12 @@ def _completed(
             yield edits[n], second
 
 
-def _shift(expression: Expression, values: Array, wanted: Array) -> Flat:
+def _shift(expression: Expression, values: Array, required: Array) -> Flat:
     """Return the shift of a part from its values (k,) to those (k,) that it must have."""
     shift = Flat(expression.k, expression.scopes)
     shift.valued_poses = expression.valued_poses
     shift.value = values[:, None]
-    shift.added = (wanted - values)[:, None]
+    shift.added = (required - values)[:, None]
     return shift
 
 
@@ -189,20 +189,20 @@ def _edits_of_part(
 
 
 def _inner_parts(
-    expression: Expression, part: ast.expr, own: Array, needs: Array
+    expression: Expression, part: ast.expr, present_values: Array, needs: Array
 ) -> Iterator[tuple[ast.expr, Array, Array]]:
     """Yield (a part of `part`, its values (k,), the values (n, k) that it must have), `part` itself first.
 
     Values required of a part are passed on to its parts; see `inverse`.
     """
-    queue = [(part, own, needs)]
+    queue = [(part, present_values, needs)]
     while queue:
-        node, values, wanted = queue.pop(0)
-        yield node, values, wanted
+        node, values, required = queue.pop(0)
+        yield node, values, required
         for child in ast.iter_child_nodes(node):
             if not isinstance(child, ast.expr):
                 continue
-            inner_wanted = inverse(node, child, wanted, expression.present_value)
+            inner_wanted = inverse(node, child, required, expression.present_value)
             if inner_wanted is None:
                 continue
             inner_values = expression.present_value(child)

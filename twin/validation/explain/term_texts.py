@@ -18,7 +18,7 @@ EQUAL = 1e-6
 _MOST_FACTORS = 60
 """Maximum number of values of which products are made."""
 
-_SMALLEST = 1e-9
+_SMALLEST_SIZE = 1e-9
 """Size in m or rad below which values are compared as if they had this size: they are rounding of zero."""
 
 SIGNS = (("+", 1.0), ("-", -1.0))
@@ -78,7 +78,7 @@ def equal(a: Array, b: Array) -> bool:
 
 def difference_limit(values: Array) -> float:
     """Return the largest difference from values that counts as rounding."""
-    return EQUAL * max(_size(values), _SMALLEST)
+    return EQUAL * max(_size(values), _SMALLEST_SIZE)
 
 
 def _size(values: Array) -> float:
@@ -90,13 +90,13 @@ def _is_constant(values: Array) -> bool:
     return bool(np.ptp(values) <= EQUAL * np.abs(values).max())
 
 
-def terms(wanted: Array, atoms: Sequence[Atom]) -> Iterator[tuple[str, str]]:
-    """Yield (sign, text) of terms with the values `wanted` (k,)."""
+def terms(required: Array, atoms: Sequence[Atom]) -> Iterator[tuple[str, str]]:
+    """Yield (sign, text) of terms with the values `required` (k,)."""
     for value, text in NUMBERS.items():
         for sign, factor in SIGNS:
-            if equal(wanted, np.full(len(wanted), factor * value)):
+            if equal(required, np.full(len(required), factor * value)):
                 yield sign, text
-    for coefficient, text in _products(wanted, atoms):
+    for coefficient, text in _products(required, atoms):
         sign = "-" if coefficient < 0 else "+"
         number = number_text(abs(coefficient))
         if number == "1":
@@ -105,19 +105,19 @@ def terms(wanted: Array, atoms: Sequence[Atom]) -> Iterator[tuple[str, str]]:
             yield sign, f"{number} * {text}"
 
 
-def sums(wanted: Array, patterns: Sequence[Sequence[Atom]]) -> Iterator[str]:
-    """Yield the texts, with signs, of sums of several terms with the values `wanted` (k,).
+def sums(required: Array, patterns: Sequence[Sequence[Atom]]) -> Iterator[str]:
+    """Yield the texts, with signs, of sums of several terms with the values `required` (k,).
 
     Each pattern contains the terms of a sum elsewhere; terms may be left out, or have the other sign.
     """
-    limit = difference_limit(wanted)
+    limit = difference_limit(required)
     for pattern in patterns:
         A = _table(pattern).T
         if not np.isfinite(A).all() or np.linalg.matrix_rank(A) < len(pattern):
             continue
-        solution, *_ = np.linalg.lstsq(A, wanted, rcond=None)
+        solution, *_ = np.linalg.lstsq(A, required, rcond=None)
         coefficients = np.round(solution)
-        if np.abs(coefficients).max() != 1 or np.abs(A @ coefficients - wanted).max() > limit:
+        if np.abs(coefficients).max() != 1 or np.abs(A @ coefficients - required).max() > limit:
             continue
         signed_terms: list[str] = []
         for atom, coefficient in zip(pattern, coefficients, strict=True):
@@ -128,28 +128,28 @@ def sums(wanted: Array, patterns: Sequence[Sequence[Atom]]) -> Iterator[str]:
             yield " ".join(signed_terms)
 
 
-def factors(wanted: Array, atoms: Sequence[Atom]) -> Iterator[str]:
-    """Yield the texts of factors with the values `wanted` (k,)."""
+def factors(required: Array, atoms: Sequence[Atom]) -> Iterator[str]:
+    """Yield the texts of factors with the values `required` (k,)."""
     for value, text in NUMBERS.items():
-        if value != 1.0 and equal(wanted, np.full(len(wanted), value)):
+        if value != 1.0 and equal(required, np.full(len(required), value)):
             yield text
-    for coefficient, text in _products(wanted, atoms):
+    for coefficient, text in _products(required, atoms):
         if _is_number(coefficient, 1.0):
             yield text
         elif _is_number(coefficient, 2.0):
             yield f"2 * {text}"
-    yield from _differences(wanted, atoms)
+    yield from _differences(required, atoms)
 
 
-def roots(wanted: Array, atoms: Sequence[Atom], root: str) -> Iterator[str]:
-    """Yield the texts of square roots with the values `wanted` (k,): of an atom, or of a sum of two squares.
+def roots(required: Array, atoms: Sequence[Atom], root: str) -> Iterator[str]:
+    """Yield the texts of square roots with the values `required` (k,): of an atom, or of a sum of two squares.
 
     `root` is the name of the function. Values that are the same at all poses are no proof, so that none is yielded.
     """
-    if not atoms or wanted.min() < 0 or np.ptp(wanted) <= EQUAL * wanted.max():
+    if not atoms or required.min() < 0 or np.ptp(required) <= EQUAL * required.max():
         return
     few = atoms[:_MOST_FACTORS]
-    radicand = wanted**2
+    radicand = required**2
     values = _table(few)
     for i, coefficient in _proportional(radicand, values):
         if _is_number(coefficient, 1.0):
@@ -168,13 +168,13 @@ def roots(wanted: Array, atoms: Sequence[Atom], root: str) -> Iterator[str]:
                     yield f"{root}({first_text}**2 {sign} {second_text}**2)"
 
 
-def _differences(wanted: Array, atoms: Sequence[Atom]) -> Iterator[str]:
-    """Yield the texts of differences of two names with the values `wanted` (k,), which vary from pose to pose."""
-    if _is_constant(wanted):  # lengths often have the same differences
+def _differences(required: Array, atoms: Sequence[Atom]) -> Iterator[str]:
+    """Yield the texts of differences of two names with the values `required` (k,), which vary from pose to pose."""
+    if _is_constant(required):  # lengths often have the same differences
         return
-    limit = difference_limit(wanted)
+    limit = difference_limit(required)
     for first, second in permutations(_names(atoms), 2):
-        if np.abs(first.values - second.values - wanted).max() <= limit:
+        if np.abs(first.values - second.values - required).max() <= limit:
             yield f"({first.text} - {second.text})"
 
 
@@ -196,19 +196,19 @@ def _is_number(coefficient: float, number: float) -> bool:
     return equal(np.array([coefficient]), np.array([number]))
 
 
-def _products(wanted: Array, atoms: Sequence[Atom]) -> Iterator[tuple[float, str]]:
-    """Yield (coefficient, text) of atoms, then of squares and products of two, that are proportional to `wanted`."""
+def _products(required: Array, atoms: Sequence[Atom]) -> Iterator[tuple[float, str]]:
+    """Yield (coefficient, text) of atoms, then of squares and products of two, that are proportional to `required`."""
     if not atoms:
         return
     A = _table(atoms)
-    for i, coefficient in _proportional(wanted, A):
+    for i, coefficient in _proportional(required, A):
         yield coefficient, in_product(atoms[i].text)
-    for i, coefficient in _proportional(wanted, A**2):
+    for i, coefficient in _proportional(required, A**2):
         yield coefficient, f"{in_product(atoms[i].text)}**2"
-    if _is_constant(wanted):  # products of decimal numbers often coincide
+    if _is_constant(required):  # products of decimal numbers often coincide
         return
     first, second = _two_factors(len(A))
-    for n, coefficient in _proportional(wanted, A[first] * A[second]):
+    for n, coefficient in _proportional(required, A[first] * A[second]):
         first_text = in_product(atoms[first[n]].text)
         second_text = in_product(atoms[second[n]].text)
         yield coefficient, f"{first_text} * {second_text}"
@@ -219,12 +219,12 @@ def _two_factors(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return np.triu_indices(min(count, _MOST_FACTORS), 1)
 
 
-def _proportional(wanted: Array, rows: Array) -> Iterator[tuple[int, float]]:
-    """Yield (index, coefficient) of the rows (n, k) that are proportional to `wanted` (k,)."""
+def _proportional(required: Array, rows: Array) -> Iterator[tuple[int, float]]:
+    """Yield (index, coefficient) of the rows (n, k) that are proportional to `required` (k,)."""
     with np.errstate(all="ignore"):
-        coefficients = (rows @ wanted) / np.sum(rows**2, axis=1)
-        differences = np.abs(coefficients[:, None] * rows - wanted).max(axis=1)
-    for i in np.flatnonzero(differences <= difference_limit(wanted)):
+        coefficients = (rows @ required) / np.sum(rows**2, axis=1)
+        differences = np.abs(coefficients[:, None] * rows - required).max(axis=1)
+    for i in np.flatnonzero(differences <= difference_limit(required)):
         yield int(i), float(coefficients[i])
 
 
@@ -255,15 +255,15 @@ class Products:
         sizes = np.linalg.norm(rows, axis=1, keepdims=True)
         self._units = rows / np.where(sizes > 0, sizes, 1.0)
 
-    def likely(self, wanted: Array) -> NDArray[np.intp]:
-        """Return the indices of the rows of `wanted` (n, k) that are numbers, or proportional to one of the values.
+    def likely(self, required: Array) -> NDArray[np.intp]:
+        """Return the indices of the rows of `required` (n, k) that are numbers, or proportional to one of the values.
 
         These rows are looked up by `terms` or `factors`, one by one; these find nothing for the others, except where
         all values are so small that they are rounding of zero.
         """
-        k = wanted.shape[1]
+        k = required.shape[1]
         with np.errstate(all="ignore"):
-            rows = wanted / np.linalg.norm(wanted, axis=1, keepdims=True)
+            rows = required / np.linalg.norm(required, axis=1, keepdims=True)
         rows = np.where(np.isfinite(rows).all(axis=1, keepdims=True), rows, 0.0)
         cosines = np.abs(rows.sum(axis=1)) / np.sqrt(k)  # with a number, the same at all poses
         if len(self._units):

@@ -196,7 +196,12 @@ class Trials:
             if candidate.may_be_proposed and changes_rows and candidate.worst_over(rows, self.worst_before) <= 1:
                 exact.append(candidate)
         exact.sort(key=lambda candidate: candidate.rank)
-        return [candidate for candidate in exact if candidate.extra or self._runs_at_one_sample(candidate)]
+        runnable: list[Candidate] = []
+        for candidate in exact:
+            # Names that the edits define have values only at the samples of the search.
+            if candidate.extra or self._runs_at_one_sample(candidate):
+                runnable.append(candidate)
+        return runnable
 
     def _runs_at_one_sample(self, candidate: Candidate) -> bool:
         """Return whether a candidate also runs with a single sample; some errors occur only then.

@@ -71,12 +71,12 @@ def vector_texts(
     factor_text = text
     if isinstance(node, ast.BinOp | ast.UnaryOp):
         factor_text = f"({text})"
-    wanted = value + added
+    required = value + added
     for vector in vectors:  # the expression is the scalar of which a vector was the factor
         for minus, sign in (("", 1.0), ("-", -1.0)):
-            if equal(wanted, sign * value * vector.values):
+            if equal(required, sign * value * vector.values):
                 yield f"{minus}{factor_text} * {in_product(vector.text)}"
-    ratio = _ratio(wanted, value)
+    ratio = _ratio(required, value)
     if ratio is not None:
         for factor in factors(ratio, atoms):
             yield f"{factor} * {factor_text}"

@@ -31,7 +31,7 @@ _UNITS = {"mm": 1e-3, "deg": np.pi / 180}
 _LIMIT_OF_NOISE = 6.0
 """Residual that noise explains, in standard deviations: among some thousand residuals, none is larger by chance."""
 
-_CHANGED = 4.0
+_CHANGE_LIMIT = 4.0
 """Change of a parameter that is more than noise, in standard deviations."""
 
 _ROUNDING = 1e-9
@@ -141,7 +141,7 @@ def _changes(
     changes: list[ChangedParameter] = []
     for i, parameter in enumerate(parameters):
         start = residuals.start[parameter.name]
-        limit = max(_CHANGED * sigma[i], _ROUNDING * max(1, abs(start)))
+        limit = max(_CHANGE_LIMIT * sigma[i], _ROUNDING * max(1, abs(start)))
         if abs(fit.values[i] - start) > limit:
             changes.append(_change(parameter, residuals, fit, i, noise))
     return changes
@@ -152,9 +152,9 @@ def _covariance(fit: ParameterFit, noise: float) -> Array:
 
     Rows without a derivative are left out: at the limit of the reach, a changed parameter may leave no real solution.
     """
-    known = np.isfinite(fit.J).all(axis=1) & np.isfinite(fit.residual)
-    J = fit.J[known]
-    residual = fit.residual[known]
+    has_value = np.isfinite(fit.J).all(axis=1) & np.isfinite(fit.residual)
+    J = fit.J[has_value]
+    residual = fit.residual[has_value]
     m, n = J.shape
     of_residuals = float(residual @ residual) / max(m - n, 1)
     variance = max(of_residuals, _LEAST_VARIANCE, noise**2)
