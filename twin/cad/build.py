@@ -203,14 +203,14 @@ def _coupling(spec: CouplingSpec) -> Coupling:
 
 def parts_by_body(description: Description, step: StepModel | None) -> dict[str, list[Part]]:
     """Return {body: parts of the STEP file at or below the body's node}."""
-    parts: dict[str, list[Part]] = {name: [] for name in description.body}
-    if step is None:
-        return parts
+    parts: dict[str, list[Part]] = {}
     nodes: set[str] = set()
-    for part in step.parts:
-        nodes.update((*part.path, part.name, *part.chain))
+    if step is not None:
+        for part in step.parts:
+            nodes.update((*part.path, part.name, *part.chain))
     for name, spec in description.body.items():
-        if spec.meshes:
+        parts[name] = []
+        if step is None or spec.meshes:
             continue
         node = spec.node or name
         for part in step.parts:
@@ -235,10 +235,12 @@ def _shapes(
     `fine` maps `id(part)` to the same part with finer triangles, from which masses are computed. Findings on meshes and
     masses are added to `findings`.
     """
-    meshes: dict[str, list[Mesh]] = {name: [] for name in description.body}
-    masses: dict[str, list[Inertia]] = {name: [] for name in description.body}
+    meshes: dict[str, list[Mesh]] = {}
+    masses: dict[str, list[Inertia]] = {}
     taken_names: set[str] = set()
     for body, spec in description.body.items():
+        meshes[body] = []
+        masses[body] = []
         for solid in (*parts[body], *_mesh_files(folder, spec, findings)):
             name = _unique(solid.name, taken_names)
             vertices = into(body_frames[body], solid.vertices)
@@ -393,7 +395,8 @@ def _limits(limit: LimitSpec, unit: str) -> dict:
     for field, rate in fields:
         value = getattr(limit, f"{field}_{unit}{rate}")
         if isinstance(value, tuple):
-            values[field] = tuple(bound * scale for bound in value)
+            low, high = value
+            values[field] = (low * scale, high * scale)
         elif value is not None:
             values[field] = value * scale
     if limit.cone_deg is not None:

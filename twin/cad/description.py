@@ -83,7 +83,7 @@ class FrameSpec(Table):
                 raise at("position_mm", "a frame is either measured (`origin`, `z`, ...) or given (`position_mm`)")
         elif self.origin is None or (self.z is None and self.angles_deg is None):
             raise at((), "a measured frame needs `origin` and `z` (or `angles_deg`); a given frame needs `position_mm`")
-        elif sum(t is not None for t in (*turned, self.angles_deg)) != 1:
+        elif [*turned, self.angles_deg].count(None) != len(turned):  # all but one are missing
             ways = "`x_towards`, `y_towards`, `x_along`, `angles_deg`"
             raise at((), f"a measured frame needs exactly one of {ways}")
         return self

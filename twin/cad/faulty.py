@@ -198,9 +198,14 @@ def _candidates(cad: CadModel, open_joints: list[str]) -> Iterator[tuple[str, tu
 def _feature_groups(features_of_part: Mapping[str, MeasuredFeature], spec: FrameSpec) -> list[tuple[str, ...]]:
     """Return the groups of a part's features that may be wrong together at one of its frames; (): the whole part."""
     names = spec.features(*_ENTRIES)
-    single = [(name,) for name in names]
-    on_one_axis = [_coaxial_features(features_of_part, name) for name in names]
-    return [*single, *on_one_axis, spec.features("origin", "at"), ()]
+    groups: list[tuple[str, ...]] = []
+    for name in names:
+        groups.append((name,))
+    for name in names:  # bores on one axis may be misplaced together
+        groups.append(_coaxial_features(features_of_part, name))
+    groups.append(spec.features("origin", "at"))
+    groups.append(())
+    return groups
 
 
 def _coaxial_features(features_of_part: Mapping[str, MeasuredFeature], name: str) -> tuple[str, ...]:
@@ -252,15 +257,15 @@ def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, open_
     if typed:
         moving = ()
     users = _users(description, body, names, typed)
-    uses_open_joint = any(joint.name in open_joints for joint in users)
-    if not (moving or typed) or not uses_open_joint:
+    user_names = {joint.name for joint in users}
+    if not (moving or typed) or user_names.isdisjoint(open_joints):
         return None
     T_typed = np.eye(4)  # the frame given by numbers, in drawn coordinates
     if typed:
         on_parent, on_child = drawn_frames[typed]
         T_typed = on_parent if users[0].parent == body else on_child
     centre = T_typed[:3, 3]
-    if moving:
+    if moving:  # about their middle, the translation of the twist is the displacement of the features
         centre = np.mean([features_of_part[name].face.point for name in moving], axis=0)
 
     def displaced(twist: Array) -> tuple[dict[str, MeasuredFeature], dict[tuple[str, str], Array]]:
@@ -300,10 +305,9 @@ def _suspect(cad: CadModel, body: str, names: tuple[str, ...], typed: str, open_
         still_open = _open_joints(description, drawn(description, corrected, frames))
     except (CadError, np.linalg.LinAlgError):
         return None
-    joint_names = {joint.name for joint in users}
-    if joint_names & set(still_open):
+    if not user_names.isdisjoint(still_open):
         return None
-    joints = tuple(joint for joint in open_joints if joint in joint_names)
+    joints = tuple(joint for joint in open_joints if joint in user_names)
     offset = float(np.linalg.norm(twist[:3]))
     tilt = float(np.linalg.norm(twist[3:]) / _LEVER)
     return Suspect(body, names, joints, offset, tilt, corrected, given=frames)

@@ -74,10 +74,10 @@ def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: 
     """
     label = f"feature '{name}' of body '{body}'"
     if spec.part is not None:
-        names = [part.name for part in parts]
-        if spec.part not in names:
-            raise CadError(f"{label}: {unknown('part', spec.part, names)}")
-        parts = [part for part in parts if part.name == spec.part]
+        parts_of_name = [part for part in parts if part.name == spec.part]
+        if not parts_of_name:
+            raise CadError(f"{label}: {unknown('part', spec.part, [part.name for part in parts])}")
+        parts = parts_of_name
     near_point = np.array(spec.near_mm) * MM
     candidates = _candidates(label, spec, parts, near_point)
     best = _nearest(label, spec, candidates, tolerance)
@@ -116,7 +116,7 @@ def _candidates(label: str, spec: Feature, parts: Sequence[Part], near_point: Ar
         text += f" of radius {spec.radius_mm:g} mm"
     if other_radii:
         different = sorted(set(np.round(other_radii, 4)))
-        radii = ", ".join(f"{radius:g}" for radius in different[:_MOST_RADII])
+        radii = ", ".join(map("{:g}".format, different[:_MOST_RADII]))
         text += f"; radii found: {radii} mm"
     raise CadError(text)
 

@@ -174,8 +174,12 @@ def _wrong_unit(joint: str, kind: str, key: str) -> str:
 
 
 def _motors(description: Description) -> Iterator[tuple[Keys, str]]:
-    active = [joint.name for joint in description.joint if joint.active]
-    names = [joint.name for joint in description.joint]
+    names: list[str] = []
+    active: list[str] = []
+    for joint in description.joint:
+        names.append(joint.name)
+        if joint.active:
+            active.append(joint.name)
     driven = set()
     for drive in description.drive:
         driven |= set(drive.joints)

@@ -155,7 +155,7 @@ def length_unit(path: Path, read: Read = read_bytes) -> float:
             f"{path} states no length unit; a STEP file without a unit cannot be scaled. Export it again in mm."
         )
     if len(units) > 1:
-        listed = ", ".join(f"{unit:g} m" for unit in sorted(units))
+        listed = ", ".join(map("{:g} m".format, sorted(units)))
         raise CadError(f"{path} mixes length units ({listed}); use one.")
     return units.pop()
 
@@ -267,7 +267,7 @@ def _parts(gltf: dict, binary: bytes) -> tuple[list[Part], float]:
     def name_of(index: int) -> str:
         return _repaired_name(gltf["nodes"][index].get("name", f"part{index}"))
 
-    taken_names = {name_of(index) for index in range(len(gltf["nodes"]))}
+    taken_names = set(map(name_of, range(len(gltf["nodes"]))))
 
     def walk(index: int, T: Array, path: tuple[str, ...], numbered: tuple[str, ...]) -> None:
         nonlocal error
@@ -285,7 +285,7 @@ def _parts(gltf: dict, binary: bytes) -> tuple[list[Part], float]:
         walk_all(node.get("children", ()), T, (*path, name), numbered)
 
     def walk_all(siblings: Sequence[int], T: Array, path: tuple[str, ...], numbered: tuple[str, ...]) -> None:
-        unique = _numbered([name_of(index) for index in siblings], taken_names)
+        unique = _numbered(list(map(name_of, siblings)), taken_names)
         for index, name in zip(siblings, unique, strict=True):
             walk(index, T, path, (*numbered, name))
 

@@ -202,7 +202,10 @@ class Urdf:
         # The ends of loops are frames, unless they have a shape: they are no links of the mechanism.
         bodies = [link for link in self.links if link not in loop_ends or link in self.content.shapes]
         physics = _tree_physics(bodies, masses, self.above.values(), driven)
-        physics.shown = {link: self._has_visual[link] for link in bodies}
+        shown: dict[str, bool] = {}
+        for link in bodies:
+            shown[link] = self._has_visual[link]
+        physics.shown = shown
         physics.collides = dict.fromkeys(self._links_with_collision & set(bodies), True)
         physics.joints += self.closures.joints()
         couplings: dict[str, tuple[Mapping[str, float], float]] = {}
@@ -262,8 +265,7 @@ class Urdf:
             if name not in clip.links or name == self.root:
                 continue
             ancestor, path = self._path_from(name, link_poses)
-            kinds = [joint.link.kind for joint in path]
-            if "free" in kinds:  # every pose of the link is a pose of the joint
+            if any(joint.link.kind == "free" for joint in path):  # every pose of the link is a pose of the joint
                 link_poses[name] = clip.links[name]
                 continue
             # Values that the track lacks are computed from the pose of the link in the track.
@@ -272,6 +274,7 @@ class Urdf:
             link_poses[name] = link_poses[ancestor] @ chain_end(_steps(path), values, count)
         for pair in self.closures.pairs:
             self._check_loop(pair, link_poses, clip)
+        # The root and links in between may have no pose in the clip, and then nothing is compared with theirs.
         links = {link: T for link, T in link_poses.items() if link in clip.links}
         return FileClip(clip.name, clip.times, links)
 
@@ -347,7 +350,11 @@ def _report_duplicates(kind: str, names: Sequence[str], ledger: Ledger) -> None:
 def _moving_joints(end: tuple[str, list[UrdfJoint]]) -> int:
     """Return the number of joints that can move on the path to an end of a loop."""
     _, path = end
-    return len([joint for joint in path if joint.link.kind != "fixed"])
+    count = 0
+    for joint in path:
+        if joint.link.kind != "fixed":
+            count += 1
+    return count
 
 
 def _partly_read(root: ET.Element) -> frozenset[str]:
