@@ -24,7 +24,7 @@ from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.mjcf.audit.mujoco_file import read_mujoco
 from twin.exchange.formats.unity.audit import check_package
 from twin.exchange.formats.unity.audit import read as read_unity
-from twin.exchange.formats.unity.audit.shipped import PACKAGE
+from twin.exchange.formats.unity.audit.shipped_files import PACKAGE
 from twin.exchange.formats.urdf.audit import Urdf
 
 

@@ -16,7 +16,7 @@ import pytest
 import twin
 from made.drawing_faults import Off, drawn, some
 from twin import api
-from twin.cad.faulty import faults
+from twin.cad.frame_mismatch import faults
 from twin.cli import main
 from twin.core import spatial
 from twin.core.units import DEG, MM

@@ -13,7 +13,7 @@ from itertools import islice, product
 
 from twin.cad import frames
 from twin.cad.build import CadModel
-from twin.cad.faulty import FrameMismatch, Suspect, faults
+from twin.cad.frame_mismatch import FrameMismatch, Suspect, faults
 from twin.core.errors import TwinError
 from twin.core.findings import Finding
 from twin.core.spatial import Array

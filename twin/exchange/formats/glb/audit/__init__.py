@@ -16,11 +16,11 @@ from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.glb.audit.asset import check_asset, check_node_extras, record_clip_extras
 from twin.exchange.formats.glb.audit.clips import Clips
 from twin.exchange.formats.glb.audit.container import open_gltf
-from twin.exchange.formats.glb.audit.features import check_features
 from twin.exchange.formats.glb.audit.link_shapes import check_normals, read_link_shapes
 from twin.exchange.formats.glb.audit.materials import check_materials
 from twin.exchange.formats.glb.audit.node_checks import check_matrices, check_names, check_scales, check_scene
 from twin.exchange.formats.glb.audit.nodes import Node, link_above, parents_first, read_nodes
+from twin.exchange.formats.glb.audit.unread_entries import check_unread_entries
 
 _UNDERSTOOD = {"KHR_mesh_quantization", "KHR_materials_unlit", "KHR_texture_transform"}
 """Extensions that change nothing that the audit reads, or that the audit supports."""
@@ -63,7 +63,7 @@ def read_gltf(path: Path, ledger: Ledger) -> Content:
     links = tuple(node.name for node in nodes if node.is_link and node.name)
     content.declared = links or None
     if links:  # files without links, such as those of organs, have other features
-        check_features(file.json, ledger)
+        check_unread_entries(file.json, ledger)
     clips = Clips(file, nodes, order)
     check_names(file, nodes, clips.animated)
     check_scene(file, nodes, order, ledger)

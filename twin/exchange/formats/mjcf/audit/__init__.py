@@ -1,7 +1,7 @@
 """Audit an MJCF file: MuJoCo reads it, its content is compared with other files, and what it says is checked.
 
 mujoco_file     read the file: specification and compiled model
-shapes, surface_colors, physics, further    what the file contains, in the form of all formats
+shapes, surface_colors, physics, declared_fields    what the file contains, in the form of all formats
 track_poses     the poses of its bodies along a track
 model_checks, claims    faults that one file shows by itself
 """
@@ -21,7 +21,7 @@ from twin.exchange.audit.poses import Array
 from twin.exchange.audit.reader_context import Context, played
 from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.mjcf.audit.claims import check_claims
-from twin.exchange.formats.mjcf.audit.further import further
+from twin.exchange.formats.mjcf.audit.declared_fields import further_declarations
 from twin.exchange.formats.mjcf.audit.model_checks import balance_at_keyframe, check_limits, check_model
 from twin.exchange.formats.mjcf.audit.mujoco_file import MujocoFile, read_mujoco
 from twin.exchange.formats.mjcf.audit.physics import compiled_physics
@@ -74,7 +74,7 @@ def content_of(file: MujocoFile, ledger: Ledger) -> Content:
     content.shapes = file.shapes
     content.colors, content.finishes = surface_colors(model)
     physics = compiled_physics(model, file.bodies)
-    physics.further, physics.contact = further(file.spec)
+    physics.further, physics.contact = further_declarations(file.spec)
     physics.collides = _colliding(model)
     physics.robot = _robot_name(file.spec)
     physics.assumed = assumed_masses(file.path)

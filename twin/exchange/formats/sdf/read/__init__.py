@@ -14,7 +14,7 @@ import numpy as np
 from twin.core import spatial
 from twin.core.errors import MechanismError, NoMechanismError, SourceError, UnsupportedError, unknown
 from twin.core.spatial import Array
-from twin.exchange.formats.sdf.read.world import robot_of
+from twin.exchange.formats.sdf.read.flat_model import robot_of
 from twin.exchange.read.imported_robot import (
     Findings,
     Imported,

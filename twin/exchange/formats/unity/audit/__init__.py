@@ -14,7 +14,7 @@ from twin.exchange.audit.reader_context import Context
 from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.unity.audit.golden import check_golden
 from twin.exchange.formats.unity.audit.kinematics import ROBOTS, read_classes
-from twin.exchange.formats.unity.audit.shipped import check_shipped, is_shipped
+from twin.exchange.formats.unity.audit.shipped_files import check_shipped, is_shipped
 
 REQUIRED = ("name", "version", "displayName", "unity")
 """Entries of package.json without which Unity does not import a package."""

@@ -27,7 +27,7 @@ from twin.exchange.audit.mechanism_data import (
 )
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger
-from twin.exchange.formats.unity.audit.shipped import PACKAGE, meta_difference
+from twin.exchange.formats.unity.audit.shipped_files import PACKAGE, meta_difference
 
 _PACKAGE = "com.twin.player"
 

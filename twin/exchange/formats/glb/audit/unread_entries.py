@@ -40,7 +40,7 @@ _READ_ENTRIES: Mapping[str, tuple[str, ...]] = {
 """Entries that the audit reads, of each kind of object."""
 
 
-def check_features(document: JsonObject, ledger: Ledger) -> None:
+def check_unread_entries(document: JsonObject, ledger: Ledger) -> None:
     """Report entries that the audit does not read. In a file as twin writes it they are faults, in others a note."""
     unread_entries: dict[str, str] = {}
     for kind, key, where in _unread("", document, ""):

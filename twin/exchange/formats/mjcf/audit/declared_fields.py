@@ -101,7 +101,7 @@ Declared = dict[str, dict[str, str]]
 """{object, such as "joint 'q1'": {field: value as text}}."""
 
 
-def further(spec: mujoco.MjSpec) -> tuple[Declared, Declared]:
+def further_declarations(spec: mujoco.MjSpec) -> tuple[Declared, Declared]:
     """Return the further declarations of an MJCF: (those that act on the motion, those on contacts and look)."""
     motion = _declared_fields(spec, _MOTION)
     contact = _declared_fields(spec, _CONTACT) | _limit_solver_fields(spec)
