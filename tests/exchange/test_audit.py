@@ -22,7 +22,7 @@ from twin.exchange.audit import audit, key_times
 from twin.exchange.audit.chain_poses import ChainStep, chain_end, solve_chain
 from twin.exchange.audit.poses import about, angle, from_seven, inverse, pose, quaternion, rotation, rpy, slerp, split
 from twin.exchange.audit.report import Ledger, ReadError, finished
-from twin.exchange.formats import audited, family
+from twin.exchange.formats import audit_formats, family
 from twin.exchange.formats.tracks import audit as tracks
 from twin.exchange.formats.unity.audit import kinematics
 from twin.exchange.formats.urdf.write import write_urdf
@@ -45,7 +45,7 @@ def test_a_good_bundle_has_no_findings(good):
     assert report.exit_code == 0
     assert all(c.verdict == "agree" for c in report.checks)
     formats = {family(f["format"]) for f in report.files}
-    assert formats == {format.name for format in audited() if format.variants}
+    assert formats == {format.name for format in audit_formats() if format.variants}
 
 
 def test_every_reader_places_every_link_at_every_key(good):
@@ -240,8 +240,8 @@ def test_values_of_a_ball_are_found_from_its_poses(rng):
 
 @pytest.mark.slow
 def test_the_audit_loads_no_writer():
-    load = "[format.module('audit') for format in audited()]"
-    code = f"import sys; from twin.exchange.formats import audited; {load}; print(*sys.modules)"
+    load = "[format.module('audit') for format in audit_formats()]"
+    code = f"import sys; from twin.exchange.formats import audit_formats; {load}; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     loaded = set(done.stdout.split())
     wrong = ("twin.exchange.write", "twin.usd.write", "twin.reference", "twin.planning", "casadi", "pinocchio")

@@ -21,7 +21,7 @@ from made.by_pinocchio import by_pinocchio
 from twin.cad.build import read_mechanism
 from twin.core import spatial
 from twin.exchange.audit import audit
-from twin.exchange.formats import audited
+from twin.exchange.formats import audit_formats
 from twin.exchange.formats.glb.write import write_glb
 from twin.exchange.formats.mjcf.write import write_mjcf
 from twin.exchange.formats.urdf.write import write_urdf
@@ -171,7 +171,7 @@ def says_why(finding, weightless):
 def unguarded(monkeypatch):
     """Audit without a process for each file: these files were written here."""
     monkeypatch.setattr(twin.exchange.audit, "admit_together", set)
-    for format in audited():
+    for format in audit_formats():
         reader = format.module("audit")
         if hasattr(reader, "admit"):
             monkeypatch.setattr(reader, "admit", lambda path: None)

@@ -20,7 +20,7 @@ from twin import api
 from twin.api.robot import silent
 from twin.cli import main
 from twin.exchange.format import Holds
-from twin.exchange.formats import audited
+from twin.exchange.formats import audit_formats
 from twin.exchange.read import read
 from twin.exchange.read.loop_closing import close
 from twin.exchange.read.robot_folder import write_folder
@@ -87,7 +87,7 @@ def read_once(reader):
 
     def again(found, tell, states, xacro):
         tracks = found.files.get("tracks", [])
-        for format in audited():
+        for format in audit_formats():
             files = found.files.get(format.name, [])
             key = (format.name, bool(tracks), tuple(found.name(p) for p in files))
             if key not in known:

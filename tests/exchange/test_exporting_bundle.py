@@ -19,13 +19,13 @@ from twin.core.errors import TwinError
 from twin.core.findings import Finding
 from twin.exchange.audit.report import Check
 from twin.exchange.format import Format, Places
-from twin.exchange.formats import exported
+from twin.exchange.formats import export_formats
 from twin.exchange.write import bundle as bundles
 from twin.exchange.write.clip import ClipAccuracy
 
 ROOT = Path(__file__).parents[2]
 SHORT = ROOT / "tests/data/short.toml"
-FORMATS = tuple(format.name for format in exported() if format.variants)
+FORMATS = tuple(format.name for format in export_formats() if format.variants)
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +105,7 @@ def test_a_format_that_nothing_reads_again_does_not_pass(tmp_path, monkeypatch):
         return []
 
     unread = Format("csvlinks", "CSV of links", Places(export=999))
-    monkeypatch.setattr(bundles, "exported", lambda: (*exported(), unread))
+    monkeypatch.setattr(bundles, "export_formats", lambda: (*export_formats(), unread))
     monkeypatch.setattr(bundles, "write_format", chosen)
     monkeypatch.setattr(bundles.readme, "text", lambda *a: "")
     out = twin.export(twin.load("sils"), out=tmp_path / "out", to=["urdf", "csvlinks"], protocols=[])
@@ -117,7 +117,7 @@ def test_the_command_names_every_format(capsys):
     with pytest.raises(SystemExit):
         main(["export", "--help"])
     text = " ".join(capsys.readouterr().out.split())
-    assert ", ".join(format.name for format in exported()) in text
+    assert ", ".join(format.name for format in export_formats()) in text
 
 
 def test_readers_of_their_own_agree(made, proof):
@@ -323,7 +323,7 @@ def test_what_cannot_be_exported_is_refused_before_anything_is_written(run, argv
 
 
 def test_formats_come_in_one_order_and_once():
-    assert bundles.chosen_formats(None) == tuple(format.name for format in exported())
+    assert bundles.chosen_formats(None) == tuple(format.name for format in export_formats())
     assert bundles.chosen_formats(["tracks", "glb", "tracks"]) == ("glb", "tracks")
 
 

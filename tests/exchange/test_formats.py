@@ -30,10 +30,10 @@ def outside(tmp_path, monkeypatch):
     """Install the package of a format outside of the tree; return the folder on `sys.path`."""
     folder = installed(tmp_path / "site")
     monkeypatch.syspath_prepend(str(folder))
-    for made_once in (registry.formats, registry._kinds, parser):
+    for made_once in (registry.formats, registry._variants_by_kind, parser):
         made_once.cache_clear()
     yield folder
-    for made_once in (registry.formats, registry._kinds, parser):
+    for made_once in (registry.formats, registry._variants_by_kind, parser):
         made_once.cache_clear()
     for name in [n for n in sys.modules if n.split(".")[0] == "link_poses"]:
         del sys.modules[name]
@@ -42,7 +42,7 @@ def outside(tmp_path, monkeypatch):
 def test_each_folder_is_a_format_with_the_modules_that_its_places_need():
     folders = {f.name for f in (ROOT / "twin/exchange/formats").iterdir() if (f / "__init__.py").is_file()}
     assert folders == {format.name for format in registry.formats()}
-    needed = {"write": registry.exported(), "audit": registry.audited(), "read": registry.imported()}
+    needed = {"write": registry.export_formats(), "audit": registry.audit_formats(), "read": registry.import_formats()}
     for module, formats in needed.items():
         for format in formats:
             folder = ROOT / "twin/exchange/formats" / format.name
@@ -62,29 +62,29 @@ def test_no_format_depends_on_another_one():
 
 
 def test_each_exported_format_is_audited_and_its_use_is_described():
-    assert set(registry.exported()) <= set(registry.audited())
-    assert set(registry.exported()) == set(registry.used())
-    assert all(format.use.startswith("- ") for format in registry.used())
+    assert set(registry.export_formats()) <= set(registry.audit_formats())
+    assert set(registry.export_formats()) == set(registry.formats_with_use())
+    assert all(format.use.startswith("- ") for format in registry.formats_with_use())
 
 
 def test_kinds_of_files_are_those_of_one_format_and_have_a_rank_of_their_own():
-    variants = [variant for format in registry.audited() for variant in format.variants]
+    variants = [variant for format in registry.audit_formats() for variant in format.variants]
     assert len({variant.name for variant in variants}) == len(variants)
     assert len({variant.trust for variant in variants}) == len(variants)
-    sources = [suffix for format in registry.imported() for suffix in format.sources]
+    sources = [suffix for format in registry.import_formats() for suffix in format.sources]
     assert sorted(suffixes()) == sorted(sources)
     assert len(set(sources)) == len(sources)
 
 
 def test_files_of_each_format_are_damaged_by_the_tests():
     damaged = [Path(name) for name in FILES]
-    for format in registry.audited():
+    for format in registry.audit_formats():
         own = [file for file in damaged if format.variant(file) is not None or file.name == format.marker]
         assert own, format.name
 
 
 def test_documents_name_each_format():
-    tables = {"docs/headset.md": registry.exported(), "docs/usd-mapping.md": registry.imported()}
+    tables = {"docs/headset.md": registry.export_formats(), "docs/usd-mapping.md": registry.import_formats()}
     for name, formats in tables.items():
         text = (ROOT / name).read_text(encoding="utf-8").lower()
         assert [f.name for f in formats if f.name not in text and f.name != "step"] == []
@@ -115,8 +115,8 @@ def test_a_format_of_another_package_stands_in_all_lists(outside, capsys):
         with pytest.raises(SystemExit):
             main([command, "--help"])
         words = " ".join(capsys.readouterr().out.split())
-        names = [format.name for format in registry.exported()]
-        titles = [format.title for format in registry.audited()]
+        names = [format.name for format in registry.export_formats()]
+        titles = [format.title for format in registry.audit_formats()]
         assert names[-1] == "poses"
         assert titles[-1] == "lists of link poses"
         assert ", ".join(names if command == "export" else titles[-2:]) in words

@@ -23,7 +23,7 @@ from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.folder_files import FolderFiles
 from twin.exchange.audit.reader_context import Context
 from twin.exchange.audit.report import AuditReport, Ledger, guarded
-from twin.exchange.formats import audited
+from twin.exchange.formats import audit_formats
 from twin.exchange.xacro import XacroSettings
 
 FOLLOWING = ("urdf", "mjcf", "sdf")
@@ -59,7 +59,7 @@ class ReadOnce:
         """Yield (ledger, content) of each file, as `twin.exchange.audit` does."""
         tracks = _inodes(found.root, "tracks")
         context = Context(states=states, xacro=xacro)
-        for format in audited():
+        for format in audit_formats():
             for path in found.files.get(format.name, []):
                 key: tuple[Any, ...] = (found.name(path), _inodes(path) if path.is_dir() else _identity(path))
                 if path.suffix.startswith(".usd") and path.suffix != ".usdz":

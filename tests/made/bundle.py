@@ -80,7 +80,7 @@ def swing():
 
 def write_good(folder: Path) -> Path:
     """Write the four-bar linkage with its swing in every format, a Unity package and proof.json; return the folder."""
-    from twin.exchange.formats import exported
+    from twin.exchange.formats import export_formats
     from twin.exchange.write.bundle import write_format
     from twin.exchange.write.order import ExportedScene, Order
 
@@ -88,7 +88,7 @@ def write_good(folder: Path) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     assumed = tuple(f"{p.name} = {p.shown:g} {p.unit}: {p.note}" for p in robot.parameters if p.provenance == "ASSUMED")
     order = Order(robot, (ExportedScene(clip, robot, clip.links),), (clip.name,), (), assumed, robot.name, "a test", ())
-    for format in exported():
+    for format in export_formats():
         if not format.marker:  # PACKAGE is a smaller folder than the Unity package
             write_format(format.name, order, folder)
     for name, text in PACKAGE.items():

@@ -23,11 +23,11 @@ import numpy as np
 
 from made.motions import motions
 from twin.core.assets import files
-from twin.exchange.formats import exported
+from twin.exchange.formats import export_formats
 
 ROOT = Path(__file__).parents[2]
 KEPT = ROOT / "twin-out/witness"
-FORMATS = tuple(format.name for format in exported() if format.variants)
+FORMATS = tuple(format.name for format in export_formats() if format.variants)
 FRAMES = 24
 POSITION = 1e-6
 """m that a foreign program may be off: single precision at one metre is 6e-8."""

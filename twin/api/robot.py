@@ -778,9 +778,9 @@ def _is_described(path: Path) -> bool:
     suffix = path.suffix.lower()
     if not suffix or suffix in STAGE_SUFFIXES or path.is_dir():
         return False
-    from twin.exchange.formats import imported
+    from twin.exchange.formats import import_formats
 
-    return any(suffix in format.sources for format in imported())
+    return any(suffix in format.sources for format in import_formats())
 
 
 def load(

@@ -445,12 +445,12 @@ def _of_import(job: JudgeJob, imported: Imported) -> Iterator[CheckFinding]:
 def _of_audit(job: JudgeJob) -> Iterator[CheckFinding]:
     """Yield the faults that an independent reader finds, except those that other rules tell."""
     from twin.exchange.audit import audit
-    from twin.exchange.formats import audited
+    from twin.exchange.formats import audit_formats
 
     name = job.description.name
     path = job.description.path
     suffixes: list[str] = []
-    for format in audited():
+    for format in audit_formats():
         for variant in format.variants:
             suffixes.append(variant.suffix)
     if path.suffix.lower() not in suffixes:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from twin.cli.parser import Command
-from twin.exchange.formats import audited
+from twin.exchange.formats import audit_formats
 
 EXAMPLES = """\
   twin audit twin-out/sils/export/
@@ -17,7 +17,7 @@ EXAMPLES = """\
 
 def arguments(command: Command) -> None:
     """Add the arguments of `twin audit`."""
-    format_titles = ", ".join(format.title for format in audited())
+    format_titles = ", ".join(format.title for format in audit_formats())
     command.add_argument("path", help=f"a folder, or a file of one of these formats: {format_titles}")
     command.text("--robot", "NAME", "name or folder of the robot: also compare the poses with those of its mechanism")
     command.xacro()

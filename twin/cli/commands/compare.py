@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from twin.cli.parser import Command
-from twin.exchange.formats import imported
+from twin.exchange.formats import import_formats
 
 EXAMPLES = """\
   twin compare old/robot.urdf new/robot.urdf
@@ -22,7 +22,7 @@ EXAMPLES = """\
 
 def arguments(command: Command) -> None:
     """Add the arguments of `twin compare`."""
-    format_titles = ", ".join(format.title for format in imported())
+    format_titles = ", ".join(format.title for format in import_formats())
     text = (
         "two or more sides: name of a built-in robot or robot folder (its equations with @equations behind it), "
         f"table of poses, or file of one of these formats: {format_titles}"

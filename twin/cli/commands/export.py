@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from twin.cli.parser import SHOWN, Command
 from twin.core.errors import TwinError
-from twin.exchange.formats import exported
+from twin.exchange.formats import export_formats
 
 if TYPE_CHECKING:
     from twin.exchange.write.clip import ClipAccuracy
@@ -27,7 +27,7 @@ def arguments(command: Command) -> None:
     command.robot(SHOWN)
     command.tool()
     command.out("./twin-out/<robot>/export/")
-    format_names = ", ".join(format.name for format in exported())
+    format_names = ", ".join(format.name for format in export_formats())
     command.text("--to", "FORMATS", f"comma-separated list of {format_names} (default all)")
     group = command.add_mutually_exclusive_group()
     text = "a protocol of the robot, or the path of a protocol file; may be given more than once"

@@ -8,7 +8,7 @@ from pathlib import Path
 from twin.cli.parser import Command
 from twin.core.assets import examples
 from twin.core.errors import TwinError
-from twin.exchange.formats import imported
+from twin.exchange.formats import import_formats
 
 EXAMPLES = """\
   twin new leg --from robot.urdf                   loops from robot.yaml in the same folder
@@ -25,7 +25,7 @@ def arguments(command: Command) -> None:
     command.add_argument("name", help="name of the robot (lower-case letters, digits and _), or the file to read")
     command.add_argument("file", nargs="?", help="the file to read, as --from")
     readable_suffixes: list[str] = []
-    for format in imported():
+    for format in import_formats():
         readable_suffixes += format.sources
     suffixes = ", ".join(readable_suffixes)
     command.text("--from", "FILE", f"a file with one of these suffixes: {suffixes}", dest="source")

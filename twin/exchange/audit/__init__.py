@@ -55,7 +55,7 @@ from twin.exchange.audit.rest_poses import compare_joints
 from twin.exchange.audit.sampled_states import CLIP, SampledStates
 from twin.exchange.audit.state_comparison import compare_states, same_names
 from twin.exchange.format import Format, Holds
-from twin.exchange.formats import audited, leading
+from twin.exchange.formats import audit_formats, is_leading_kind
 from twin.exchange.xacro import XacroSettings
 
 if TYPE_CHECKING:
@@ -354,11 +354,11 @@ def key_times(path: str | Path, xacro: XacroSettings | None = None) -> dict[str,
 def _tracks(folder_files: FolderFiles) -> FolderFiles:
     """Return the files whose values of joints no other file of their format has before them: the JSON tracks."""
     tracks: dict[str, list[Path]] = {}
-    for format in audited():
+    for format in audit_formats():
         if Holds.COORDINATES in format.holds:
             for file in folder_files.files.get(format.name, []):
                 variant = format.variant(file)
-                if variant is not None and leading(variant.name):
+                if variant is not None and is_leading_kind(variant.name):
                     tracks.setdefault(format.name, []).append(file)
     return FolderFiles(folder_files.root, tracks)
 
@@ -372,7 +372,7 @@ def _read(
     """Yield (ledger, content) for each file; content is None if the file could not be read."""
     jobs: list[tuple[Format, Path]] = []
     guarded_together: list[Path] = []
-    for format in audited():
+    for format in audit_formats():
         files = folder_files.files.get(format.name, [])
         for file in files:
             jobs.append((format, file))

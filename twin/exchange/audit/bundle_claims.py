@@ -21,7 +21,7 @@ from twin.exchange.audit.readme_numbers import check_numbers
 from twin.exchange.audit.report import Ledger, Measured, quantity
 from twin.exchange.conventions import CONVENTIONS, UNTRIED
 from twin.exchange.format import Holds
-from twin.exchange.formats import audited, holding, used
+from twin.exchange.formats import audit_formats, formats_with_use, kind_holds
 
 PROOF = "proof.json"
 
@@ -215,7 +215,7 @@ def _check_moved_frames(contents: Sequence[Content], tracks: Sequence[Content]) 
     nor frames when they save, or remove all nodes without a mesh.
     """
     for content in contents:
-        if not (holding(content.format, Holds.ALL_MOTIONS) and ROBOT in content.stated and content.physics):
+        if not (kind_holds(content.format, Holds.ALL_MOTIONS) and ROBOT in content.stated and content.physics):
             continue
         if not content.physics.frames:
             continue
@@ -350,12 +350,12 @@ def _check_export_findings(text: str, folder: Path, contents: Sequence[Content],
 def _check_sentences(text: str, contents: Sequence[Content], ledger: Ledger) -> None:
     """Report lines that differ from those that this version of twin writes in every README.txt, and missing ones."""
     formats = {content.format for content in contents}
-    for format in used():
+    for format in formats_with_use():
         use = _plain(format.use.removeprefix("- "))
         if format.name in formats and use not in _plain(_section(text, "How to use it")):
             message = f"'How to use it' lacks the line of the {format.title}: '{_clipped(use)}'."
             ledger.wrong("readme.sentence", message, "How to use it")
-    uses = [format.use for format in used()]
+    uses = [format.use for format in formats_with_use()]
     for title, entries, all_needed in (
         ("Conventions", CONVENTIONS, True),
         ("How to use it", uses, False),  # each export has only some of the formats
@@ -429,14 +429,14 @@ def _is_audited(file: str) -> bool:
     path = Path(file)
     if path.name == PROOF or path.name.endswith(".schema.json"):
         return False
-    return any(format.variant(path) is not None for format in audited())
+    return any(format.variant(path) is not None for format in audit_formats())
 
 
 def _named_motions(contents: Sequence[Content]) -> set[str]:
     """Return the motions of the files that state the names of their motions; those of stages have the file's name."""
     names = set()
     for content in contents:
-        if content.is_track or holding(content.format, Holds.ALL_MOTIONS):
+        if content.is_track or kind_holds(content.format, Holds.ALL_MOTIONS):
             names.update(clip.name for clip in content.clips)
     return names
 

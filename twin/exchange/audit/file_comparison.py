@@ -24,7 +24,7 @@ from twin.exchange.audit.report import (
 )
 from twin.exchange.audit.sampled_states import CLIP
 from twin.exchange.format import Holds
-from twin.exchange.formats import family, holding, motion_groups, rank
+from twin.exchange.formats import family, kind_holds, motion_groups, rank
 
 TIME_TOL = 1e-5
 """Maximum difference in s between the times of the same key in two files; glTF stores times in single precision."""
@@ -68,7 +68,7 @@ def references(
         if not _is_unnamed(content):
             for clip in content.clips:
                 stated_names[clip.name] = None
-        if holding(content.format, Holds.REPEATED_MOTION):
+        if kind_holds(content.format, Holds.REPEATED_MOTION):
             repeating_files.add(content.file)
     stated_names |= dict.fromkeys(unusable)
     for content in sorted(contents, key=lambda c: rank(c.format)):
@@ -87,7 +87,7 @@ def references(
 
 def _is_unnamed(content: Content) -> bool:
     """Return whether the motion of a file has the name of the file."""
-    return holding(content.format, Holds.UNNAMED_MOTION)
+    return kind_holds(content.format, Holds.UNNAMED_MOTION)
 
 
 def compare_clips(contents: Sequence[Content], refs: Mapping[str, Reference]) -> None:
@@ -422,7 +422,7 @@ def _report_odd_references(
         wrong: list[_ClipComparison] = []
         counted = 0
         for row in rows:
-            if not row.agrees and not holding(row.content.format, Holds.COORDINATES):
+            if not row.agrees and not kind_holds(row.content.format, Holds.COORDINATES):
                 wrong.append(row)
             if not row.content.repeats_track:
                 counted += 1
@@ -470,7 +470,7 @@ def _check_silent(contents: Sequence[Content], refs: Mapping[str, Reference]) ->
     if name is None:
         return
     for content in contents:
-        if holding(content.format, Holds.ALL_MOTIONS) and content.declared and not content.clips:
+        if kind_holds(content.format, Holds.ALL_MOTIONS) and content.declared and not content.clips:
             text = f"the file has no motion; {refs[name].source} has the motion '{name}'."
             # A file that states its robot, as those of twin do, has the motions of its tracks.
             severity = "disagreement" if ROBOT in content.stated else "warning"
@@ -500,7 +500,7 @@ def _check_missing(contents: Sequence[Content], refs: Mapping[str, Reference]) -
     """
     expected = set(refs) - {CLIP}
     for content in contents:
-        if holding(content.format, Holds.ALL_MOTIONS) and content.clips and content.declared:
+        if kind_holds(content.format, Holds.ALL_MOTIONS) and content.clips and content.declared:
             own_clips = {clip.name for clip in content.clips}
             for name in sorted(expected - own_clips):
                 text = f"clip '{name}' of {refs[name].source} is missing."
@@ -531,8 +531,8 @@ def compare_rest(contents: Sequence[Content]) -> None:
     contents_at_rest = []
     for content in contents:
         # The links of a file with one motion may be at its start.
-        is_at_start = content.clips and holding(content.format, Holds.ONE_MOTION)
-        if content.rest and content.declared and holding(content.format, Holds.REST) and not is_at_start:
+        is_at_start = content.clips and kind_holds(content.format, Holds.ONE_MOTION)
+        if content.rest and content.declared and kind_holds(content.format, Holds.REST) and not is_at_start:
             contents_at_rest.append(content)
     contents_at_rest.sort(key=lambda c: rank(c.format))
     for content in contents_at_rest[1:]:

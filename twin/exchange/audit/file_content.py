@@ -17,7 +17,7 @@ from twin.exchange.audit.mechanism_data import FilePhysics, renamed, with_new_ke
 from twin.exchange.audit.poses import Array, angle
 from twin.exchange.audit.report import Ledger, Measured
 from twin.exchange.format import Holds
-from twin.exchange.formats import holding, leading
+from twin.exchange.formats import is_leading_kind, kind_holds
 
 UNIT_TOL = 1e-4
 """Maximum difference between a quaternion's length and 1 that counts as a rounding error of single precision."""
@@ -164,12 +164,12 @@ class Content:
     @property
     def is_track(self) -> bool:
         """Whether the file is a track: one motion, with the values of the joints and the header that states it."""
-        return holding(self.format, Holds.COORDINATES) and leading(self.format)
+        return kind_holds(self.format, Holds.COORDINATES) and is_leading_kind(self.format)
 
     @property
     def repeats_track(self) -> bool:
         """Whether the file repeats the data of a track, as a CSV track does."""
-        return holding(self.format, Holds.COORDINATES) and not leading(self.format)
+        return kind_holds(self.format, Holds.COORDINATES) and not is_leading_kind(self.format)
 
     def as_facts(self) -> JsonObject:
         """Return format and conventions of the file as plain data for the report."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from twin.core.errors import TwinError
 from twin.core.foreign.budget import check_size
 from twin.exchange.format import Format
-from twin.exchange.formats import audited
+from twin.exchange.formats import audit_formats
 
 MOST_FILES = 20_000
 """Maximum number of files in an audited folder."""
@@ -64,7 +64,7 @@ def find_files(path: Path) -> FolderFiles:
         _group_by_format(folder_files, [path], is_single=True)
         if not folder_files.count:
             known_suffixes = []
-            for format in audited():
+            for format in audit_formats():
                 if format.variants:
                     known_suffixes.append(_suffixes_text(format))
             supported = ", ".join(known_suffixes)
@@ -89,7 +89,7 @@ def find_files(path: Path) -> FolderFiles:
     single = [file for file in files if not _is_within(file, folders_of_formats)]
     _group_by_format(folder_files, single, is_single=False)
     if not folder_files.count:
-        titles = [format.title for format in audited()]
+        titles = [format.title for format in audit_formats()]
         raise TwinError(f"{path}: the folder has no file that can be audited ({', '.join(titles)})")
     return folder_files
 
@@ -113,7 +113,7 @@ def _suffixes_text(format: Format) -> str:
 def _folders_by_format(files: Sequence[Path]) -> list[tuple[Format, list[Path]]]:
     """Return (format, folders) for each format whose folders are audited as one; a folder in another is part of it."""
     folder_formats = []
-    for format in audited():
+    for format in audit_formats():
         if not format.marker:
             continue
         folders = []
@@ -132,7 +132,7 @@ def _folders_by_format(files: Sequence[Path]) -> list[tuple[Format, list[Path]]]
 
 def _group_by_format(folder_files: FolderFiles, files: Sequence[Path], is_single: bool) -> None:
     """Add files to `folder_files`. A file that is audited alone has the format of its suffix, even if it is damaged."""
-    formats = audited()
+    formats = audit_formats()
     by_format: dict[str, list[tuple[int, Path]]] = {}
     unmatched: list[Path] = []
     for file in files:

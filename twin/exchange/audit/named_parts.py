@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from twin.exchange.audit.file_content import Content
 from twin.exchange.format import Holds
-from twin.exchange.formats import holding
+from twin.exchange.formats import kind_holds
 
 
 def named_parts(contents: Sequence[Content]) -> set[str]:
@@ -28,4 +28,4 @@ def named_parts(contents: Sequence[Content]) -> set[str]:
 
 def has_all_names(contents: Sequence[Content]) -> bool:
     """Return whether a file is there that names all parts of a mechanism, as a USD stage does."""
-    return any(content.physics is not None and holding(content.format, Holds.ALL_NAMES) for content in contents)
+    return any(content.physics is not None and kind_holds(content.format, Holds.ALL_NAMES) for content in contents)

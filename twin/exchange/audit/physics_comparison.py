@@ -22,7 +22,7 @@ from twin.exchange.audit.mechanism_data import TOOL, WORLD, FileJoint, FilePhysi
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import MECHANISM, Ledger, Measured
 from twin.exchange.format import Holds
-from twin.exchange.formats import family, family_rank, holding, leading, trust
+from twin.exchange.formats import family, family_rank, is_leading_kind, kind_holds, trust
 
 _MECHANISM_FORMAT = "truth"
 """`View.format` of the given mechanism, which is no file."""
@@ -78,7 +78,7 @@ class View:
 
     def holds(self, what: Holds) -> bool:
         """Return whether files of this format contain something."""
-        return holding(self.format, what)
+        return kind_holds(self.format, what)
 
     def state(self, subject: str, values: JsonMapping) -> None:
         """Store the values {quantity: value} of a subject; None means that the file does not state the value."""
@@ -526,7 +526,7 @@ def _would_list(view: View, joint: FileJoint) -> bool:
     """Return whether a file would contain a joint if it belonged to the robot."""
     if view.physics.complete:
         return True
-    if view.holds(Holds.COORDINATES) and leading(view.format) and joint.kind in _SINGLE:
+    if view.holds(Holds.COORDINATES) and is_leading_kind(view.format) and joint.kind in _SINGLE:
         return True
     return view.holds(Holds.ALL_MOTIONS) and bool(view.physics.joints)
 

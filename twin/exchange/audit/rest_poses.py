@@ -14,7 +14,7 @@ from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import MECHANISM, ROTATION_TOL, quantity
 from twin.exchange.audit.state_comparison import same_names
 from twin.exchange.format import Holds
-from twin.exchange.formats import holding
+from twin.exchange.formats import kind_holds
 
 _REST_TOL = 2e-5
 """Maximum distance in m of two links at rest from the positions that their joint allows; see `usd.GAP_TOL`."""
@@ -25,7 +25,7 @@ def compare_joints(content: Content, truth: FilePhysics, source: str = MECHANISM
 
     `truth` may also be that of another file, `source`, in which all joints have places.
     """
-    if not content.rest or holding(content.format, Holds.JOINT_TREE) or not same_names(content.rest, truth.links):
+    if not content.rest or kind_holds(content.format, Holds.JOINT_TREE) or not same_names(content.rest, truth.links):
         return
     links = {}
     for link, T in content.rest.items():

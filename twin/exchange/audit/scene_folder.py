@@ -21,7 +21,7 @@ from twin.exchange.audit.folder_files import SCENE
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import POSITION_TOL, Ledger, Measured, ReadError, guarded, quantity
 from twin.exchange.format import Holds
-from twin.exchange.formats import holding
+from twin.exchange.formats import kind_holds
 from twin.exchange.formats.usd.audit import StageWorld
 from twin.exchange.formats.usd.audit.checks import version
 from twin.usd.check import run_usd_validators
@@ -142,7 +142,7 @@ def _motion_of_robot(contents: Sequence[Content], protocol: str, T_world_base: A
         if protocol and (name == protocol or name.endswith(f"_{protocol}")):
             return SceneRobot(T_world_base, ref.clip.times, ref.clip.links)
     contents_at_rest = [content for content in contents if content.links and content.rest]
-    contents_at_rest.sort(key=lambda c: not holding(c.format, Holds.ALL_MOTIONS))
+    contents_at_rest.sort(key=lambda c: not kind_holds(c.format, Holds.ALL_MOTIONS))
     links = {}
     if contents_at_rest and not protocol:
         for link in contents_at_rest[0].links or ():

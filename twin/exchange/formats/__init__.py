@@ -21,6 +21,10 @@ from twin.exchange.format import Format, FormatVariant, Holds, Places
 GROUP = "twin.formats"
 """Group of the entry points that name formats of other packages."""
 
+_LAST_RANK = 99
+_LAST_TRUST = 999
+"""Rank and trust of an unknown kind of file: after those of all formats."""
+
 
 @cache
 def formats() -> tuple[Format, ...]:
@@ -29,104 +33,107 @@ def formats() -> tuple[Format, ...]:
     Raises:
         TwinError: a format of another package cannot be imported, or has the name of another format.
     """
-    found: dict[str, Format] = {}
+    by_name: dict[str, Format] = {}
     for folder in iter_modules(__path__):
         format = import_module(f"{__name__}.{folder.name}.format").FORMAT
-        found[format.name] = replace(format, package=f"{__name__}.{folder.name}")
+        by_name[format.name] = replace(format, package=f"{__name__}.{folder.name}")
     for name, format in entry_points(GROUP).items():
         if not isinstance(format, Format):
             raise TwinError(f"the entry point '{name}' of {GROUP} is {format!r}, not a twin.exchange.format.Format")
-        if format.name in found:
+        if format.name in by_name:
             raise TwinError(f"two formats have the name '{format.name}'; the second is the entry point '{name}'")
         if not format.package:
             raise TwinError(f"format '{format.name}' of another package needs package=__package__ in Format(...)")
-        found[format.name] = format
-    return tuple(found[name] for name in sorted(found))
+        by_name[format.name] = format
+    return tuple(by_name[name] for name in sorted(by_name))
 
 
-def exported() -> tuple[Format, ...]:
+def export_formats() -> tuple[Format, ...]:
     """Return the formats that `twin export` writes, in the order of an export."""
     return _sorted(lambda places: places.export)
 
 
-def used() -> tuple[Format, ...]:
+def formats_with_use() -> tuple[Format, ...]:
     """Return the formats whose use README.txt describes, in the order of the descriptions."""
     return _sorted(lambda places: places.use)
 
 
-def audited() -> tuple[Format, ...]:
+def audit_formats() -> tuple[Format, ...]:
     """Return the formats that `twin audit` reads, in the order of reading."""
     return _sorted(lambda places: places.audit)
 
 
-def imported() -> tuple[Format, ...]:
+def import_formats() -> tuple[Format, ...]:
     """Return the formats that `twin new` reads."""
     return _sorted(lambda places: places.new)
 
 
 def _sorted(place: Callable[[Places], int | None]) -> tuple[Format, ...]:
-    having = []
+    """Return the formats that have a position in a list, in the order of positions, then of names."""
+    rows = []
     for format in formats():
         position = place(format.places)
         if position is not None:
-            having.append((position, format.name, format))
-    having.sort(key=lambda row: row[:2])
-    return tuple(format for _, _, format in having)
+            rows.append((position, format.name, format))
+    rows.sort(key=lambda row: row[:2])  # formats themselves have no order
+    return tuple(format for _, _, format in rows)
 
 
 @cache
-def _kinds() -> dict[str, tuple[Format, FormatVariant]]:
-    kinds = {}
-    for format in audited():
+def _variants_by_kind() -> dict[str, tuple[Format, FormatVariant]]:
+    """Return {kind of file: (its format, its variant)} of all files that an audit reads."""
+    variants = {}
+    for format in audit_formats():
         for variant in format.variants:
-            kinds[variant.name] = (format, variant)
-    return kinds
+            variants[variant.name] = (format, variant)
+    return variants
 
 
 def family(kind: str) -> str:
     """Return the format of a kind of file, such as "usd" of "usda": its files are written from the same data."""
-    return _kinds()[kind][0].name if kind in _kinds() else kind
+    return _variants_by_kind()[kind][0].name if kind in _variants_by_kind() else kind
 
 
-def holding(kind: str, what: Holds) -> bool:
+def kind_holds(kind: str, what: Holds) -> bool:
     """Return whether the files of a kind contain something; False for an unknown kind."""
-    return kind in _kinds() and what in _kinds()[kind][0].holds
+    return kind in _variants_by_kind() and what in _variants_by_kind()[kind][0].holds
 
 
 def motion_groups() -> Iterator[tuple[str, ...]]:
     """Yield groups of kinds of file with one motion in each file; the files of a group contain all motions."""
-    for format in audited():
+    for format in audit_formats():
         if Holds.ONE_MOTION in format.holds:
+            # Files of another rank repeat the motions, as CSV tracks those of the JSON tracks.
             by_rank: dict[int, list[str]] = {}
             for variant in format.variants:
                 by_rank.setdefault(variant.rank, []).append(variant.name)
-            yield from (tuple(kinds) for kinds in by_rank.values())
+            yield from map(tuple, by_rank.values())
 
 
 def rank(kind: str) -> int:
     """Return the rank of a kind of file as a reference, see `FormatVariant`; an unknown kind is last."""
-    return _kinds()[kind][1].rank if kind in _kinds() else 99
+    return _variants_by_kind()[kind][1].rank if kind in _variants_by_kind() else _LAST_RANK
 
 
 def family_rank(kind: str) -> int:
     """Return the smallest rank of the kinds of file in the format of a kind; an unknown kind comes last."""
-    if kind not in _kinds():
-        return 99
-    format, _ = _kinds()[kind]
+    if kind not in _variants_by_kind():
+        return _LAST_RANK
+    format, _ = _variants_by_kind()[kind]
     return min(variant.rank for variant in format.variants)
 
 
-def leading(kind: str) -> bool:
+def is_leading_kind(kind: str) -> bool:
     """Return whether a kind of file has the smallest rank in its format: the other kinds repeat its data."""
     return rank(kind) == family_rank(kind)
 
 
 def trust(kind: str) -> int:
     """Return the number of a kind of file that decides whom to trust, see `FormatVariant`; an unknown kind is last."""
-    return _kinds()[kind][1].trust if kind in _kinds() else 999
+    return _variants_by_kind()[kind][1].trust if kind in _variants_by_kind() else _LAST_TRUST
 
 
-def named(name: str) -> Format:
+def format_named(name: str) -> Format:
     """Return the format with a name.
 
     Raises:
@@ -135,4 +142,5 @@ def named(name: str) -> Format:
     for format in formats():
         if format.name == name:
             return format
-    raise TwinError(f"there is no format '{name}'; the formats are {', '.join(f.name for f in formats())}")
+    names = [format.name for format in formats()]
+    raise TwinError(f"there is no format '{name}'; the formats are {', '.join(names)}")

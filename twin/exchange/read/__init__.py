@@ -19,7 +19,7 @@ from pathlib import Path
 
 from twin.core.errors import SourceError
 from twin.exchange.format import Format
-from twin.exchange.formats import imported
+from twin.exchange.formats import import_formats
 from twin.exchange.read.imported_robot import DhOptions, Imported, Options
 from twin.exchange.xacro import XacroSettings
 
@@ -27,7 +27,7 @@ from twin.exchange.xacro import XacroSettings
 def suffixes() -> dict[str, Format]:
     """Return the formats that can be read, by file name suffix."""
     formats_by_suffix: dict[str, Format] = {}
-    for format in imported():
+    for format in import_formats():
         for suffix in format.sources:
             formats_by_suffix[suffix] = format
     return formats_by_suffix

@@ -23,7 +23,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, UM
 from twin.core.version import __version__
 from twin.exchange.format import Holds
-from twin.exchange.formats import exported, named
+from twin.exchange.formats import export_formats, format_named
 from twin.exchange.write import readme
 from twin.exchange.write.clip import Clip, ClipAccuracy, InterpolationErrors, model_hash
 from twin.exchange.write.order import Order, Progress
@@ -149,7 +149,7 @@ def chosen_formats(requested: Sequence[str] | None) -> tuple[str, ...]:
     Raises:
         TwinError: `requested` is empty, or a format does not exist; the message lists the known formats.
     """
-    known_names = tuple(format.name for format in exported())
+    known_names = tuple(format.name for format in export_formats())
     if requested is None:
         return known_names
     for name in requested:
@@ -214,7 +214,7 @@ def write_bundle(
 def _require_more_than_motions(order: Order, formats: Sequence[str]) -> None:
     """Raise an error if all chosen formats contain only motions: without a motion, there would be no files."""
     titles = []
-    for format in exported():
+    for format in export_formats():
         if format.name not in formats:
             continue
         if Holds.COORDINATES not in format.holds:
@@ -228,7 +228,7 @@ def _require_more_than_motions(order: Order, formats: Sequence[str]) -> None:
 
 def write_format(name: str, order: Order, folder: Path) -> list[Finding]:
     """Write the files of one format into `folder`; return findings, such as what the format cannot hold."""
-    return named(name).module("write").write(order, folder)
+    return format_named(name).module("write").write(order, folder)
 
 
 def _tree(folder: Path) -> set[str]:

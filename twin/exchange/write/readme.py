@@ -9,7 +9,7 @@ from twin.core.findings import Finding
 from twin.core.units import DEG, UM
 from twin.core.version import __version__
 from twin.exchange.conventions import CONVENTIONS, UNTRIED
-from twin.exchange.formats import named, used
+from twin.exchange.formats import format_named, formats_with_use
 from twin.exchange.write.order import Order
 
 _WIDTH = 100
@@ -20,7 +20,7 @@ def text(order: Order, formats: Sequence[str], findings: Sequence[Finding]) -> s
     head = f"{order.mechanism.name}: {order.title}"
     lines = [head, "=" * len(head), "", f"Written by twin {__version__} from: {order.source}", ""]
     uses = []
-    for format in used():
+    for format in formats_with_use():
         if format.name in formats:
             uses.append(format.use)
     messages = []
@@ -42,7 +42,7 @@ def text(order: Order, formats: Sequence[str], findings: Sequence[Finding]) -> s
 def _files(order: Order, formats: Sequence[str]) -> Iterator[str]:
     file_rows = []
     for name in formats:
-        file_rows += named(name).module("write").files(order)
+        file_rows += format_named(name).module("write").files(order)
     file_rows.append(("proof.json", "source and hash of every file, and the values measured by independent readers"))
     width = 0
     for file, _ in file_rows:
