@@ -25,19 +25,19 @@ def read_baseline(path: Path) -> set[str]:
     except BudgetError:
         raise
     except OSError as error:
-        way = "write it with --write-baseline"
-        raise SourceError(f"{path}: the baseline cannot be read ({error.strerror or error}); {way}") from error
+        advice = "write it with --write-baseline"
+        raise SourceError(f"{path}: the baseline cannot be read ({error.strerror or error}); {advice}") from error
     except (ValueError, RecursionError) as error:
         raise SourceError(f"{path}: the baseline is not JSON: {error}") from error
     if not isinstance(data, dict) or data.get("schema") != SCHEMA or not isinstance(data.get("findings"), list):
         raise SourceError(f"{path}: not a baseline: expected the schema {SCHEMA} and a list of findings")
-    known: set[str] = set()
+    fingerprints: set[str] = set()
     for i, row in enumerate(data["findings"]):
         fingerprint = row.get("fingerprint") if isinstance(row, dict) else None
         if not isinstance(fingerprint, str):
             raise SourceError(f"{path}: finding {i + 1} of the baseline has no fingerprint")
-        known.add(fingerprint)
-    return known
+        fingerprints.add(fingerprint)
+    return fingerprints
 
 
 def write_baseline(path: Path, findings: Iterable[CheckFinding]) -> int:

@@ -97,18 +97,18 @@ def readable(text: str) -> str:
 def numbered(findings: Iterable[CheckFinding]) -> list[CheckFinding]:
     """Return the findings by file and line, equal ones counted; a finding that is told twice for one line once."""
     counts: dict[tuple[str, str, str, str], int] = {}
-    lines: set[tuple[str, str, str, str, int]] = set()
-    out: list[CheckFinding] = []
+    identities: set[tuple[str, str, str, str, int]] = set()
+    numbered_findings: list[CheckFinding] = []
     for finding in sorted(findings, key=_order):
-        if (finding.rule, finding.file, finding.subject, finding.message, finding.line) in lines:
+        if (finding.rule, finding.file, finding.subject, finding.message, finding.line) in identities:
             continue
-        lines.add((finding.rule, finding.file, finding.subject, finding.message, finding.line))
+        identities.add((finding.rule, finding.file, finding.subject, finding.message, finding.line))
         # as in the fingerprint, so that two findings of one text with different lines have two fingerprints
         key = (finding.rule, finding.file, finding.subject, _LINE.sub("", finding.message))
         count = counts.get(key, 0)
         counts[key] = count + 1
-        out.append(replace(finding, occurrence=count))
-    return out
+        numbered_findings.append(replace(finding, occurrence=count))
+    return numbered_findings
 
 
 def _order(finding: CheckFinding) -> tuple[str, int, int, str, str, str]:

@@ -51,7 +51,11 @@ class FolderCheck(Result):
     @property
     def findings(self) -> list[Finding]:
         """The new warnings and errors in the form of all results."""
-        return [finding.as_finding() for finding in self.found if not finding.known and finding.level != "note"]
+        findings = []
+        for finding in self.found:
+            if not finding.known and finding.level != "note":
+                findings.append(finding.as_finding())
+        return findings
 
     @property
     def failing(self) -> list[CheckFinding]:
@@ -61,11 +65,13 @@ class FolderCheck(Result):
     @property
     def verdict(self) -> Verdict:
         """Whether findings fail ("disagree"); "unchecked" if a file could not be judged, or there is none."""
-        unjudged = [finding for finding in self.failing if finding.rule == "file/unjudged"]
-        if len(self.failing) > len(unjudged):
+        failing_rules = [finding.rule for finding in self.failing]
+        unjudged_count = failing_rules.count("file/unjudged")
+        if len(failing_rules) > unjudged_count:
             return "disagree"
-        judged = [one for one in self.robots if one.status == "judged"]
-        if unjudged or not judged:
+        statuses = [file.status for file in self.robots]
+        # a folder in which nothing was judged does not pass
+        if unjudged_count or "judged" not in statuses:
             return "unchecked"
         return "agree"
 
@@ -80,23 +86,35 @@ class FolderCheck(Result):
     @property
     def robots(self) -> list[JudgedFile]:
         """The files that describe a robot."""
-        return [one for one in self.judged if one.status not in ("no robot", "part")]
+        return [file for file in self.judged if file.status not in ("no robot", "part")]
 
     @property
     def skipped(self) -> int:
         """Number of pairs that could not be compared."""
-        return sum(finding.rule == "compare/skipped" for finding in self.found)
+        rules = [finding.rule for finding in self.found]
+        return rules.count("compare/skipped")
+
+    @property
+    def known_count(self) -> int:
+        """Number of findings that are in the baseline."""
+        flags = [finding.known for finding in self.found]
+        return flags.count(True)
 
     def count(self, level: Level) -> int:
         """Return the number of new findings of a level."""
-        return sum(finding.level == level and not finding.known for finding in self.found)
+        count = 0
+        for finding in self.found:
+            if finding.level == level and not finding.known:
+                count += 1
+        return count
 
     def content(self) -> JsonObject:
         """Return files and findings as plain data."""
         files: list[JsonObject] = []
-        for one in self.judged:
+        for file in self.judged:
+            description = file.description
             files.append(
-                {"file": one.description.name, "format": one.description.kind, "status": one.status, "robot": one.robot}
+                {"file": description.name, "format": description.kind, "status": file.status, "robot": file.robot}
             )
         counts: dict[str, int] = {}
         for level in LEVELS:
@@ -108,7 +126,7 @@ class FolderCheck(Result):
             "compared": self.compared,
             "skipped": self.skipped,
             "counts": counts,
-            "known": sum(finding.known for finding in self.found),
+            "known": self.known_count,
             "baseline": self.baseline or None,
             "forgotten": self.forgotten,
             "results": [finding.as_dict() for finding in self.found],
@@ -128,47 +146,54 @@ class FolderCheck(Result):
 
     def lines(self, notes: bool) -> Iterator[Part]:
         """Yield the text, with `notes` also the notes and every finding of a rule."""
-        shown: Counter[tuple[str, str]] = Counter()
-        hidden: Counter[tuple[str, str]] = Counter()
+        shown_counts: Counter[tuple[str, str]] = Counter()
+        hidden_counts: Counter[tuple[str, str]] = Counter()
         for finding in self.found:
             if finding.known or (finding.level == "note" and not notes):
                 continue
             key = (finding.file, finding.rule)
-            if shown[key] >= _SHOWN and not notes:
-                hidden[key] += 1
+            if shown_counts[key] >= _SHOWN and not notes:
+                hidden_counts[key] += 1
                 continue
-            shown[key] += 1
+            shown_counts[key] += 1
             yield f"{_MARKS[finding.level]} {finding.place}: {finding.message} [{finding.rule}]"
-            if shown[key] == 1:
+            if shown_counts[key] == 1:  # the advice is that of the rule: once for a file is enough
                 yield f"    {finding.advice}"
-        for (file, rule), count in hidden.items():
+        for (file, rule), count in hidden_counts.items():
             yield f"  and {count} more of {rule} in {file} (--all shows them)"
         yield from self._summary()
 
     def _summary(self) -> Iterator[Part]:
-        statuses = Counter(one.status for one in self.robots)
-        formats = Counter(one.description.kind for one in self.robots)
-        texts = [f"{count} {kind}" for kind, count in sorted(formats.items())]
-        listed = f" ({', '.join(texts)})" if texts else ""
-        yield f"\n{len(self.robots)} descriptions{listed}, {self.compared} pairs compared"
+        """Yield the numbers of files, pairs and findings, and the verdict."""
+        statuses: Counter[str] = Counter()
+        formats: Counter[str] = Counter()
+        for file in self.robots:
+            statuses[file.status] += 1
+            formats[file.description.kind] += 1
+        texts = []
+        for kind, count in sorted(formats.items()):
+            texts.append(f"{count} {kind}")
+        formats_text = ""
+        if texts:
+            formats_text = f" ({', '.join(texts)})"
+        yield f"\n{len(self.robots)} descriptions{formats_text}, {self.compared} pairs compared"
         if self.skipped:
             yield f"  {self.skipped} pairs not compared: --all tells why"
         for status in ("incomplete", "unsupported", "unjudged"):
             if statuses[status]:
                 yield f"  {statuses[status]} {status}: --all tells why"
-        rows: list[tuple[str, str, str]] = []
-        rules = Counter(finding.rule for finding in self.found if not finding.known and finding.level != "note")
+        counts: dict[tuple[str, str], int] = {}  # by rule and its level, in the order of the findings
         for finding in self.found:
-            if finding.known:
-                continue
-            count = rules.pop(finding.rule, 0)
-            if count:
-                rows.append((finding.rule, finding.level, str(count)))
+            if not finding.known and finding.level != "note":
+                key = (finding.rule, finding.level)
+                counts[key] = counts.get(key, 0) + 1
+        rows = []
+        for (rule, level), count in counts.items():
+            rows.append((rule, level, str(count)))
         if rows:
             yield TextTable(("rule", "level", "findings"), rows)
-        known = sum(finding.known for finding in self.found)
         if self.baseline:
-            yield f"  {known} known from {self.baseline}, {self.forgotten} of it not found again"
+            yield f"  {self.known_count} known from {self.baseline}, {self.forgotten} of it not found again"
         if not self.robots:
             yield "  no robot description was found: give a folder with URDF, xacro, MJCF, SDF, USD or a DH table"
         styles = {"agree": "bold green", "disagree": "bold red", "unchecked": "bold yellow"}

@@ -80,36 +80,38 @@ def check(
     if fail_on not in LEVELS:
         raise TwinError(f"fail_on '{fail_on}': use one of {', '.join(LEVELS)}")
     settings = xacro or XacroSettings()
-    known: set[str] = set()
+    known_fingerprints: set[str] = set()
     if baseline is not None:
-        known = read_baseline(Path(baseline))
+        known_fingerprints = read_baseline(Path(baseline))
     progress("search", 0.0)
     tree = walk(Path(folder), exclude, settings.packages)
     judged, findings = _judge_all(tree, settings, jobs=jobs, seconds=seconds, progress=progress)
-    chosen = []
+    chosen_pairs = []
     if compare:
-        chosen = pairs(judged)
-    of_pairs = _compare_all(chosen, settings, jobs=jobs, seconds=seconds, progress=progress)
-    findings += of_pairs
+        chosen_pairs = pairs(judged)
+    pair_findings = _compare_all(chosen_pairs, settings, jobs=jobs, seconds=seconds, progress=progress)
+    findings += pair_findings
     for name, reason in tree.unreadable.items():
         findings.append(CheckFinding("file/unjudged", name, "", f"cannot be read ({reason})"))
-    found: list[CheckFinding] = []
+    all_findings: list[CheckFinding] = []
     for finding in numbered(findings):
-        found.append(replace(finding, known=finding.fingerprint in known))
-    forgotten = len(known - {finding.fingerprint for finding in found})
-    named = ""
+        all_findings.append(replace(finding, known=finding.fingerprint in known_fingerprints))
+    fingerprints = {finding.fingerprint for finding in all_findings}
+    forgotten = len(known_fingerprints - fingerprints)
+    baseline_path = ""
     if baseline is not None:
-        named = str(baseline)
+        baseline_path = str(baseline)
     prefix = repository_prefix(Path(folder))
-    not_compared = [finding for finding in of_pairs if finding.rule in ("compare/skipped", "file/unjudged")]
-    compared = len(chosen) - len(not_compared)
+    # a pair that is not compared has one finding of these rules, and no other
+    rules = [finding.rule for finding in pair_findings]
+    compared = len(chosen_pairs) - rules.count("compare/skipped") - rules.count("file/unjudged")
     return FolderCheck(
         str(folder),
         judged=tuple(judged),
-        found=tuple(found),
+        found=tuple(all_findings),
         compared=compared,
         fail_on=fail_on,
-        baseline=named,
+        baseline=baseline_path,
         forgotten=forgotten,
         prefix=prefix,
     )
@@ -122,7 +124,8 @@ def _judge_all(
     findings: list[CheckFinding] = []
     refused: dict[str, JudgedFile] = {}
     work: list[JudgeJob] = []
-    bare = replace(tree, descriptions=[])
+    # each job is sent to a process with the folder's content, but a file needs no other descriptions
+    without_descriptions = replace(tree, descriptions=[])
     for description in tree.descriptions:
         if description.kind == "xacro":
             try:  # stated here, where the user sees it; the processes below print nothing
@@ -134,22 +137,19 @@ def _judge_all(
             except CodeRefusedError as error:
                 refused[description.name] = _unjudged(description, str(error))
                 continue
-        work.append(JudgeJob(description, bare, settings))
-
-    def label(job: JudgeJob) -> str:
-        return f"read {job.description.name}"
-
+        work.append(JudgeJob(description, without_descriptions, settings))
     results: dict[str, JudgedFile] = dict(refused)
     for number, (job, answer) in enumerate(Workers(judged_stream, jobs, seconds).answers(work)):
-        progress(label(job), _SHARE_OF_FILES * (number + 1) / len(work))
+        progress(f"read {job.description.name}", _SHARE_OF_FILES * (number + 1) / len(work))
         if isinstance(answer, NoAnswer):
             answer = _unjudged(job.description, answer.reason)
         results[job.description.name] = answer
     judged: list[JudgedFile] = []
+    # processes finish in any order: the result has the order of the files
     for description in tree.descriptions:
-        one = results[description.name]
-        judged.append(one)
-        findings += one.findings
+        judged_file = results[description.name]
+        judged.append(judged_file)
+        findings += judged_file.findings
     return judged, findings
 
 
@@ -162,7 +162,9 @@ def _compare_all(
 ) -> list[CheckFinding]:
     """Return the findings on all chosen pairs; `seconds` is the time of one pair."""
     findings: list[CheckFinding] = []
-    work = [PairJob(first, second, settings) for first, second in chosen]
+    work = []
+    for first, second in chosen:
+        work.append(PairJob(first, second, settings))
     for number, (job, answer) in enumerate(Workers(compared_stream, jobs, seconds).answers(work)):
         name = job.second.description.name
         progress(f"compare {name}", _SHARE_OF_FILES + (1 - _SHARE_OF_FILES) * (number + 1) / len(work))
@@ -177,6 +179,7 @@ def _compare_all(
 
 
 def _unjudged(description: DescriptionFile, message: str) -> JudgedFile:
+    """Return the result of a file that could not be judged, with the reason."""
     text = message.removeprefix(f"{description.path}: ")
     return JudgedFile(description, "unjudged", (CheckFinding("file/unjudged", description.name, "", text),))
 
@@ -240,6 +243,6 @@ class Workers(Generic[Job, Answer]):
         if end is not None:
             return NoAnswer(end or "the process gave no answer")
         if time.monotonic() - since > self._seconds:
-            stream.close()
+            stream.close()  # ends the process; the next job of this stream starts a new one
             return NoAnswer(f"it takes more than {self._seconds:g} s (--seconds)", late=True)
         return None

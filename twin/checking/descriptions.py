@@ -29,11 +29,13 @@ _MOST = 200_000
 
 _ROOT = re.compile(rb"<(?![?!])\s*([A-Za-z_][\w.:-]*)")
 _COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
+# a xacro without the name of a robot holds macros for others to include
 _NAMED_ROBOT = re.compile(rb"<robot\b[^>]*\sname\s*=")
 _PACKAGE_NAME = re.compile(rb"<name>\s*([^<\s]+)\s*</name>")
 _INCLUDE = re.compile(rb"<include\b[^>]*\bfile\s*=\s*[\"']([^\"']+)[\"']")
-_DH = re.compile(rb"\balpha|\\alpha|\btwist|\xce\xb1", re.IGNORECASE)
-_DH_LENGTHS = re.compile(rb"theta|\xce\xb8|\\theta|\boffset", re.IGNORECASE)
+# the two angles of a row of Denavit-Hartenberg parameters, also as LaTeX or in Greek (UTF-8)
+_DH_TWIST = re.compile(rb"\balpha|\\alpha|\btwist|\xce\xb1", re.IGNORECASE)
+_DH_TURN = re.compile(rb"theta|\xce\xb8|\\theta|\boffset", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -86,7 +88,7 @@ def walk(folder: Path, exclude: Sequence[str] = (), packages: Sequence[Path] = (
     if not folder.is_dir():
         raise SourceError(f"{folder}: this is a file; give the folder that contains it")
     folder = folder.resolve()  # messages have one path of each file, which names in the folder replace
-    left_out = patterns(exclude)
+    excluded = patterns(exclude)
     tree = FolderContent(folder)
     count = 0
 
@@ -95,25 +97,25 @@ def walk(folder: Path, exclude: Sequence[str] = (), packages: Sequence[Path] = (
         tree.unreadable[_relative(place, folder)] = error.strerror or str(error)
 
     for place, folders, files in os.walk(folder, onerror=refused):
-        here = Path(place)
-        kept: list[str] = []
+        current = Path(place)
+        searched: list[str] = []
         for name in sorted(folders):
             # the final / says that the name is that of a folder
-            if name not in _SKIPPED and not left_out.match_file(f"{_relative(here / name, folder)}/"):
-                kept.append(name)
-                tree.packages.setdefault(name, []).append(here / name)
-        folders[:] = kept
-        count += len(kept) + len(files)
+            if name not in _SKIPPED and not excluded.match_file(f"{_relative(current / name, folder)}/"):
+                searched.append(name)
+                tree.packages.setdefault(name, []).append(current / name)
+        folders[:] = searched  # `os.walk` goes on into the folders that remain in this list
+        count += len(searched) + len(files)
         if count > _MOST:
             raise SourceError(f"{folder}: more than {_MOST:,} files; check its folders one by one, or use --exclude")
-        if "cad" in kept and _is_robot_folder(here):
-            tree.descriptions.append(DescriptionFile(here, _relative(here, folder), "folder"))
+        if "cad" in searched and _is_robot_folder(current):
+            tree.descriptions.append(DescriptionFile(current, _relative(current, folder), "folder"))
         for name in sorted(files):
-            relative = _relative(here / name, folder)
-            if not left_out.match_file(relative):
-                _file(tree, here / name, relative)
-    for given in packages:
-        place = given.resolve()
+            relative = _relative(current / name, folder)
+            if not excluded.match_file(relative):
+                _add_file(tree, current / name, relative)
+    for package_folder in packages:
+        place = package_folder.resolve()
         tree.packages.setdefault(place.name, []).append(place)
         for inner in place.iterdir():
             if inner.is_dir():
@@ -122,7 +124,7 @@ def walk(folder: Path, exclude: Sequence[str] = (), packages: Sequence[Path] = (
     return tree
 
 
-def _file(tree: FolderContent, path: Path, name: str) -> None:
+def _add_file(tree: FolderContent, path: Path, name: str) -> None:
     """Add a file to the tree, if it is a description, a package or a part of a description."""
     suffix = path.suffix.lower()
     if suffix not in suffixes():
@@ -138,9 +140,9 @@ def _file(tree: FolderContent, path: Path, name: str) -> None:
         tree.unreadable[name] = error.strerror or str(error)
         return
     if path.name == "package.xml":
-        found = _PACKAGE_NAME.search(head)
-        if found is not None:
-            tree.packages.setdefault(found[1].decode("utf-8", "replace"), []).append(path.parent)
+        package_name = _PACKAGE_NAME.search(head)
+        if package_name is not None:
+            tree.packages.setdefault(package_name[1].decode("utf-8", "replace"), []).append(path.parent)
         return
     if suffix in MJCF_SUFFIXES:
         for target in _INCLUDE.findall(_COMMENT.sub(b"", head)):
@@ -158,7 +160,7 @@ def _kind(path: Path, suffix: str, head: bytes) -> tuple[Kind, str] | None:
     if "table" in suffixes()[suffix].takes:
         if path.parent.name == "cad" and suffix == ".toml":  # the description of a robot folder
             return None
-        if _DH.search(head) and _DH_LENGTHS.search(head):
+        if _DH_TWIST.search(head) and _DH_TURN.search(head):
             return "dh", ""
         return None
     markup = _COMMENT.sub(b"", head)
@@ -186,9 +188,9 @@ def patterns(exclude: Sequence[str]) -> GitIgnoreSpec:
     try:
         return GitIgnoreSpec.from_lines(exclude)
     except GitIgnorePatternError as error:
-        shown = ", ".join(f"'{pattern}'" for pattern in exclude)
-        text = f"--exclude {shown}: not a pattern of .gitignore ({error}); give a name, a path, or a pattern with *"
-        raise SourceError(text) from error
+        stated = "'" + "', '".join(exclude) + "'"
+        advice = "give a name, a path, or a pattern with *"
+        raise SourceError(f"--exclude {stated}: not a pattern of .gitignore ({error}); {advice}") from error
 
 
 def _is_robot_folder(folder: Path) -> bool:
@@ -225,31 +227,31 @@ def find_mesh(address: str, beside: Path, tree: FolderContent) -> FoundMesh:
 
     Paths are relative to the file's folder, or to a folder around it, up to the checked folder.
     """
-    scheme, mark, rest = address.partition("://")
-    if not mark:
-        rest = address
+    scheme, separator, path_text = address.partition("://")
+    if not separator:
+        path_text = address
         scheme = ""
     if scheme in ("http", "https"):
         return FoundMesh(None, outside=True)
     candidates: list[Path] = []
-    known = True
+    is_package_known = True
     if scheme in ("package", "model"):
-        package, _, inner = rest.lstrip("/").partition("/")
-        known = package in tree.packages or tree.folder.name == package
+        package, _, inner = path_text.lstrip("/").partition("/")
+        is_package_known = package in tree.packages or tree.folder.name == package
         for place in tree.packages.get(package, ()):
             candidates.append(place / inner)
         if tree.folder.name == package:
             candidates.append(tree.folder / inner)
         for around in _around(beside, tree.folder):
-            candidates.append(around / rest.lstrip("/"))
+            candidates.append(around / path_text.lstrip("/"))
             if around.name == package:
-                known = True
+                is_package_known = True
                 candidates.append(around / inner)
-    elif Path(rest).is_absolute():
-        candidates.append(Path(rest))
+    elif Path(path_text).is_absolute():
+        candidates.append(Path(path_text))
     else:
         for around in _around(beside, tree.folder):
-            candidates.append(around / rest)
+            candidates.append(around / path_text)
     for candidate in candidates:
         if candidate.is_file():
             return FoundMesh(candidate)
@@ -257,7 +259,7 @@ def find_mesh(address: str, beside: Path, tree: FolderContent) -> FoundMesh:
         similar = _other_case(candidate)
         if similar:
             return FoundMesh(None, similar=similar)
-    return FoundMesh(None, outside=not known)
+    return FoundMesh(None, outside=not is_package_known)
 
 
 def _around(beside: Path, folder: Path) -> list[Path]:
@@ -273,10 +275,9 @@ def _around(beside: Path, folder: Path) -> list[Path]:
 def _other_case(path: Path) -> str:
     """Return the name of a file that differs from a path only in upper and lower case; "" if there is none."""
     try:
-        names = [beside.name for beside in path.parent.iterdir()]
+        for beside in path.parent.iterdir():
+            if beside.name.casefold() == path.name.casefold():
+                return beside.name
     except OSError:
         return ""
-    for name in names:
-        if name.casefold() == path.name.casefold():
-            return name
     return ""

@@ -47,6 +47,10 @@ _MOST_DEGREES = 720.0
 """Largest limit that is taken for degrees; larger limits mean none."""
 
 
+_ROOTS_SHOWN = 4
+"""Number of root links that a message names."""
+
+
 @dataclass(frozen=True)
 class Elements:
     """The elements of a file.
@@ -119,23 +123,23 @@ def _unique_names(elements: Elements) -> Iterator[CheckFinding]:
     """Yield findings on names of links and joints that are used twice, and on the tree that they form."""
     links: dict[str, Element] = {}
     for kind in ("link", "joint"):
-        seen: set[str] = set()
+        known_names: set[str] = set()
         for element in elements.root.findall(kind):
             name = element.get("name", "")
             if kind == "link":
                 links.setdefault(name, element)
-            if name in seen:
+            if name in known_names:
                 yield elements.finding(
                     "names/duplicate", element, f"{kind}/{name}", f"{kind} '{name}'", "the name is used twice"
                 )
-            seen.add(name)
+            known_names.add(name)
     yield from _tree_structure(elements, links)
 
 
 def _tree_structure(elements: Elements, links: dict[str, Element]) -> Iterator[CheckFinding]:
     """Yield findings on unknown links, links with two parents, and several roots or cycles."""
     above: dict[str, str] = {}
-    whole = True
+    is_complete = True
     for joint in elements.root.findall("joint"):
         name = joint.get("name", "")
         ends: list[str] = []
@@ -144,7 +148,7 @@ def _tree_structure(elements: Elements, links: dict[str, Element]) -> Iterator[C
             link = "" if element is None else element.get("link", "")
             ends.append(link)
             if link not in links:
-                whole = False
+                is_complete = False
                 text = f"its {end} '{link}' does not exist"
                 if not link:
                     text = f"it has no {end}"
@@ -157,14 +161,14 @@ def _tree_structure(elements: Elements, links: dict[str, Element]) -> Iterator[C
                 )
         child = ends[1]
         if child in above:
-            whole = False
+            is_complete = False
             text = f"its child '{child}' is also the child of joint '{above[child]}'"
             yield elements.finding("names/tree", joint, f"joint/{name}", f"joint '{name}'", text)
         above.setdefault(child, name)
     roots = [link for link in links if link not in above]
-    if links and whole and len(roots) != 1:
-        shown = ", ".join(f"'{root}'" for root in roots[:4])
-        text = f"the file has {len(roots)} root links ({shown}), expected one"
+    if links and is_complete and len(roots) != 1:
+        root_names = ", ".join([f"'{root}'" for root in roots[:_ROOTS_SHOWN]])
+        text = f"the file has {len(roots)} root links ({root_names}), expected one"
         if not roots:
             text = "the file has no root link: its joints form a cycle"
         file, line = elements.place(elements.root, "")
@@ -189,10 +193,14 @@ def _inertia(elements: Elements, link: Element) -> Iterator[CheckFinding]:
     subject = f"link '{name}'"
     mass = number(mass_element.text if elements.sdf else mass_element.get("value"))
     texts = _moment_texts(elements, tensor)
-    values = [number(text) for text in texts]
-    if mass is None or None in values:
+    moments = []
+    for text in texts:
+        moment = number(text)
+        if moment is not None:
+            moments.append(moment + 0.0)  # + 0.0: no -0.0 in messages
+    if mass is None or len(moments) < len(_MOMENTS):
         return  # the reader tells what is wrong
-    xx, yy, zz, xy, xz, yz = (value or 0.0 for value in values)
+    xx, yy, zz, xy, xz, yz = moments
     matrix = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     is_zero = bool(np.abs(matrix).max() < _ZERO_MOMENT)
     path = f"link/{name}/inertial/inertia"
@@ -212,11 +220,11 @@ def _moment_texts(elements: Elements, tensor: Element) -> list[str]:
     """Return the six moments as they are printed, in the order of `_MOMENTS`, with the defaults of the format."""
     texts: list[str] = []
     for key in _MOMENTS:
-        given = tensor.findtext(key) if elements.sdf else tensor.get(key)
+        stated_text = tensor.findtext(key) if elements.sdf else tensor.get(key)
         default = "0"
         if elements.sdf and key in _MOMENTS[:3]:
             default = "1"  # SDF: a moment about an axis that is not stated is 1 kg m2
-        texts.append(given or default)
+        texts.append(stated_text or default)
     return texts
 
 
@@ -225,23 +233,21 @@ def _principal_moments(
 ) -> Iterator[CheckFinding]:
     """Yield findings on the principal moments of an inertia matrix (3, 3) in kg m2, printed as six `texts`."""
     # by how much rounding can change a principal moment: each product stands at two places of the matrix
-    of_moments = sum(rounding(text) for text in texts[:3])
-    of_products = sum(rounding(text) for text in texts[3:])
-    slack = of_moments + 2.0 * of_products
-    low, middle, high = (float(moment) for moment in np.linalg.eigvalsh(matrix))
-    shown = f"principal moments {low:.4g}, {middle:.4g}, {high:.4g} kg m2"
+    slack = sum(map(rounding, texts[:3])) + 2.0 * sum(map(rounding, texts[3:]))
+    low, middle, high = np.linalg.eigvalsh(matrix).tolist()
+    moments_text = f"principal moments {low:.4g}, {middle:.4g}, {high:.4g} kg m2"
     if low < -_FLAT_PLATE * high:
         rule = "inertia/positive"
         if low >= -slack and high > 0:
             rule = "inertia/rounded"
-        yield elements.finding(rule, tensor, path, subject, f"{shown}: the smallest must be above 0")
+        yield elements.finding(rule, tensor, path, subject, f"{moments_text}: the smallest must be above 0")
     elif low <= 0 and high <= (max(low, 0.0) + middle) * (1.0 + _FLAT_PLATE):
-        yield elements.finding("inertia/zero", tensor, path, subject, f"{shown}: the smallest is 0")
+        yield elements.finding("inertia/zero", tensor, path, subject, f"{moments_text}: the smallest is 0")
     elif high > (low + middle) * (1.0 + _FLAT_PLATE):
         rule = "inertia/triangle"
         if high - low - middle <= slack:
             rule = "inertia/rounded"
-        text = f"{shown}: the largest must not exceed the sum of the others, {low + middle:.4g}"
+        text = f"{moments_text}: the largest must not exceed the sum of the others, {low + middle:.4g}"
         yield elements.finding(rule, tensor, path, subject, text)
 
 
@@ -261,7 +267,10 @@ def _urdf_limits(elements: Elements, joint: Element) -> Iterator[CheckFinding]:
         if kind != "continuous":
             yield elements.finding("limits/missing", joint, f"joint/{name}", subject, f"a {kind} joint needs a <limit>")
         return
-    missing = [key for key in ("effort", "velocity") if limit.get(key) is None]
+    missing = []
+    for key in ("effort", "velocity"):
+        if limit.get(key) is None:
+            missing.append(key)
     if missing and kind != "continuous":
         text = f"<limit> has no {' and no '.join(missing)}"
         yield elements.finding("limits/missing", limit, path, subject, text)
@@ -290,18 +299,18 @@ def _limit_order(
     """Yield the findings on the limits `values` (lower, upper) in rad or m; `stated`: whether the file has them."""
     lower, upper = values
     unit = "m" if kind == "prismatic" else "rad"
-    shown = f"lower {lower:g} and upper {upper:g} {unit}"
+    limits_text = f"lower {lower:g} and upper {upper:g} {unit}"
     if lower > upper:
-        yield elements.finding("limits/order", limit, path, subject, f"{shown}: lower must be below upper")
+        yield elements.finding("limits/order", limit, path, subject, f"{limits_text}: lower must be below upper")
     elif lower == upper:
-        text = f"{shown}: the joint cannot move"
+        text = f"{limits_text}: the joint cannot move"
         if not stated:
             text = "lower and upper are not stated, so both are 0: the joint cannot move"
         yield elements.finding("limits/fixed", limit, path, subject, text)
     elif lower > 0 or upper < 0:
-        yield elements.finding("limits/zero", limit, path, subject, f"{shown}: 0 is outside")
+        yield elements.finding("limits/zero", limit, path, subject, f"{limits_text}: 0 is outside")
     if kind == "revolute" and _in_degrees(lower, upper):
-        text = f"{shown} are {upper - lower:g} rad, or {(upper - lower) / (2 * math.pi):.0f} turns"
+        text = f"{limits_text} are {upper - lower:g} rad, or {(upper - lower) / (2 * math.pi):.0f} turns"
         yield elements.finding("limits/degrees", limit, path, subject, text)
 
 
@@ -351,8 +360,7 @@ def _origins_in_degrees(elements: Elements, element: Element, kind: str) -> Iter
     """Yield findings on angles that look like degrees."""
     name = element.get("name", "")
     for origin in element.iter("origin"):
-        angles = [number(text) for text in (origin.get("rpy") or "").split()]
-        for angle in angles:
+        for angle in map(number, (origin.get("rpy") or "").split()):
             if angle is not None and abs(angle) > _FULL_TURN and angle % _DEGREE_STEP == 0.0:
                 text = f"rpy '{origin.get('rpy')}' has {angle:g} rad"
                 yield elements.finding("origin/degrees", origin, f"{kind}/{name}/origin", f"{kind} '{name}'", text)
@@ -364,8 +372,8 @@ def _nonzero_axis(elements: Elements, joint: Element) -> Iterator[CheckFinding]:
     axis = joint.find("axis")
     if axis is None or joint.get("type") not in _MOVING:
         return
-    values = [number(text) for text in (axis.get("xyz") or "").split()]
-    if len(values) == 3 and None not in values and not any(values):
+    values = list(map(number, (axis.get("xyz") or "").split()))
+    if values == [0.0, 0.0, 0.0]:
         name = joint.get("name", "")
         yield elements.finding("axis/zero", axis, f"joint/{name}/axis", f"joint '{name}'", "the axis is 0 0 0")
 

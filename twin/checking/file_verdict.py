@@ -27,6 +27,7 @@ from twin.core.errors import (
 from twin.core.foreign.text import parse_xml
 from twin.exchange.read.imported_robot import Imported
 from twin.exchange.xacro import Expanded, XacroSettings, expand, is_xacro
+from twin.model.mechanism import Mechanism
 from twin.usd.read.names import identifier
 
 Status = Literal["judged", "no robot", "incomplete", "unsupported", "unjudged", "part"]
@@ -211,11 +212,11 @@ def _expanded(job: JudgeJob) -> tuple[Expanded, XacroSettings]:
         refused = error
     if first is not None and not first.omitted:
         return first, job.xacro
-    wider = replace(job.xacro, packages=(*job.xacro.packages, job.tree.folder))
+    with_folder = replace(job.xacro, packages=(*job.xacro.packages, job.tree.folder))
     try:
-        second = expand(path, wider)
+        second = expand(path, with_folder)
         if not second.omitted:
-            return second, wider
+            return second, with_folder
     except (SourceError, BudgetError):  # a package of this name in another place need not be the one that is meant
         pass
     if refused is not None:
@@ -226,10 +227,10 @@ def _expanded(job: JudgeJob) -> tuple[Expanded, XacroSettings]:
 
 def _parts(root: Element, kind: str) -> list[Element]:
     """Return the links or joints of a URDF, or of all models of a SDF; those of plug-ins and transmissions are none."""
-    found = list(root.findall(kind))
+    elements = list(root.findall(kind))
     for model in root.iter("model"):
-        found += model.findall(kind)
-    return found
+        elements += model.findall(kind)
+    return elements
 
 
 def _with_places(findings: Sequence[CheckFinding], elements: Elements) -> Iterator[CheckFinding]:
@@ -240,11 +241,11 @@ def _with_places(findings: Sequence[CheckFinding], elements: Elements) -> Iterat
         if name and element.tag in ("link", "joint", "body", "geom", "connect", "weld"):
             named.setdefault(f"{element.tag} '{identifier(name)}'", (element, f"{element.tag}/{name}"))
     for finding in findings:
-        found = named.get(finding.subject) or named.get(finding.subject.replace("link '", "body '"))
-        if finding.line or found is None:
+        named_element = named.get(finding.subject) or named.get(finding.subject.replace("link '", "body '"))
+        if finding.line or named_element is None:
             yield finding
             continue
-        file, line = elements.place(*found)
+        file, line = elements.place(*named_element)
         yield replace(finding, file=file, line=line)
 
 
@@ -252,8 +253,8 @@ def _unless_part(job: JudgeJob, judged: JudgedFile) -> JudgedFile:
     """Return the findings on a MJCF; those on a part of other files, which has no sense by itself, are told there."""
     if job.description.path not in job.tree.parts:
         return judged
-    rules = {finding.rule for finding in judged.findings}
-    if rules.isdisjoint({"file/malformed", "mesh/missing"}):
+    rules = [finding.rule for finding in judged.findings]
+    if "file/malformed" not in rules and "mesh/missing" not in rules:  # it is complete by itself
         return judged
     return JudgedFile(job.description, "part")
 
@@ -334,17 +335,17 @@ def _missing_meshes(job: JudgeJob, elements: Elements) -> Iterator[CheckFinding]
                 address = (mesh.findtext("uri") or "").strip()
             if not address:
                 continue
-            found = find_mesh(address, path.parent, job.tree)
-            if found.path is not None:
+            found_mesh = find_mesh(address, path.parent, job.tree)
+            if found_mesh.path is not None:
                 continue
-            if found.outside:
+            if found_mesh.outside:
                 _, _, path_in_tree = address.partition("://")
                 package, _, _ = path_in_tree.lstrip("/").partition("/")
                 outside[package] = outside.get(package, 0) + 1
                 continue
             text = f"mesh '{address}' does not exist"
-            if found.similar:
-                text += f"; there is '{found.similar}'"
+            if found_mesh.similar:
+                text += f"; there is '{found_mesh.similar}'"
             yield elements.finding("mesh/missing", mesh, f"link/{name}", f"link '{name}'", text)
     for package, count in outside.items():
         text = f"{count} meshes are in package '{package}', which is not in the folder"
@@ -377,8 +378,17 @@ def _imported(job: JudgeJob, findings: list[CheckFinding] | tuple[()]) -> Judged
     if description.kind != "dh":
         collected += _of_audit(job)
     mechanism = imported.mechanism
-    moving = tuple(sorted(joint.name for joint in mechanism.joints if joint.type in ("revolute", "prismatic")))
+    moving = _moving_joints(mechanism)
     return JudgedFile(description, status="judged", findings=tuple(collected), robot=mechanism.name, joints=moving)
+
+
+def _moving_joints(mechanism: Mechanism) -> tuple[str, ...]:
+    """Return the names of the revolute and prismatic joints, sorted: by these, files of one robot are found."""
+    names = []
+    for joint in mechanism.joints:
+        if joint.type in ("revolute", "prismatic"):
+            names.append(joint.name)
+    return tuple(sorted(names))
 
 
 def _not_imported(job: JudgeJob, findings: list[CheckFinding], error: TwinError) -> JudgedFile:
@@ -428,11 +438,11 @@ def _of_import(job: JudgeJob, imported: Imported) -> Iterator[CheckFinding]:
             if "principal moment 0 kg" in finding.message:
                 rule = "inertia/zero"
             yield CheckFinding(rule, name, f"link '{finding.where}'", finding.message)
-        if finding.code == "import.mesh" and _MISSING_MESH.search(
-            finding.message
-        ):  # told for each body: once is enough
+        if finding.code != "import.mesh":
+            continue
+        if _MISSING_MESH.search(finding.message):  # told for each body: once is enough
             missing.add(finding.where)
-        elif finding.code == "import.mesh" and not _ABSENT.search(finding.message):
+        elif not _ABSENT.search(finding.message):
             yield CheckFinding("mesh/unreadable", name, f"mesh '{finding.where}'", finding.message)
     for mesh in sorted(missing):
         yield CheckFinding("mesh/missing", name, f"mesh '{mesh}'", f"mesh '{mesh}' does not exist")
@@ -483,6 +493,6 @@ def _robot_folder(job: JudgeJob) -> JudgedFile:
         text = _without_path(description, str(error))
         finding = CheckFinding("file/malformed", description.name, "", message=text, line=_line_in(str(error)))
         return JudgedFile(description, "judged", (finding,))
-    moving = tuple(sorted(joint.name for joint in mechanism.joints if joint.type in ("revolute", "prismatic")))
+    moving = _moving_joints(mechanism)
     findings = tuple(check_zero(mechanism, description.name))
     return JudgedFile(description, status="judged", findings=findings, robot=robot.name, joints=moving)

@@ -17,31 +17,36 @@ _FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
 def junit(judged: Sequence[JudgedFile], findings: Sequence[CheckFinding], fail_on: Level) -> str:
     """Return the files as test cases; a new finding of at least the level `fail_on` is a failure."""
     by_file: dict[str, list[CheckFinding]] = {}
-    for one in judged:
-        by_file[one.description.name] = []
+    for file in judged:  # a file without findings is a test that passes
+        by_file[file.description.name] = []
     for finding in findings:
         by_file.setdefault(finding.file, []).append(finding)
     skipped_files: dict[str, str] = {}
-    for one in judged:
-        if one.status in ("incomplete", "unsupported"):
-            skipped_files[one.description.name] = one.status
+    for file in judged:
+        if file.status in ("incomplete", "unsupported"):
+            skipped_files[file.description.name] = file.status
     failures = 0
     errors = 0
     skipped = 0
     suite = ElementTree.Element("testsuite", name="twin check")
-    for file in sorted(by_file):
-        case = ElementTree.SubElement(suite, "testcase", name=_clean(file), classname="twin.check", file=_clean(file))
-        failing = [finding for finding in by_file[file] if fails(finding, fail_on)]
-        unjudged = [finding for finding in by_file[file] if finding.rule == "file/unjudged"]
-        if unjudged:
+    for name in sorted(by_file):
+        case = ElementTree.SubElement(suite, "testcase", name=_clean(name), classname="twin.check", file=_clean(name))
+        failing = []
+        unjudged = []
+        for finding in by_file[name]:
+            if fails(finding, fail_on):
+                failing.append(finding)
+            if finding.rule == "file/unjudged":
+                unjudged.append(finding)
+        if unjudged:  # an error: the test itself could not be made
             errors += 1
             _add(case, "error", unjudged)
         elif failing:
             failures += 1
             _add(case, "failure", failing)
-        elif file in skipped_files:
+        elif name in skipped_files:
             skipped += 1
-            ElementTree.SubElement(case, "skipped", message=skipped_files[file])
+            ElementTree.SubElement(case, "skipped", message=skipped_files[name])
     counts = {"tests": len(by_file), "failures": failures, "errors": errors, "skipped": skipped}
     for key, count in counts.items():
         suite.set(key, str(count))
@@ -58,6 +63,7 @@ def fails(finding: CheckFinding, fail_on: Level) -> bool:
 
 
 def _add(case: ElementTree.Element, tag: str, findings: Sequence[CheckFinding]) -> None:
+    """Add an element with the texts of all findings; its message, which lists of tests show, is that of the first."""
     first = findings[0]
     element = ElementTree.SubElement(case, tag, message=_clean(first.message), type=first.rule)
     lines: list[str] = []
@@ -67,4 +73,5 @@ def _add(case: ElementTree.Element, tag: str, findings: Sequence[CheckFinding]) 
 
 
 def _clean(text: str) -> str:
+    """Return a text that XML can contain: names of files may have any characters."""
     return _FORBIDDEN.sub("?", readable(text))

@@ -20,11 +20,11 @@ _SHOWN = 6
 
 def stem(name: str) -> str:
     """Return the name of a file without its suffixes, as "arm" of "urdf/arm.urdf.xacro"."""
-    known = suffixes()
-    stem = PurePosixPath(name).name
-    while PurePosixPath(stem).suffix.lower() in known:
-        stem = stem[: -len(PurePosixPath(stem).suffix)]
-    return stem.lower()
+    known_suffixes = suffixes()
+    name_without_suffix = PurePosixPath(name).name
+    while PurePosixPath(name_without_suffix).suffix.lower() in known_suffixes:
+        name_without_suffix = name_without_suffix[: -len(PurePosixPath(name_without_suffix).suffix)]
+    return name_without_suffix.lower()
 
 
 def pairs(judged: Sequence[JudgedFile]) -> list[tuple[JudgedFile, JudgedFile]]:
@@ -33,28 +33,30 @@ def pairs(judged: Sequence[JudgedFile]) -> list[tuple[JudgedFile, JudgedFile]]:
     Both files have the same moving joints, and either the same name of the robot or the same file name without suffix.
     Each file is paired with the first of its kind, so that n files give n - 1 pairs.
     """
-    found: list[tuple[JudgedFile, JudgedFile]] = []
+    found_pairs: list[tuple[JudgedFile, JudgedFile]] = []
     first: dict[tuple[str, ...], JudgedFile] = {}
-    for one in judged:
-        if not one.joints:
+    for file in judged:
+        if not file.joints:
             continue
-        joints = "\0".join(one.joints)
+        joints = "\0".join(file.joints)
         partners: list[JudgedFile] = []
-        for key in ((joints, "robot", one.robot), (joints, "stem", stem(one.description.name))):
-            other = first.setdefault(key, one)
-            if other is not one and other not in partners:
-                partners.append(other)
-        for other in partners:
-            found.append((other, one))
-    return found
+        for key in ((joints, "robot", file.robot), (joints, "stem", stem(file.description.name))):
+            partner = first.setdefault(key, file)
+            if partner is not file and partner not in partners:
+                partners.append(partner)
+        for partner in partners:
+            found_pairs.append((partner, file))
+    return found_pairs
 
 
 def variants(first: JudgedFile, second: JudgedFile) -> bool:
     """Return whether two files may differ on purpose: the same format, and different file names."""
     if stem(first.description.name) == stem(second.description.name):
         return False
-    families = [one.description.kind.replace("xacro", "urdf") for one in (first, second)]
-    return families[0] == families[1]
+    # a xacro is expanded to a URDF
+    first_format = first.description.kind.replace("xacro", "urdf")
+    second_format = second.description.kind.replace("xacro", "urdf")
+    return first_format == second_format
 
 
 def compare_two(first: JudgedFile, second: JudgedFile, xacro: XacroSettings) -> tuple[CheckFinding, ...]:
@@ -67,16 +69,17 @@ def compare_two(first: JudgedFile, second: JudgedFile, xacro: XacroSettings) -> 
         result = compare(first.description.path, second.description.path, xacro=xacro)
     except TwinError as error:
         text = str(error)
-        for one in (first, second):
-            text = text.replace(str(one.description.path), one.description.name)
+        for file in (first, second):
+            text = text.replace(str(file.description.path), file.description.name)
         return (CheckFinding("compare/skipped", labels[1], subject, f"not compared: {text}"),)
-    found = tuple(_differences(result, labels, subject))
+    findings = tuple(_differences(result, labels, subject))
     if variants(first, second):
-        return tuple(replace(finding, rule="compare/variant") for finding in found)
-    return found
+        return tuple(replace(finding, rule="compare/variant") for finding in findings)
+    return findings
 
 
 def _differences(result: Comparison, labels: tuple[str, str], subject: str) -> Iterator[CheckFinding]:
+    """Yield a finding for each difference of a pair; `labels` are the names of its files, `subject` names both."""
     (pair,) = result.pairs
     file = labels[1]
     if pair.kinematics == "unexplained":

@@ -22,6 +22,7 @@ def element_lines(data: bytes, root: Element) -> dict[Element, int]:
         parser.Parse(data, True)
     except (expat.ExpatError, ValueError):
         return {}
+    # both in the order of the start tags
     elements = list(root.iter())
     if len(elements) != len(lines):
         return {}
@@ -44,13 +45,14 @@ def repository_prefix(folder: Path) -> str:
     for root in (place, *place.parents):
         if (root / ".git").exists():
             return _below(place, root)
-    here = Path.cwd()
-    if place.is_relative_to(here):
-        return _below(place, here)
+    current_folder = Path.cwd()
+    if place.is_relative_to(current_folder):
+        return _below(place, current_folder)
     return ""
 
 
 def _below(place: Path, root: Path) -> str:
+    """Return the path of a folder below another one, with / at its end; "" for this folder itself."""
     if place == root:
         return ""
     return f"{place.relative_to(root).as_posix()}/"

@@ -32,12 +32,16 @@ def sarif(findings: Sequence[CheckFinding], prefix: str = "", command: str = "tw
                 "defaultConfiguration": {"level": rule.level},
             }
         )
-    unjudged = [finding for finding in findings if finding.rule == "file/unjudged"]
+    is_complete = True  # whether all files could be judged
+    results = []
+    for finding in findings:
+        results.append(_result(finding, ids, prefix))
+        if finding.rule == "file/unjudged":
+            is_complete = False
     driver: JsonObject = {"name": "twin check", "version": __version__, "rules": rules}
-    results = [_result(finding, ids, prefix) for finding in findings]
     run: JsonObject = {
         "tool": {"driver": driver},
-        "invocations": [{"executionSuccessful": not unjudged, "commandLine": command}],
+        "invocations": [{"executionSuccessful": is_complete, "commandLine": command}],
         "columnKind": "unicodeCodePoints",
         "results": results,
     }

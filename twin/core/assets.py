@@ -40,7 +40,11 @@ def examples() -> dict[str, Path]:
     folder = data_folder() / "examples"
     if is_checkout():
         folder = data_folder() / "docs/examples"
-    return {path.name: path for path in sorted(folder.glob("*")) if (path / "cad").is_dir()}
+    folders = {}
+    for path in sorted(folder.glob("*")):
+        if (path / "cad").is_dir():
+            folders[path.name] = path
+    return folders
 
 
 def is_checkout() -> bool:
@@ -91,12 +95,12 @@ class RobotFiles:
         Raises:
             TwinError: the protocol does not exist; the message lists the existing protocols.
         """
-        known = self.protocols()
+        paths_by_name = self.protocols()
         if re.fullmatch(r"\w+/\w+", name) and (path := self.trajectories / f"{name}.toml").is_file():
             return path
-        if name not in known:
-            raise TwinError(f"{self.name}: {unknown('protocol', name, known)}")
-        return known[name]
+        if name not in paths_by_name:
+            raise TwinError(f"{self.name}: {unknown('protocol', name, paths_by_name)}")
+        return paths_by_name[name]
 
 
 def equations(files: RobotFiles | None, name: str) -> Path:
@@ -117,7 +121,8 @@ def equations(files: RobotFiles | None, name: str) -> Path:
 
 def scenes() -> list[str]:
     """Return the names of the built-in scenes: every cad/<name>/scene.toml."""
-    return sorted(path.parent.name for path in data_folder().glob("cad/*/scene.toml"))
+    scene_names = [path.parent.name for path in data_folder().glob("cad/*/scene.toml")]
+    return sorted(scene_names)
 
 
 def scene_file(scene: str | Path) -> Path | None:
@@ -134,6 +139,7 @@ def scene_file(scene: str | Path) -> Path | None:
 
 def studies(name: str) -> list[Path]:
     """Return the built-in study files trajectories/<name>/study/*.toml; `name` need not be the name of a robot."""
+    # the studies of a robot are found in its files; a path must not lead out of the data
     if name in names() or "/" in name or name in ("", ".", ".."):
         return []
     return sorted((data_folder() / "trajectories" / name / "study").glob("*.toml"))
@@ -169,9 +175,10 @@ def files(robot: str | Path) -> RobotFiles:
         folder = folder.resolve()
         descriptions = _descriptions(folder)
         if len(descriptions) != 1:
+            file_names = [path.name for path in descriptions]
             raise TwinError(
                 f"robot folder {folder}: expected one robot description in {folder / 'cad'}, found "
-                f"{[p.name for p in descriptions] or 'none'}. A robot folder contains cad/<name>.toml, "
+                f"{file_names or 'none'}. A robot folder contains cad/<name>.toml, "
                 "trajectories/ and formula.py."
             )
         robot_files = RobotFiles(
@@ -198,4 +205,4 @@ def hidden(robot: str | Path) -> Path | None:
 
 def _descriptions(folder: Path) -> list[Path]:
     """Return the TOML files in a robot folder that may be its description."""
-    return [p for p in (folder / "cad").glob("*.toml") if p.stem not in _BESIDE]
+    return [path for path in (folder / "cad").glob("*.toml") if path.stem not in _BESIDE]

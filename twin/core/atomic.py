@@ -64,26 +64,26 @@ def atomic_folder(target: Path, replacing: Collection[str] = ()) -> Iterator[Pat
     try:
         base = _nearest_existing(target)
         settle(base)
-        own, lock = _claim(lambda: _made(base))
+        scratch, lock = _claim(lambda: _made(base))
     except OSError as error:
         raise OutputError(_unwritable(target, error)) from error
     try:
         try:
-            (own / "new").mkdir()
-            (own / "old").mkdir()
-            yield own / "new"
+            (scratch / "new").mkdir()
+            (scratch / "old").mkdir()
+            yield scratch / "new"
             with _locked(base):
-                _commit(base, target, own, replacing)
-            inner = any(_OWN.fullmatch(part) for part in target.parts)  # an outer block is still writing
-            if not inner and cache_folder("") not in target.parents:
+                _commit(base, target, scratch, replacing)
+            is_inner = any(map(_OWN.fullmatch, target.parts))  # an outer block is still writing
+            if not is_inner and cache_folder("") not in target.parents:
                 completed.append(target)
         except OSError as error:
             raise OutputError(_unwritable(target, error)) from error
         except OutputError as error:  # from an inner atomic_folder: name the target, not the temporary folder
-            raise OutputError(str(error).replace(str(own / "new"), str(target))) from error
+            raise OutputError(str(error).replace(str(scratch / "new"), str(target))) from error
     finally:
         try:
-            _discard(own)
+            _discard(scratch)
         finally:  # after Ctrl-C during the removal, `settle` can remove the rest only if the folder is not locked
             os.close(lock)
 
@@ -162,81 +162,84 @@ def settle(folder: Path) -> None:
     place = folder.absolute()
     for base in (place, *list(place.parents)[:_ABOVE]):
         try:
-            own_folders = [Path(entry.path) for entry in os.scandir(base) if _OWN.fullmatch(entry.name)]
+            scratch_folders = []
+            for entry in os.scandir(base):
+                if _OWN.fullmatch(entry.name):
+                    scratch_folders.append(Path(entry.path))
         except (OSError, ValueError):  # the folder does not exist, or its name is no path
             continue
-        for own in own_folders:
+        for scratch in scratch_folders:
             with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # in use, or not a journal of twin
-                _settle(base, own)
+                _settle(base, scratch)
 
 
 def settle_all() -> None:
     """Complete, undo or remove the unfinished writes of all killed processes of this user, in any folder."""
-    for own in unfinished.abandoned():
+    for scratch in unfinished.abandoned():
         with contextlib.suppress(OSError, ValueError, KeyError, TypeError):  # in use, or not a folder of twin
-            if _OWN.fullmatch(own.name) and own.is_dir():
-                _settle(own.parent, own)
-            if not own.exists():
-                unfinished.remove(own)
+            if _OWN.fullmatch(scratch.name) and scratch.is_dir():
+                _settle(scratch.parent, scratch)
+            if not scratch.exists():
+                unfinished.remove(scratch)
 
 
-def _settle(base: Path, own: Path) -> None:
+def _settle(base: Path, scratch: Path) -> None:
     """Complete, undo or remove one unfinished write of a killed process in `base`; nothing while its owner is alive.
 
     Raises:
         OSError: the folder is locked by its owner, or was removed.
     """
-    lock = os.open(own, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    lock = os.open(scratch, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
     try:
         if os.fstat(lock).st_uid != os.geteuid():
             return
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # raises while the owner process is alive
         with _locked(base):
-            if (own / _COMMIT).is_file():
-                _forward(base, own)
-            elif (own / _UNDO).is_file():
-                _back(base, own)
-        _discard(own)
+            if (scratch / _COMMIT).is_file():
+                _forward(base, scratch)
+            elif (scratch / _UNDO).is_file():
+                _back(base, scratch)
+        _discard(scratch)
     finally:
         os.close(lock)
 
 
-def _discard(own: Path) -> None:
+def _discard(scratch: Path) -> None:
     """Remove a folder, unless it contains a journal whose moves must be completed or undone."""
-    if (own / _COMMIT).is_file() or (own / _UNDO).is_file():
+    if (scratch / _COMMIT).is_file() or (scratch / _UNDO).is_file():
         return
-    shutil.rmtree(own, ignore_errors=True)
-    if not own.exists():
-        unfinished.remove(own)
+    shutil.rmtree(scratch, ignore_errors=True)
+    if not scratch.exists():
+        unfinished.remove(scratch)
 
 
 def _made(base: Path) -> str:
     """Create a temporary folder with a random name in `base`; it is registered before, as the process may be killed."""
     while True:
-        own = base / f"{UNFINISHED}{os.urandom(4).hex()}{_SUFFIX}"
-        unfinished.register(own)
+        scratch = base / f"{UNFINISHED}{os.urandom(4).hex()}{_SUFFIX}"
+        unfinished.register(scratch)
         try:
-            own.mkdir(mode=0o700)
-            return str(own)
+            scratch.mkdir(mode=0o700)
+            return str(scratch)
         except FileExistsError:
             continue
         except OSError:
-            unfinished.remove(own)
+            unfinished.remove(scratch)
             raise
 
 
 def _claim(make: Callable[[], str]) -> tuple[Path, int]:
     """Create, lock and register a folder; if another process removes the folder before it is locked, try again."""
     while True:
-        own = Path(make())
+        scratch = Path(make())
         with contextlib.suppress(FileNotFoundError):
-            lock = os.open(own, os.O_RDONLY | os.O_DIRECTORY)
+            lock = os.open(scratch, os.O_RDONLY | os.O_DIRECTORY)
             try:
                 with contextlib.suppress(OSError):  # a file system without locks
                     fcntl.flock(lock, fcntl.LOCK_EX)
-                unfinished.register(own)
-                if own.is_dir():
-                    return own, lock
+                unfinished.register(scratch)
+                if scratch.is_dir():
+                    return scratch, lock
             except BaseException:
                 os.close(lock)
                 raise
@@ -258,37 +261,45 @@ def _locked(folder: Path) -> Iterator[None]:
         os.close(lock)
 
 
-def _commit(base: Path, target: Path, own: Path, replacing: Collection[str]) -> None:
-    """Move the files of `own`/new into the target, which is `base` or a folder in `base`."""
+def _commit(base: Path, target: Path, scratch: Path, replacing: Collection[str]) -> None:
+    """Move the files of `scratch`/new into the target, which is `base` or a folder in `base`."""
     below = Path(os.path.relpath(target.absolute(), base.absolute()))
-    new = own / "new"
-    put = sorted(path.relative_to(new) for path in new.rglob("*") if path.is_file())
-    dropped = sorted(set(map(Path, replacing)) - set(put))
-    placed_names = [(below / path).as_posix() for path in put]
-    dropped_names = [(below / path).as_posix() for path in dropped]
+    new = scratch / "new"
+    new_files = []
+    for path in new.rglob("*"):
+        if path.is_file():
+            new_files.append(path.relative_to(new))
+    new_files.sort()
+    dropped_files = sorted(set(map(Path, replacing)) - set(new_files))
+    placed_names = [(below / path).as_posix() for path in new_files]
+    dropped_names = [(below / path).as_posix() for path in dropped_files]
     # Old files are kept by their number in the journal, until all moves are done.
     for number, name in enumerate([*placed_names, *dropped_names]):
         final = base / name
         if final.is_file():
-            _keep(final, own / "old" / str(number))
+            _keep(final, scratch / "old" / str(number))
         elif final.exists():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(final))
-    folders = {(base / name).parent for name in placed_names}
-    if put:
+    folders = set()
+    moves = []
+    for name, path in zip(placed_names, new_files, strict=True):
+        folders.add((base / name).parent)
+        moves.append([name, path.as_posix()])
+    if new_files:
         folders.add(target)
     data = {
-        "put": [[name, path.as_posix()] for name, path in zip(placed_names, put, strict=True)],
+        "put": moves,
         "drop": dropped_names,
         "made": [folder.relative_to(base).as_posix() for folder in _missing(folders, base)],
     }
-    (own / "journal").write_text(json.dumps(data), encoding="utf-8")
-    os.rename(own / "journal", own / _COMMIT)  # noqa: PTH104 - os.rename names the atomic system call
+    (scratch / "journal").write_text(json.dumps(data), encoding="utf-8")
+    os.rename(scratch / "journal", scratch / _COMMIT)  # noqa: PTH104 - os.rename names the atomic system call
     try:
-        _forward(base, own)
+        _forward(base, scratch)
     except BaseException:
-        if (own / _COMMIT).is_file():  # otherwise all moves were done before the interrupt
-            os.rename(own / _COMMIT, own / _UNDO)  # noqa: PTH104
-            _back(base, own)
+        if (scratch / _COMMIT).is_file():  # otherwise all moves were done before the interrupt
+            os.rename(scratch / _COMMIT, scratch / _UNDO)  # noqa: PTH104
+            _back(base, scratch)
         raise
 
 
@@ -302,39 +313,39 @@ def _missing(folders: Collection[Path], base: Path) -> list[Path]:
     return sorted(missing)
 
 
-def _forward(base: Path, own: Path) -> None:
+def _forward(base: Path, scratch: Path) -> None:
     """Complete the moves of a journal; moves that are already done are skipped."""
-    journal = json.loads((own / _COMMIT).read_text(encoding="utf-8"))
+    journal = json.loads((scratch / _COMMIT).read_text(encoding="utf-8"))
     for name, source in journal["put"]:
-        fresh = _inside(own / "new", source)
+        fresh = _inside(scratch / "new", source)
         if fresh.is_file():
             final = _inside(base, name)
             final.parent.mkdir(parents=True, exist_ok=True)
             os.replace(fresh, final)  # noqa: PTH105
     for name in journal["drop"]:
         _drop(base, _inside(base, name))
-    (own / _COMMIT).unlink()  # from here on the folder can be removed
+    (scratch / _COMMIT).unlink()  # from here on the folder can be removed
 
 
-def _back(base: Path, own: Path) -> None:
+def _back(base: Path, scratch: Path) -> None:
     """Undo the moves of a journal: restore the previous files."""
-    journal = json.loads((own / _UNDO).read_text(encoding="utf-8"))
+    journal = json.loads((scratch / _UNDO).read_text(encoding="utf-8"))
     moves = list(journal["put"])
     for name in journal["drop"]:
         moves.append((name, None))
     for number, (name, source) in enumerate(moves):
         with contextlib.suppress(OSError):  # the other files must be restored all the same
             final = _inside(base, name)
-            kept = own / "old" / str(number)
-            if kept.is_file():
+            old_copy = scratch / "old" / str(number)
+            if old_copy.is_file():
                 final.parent.mkdir(parents=True, exist_ok=True)
-                os.replace(kept, final)  # noqa: PTH105
-            elif source is not None and not _inside(own / "new", source).is_file():
+                os.replace(old_copy, final)  # noqa: PTH105
+            elif source is not None and not _inside(scratch / "new", source).is_file():
                 final.unlink(missing_ok=True)
     for folder in sorted(journal["made"], key=len, reverse=True):
         with contextlib.suppress(OSError):
             _inside(base, folder).rmdir()
-    (own / _UNDO).unlink()
+    (scratch / _UNDO).unlink()
 
 
 def _inside(base: Path, name: str) -> Path:
@@ -361,12 +372,12 @@ def _drop(base: Path, file: Path) -> None:
             return
 
 
-def _keep(file: Path, kept: Path) -> None:
+def _keep(file: Path, copy: Path) -> None:
     """Create a second copy of a file, as a hard link if possible."""
     try:
-        kept.hardlink_to(file)
+        copy.hardlink_to(file)
     except OSError:  # a file system without links
-        shutil.copy2(file, kept)
+        shutil.copy2(file, copy)
 
 
 def no_room(error: BaseException) -> str:

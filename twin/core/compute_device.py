@@ -84,10 +84,10 @@ def current() -> ComputeDevice:
     """
     device = _current.get()
     if device is None:
-        wanted = of_environment("cpu")
-        if wanted not in _of_environment:
-            _of_environment[wanted] = ComputeDevice(wanted)
-        return _of_environment[wanted]
+        choice = of_environment("cpu")
+        if choice not in _of_environment:
+            _of_environment[choice] = ComputeDevice(choice)
+        return _of_environment[choice]
     return device
 
 
@@ -97,11 +97,11 @@ def of_environment(default: Choice) -> Choice:
     Raises:
         TwinError: `TWIN_DEVICE` is none of the choices.
     """
-    wanted = os.environ.get(DEVICE)
-    if not wanted:
+    text = os.environ.get(DEVICE)
+    if not text:
         return default
     try:
-        return checked(wanted)
+        return checked(text)
     except TwinError as e:
         raise TwinError(f"environment variable {DEVICE}: {e}") from None
 

@@ -26,11 +26,13 @@ def entry_points(group: str) -> dict[str, object]:
 
 def names(package: str, group: str) -> list[str]:
     """Return the names of the modules in a package of twin, and of the entry points of a group; nothing is loaded."""
-    names_found = {module.name for module in iter_modules(import_module(package).__path__)}
+    all_names = set()
+    for module in iter_modules(import_module(package).__path__):
+        all_names.add(module.name)
     for file in _files(group):
         for name, _ in _rows(file, group):
-            names_found.add(name)
-    return sorted(names_found)
+            all_names.add(name)
+    return sorted(all_names)
 
 
 def _files(group: str) -> list[Path]:

@@ -152,4 +152,4 @@ EXIT_CODES: dict[Verdict, int] = {"agree": 0, "disagree": 1, "unchecked": 2}
 
 def by_severity(findings: Iterable[Finding]) -> list[Finding]:
     """Return the findings, most severe first; findings of the same severity keep their order."""
-    return sorted(findings, key=lambda f: -SEVERITIES.index(f.severity))
+    return sorted(findings, key=lambda finding: -SEVERITIES.index(finding.severity))

@@ -17,8 +17,11 @@ ROUNDING = 1e-9
 """Differences in m, rad or their rates below this value are rounding errors: texts say `EXACT`, JSON has the number."""
 
 _SI = {"m": 1.0, "mm": MM, "um": UM, "rad": 1.0, "deg": DEG}
+"""{unit of a length or an angle: its size in SI}."""
 
 _STEPS = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
+"""(size in m, prefix) of the units of lengths, the largest first."""
+
 _SMALLEST_STEP = 1e-12
 # below these values, a length in m or an angle in degrees counts as a rounding error
 _NOTHING_LENGTH = 1e-12
@@ -110,6 +113,7 @@ def plain(value: float, digits: int) -> str:
     """Return a number as text with `digits` significant digits, without exponent and trailing zeros."""
     if value == 0:
         return "0"
+    # rounded first: 9.996 with three digits has a digit more before the point than 9.99
     rounded = float(f"{value:.{digits}g}")
     magnitude = math.floor(math.log10(abs(rounded)))
     decimals = max(0, digits - 1 - magnitude)
@@ -152,15 +156,15 @@ def point(p: Iterable[float] | None) -> str:
     """Return a position in m as text in mm: "(380.00, 280.00, 185.00) mm"."""
     if p is None:
         return NONE
-    coordinates = ", ".join(f"{x * 1e3:.2f}" for x in p)
-    return f"({coordinates}) mm"
+    coordinates = [f"{coordinate * 1e3:.2f}" for coordinate in p]
+    return f"({', '.join(coordinates)}) mm"
 
 
-def count(n: int, one: str, many: str = "") -> str:
+def count(n: int, singular: str, plural: str = "") -> str:
     """Return a count with its noun: "1 warning", "3 warnings", "12 001 samples"."""
-    noun = many or f"{one}s"
+    noun = plural or f"{singular}s"
     if n == 1:
-        noun = one
+        noun = singular
     return f"{n:,} {noun}".replace(",", "\u202f")
 
 

@@ -197,7 +197,7 @@ class CudaGpu:
     def launch(self, function: Address, blocks: int, threads: int, arguments: Sequence[Any], stream: Address) -> None:
         """Begin to run an entry in `blocks` blocks of `threads` threads; integers and addresses have 64 bits."""
         self._enter()
-        values = tuple(int(argument) for argument in arguments)
+        values = tuple(map(int, arguments))
         types = (ctypes.c_uint64,) * len(values)
         shape = (blocks, 1, 1, threads, 1, 1)
         shared_memory = 0

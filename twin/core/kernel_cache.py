@@ -16,6 +16,9 @@ _CACHED = 1024
 
 _NAME = "kernels"
 
+_DIGEST_SIZE = 32
+"""Number of bytes of a SHA-256, with which a file begins."""
+
 
 def key(target: str, text: str) -> str:
     """Return the key of a kernel: a hash of its text and of the processor, with versions, for which it is compiled."""
@@ -29,15 +32,16 @@ def read(key: str) -> bytes | None:
     """
     path = cache_folder(_NAME) / f"{key}.o"
     try:
-        for at in (path.parent, path):
-            seen = at.stat()
-            if seen.st_uid != os.getuid() or seen.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        for place in (path.parent, path):
+            status = place.stat()
+            if status.st_uid != os.getuid() or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
                 return None
         data = path.read_bytes()
     except OSError:
         return None
-    digest = data[:32]
-    code = data[32:]
+    # a process that was killed, or a full disk, may have left a part of the code: running it would crash
+    digest = data[:_DIGEST_SIZE]
+    code = data[_DIGEST_SIZE:]
     if hashlib.sha256(code).digest() != digest:
         return None
     return code
@@ -48,8 +52,9 @@ def keep(key: str, code: bytes) -> None:
     folder = cache_folder(_NAME)
     with contextlib.suppress(OSError, OutputError):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        for old in sorted(folder.glob("*.o"), key=lambda p: p.stat().st_mtime)[:-_CACHED]:
-            old.unlink()
+        by_age = sorted(folder.glob("*.o"), key=lambda path: path.stat().st_mtime)
+        for path in by_age[:-_CACHED]:
+            path.unlink()
         with atomic_folder(folder) as work:
             (work / f"{key}.o").write_bytes(hashlib.sha256(code).digest() + code)
             (work / f"{key}.o").chmod(0o600)

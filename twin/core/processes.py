@@ -40,7 +40,10 @@ def isolated(program: str, *arguments: object) -> list[str]:
     begins, the program does not begin.
     """
     places = [str(Path(__file__).resolve().parents[2])]
-    places += [p for p in sys.path if Path(p).is_absolute() and Path(p).name in _PACKAGES]
+    for place in sys.path:
+        if Path(place).is_absolute() and Path(place).name in _PACKAGES:
+            places.append(place)
+    # a parent that has ended before this line would never close the pipe by which the kernel kills the child
     head = f"import os, sys; os.getppid() == {os.getpid()} or sys.exit(1)\n"
     head += f"sys.path += [p for p in {places!r} if p not in sys.path]\n"
     flags = ["-I", "-X", "utf8", *(["-B"] if sys.dont_write_bytecode else [])]
@@ -141,12 +144,12 @@ class Apart:
     """
 
     def __init__(self, function: Callable[..., None], *arguments: Any) -> None:
-        self.line, theirs = Pipe()
-        with theirs:
+        self.line, child_end = Pipe()
+        with child_end:
             mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
             try:
-                command = isolated(_SERVE, theirs.fileno())
-                self._process = Child(command, (theirs.fileno(),), stdin=subprocess.DEVNULL)
+                command = isolated(_SERVE, child_end.fileno())
+                self._process = Child(command, (child_end.fileno(),), stdin=subprocess.DEVNULL)
             finally:
                 signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         self._end = weakref.finalize(self, _end, self._process)

@@ -22,9 +22,9 @@ def usable() -> int:
     """
     # The system grants fewer processors than the computer has, for example in a container or under `taskset`.
     granted = len(os.sched_getaffinity(0))
-    wanted = os.environ.get(PROCESSORS)
-    if not wanted:
+    limit = os.environ.get(PROCESSORS)
+    if not limit:
         return granted
-    if not wanted.isdecimal() or int(wanted) < 1:
-        raise TwinError(f"{PROCESSORS} is {wanted!r}: give a whole number of processors, 1 or more, or unset it")
-    return min(int(wanted), granted)
+    if not limit.isdecimal() or int(limit) < 1:
+        raise TwinError(f"{PROCESSORS} is {limit!r}: give a whole number of processors, 1 or more, or unset it")
+    return min(int(limit), granted)

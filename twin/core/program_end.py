@@ -215,8 +215,10 @@ def _raised_by_handler(stop: KeyboardInterrupt) -> bool:
     code = getattr(handler, "__code__", None)
     if code is None:  # Python's own handler has no frame
         return True
-    frames = [frame for frame, _ in traceback.walk_tb(stop.__traceback__)]
-    return bool(frames) and frames[-1].f_code is code
+    last_frame: FrameType | None = None
+    for frame, _ in traceback.walk_tb(stop.__traceback__):
+        last_frame = frame
+    return last_frame is not None and last_frame.f_code is code
 
 
 def interrupted() -> bool:

@@ -80,5 +80,5 @@ def count_assumed(robot: Iterable[Parameter], protocol: Iterable[Parameter] = ()
             lengths += 1
         else:
             values += 1
-    motions = sum(parameter.provenance == "ASSUMED" for parameter in protocol)
-    return AssumedCounts(values, motions, lengths)
+    provenances = [parameter.provenance for parameter in protocol]
+    return AssumedCounts(values, provenances.count("ASSUMED"), lengths)

@@ -47,7 +47,9 @@ def deg(radians: float) -> Quantity:
 
 def moved(value: float, angle: bool, per: str = "") -> Quantity:
     """Return a length (m) or an angle (rad) as a quantity in mm or degrees; for rates, `per` is "/s" or "/s2"."""
-    return Quantity(value / (DEG if angle else MM), ("deg" if angle else "mm") + per)
+    if angle:
+        return Quantity(value / DEG, f"deg{per}")
+    return Quantity(value / MM, f"mm{per}")
 
 
 def si(value: float, unit: str) -> Quantity:

@@ -114,8 +114,8 @@ class Result(ABC):
 
 def _html_row(tag: str, cells: Iterable[object]) -> str:
     """Return a row of a table; `tag` is "th" for its header, else "td"."""
-    text = "".join(f"<{tag}>{escape(str(cell))}</{tag}>" for cell in cells)
-    return f"<tr>{text}</tr>"
+    parts = [f"<{tag}>{escape(str(cell))}</{tag}>" for cell in cells]
+    return f"<tr>{''.join(parts)}</tr>"
 
 
 def _html_of(text: Iterable[Part]) -> list[str]:
@@ -184,10 +184,11 @@ def as_json(data: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
+    """Return a value without what JSON lacks: infinity and NaN become None, tuples lists, and keys text."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return list(map(_plain, value))
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

@@ -35,9 +35,9 @@ def srgb(linear: float) -> float:
     return 1.055 * component ** (1 / 2.4) - 0.055
 
 
-def linear(shown: float) -> float:
+def linear(encoded: float) -> float:
     """Convert an sRGB colour component, 0..1, to a linear one, 0..1: the inverse of `srgb`."""
-    component = _clipped(shown)
+    component = _clipped(encoded)
     if component <= 0.04045:
         return component / 12.92
     return ((component + 0.055) / 1.055) ** 2.4
@@ -57,10 +57,11 @@ def linear_rgba(color: str) -> tuple[float, float, float, float]:
 
 def hex_digits(color_rgba: Sequence[float]) -> str:
     """Return a linear colour as sRGB hexadecimal digits, as on web pages; opacity is left out if it is 1."""
-    components = [srgb(component) for component in color_rgba[:3]]
+    components = list(map(srgb, color_rgba[:3]))
     if len(color_rgba) > 3 and color_rgba[3] < 1:
         components.append(color_rgba[3])
-    return "".join(f"{round(255 * _clipped(component)):02x}" for component in components)
+    digits = [f"{round(255 * _clipped(component)):02x}" for component in components]
+    return "".join(digits)
 
 
 def decimals(difference: float) -> int:

@@ -56,17 +56,17 @@ class Table(BaseModel):
 
     @model_validator(mode="after")
     def _limits_in_order(self) -> Table:
-        for name in type(self).model_fields:
+        for lower_name in type(self).model_fields:
             for low, high in (("lower", "upper"), ("min", "max")):
-                if name != low and not name.startswith(low + "_"):
+                if lower_name != low and not lower_name.startswith(low + "_"):
                     continue
-                other = high + name[len(low) :]
-                lower = getattr(self, name)
-                upper = getattr(self, other, None)
+                upper_name = high + lower_name[len(low) :]
+                lower = getattr(self, lower_name)
+                upper = getattr(self, upper_name, None)
                 if not isinstance(lower, int | float) or not isinstance(upper, int | float):
                     continue
                 if lower > upper:
-                    raise at(name, f"limits are swapped: {name} {lower:g} is above {other} {upper:g}")
+                    raise at(lower_name, f"limits are swapped: {lower_name} {lower:g} is above {upper_name} {upper:g}")
         return self
 
 
@@ -90,9 +90,9 @@ class Sourced(Table):
             else:
                 numbers = dict(zip("xyz", value, strict=True))
             scale = SI.get(unit, 1.0)
-            for axis, shown in numbers.items():
+            for axis, number in numbers.items():
                 full_name = " ".join(part for part in (label, name, axis) if part)
-                yield Parameter(full_name, shown * scale, unit, float(shown), self.provenance, self.note)
+                yield Parameter(full_name, number * scale, unit, float(number), self.provenance, self.note)
 
 
 def _in_order(limits: tuple[float, float]) -> tuple[float, float]:

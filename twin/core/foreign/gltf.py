@@ -37,16 +37,23 @@ def check_gltf(path: Path) -> None:
         return
     if not isinstance(data, dict):
         return
+    # an accessor may state any count: a file of a kilobyte can ask for terabytes
     _check_buffers(path, data)
-    view_bytes = [_whole(view.get("byteLength")) for view in _objects(data, "bufferViews")]
-    sizes = [_numbers(accessor, view_bytes) for accessor in _objects(data, "accessors")]
+    view_bytes = []
+    for view in _objects(data, "bufferViews"):
+        view_bytes.append(_whole(view.get("byteLength")))
+    sizes = []
+    for accessor in _objects(data, "accessors"):
+        sizes.append(_numbers(accessor, view_bytes))
     limit = BUDGETS["GLTF"].numbers
     if sum(sizes) > limit:
         over(path, "GLTF", "numbers in the accessors", sum(sizes), limit)
     weights: list[int] = []
     for mesh in _objects(data, "meshes"):
-        counts = [_used(primitive, sizes) for primitive in _objects(mesh, "primitives")]
-        weights.append(sum(counts))
+        weight = 0
+        for primitive in _objects(mesh, "primitives"):
+            weight += _used(primitive, sizes)
+        weights.append(weight)
     _check_nodes(path, _objects(data, "nodes"), weights)
 
 
@@ -126,7 +133,8 @@ def _used(primitive: JsonObject, sizes: list[int]) -> int:
     attributes = primitive.get("attributes")
     if isinstance(attributes, dict):
         accessors += attributes.values()
-    return sum(sizes[accessor] for accessor in _valid(accessors, len(sizes)))
+    used_sizes = [sizes[accessor] for accessor in _valid(accessors, len(sizes))]
+    return sum(used_sizes)
 
 
 def _objects(data: JsonObject, key: str) -> list[JsonObject]:

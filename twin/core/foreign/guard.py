@@ -76,6 +76,9 @@ _MOST_MEMORY = 8_000 * MB
 _IDLE = 8.0
 """Maximum idle time of a parser in s, for instance while it waits for a pipe."""
 
+_TAIL = 4000
+"""Number of bytes at the end of the output of a parser that are read."""
+
 _MEMORY_WORDS = re.compile(rb"MemoryError|bad_alloc|allocat|out of memory|unknown exception", re.IGNORECASE)
 
 
@@ -90,21 +93,21 @@ def run(path: Path, kind: str, *arguments: str, given: Path | None = None) -> in
     """
     seconds, memory = limits(path, kind)
     code, idle, text = _limited(kind, seconds, memory, (given or path).resolve(), *arguments)
-    told = f"{path}: the {kind} parser"
+    subject = f"{path}: the {kind} parser"
     if idle:
-        raise BudgetError(f"{told} waited for {_IDLE:g} s: the file refers to an endless stream. {way(kind)}")
+        raise BudgetError(f"{subject} waited for {_IDLE:g} s: the file refers to an endless stream. {way(kind)}")
     if code == -signal.SIGXCPU:
-        raise BudgetError(f"{told} exceeded its limit of {seconds:.0f} s of processor time. {way(kind)}")
+        raise BudgetError(f"{subject} exceeded its limit of {seconds:.0f} s of processor time. {way(kind)}")
     if _MEMORY_WORDS.search(text) and code != 0:
-        raise BudgetError(f"{told} exceeded its limit of {memory / MB:,.0f} MB of memory. {way(kind)}")
+        raise BudgetError(f"{subject} exceeded its limit of {memory / MB:,.0f} MB of memory. {way(kind)}")
     if code < 0:
         name = signal.Signals(-code).name
         raise SourceError(
-            f"{told} crashed ({name}, memory limit {memory / MB:,.0f} MB): the file is damaged, is nested too deeply, "
-            "or triggers a bug of the parser"
+            f"{subject} crashed ({name}, memory limit {memory / MB:,.0f} MB): the file is damaged, "
+            "is nested too deeply, or triggers a bug of the parser"
         )
-    if code and (found := re.search(rb"^over (.*)$", text, re.MULTILINE)):
-        raise BudgetError(f"{path}: {found[1].decode('utf-8', 'replace')}. {way(kind)}")
+    if code and (excess := re.search(rb"^over (.*)$", text, re.MULTILINE)):
+        raise BudgetError(f"{path}: {excess[1].decode('utf-8', 'replace')}. {way(kind)}")
     return code
 
 
@@ -136,27 +139,27 @@ def limits(path: Path, kind: str) -> tuple[float, int]:
 
 def _limited(kind: str, seconds: float, memory: int, *arguments: object) -> tuple[int, bool, bytes]:
     """Run a parser; return (exit code, whether the parser was killed because it waited too long, end of its output)."""
-    own: dict[str, str] = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MALLOC_ARENA_MAX"), "1")
-    own["MUJOCO_GL"] = "disable"  # otherwise MuJoCo starts programs to find display libraries
-    python, *rest = isolated(_LIMITED + _PROGRAMS[kind], int(seconds + 1), memory, *arguments)
-    command = [python, "-S", *rest]  # parsers do not need the start-up code of installed packages
-    with tempfile.TemporaryFile() as said:
-        process = Child(command, stdin=subprocess.DEVNULL, stdout=said, stderr=said, env=os.environ | own)
-        return *_wait(process), _tail(said)
+    variables: dict[str, str] = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MALLOC_ARENA_MAX"), "1")
+    variables["MUJOCO_GL"] = "disable"  # otherwise MuJoCo starts programs to find display libraries
+    python, *arguments_of_python = isolated(_LIMITED + _PROGRAMS[kind], int(seconds + 1), memory, *arguments)
+    command = [python, "-S", *arguments_of_python]  # parsers do not need the start-up code of installed packages
+    with tempfile.TemporaryFile() as output:
+        process = Child(command, stdin=subprocess.DEVNULL, stdout=output, stderr=output, env=os.environ | variables)
+        return *_wait(process), _tail(output)
 
 
 def _wait(process: subprocess.Popen[bytes]) -> tuple[int, bool]:
     """Return the exit code of a process, and whether it was killed because it waited too long."""
-    used_before = ""
+    time_before = ""
     since = time.monotonic()
     pause = 0.005
     try:
         while process.poll() is None:
             time.sleep(pause)
             pause = min(1.5 * pause, 0.02)
-            used = _asleep(process.pid)
-            if not used or used != used_before:
-                used_before = used
+            time_used = _asleep(process.pid)
+            if not time_used or time_used != time_before:
+                time_before = time_used
                 since = time.monotonic()
             elif time.monotonic() - since > _IDLE:
                 process.kill()
@@ -183,6 +186,7 @@ def _asleep(pid: int) -> str:
 
 
 def _tail(file: IO[bytes]) -> bytes:
+    """Return the end of the output of a parser, in which it says why it has ended."""
     file.seek(0, os.SEEK_END)
-    file.seek(max(0, file.tell() - 4000))
+    file.seek(max(0, file.tell() - _TAIL))
     return file.read()

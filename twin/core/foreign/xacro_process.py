@@ -109,9 +109,9 @@ class _Packages:
         Raises:
             _PackageMissingError: it was not found.
         """
-        own = self._neighbours[0]
-        if _package_name(own) == name:
-            return str(own)
+        package_of_file = self._neighbours[0]
+        if _package_name(package_of_file) == name:
+            return str(package_of_file)
         for place in self._places:
             if place.name == name and place.is_dir():
                 return str(place.resolve())
@@ -281,7 +281,7 @@ class _Expansion:
         self._find_meshes(document.documentElement)
         return document
 
-    def parse(self, given: Any, filename: str) -> minidom.Document:
+    def parse(self, source: Any, filename: str) -> minidom.Document:
         """Return the document of a file, whose elements know their places; the counterpart of `xacro.parse`."""
         stack = self.xacro.filestack
         self.read += 1
@@ -380,11 +380,11 @@ class _Expansion:
         """Return the constants of `_CONSTANTS` that the files use and that a missing package would have defined."""
         text = "\n".join(self._texts)
         defined = set(re.findall(r"<xacro:property[^>]*?\bname\s*=\s*[\"'](\w+)", text))
-        used = []
+        used_names = []
         for name in sorted(self._lent - defined):
             if re.search(rf"\$\{{[^}}]*\b{name}\b", text):
-                used.append(name)
-        return used
+                used_names.append(name)
+        return used_names
 
     def _check_finite(self, root: minidom.Element) -> None:
         """Raise `_Fault` if a number of a link or joint is not finite."""
@@ -455,9 +455,9 @@ def _is_appearance(node: Any) -> bool:
 
 def _causes(error: BaseException | None) -> Iterator[BaseException]:
     """Yield an error and those that it wraps."""
-    seen: set[int] = set()
-    while error is not None and id(error) not in seen:
-        seen.add(id(error))
+    visited_ids: set[int] = set()
+    while error is not None and id(error) not in visited_ids:
+        visited_ids.add(id(error))
         yield error
         error = getattr(error, "exc", None) or error.__cause__ or error.__context__
 
@@ -496,12 +496,12 @@ def main(file: str, request: str, answer: str) -> None:
 
     It is {"text", "missing", "left_out", "lent", "places"} or {"error", "file", "line", "incomplete"}.
     """
-    asked = json.loads(Path(request).read_text("utf-8"))
+    request_data = json.loads(Path(request).read_text("utf-8"))
     sys.setrecursionlimit(_FRAMES)
     outcome: dict[str, Any]
     expansion: _Expansion | None = None
     try:
-        expansion = _Expansion(Path(file), asked["arguments"], asked["packages"])
+        expansion = _Expansion(Path(file), request_data["arguments"], request_data["packages"])
         document = expansion.expand()
         root: Any = document.documentElement
         outcome = {"text": root.toxml(), "missing": expansion.missing, "left_out": expansion.left_out}

@@ -185,14 +185,14 @@ def without_fixed(mechanism: Mechanism) -> Mechanism:
         if body.name in needed:
             bodies.append(Body(body.name, (), inertias.get(body.name)))
     # A fixed joint of the tree has disappeared into its carrier; a loop is closed also by a fixed joint.
-    welded = {joint.name for joint in mechanism.tree if joint.type == "fixed"}
+    welded = [joint.name for joint in mechanism.tree if joint.type == "fixed"]
     joints = []
     for joint in mechanism.joints:
         parent, T_carrier_parent = carriers[joint.parent]
         child, T_carrier_child = carriers[joint.child]
         if joint.name in welded or parent not in needed or child not in needed:
             continue
-        moved = replace(
+        joint_on_carriers = replace(
             joint,
             parent=parent,
             child=child,
@@ -200,7 +200,7 @@ def without_fixed(mechanism: Mechanism) -> Mechanism:
             T_child_joint=T_carrier_child @ joint.T_child_joint,
             mating=(),
         )
-        joints.append(moved)
+        joints.append(joint_on_carriers)
     frames = []
     for frame in mechanism.frames:
         carrier, T_carrier_body = carriers[frame.body]
@@ -211,7 +211,7 @@ def without_fixed(mechanism: Mechanism) -> Mechanism:
         if name in needed:
             rest[name] = T_base_body
     trocars = []
-    joint_names = {joint.name for joint in joints}
+    joint_names = [joint.name for joint in joints]
     for name in mechanism.trocars:
         if name in joint_names:
             trocars.append(name)

@@ -249,23 +249,23 @@ def side_by_side(
     Raises:
         TwinError: the motion does not fit the robot or the control rate, or the robot diverges.
     """
-    for c in conditions:
-        _check_motion(arm, motion, c)
-        _check_control(c)
-    k, n = motion.q.shape
+    for condition in conditions:
+        _check_motion(arm, motion, condition)
+        _check_control(condition)
+    sample_count, joint_count = motion.q.shape
     # One rad of an angle counts as much as LENGTH_SCALE of a length, for the encoder steps and the divergence.
-    joint_scale = np.ones(n)
+    joint_scale = np.ones(joint_count)
     for i, joint in enumerate(arm.mechanism.active):
         if not joint.is_angle:
             joint_scale[i] = LENGTH_SCALE
     controls = _Controls(arm, motion, conditions, joint_scale)
     loops = SharedLoops(controls.models)
-    for i in range(k):
+    for i in range(sample_count):
         if i % _OFTEN == 0:
-            progress(i / k)
+            progress(i / sample_count)
         q, qd, qdd = controls.wishes(i)
-        asked = loops.efforts(q, qd, qdd)
-        controls.act(i, arm.mechanism.motor_efforts(asked))
+        efforts = loops.efforts(q, qd, qdd)
+        controls.act(i, arm.mechanism.motor_efforts(efforts))
     return controls.runs()
 
 
@@ -279,24 +279,27 @@ class _Controls:
     def __init__(self, arm: Arm, motion: DesiredMotion, conditions: Sequence[Conditions], joint_scale: Array) -> None:
         """Set the plants to the first sample of the motion; `joint_scale` (n,): see `side_by_side`."""
         self._conditions = conditions
-        self.models = [model_of(arm, c) for c in conditions]
+        self.models = []
+        for condition in conditions:
+            self.models.append(model_of(arm, condition))
         self._arm = arm
         self._motion = motion
         self._joint_scale = joint_scale
         # the same for all runs: the motion has one sample per tick
         self._tick = 1.0 / conditions[0].rate
         # a row for each run from here on
-        self._w = np.array([[c.w] for c in conditions])
+        self._w = np.zeros((len(conditions), 1))
         # Time in s by which the state of the equations is ahead of the tick; see the head of the file.
         self._lead = np.zeros((len(conditions), 1))
         self._limit = np.full((len(conditions), len(joint_scale)), np.inf)
         self._plants: list[Plant] = []
-        for i, c in enumerate(conditions):
-            if c.middle:
+        for i, condition in enumerate(conditions):
+            self._w[i] = condition.w
+            if condition.middle:
                 self._lead[i] = 0.5 * self._tick
-            if c.saturation:
+            if condition.saturation:
                 self._limit[i] = arm.limit
-            plant = plant_of(arm, c)
+            plant = plant_of(arm, condition)
             plant.reset(motion.q[0], motion.qd[0])
             self._plants.append(plant)
         self._encoders = _Encoders(conditions, joint_scale, motion.q[0], motion.qd[0])
@@ -313,8 +316,8 @@ class _Controls:
         next_qdd = np.vstack([at_start[1:], at_start[-1:]])
         in_middle = 0.5 * (at_start + next_qdd)
         desired = []
-        for c in self._conditions:
-            desired.append(in_middle if c.middle else at_start)
+        for condition in self._conditions:
+            desired.append(in_middle if condition.middle else at_start)
         return np.stack(desired, axis=1)
 
     def wishes(self, i: int) -> tuple[Array, Array, Array]:
@@ -331,11 +334,11 @@ class _Controls:
         wished_qdd = desired + 2 * self._w * rate_error + self._w**2 * position_error
         return measured_q + self._lead * rate, rate + self._lead * desired, wished_qdd
 
-    def act(self, i: int, asked: Array) -> None:
-        """Let the motors act with the efforts asked for (runs, n), within their limits, until the next tick."""
-        efforts = np.minimum(np.maximum(asked, -self._limit), self._limit)
+    def act(self, i: int, commanded: Array) -> None:
+        """Let the motors act with the commanded efforts (runs, n), within their limits, until the next tick."""
+        efforts = np.minimum(np.maximum(commanded, -self._limit), self._limit)
         self._efforts[i] = efforts
-        self._saturated[i] = efforts != asked
+        self._saturated[i] = efforts != commanded
         for plant, joint_efforts in zip(self._plants, self._arm.joint_efforts(efforts), strict=True):
             plant.advance(joint_efforts, self._tick)
 
@@ -364,8 +367,11 @@ class _Encoders:
 
     def __init__(self, conditions: Sequence[Conditions], joint_scale: Array, q: Array, qd: Array) -> None:
         """Store the start, joint values q (n,) and rates qd (n,); `joint_scale` (n,) multiplies the encoder steps."""
-        quantisation = np.array([[c.quantisation] for c in conditions])
-        cutoff = np.array([[c.velocity_cutoff] for c in conditions])
+        quantisation = np.zeros((len(conditions), 1))
+        cutoff = np.zeros((len(conditions), 1))
+        for i, condition in enumerate(conditions):
+            quantisation[i] = condition.quantisation
+            cutoff[i] = condition.velocity_cutoff
         self._tick = 1.0 / conditions[0].rate
         # share of the difference that the first-order low-pass adds in each tick
         self._share = 1.0 - np.exp(-2 * np.pi * cutoff * self._tick)
@@ -399,7 +405,9 @@ def curve(
     progress: Callable[[float], None] = lambda part: None,
 ) -> list[Run]:
     """Return one run for each inertia error in `fractions`; the other conditions are unchanged."""
-    changed = [replace(conditions, inertia_error=float(fraction)) for fraction in fractions]
+    changed = []
+    for fraction in fractions:
+        changed.append(replace(conditions, inertia_error=float(fraction)))
     return side_by_side(arm, motion, changed, progress)
 
 

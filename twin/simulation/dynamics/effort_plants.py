@@ -22,6 +22,16 @@ _ANGLE_STRIDE = 0.1
 """The same for a revolute joint, in rad."""
 
 
+_CLOSED = 1e-12
+"""Gap in m or rad with which the loops count as closed."""
+
+_MOST_STEPS = 20
+"""Maximum number of steps of Gauss-Newton, which doubles the correct digits in each step near a solution."""
+
+_REDUNDANT = 1e-9
+"""Relative size of a singular value below which a constraint counts as redundant: loops repeat some of them."""
+
+
 class Plant(Protocol):
     """Interface of a plant driven by efforts in its n active joints."""
 
@@ -176,7 +186,7 @@ class MujocoPlant:
             J = self._close()
         data.qvel[self._rates] = qd
         # the rates of the free joints that keep the constraints, J qvel = 0
-        data.qvel[self._free] = -np.linalg.pinv(J[:, self._free], rcond=1e-9) @ (J[:, self._rates] @ qd)
+        data.qvel[self._free] = -np.linalg.pinv(J[:, self._free], rcond=_REDUNDANT) @ (J[:, self._rates] @ qd)
 
     def _close(self) -> Array:
         """Close the loops by Gauss-Newton, at fixed active joints; return the Jacobian of MuJoCo's constraints."""
@@ -184,16 +194,16 @@ class MujocoPlant:
         model = self.model
         data = self.data
         gap = np.inf
-        for _ in range(20):
+        for _ in range(_MOST_STEPS):
             mujoco.mj_fwdPosition(model, data)
             # copies, because MuJoCo overwrites its arrays in the next call
             residual = data.efc_pos.copy()
             J = data.efc_J.reshape(-1, model.nv).copy()
             gap = np.abs(residual).max()
-            if gap < 1e-12:
+            if gap < _CLOSED:
                 return J
             step = np.zeros(model.nv)
-            step[self._free] = -np.linalg.pinv(J[:, self._free], rcond=1e-9) @ residual
+            step[self._free] = -np.linalg.pinv(J[:, self._free], rcond=_REDUNDANT) @ residual
             mujoco.mj_integratePos(model, data.qpos, step, 1.0)
         raise MechanismError(f"the loops of the plant do not close at the start: {gap:.1e} m or rad remain")
 
@@ -205,6 +215,11 @@ class MujocoPlant:
 
 
 def _engine() -> Any:
+    """Return the module `mujoco`, which is imported only when a plant needs it.
+
+    Raises:
+        TwinError: it is not installed.
+    """
     try:
         import mujoco
     except ImportError:

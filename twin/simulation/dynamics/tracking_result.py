@@ -121,12 +121,14 @@ class Tracking(Result):
 
     def text(self) -> Iterator[Part]:
         """Yield the parts of the printed result."""
-        c = self.runs[EXACT].conditions
+        conditions = self.runs[EXACT].conditions
         moving_mass = sum(self.arm.masses.values())
-        yield f"{self.robot} · {self.title} · {self.duration:.3f} s · simulated with {c.plant}"
+        friction_percent = 100 * conditions.friction_error
+        yield f"{self.robot} · {self.title} · {self.duration:.3f} s · simulated with {conditions.plant}"
         yield (
-            f"  Kp = w², Kv = 2 w, w = {c.w:g} rad/s, {c.rate:g} Hz, efforts constant during a tick. Wrong models:\n"
-            f"  masses {100 * self.mismatch:g} % wrong, friction {100 * c.friction_error:g} % wrong, encoder step "
+            f"  Kp = w², Kv = 2 w, w = {conditions.w:g} rad/s, {conditions.rate:g} Hz, efforts constant during a tick. "
+            f"Wrong models:\n"
+            f"  masses {100 * self.mismatch:g} % wrong, friction {friction_percent:g} % wrong, encoder step "
             f"{ENCODER * 1e6:.2f} µrad. All ASSUMED: the paper prints no values.\n"
             f"  Inertias: {SOURCES[self.inertia]}; moving mass {moving_mass:.2f} kg.\n"
         )
@@ -167,6 +169,7 @@ class Tracking(Result):
 
 
 def _judged(name: str, run: Run, arm: Arm) -> Iterator[Finding]:
+    """Yield findings on the tip error of a run, and on motors that reached their limits."""
     if name == EXACT and run.tip_max > EXACT_LIMIT:
         yield warning(
             "track.exact",

@@ -73,9 +73,9 @@ def _sense(n: int, angle: float, share: float) -> Callable[..., Array]:
 
 
 def _aim(n: int, share: float) -> Callable[..., Array]:
-    wanted, before, r, q, qd = _symbols(n, "wanted before r q qd")
-    new = _low_pass(wanted, before, r, share)
-    return _compiled([wanted, before, r, q, qd], [new, wanted - q, new - qd])
+    desired, before, r, q, qd = _symbols(n, "wanted before r q qd")
+    rate = _low_pass(desired, before, r, share)
+    return _compiled([desired, before, r, q, qd], [rate, desired - q, rate - qd])
 
 
 def _drive(T: Array, gains: Array, counts: Array) -> Callable[..., Array]:
@@ -85,8 +85,8 @@ def _drive(T: Array, gains: Array, counts: Array) -> Callable[..., Array]:
     torques = kp * e + ki * integral + kd * de + ca.DM(T).T @ efforts
     command = torques * ca.DM(counts)
     # The DAC takes whole numbers; the conversion of C rounds towards 0.
-    whole = ca.if_else(command < 0, ca.ceil(command), ca.floor(command))
-    return _compiled([e, de, efforts, s], [integral, whole])
+    counts_of_dac = ca.if_else(command < 0, ca.ceil(command), ca.floor(command))
+    return _compiled([e, de, efforts, s], [integral, counts_of_dac])
 
 
 def _low_pass(x: ca.SX, before: ca.SX, v: ca.SX, share: float) -> ca.SX:

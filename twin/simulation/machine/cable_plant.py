@@ -113,16 +113,16 @@ class CablePlant(MotorPlant):
 
 
 def _kernel(arm: Arm) -> Kernel:
-    e = motion(arm.mechanism)
+    equations = motion(arm.mechanism)
     h = TICK
-    n = len(arm.mechanism.active)
+    count = len(arm.mechanism.active)
     names = ("rotors", "V", "C", "low", "high", "K", "play", "D", "C_links")
-    rotors, V, C, low, high, K, play, D, C_links = (ca.SX.sym(name, n) for name in names)
-    p = ca.SX.sym("p", n)
-    pd = ca.SX.sym("pd", n)
-    torques = ca.SX.sym("torques", n)
+    rotors, V, C, low, high, K, play, D, C_links = [ca.SX.sym(name, count) for name in names]
+    p = ca.SX.sym("p", count)
+    pd = ca.SX.sym("pd", count)
+    torques = ca.SX.sym("torques", count)
     T_inverse = ca.DM(np.linalg.inv(arm.mechanism.motor_matrix))
-    lag = p - e.q
+    lag = p - equations.q
     stretch = ca.sign(lag) * ca.fmax(ca.fabs(lag) - play, 0)
     pulls = ca.fabs(lag) > play
     force = K * stretch
@@ -131,31 +131,33 @@ def _kernel(arm: Arm) -> Kernel:
     coupling = ca.diag(h * stiff)
     M_rotors = T_inverse.T @ ca.diag(rotors) @ T_inverse
     # of links and motors, with the implicit terms
-    inertia = ca.blockcat([[e.M + coupling, -coupling], [-coupling, M_rotors + ca.diag(h * (stiff + V))]])
+    inertia = ca.blockcat([[equations.M + coupling, -coupling], [-coupling, M_rotors + ca.diag(h * (stiff + V))]])
     # momentum after the step without Coulomb friction
-    of_links = e.M @ e.qd + h * (force - e.b)
+    of_links = equations.M @ equations.qd + h * (force - equations.b)
     of_motors = M_rotors @ pd + h * (T_inverse.T @ torques - force)
     inverse = symmetric_inverse(inertia)
     v = inverse @ ca.vertcat(of_links, of_motors)
     # the friction of a joint that does not act at its link acts at its motor
     limits = ca.vertcat(C_links, ca.fmax(C - C_links, 0))
-    friction = [ca.SX(0)] * (2 * n)
+    friction = [ca.SX(0)] * (2 * count)
     for _ in range(SWEEPS):
-        for i in range(2 * n):
+        for i in range(2 * count):
             stopping = friction[i] - v[i] / (h * inverse[i, i])  # effort after which coordinate i is at rest
             effort = ca.fmax(ca.fmin(stopping, limits[i]), -limits[i])
             v = v + h * inverse[:, i] * (effort - friction[i])
             friction[i] = effort
-    q = e.q + h * v[:n]
+    q = equations.q + h * v[:count]
     # A link that reaches a hard stop stays there at rest, without rebound.
     inside = ca.fmax(ca.fmin(q, high), low)
-    rates = ca.if_else(ca.fabs(q - inside) > 0, 0, v[:n])
-    new_state = ca.densify(ca.vertcat(inside, rates, p + h * v[n:], v[n:]))
+    rates = ca.if_else(ca.fabs(q - inside) > 0, 0, v[:count])
+    new_state = ca.densify(ca.vertcat(inside, rates, p + h * v[count:], v[count:]))
     # one vector of states and one of parameters, in the order of `Physics.checked` and `Cables.checked`
-    symbols = ca.vertcat(e.q, e.qd, p, pd, e.factors, rotors, V, C, e.fall, low, high, K, play, D, C_links)
-    state = ca.SX.sym("state", 4 * n)
-    parameters = ca.SX.sym("parameters", symbols.numel() - 4 * n)
+    states = (equations.q, equations.qd, p, pd)
+    physics = (equations.factors, rotors, V, C, equations.fall, low, high)
+    symbols = ca.vertcat(*states, *physics, K, play, D, C_links)
+    state = ca.SX.sym("state", 4 * count)
+    parameters = ca.SX.sym("parameters", symbols.numel() - 4 * count)
     new_state = ca.substitute(new_state, symbols, ca.vertcat(state, parameters))
     step = ca.Function("tick", [state, torques, parameters], [new_state], {"cse": True})
-    sizes = {"state": state.numel(), "torques": n, "parameters": parameters.numel()}
+    sizes = {"state": state.numel(), "torques": count, "parameters": parameters.numel()}
     return Kernel([Stage(step, tuple(sizes), ("new",))], sizes, ["new"], single=True)

@@ -136,8 +136,8 @@ def _tree_efforts(
         forces[body.name] = ca.SX.zeros(3)
         moments[body.name] = ca.SX.zeros(3)
     for i, joint in enumerate(mechanism.tree):
-        moved = joints[joint.name] if joint.type != "fixed" else _JointMotion(0, 0, 0)
-        z, p, body = _across(joint, motions[joint.parent], moved)
+        joint_motion = joints[joint.name] if joint.type != "fixed" else _JointMotion(0, 0, 0)
+        z, p, body = _across(joint, motions[joint.parent], joint_motion)
         axes[joint.name] = z, p
         motions[joint.child] = body
         inertia = inertias[joint.child]
@@ -162,7 +162,7 @@ def _tree_efforts(
     return efforts
 
 
-def _across(joint: Joint, parent: _BodyMotion, moved: _JointMotion) -> tuple[Any, Any, _BodyMotion]:
+def _across(joint: Joint, parent: _BodyMotion, joint_motion: _JointMotion) -> tuple[Any, Any, _BodyMotion]:
     """Return the axes and the origin of a joint in base, and the motion of its child.
 
     The axes are z (3,), or for a ball joint x, y, z (3, 3) of the child's joint frame.
@@ -173,20 +173,20 @@ def _across(joint: Joint, parent: _BodyMotion, moved: _JointMotion) -> tuple[Any
     r = parent.R @ T_parent_joint[:3, 3]
     z = R[:, 2]
     if joint.type == "prismatic":
-        r = r + z * moved.x
+        r = r + z * joint_motion.x
         w = parent.w
         turn = parent.turn
-        coriolis = 2 * ca.cross(w, z * moved.xd)
-        a = parent.a + _carried(turn, w, r) + z * moved.xdd + coriolis
+        coriolis = 2 * ca.cross(w, z * joint_motion.xd)
+        a = parent.a + _carried(turn, w, r) + z * joint_motion.xdd + coriolis
     else:
         if joint.type == "spherical":
-            R = R @ ca.horzcat(*[turned(moved.x, ca.SX(axis)) for axis in np.eye(3)])
+            R = R @ ca.horzcat(*[turned(joint_motion.x, ca.SX(axis)) for axis in np.eye(3)])
             z = R
         else:
-            R = R @ symbolic.rotation_z(moved.x)
-        spin = z @ moved.xd
+            R = R @ symbolic.rotation_z(joint_motion.x)
+        spin = z @ joint_motion.xd
         w = parent.w + spin
-        turn = parent.turn + z @ moved.xdd + ca.cross(parent.w, spin)
+        turn = parent.turn + z @ joint_motion.xdd + ca.cross(parent.w, spin)
         a = parent.a + _carried(parent.turn, parent.w, r)
     p = parent.p + r
     s = R @ T_joint_child[:3, 3]
@@ -197,14 +197,15 @@ def _across(joint: Joint, parent: _BodyMotion, moved: _JointMotion) -> tuple[Any
 def _coordinates(mechanism: Mechanism) -> tuple[Array, Array]:
     """Return x0 (m,) and S (m, n): the coordinates of the tree joints are x0 + S q."""
     dynamics = Dynamics(mechanism)
-    indices = [dynamics.model.tree.configuration[j.name] for j in mechanism.tree]
-    x0 = np.array(dynamics.configuration(np.zeros(dynamics.n)))[indices]
+    places = [dynamics.model.tree.configuration[joint.name] for joint in mechanism.tree]
+    x0 = np.array(dynamics.configuration(np.zeros(dynamics.n)))[places]
     # Couplings are linear, so that one unit step of each active joint gives a column of S.
     columns = []
     for unit in np.eye(dynamics.n):
-        x = np.array(dynamics.configuration(unit))[indices]
+        x = np.array(dynamics.configuration(unit))[places]
         columns.append(x - x0)
     S: Array = np.array(columns).T
+    # zeros that are rounding errors would make all terms of the compiled equations larger
     return x0, np.round(S, 12)
 
 

@@ -32,12 +32,11 @@ def compensation(settings: Settings, mechanism: Mechanism) -> GravityEfforts:
     """
     if not settings.compensation:
         return holding(mechanism)
-    frames = {frame.name: frame for frame in mechanism.frames}
-    children = {joint.name: joint.child for joint in mechanism.tree}
+    frames_by_name = {frame.name: frame for frame in mechanism.frames}
     masses = {}
     for point in settings.compensation:
-        body = children[point.joint]
-        frame = frames.get(point.frame)
+        body = mechanism.joint(point.joint).child
+        frame = frames_by_name.get(point.frame)
         if frame is None or frame.body != body:
             raise MechanismError(f"compensation of {point.joint}: {body} has no frame '{point.frame}'")
         T_body_frame = frame.T_body_frame
@@ -70,9 +69,9 @@ class LoopHolding:
 
     def another(self) -> LoopHolding:
         """Return the same function, whose first call closes the loops from the posture of the CAD."""
-        other = copy(self)
-        other._states = None
-        return other
+        efforts = copy(self)
+        efforts._states = None
+        return efforts
 
     def __call__(self, q: Array) -> Array:
         """Return the joint efforts (n,) at joint values q (n,).
@@ -94,13 +93,13 @@ class LoopHolding:
 
 def _kernel(mechanism: Mechanism, solver: LoopSolver | None = None) -> Kernel:
     """Return the function of joint values, then the states of the passive joints, to the joint efforts."""
-    e = motion(mechanism, solver)
+    equations = motion(mechanism, solver)
     # At rest, only gravity is left of the efforts b.
-    b = ca.substitute(e.b, e.qd, ca.DM.zeros(e.qd.shape))
-    b = ca.substitute(b, e.factors, ca.DM.ones(e.factors.shape))
-    b = ca.substitute(b, e.fall, ca.DM(mechanism.gravity))
-    state = ca.SX.sym("q", e.q.numel() + e.states.numel())
-    b = ca.substitute(ca.densify(ca.simplify(b)), ca.vertcat(e.q, e.states), state)
-    g = ca.Function("gravity", [state], [b], {"cse": True})
+    efforts = ca.substitute(equations.b, equations.qd, ca.DM.zeros(equations.qd.shape))
+    efforts = ca.substitute(efforts, equations.factors, ca.DM.ones(equations.factors.shape))
+    efforts = ca.substitute(efforts, equations.fall, ca.DM(mechanism.gravity))
+    state = ca.SX.sym("q", equations.q.numel() + equations.states.numel())
+    efforts = ca.substitute(ca.densify(ca.simplify(efforts)), ca.vertcat(equations.q, equations.states), state)
+    g = ca.Function("gravity", [state], [efforts], {"cse": True})
     stage = Stage(g, ("q",), ("g",))
     return Kernel([stage], {"q": state.numel()}, ["g"], single=True)

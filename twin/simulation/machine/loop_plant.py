@@ -67,10 +67,10 @@ class LoopPlant(MotorPlant):
         Raises:
             MechanismError: a parameter is impossible.
         """
-        other = super().another(physics)
-        other.jams = 0
-        other.reset(self._solver.q)
-        return other
+        plant = super().another(physics)
+        plant.jams = 0
+        plant.reset(self._solver.q)
+        return plant
 
     def reset(self, q: ArrayLike, qd: ArrayLike = 0.0) -> None:
         """Set joint values (n,) and rates (n,); the loops are closed from the posture of the CAD.
@@ -98,22 +98,22 @@ class LoopPlant(MotorPlant):
         Raises:
             MechanismError: a torque, or a rate after the tick, is not finite; the state has not changed.
         """
-        n = self._count
+        count = self._count
         old = self._state
-        moved = self._step(old, torques, self._parameters)
-        if not np.isfinite(moved).all():
+        new_state = self._step(old, torques, self._parameters)
+        if not np.isfinite(new_state).all():
             raise MechanismError(
                 f"{self._arm.mechanism.name}: the rates after a tick are not finite, with motor torques "
                 f"{np.asarray(torques).tolist()}; give finite torques that the masses of the robot can take"
             )
         states = None
-        if self._keep_apart(moved, old):
-            states = self._solver.close(moved[:n], old[2 * n :], JAM)
-        if states is None or not self._is_near(np.concatenate([moved[:n], states]), old):
+        if self._keep_apart(new_state, old):
+            states = self._solver.close(new_state[:count], old[2 * count :], JAM)
+        if states is None or not self._is_near(np.concatenate([new_state[:count], states]), old):
             self.jams += 1
-            moved = np.concatenate([old[:n], np.zeros(n)])
-            states = old[2 * n :]
-        self._state = np.concatenate([moved, states])
+            new_state = np.concatenate([old[:count], np.zeros(count)])
+            states = old[2 * count :]
+        self._state = np.concatenate([new_state, states])
 
     def _is_near(self, values: Array, old: Array) -> bool:
         """Return whether values of all active joints, then of the passive ones, can follow those of the `old` state."""
@@ -121,7 +121,7 @@ class LoopPlant(MotorPlant):
         before = np.concatenate([old[:n], old[2 * n :]])
         return bool(np.abs(values - before).max() <= FARTHEST)
 
-    def _keep_apart(self, moved: Array, old: Array) -> bool:
+    def _keep_apart(self, new_state: Array, old: Array) -> bool:
         """Keep the distances of the carriages in new joint values and rates (2 n,); return whether all are kept.
 
         Carriages that were too close in the `old` state may stay so, but come no closer.
@@ -133,29 +133,29 @@ class LoopPlant(MotorPlant):
         for _ in range(_TOUCHES):
             touched = False
             for gap in gaps:
-                touched = self._touch(moved, *gap) or touched
+                touched = self._touch(new_state, *gap) or touched
             if not touched:
                 return True
-        return all(moved[upper] - moved[lower] >= least - _OVERLAP for lower, upper, least in gaps)
+        return all(new_state[upper] - new_state[lower] >= least - _OVERLAP for lower, upper, least in gaps)
 
-    def _touch(self, moved: Array, lower: int, upper: int, least: float) -> bool:
+    def _touch(self, new_state: Array, lower: int, upper: int, least: float) -> bool:
         """Let two carriages touch that come closer than their minimum distance; return whether they did."""
-        n = self._count
-        overlap = least - (moved[upper] - moved[lower])
+        count = self._count
+        overlap = least - (new_state[upper] - new_state[lower])
         if not overlap > _OVERLAP:
             return False
         low = self.physics.stops[0][lower]
         high = self.physics.stops[1][upper]
         # A carriage at its hard stop does not yield; then the other one moves back alone, and both are at rest.
-        down = min(overlap / 2, max(moved[lower] - low, 0.0))
-        up = min(overlap - down, max(high - moved[upper], 0.0))
-        down = min(overlap - up, max(moved[lower] - low, 0.0))
-        moved[lower] -= down
-        moved[upper] += up
-        rate = (moved[n + lower] + moved[n + upper]) / 2
+        down = min(overlap / 2, max(new_state[lower] - low, 0.0))
+        up = min(overlap - down, max(high - new_state[upper], 0.0))
+        down = min(overlap - up, max(new_state[lower] - low, 0.0))
+        new_state[lower] -= down
+        new_state[upper] += up
+        rate = (new_state[count + lower] + new_state[count + upper]) / 2
         if down < overlap / 2 or up < overlap / 2:
             rate = 0.0
-        if moved[n + lower] >= moved[n + upper]:  # else they already move apart
-            moved[n + lower] = rate
-            moved[n + upper] = rate
+        if new_state[count + lower] >= new_state[count + upper]:  # else they already move apart
+            new_state[count + lower] = rate
+            new_state[count + upper] = rate
         return True

@@ -37,12 +37,12 @@ class LoopRates:
         Raises:
             MechanismError: a passive joint has an unknown type, or no loop determines it.
         """
-        e = solver.equations
+        equations = solver.equations
         self._solver = solver
-        self.states = e.states
+        self.states = equations.states
         self.passive: list[tuple[str, Any, slice]] = []
         start = 0
-        for passive in e.passive:
+        for passive in equations.passive:
             kind = passive.joint.type
             if kind not in _KINDS:
                 raise MechanismError(
@@ -52,8 +52,8 @@ class LoopRates:
             self.passive.append((passive.name, passive.state, slice(start, end)))
             start = end
         self._count = start
-        A_q = ca.substitute(ca.jacobian(e.residual, e.q), e.q, q)
-        self._A_s = ca.substitute(e.jacobian, e.q, q)
+        A_q = ca.substitute(ca.jacobian(equations.residual, equations.q), equations.q, q)
+        self._A_s = ca.substitute(equations.jacobian, equations.q, q)
         columns = []
         for i in range(q.numel()):
             columns.append(self._solved(A_q[:, i]))
@@ -62,12 +62,12 @@ class LoopRates:
         # c: the derivative of A_q qd + A_s v along the motion, with v as symbols, which do not change
         v = ca.SX.sym("v", self._count)
         changes = []
-        for (_, _, rows), passive in zip(self.passive, e.passive, strict=True):
+        for (_, _, rows), passive in zip(self.passive, equations.passive, strict=True):
             stepped = passive.stepped(passive.step)
             per_step = ca.substitute(ca.jacobian(stepped, passive.step), passive.step, 0)
             changes.append(per_step @ v[rows])
         along = ca.vertcat(qd, *changes)
-        c = ca.jtimes(A_q @ qd + self._A_s @ v, ca.vertcat(q, e.states), along)
+        c = ca.jtimes(A_q @ qd + self._A_s @ v, ca.vertcat(q, equations.states), along)
         self.drift = self._solved(ca.substitute(c, v, self.rates))
 
     def _solved(self, b: ca.SX) -> ca.SX:
@@ -75,10 +75,10 @@ class LoopRates:
         x: dict[int, ca.SX] = {}
         for block, sample in zip(self._solver.blocks, self._solver.samples, strict=True):
             rows = list(block.rows)
-            known = b[rows]
+            right_side = b[rows]
             for column, value in x.items():
-                known = known + self._A_s[rows, column] * value
-            part = block_solution(self._A_s, block, sample, -known)
+                right_side = right_side + self._A_s[rows, column] * value
+            part = block_solution(self._A_s, block, sample, -right_side)
             x.update(zip(block.columns, ca.vertsplit(part), strict=True))
         for name, _, rows in self.passive:
             if not all(column in x for column in range(rows.start, rows.stop)):

@@ -53,7 +53,7 @@ class Address:
         parts = text.rsplit(":", 2)
         if len(parts) == 2:
             parts = [HOST, *parts]
-        if len(parts) != 3 or not parts[0] or not all(_is_number(part) for part in parts[1:]):
+        if len(parts) != 3 or not parts[0] or not all(map(_is_number, parts[1:])):
             raise DeviceError(
                 f"'{text}' is not the address of a machine: give HOST:PORT:STATEPORT, such as 127.0.0.1:36000:36001"
             )

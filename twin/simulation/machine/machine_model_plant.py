@@ -34,6 +34,9 @@ from twin.simulation.world.signal_kinds import (
     ROBOT_RUN,
 )
 
+_LONGEST_STEP = 1000
+"""Largest number of ticks between two states from which the velocities of the tips are computed: one second."""
+
 _KEPT = 4096
 """Number of the latest packets for which the model's joint values after the packet are stored."""
 
@@ -81,21 +84,22 @@ class MachineModelPlant(Block):
 
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, Array]:
         """Step the model by the packet of this tick, and compare the model with the newest state of the machine."""
-        now = signals.now
+        current = signals.now
         name = self.robot
         model = self._model
-        given = now[ROBOT_GIVEN.of(name)]
-        run = now[ROBOT_RUN.of(name)]
-        measured = now[ROBOT_MEASURED.of(name)]
-        phase = int(now[ROBOT_PHASE.of(name)][0])
+        packet_values = current[ROBOT_GIVEN.of(name)]
+        run = current[ROBOT_RUN.of(name)]
+        measured = current[ROBOT_MEASURED.of(name)]
+        phase = int(current[ROBOT_PHASE.of(name)][0])
         answers = run[ANSWERS] > 0.5
-        alone = phase in (TrainerPhase.REHEARSE, TrainerPhase.JUDGED)
-        down = answers and run[LEVEL] < Level.PEDAL_UP and not alone  # the machine is stopped or moves to home
-        if given[9] > 0.5 or down:
+        model_alone = phase in (TrainerPhase.REHEARSE, TrainerPhase.JUDGED)
+        # the machine is stopped or moves to home, which the model does not know
+        is_stopped = answers and run[LEVEL] < Level.PEDAL_UP and not model_alone
+        if packet_values[9] > 0.5 or is_stopped:
             self._stand(measured)
-        if not down:
+        if not is_stopped:
             self._given += 1
-            packet = pack(number_of(self._given), self._arm, given[:9], self._version)
+            packet = pack(number_of(self._given), self._arm, packet_values[:9], self._version)
             model.step(t, [(packet, name)])
         self._sent += 1
         self._kept[self._sent % _KEPT] = model.q
@@ -104,7 +108,7 @@ class MachineModelPlant(Block):
         velocity = (self._tip - previous_tip) / dt
         self._speed = self._speed + self._share * (velocity - self._speed)
         if run[TICK] != self._compared_tick:
-            self._compare(measured, run, alone)
+            self._compare(measured, run, model_alone)
         comparison = self._comparison
         together = model.level == Level.PEDAL_DN and run[LEVEL] == Level.PEDAL_DN
         force = np.zeros(3)
@@ -114,7 +118,7 @@ class MachineModelPlant(Block):
         machine_speed = float(np.linalg.norm(comparison.speeds[0]))
         return {
             ROBOT_Q.of(name): measured,
-            ROBOT_ENCODER.of(name): model.q if alone else measured,
+            ROBOT_ENCODER.of(name): model.q if model_alone else measured,
             f"{name}{MODEL}.q": model.q,
             ROBOT_MODEL.of(name): np.array([model.plc.level, model_speed, model.held]),
             ROBOT_DEVIATION.of(name): np.array([comparison.deviation, machine_speed]),
@@ -137,7 +141,7 @@ class MachineModelPlant(Block):
         If the model moves `alone`, the machine is compared with the present state of the model.
         """
         # After a restart of the machine, or a long pause, the difference is no time between two states.
-        ticks = int(np.clip(run[TICK] - self._compared_tick, 1, 1000))
+        ticks = int(np.clip(run[TICK] - self._compared_tick, 1, _LONGEST_STEP))
         self._compared_tick = run[TICK]
         behind = ahead(number_of(self._sent), int(run[SEQUENCE]))
         q = self._model.q

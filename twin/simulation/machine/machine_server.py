@@ -103,12 +103,13 @@ class Server:
         self._udp = socket.socket(type=socket.SOCK_DGRAM)
         self._tcp = socket.socket()
         self._tcp.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        for kind, sock, wanted in (("UDP", self._udp, port), ("TCP", self._tcp, state_port)):
+        for kind, sock, requested_port in (("UDP", self._udp, port), ("TCP", self._tcp, state_port)):
             try:
-                sock.bind((HOST, wanted))
+                sock.bind((HOST, requested_port))
             except OSError as error:
                 self.close()
-                raise DeviceError(f"{kind} port {wanted} of {HOST}: {error.strerror}; give another port") from error
+                reason = error.strerror
+                raise DeviceError(f"{kind} port {requested_port} of {HOST}: {reason}; give another port") from error
             sock.setblocking(False)
         self._tcp.listen(READERS)
         self.port = self._udp.getsockname()[1]
@@ -122,21 +123,21 @@ class Server:
     def run(
         self,
         seconds: float = float("inf"),
-        said: Callable[[str], None] = lambda text: None,
+        tell: Callable[[str], None] = lambda text: None,
         ends: Callable[[], bool] = lambda: False,
     ) -> None:
         """Run for a time in s, or until `ends` returns True; `ends` is called 20 times per second.
 
-        `said` is called with a line of text for each change of the run level, with a reason in E_STOP, and for each new
+        `tell` is called with a line of text for each change of the run level, with a reason in E_STOP, and for each new
         reason to refuse a connection.
         """
         gc.freeze()  # without this, garbage collection checks all imported modules, which takes many ticks
         begin = time.monotonic()
-        level = None  # as last said
+        level = None  # as last reported
         refusal = self.refusal
-        k = 0
-        while k * TICK < seconds and not (k % _ASK == 0 and ends()):
-            t = k * TICK
+        tick = 0
+        while tick * TICK < seconds and not (tick % _ASK == 0 and ends()):
+            t = tick * TICK
             due = begin + t
             wait = due - time.monotonic()
             if wait > 0:
@@ -148,11 +149,11 @@ class Server:
                 line = f"{t:.3f} s: {level.name}"
                 if self.machine.reason:
                     line += f": {self.machine.reason}"
-                said(line)
+                tell(line)
             if self.refusal != refusal:
                 refusal = self.refusal
-                said(f"{t:.3f} s: {refusal}")
-            k += 1
+                tell(f"{t:.3f} s: {refusal}")
+            tick += 1
 
     def step(self, t: float) -> None:
         """Run one tick at t in s: read packets and buttons, move the machine, send the state."""
@@ -179,17 +180,17 @@ class Server:
                 continue
             except OSError:
                 received = b""
-            *lines, rest = (text + received).split(b"\n")
+            *lines, incomplete_line = (text + received).split(b"\n")
             refused = False
             for line in lines:
                 if not self._press(line.strip()):
                     refused = True
                     break
             ended = not received
-            if refused or ended or len(rest) > _LINE:
+            if refused or ended or len(incomplete_line) > _LINE:
                 self._drop(reader)
             else:
-                self._readers[reader] = rest
+                self._readers[reader] = incomplete_line
 
     def _accept(self) -> None:
         with contextlib.suppress(OSError):  # nobody connects, or a connection was aborted before it was accepted
@@ -240,10 +241,10 @@ class Server:
     def _send(self, state: bytes) -> None:
         for reader in list(self._readers):
             try:
-                whole = reader.send(state) == len(state)
+                is_sent = reader.send(state) == len(state)
             except OSError:
-                whole = False
-            if not whole:
+                is_sent = False
+            if not is_sent:
                 self._drop(reader)
 
 

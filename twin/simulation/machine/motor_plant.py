@@ -34,6 +34,9 @@ TICK = 1e-3
 SWEEPS = 3
 """Number of sweeps over the joints for the Coulomb friction."""
 
+_LEAST_FACTOR = 1e-3
+"""Smallest factor of a mass: 0 would make the mass matrix singular."""
+
 LOOP_SWEEPS = 20
 """The same for a mechanism with loops, whose joints are strongly coupled."""
 
@@ -89,12 +92,13 @@ class Physics:
             MechanismError: a number is not finite, a mass factor is below 0.001, or a friction or rotor inertia is
                 negative.
         """
-        joints = [j.name for j in arm.mechanism.active]
+        active_names = [joint.name for joint in arm.mechanism.active]
+        tree_names = [joint.name for joint in arm.mechanism.tree]
         parts = {
-            "factor of the mass": ([j.name for j in arm.mechanism.tree], self.factors, 1e-3),
-            "rotor inertia": (joints, self.rotors, 0.0),
-            "viscous friction": (joints, self.viscous, 0.0),
-            "Coulomb friction": (joints, self.coulomb, 0.0),
+            "factor of the mass": (tree_names, self.factors, _LEAST_FACTOR),
+            "rotor inertia": (active_names, self.rotors, 0.0),
+            "viscous friction": (active_names, self.viscous, 0.0),
+            "Coulomb friction": (active_names, self.coulomb, 0.0),
         }
         for what, (names, values, least) in parts.items():
             if np.shape(values) != (len(names),):
@@ -140,10 +144,10 @@ class MotorPlant:
         Raises:
             MechanismError: a parameter is impossible.
         """
-        other = copy(self)
-        other._state = np.zeros_like(self._state)
-        other.set(physics or self.physics)
-        return other
+        plant = copy(self)
+        plant._state = np.zeros_like(self._state)
+        plant.set(physics or self.physics)
+        return plant
 
     @property
     def q(self) -> Array:
@@ -185,49 +189,50 @@ def tick_kernel(arm: Arm, solver: LoopSolver | None = None) -> Kernel:
     The state has joint values and rates (2 n,), then the states of the passive joints, which `solver` closes; without
     loops, there are none.
     """
-    e = motion(arm.mechanism, solver)
+    equations = motion(arm.mechanism, solver)
     h = TICK
-    n = len(arm.mechanism.active)
-    rotors = ca.SX.sym("rotors", n)
-    V = ca.SX.sym("V", n)
-    C = ca.SX.sym("C", n)
-    low = ca.SX.sym("low", n)
-    high = ca.SX.sym("high", n)
-    torques = ca.SX.sym("torques", n)
+    count = len(arm.mechanism.active)
+    rotors = ca.SX.sym("rotors", count)
+    V = ca.SX.sym("V", count)
+    C = ca.SX.sym("C", count)
+    low = ca.SX.sym("low", count)
+    high = ca.SX.sym("high", count)
+    torques = ca.SX.sym("torques", count)
     T_inverse = ca.DM(np.linalg.inv(arm.mechanism.motor_matrix))
     # h V: the viscous friction acts on the new rates (implicit Euler method).
-    M = e.M + T_inverse.T @ ca.diag(rotors) @ T_inverse + ca.diag(h * V)
+    M = equations.M + T_inverse.T @ ca.diag(rotors) @ T_inverse + ca.diag(h * V)
     M_inverse = symmetric_inverse(M)
-    v = e.qd + h * (M_inverse @ (T_inverse.T @ torques - e.b - V * e.qd))
+    v = equations.qd + h * (M_inverse @ (T_inverse.T @ torques - equations.b - V * equations.qd))
     at_rest = M @ (-v) / h  # efforts after which all joints are at rest
     sticks = ca.SX(1)
-    for i in range(n):
+    for i in range(count):
         sticks = sticks * (ca.fabs(at_rest[i]) <= C[i])
-    friction = [ca.SX(0)] * n
+    friction = [ca.SX(0)] * count
     for _ in range(SWEEPS if solver is None else LOOP_SWEEPS):
-        for i in range(n):
+        for i in range(count):
             stopping = friction[i] - v[i] / (h * M_inverse[i, i])  # effort after which joint i is at rest
             effort = ca.fmax(ca.fmin(stopping, C[i]), -C[i])
             v = v + h * M_inverse[:, i] * (effort - friction[i])
             friction[i] = effort
     if solver is not None:
         # The joints of a parallel robot are so strongly coupled that the sweeps alone would let it creep on its brakes.
-        v = ca.if_else(sticks, ca.SX.zeros(n), v)
-    q = e.q + h * v
+        v = ca.if_else(sticks, ca.SX.zeros(count), v)
+    q = equations.q + h * v
     # A joint that reaches a hard stop stays there at rest, without rebound.
     inside = ca.fmax(ca.fmin(q, high), low)
     rates = []
-    for i in range(n):
+    for i in range(count):
         at_stop = ca.fabs(q[i] - inside[i]) > 0
         rates.append(ca.if_else(at_stop, 0, v[i]))
     new_state = ca.densify(ca.vertcat(inside, *rates))
     # The kernel has one vector of states and one of parameters, in the order of `Physics.checked`.
-    symbols = ca.vertcat(e.q, e.qd, e.states, e.factors, rotors, V, C, e.fall, low, high)
-    state = ca.SX.sym("state", 2 * n + e.states.numel())
+    states = (equations.q, equations.qd, equations.states)
+    symbols = ca.vertcat(*states, equations.factors, rotors, V, C, equations.fall, low, high)
+    state = ca.SX.sym("state", 2 * count + equations.states.numel())
     parameters = ca.SX.sym("parameters", symbols.numel() - state.numel())
     new_state = ca.substitute(new_state, symbols, ca.vertcat(state, parameters))
     step = ca.Function("tick", [state, torques, parameters], [new_state], {"cse": True})
-    sizes = {"state": state.numel(), "torques": n, "parameters": parameters.numel()}
+    sizes = {"state": state.numel(), "torques": count, "parameters": parameters.numel()}
     return Kernel([Stage(step, tuple(sizes), ("new",))], sizes, ["new"], single=True)
 
 

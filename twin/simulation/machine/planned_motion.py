@@ -53,8 +53,8 @@ def follow(arm: Arm, settings: Settings, q: Array, qd: Array, plant: MotorPlant 
     planned = np.concatenate([q, np.repeat(q[-1:], _AFTER, axis=0)])
     rates = np.concatenate([qd, np.zeros((_AFTER, q.shape[1]))])
     reached = []
-    for wanted, rate in zip(planned, rates, strict=True):
-        error = mechanism.motors(wanted - plant.q)
+    for desired, rate in zip(planned, rates, strict=True):
+        error = mechanism.motors(desired - plant.q)
         error_rate = mechanism.motors(rate - plant.qd)
         counts = servo.counts_of(error, error_rate, gravity(plant.q))
         plant.advance(servo.torques(counts))

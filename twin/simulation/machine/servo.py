@@ -44,7 +44,7 @@ class Servo:
 
     def __post_init__(self) -> None:
         motors = self.settings.of_motors(self.mechanism)
-        self.limit = np.array([getattr(m.dac, self.mode) for m in motors])
+        self.limit = np.array([getattr(motor.dac, self.mode) for motor in motors])
         self.reset()
         self._stop_dac = self.settings.number.stop_dac.value
         self._passed = np.minimum(self.limit, self._stop_dac).tolist()

@@ -202,14 +202,16 @@ def load(path: Path, mechanism: Mechanism) -> Settings:
     if table.released.whole_counts and table.number.counts_per_turn.value < 2 * np.pi:
         text = "with released.whole_counts, a turn needs at least 6.28 counts: fewer are rounded down to 0 per rad"
         raise error_at(path, ("number", "counts_per_turn", "value"), text)
-    joint_names = [j.name for j in mechanism.active]
-    _check_names(path, "motor", [m.name for m in table.motor], mechanism.motor_names)
-    _check_names(path, "joint", [j.name for j in table.joint], joint_names)
-    # A joint without a point mass needs no compensation.
-    _check_names(path, "compensation", [m.joint for m in table.compensation], joint_names, complete=False)
-    joints = {j.name: j for j in mechanism.active}
+    joint_names = [joint.name for joint in mechanism.active]
+    stated_motors = [motor.name for motor in table.motor]
+    stated_joints = [friction.name for friction in table.joint]
+    compensated_joints = [point.joint for point in table.compensation]
+    _check_names(path, "motor", stated_motors, mechanism.motor_names)
+    _check_names(path, "joint", stated_joints, joint_names)
+    # a joint without a point mass needs no compensation
+    _check_names(path, "compensation", compensated_joints, joint_names, complete=False)
     for i, entry in enumerate(table.joint):
-        joint = joints[entry.name]
+        joint = mechanism.joint(entry.name)
         unit = "N m" if joint.is_angle else "N"
         if entry.unit != unit:
             text = f"{joint.name} is {joint.type}, but its friction is in {entry.unit}"

@@ -66,6 +66,7 @@ _ON = (Level.INIT, Level.PEDAL_DN)
 """Run levels at which the motors are on."""
 
 _MICRO = 1e-6
+"""A micrometre in m: packets have positions in whole micrometres."""
 
 _HOMED = (0.02, 5e-3, 5e-4)
 """Largest joint errors at which homing is complete: for a joint without brake, in rad; for a revolute joint with brake,
@@ -107,7 +108,7 @@ class Parts:
         """For each signal of `LOCATIONS`, the names of its numbers."""
         mechanism = self.arm.mechanism
         motors = tuple(mechanism.motor_names)
-        joints = tuple(j.name for j in mechanism.active)
+        joints = tuple(joint.name for joint in mechanism.active)
         return {
             "wire": SENT,
             "packet": FIELDS,
@@ -202,7 +203,7 @@ class Machine:
         self._pedal = False
         n = len(self._mechanism.active)
         self._counts = np.zeros(n)
-        self._gravity = _own(parts.gravity)
+        self._gravity = _gravity_of_one(parts.gravity)
         self._home_tool = self._tool_at(parts.home, None)
         self._tool = self._tool_at(self.plant.q, self._home_tool)  # the last pose that the software knew
         self._motors: Array | None = None  # known from the first reading of the encoders on
@@ -241,7 +242,9 @@ class Machine:
             elif number.largest_travel_speed is not None:
                 self._fast.append((i, number.largest_travel_speed.value, "moves at {:.3g} m/s"))
         names = [joint.name for joint in self._mechanism.active]
-        self._gaps = [(names.index(lower), names.index(upper), least) for lower, upper, least in self.parts.gaps]
+        self._gaps: list[tuple[int, int, float]] = []
+        for lower, upper, least in self.parts.gaps:
+            self._gaps.append((names.index(lower), names.index(upper), least))
         self._close = np.where(brakes == 0, _HOMED[0], np.where(self._angles, *_HOMED[1:]))
         self._still = np.where(brakes == 0, np.inf, np.where(self._angles, *_STILL))
 
@@ -263,7 +266,7 @@ class Machine:
         self._initialised = True
         self._pedal = False
         self._target = None
-        self._gravity = _own(self.parts.gravity)
+        self._gravity = _gravity_of_one(self.parts.gravity)
         self._tool = self._tool_at(q, self._tool)
         self.servo.reset()
         self._motors = self._encoders() * self.parts.arithmetic.angle
@@ -330,6 +333,7 @@ class Machine:
     # -- the control software ----------------------------------------------------------------------------
 
     def _control(self, t: float, counts: Array, packets: list[Packet]) -> None:
+        """Run one tick of the control software at t in s: encoder counts (n,) and packets to counts of the DAC."""
         previous_level = self.level
         self._sense(counts)
         level = self._level(t, self._reader.read([self.plc.level]))
@@ -387,6 +391,7 @@ class Machine:
             self._target = self._tool.copy()
 
     def _check_speed(self) -> None:
+        """Stop the arm if a joint with a brake is faster than its limit while the motors are on."""
         if self.level not in _ON:
             return
         for i, limit, text in self._fast:
@@ -469,6 +474,7 @@ class Machine:
     # -- faults and power --------------------------------------------------------------------------------
 
     def _disturbed(self, packet: Packet) -> list[Packet]:
+        """Return an accepted packet as its faults leave it: none, one, or several."""
         if not self._faults["packet"]:
             return [packet]
         values = packet.values
@@ -497,6 +503,7 @@ class Machine:
             self._reach(T, self.wanted)
 
     def _changed(self, signal: str, t: float, value: Array) -> Array:
+        """Return the value of a signal as its faults leave it at t in s."""
         for fault in self._faults[signal]:
             moment = self.receiver.sequence if fault.counts else t
             value = fault.change(moment, value)
@@ -509,7 +516,7 @@ class Machine:
             self.plant.set(physics)
 
 
-def _own(gravity: GravityEfforts) -> GravityEfforts:
+def _gravity_of_one(gravity: GravityEfforts) -> GravityEfforts:
     """Return the gravity compensation for one machine: with loops, it remembers how these were closed."""
     if isinstance(gravity, LoopHolding):
         return gravity.another()
@@ -518,7 +525,9 @@ def _own(gravity: GravityEfforts) -> GravityEfforts:
 
 def _by_signal(faults: Iterable[Fault]) -> dict[str, list[Fault]]:
     """Return {signal of `LOCATIONS`: its faults}; raise a `WorldError` if a fault is impossible."""
-    by_signal: dict[str, list[Fault]] = {name: [] for name in LOCATIONS}
+    by_signal: dict[str, list[Fault]] = {}
+    for name in LOCATIONS:
+        by_signal[name] = []
     for fault in faults:
         if fault.signal not in LOCATIONS:
             raise WorldError(unknown("signal of the machine", fault.signal, LOCATIONS))

@@ -58,5 +58,7 @@ class ForceMeter:
         """Return the measures of the ticks so far; None: there was no tick, or the World has no forces."""
         if self._ticks == 0:
             return None
-        felt = {hand: ticks * self._dt for hand, ticks in self._felt.items()}
+        felt = {}
+        for hand, ticks in self._felt.items():
+            felt[hand] = ticks * self._dt
         return ForceMeasures(self._on / self._ticks, felt, dict(self._largest))

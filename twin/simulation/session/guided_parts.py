@@ -12,7 +12,11 @@ from twin.simulation.condition import RUNS, Condition, randomised
 PHASES = 5
 """Number of phases; the third one has two runs."""
 
-_REPEATED, _ONCE = "pegboard", "camera"
+_REPEATED = "pegboard"
+"""Task of the third phase, with and without forces on the hands."""
+
+_ONCE = "camera"
+"""Task of the fourth phase."""
 
 
 @dataclass(frozen=True)
@@ -55,10 +59,10 @@ def guided_parts(scene: Scene, participant: int) -> list[GuidedPart]:
             raise TwinError(f"scene '{scene.name}' has no task '{task}', which the study of the console needs")
     first = randomised(participant, 1)  # its error names a wrong participant
     without = Condition(haptics=False, participant=participant)
-    free = Condition(haptics=True, participant=participant)
+    with_forces = Condition(haptics=True, participant=participant)
     parts = [
         GuidedPart(1, "before", "questionnaires before the experiment", None, without, before=["ssq"]),
-        GuidedPart(2, "familiarization", "familiarization, 5 to 10 min", None, free),
+        GuidedPart(2, "familiarization", "familiarization, 5 to 10 min", None, with_forces),
     ]
     for run in range(1, RUNS + 1):
         condition = first if run == 1 else randomised(participant, run)

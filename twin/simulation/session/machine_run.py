@@ -27,6 +27,9 @@ _CHUNK = 100
 _OWED = 0.1
 """Largest lag in s behind real time that the World makes up by faster steps; a larger lag remains."""
 
+_POLL = 0.01
+"""Time in s between two looks at the state of a machine that is made ready."""
+
 _HOME = 20.0
 """Maximum time in s in which a machine must reach its home posture after its start."""
 
@@ -61,7 +64,9 @@ def train(
     for name, link in links.items():
         ready(name, link)
     trainee = Trainee(seat_of(setup, seed, scale), links, triangles)
-    states = {name: MachineStates(name, parts[name].home) for name in links}
+    states = {}
+    for name in links:
+        states[name] = MachineStates(name, parts[name].home)
     device = Together([trainee, *states.values()])
     outbox = Outbox(parts)
     tape = Tape()
@@ -76,7 +81,7 @@ def train(
             if wait > 0:
                 time.sleep(wait)
             elif wait < -_OWED:
-                begin -= wait
+                begin -= wait  # the clock of the World begins anew: the lag remains
             exchange.receive()
             world.step()
             exchange.send()
@@ -110,7 +115,7 @@ def ready(name: str, link: MachineLink, patience: float = _HOME) -> None:
             pressed = True
         if link.reader.problem:
             break
-        time.sleep(0.01)
+        time.sleep(_POLL)
     state = link.state
     reason = link.problem
     if not reason and state is not None:

@@ -96,24 +96,24 @@ def of_arms(recording: Recording, table: ConsoleTable, tips: Mapping[str, Array]
     return measured
 
 
-def _arm(recording: Recording, hand: str, robot: str, p: Array) -> ArmMeasures:
+def _arm(recording: Recording, hand: str, robot: str, tip_positions: Array) -> ArmMeasures:
     dt = recording.dt
-    v = movement.speed(p, dt)
-    parts = movement.movements(v, dt)
-    rests = np.ones(len(v), bool)
+    speed = movement.speed(tip_positions, dt)
+    movements = movement.movements(speed, dt)
+    rests = np.ones(len(speed), bool)
     smoothness = []
-    for first, last in parts:
+    for first, last in movements:
         rests[first : last + 1] = False
-        smoothness.append(movement.spectral_arc_length(v[first : last + 1], dt))
+        smoothness.append(movement.spectral_arc_length(speed[first : last + 1], dt))
     idle = rests & (recording[CONSOLE_MODE.name][:, 0] == TOOLS)
     return ArmMeasures(
         hand,
         robot,
-        movement.path_length(p),
-        len(parts),
+        movement.path_length(tip_positions),
+        len(movements),
         _duration(~rests, dt),
         _duration(idle, dt),
-        movement.economy(p, parts),
+        movement.economy(tip_positions, movements),
         float(np.mean(smoothness)) if smoothness else np.nan,
         _grasps(recording[HAND_GRIP.of(hand)][:, 0]),
     )
@@ -121,7 +121,7 @@ def _arm(recording: Recording, hand: str, robot: str, p: Array) -> ArmMeasures:
 
 def _grasps(grip: Array) -> int:
     """Return the number of times that a gripper (k,) closed beyond the middle of its range; 0 if it never moved."""
-    if np.ptp(grip) == 0:
+    if np.ptp(grip) == 0:  # a gripper that never moved has no middle to cross
         return 0
     half = (grip.min() + grip.max()) / 2
     closings = (grip[:-1] > half) & (grip[1:] <= half)

@@ -33,6 +33,7 @@ def speed(p: Array, dt: float) -> Array:
     if 0.5 / dt > CUT_OFF:
         from scipy.signal import butter, sosfiltfilt  # takes 0.7 s; a server does not need it at start
 
+        # forwards and backwards, so that the filter shifts no movement in time
         low = butter(2, CUT_OFF, fs=1 / dt, output="sos")
         p = sosfiltfilt(low, p, axis=0, padlen=min(len(p) - 1, round(0.1 / dt)))
     return np.linalg.norm(np.gradient(p, dt, axis=0), axis=1)
@@ -59,7 +60,11 @@ def movements(v: Array, dt: float) -> list[tuple[int, int]]:
                 joined.pop()
         joined.append((begin, last))
     shortest = SHORT - 1e-9  # a movement of exactly `SHORT` counts, whatever its samples round to
-    return [(first, last) for first, last in joined if (last - first + 1) * dt >= shortest]
+    long_enough = []
+    for first, last in joined:
+        if (last - first + 1) * dt >= shortest:
+            long_enough.append((first, last))
+    return long_enough
 
 
 def runs(flags: np.ndarray) -> list[tuple[int, int]]:
@@ -71,15 +76,15 @@ def runs(flags: np.ndarray) -> list[tuple[int, int]]:
     return list(zip(firsts, lasts, strict=True))
 
 
-def economy(p: Array, parts: list[tuple[int, int]]) -> float:
+def economy(p: Array, movement_rows: list[tuple[int, int]]) -> float:
     """Return the economy of motion: straight distances of all movements divided by their path lengths, 0 to 1.
 
     Distances and path lengths are added up over the movements; the result is NaN without a movement. `p` (k, 3):
-    positions of the point in m; `parts`: the result of `movements`.
+    positions of the point in m; `movement_rows`: the result of `movements`.
     """
     straight = 0.0
     path = 0.0
-    for first, last in parts:
+    for first, last in movement_rows:
         straight += float(np.linalg.norm(p[last] - p[first]))
         path += path_length(p[first : last + 1])
     if path > 0:

@@ -84,7 +84,9 @@ class InstrumentReferee(Block):
         self.events: list[Event] = []
         self._names = tuple(robots)
         self._few = round(SHORT / period)
-        self._hits = [Runs(self._few) for _ in robots]
+        self._hits: list[Runs] = []
+        for _ in robots:
+            self._hits.append(Runs(self._few))
         self._meetings = Runs(self._few)
         self._samples = 0
         self._begun = -1
@@ -104,24 +106,27 @@ class InstrumentReferee(Block):
 
     def see_all(self, recording: Recording) -> None:
         """Judge all samples of a recording; the referee must have no samples yet, and the period of the recording."""
-        for now in recording.samples(self.signals):
-            self.see(now)
+        for sample in recording.samples(self.signals):
+            self.see(sample)
 
-    def see(self, now: Mapping[str, Array]) -> None:
+    def see(self, sample: Mapping[str, Array]) -> None:
         """Judge one sample, `period` after the sample before."""
         k = self._samples
         self._samples += 1
-        if self._begun < 0 and any(now[ROBOT_FOLLOWS.of(name)][0] > 0.5 for name in self._names):
-            self._begun = k
-        self._see_task(k, now)
-        met = False
+        if self._begun < 0:
+            for name in self._names:
+                if sample[ROBOT_FOLLOWS.of(name)][0] > 0.5:
+                    self._begun = k
+        # before the collisions: an event of the task is reported before a touch in the same sample
+        self._see_task(k, sample)
+        has_met = False
         for name, hits in zip(self._names, self._hits, strict=True):
-            met |= bool(now[ROBOT_MEETS.of(name)][0] > 0.5)
-            if hits.see(k, bool(now[ROBOT_TOUCHES.of(name)][0] > 0.5)):
+            has_met |= bool(sample[ROBOT_MEETS.of(name)][0] > 0.5)
+            if hits.see(k, bool(sample[ROBOT_TOUCHES.of(name)][0] > 0.5)):
                 self._tell(k, "bad", f"{self.called[name]} touched {self._touched}")
-        if self._meetings.see(k, met):
-            both = " and ".join(self.called[name] for name in self._names)
-            self._tell(k, "bad", f"{both} touched each other")
+        if self._meetings.see(k, has_met):
+            names_of_both = " and ".join([self.called[name] for name in self._names])
+            self._tell(k, "bad", f"{names_of_both} touched each other")
 
     @abstractmethod
     def _see_task(self, k: int, now: Mapping[str, Array]) -> None:
@@ -130,7 +135,10 @@ class InstrumentReferee(Block):
     @property
     def collisions(self) -> int:
         """Number of collisions of an instrument with a fixed part, or with the other instrument."""
-        return sum(h.count for h in self._hits) + self._meetings.count
+        count = self._meetings.count
+        for hits in self._hits:
+            count += hits.count
+        return count
 
     def _duration(self, end: float | None) -> float:
         """Return the time in s from the first moment in which an arm follows its hand to `end` (None: until now)."""
@@ -141,9 +149,15 @@ class InstrumentReferee(Block):
         return end - self._begun * self.period
 
     def _tell(self, k: int, tone: Tone, text: str) -> None:
-        samples = k - self._begun if self._begun >= 0 else 0  # the clock of the page starts with the first motion
+        """Add an event at sample k."""
+        samples = 0
+        if self._begun >= 0:  # the clock of the page starts with the first motion
+            samples = k - self._begun
         self.events.append(Event(samples * self.period, tone, text))
 
     def _told(self, last: int) -> list[list]:
         """Return the newest events, at most `last`, as plain data."""
-        return [[round(event.t, 1), event.tone, event.text] for event in self.events[-last:]]
+        rows: list[list] = []
+        for event in self.events[-last:]:
+            rows.append([round(event.t, 1), event.tone, event.text])
+        return rows

@@ -149,7 +149,11 @@ def head(
 
 
 def _signal_tables(sizes: Mapping[str, int]) -> list[JsonObject]:
-    return [{"name": name, "size": size} for name, size in sizes.items()]
+    """Return the rows of the first line for {signal: number of values}."""
+    tables = []
+    for name, size in sizes.items():
+        tables.append({"name": name, "size": size})
+    return tables
 
 
 class SessionWriter:
@@ -179,13 +183,13 @@ class SessionWriter:
         device_columns = []
         for signal in head.device:
             # what the device wrote, also if a hazard has changed the signal since
-            found = column_of.get(f"{signal.name}.written", column_of[signal.name])
-            device_columns.append(np.arange(found.start, found.stop))
+            columns_of_signal = column_of.get(f"{signal.name}.written", column_of[signal.name])
+            device_columns.append(np.arange(columns_of_signal.start, columns_of_signal.stop))
         self._device = np.concatenate(device_columns)
         chunk_size = 8 * (CHUNK * len(self._device) + sum(world_sizes.values()))  # bytes, unpacked
         self._most = LARGEST // chunk_size * CHUNK
         self._rows: list[Array] = []
-        self._held = 0
+        self._waiting = 0  # rows that are not in the file yet
         self._digests = hashlib.sha256()
         if self._part.exists():
             raise OutputError(
@@ -225,15 +229,15 @@ class SessionWriter:
             OutputError: the file cannot be written; data written before remain in the `.part`.
         """
         self._rows.append(rows)
-        self._held += len(rows)
+        self._waiting += len(rows)
         self.ticks += len(rows)
-        if self._held >= CHUNK:
-            held = np.concatenate(self._rows)
-            full = len(held) // CHUNK * CHUNK
-            for k in range(0, full, CHUNK):
-                self._write(held[k : k + CHUNK])
-            self._rows = [held[full:]]
-            self._held = len(held) - full
+        if self._waiting >= CHUNK:
+            waiting_rows = np.concatenate(self._rows)
+            complete_count = len(waiting_rows) // CHUNK * CHUNK
+            for start in range(0, complete_count, CHUNK):
+                self._write(waiting_rows[start : start + CHUNK])
+            self._rows = [waiting_rows[complete_count:]]
+            self._waiting = len(waiting_rows) - complete_count
 
     def close(self) -> None:
         """Write the remaining rows and the end mark, and rename the file; a session without ticks leaves no file.
@@ -244,7 +248,7 @@ class SessionWriter:
         if self._file is None:
             return
         try:
-            if self._held:
+            if self._waiting:
                 self._write(np.concatenate(self._rows))
             self._put(_HEAD.pack(_END, self.ticks, 0, self._digests.digest()))
         except OutputError:
@@ -267,7 +271,7 @@ class SessionWriter:
         with suppress(OSError):
             self._file.close()
         self._file = None
-        if self.ticks == self._held:
+        if self.ticks == self._waiting:  # no chunk was written: there is nothing to replay
             with suppress(OSError):
                 self._part.unlink()
 
@@ -276,8 +280,8 @@ class SessionWriter:
         self._digests.update(digest_of_chunk)
         body = np.concatenate([rows[:, self._device].ravel(), rows[-1]])
         packed = zlib.compress(body.astype("<f8").tobytes(), 6)
-        mark = _HEAD.pack(_MAGIC, len(rows), len(packed), digest_of_chunk)
-        self._put(mark + packed)
+        chunk_head = _HEAD.pack(_MAGIC, len(rows), len(packed), digest_of_chunk)
+        self._put(chunk_head + packed)
 
     def _put(self, data: bytes) -> None:
         if self._file is None:
@@ -299,24 +303,24 @@ def read_session(path: Path) -> Session:
     try:
         with path.open("rb") as file:
             line = file.readline(_LONGEST_HEAD)
-            start = _head(path, line)
-            chunks, lost = _chunks(path, file, start)
+            head_of_file = _head(path, line)
+            chunks, truncation = _chunks(path, file, head_of_file)
     except OSError as error:
         raise WorldError(f"{path}: cannot be read: {error.strerror or error}") from error
     if not chunks:
         raise WorldError(f"{path}: the file has no complete chunk, so nothing can be replayed")
-    return Session(start, tuple(chunks), lost)
+    return Session(head_of_file, tuple(chunks), truncation)
 
 
 def _head(path: Path, line: bytes) -> Head:
     try:
-        start = Head.model_validate_json(line)
+        head_of_file = Head.model_validate_json(line)
     except ValidationError as error:
         where, what = first_mistake(error)
         raise WorldError(f"{path}: not a twin-session file of version 1: {where or 'first line'}: {what}") from None
-    sizes_of_device = sizes(start.device)
-    all_signals = sizes(start.world)
-    if len(sizes_of_device) < len(start.device) or len(all_signals) < len(start.world):
+    sizes_of_device = sizes(head_of_file.device)
+    all_signals = sizes(head_of_file.world)
+    if len(sizes_of_device) < len(head_of_file.device) or len(all_signals) < len(head_of_file.world):
         raise WorldError(f"{path}: two signals have the same name")
     for name, size in sizes_of_device.items():
         if all_signals.get(name) != size:
@@ -324,46 +328,46 @@ def _head(path: Path, line: bytes) -> Head:
     numbers = sum(all_signals.values())
     if numbers > _MOST_NUMBERS:
         raise WorldError(f"{path}: a row has {numbers} numbers (limit {_MOST_NUMBERS})")
-    return start
+    return head_of_file
 
 
 def _chunks(path: Path, file: BinaryIO, start: Head) -> tuple[list[Chunk], str]:
     """Read the chunks; return them, and a sentence that states where the file ends too early, "" if it is complete."""
-    n = sum(sizes(start.device).values())
-    m = sum(sizes(start.world).values())
+    device_width = sum(sizes(start.device).values())
+    row_width = sum(sizes(start.world).values())
     chunks: list[Chunk] = []
     digests = hashlib.sha256()
     ticks = 0
     unpacked = 0
     while True:
-        at = f"after {ticks * start.dt:.3f} s"
-        mark = file.read(_HEAD.size)
-        if len(mark) < _HEAD.size:
-            return chunks, f"it ends {at} without its end mark: the recording was interrupted"
-        magic, count, length, digest_of_chunk = _HEAD.unpack(mark)
+        position = f"after {ticks * start.dt:.3f} s"
+        chunk_head = file.read(_HEAD.size)
+        if len(chunk_head) < _HEAD.size:
+            return chunks, f"it ends {position} without its end mark: the recording was interrupted"
+        magic, count, length, digest_of_chunk = _HEAD.unpack(chunk_head)
         if magic == _END:
             if count != ticks or digest_of_chunk != digests.digest() or file.read(1):
                 raise WorldError(
                     f"{path}: the end mark does not match the {ticks} ticks in the file: the file was changed"
                 )
             return chunks, ""
-        size = 8 * (count * n + m)
+        size = 8 * (count * device_width + row_width)
         unpacked += size
         longest = size + size // 100 + 1000  # numbers that zlib cannot compress become slightly longer
         if magic != _MAGIC or not 0 < count <= CHUNK or length > longest:
-            raise WorldError(f"{path}: damaged {at}: there is no valid chunk")
+            raise WorldError(f"{path}: damaged {position}: there is no valid chunk")
         if unpacked > LARGEST:
             raise WorldError(f"{path}: the session has more than {LARGEST:,} unpacked bytes, the limit for a session")
         packed = file.read(length)
         if len(packed) < length:
-            return chunks, f"it ends {at}, within a chunk: the recording was interrupted"
+            return chunks, f"it ends {position}, within a chunk: the recording was interrupted"
         ticks += count
         if ticks * start.dt > LONGEST + CHUNK * start.dt:
             raise WorldError(f"{path}: the session is longer than {LONGEST:g} s, the maximum duration of a session")
-        numbers = _unpacked(packed, size, f"{path}: damaged {at}")
+        numbers = _unpacked(packed, size, f"{path}: damaged {position}")
         digests.update(digest_of_chunk)
-        device = numbers[: count * n].reshape(count, n)
-        chunks.append(Chunk(device, numbers[count * n :], digest_of_chunk))
+        device = numbers[: count * device_width].reshape(count, device_width)
+        chunks.append(Chunk(device, numbers[count * device_width :], digest_of_chunk))
 
 
 def _unpacked(packed: bytes, size: int, damaged: str) -> Array:

@@ -139,8 +139,8 @@ class Keep:
             kept_columns.append(np.arange(columns_of_signal.start, columns_of_signal.stop))
         self._columns = np.concatenate(kept_columns)
         self._rows: list[Array] = []
-        felt = [hand for hand in HANDS if HAND_FORCE.of(hand) in all_sizes]
-        self.forces = ForceMeter(all_sizes, world.dt, felt)
+        hands_with_forces = [hand for hand in HANDS if HAND_FORCE.of(hand) in all_sizes]
+        self.forces = ForceMeter(all_sizes, world.dt, hands_with_forces)
         self.ticks = 0
 
     def add(self, rows: Array) -> None:
@@ -158,7 +158,11 @@ class Keep:
 def kept(world: World) -> list[str]:
     """Return the names of the signals that measures and exports use."""
     endings = tuple(f".{kind.what}" for kind in _KEPT_KINDS)
-    return [name for name in world.signals.sizes if name.endswith(endings) or name.startswith(_KEPT_OF)]
+    names = []
+    for name in world.signals.sizes:
+        if name.endswith(endings) or name.startswith(_KEPT_OF):
+            names.append(name)
+    return names
 
 
 def task_of(scene: Scene, name: str | None) -> ConsoleTask:
@@ -261,8 +265,13 @@ def head_of(
     `seed`: random seed of a simulated surgeon; `identity`: hash of the inputs; None: the hash for a World at a console.
     """
     sizes = world.signals.sizes
-    device_sizes = {name: size for name, size in sizes.items() if name in device.outputs}
-    task = None if setup.task is None else setup.task.name
+    device_sizes = {}
+    for name, size in sizes.items():  # in the order of the World, as rows of the device are written
+        if name in device.outputs:
+            device_sizes[name] = size
+    task = None
+    if setup.task is not None:
+        task = setup.task.name
     identity = identity or console_scene.identity(setup, world.dt)
     return session_file.head(setup.scene.name, identity, world.dt, device_sizes, sizes, task, seed, setup.condition)
 
@@ -321,7 +330,7 @@ def repeat(session: Session, world: World, tape: Tape, keep: Keep, progress: Pro
     """
     difference = None
     t = 0.0
-    ticks = sum(len(chunk.device) for chunk in session.chunks)
+    ticks = sum([len(chunk.device) for chunk in session.chunks])
     for chunk in session.chunks:
         world.step(len(chunk.device))
         rows = tape.take()
@@ -343,11 +352,11 @@ def repeat(session: Session, world: World, tape: Tape, keep: Keep, progress: Pro
 
 def _difference(t0: float, t1: float, row: Array, last: Array, world: World) -> Difference:
     """Compare the rows after a chunk that lasts from t0 to t1 in s: `row` of the replay, `last` of the recording."""
-    sizes = np.abs(row - last)
-    k = int(np.argmax(sizes))
-    if sizes[k] == 0:
+    differences = np.abs(row - last)
+    largest = int(np.argmax(differences))
+    if differences[largest] == 0:
         return Difference(t0, t1, "", 0.0)
     names = list(world.signals.sizes)
     ends = np.cumsum(list(world.signals.sizes.values()))
-    signal = names[int(np.searchsorted(ends, k, side="right"))]
-    return Difference(t0, t1, signal, float(sizes[k]))
+    signal = names[int(np.searchsorted(ends, largest, side="right"))]
+    return Difference(t0, t1, signal, float(differences[largest]))

@@ -26,6 +26,9 @@ from twin.simulation.world.signal_kinds import ROBOT_CUE, ROBOT_DEVIATION, ROBOT
 _LAG = 0.3
 """Maximum delay in s between record and replay that the comparison of their paths compensates."""
 
+_AT_REST = 1e-4
+"""Distance in m of a tip from its begin up to which it counts as at rest."""
+
 _NAMES = {
     TrainerPhase.TELEOPERATE: "teleoperation",
     TrainerPhase.REHEARSE: "rehearsal in the model",
@@ -94,14 +97,19 @@ class Training:
     @property
     def led(self) -> float:
         """Largest deviation in m during teleoperation; nan without teleoperation."""
-        deviations = [step.deviation for step in self.steps if step.phase == TrainerPhase.TELEOPERATE]
+        deviations = []
+        for step in self.steps:
+            if step.phase == TrainerPhase.TELEOPERATE:
+                deviations.append(step.deviation)
         return max(deviations, default=float("nan"))
 
     def rows(self) -> Iterator[tuple[str, ...]]:
         """Yield for each step: phase, duration, deviation from the model, distance from the rehearsed path, reason."""
         for step in self.steps:
             duration = f"{step.end - step.begin:.1f} s"
-            yield _NAMES[step.phase], duration, _shown(step.deviation), _shown(step.record), step.text or "-"
+            deviation = _distance_text(step.deviation)
+            from_record = _distance_text(step.record)
+            yield _NAMES[step.phase], duration, deviation, from_record, step.text or "-"
 
     def findings(self) -> Iterator[Finding]:
         """Yield findings on the machine: cues, stops, times without an answer, ended records and stopped replays."""
@@ -139,27 +147,31 @@ class Training:
         }
 
 
-def _number(x: float) -> float | None:
-    return None if np.isnan(x) else x
+def _number(value: float) -> float | None:
+    if np.isnan(value):
+        return None
+    return value
 
 
-def _shown(distance: float) -> str:
-    return "-" if np.isnan(distance) else f"{distance / MM:.2f} mm"
+def _distance_text(distance: float) -> str:
+    if np.isnan(distance):
+        return "-"
+    return f"{distance / MM:.2f} mm"
 
 
 def measure(recording: Recording, table: TrainerTable, robot: str, kin: Kinematics) -> Training:
     """Return the measures of a machine from the kept signals of a session; `kin`: the machine's equations."""
     force = np.linalg.norm(recording[ROBOT_CUE.of(robot)], axis=1)
     cue = (float(force.max(initial=0.0)), float(np.sum(force > 0) * recording.dt))
-    alone = np.isin(recording[ROBOT_PHASE.of(robot)][:, 0], (TrainerPhase.REHEARSE, TrainerPhase.JUDGED))
-    deviation = np.where(alone, np.nan, recording[ROBOT_DEVIATION.of(robot)][:, 0])
+    model_alone = np.isin(recording[ROBOT_PHASE.of(robot)][:, 0], (TrainerPhase.REHEARSE, TrainerPhase.JUDGED))
+    deviation = np.where(model_alone, np.nan, recording[ROBOT_DEVIATION.of(robot)][:, 0])
     steps = _steps(recording, table, robot, kin, deviation)
     run = recording[ROBOT_RUN.of(robot)]
     answers = run[:, ANSWERS] > 0.5
-    first = int(np.argmax(answers)) if answers.any() else len(recording.t)
-    stopped = (run[first:, LEVEL] == Level.E_STOP) & answers[first:]
+    first_answer = int(np.argmax(answers)) if answers.any() else len(recording.t)
+    stopped = (run[first_answer:, LEVEL] == Level.E_STOP) & answers[first_answer:]
     stops = len(movement.runs(stopped))
-    silent = float(np.sum(~answers[first:]) * recording.dt)
+    silent = float(np.sum(~answers[first_answer:]) * recording.dt)
     return Training(robot, recording.t, deviation, table.cue.tol_mm * MM, steps, cue, stops, silent)
 
 
@@ -177,19 +189,20 @@ def _steps(
     edges = [0, *(np.flatnonzero(changes) + 1).tolist(), len(t)]
     steps = []
     rehearsed = None
-    for a, b in itertools.pairwise(edges):
-        number, why, value = phase[a]
+    for first, end_row in itertools.pairwise(edges):
+        phase_number, why, value = phase[first]
         record = float("nan")
-        if number == TrainerPhase.REHEARSE and why != Why.FULL:  # at the limit of the record, the model is at rest
-            rehearsed = model[a:b]
-        elif number == TrainerPhase.REPLAY and rehearsed is not None:
-            record = _apart(tip[a:b], rehearsed, longest_lag)
-        part = deviation[a:b]
+        # at the limit of the record, the model is at rest
+        if phase_number == TrainerPhase.REHEARSE and why != Why.FULL:
+            rehearsed = model[first:end_row]
+        elif phase_number == TrainerPhase.REPLAY and rehearsed is not None:
+            record = _apart(tip[first:end_row], rehearsed, longest_lag)
+        part = deviation[first:end_row]
         largest = float("nan") if np.isnan(part).all() else float(np.nanmax(part))
         text = told(Why(int(why)), float(value), bounds, robot)
-        begin = float(t[a])
-        end = float(t[a] + (b - a) * recording.dt)
-        steps.append(TrainingSpan(TrainerPhase(int(number)), begin, end, largest, record, text))
+        begin = float(t[first])
+        end = float(t[first] + (end_row - first) * recording.dt)
+        steps.append(TrainingSpan(TrainerPhase(int(phase_number)), begin, end, largest, record, text))
     return tuple(steps)
 
 
@@ -211,5 +224,5 @@ def _apart(path: Array, record: Array, most: int) -> float:
 
 
 def _start_of_motion(path: Array) -> int:
-    """Return the first sample of a path (k, 3) that is more than 0.1 mm from its begin; 0 if there is none."""
-    return int(np.argmax(np.linalg.norm(path - path[0], axis=1) > 1e-4))
+    """Return the first sample of a path (k, 3) that is more than `_AT_REST` from its begin; 0 if there is none."""
+    return int(np.argmax(np.linalg.norm(path - path[0], axis=1) > _AT_REST))

@@ -14,8 +14,14 @@ from pathlib import Path
 from twin.core import atomic
 from twin.core.errors import TwinError
 
-USER, GROUP, TRIAL = "user", "group", "trial"
+USER = "user"
+GROUP = "group"
+TRIAL = "trial"
 _NAMED = (USER, GROUP, TRIAL)
+"""Columns that identify a trial."""
+
+_FORBIDDEN = frozenset(',\r\n"')
+"""Characters that a name must not have: other programs that read the table do not all know quotes."""
 
 
 class TrialTable:
@@ -35,7 +41,7 @@ class TrialTable:
             TwinError: the name of user or group is empty or has a comma or line break, or the file has another form.
         """
         for what, name in (("user", user), ("group", group)):
-            if not name.strip() or any(c in name for c in ',\r\n"'):
+            if not name.strip() or not _FORBIDDEN.isdisjoint(name):
                 raise TwinError(f"the name of the {what} is '{name}'; give text without commas, quotes and line breaks")
         self.path = path
         self.user = user.strip()
@@ -113,7 +119,7 @@ class TrialTable:
         """Return whether the newest trial has a value in one of these columns."""
         for row in self._read()[1]:
             is_newest = self._is_own(row) and _number(row, self.path) == self.trial
-            if self.trial and is_newest and any(row.get(name) for name in columns):
+            if self.trial and is_newest and any(map(row.get, columns)):
                 return True
         return False
 

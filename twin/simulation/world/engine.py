@@ -94,19 +94,19 @@ class World:
         self._props = tuple(props)
         self.deformables = tuple(deformables)
         self._objects = tuple(objects)
-        _require_distinct(p.name for p in (*robots, *props, *deformables, *objects))
+        _require_distinct([item.name for item in (*robots, *props, *deformables, *objects)])
         blocks = (*devices, *controllers, *plants)
         initial = _initial_values(blocks, hazards)
         self.signals = Signals(dict(sorted(initial.items())))  # order of a row: independent of the order of blocks
         self._devices = [self._run(block, hazards) for block in devices]
         self._moved = [self._run(block, hazards) for block in (*controllers, *plants)]
         for robot in robots:
-            self._need(ROBOT_Q.of(robot.name), len(robot.mechanism.active), f"robot '{robot.name}'")
+            self._require_plant(ROBOT_Q.of(robot.name), len(robot.mechanism.active), f"robot '{robot.name}'")
         for deformable in deformables:
-            self._need(deformable.signal, deformable.size, f"'{deformable.name}'")
-            self._pinned(deformable)
+            self._require_plant(deformable.signal, deformable.size, f"'{deformable.name}'")
+            self._require_owner(deformable)
         for item in objects:
-            self._need(OBJECT_POSE.of(item.name), 16, f"object '{item.name}'")
+            self._require_plant(OBJECT_POSE.of(item.name), 16, f"object '{item.name}'")
         for run in (*self._devices, *self._moved):
             run.block.attach(self.signals, run.memory)
         self._log: list[Array] = []
@@ -135,21 +135,23 @@ class World:
                 memory[name] = self.signals.view(name)
         return _Run(block, every, every * self.dt, memory, changes)
 
-    def _need(self, signal: str, size: int, whose: str) -> None:
+    def _require_plant(self, signal: str, size: int, whose: str) -> None:
+        """Raise `WorldError` unless a block writes a signal with this number of values; `whose` names its owner."""
         if signal not in self.signals:
             raise WorldError(f"{whose} has no plant: no block writes '{signal}'")
         written = self.signals.sizes[signal]
         if written != size:
             raise WorldError(f"{whose} needs {size} numbers in '{signal}'; its plant writes {written}")
 
-    def _pinned(self, deformable: Deformable) -> None:
+    def _require_owner(self, deformable: Deformable) -> None:
+        """Raise `WorldError` unless the body to which a deformable is pinned is in this World."""
         owner = deformable.owner
         if not owner:
             return
-        owners = {placed.name: placed.mechanism for placed in (*self._robots, *self._props)}
-        if owner not in owners:
-            raise WorldError(f"'{deformable.name}': {unknown('robot or prop', owner, owners)}")
-        bodies = [body.name for body in owners[owner].bodies]
+        mechanisms = {placed.name: placed.mechanism for placed in (*self._robots, *self._props)}
+        if owner not in mechanisms:
+            raise WorldError(f"'{deformable.name}': {unknown('robot or prop', owner, mechanisms)}")
+        bodies = [body.name for body in mechanisms[owner].bodies]
         if deformable.body not in bodies:
             raise WorldError(f"'{deformable.name}': {unknown(f'body of {owner}', deformable.body, bodies)}")
 
@@ -223,7 +225,8 @@ class World:
 
     def fields(self) -> dict[str, Array]:
         """Return {name of a deformable: vertices (n, 3) in m in the World}; faster than `frame`."""
-        owners = {deformable.owner for deformable in self.deformables}
+        # only the poses that are needed: those of a robot with loops take most of the time
+        owners = [deformable.owner for deformable in self.deformables]
         poses = {}
         for placed in (*self._robots, *self._props):
             if placed.name in owners:
@@ -310,9 +313,10 @@ def _initial_values(blocks: Iterable[Block], hazards: Iterable[Hazard]) -> dict[
 
 
 def _require_distinct(names: Iterable[str]) -> set[str]:
-    seen: set[str] = set()
+    """Return the names; raise `WorldError` if one is used twice."""
+    distinct_names: set[str] = set()
     for name in names:
-        if name in seen:
+        if name in distinct_names:
             raise WorldError(f"'{name}' is used twice in one World; rename one")
-        seen.add(name)
-    return seen
+        distinct_names.add(name)
+    return distinct_names

@@ -81,7 +81,10 @@ class Recording:
         """Yield {signal: values (n,)} for each row, in order."""
         series = {name: self[name] for name in names}
         for k in range(len(self.rows)):
-            yield {name: values[k] for name, values in series.items()}
+            sample = {}
+            for name, values in series.items():
+                sample[name] = values[k]
+            yield sample
 
     def to_bytes(self) -> bytes:
         """Return the content of the file."""
@@ -119,16 +122,21 @@ def read_recording(path: Path) -> Recording:
     try:
         with path.open("rb") as file:
             line = file.readline(_LONGEST_HEAD)
-            rest = os.fstat(file.fileno()).st_size - len(line)
+            remaining_bytes = os.fstat(file.fileno()).st_size - len(line)
             head = RecordingHead.model_validate_json(line)
-            sizes = {signal.name: signal.size for signal in head.signals}
+            sizes = {}
+            for signal in head.signals:
+                sizes[signal.name] = signal.size
             width = sum(sizes.values())
-            wanted = 8 * head.ticks * width  # 8 bytes per value
+            expected_bytes = 8 * head.ticks * width  # 8 bytes per value
             if len(sizes) < len(head.signals):
                 raise WorldError(f"{path}: two signals have the same name")
             # The size is checked before the rows are read: a large file that is no recording needs no memory.
-            if rest != wanted:
-                raise WorldError(f"{path}: {rest} bytes of rows; expected {wanted}: the file is truncated or too long")
+            if remaining_bytes != expected_bytes:
+                raise WorldError(
+                    f"{path}: {remaining_bytes} bytes of rows; expected {expected_bytes}: "
+                    "the file is truncated or too long"
+                )
             body = file.read()
     except OSError as error:
         raise WorldError(f"{path}: cannot be read: {error.strerror or error}") from error

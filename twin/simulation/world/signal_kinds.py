@@ -8,7 +8,6 @@ organ or vessel. A flag is 0 or 1; an index and a count are whole numbers.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import prod
 
 PEDALS = "pedals"
 """Name of the input device in Worlds with a console."""
@@ -54,10 +53,12 @@ class SignalKind:
     @property
     def size(self) -> int | None:
         """Number of values; None if it depends on the owner."""
-        lengths = [length for length in self.shape if isinstance(length, int)]
-        if len(lengths) < len(self.shape):
-            return None
-        return prod(lengths)
+        size = 1
+        for length in self.shape:
+            if not isinstance(length, int):
+                return None
+            size *= length
+        return size
 
 
 # -- the console: a World has one of each, and its name begins with the owner's word ---------------------------
@@ -168,4 +169,8 @@ DEFORMABLE_VERTICES = SignalKind("deformable", "vertices", ("n", 3), "m", "verti
 
 def signal_kinds() -> tuple[SignalKind, ...]:
     """Return all kinds, in the order of this file."""
-    return tuple(value for value in globals().values() if isinstance(value, SignalKind))
+    kinds = []
+    for value in globals().values():
+        if isinstance(value, SignalKind):
+            kinds.append(value)
+    return tuple(kinds)
