@@ -353,6 +353,7 @@ def _joint(
     measured: dict[str, dict[str, MeasuredFeature]],
 ) -> Joint:
     values: dict = {}
+    # `references.check` has refused a second entry for the same joint.
     for limit in description.limit:
         if spec.name in limit.joints:
             values = _limits(limit, references.UNITS.get(spec.type, "mm"))

@@ -59,8 +59,9 @@ def read_cells(path: Path) -> Cells:
         BudgetError: the file is too large.
     """
     suffix = path.suffix.lower()
+    kind = "TOML" if suffix == ".toml" else "text"
     try:
-        text = read_text(path, "TOML" if suffix == ".toml" else "text", encoding="utf-8-sig")
+        text = read_text(path, kind, encoding="utf-8-sig")  # spreadsheets write a byte order mark
     except UnicodeDecodeError as error:
         raise NoMechanismError(
             f"{path}: the file is not text in UTF-8: {error.reason} at byte {error.start}"
@@ -132,6 +133,7 @@ def _lines_of_csv(path: Path, text: str) -> list[tuple[int, list[str]]]:
 
 
 def _separator(headings: str) -> str:
+    # A comma last: in lines with another separator, it may be the decimal sign.
     for separator in ("\t", ";", ","):
         if separator in headings:
             return separator
@@ -235,7 +237,9 @@ def _cells_of_toml(path: Path, text: str) -> Cells:
         raise NoMechanismError(f"{path}: the file has no [[joint]]: write a table [[joint]] for each row")
     row_starts = [number for number, line in enumerate(lines, 1) if re.match(r"\s*\[\[\s*joint\s*\]\]", line)]
     headings: list[str] = []
-    cells = Cells(headings, row_starts[0] if row_starts else 1, stated=stated)
+    # TOML has several ways to write a table; a row whose line is not found gets the first line.
+    first_line = row_starts[0] if row_starts else 1
+    cells = Cells(headings, first_line, stated=stated)
     for index, row in enumerate(rows):
         line = row_starts[index] if index < len(row_starts) else 1
         for key, value in row.items():

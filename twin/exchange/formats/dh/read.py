@@ -128,7 +128,8 @@ def equations(path: Path, table: DhTable, joints: Sequence[Joint]) -> str:
         for motion, parameter in _BEFORE[table.convention] + (_COORDINATE,) + _AFTER[table.convention]:
             if (motion, parameter) == _COORDINATE:
                 if joint.active:
-                    factors.append(_factor("Rz" if joint.is_angle else "Tz", f"q[{coordinate}]"))
+                    motion_of_joint = "Rz" if joint.is_angle else "Tz"
+                    factors.append(_factor(motion_of_joint, f"q[{coordinate}]"))
                     coordinate += 1
                 continue
             quantity = row.values.get(parameter)
@@ -191,6 +192,7 @@ def _imported(table: DhTable) -> str:
 
 
 def _function(unit: str) -> str:
+    """Return the name of the function of `twin.formula` for numbers in a unit; it has none for cm."""
     return "mm" if unit == "cm" else unit
 
 
@@ -201,7 +203,9 @@ def _in_quotes(text: str) -> str:
 
 def _parameter_code(quantity: CellQuantity, path: Path, line: int) -> str:
     """Return a parameter as code, with the line of the table as its source."""
-    value = quantity.stated_value * 10 if quantity.unit == "cm" else quantity.stated_value
+    value = quantity.stated_value
+    if quantity.unit == "cm":  # written in mm, see `_function`
+        value *= 10
     source = _in_quotes(path.name)
     return f'{_function(quantity.unit)}({value!r}, "CITED", "{source}, line {line}")'
 

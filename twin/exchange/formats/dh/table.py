@@ -429,11 +429,13 @@ class _Reader:
                 continue
             text = plain_text(row.cells[self.columns[self.moving[kind == "prismatic"]]])
             coordinate = COORDINATE.search(text)
-            number = re.search(r"\d+", coordinate[0]) if coordinate else None
-            if number is None:
+            if coordinate is None:
+                continue
+            number = re.search(r"\d+", coordinate[0])
+            if number is None:  # a coordinate such as q has no place in an order
                 continue
             index = int(number[0])
-            name = coordinate[0].strip(" *") if coordinate else ""
+            name = coordinate[0].strip(" *")
             if last is not None and index <= last:
                 why = f"the coordinate {name} stands after {before}, but the rows are read from the base to the tool"
                 self.fail(row.line, f"{why}. Put the rows in the order of the joints, or number the coordinates anew")
@@ -469,8 +471,8 @@ class _Reader:
                     text = f"there is no kind of joint '{word}'; use revolute, prismatic, fixed, R, P, 0, 1 or 2"
                     self.fail(row.line, text)
                 if kind_of_coordinate and kind != kind_of_coordinate:
-                    text = f"the kind '{word}' contradicts the variable in {'theta' if turns else slide}"
-                    self.fail(row.line, text)
+                    column = "theta" if turns else slide
+                    self.fail(row.line, f"the kind '{word}' contradicts the variable in {column}")
                 kinds.append(kind)
             else:
                 kinds.append(kind_of_coordinate or "fixed")
@@ -489,15 +491,18 @@ class _Reader:
         return kinds
 
     def _row(self, row: TableRow, kind: str, convention: str) -> DhRow:
-        parameters = ["alpha", "theta", "d"]
-        parameters += ["r", "b", "gamma"] if convention == "khalil" else ["a"]
+        parameters = ["alpha", "theta", "d", "a"]
+        if convention == "khalil":
+            parameters = ["alpha", "theta", "d", "r", "b", "gamma"]
         values: dict[str, CellQuantity] = {}
         for parameter in parameters:
             values[parameter] = self._value(row, parameter)
         parallel = False
         if convention == "hayati":
-            text = plain_text(row.cells[self.columns["beta"]]) if "beta" in self.columns else ""
-            parallel = text not in ("", "-")
+            text = ""
+            if "beta" in self.columns:
+                text = plain_text(row.cells[self.columns["beta"]])
+            parallel = text not in ("", "-")  # rows without beta are standard rows, of joints that are not parallel
             if parallel:
                 values["beta"] = self._value(row, "beta")
                 if values["d"].value:

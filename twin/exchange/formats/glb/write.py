@@ -334,7 +334,7 @@ class _Document:
             "count": len(values),
             "type": kind,
         }
-        if bounds:
+        if bounds:  # glTF requires them for positions and key times: viewers frame and time by them
             accessor |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
         data = values.tobytes()
         # Links that move together have the same keys, which are stored once.
@@ -424,7 +424,7 @@ def _material(material: Material) -> JsonObject:
 
 def _container(document: JsonMapping, binary: bytes) -> bytes:
     content = json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
-    content = content.ljust(_aligned(len(content)), b" ")
+    content = content.ljust(_aligned(len(content)), b" ")  # glTF fills up JSON by spaces, binary data by zeros
     chunks = struct.pack("<I4s", len(content), b"JSON") + content
     if binary:
         chunks += struct.pack("<I4s", len(binary), b"BIN\0") + binary

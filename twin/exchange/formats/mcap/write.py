@@ -100,6 +100,7 @@ def write_mcap(
                 "/console": row,
             }
             for topic, message in messages.items():
+                # allow_nan=False: viewers cannot read NaN, which is not JSON.
                 data = json.dumps(message, separators=(",", ":"), allow_nan=False).encode()
                 channel = channels[topic]
                 writer.add_message(channel, log_time=time, publish_time=time, data=data, sequence=sample)

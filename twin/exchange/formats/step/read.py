@@ -217,7 +217,7 @@ def bodies(parts: Iterable[Part]) -> dict[str, list[Part]]:
     that a part that is used several times is several bodies.
     """
     placed = list(parts)
-    level = 0
+    level = 0  # assemblies often are in folders of one node each
     while _is_one_node(placed, level):
         level += 1
     by_node: dict[str, list[Part]] = {}
@@ -249,6 +249,7 @@ def write_skeleton(
     mechanisms: list[Mechanism] = []  # filled by `write_cad`, whose result `write_robot` does not return
 
     def write_cad(folder: Path) -> Mechanism:
+        # Without masses: the materials of a skeleton are still comments.
         shutil.copyfile(source, folder / f"{name}.step")
         (folder / f"{name}.toml").write_text(describe(skeleton, name, source.name), "utf-8")
         mechanisms.append(read_mechanism(folder / f"{name}.toml", with_mass=False).mechanism)
@@ -300,6 +301,7 @@ def describe(skeleton: Skeleton, name: str, source: str) -> str:
             continue
         lines += table("[[joint]]", name=f"hold_{body}", type="fixed", parent=skeleton.base, child=body)
         lines += [f"on_parent = {origin}", f"on_child = {origin}"]
+    # The tool of a STEP file is not known; the user moves it from the middle of the outermost body.
     middle = _middle(skeleton.parts[skeleton.tool]) / MM
     position = [round(coordinate, 3) for coordinate in middle.tolist()]
     lines += [

@@ -79,6 +79,7 @@ def write(order: Order, folder: Path) -> list[Finding]:
     name = f"{class_name(order.mechanism.name)}.cs"
     try:
         (package / ROBOTS).mkdir(parents=True, exist_ok=True)
+        # The same bytes on every system: git and Unity would report other line ends as a change.
         (package / ROBOTS / name).write_text(text, encoding="utf-8", newline="\n")
         for path, importer in ((ROBOTS, _FOLDER_IMPORTER), (f"{ROBOTS}/{name}", _SCRIPT_IMPORTER)):
             meta = _META.format(guid=guid(path), importer=importer)
@@ -92,6 +93,7 @@ def write(order: Order, folder: Path) -> list[Finding]:
 
 def guid(path: str) -> str:
     """Return the GUID by which Unity knows a file of the package: a hash of the path in the package."""
+    # Always the same: another GUID at each export would break the references of a project to the class.
     return hashlib.md5(f"com.twin.player/{path}".encode(), usedforsecurity=False).hexdigest()
 
 

@@ -136,6 +136,7 @@ class Clips:
                 text = f"clip '{name}' has no valid channel that moves, rotates or scales a node."
                 self._ledger.add("gltf.empty_clip", "warning", text, name)
                 continue
+            # Channels may have key times of their own; poses are needed where any of them has a key.
             key_times = [channel.times for channel in usable]
             times = np.unique(np.concatenate(key_times))
             count = len(times) * len(self._nodes)
@@ -146,6 +147,7 @@ class Clips:
                 )
                 raise ReadError(text, "gltf.size")
             self._report_jumps(name, usable)
+            # Between keys, files of different formats may be interpolated differently.
             halfway = (times[1:] + times[:-1]) / 2
             middle = self._poses_at(usable, shown_nodes, halfway)
             yield FileClip(name, times, self._poses_at(usable, shown_nodes, times), middle=middle)

@@ -146,6 +146,7 @@ def _check_columns(header: list[str], expected: list[str], ledger: Ledger) -> No
 
 
 def _header_value(value: str) -> Any:
+    """Return the value in a line `# name: value`: JSON, or a text, which stands there without quotes."""
     try:
         return json.loads(value)
     except ValueError:
@@ -180,7 +181,7 @@ def _content(data: JsonObject, kind: str, ledger: Ledger) -> Content:
     if usable and isinstance(data.get("rate"), int | float):
         check_rate(ledger, times, float(data["rate"]), name)
     _check_phases(data, times, ledger)
-    if not usable or seven is None:
+    if not usable or seven is None:  # without times and poses there is no motion to check
         ledger.row("arrays and times", 1.0, "found", 0.0)
         return content
     T_world_link: dict[str, Array] = {}

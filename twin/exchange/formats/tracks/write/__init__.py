@@ -76,7 +76,7 @@ def track(
     has_rcm, must_pass, places = _phase_rcms(clip)
     tool = mechanism.frame(mechanism.tool)
     rcm = clip.rcm
-    if rcm is None:
+    if rcm is None:  # a protocol without one has the trocar of the robot
         rcm = next(iter(mechanism.trocar_places.values()), None)
     link_poses = [_seven(T_world_link) for T_world_link in clip.links.values()]
     phase_names: list[str] = []
@@ -144,7 +144,7 @@ def _coordinates(mechanism: Mechanism, clip: Clip, cad_mechanism: Mechanism) -> 
     for coordinate in coordinates:
         names.append(coordinate.name)
         kinds.append(coordinate.type)
-        active.append(0)
+        active.append(0)  # no motor drives a ball joint
         lower.append(-NO_LIMIT)
         upper.append(NO_LIMIT)
         positions.append(coordinate.values)

@@ -163,7 +163,7 @@ class _Vectors:
         for t in self.data["phase_time"]:
             current = ""
             for name, start in zip(self.track["phases"], self.track["phase_start"], strict=True):
-                if start <= t:
+                if start <= t:  # the last phase that has begun
                     current = name
             names.append(current)
         return {"phase_name": 0.0 if names == self.data["phase_name"] else np.inf}

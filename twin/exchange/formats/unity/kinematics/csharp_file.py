@@ -82,6 +82,7 @@ def source(model: DeviceModel) -> str:
     values["METHODS"] = "\n".join(f"{_INDENT}{line}".rstrip() for line in methods).rstrip()
     for key, value in values.items():
         text = text.replace(f"@{key}@", value)
+    # Last, because the hashes are those of the text with all other values.
     return text.replace("@PARTS@", _hashes(text))
 
 
@@ -188,9 +189,18 @@ def _mechanism_values(model: DeviceModel, loops: AdjustableLoops) -> dict[str, s
     kind_words = {"lower": "minimum", "upper": "maximum", "gap": "distance on the rail", "motor": "motor"}
     bound_names: list[str] = []
     bound_kinds: list[str] = []
+    bound_weights: list[Array] = []
+    bound_least: list[float] = []
     for bound in bounds:
         bound_names.append(bound.name)
         bound_kinds.append(kind_words[bound.kind])
+        bound_weights.append(bound.weights)
+        bound_least.append(bound.least)
+    active_names: list[str] = []
+    angles: list[str] = []
+    for joint in mechanism.active:
+        active_names.append(joint.name)
+        angles.append(_csharp_bool(joint.is_angle))
     return {
         "ROBOT": mechanism.name,
         "NAME": _csharp_string(mechanism.name),
@@ -198,22 +208,22 @@ def _mechanism_values(model: DeviceModel, loops: AdjustableLoops) -> dict[str, s
         "HASH": model_hash(mechanism),
         "GAP": number(solver.gap),
         "TILT": number(solver.tilt),
-        "JOINTS": _csharp_strings([joint.name for joint in mechanism.active]),
-        "ANGLES": _csharp_list([_csharp_bool(joint.is_angle) for joint in mechanism.active]),
+        "JOINTS": _csharp_strings(active_names),
+        "ANGLES": _csharp_list(angles),
         "LINKS": _csharp_strings([body.name for body in mechanism.bodies]),
         "LINK_COUNT": str(len(mechanism.bodies)),
         "TOOL_LINK": _csharp_string(tool.body),
         "TOOL_FRAME": _csharp_numbers(np.asarray(tool.T_body_frame)[:3].ravel()),
         "BOUND_NAMES": _csharp_strings(bound_names),
         "BOUND_KINDS": _csharp_strings(bound_kinds),
-        "BOUND_WEIGHTS": _csharp_numbers(np.array([bound.weights for bound in bounds]).ravel()),
-        "BOUND_LEAST": _csharp_numbers(np.array([bound.least for bound in bounds])),
+        "BOUND_WEIGHTS": _csharp_numbers(np.array(bound_weights).ravel()),
+        "BOUND_LEAST": _csharp_numbers(np.array(bound_least)),
         "PASSIVE_NAMES": _csharp_strings([limit.joint.name for limit in loops.limits]),
         "PASSIVE_COUNT": str(len(loops.limits)),
         "DISTANCE_NAMES": _csharp_strings(distance_names),
         "DISTANCES": _csharp_numbers(np.array(distances)),
         "REST_JOINTS": _csharp_numbers(solver.q),
-        "REST_STATES": _csharp_numbers(np.concatenate([*solver.home, []])),
+        "REST_STATES": _csharp_numbers(np.concatenate([*solver.home, []])),  # [] for robots without loops
         "HOME": _csharp_numbers(np.asarray(home)),
     }
 
@@ -280,6 +290,11 @@ def _equation_values(kinematics: Kinematics | None, active: Sequence) -> tuple[d
     scalars = kinematics.formula.scalars
     reach_count = len(scalars["reach"])
     measures = kinematics.formula.measures
+    measure_names: list[str] = []
+    alarms: list[float] = []
+    for measure in measures:
+        measure_names.append(measure.name)
+        alarms.append(measure.alarm)
     # The margins are: reach, measures, aspects; the file has the measures first.
     places = _entries("margins", reach_count, len(measures))
     places += _entries("margins", len(measures))
@@ -289,8 +304,8 @@ def _equation_values(kinematics: Kinematics | None, active: Sequence) -> tuple[d
         "HAS_EQUATIONS": "true",
         "PARAMETER_NAMES": _csharp_strings(list(kinematics.parameters)),
         "PARAMETERS": _csharp_numbers(np.array(list(kinematics.parameters.values()), float)),
-        "MEASURE_NAMES": _csharp_strings([measure.name for measure in measures]),
-        "MEASURE_ALARMS": _csharp_numbers(np.array([measure.alarm for measure in measures], float)),
+        "MEASURE_NAMES": _csharp_strings(measure_names),
+        "MEASURE_ALARMS": _csharp_numbers(np.array(alarms, float)),
         "MARGINS": str(len(places)),
     }, methods
 

@@ -92,6 +92,7 @@ class UrdfJoint:
 
         Values of a joint with `mimic` are computed from the leader's values.
         """
+        # A leader that the track lacks gives nothing to compute from; the track may state the joint itself.
         if self.mimic is None or self.mimic[0] not in clip.joints:
             return clip.joints.get(self.name)
         leader, multiplier, offset = self.mimic
@@ -396,7 +397,7 @@ def _joint(element: ET.Element, links: list[str], ledger: Ledger) -> UrdfJoint |
         if link not in links:
             raise ReadError(f"joint '{name}' names link '{link}', which does not exist")
         ends.append(link)
-    if kind not in KINDS:
+    if kind not in KINDS:  # a planar joint, for example, moves along two axes
         ledger.add("urdf.joint", "warning", f"joint '{name}' of type '{kind}' is not supported.", name)
         return None
     T = _origin(element.find("origin"))

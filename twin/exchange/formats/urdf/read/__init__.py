@@ -181,6 +181,7 @@ class _Urdf:
             self.path, label, body_names[base], bodies, joints, frames, couplings, findings, efforts=efforts
         )
         mechanism = replace(imported.mechanism, actuators=actuators, transmissions=transmissions)
+        # Only the type continuous states that a joint has no limits; a missing <limit> states nothing.
         unlimited = set()
         for name, joint in self.joints.items():
             if joint.get("type") == "continuous" and name in names:
@@ -376,7 +377,7 @@ class _Urdf:
                 leaf = name not in parents and name not in bodiless_links and paired.count(name) == 1
                 if moving and leaf and not self._has_body(name):
                     loop_closers[name] = partner
-                    break
+                    break  # the other end stays where it is: one moving joint closes the loop
         return loop_closers
 
     def _loop_links(self) -> list[str]:
@@ -427,6 +428,7 @@ class _Urdf:
             where = f"{self.closure_file}: joint_name"
             if name not in self.joints:
                 raise SourceError(f"{where}: {unknown('joint', name, self.joints)}")
+            # A mimic is of one coordinate, which a joint of another type may not have.
             if self.joints[name].find("mimic") is not None or name in leaders:
                 raise SourceError(f"{where}: joint '{name}' mimics a joint or is mimicked: its type cannot be changed")
         return self.closures.retyped

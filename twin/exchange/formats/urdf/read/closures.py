@@ -133,6 +133,7 @@ def _is_pair_of_names(value: Any) -> bool:
 
 
 def _is_number(value: Any) -> bool:
+    # YAML reads yes and on as True, which is an int in Python.
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
@@ -159,7 +160,7 @@ def _parse_json_lines(text: str) -> JsonObject | None:
         if not line.strip() or line.startswith("#"):
             continue
         key, colon, value = line.partition(": ")
-        if not colon or key in content or not key.isidentifier():
+        if not colon or key in content or not key.isidentifier():  # nested lines, for example, are for PyYAML
             return None
         try:
             content[key] = json.loads(value)

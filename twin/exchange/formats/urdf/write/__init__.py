@@ -287,7 +287,7 @@ def _joint(root: ET.Element, joint: Joint, T_home: Array) -> None:
         steps = [(f"{name}_slide", "prismatic", z), (name, "revolute", z)]
     elif joint.type == "spherical":
         steps = [(f"{name}_x", "revolute", x), (f"{name}_y", "revolute", y), (f"{name}_z", "revolute", z)]
-        T = T @ spatial.pose(T_home[:3, :3])
+        T = T @ spatial.pose(T_home[:3, :3])  # so that all three angles are zero at home, far from their singularity
     inner = joint.parent
     if joint.type == "free":
         _single(root, joint, name, "floating", (inner, joint.child), T @ T_home @ T_joint_child, z)
@@ -327,6 +327,7 @@ def _single(
     """Write one URDF joint of type `kind` between `links`, (parent, child), at T (4, 4) in the parent's frame."""
     is_continuous = kind == "revolute" and joint.limits is None
     element = ET.SubElement(root, "joint", name=name, type="continuous" if is_continuous else kind)
+    # Turns about the moving axes z, y, x are turns about the fixed axes x, y, z in the opposite order, as in `rpy`.
     yaw_pitch_roll = spatial.euler_angles(T[:3, :3], "zyx")
     ET.SubElement(element, "origin", xyz=numbers(T[:3, 3]), rpy=numbers(yaw_pitch_roll[::-1]))
     ET.SubElement(element, "parent", link=links[0])
