@@ -80,6 +80,13 @@ def _distance(a: Array | float, b: Array | float) -> float:
     return float(np.linalg.norm(np.subtract(a, b)))
 
 
+def _ratios(a: Array, b: Array) -> float:
+    """Return the distance between the ratios of two couplings; infinite if they couple other numbers of joints."""
+    if a.shape != b.shape:
+        return np.inf
+    return _distance(a, b)
+
+
 def _tensor(a: Array, b: Array) -> float:
     """Return the larger of two differences of tensors of inertia (3, 3).
 
@@ -247,7 +254,7 @@ QUANTITIES: Mapping[str, ComparisonRule] = {
     "medium": ComparisonRule(_passive, 1e-9, "(kg/m3, Pa s, wind in m/s)"),
     "collisions of its own links": ComparisonRule(_word, 0.0),
     "held": ComparisonRule(_word, 0.0),
-    "ratios": ComparisonRule(_distance, 1e-5),
+    "ratios": ComparisonRule(_ratios, 1e-5),
     "sum": ComparisonRule(_distance, 1e-6, "m or rad"),
     "opening": ComparisonRule(_distance, 1e-7, "m or rad"),
     "passive": ComparisonRule(_passive, 1e-9),
@@ -259,6 +266,8 @@ QUANTITIES: Mapping[str, ComparisonRule] = {
     "robot": ComparisonRule(_name, 0.0, severity="warning", by_majority=True),
     "name of the tool": ComparisonRule(_word, 0.0),
     "coordinates": ComparisonRule(_coordinates, 1e-5, "m or rad", severity="warning"),
+    "home coordinates": ComparisonRule(_coordinates, 1e-5, "m or rad", severity="warning", is_check=False),
+    "home": ComparisonRule(_distance, 1e-5, "m or rad", severity="warning", is_check=False),
     "range of control": ComparisonRule(_ends, 1e-5, "m or rad", severity="warning"),
     "further declarations": ComparisonRule(_word, 0.0, usual=NOTHING),
     "declarations of contact or look": ComparisonRule(_word, 0.0, severity="warning", usual=NOTHING),
@@ -336,6 +345,8 @@ WORDS = {
     "row": "joint factors of the transmission",
     "opening": "opening of the loops if 1 g pulls at them",
     "point": "position of the point on its link",
+    "home": "coordinate at home",
+    "home coordinates": "coordinates",
     "reduction": "reduction of its transmission",
     "passive": "stiffness, damping, friction and inertia of the joint itself",
     "law": "quantity that the gains of the drive give",

@@ -338,6 +338,9 @@ class FilePhysics:
         opening: length in m (angle in rad) by which the loops open if gravity pulls at them; None if not stated.
         robot: name of the robot; "" if not stated.
         postures: {name: {driven joint: coordinate in m or rad}}; None if not stated.
+        home_posture: the coordinates of the posture "home" in a table of a file without other postures; None without.
+        home: {joint: coordinate in m or rad} of the assembled pose that a file names home, also of passive joints; None
+            if not stated. The posture "home" may be another pose.
         further: {object: {field: value as text}} of what a file declares of the motion beside all of the above, with
             another value than where nothing is written; {} without such declarations, None if not known.
         contact: the same for contacts and look.
@@ -370,6 +373,8 @@ class FilePhysics:
     opening: float | None = None
     robot: str = ""
     postures: Mapping[str, Mapping[str, float]] | None = None
+    home_posture: Mapping[str, float] | None = None
+    home: Mapping[str, float] | None = None
     further: Mapping[str, Mapping[str, str]] | None = None
     contact: Mapping[str, Mapping[str, str]] | None = None
     programs: Mapping[str, Mapping[str, str]] | None = None
@@ -408,6 +413,10 @@ class FilePhysics:
             for name, coordinates in self.postures.items():
                 postures[name] = with_new_keys(coordinates, joints)
             self.postures = postures
+        if self.home_posture is not None:
+            self.home_posture = with_new_keys(self.home_posture, joints)
+        if self.home is not None:
+            self.home = with_new_keys(self.home, joints)
 
     def immobile_links(self, known_links: Collection[str]) -> frozenset[str] | None:
         """Return the known links that cannot move in the world; None if the format cannot state it.

@@ -453,6 +453,12 @@ def _state(
         view.state("the robot", {"robot": physics.robot})
     for name, coordinates in (physics.postures or {}).items():
         view.state(f"posture '{name}'", {"coordinates": coordinates})
+    home_posture = physics.home_posture or (physics.postures or {}).get("home")
+    if home_posture and not view.is_mechanism:
+        view.state("posture 'home'", {"home coordinates": home_posture})
+    if not _is_for_one_motion(view, views):  # with other trocars, home is another pose
+        for name, coordinate in (physics.home or {}).items():
+            view.state(f"joint '{name}'", {"home": coordinate})
     if physics.postures is not None and physics.tool:
         view.state("the robot", {"name of the tool": physics.tool})
     world = {

@@ -20,7 +20,7 @@ from twin.exchange.audit.file_content import Content, FileClip
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.reader_context import Context, played
 from twin.exchange.audit.report import Ledger
-from twin.exchange.formats.mjcf.audit.claims import check_claims
+from twin.exchange.formats.mjcf.audit.claims import check_claims, home_coordinates
 from twin.exchange.formats.mjcf.audit.declared_fields import further_declarations
 from twin.exchange.formats.mjcf.audit.model_checks import balance_at_keyframe, check_limits, check_model
 from twin.exchange.formats.mjcf.audit.mujoco_file import MujocoFile, read_mujoco
@@ -77,6 +77,7 @@ def content_of(file: MujocoFile, ledger: Ledger) -> Content:
     physics.further, physics.contact = further_declarations(file.spec)
     physics.collides = _colliding(model)
     physics.robot = _robot_name(file.spec)
+    physics.home = home_coordinates(file.path.read_text("utf-8", errors="replace"), model)
     physics.assumed = assumed_masses(file.path)
     physics.partly_shown = partly_shown(file.path) | _partly_read(model)
     content.physics = physics

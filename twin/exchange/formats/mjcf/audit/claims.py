@@ -100,6 +100,22 @@ def check_claims(text: str, model: mujoco.MjModel, balance: Balance | None, weig
             _check_holding(model, balance, ledger)
 
 
+def home_coordinates(text: str, model: mujoco.MjModel) -> dict[str, float] | None:
+    """Return {joint: coordinate in m or rad at home} of the joints with one coordinate; None without such a claim.
+
+    A file of others may use the name of the keyframe for any pose.
+    """
+    names = [model.key(k).name for k in range(model.nkey)]
+    if not _HOLDING.search(text) or _HOME not in names:
+        return None
+    qpos = model.key_qpos[names.index(_HOME)]
+    coordinates: dict[str, float] = {}
+    for joint in range(model.njnt):
+        if int(model.jnt_type[joint]) not in _COORDINATES:
+            coordinates[model.joint(joint).name] = float(qpos[int(model.jnt_qposadr[joint])])
+    return coordinates
+
+
 def _check_home(model: mujoco.MjModel, ledger: Ledger) -> None:
     """Report a file without the keyframe by whose name programs find the pose that the comment speaks of."""
     names = [model.key(k).name for k in range(model.nkey)]
