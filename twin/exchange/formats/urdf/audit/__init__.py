@@ -56,6 +56,9 @@ _LIMIT_ROUNDING = 1e-6
 _AXIS_ROUNDING = 1e-6
 """Difference from 1 of the length of an axis that is only rounding."""
 
+_NO_MASS = 1.5e-6
+"""Mass in kg up to which a link is a frame: simulators require a mass of links behind joints that move."""
+
 _TRACK_UNLIMITED = 1e29
 """Absolute value from which a limit in a track means none: JSON has no infinity, so tracks state 1e30."""
 
@@ -151,6 +154,8 @@ class Urdf:
         self.content.physics.programs = program_settings(root)
         _check_transmissions(root, joints, ledger)
         self._check_home(closure_file.name)
+        if closure_file.is_file():
+            self._check_loop_ends(closure_file.name)
 
     def _attach(self, joint: UrdfJoint) -> None:
         first = self.above.get(joint.child)
@@ -217,6 +222,7 @@ class Urdf:
         if self.closures.couplings is not None:
             couplings |= dict(self.closures.couplings)
         physics.couplings = couplings
+        physics.home = self.closures.home or None
         physics.couples_pairs = self.closures.couplings is None  # a mimic couples two joints
         return physics
 
@@ -238,6 +244,32 @@ class Urdf:
             T_first = self._link_pose(pair[0], home)
             T_second = self._link_pose(pair[1], home)
             check_gap(pair, T_first, T_second, f"{name}, home", CLOSED, self._ledger)
+
+    def _check_loop_ends(self, name: str) -> None:
+        """Report two links that look like the ends <joint>_a and <joint>_b of a loop, but of none in the YAML `name`.
+
+        Only a YAML whose loops all have such ends is judged: others may name links in any way.
+        """
+        ends: set[str] = set()
+        for first, second, _ in self.closures.pairs:
+            if not first.endswith("_a") or second != f"{first.removesuffix('_a')}_b":
+                return
+            ends.update((first, second))
+        parents = {joint.parent for joint in self.above.values()}
+        for first in self.links:
+            second = f"{first.removesuffix('_a')}_b"
+            if not first.endswith("_a") or second not in self.links or {first, second} & (ends | parents):
+                continue
+            if self._is_part(first) or self._is_part(second):
+                continue
+            text = f"{name} closes no loop between links '{first}' and '{second}', which have no other purpose."
+            advice = "add the two links to 'closed_loop', and their type; or remove them from the URDF"
+            self._ledger.wrong("urdf.loop_missing", text, first.removesuffix("_a"), suggestion=advice)
+
+    def _is_part(self, link: str) -> bool:
+        """Return whether a link has a shape, or more mass than the 1 mg that stands for none."""
+        masses = {} if self.content.physics is None else self.content.physics.masses
+        return link in self.content.shapes or (link in masses and masses[link].mass > _NO_MASS)
 
     def _link_pose(self, link: str, values: Mapping[str, float]) -> Array:
         """Return the pose (1, 4, 4) of a link in the frame of the root at joint values; other joints are at zero."""
