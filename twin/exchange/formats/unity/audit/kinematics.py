@@ -44,6 +44,10 @@ _DECLARED = re.compile(
 )
 _MODEL = re.compile(r"\((sha256:[0-9a-f]{64})\)")
 _ROBOT = re.compile(r'public string Robot \{ get \{ return "([^"]*)"; \} \}')
+_NAMESPACE = re.compile(r"^namespace (?P<name>[\w.]+)", re.MULTILINE)
+_OF_CLASSES = "Twin.Robots"
+"""Namespace of the classes, which the samples of the package name in full."""
+
 _CODE = "using System;"
 """First line of the code, behind the comments at the start."""
 
@@ -71,6 +75,7 @@ def read_classes(folder: Path, ledger: Ledger) -> Content | None:
         name = file.relative_to(folder).as_posix()
         text = file.read_text(encoding="utf-8", errors="replace").replace("\r\n", "\n")
         _check_parts(name, text, ledger)
+        _check_namespace(name, text, ledger)
         _check_meta(folder, name, ledger)
         try:
             contents.append(_content(text, ledger))
@@ -135,6 +140,18 @@ def _changed_tables(text: str, part: str) -> str:
     if not changed:
         return " No table differs: what stands between them was changed."
     return f" What differs is {', '.join(sorted(changed))}."
+
+
+def _check_namespace(name: str, text: str, ledger: Ledger) -> None:
+    """Report a class in another namespace than that by which the scripts of the package find it."""
+    _, _, code = text.partition(_CODE)
+    found = _NAMESPACE.search(code)
+    stated = found["name"] if found else "none"
+    if stated != _OF_CLASSES:
+        message = (
+            f"the class in {name} has the namespace {stated}; scripts of the package look for it in {_OF_CLASSES}."
+        )
+        ledger.wrong("unity.kinematics", message, name, suggestion=f"write namespace {_OF_CLASSES}")
 
 
 def _hash(text: str) -> str:
@@ -207,6 +224,8 @@ def _content(text: str, ledger: Ledger) -> Content:
     content.physics = FilePhysics(links, masses, joints=joints, frames=frames, complete=True)
     content.facts = {"units": "m", "up_axis": "Z", "handedness": "right"}
     if _check_sizes(tables, ledger):
+        home = _numbers(tables["homeJoints"]).tolist()
+        content.physics.home_posture = dict(zip(_words(tables["joints"]), home, strict=True))
         _check_angles(tables, ledger)
         _check_tree(tables, links, ledger)
         _check_bounds(tables, ledger)

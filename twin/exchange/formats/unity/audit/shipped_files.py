@@ -78,12 +78,37 @@ def _difference(file: Path, shipped: Path) -> str:
         return meta_difference(content, expected)
     if content == expected:
         return ""
+    if shipped.suffix in (".json", ".asmdef"):
+        difference = _entry_difference(content, expected)
+        if difference:
+            return difference
     lines = content.split(b"\n")
     expected_lines = expected.split(b"\n")
     for number, (line, expected_line) in enumerate(zip(lines, expected_lines, strict=False), start=1):
         if line != expected_line:
             return f"differs from the file of twin, first in line {number}"
     return f"has {len(lines)} lines, the file of twin has {len(expected_lines)}"
+
+
+def _entry_difference(content: bytes, expected: bytes) -> str:
+    """Return how the entries of a JSON file differ from those expected; "" if they are equal, or no JSON object."""
+    try:
+        data = json.loads(content.decode("utf-8-sig"))
+        expected_data = json.loads(expected.decode("utf-8-sig"))
+    except (ValueError, RecursionError):
+        return ""
+    if not isinstance(data, dict) or not isinstance(expected_data, dict):
+        return ""
+    differing = [key for key in {**expected_data, **data} if data.get(key) != expected_data.get(key)]
+    if not differing:
+        return ""
+    key = differing[0]
+    value = data.get(key)
+    expected_value = expected_data.get(key)
+    if isinstance(value, dict) and isinstance(expected_value, dict):
+        inner = [name for name in {**expected_value, **value} if value.get(name) != expected_value.get(name)]
+        return f"differs from the file of twin in the entry '{key}', in {', '.join(map(repr, inner[:3]))}"
+    return f"differs from the file of twin in the entry '{key}'"
 
 
 def meta_difference(content: bytes, expected: bytes, *, own_guid: bool = False) -> str:
