@@ -6,6 +6,8 @@ import struct
 import zipfile
 from pathlib import Path
 
+from pxr import Usd, UsdGeom
+
 from twin.core.foreign.budget import check_size, check_zip
 from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.reader_context import Context
@@ -32,7 +34,20 @@ def read(path: Path, ledger: Ledger, context: Context) -> Content | None:
     check_zip(path, "USDZ")
     if not _opens(path, ledger):
         return None
-    return read_layer(path, ledger, context)
+    content = read_layer(path, ledger, context)
+    _check_purposes(path, ledger)
+    return content
+
+
+def _check_purposes(path: Path, ledger: Ledger) -> None:
+    """Report meshes with a purpose for which viewers do not show them."""
+    stage = Usd.Stage.Open(str(path))
+    for prim in stage.Traverse():
+        purpose = UsdGeom.Imageable(prim).ComputePurpose() if prim.IsA(UsdGeom.Mesh) else UsdGeom.Tokens.default_
+        if purpose in (UsdGeom.Tokens.guide, UsdGeom.Tokens.proxy):
+            place = str(prim.GetPath())
+            text = f"mesh {place} has the purpose {purpose}: AR viewers do not show it."
+            ledger.add("usdz.purpose", "warning", text, place, suggestion="remove the purpose")
 
 
 def _opens(path: Path, ledger: Ledger) -> bool:

@@ -243,14 +243,18 @@ def _assumed(stage: Usd.Stage) -> dict[str, str]:
 
 
 def _check_cones(stage: Usd.Stage, physics: FilePhysics, ledger: Ledger) -> None:
-    """Compare the cones of ball joints with the parameters "<joint> cone" that the stage itself lists."""
-    parameters = _custom_data(stage, "twin:parameters")
+    """Compare the cones of ball joints with the parameters "<joint>,<joint> cone" that the stage itself lists."""
+    listed: dict[str, float] = {}
+    for parameter, row in _custom_data(stage, "twin:parameters").items():
+        joints, _, field = str(parameter).rpartition(" ")
+        if field == "cone" and "value" in row:
+            for joint_name in joints.split(","):
+                listed[joint_name] = float(row["value"])
     for joint in physics.joints:
         name = " ".join(joint.names)
-        listed = parameters.get(f"{name} cone")
-        if listed is None or joint.drive.cone is None:
+        if name not in listed or joint.drive.cone is None:
             continue
-        expected = float(listed["value"])
+        expected = listed[name]
         stated = max(joint.drive.cone, key=lambda half_angle: abs(half_angle - expected))
         if not abs(stated - expected) < 1e-5:  # half angles are in single precision
             shown = f"{stated * 180 / np.pi:.6g} deg, but its parameter is {expected * 180 / np.pi:.6g} deg"
@@ -310,7 +314,13 @@ def _check_materials(prims: list[Usd.Prim], ledger: Ledger) -> None:
 
 
 def _has_lost_shader(material: UsdShade.Material) -> bool:
-    """Return whether a material connects its surface to a shader that is not there, is inactive, or is a class."""
+    """Return whether a material has shaders that its surface is not connected to, or is connected to a lost one.
+
+    Lost are shaders that are not there, are inactive, or are classes. A material without shaders may be one of physics.
+    """
+    outputs = [*material.GetSurfaceOutputs(), *material.GetVolumeOutputs()]
+    if not any(output.GetAttr().HasAuthoredConnections() for output in outputs):
+        return any(child.IsA(UsdShade.Shader) for child in material.GetPrim().GetChildren())
     output = material.GetSurfaceOutput()
     if not output or not output.GetAttr().HasAuthoredConnections():
         return False

@@ -153,6 +153,7 @@ def check_declared(stage: Usd.Stage, physics: FilePhysics, codes: Array, ledger:
     _check_schemas(stage, ledger)
     _check_joints(stage, ledger)
     _check_ends(stage, ledger)
+    _check_resets(stage, ledger)
     _check_sampled(stage, ledger)
     _check_sample_times(stage, physics.links, ledger)
     _check_changing(stage, ledger)
@@ -307,6 +308,15 @@ def _check_joints(stage: Usd.Stage, ledger: Ledger) -> None:
         if driven and prim.GetAttribute("twin:active").Get() is None:
             text = f"joint '{name}' has a drive, but no twin:active: readers take it for active without being told."
             ledger.add("usd.mark", "warning", text, name, suggestion="export the stage again")
+
+
+def _check_resets(stage: Usd.Stage, ledger: Ledger) -> None:
+    """Report prims that ignore the transforms above them: they stay where they are if the robot is placed elsewhere."""
+    for prim in stage.Traverse():
+        if prim.IsA(UsdGeom.Xformable) and UsdGeom.Xformable(prim).GetResetXformStack():
+            path = str(prim.GetPath())
+            text = f"{path} resets the transforms above it: it stays in place if a scene places the robot elsewhere."
+            ledger.wrong("usd.reset", text, path, suggestion="remove !resetXformStack! from xformOpOrder")
 
 
 def _check_ends(stage: Usd.Stage, ledger: Ledger) -> None:
