@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from pxr import Tf, Usd
+from pxr import Sdf, Tf, Usd, UsdPhysics
 
 from twin.core.foreign.admit import admit
 from twin.core.foreign.budget import check_size
@@ -18,13 +19,17 @@ from twin.exchange.audit.deformables import audit_deformables
 from twin.exchange.audit.file_comparison import references
 from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.folder_files import SCENE
-from twin.exchange.audit.poses import Array
-from twin.exchange.audit.report import POSITION_TOL, Ledger, Measured, ReadError, guarded, quantity
+from twin.exchange.audit.poses import Array, angle
+from twin.exchange.audit.report import POSITION_TOL, ROTATION_TOL, Ledger, Measured, ReadError, guarded, quantity
 from twin.exchange.format import Holds
 from twin.exchange.formats import kind_holds
 from twin.exchange.formats.usd.audit import StageWorld
 from twin.exchange.formats.usd.audit.checks import version
 from twin.usd.check import run_usd_validators
+
+_CONVENTION = re.compile(r"in its base frame, (?P<axis>\w) up, in (?P<unit>\w+)\.")
+
+_LISTED = re.compile(r"One folder for each robot[^\n]*\n +(?P<names>[\w, ]+)\.\n")
 
 REACH = 0.1
 """Distance in m between a link's origin and the other points at which deviations are measured, to include rotations."""
@@ -57,6 +62,7 @@ def audit_scene(folder: Path, audited: Callable[[Path], Audited]) -> Audited:
     robots: dict[str, SceneRobot] = {}
     for name, protocol, T, path in _robots(folder, ledger):
         robot_contents, robot_ledgers = audited(path)
+        _check_protocol(name, protocol, robot_contents, ledger)
         robots[name] = _motion_of_robot(robot_contents, protocol, T)
         contents += robot_contents
         for robot_ledger in robot_ledgers:
@@ -71,6 +77,8 @@ def audit_scene(folder: Path, audited: Callable[[Path], Audited]) -> Audited:
             robot_ledger.found = findings
         ledgers += robot_ledgers
     ledger.row("robots", float(len(robots)), "found")
+    if not ledger.found:  # else robots are missing, which is reported
+        _check_readme(folder / "README.txt", robots, ledger)
     if robots:
         objects = _objects(folder, ledger)
         if objects:
@@ -108,6 +116,41 @@ def _robots(folder: Path, ledger: Ledger) -> Iterator[tuple[str, str, Array, Pat
             yield name, protocol, T, path
 
 
+def _check_protocol(name: str, protocol: str, contents: Sequence[Content], ledger: Ledger) -> None:
+    """Report a protocol of a robot in scene.json of which the robot's files have no motion, though they have others."""
+    motions = list(references(contents, {}))
+    if protocol and motions and not any(_is_motion_of(motion, protocol) for motion in motions):
+        text = f"robot '{name}': its files have no motion '{protocol}', its protocol in {SCENE}; they have "
+        advice = f"correct the protocol in {SCENE}, or export the scene again"
+        ledger.wrong("scene.protocol", f"{text}{', '.join(motions)}.", name, suggestion=advice)
+
+
+def _is_motion_of(motion: str, protocol: str) -> bool:
+    return motion == protocol or motion.endswith(f"_{protocol}")
+
+
+def _check_readme(file: Path, robots: Collection[str], ledger: Ledger) -> None:
+    """Report what the README.txt of a scene of twin states otherwise than its files: unit, up axis, robots."""
+    if not file.is_file():
+        return
+    check_size(file, "text")
+    text = file.read_text(encoding="utf-8", errors="replace")
+    where = file.name
+    convention = _CONVENTION.search(text)
+    if convention is None:
+        return
+    if convention["axis"] != "z" or convention["unit"] != "m":
+        stated = f"{convention['axis']} up, in {convention['unit']}"
+        message = f"{where} states that the robots' files are {stated}; they are z up, in m."
+        ledger.wrong("scene.readme", message, where, suggestion="export the scene again")
+    listed = _LISTED.search(text)
+    names = set(listed["names"].split(", ")) if listed else set()
+    if robots and names != set(robots):
+        differing = ", ".join(sorted(names ^ set(robots)))
+        message = f"{where} and {SCENE} do not name the same robots: {differing}."
+        ledger.wrong("scene.readme", message, where, suggestion="export the scene again")
+
+
 def _is_pose(T: Array) -> bool:
     if T.shape != (4, 4):
         return False
@@ -139,7 +182,7 @@ def _motion_of_robot(contents: Sequence[Content], protocol: str, T_world_base: A
     scene's stages reference it: the poses are always equal.
     """
     for name, ref in references(contents, {}).items():
-        if protocol and (name == protocol or name.endswith(f"_{protocol}")):
+        if protocol and _is_motion_of(name, protocol):
             return SceneRobot(T_world_base, ref.clip.times, ref.clip.links)
     contents_at_rest = [content for content in contents if content.links and content.rest]
     contents_at_rest.sort(key=lambda c: not kind_holds(c.format, Holds.ALL_MOTIONS))
@@ -163,6 +206,8 @@ def _compare_stage(robots: Mapping[str, SceneRobot], path: Path, ledger: Ledger)
         for finding in run_usd_validators(path):
             if finding.severity != "info":
                 public_findings.append(finding)
+        _check_bases(path, robots, ledger)
+        _check_filters(path, ledger)
         worst, where, when = deviation(path, robots)
     except (Tf.ErrorException, RuntimeError) as error:
         reason = str(error).strip().splitlines()[-1]
@@ -178,6 +223,63 @@ def _compare_stage(robots: Mapping[str, SceneRobot], path: Path, ledger: Ledger)
         if np.isfinite(worst):
             text = f"{where}: the pose differs from the robot's files by {quantity(worst, 'm')}."
         ledger.wrong("scene.link", text, where, size=Measured(worst, POSITION_TOL, "m"), when=when)
+
+
+def _check_bases(path: Path, robots: Mapping[str, SceneRobot], ledger: Ledger) -> None:
+    """Report robots whose base has another pose in the stage than in scene.json."""
+    stage = Usd.Stage.Open(str(path))
+    stage.Reload()
+    world = StageWorld(stage)
+    root = stage.GetDefaultPrim().GetPath()
+    for name, robot in robots.items():
+        prim = stage.GetPrimAtPath(root.AppendChild(name))
+        if not prim:
+            continue  # its links are missing
+        T = world.poses(prim, [Usd.TimeCode.Default()])[0]
+        distance = float(np.linalg.norm(T[:3, 3] - robot.T_world_base[:3, 3]))
+        turn = float(angle(T[:3, :3], robot.T_world_base[:3, :3]))
+        if not (distance <= POSITION_TOL and turn <= ROTATION_TOL):
+            text = (
+                f"robot '{name}': its base in {SCENE} differs by {quantity(distance, 'm')} and "
+                f"{np.degrees(turn):.4g} deg from that in the stage."
+            )
+            size = Measured(distance, POSITION_TOL, "m")
+            advice = f"correct T_world_base in {SCENE}, or the transform of the robot in the stage"
+            ledger.wrong("scene.base", text, name, size=size, suggestion=advice)
+
+
+def _check_filters(path: Path, ledger: Ledger) -> None:
+    """Report links that collide with some of the shapes of a prop, and not with the others.
+
+    Links touch or enter a prop as a whole by design: its shapes are left out of collisions together.
+    """
+    stage = Usd.Stage.Open(str(path))
+    for prim in stage.Traverse():
+        if not prim.HasAPI(UsdPhysics.FilteredPairsAPI):
+            continue
+        targets = set(UsdPhysics.FilteredPairsAPI(prim).GetFilteredPairsRel().GetForwardedTargets())
+        for group in sorted({target.GetParentPath() for target in targets}):
+            shapes = _colliders(stage.GetPrimAtPath(group))
+            kept = [shape for shape in shapes if shape not in targets]
+            if kept and any(shape in targets for shape in shapes):
+                place = str(prim.GetPath())
+                text = (
+                    f"{place} collides with {kept[0].name}, but not with the other shapes of {group.name}: they are "
+                    "left out of collisions together, as the two touch by design."
+                )
+                advice = "add the shape to physics:filteredPairs"
+                ledger.add("scene.filter", "warning", text, place, suggestion=advice)
+
+
+def _colliders(group: Usd.Prim) -> list[Sdf.Path]:
+    """Return the paths of the shapes directly below a prim that can collide, unless it is a link with joints."""
+    if not group or group.HasAPI(UsdPhysics.RigidBodyAPI):
+        return []
+    shapes = []
+    for prim in group.GetChildren():
+        if prim.HasAPI(UsdPhysics.CollisionAPI):
+            shapes.append(prim.GetPath())
+    return shapes
 
 
 def deviation(stage: Path, robots: Mapping[str, SceneRobot]) -> tuple[float, str, str]:
