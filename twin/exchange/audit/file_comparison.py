@@ -10,6 +10,7 @@ import numpy as np
 from twin.exchange.audit.file_content import Content, FileClip, LinkShape, largest
 from twin.exchange.audit.file_statements import ROBOT
 from twin.exchange.audit.interpolation_error import midway
+from twin.exchange.audit.mechanism_data import FileJoint
 from twin.exchange.audit.pose_mistakes import mistake_behind
 from twin.exchange.audit.poses import Array, angle
 from twin.exchange.audit.report import (
@@ -196,7 +197,7 @@ def _compare_clip(content: Content, clip: FileClip, ref: Reference, name: str) -
     shared = [n for n in ref.clip.links if n in clip.links]
     if not shared or not len(clip_keys):
         return
-    _compare_poses(content.ledger, clip, ref, name, clip_keys, ref_keys)
+    _compare_poses(content, clip, ref, name, clip_keys, ref_keys)
     _compare_joints(content, clip, ref, name, clip_keys, ref_keys)
     if clip.middle and len(clip_keys) == len(clip.times) == len(ref.clip.times):
         _compare_middle(content, clip, ref, name)
@@ -235,9 +236,13 @@ def _compare_names(content: Content, clip: FileClip, ref: Reference, name: str) 
 
 
 def _compare_poses(
-    ledger: Ledger, clip: FileClip, ref: Reference, name: str, clip_keys: Array, ref_keys: Array
+    content: Content, clip: FileClip, ref: Reference, name: str, clip_keys: Array, ref_keys: Array
 ) -> None:
-    """Compare the poses of the links at the common keys, and report the links that differ, the farthest first."""
+    """Compare the poses of the links at the common keys, and report the links that differ.
+
+    Links at which a deviation begins are first, then the farthest.
+    """
+    ledger = content.ledger
     clip_poses = {}
     ref_poses = {}
     differences = {}
@@ -266,7 +271,8 @@ def _compare_poses(
     if not wrong:
         return
     reason = mistake_behind(clip_poses, ref_poses)
-    wrong.sort(key=lambda n: -differences[n].distance)
+    beginnings = _beginnings(content, wrong, differences) if len(wrong) > 1 else {}
+    wrong.sort(key=lambda n: (n not in beginnings, -differences[n].distance))
     for link in wrong:
         difference = differences[link]
         degrees = float(np.degrees(difference.angle))
@@ -275,6 +281,8 @@ def _compare_poses(
             f"{ref.source}"
         )
         message += f": {reason}." if reason else "."
+        if link in beginnings:
+            message += f" The deviation begins here, at {beginnings[link]}."
         if difference.distance > POSITION_TOL or not np.isfinite(difference.distance):
             size = um(difference.distance, POSITION_TOL)
             key = difference.distance_key
@@ -282,6 +290,33 @@ def _compare_poses(
             size = Measured(degrees, float(np.degrees(ROTATION_TOL)), "deg")
             key = difference.angle_key
         ledger.wrong("compare.pose", message, link, size=size, when=_time_text(times[key]))
+
+
+def _beginnings(content: Content, wrong: Collection[str], compared: Collection[str]) -> dict[str, str]:
+    """Return {link: its joints as text} of the wrong links whose next link towards the root agrees.
+
+    Only poses that are computed from joints have such links: each link carries the deviations of those before it.
+    """
+    if content.physics is None or not holding(content.format, Holds.JOINT_TREE):
+        return {}
+    above: dict[str, FileJoint] = {}
+    for joint in content.physics.joints:
+        if joint.parent and joint.names and not joint.tied:  # ties close loops
+            above.setdefault(joint.child, joint)
+    beginnings: dict[str, str] = {}
+    for link in wrong:
+        joint_names: list[str] = []
+        ancestor = link
+        while ancestor in above and len(joint_names) <= len(above):
+            joint = above[ancestor]
+            joint_names.extend(joint.names)
+            ancestor = joint.parent
+            if ancestor in compared:
+                break
+        if joint_names and ancestor in compared and ancestor not in wrong:
+            listed = ", ".join(f"'{joint_name}'" for joint_name in reversed(joint_names))
+            beginnings[link] = f"{'joints' if len(joint_names) > 1 else 'joint'} {listed}"
+    return beginnings
 
 
 def _times_text(clip: FileClip, ref: Reference, clip_keys: Array, ref_keys: Array) -> str:

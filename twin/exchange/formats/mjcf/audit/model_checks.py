@@ -31,6 +31,9 @@ _FEWEST_FORMS = 3
 _UNLIMITED = 1e29
 """Limits of tracks in m or rad above this size mean "no limit"."""
 
+_CONTROL_DIGITS = 9
+"""Decimals of a computed control in messages: less is rounding of the equations of balance."""
+
 _RANGE_SLACK = 1e-6
 """Largest excess over a range, in m or rad, that counts as a rounding error of a keyframe."""
 
@@ -333,9 +336,32 @@ def _check_holding_forces(model: mujoco.MjModel, data: mujoco.MjData, name: str,
             )
             ledger.add("mjcf.effort", "warning", text, label, size=Measured(needed, bound))
         elif abs(force) >= bound:
-            text = f"keyframe '{name}': actuator '{label}' is at its maximum effort, {bound:g} N or N m."
+            text = (
+                f"keyframe '{name}': actuator '{label}' is at its maximum effort, {bound:g} N or N m"
+                f"{_control_text(model, data, actuator, needed)}."
+            )
             advice = "set the actuator's control in the keyframe to the value of its joint"
             ledger.wrong("mjcf.keyframe", text, label, size=Measured(force, bound), suggestion=advice)
+
+
+def _control_text(model: mujoco.MjModel, data: mujoco.MjData, actuator: int, needed: float) -> str:
+    """Return which control an actuator has, and which one gives the force `needed`; "" if it does not follow.
+
+    Its force is gain times control plus bias, without activation and at zero velocity.
+    """
+    is_plain = int(model.actuator_dyntype[actuator]) == int(mujoco.mjtDyn.mjDYN_NONE)
+    has_fixed_gain = int(model.actuator_gaintype[actuator]) == int(mujoco.mjtGain.mjGAIN_FIXED)
+    gain = float(model.actuator_gainprm[actuator, 0])
+    if not (is_plain and has_fixed_gain) or gain == 0.0:
+        return ""
+    bias = 0.0
+    if int(model.actuator_biastype[actuator]) == int(mujoco.mjtBias.mjBIAS_AFFINE):
+        constant, stiffness = model.actuator_biasprm[actuator, :2].tolist()
+        bias = constant + stiffness * float(data.actuator_length[actuator])
+    elif int(model.actuator_biastype[actuator]) != int(mujoco.mjtBias.mjBIAS_NONE):
+        return ""
+    right_control = round((needed - bias) / gain, _CONTROL_DIGITS) or 0.0
+    return f": its control is {data.ctrl[actuator]:g}, and {right_control:g} would hold the robot"
 
 
 def _holding_forces(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
