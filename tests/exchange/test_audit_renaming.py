@@ -36,6 +36,8 @@ PHYSICS = {
     "reductions": {"old joint": 2.0},
     "weight_shares": {"old link": 0.5},
     "postures": {"home": {"old joint": 0.1}},
+    "home_posture": {"old joint": 0.1},
+    "home": {"old joint": 0.1},
 }
 """Fields of `FilePhysics` with names of links and joints."""
 
