@@ -22,7 +22,7 @@ from twin.exchange.audit.report import Ledger
 from twin.exchange.audit.scene_folder import audit_scene
 from twin.exchange.formats.unity.audit import check_package
 from twin.exchange.formats.unity.audit.kinematics import ROBOTS, read_classes
-from twin.exchange.formats.unity.audit.shipped import PACKAGE
+from twin.exchange.formats.unity.audit.shipped_files import PACKAGE
 from twin.exchange.formats.urdf.audit import Urdf
 from twin.exchange.formats.usd.audit import _check_cones
 from twin.exchange.formats.usd.audit.physics import stage_physics
