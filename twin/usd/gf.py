@@ -103,25 +103,25 @@ def quat_array_wxyz(quaternions) -> Array:
     return xyzw[:, [3, 0, 1, 2]]
 
 
-def _flat(v: ArrayLike, n: int) -> list[float]:
+def _flat(v: ArrayLike, count: int) -> list[float]:
     """Return v (n,) as Python floats, which Gf requires.
 
     Raises:
         ValueError: v has another shape.
     """
     values = np.asarray(v, float)
-    if values.shape != (n,):
-        raise ValueError(f"expected ({n},), not {values.shape}")
+    if values.shape != (count,):
+        raise ValueError(f"expected ({count},), not {values.shape}")
     return values.tolist()
 
 
-def _rows(v: ArrayLike, n: int, dtype: type) -> np.ndarray:
+def _rows(v: ArrayLike, count: int, dtype: type) -> np.ndarray:
     """Return v (k, n) as a contiguous array, which Vt requires.
 
     Raises:
         ValueError: v has another shape.
     """
     values = np.ascontiguousarray(v, dtype=dtype)
-    if values.ndim != 2 or values.shape[1] != n:
-        raise ValueError(f"the shape must be (n, {n}), not {values.shape}")
+    if values.ndim != 2 or values.shape[1] != count:
+        raise ValueError(f"the shape must be (n, {count}), not {values.shape}")
     return values

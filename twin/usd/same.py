@@ -20,13 +20,13 @@ RELATIVE = 1e-6
 """Relative tolerance for joint frames and meshes in single precision."""
 
 
-def same_layer(a: Path, b: Path) -> bool:
+def same_layer(first: Path, second: Path) -> bool:
     """Return whether two layer files have the same content, with numbers equal within `ABSOLUTE` and `RELATIVE`.
 
     Files of the same robot may differ in some bytes, because processors round sums differently.
     """
-    text_a = Sdf.Layer.OpenAsAnonymous(str(a)).ExportToString()
-    text_b = Sdf.Layer.OpenAsAnonymous(str(b)).ExportToString()
+    text_a = Sdf.Layer.OpenAsAnonymous(str(first)).ExportToString()
+    text_b = Sdf.Layer.OpenAsAnonymous(str(second)).ExportToString()
     if _NUMBER.sub("#", text_a) != _NUMBER.sub("#", text_b):
         return False
     numbers_a, tolerances = _numbers(text_a)

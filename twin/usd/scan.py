@@ -284,13 +284,16 @@ class RawStage:
         )
 
     def _end(self, body: Usd.Relationship, position: Usd.Attribute, rotation: Usd.Attribute, turn: Array) -> JointSide:
-        targets = body.GetForwardedTargets() if body else []
+        targets = []
+        if body:
+            targets = body.GetForwardedTargets()
         p = np.zeros(3)
         if position and position.Get() is not None:
             p = np.array(position.Get(), float)
-        q = rotation.Get() if rotation else None
+        R = np.eye(3)
         try:
-            R = np.eye(3) if q is None else gf.rotation(q)
+            if rotation and rotation.Get() is not None:
+                R = gf.rotation(rotation.Get())
         except ValueError as error:
             return JointSide("", np.eye(4), f"{rotation.GetName()}: {error}")
         R_turned = R @ turn

@@ -3,7 +3,7 @@
     layout       units, frame rates, transform ops, names
     structure    loops, articulation root, self collision
     timeline     poses of all bodies, at rest and at every time sample
-    joints       coincidence of the two frames of each joint, along the whole timeline
+    joint_frames coincidence of the two frames of each joint, along the whole timeline
     coordinates  limits, states, drives and speeds along the whole timeline; also finds angles in radians
     bodies       masses, inertias, nesting, meshes
     samples      time range, quaternion signs, steps

@@ -141,19 +141,19 @@ def _check_mass(
         yield _missing_mass(scene, path, weighed)
         return
     # Meshes that do not show the whole body cannot show that its mass is wrong.
-    whole = shows_all(scene, prim)
+    is_whole_body = shows_all(scene, prim)
     center = _numbers(api.GetCenterOfMassAttr().Get(), -np.inf) * scene.meters
     if box is not None and np.all(np.isfinite(center)):
         low, high = box
         outside = np.maximum(np.maximum(low - center, center - high), 0)
         gap = float(np.linalg.norm(outside))
         if gap > COM_MARGIN:
-            kind = _COM if whole else _COM_NOTE
+            kind = _COM if is_whole_body else _COM_NOTE
             text = f"the centre of mass of body {path} is outside the bounding box of the body's meshes"
             yield kind(path, text, mm(gap), mm(COM_MARGIN))
     moments = _numbers(api.GetDiagonalInertiaAttr().Get(), 0.0) * scene.kilograms * scene.meters**2
     if np.any(moments):
-        yield from _check_inertia(path, mass, moments, box, whole)
+        yield from _check_inertia(path, mass, moments, box, is_whole_body)
 
 
 def _numbers(stated: Any, fallback: float) -> Array:
@@ -180,7 +180,7 @@ def _missing_mass(scene: RawStage, path: str, weighed: bool) -> Finding:
 
 
 def _check_inertia(
-    path: str, mass: float, moments: Array, box: tuple[Array, Array] | None, whole: bool
+    path: str, mass: float, moments: Array, box: tuple[Array, Array] | None, is_whole_body: bool
 ) -> Iterator[Finding]:
     tensor = Inertia(mass or 1.0, np.zeros(3), np.diag(moments))
     ordered = np.sort(moments)
@@ -200,7 +200,7 @@ def _check_inertia(
     limit = smallest * diagonal
     if gyration > limit:
         limit = greatest * diagonal
-    kind = _INERTIA_SIZE if whole else _INERTIA_SIZE_NOTE
+    kind = _INERTIA_SIZE if is_whole_body else _INERTIA_SIZE_NOTE
     message = (
         f"the radius of gyration of body {path} is not plausible: the diagonal of the body's meshes is "
         f"{mm(diagonal)}, the radius of gyration"

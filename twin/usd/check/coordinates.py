@@ -129,11 +129,11 @@ def _check_limits(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding
     if _limits_look_like_radians(joint, q, low, high):
         yield _radians(joint, f"the limits {low:.5g} .. {high:.5g} deg look like radians", high)
         return
-    unit, shown = _unit(joint)
-    breach = _breach(q, low, high, joint.is_angle) * shown
+    unit, display_factor = _unit(joint)
+    breach = _breach(q, low, high, joint.is_angle) * display_factor
     worst = int(np.argmax(breach))
     if breach[worst] > LIMIT_TOL:
-        text = f"joint {joint.path} exceeds its limits {low * shown:.5g} .. {high * shown:.5g} {unit}"
+        text = f"joint {joint.path} exceeds its limits {low * display_factor:.5g} .. {high * display_factor:.5g} {unit}"
         yield _BEYOND_LIMITS(joint.path, text, Quantity(breach[worst], unit), LIMIT_TOL, when=line.labels[worst])
 
 
@@ -158,22 +158,24 @@ def _difference(joint: RawJoint, a: Array, b: Array) -> Array:
 
 def _check_state(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]:
     """Compare the joint state, which is the initial state of simulations, with the coordinate from the poses."""
-    unit, shown = _unit(joint)
+    unit, display_factor = _unit(joint)
     attribute = joint.prim.GetAttribute(f"state:{joint.instance}:physics:position")
-    rest = attribute.Get() if attribute else None
-    if rest is None:
+    rest_state: float | None = None
+    if attribute:
+        rest_state = attribute.Get()
+    if rest_state is None:
         distance_from_zero = float(_difference(joint, q[:1], np.zeros(1))[0])
         if not joint.excluded and distance_from_zero > STATE_TOL:
             yield _STATE_MISSING(
                 joint.path,
                 f"joint {joint.path} has no joint state, so simulators start the joint at zero instead of at the "
                 "coordinate given by the poses of its bodies",
-                Quantity(q[0] * shown, unit),
+                Quantity(q[0] * display_factor, unit),
                 STATE_TOL,
                 f"apply PhysicsJointStateAPI:{joint.instance} to the joint and author the position of this state",
             )
         return
-    authored = [float(rest)]
+    authored = [float(rest_state)]
     if attribute.GetNumTimeSamples() > 0:
         query = Usd.AttributeQuery(attribute)
         for code in line.codes.tolist():
@@ -188,9 +190,11 @@ def _check_state(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]
         text = f"the joint state {states[worst]:.5g} deg equals the coordinate {actual[worst]:.5g} deg in radians"
         yield _radians(joint, text, float(states[worst]))
         return
+    stated = Quantity(states[worst] * display_factor, unit)
+    computed = Quantity(actual[worst] * display_factor, unit)
     text = (
-        f"joint {joint.path}: the joint state {Quantity(states[worst] * shown, unit)} differs from the coordinate "
-        f"{Quantity(actual[worst] * shown, unit)} computed from the poses of the joint's bodies"
+        f"joint {joint.path}: the joint state {stated} differs from the coordinate {computed} computed from the poses "
+        "of the joint's bodies"
     )
     yield _STATE(joint.path, text, Quantity(differences[worst], unit), STATE_TOL, when=line.labels[worst])
 
@@ -210,22 +214,22 @@ def _check_drive(joint: RawJoint, q: float) -> Iterator[Finding]:
     if joint.instance not in instances:
         return
     drive = UsdPhysics.DriveAPI(joint.prim, joint.instance)
-    unit, shown = _unit(joint)
+    unit, display_factor = _unit(joint)
     target = drive.GetTargetPositionAttr().Get() * joint.unit
     low, high = _limits(joint)
     if joint.is_angle and _looks_like_radians(target, q):
         text = f"the drive target {target:.5g} deg equals the coordinate {q:.5g} deg in radians"
         yield _radians(joint, text, target)
-    elif low <= high and max(low - target, target - high) * shown > LIMIT_TOL:
+    elif low <= high and max(low - target, target - high) * display_factor > LIMIT_TOL:
         exceeded = low
         if target > high:
             exceeded = high
         yield _DRIVE_TARGET(
             joint.path,
-            f"joint {joint.path}: the drive target is outside the joint limits {low * shown:.5g} .. "
-            f"{high * shown:.5g} {unit}",
-            Quantity(target * shown, unit),
-            Quantity(exceeded * shown, unit),
+            f"joint {joint.path}: the drive target is outside the joint limits {low * display_factor:.5g} .. "
+            f"{high * display_factor:.5g} {unit}",
+            Quantity(target * display_factor, unit),
+            Quantity(exceeded * display_factor, unit),
         )
 
 
@@ -238,18 +242,20 @@ def _looks_like_radians(target: float, q: float) -> bool:
 
 def _check_speed(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]:
     attribute = joint.prim.GetAttribute("physxJoint:maxJointVelocity")
-    stated = attribute.Get() if attribute else None
+    stated: float | None = None
+    if attribute:
+        stated = attribute.Get()
     if stated is None or not np.isfinite(stated) or len(line.times_s) < 2:
         return
-    unit, shown = _unit(joint)
-    limit = stated * (joint.unit * shown)
+    unit, display_factor = _unit(joint)
+    limit = stated * (joint.unit * display_factor)
     # q starts with the coordinate at rest, which is no sample
     change = np.abs(np.diff(q[1:]))
     duration = np.diff(line.times_s)
     # Two time codes of one key, apart by rounding, are no motion: a quotient of roundings is no speed.
     same_key = (duration <= _ROUNDED) & (change <= _ROUNDED)
     rate = np.divide(change, duration, out=np.full_like(change, np.inf), where=duration > 0)
-    speed = np.where(same_key, 0.0, rate) * shown
+    speed = np.where(same_key, 0.0, rate) * display_factor
     worst = int(np.argmax(speed))
     if speed[worst] <= limit * SPEED_MARGIN:
         return

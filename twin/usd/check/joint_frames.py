@@ -53,17 +53,17 @@ _LIMITS = Kind(
 _JOINT_COLLISION = Kind("stage.joint_collision", "warning", "author physics:collisionEnabled = false")
 
 
-def deviation(kind: str, A: Array) -> tuple[Array, Array]:
+def deviation(kind: str, T_0_1: Array) -> tuple[Array, Array]:
     """Return (distances (k,) in m, angles (k,) in rad) between the two frames of a joint in its locked directions.
 
     A (k, 4, 4) is the pose of the frame on body1 relative to the frame on body0; `kind` is the joint type.
     """
-    p = A[:, :3, 3]
+    p = T_0_1[:, :3, 3]
     offset = np.linalg.norm(p, axis=1)
     across = np.hypot(p[:, 0], p[:, 1])
-    turn = spatial.rotation_angle(A[:, :3, :3])
-    tilt = np.arctan2(np.hypot(A[:, 0, 2], A[:, 1, 2]), A[:, 2, 2])
-    none = np.zeros(len(A))
+    turn = spatial.rotation_angle(T_0_1[:, :3, :3])
+    tilt = np.arctan2(np.hypot(T_0_1[:, 0, 2], T_0_1[:, 1, 2]), T_0_1[:, 2, 2])
+    none = np.zeros(len(T_0_1))
     return {
         "fixed": (offset, turn),
         "revolute": (offset, tilt),
@@ -81,8 +81,8 @@ def check_joints(scene: RawStage, line: Timeline) -> Iterator[Finding]:
         if joint.fault:
             yield _JOINT(joint.path, f"joint {joint.path}: {joint.fault}")
             continue
-        A = line.relative(joint)
-        yield from _check_meeting(joint, line, A)
+        T_0_1 = line.relative(joint)
+        yield from _check_meeting(joint, line, T_0_1)
         ordered = True
         if joint.limits and not joint.limits[0] <= joint.limits[1]:
             ordered = False
@@ -99,11 +99,11 @@ def check_joints(scene: RawStage, line: Timeline) -> Iterator[Finding]:
             )
             yield _JOINT_COLLISION(joint.path, message)
         if joint.type in ("revolute", "prismatic"):
-            yield from check_coordinate(joint, line, coordinate(joint, A), ordered)
+            yield from check_coordinate(joint, line, coordinate(joint, T_0_1), ordered)
 
 
-def _check_meeting(joint: RawJoint, line: Timeline, A: Array) -> Iterator[Finding]:
-    offset, angle = deviation(joint.type, A)
+def _check_meeting(joint: RawJoint, line: Timeline, T_0_1: Array) -> Iterator[Finding]:
+    offset, angle = deviation(joint.type, T_0_1)
     worst = int(np.argmax(offset))
     if offset[worst] > ANCHOR_TOL:
         text = f"joint {joint.path} ({joint.type}): distance between the joint's anchor points on the two bodies"

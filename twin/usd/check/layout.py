@@ -18,10 +18,10 @@ OP_TYPES = {
     "scale": _VECTORS,
     "orient": ("quatd", "quatf", "quath"),
     "transform": ("matrix4d",),
-    **{f"rotate{a}": _SCALARS for a in "XYZ"},
-    **{f"rotate{a}": _VECTORS for a in ("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")},
-    **{f"translate{a}": _SCALARS for a in "XYZ"},
-    **{f"scale{a}": _SCALARS for a in "XYZ"},
+    **dict.fromkeys(("rotateX", "rotateY", "rotateZ"), _SCALARS),
+    **dict.fromkeys(("rotateXYZ", "rotateXZY", "rotateYXZ", "rotateYZX", "rotateZXY", "rotateZYX"), _VECTORS),
+    **dict.fromkeys(("translateX", "translateY", "translateZ"), _SCALARS),
+    **dict.fromkeys(("scaleX", "scaleY", "scaleZ"), _SCALARS),
 }
 """Value types that USD accepts for each kind of transform op; USD ignores ops of other types."""
 
@@ -187,7 +187,10 @@ def _check_reset(scene: RawStage, prim: Usd.Prim) -> Iterator[Finding]:
 def _check_prim_ops(prim: Usd.Prim, is_body: bool) -> Iterator[Finding]:
     path = str(prim.GetPath())
     names = _op_order(prim)
-    authored = {a.GetName() for a in prim.GetAuthoredAttributes() if a.GetName().startswith("xformOp:")}
+    authored = set()
+    for authored_attribute in prim.GetAuthoredAttributes():
+        if authored_attribute.GetName().startswith("xformOp:"):
+            authored.add(authored_attribute.GetName())
     for name in sorted(authored | set(names)):
         kind = name.split(":")[1]
         attribute = prim.GetAttribute(name)
@@ -199,16 +202,20 @@ def _check_prim_ops(prim: Usd.Prim, is_body: bool) -> Iterator[Finding]:
                 suggestion="author the op or remove it from xformOpOrder",
             )
         elif kind not in OP_TYPES or str(attribute.GetTypeName()) not in OP_TYPES[kind]:
-            known = " or ".join(OP_TYPES.get(kind, ())) or "the type of a known op"
+            known_types = " or ".join(OP_TYPES.get(kind, ())) or "the type of a known op"
             yield _XFORM_TYPE(
                 path,
-                f"{path}: {name} has type {attribute.GetTypeName()}, expected {known}; readers ignore the op or fail",
+                f"{path}: {name} has type {attribute.GetTypeName()}, expected {known_types}; readers ignore the op or "
+                "fail",
             )
         elif name not in names:
             text = f"{path}: {name} has no effect, because it is not in xformOpOrder"
             yield disagreement("stage.xform_order", path, text, suggestion="list the op in xformOpOrder")
     # an op with a suffix, such as xformOp:translate:pivot, may stand anywhere
-    rank = [_rank(name) for name in names if name.count(":") == 1]
+    rank = []
+    for name in names:
+        if name.count(":") == 1:
+            rank.append(_rank(name))
     if is_body and rank != sorted(rank):
         text = (
             f"{path}: the order of the transform ops is {', '.join(names)}; in this order, a rotation or scale also "
@@ -238,11 +245,11 @@ def _rank(name: str) -> int:
 
 def check_names(scene: RawStage) -> Iterator[Finding]:
     """Yield findings on bodies and meshes with equal leaf names, which Blender and Unity clips confuse."""
-    seen: dict[str, Sdf.Path] = {}
+    first_paths: dict[str, Sdf.Path] = {}
     for prim in scene.prims:
         if not (str(prim.GetPath()) in scene.bodies or prim.IsA(UsdGeom.Mesh)):
             continue
-        first = seen.setdefault(prim.GetName(), prim.GetPath())
+        first = first_paths.setdefault(prim.GetName(), prim.GetPath())
         if first != prim.GetPath():
             text = (
                 f"{prim.GetPath()} and {first} have the same leaf name: Blender renames one of them, and Unity clips "

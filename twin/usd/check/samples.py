@@ -28,7 +28,7 @@ _SAMPLE_STEP = Kind("stage.sample_step", "disagreement", "bake more samples")
 
 def check_samples(scene: RawStage) -> Iterator[Finding]:
     """Yield findings on all attributes with time samples."""
-    told = False
+    is_reported = False
     for prim in scene.prims:
         for attribute in prim.GetAuthoredAttributes():
             codes = attribute.GetTimeSamples()
@@ -37,8 +37,8 @@ def check_samples(scene: RawStage) -> Iterator[Finding]:
             path = str(attribute.GetPath())
             if scene.stage.HasAuthoredTimeCodeRange():
                 yield from _check_range(scene, path, codes)
-            elif not told:
-                told = True
+            elif not is_reported:
+                is_reported = True
                 text = (
                     f"{path} has time samples, but the stage has no startTimeCode and endTimeCode: players show only "
                     "one frame"
@@ -74,7 +74,10 @@ def _check_quaternions(attribute: Usd.Attribute, codes: list[float]) -> Iterator
     path = str(attribute.GetPrim().GetPath())
     name = attribute.GetName()
     query = Usd.AttributeQuery(attribute)  # resolves the layers once instead of at every sample
-    q = gf.quat_array_wxyz([query.Get(Usd.TimeCode(code)) for code in codes])
+    quaternions = []
+    for code in codes:
+        quaternions.append(query.Get(Usd.TimeCode(code)))
+    q = gf.quat_array_wxyz(quaternions)
     length = np.linalg.norm(q, axis=1)
     worst = int(np.argmax(np.abs(length - 1)))
     if not abs(length[worst] - 1) < QUATERNION_TOL:
@@ -92,10 +95,10 @@ def _check_quaternions(attribute: Usd.Attribute, codes: list[float]) -> Iterator
         )
         yield _QUATERNION_SIGN(path, text, Quantity(len(flips)), 0, when=f"time code {first_code:g}")
     steps = 2 * np.arccos(np.clip(np.abs(dots), 0, 1))
-    k = int(np.argmax(steps))
-    if steps[k] > MAX_STEP:
+    worst_step = int(np.argmax(steps))
+    if steps[worst_step] > MAX_STEP:
         text = (
-            f"{path} rotates too far between the time codes {codes[k]:g} and {codes[k + 1]:g} (above 180°, players "
-            "rotate backwards)"
+            f"{path} rotates too far between the time codes {codes[worst_step]:g} and {codes[worst_step + 1]:g} "
+            "(above 180°, players rotate backwards)"
         )
-        yield _SAMPLE_STEP(path, text, deg(steps[k]), deg(MAX_STEP), when=f"time code {codes[k]:g}")
+        yield _SAMPLE_STEP(path, text, deg(steps[worst_step]), deg(MAX_STEP), when=f"time code {codes[worst_step]:g}")

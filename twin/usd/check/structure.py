@@ -102,7 +102,9 @@ def _check_tree(scene: RawStage, joints: list[RawJoint]) -> Iterator[Finding]:
     for joint in joints:
         jointed.update((joint.ends[0].body, joint.ends[1].body))
     floats = "" not in links
-    reached = links if floats else _reached(links, "")
+    reached = set(links)
+    if not floats:
+        reached = set(_reached(links, ""))
     for body in scene.bodies:
         if body not in jointed:
             yield _LOOSE(body, f"body {body} has no joint")
@@ -138,7 +140,7 @@ def _path(previous: dict[str, tuple[str, str]], start: str, end: str) -> list[st
 
 
 def _check_articulation(scene: RawStage, joints: list[RawJoint]) -> Iterator[Finding]:
-    roots = [p for p in scene.prims if p.HasAPI(UsdPhysics.ArticulationRootAPI)]
+    roots = [prim for prim in scene.prims if prim.HasAPI(UsdPhysics.ArticulationRootAPI)]
     if not roots:
         first_body = next(iter(scene.bodies.values()))
         yield disagreement(

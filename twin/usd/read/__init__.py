@@ -102,7 +102,10 @@ def read_motion(path: str | Path) -> tuple[Array, dict[str, Array]]:
     codes = scene.sample_codes
     if not len(codes):
         raise StageError(f"{scene.path}: no transform of a rigid body has time samples")
-    names = unique((path, original_name(body)) for path, body in scene.bodies.items())
+    original_names = []
+    for body_path, body in scene.bodies.items():
+        original_names.append((body_path, original_name(body)))
+    names = unique(original_names)
     T_world_body = scene.poses(list(scene.bodies.values()), codes)
     times = codes / scene.stage.GetTimeCodesPerSecond()
     return times, dict(zip(names.values(), T_world_body, strict=True))
@@ -110,18 +113,18 @@ def read_motion(path: str | Path) -> tuple[Array, dict[str, Array]]:
 
 def _inspect(scene: RawStage, root: str | None) -> tuple[Mechanism, list[Finding]]:
     notes: list[Finding] = []
-    chosen = select(scene, root, notes)
-    prims = [scene.bodies[p] for p in chosen.bodies]
+    selection = select(scene, root, notes)
+    prims = [scene.bodies[body_path] for body_path in selection.bodies]
     for prim in prims:
         bake_scale(scene, prim, notes)
-    T_world_body = dict(zip(chosen.bodies, scene.poses(prims)[:, 0], strict=True))
-    T_world_chosen = T_world_body.get(chosen.base, np.eye(4))
+    T_world_body = dict(zip(selection.bodies, scene.poses(prims)[:, 0], strict=True))
+    T_world_chosen = T_world_body.get(selection.base, np.eye(4))
     at_origin = np.allclose(T_world_chosen, np.eye(4), rtol=0.0, atol=_ALIGNED)
-    base = chosen.base
-    if chosen.floats or not at_origin:
+    base = selection.base
+    if selection.floats or not at_origin:
         base = ""
-    names = _body_names(scene, chosen, base)
-    joint_names = _joint_names(chosen)
+    names = _body_names(scene, selection, base)
+    joint_names = _joint_names(selection)
     mesh_names = _mesh_names(scene, prims)
     _note_names(notes, {**names, **joint_names})
 
@@ -130,22 +133,22 @@ def _inspect(scene: RawStage, root: str | None) -> tuple[Mechanism, list[Finding
         bodies.append(Body(names[""]))
     frames: list[Frame] = []
     points: list[Point] = []
-    for body_path, prim in zip(chosen.bodies, prims, strict=True):
+    for body_path, prim in zip(selection.bodies, prims, strict=True):
         name = names[body_path]
         meshes = read_meshes(scene, prim, mesh_names, notes)
         inertia = read_inertia(scene, prim, notes)
         bodies.append(Body(name, meshes, inertia, shows_all(scene, prim)))
-        for kind, mark, T in read_marks(scene, prim):
+        for kind, mark_name, T in read_marks(scene, prim):
             if kind == "frame":
-                frames.append(Frame(mark, name, T))
+                frames.append(Frame(mark_name, name, T))
             else:
-                points.append(Point(mark, name, T[:3, 3]))
+                points.append(Point(mark_name, name, T[:3, 3]))
     T_world_base = T_world_body.get(base, np.eye(4))
-    authored = _authored(scene, chosen)
-    joints = _joints(scene, chosen, base, names, joint_names, T_world_body, authored, notes)
+    authored = _authored(scene, selection)
+    joints = _joints(scene, selection, base, names, joint_names, T_world_body, authored, notes)
     try:
         mechanism = Mechanism(
-            name=identifier(_robot_name(scene, chosen, root)),
+            name=identifier(_robot_name(scene, selection, root)),
             base=names[base],
             bodies=tuple(bodies),
             joints=joints,
@@ -166,29 +169,29 @@ def _body_names(scene: RawStage, chosen: Selection, base: str) -> dict[str, str]
 
     Only the base can have the name "world": in an MJCF, a body of this name is the world itself.
     """
-    wanted = [(path, original_name(scene.bodies[path])) for path in chosen.bodies]
+    body_names = [(path, original_name(scene.bodies[path])) for path in chosen.bodies]
     if not base:
-        return unique(wanted, reserved=(WORLD,)) | {"": WORLD}
+        return unique(body_names, reserved=(WORLD,)) | {"": WORLD}
     if identifier(original_name(scene.bodies[base])) == WORLD:
-        return unique(wanted)
-    return unique(wanted, reserved=(WORLD,))
+        return unique(body_names)
+    return unique(body_names, reserved=(WORLD,))
 
 
 def _joint_names(chosen: Selection) -> dict[str, str]:
     """Return {prim path: name} of the joints; the joint of an added body "world" has the path ""."""
-    wanted = [(joint.path, joint.prim.GetName()) for joint in chosen.joints]
-    wanted.append(("", _mount_name(chosen)))
-    return unique(wanted)
+    joint_names = [(joint.path, joint.prim.GetName()) for joint in chosen.joints]
+    joint_names.append(("", _mount_name(chosen)))
+    return unique(joint_names)
 
 
 def _mesh_names(scene: RawStage, bodies: list[Usd.Prim]) -> dict[str, str]:
     """Return {prim path: name} of the meshes of the bodies."""
-    wanted: list[tuple[str, str]] = []
+    mesh_names: list[tuple[str, str]] = []
     for body in bodies:
         for prim in below(scene, body):
             if prim.IsA(UsdGeom.Mesh):
-                wanted.append((str(prim.GetPath()), original_name(prim)))
-    return unique(wanted)
+                mesh_names.append((str(prim.GetPath()), original_name(prim)))
+    return unique(mesh_names)
 
 
 def _joints(
@@ -390,7 +393,9 @@ def _postures(robot: Usd.Prim) -> dict[str, dict[str, float]]:
     postures: dict[str, dict[str, float]] = {}
     stored = robot.GetCustomDataByKey("twin:postures") or {}
     for name, coordinates in stored.items():
-        postures[name] = {joint: float(q) for joint, q in coordinates.items()}
+        postures[name] = {}
+        for joint, q in coordinates.items():
+            postures[name][joint] = float(q)
     return postures
 
 

@@ -136,9 +136,9 @@ def shows_all(scene: RawStage, body: Usd.Prim) -> bool:
 
     If twin did not write the stage: the body has colliders, and `read_meshes` omits none of its shapes.
     """
-    whole = body.GetAttribute("twin:whole").Get()
-    if whole is not None:
-        return bool(whole)
+    stated_whole = body.GetAttribute("twin:whole").Get()
+    if stated_whole is not None:
+        return bool(stated_whole)
     has_collider = False
     for prim in below(scene, body):
         if prim.IsA(UsdGeom.Gprim):
@@ -164,19 +164,19 @@ def mesh_triangles(mesh: UsdGeom.Mesh) -> np.ndarray:
     """
     counts = _integers(mesh.GetFaceVertexCountsAttr())
     indices = _integers(mesh.GetFaceVertexIndicesAttr())
-    n = len(mesh.GetPointsAttr().Get() or [])
+    vertex_count = len(mesh.GetPointsAttr().Get() or [])
     where = mesh.GetPath()
     if counts.sum() != len(indices):
         raise StageError(f"mesh {where}: the faces require {counts.sum()} indices, but the mesh has {len(indices)}")
     if not len(indices):
         return np.zeros((0, 3), np.int32)
     wrong = None
-    if indices.max() >= n:
+    if indices.max() >= vertex_count:
         wrong = indices.max()
     if indices.min() < 0:
         wrong = indices.min()
     if wrong is not None:
-        raise StageError(f"mesh {where}: an index refers to vertex {wrong}, but the mesh has {n} vertices")
+        raise StageError(f"mesh {where}: an index refers to vertex {wrong}, but the mesh has {vertex_count} vertices")
     # Each polygon becomes a fan of triangles around its first corner.
     starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
     fans = np.maximum(counts - 2, 0)  # triangles of each polygon

@@ -66,8 +66,7 @@ def select(scene: RawStage, root: str | None, notes: list[Finding]) -> Selection
         firsts = ", ".join(group[0] for group in robots)
         raise UnsupportedError(
             f"{place}: the stage has {len(robots)} robots, with the first bodies {firsts}. Choose a robot by its root "
-            "prim: "
-            "twin new NAME --from FILE --root PRIM."
+            "prim: twin new NAME --from FILE --root PRIM."
         )
     robot = set(robots[0])
     members: list[str] = []
@@ -117,6 +116,7 @@ def _enabled_joints(scene: RawStage, root: str | None, notes: list[Finding]) -> 
 
 def _robots(groups: list[list[str]], joints: list[RawJoint]) -> list[list[str]]:
     """Return the groups of bodies that are robots: those with a joint that can move, else those with any joint."""
+    # a body that is only fixed to the world is scenery
     movable = [joint for joint in joints if joint.type != "fixed" or not joint.is_grounded]
     robots = [group for group in groups if _has_joint(group, movable)]
     if robots:
@@ -195,7 +195,9 @@ def convert(
 
 def _number(prim: Usd.Prim, name: str) -> float | None:
     value = prim.GetAttribute(name).Get()
-    return None if value is None else float(value)
+    if value is None:
+        return None
+    return float(value)
 
 
 def _max_speed(joint: RawJoint, unit: float) -> float | None:

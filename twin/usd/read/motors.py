@@ -46,7 +46,9 @@ def _actuator(name: str, row: dict[str, Any]) -> Actuator:
     if limits is not None:
         limits = (float(limits[0]), float(limits[1]))
     kind = str(row.pop("kind"))
-    numbers = {key: float(value) for key, value in row.items()}
+    numbers = {}
+    for key, value in row.items():
+        numbers[key] = float(value)
     return Actuator(
         name,
         kind,  # pyright: ignore[reportArgumentType]

@@ -21,21 +21,21 @@ def identifier(name: str) -> str:
     return name
 
 
-def unique(wanted: Iterable[tuple[str, str]], reserved: Iterable[str] = ()) -> dict[str, str]:
+def unique(names: Iterable[tuple[str, str]], reserved: Iterable[str] = ()) -> dict[str, str]:
     """Return a unique identifier for each key; equal identifiers are numbered in the given order (arm, arm_2, ...).
 
-    `wanted` has (key, name) of each object; all keys, such as prim paths, must be different. No object gets one of the
+    `names` has (key, name) of each object; all keys, such as prim paths, must be different. No object gets one of the
     identifiers `reserved`.
     """
     identifiers: dict[str, str] = {}
-    taken = set(reserved)
-    for key, name in wanted:
+    used_names = set(reserved)
+    for key, name in names:
         base = identifier(name)
         free = base
         number = 2
-        while free in taken:
+        while free in used_names:
             free = f"{base}_{number}"
             number += 1
-        taken.add(free)
+        used_names.add(free)
         identifiers[key] = free
     return identifiers

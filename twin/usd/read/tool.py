@@ -47,9 +47,9 @@ def with_tool(mechanism: Mechanism, name: str | None = None) -> tuple[Mechanism,
 
 def _at(mechanism: Mechanism, body: str) -> Mechanism:
     """Return the mechanism with a tool frame at the origin of a body."""
-    taken = {frame.name for frame in mechanism.frames}
+    used_names = {frame.name for frame in mechanism.frames}
     tool = _OWN
-    while tool in taken:
+    while tool in used_names:
         tool += "_1"
     frame = Frame(tool, body, np.eye(4))
     return replace(mechanism, tool=tool, frames=(*mechanism.frames, frame))

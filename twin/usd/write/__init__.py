@@ -1,9 +1,11 @@
 """Write a mechanism as USD: `<robot>.usda` with the sublayers physics.usda and geometry.usdc; and baked motions.
 
-    layers     metadata of every layer, unique leaf names
-    geometry   geometry.usdc: rest poses, meshes, materials, named frames and points
-    physics    physics.usda: masses, colliders, joints, drives, joint states
-    motion     motion/<protocol>.usdc and the root layer that plays it
+    layers           metadata of every layer, unique leaf names
+    geometry         geometry.usdc: rest poses, meshes, materials, named frames and points
+    physics_layer    physics.usda: masses, colliders, joints, drives, joint states
+    spanning         which joints form the tree, and which close loops
+    motion_layer     motion/<protocol>.usdc and the root layer that plays it
+    deformables      the layer of the organs of a scene, with their motion
 
 The files are reproducible byte by byte: they contain no time stamps and no absolute paths.
 """

@@ -69,10 +69,13 @@ def write_geometry(mechanism: Mechanism, path: Path, link_poses: Mapping[str, Ar
 
 
 def _leaves(mechanism: Mechanism) -> Leaves:
-    taken = {mechanism.name, *RESERVED}
-    taken.update(body.name for body in mechanism.bodies)
-    taken.update(joint.name for joint in mechanism.joints)
-    return Leaves(taken)
+    """Return the leaf names that are still free, beside those of the robot, its scopes, bodies and joints."""
+    used_names = {mechanism.name, *RESERVED}
+    for body in mechanism.bodies:
+        used_names.add(body.name)
+    for joint in mechanism.joints:
+        used_names.add(joint.name)
+    return Leaves(used_names)
 
 
 def _name(prim: Usd.Prim, name: str) -> None:
@@ -121,17 +124,17 @@ def corner_normals(vertices: Array, triangles: np.ndarray, crease: float = CREAS
     length = np.linalg.norm(areas, axis=1, keepdims=True)
     x, y, z = (areas / np.where(length > 0, length, 1.0)).T
     corner, mate = _corner_pairs(corners, len(vertices))
-    i = corner // 3
-    j = mate // 3
-    cosine = x[i] * x[j] + y[i] * y[j] + z[i] * z[j]
+    triangle = corner // 3
+    mate_triangle = mate // 3
+    cosine = x[triangle] * x[mate_triangle] + y[triangle] * y[mate_triangle] + z[triangle] * z[mate_triangle]
     # a face without area is near to no other, but a corner counts for itself
     is_near = (cosine >= np.cos(crease)) | (corner == mate)
     corner = corner[is_near]
-    j = j[is_near]
+    mate_triangle = mate_triangle[is_near]
     # weighted by area, because the cross products are not normalised
     total = np.zeros((len(corners), 3))
     for axis in range(3):
-        total[:, axis] = np.bincount(corner, areas[j, axis], len(corners))
+        total[:, axis] = np.bincount(corner, areas[mate_triangle, axis], len(corners))
     size = np.linalg.norm(total, axis=1, keepdims=True)
     # A triangle without area has no normal; the arbitrary direction z avoids NaN.
     return np.where(size > 0, total / np.where(size > 0, size, 1.0), [0.0, 0.0, 1.0])
@@ -186,13 +189,13 @@ def _write_marks(stage: Usd.Stage, mechanism: Mechanism) -> None:
 
 
 def _write_mark(
-    stage: Usd.Stage, mechanism: Mechanism, leaves: Leaves, mark: Frame | Point, kind: str, p_body: Array
+    stage: Usd.Stage, mechanism: Mechanism, leaves: Leaves, marked: Frame | Point, kind: str, p_body: Array
 ) -> UsdGeom.Xform:
-    leaf = leaves.take(mark.name, kind)
-    xform = UsdGeom.Xform.Define(stage, f"/{mechanism.name}/{mark.body}/{leaf}")
+    leaf = leaves.take(marked.name, kind)
+    xform = UsdGeom.Xform.Define(stage, f"/{mechanism.name}/{marked.body}/{leaf}")
     xform.CreatePurposeAttr(UsdGeom.Tokens.guide)
     prim = xform.GetPrim()
-    _name(prim, mark.name)
+    _name(prim, marked.name)
     prim.CreateAttribute("twin:kind", Sdf.ValueTypeNames.Token, True, Sdf.VariabilityUniform).Set(kind)
     translate = xform.AddTranslateOp(UsdGeom.XformOp.PrecisionDouble)
     translate.Set(gf.vec3d(p_body))

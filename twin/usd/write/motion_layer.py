@@ -79,13 +79,13 @@ def write_motion(mechanism: Mechanism, folder: Path, motion: BakedMotion) -> Mot
             for code, value in zip(codes, values, strict=True):
                 layer.SetTimeSample(path, float(code), value)
     trocar_moved = False
-    for name, p in motion.trocars.items():
-        if np.array_equal(p, mechanism.trocar_at(name)):
+    for name, position in motion.trocars.items():
+        if np.array_equal(position, mechanism.trocar_at(name)):
             continue
         trocar_moved = True
         place = f"/{mechanism.name}/joints/{name}.physics:localPos0"
         path = _attribute(layer, place, Sdf.ValueTypeNames.Point3f)
-        layer.GetAttributeAtPath(path).default = gf.vec3f(p)
+        layer.GetAttributeAtPath(path).default = gf.vec3f(position)
     if trocar_moved:
         # At home, the robot does not pass through these trocars: the first pose of the motion becomes the rest pose.
         for path, values in samples:
@@ -110,9 +110,9 @@ def _time_codes(motion: BakedMotion) -> Array:
         raise StageError(f"motion '{motion.name}': times (k,) in s must increase, and the first must not be negative")
     codes = times * TIME_CODES_PER_SECOND
     # Multiples of 1/60 s are not exact in binary: round time codes that are nearly whole numbers.
-    whole = np.round(codes)
-    is_nearly_whole = np.abs(codes - whole) < _NEARLY_WHOLE
-    return np.where(is_nearly_whole, whole, codes)
+    nearest_whole = np.round(codes)
+    is_nearly_whole = np.abs(codes - nearest_whole) < _NEARLY_WHOLE
+    return np.where(is_nearly_whole, nearest_whole, codes)
 
 
 def _pose_samples(mechanism: Mechanism, motion: BakedMotion, layer: Sdf.Layer):

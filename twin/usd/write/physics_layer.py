@@ -55,6 +55,9 @@ An explicitly integrated spring diverges at a value of 4. At 0.67, the jaws of t
 arm (measured).
 """
 
+POSE_TOL = 1e-6
+"""Tolerance of the rotation of a joint frame that is rigid but for rounding."""
+
 TENDON_STEP = 1e-3
 """Assumed time step in s of the simulator that integrates a tendon."""
 
@@ -67,12 +70,16 @@ CustomData = dict[str, dict[str, Any]]
 
 def drive_kind(joint: Joint) -> str:
     """Return the UsdPhysics instance name of the drive of a joint with one coordinate: "angular" or "linear"."""
-    return "angular" if joint.is_angle else "linear"
+    if joint.is_angle:
+        return "angular"
+    return "linear"
 
 
 def to_usd(joint: Joint, value: float) -> float:
     """Return a coordinate, limit or speed in the unit of UsdPhysics: degrees for angles, else metres."""
-    return float(value / DEG if joint.is_angle else value)
+    if joint.is_angle:
+        return float(value / DEG)
+    return float(value)
 
 
 def write_physics(
@@ -177,7 +184,9 @@ def _write_model(root: Usd.Prim, mechanism: Mechanism) -> None:
         _attribute(root, "twin:trocars", Sdf.ValueTypeNames.TokenArray, list(mechanism.trocars))
     postures: CustomData = {}
     for name, coordinates in mechanism.postures.items():
-        postures[name] = {joint: float(q) for joint, q in coordinates.items()}
+        postures[name] = {}
+        for joint, q in coordinates.items():
+            postures[name][joint] = float(q)
     model = {
         "postures": postures,
         "parameters": _numbered(_parameter_rows(mechanism)),
@@ -282,8 +291,8 @@ def _write_anchor(stage: Usd.Stage, mechanism: Mechanism, T_world_base: Array) -
     Parsers treat the root prim as the static world, because it is not a rigid body. If a scene references the robot at
     another pose, the anchor moves with the root prim. A joint with an empty target would not move with the robot.
     """
-    taken = {joint.name for joint in mechanism.joints}
-    name = Leaves(taken).take("root_joint", "world")
+    joint_names = {joint.name for joint in mechanism.joints}
+    name = Leaves(joint_names).take("root_joint", "world")
     joint = UsdPhysics.FixedJoint.Define(stage, f"/{mechanism.name}/joints/{name}")
     joint.CreateBody0Rel().SetTargets([f"/{mechanism.name}"])
     joint.CreateBody1Rel().SetTargets([f"/{mechanism.name}/{mechanism.base}"])
@@ -407,8 +416,12 @@ def _write_tendon(stage: Usd.Stage, mechanism: Mechanism, coupling: Coupling, li
     higher stiffness is unstable at 1 kHz. The tendon is softer if one of its joints moves little inertia.
     """
     ratios = dict(zip(coupling.joints, coupling.ratios, strict=True))
-    drives = [mechanism.joint(name).drive for name in coupling.joints]
-    stiffness = max((drive.stiffness for drive in drives if drive), default=np.inf)
+    drive_stiffnesses = []
+    for name in coupling.joints:
+        drive = mechanism.joint(name).drive
+        if drive:
+            drive_stiffnesses.append(drive.stiffness)
+    stiffness = max(drive_stiffnesses, default=np.inf)
     joints = [joint for joint in spanning(mechanism).tree if joint.name in ratios]
     for joint in joints:
         # inertia of the joint as the tendon feels it
@@ -439,9 +452,9 @@ def _carried(mechanism: Mechanism, joint: Joint, link_poses: Mapping[str, Array]
     """
     joints = spanning(mechanism)
     branch = {joint.child}
-    for other in joints.tree:  # parents come first
-        if other.parent in branch:
-            branch.add(other.child)
+    for outer_joint in joints.tree:  # parents come first
+        if outer_joint.parent in branch:
+            branch.add(outer_joint.child)
     for closure in joints.cut:
         if (closure.parent in branch) != (closure.child in branch):
             return np.inf
@@ -520,7 +533,9 @@ def _refuse_what_is_lost(joint: Joint) -> None:
     }
     refused: list[str] = []
     if len(joint.free_axes) != 1:
-        refused = [name for name, value in scalar.items() if value is not None]
+        for name, value in scalar.items():
+            if value is not None:
+                refused.append(name)
     if joint.cone is not None and joint.type != "spherical":
         refused.append("a cone")
     if refused:
@@ -529,5 +544,5 @@ def _refuse_what_is_lost(joint: Joint) -> None:
             "type. Only joints with one coordinate can have limits, and only spherical joints can have cones."
         )
     for T in (joint.T_parent_joint, joint.T_child_joint):
-        if not spatial.is_pose(T, 1e-6):
+        if not spatial.is_pose(T, POSE_TOL):
             raise StageError(f"joint '{joint.name}': a joint frame is not a rigid pose")

@@ -33,24 +33,24 @@ def spanning(mechanism: Mechanism) -> Spanning:
     The tree may differ from `mechanism.tree`, which uses only the file order: in a loop with a slide and a ball joint,
     the tree contains the slide, and the ball joint closes the loop.
     """
-    group = {b.name: b.name for b in mechanism.bodies}
+    group = {body.name: body.name for body in mechanism.bodies}
 
     def find(name: str) -> str:
         while group[name] != name:
             name = group[name]
         return name
 
-    kept: set[str] = set()
+    tree_names: set[str] = set()
     for joint in _by_priority(mechanism):  # Kruskal: add the next joint that connects two separate groups of bodies
         parent_group = find(joint.parent)
         child_group = find(joint.child)
         if parent_group != child_group:
             group[parent_group] = child_group
-            kept.add(joint.name)
+            tree_names.add(joint.name)
     pending: list[Joint] = []
     cut: list[Joint] = []
     for joint in mechanism.joints:
-        if joint.name in kept:
+        if joint.name in tree_names:
             pending.append(joint)
         else:
             cut.append(joint)

@@ -73,7 +73,10 @@ def write_usdz(mechanism: Mechanism, clip: Clip | None, path: Path) -> Path:
 def _rest(mechanism: Mechanism, clip: Clip | None) -> dict[str, Array]:
     """Return {body: T_world_body (4, 4)} at the start of the motion; if there is no motion, at home."""
     if clip is not None:
-        return rounded({name: Ts[0] for name, Ts in clip.links.items()})
+        first_poses = {}
+        for name, Ts in clip.links.items():
+            first_poses[name] = Ts[0]
+        return rounded(first_poses)
     return home_poses(mechanism)
 
 
@@ -122,7 +125,9 @@ def _single_precision(layer: Sdf.Layer) -> None:
             continue
         # The values must be read before the attribute is removed; USD cannot change its type.
         default = old.default
-        samples = {code: layer.QueryTimeSample(path, code) for code in layer.ListTimeSamplesForPath(path)}
+        samples = {}
+        for code in layer.ListTimeSamplesForPath(path):
+            samples[code] = layer.QueryTimeSample(path, code)
         prim = layer.GetPrimAtPath(path.GetPrimPath())
         prim.RemoveProperty(old)
         new = Sdf.AttributeSpec(prim, path.name, Sdf.ValueTypeNames.Float3)
@@ -138,21 +143,23 @@ def package(layer: Path, path: Path) -> None:
     Raises:
         OSError: the archive cannot be written.
     """
-    info = zipfile.ZipInfo(layer.name, (1980, 1, 1, 0, 0, 0))
-    info.create_system = 3  # Unix, also if the archive is written on Windows
-    info.external_attr = 0o644 << 16
+    header = zipfile.ZipInfo(layer.name, (1980, 1, 1, 0, 0, 0))
+    header.create_system = 3  # Unix, also if the archive is written on Windows
+    header.external_attr = 0o644 << 16
     # The data follow a header of 30 bytes, the name, and the extra field, whose own header has 4 bytes.
-    spare = -(30 + len(layer.name) + 4) % _ALIGNMENT
-    info.extra = _PADDING.to_bytes(2, "little") + spare.to_bytes(2, "little") + bytes(spare)
+    padding = -(30 + len(layer.name) + 4) % _ALIGNMENT
+    header.extra = _PADDING.to_bytes(2, "little") + padding.to_bytes(2, "little") + bytes(padding)
     with zipfile.ZipFile(path, "w", zipfile.ZIP_STORED) as archive:
-        archive.writestr(info, layer.read_bytes())
+        archive.writestr(header, layer.read_bytes())
 
 
 def write(order: Order, folder: Path) -> list[Finding]:
     """Write a file for each quick look of a robot, or one file at rest, into `folder`."""
     name = order.mechanism.name
     clips = {clip.name: clip for clip in order.clips}
-    first = clips[order.quick_looks[0]] if order.quick_looks else None
+    first: Clip | None = None
+    if order.quick_looks:
+        first = clips[order.quick_looks[0]]
     write_usdz(order.mechanism, first, folder / f"{name}_ar.usdz")
     for clip in order.quick_looks[1:]:
         write_usdz(order.mechanism, clips[clip], folder / f"{name}_{clip}_ar.usdz")
@@ -162,7 +169,9 @@ def write(order: Order, folder: Path) -> list[Finding]:
 def files(order: Order) -> list[tuple[str, str]]:
     """Return (file, content) for README.txt."""
     name = order.mechanism.name
-    first = f"for AR Quick Look, playing {order.quick_looks[0]}" if order.clips else "at rest"
+    first = "at rest"
+    if order.clips:
+        first = f"for AR Quick Look, playing {order.quick_looks[0]}"
     rows = [(f"{name}_ar.usdz", first)]
     for clip in order.quick_looks[1:]:
         rows.append((f"{name}_{clip}_ar.usdz", f"the same robot, playing {clip}"))

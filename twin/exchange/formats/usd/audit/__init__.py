@@ -36,6 +36,9 @@ from twin.exchange.formats.usd.audit.joint_gaps import joint_gaps, joint_values
 from twin.exchange.formats.usd.audit.layers import check_default_prim, missing_physics
 from twin.exchange.formats.usd.audit.physics import stage_physics
 
+_CONE_TOL = 1e-5
+"""Difference in rad of two equal half angles of a cone: the schema has them in degrees, in single precision."""
+
 GAP_TOL = 1e-5
 """Maximum gap in m between the two frames of a joint; UsdPhysics stores the frames in single precision."""
 
@@ -53,8 +56,13 @@ def read_usd(path: Path, ledger: Ledger) -> Content:
 
 
 def _read(stage: Usd.Stage, path: Path, ledger: Ledger) -> Content:
-    prims = [prim for prim in stage.Traverse(Usd.TraverseInstanceProxies()) if prim.IsA(UsdGeom.Xformable)]
-    bodies = [prim for prim in prims if _is_body(prim)]
+    prims = []
+    bodies = []
+    for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
+        if prim.IsA(UsdGeom.Xformable):
+            prims.append(prim)
+            if _is_body(prim):
+                bodies.append(prim)
     body_paths = {prim.GetPath() for prim in bodies}
     world = StageWorld(stage)
     content = Content(ledger, path.suffix.lstrip(".").lower())
@@ -62,16 +70,18 @@ def _read(stage: Usd.Stage, path: Path, ledger: Ledger) -> Content:
     content.facts = _conventions(stage, world)
     content.extra["physics"] = bool(bodies)
     # If several prims have the same name, use the prim that moves.
-    shown: dict[str, Usd.Prim] = {}
+    displayed: dict[str, Usd.Prim] = {}
     for prim in bodies or sorted(prims, key=lambda p: not _sampled(p)):
-        shown.setdefault(prim.GetName(), prim)
-    for name, prim in shown.items():
+        displayed.setdefault(prim.GetName(), prim)
+    for name, prim in displayed.items():
         content.rest[name] = world.poses(prim, [Usd.TimeCode.Default()])[0]
-    codes = _all_codes(shown.values())
+    codes = _all_codes(displayed.values())
     per_second = stage.GetTimeCodesPerSecond()
     if len(codes):
-        start = stage.GetStartTimeCode() if stage.HasAuthoredTimeCodeRange() else 0.0
-        links = world.along(shown, codes)
+        start = 0.0
+        if stage.HasAuthoredTimeCodeRange():
+            start = stage.GetStartTimeCode()
+        links = world.along(displayed, codes)
         joints = joint_values(stage, codes, world.meters)
         clip = FileClip(path.stem, (codes - start) / per_second, links, joints)
         check_poses(ledger, clip, "usd")
@@ -81,11 +91,11 @@ def _read(stage: Usd.Stage, path: Path, ledger: Ledger) -> Content:
     if bodies:
         _check_stray(prims, body_paths, ledger)
         _check_colliders(prims, ledger)
-        shown_paths = {prim.GetPath() for prim in shown.values()}
+        shown_paths = {prim.GetPath() for prim in displayed.values()}
         content.shapes, content.colors, content.finishes = _shapes(prims, shown_paths, world, ledger)
         content.physics = stage_physics(stage, bodies, world.meters, world.up)
         hidden: dict[str, bool] = {}
-        for name, prim in shown.items():
+        for name, prim in displayed.items():
             if name not in content.shapes and not _has_shape(prim, shown_paths):
                 hidden[name] = False
         content.physics.shown = hidden
@@ -129,17 +139,19 @@ class StageWorld:
     def __init__(self, stage: Usd.Stage) -> None:
         self.meters = float(UsdGeom.GetStageMetersPerUnit(stage))
         self.up = str(UsdGeom.GetStageUpAxis(stage))
-        self._R = poses.R_Z_UP_Y_UP if self.up == "Y" else np.eye(3)
+        self._R = np.eye(3)
+        if self.up == "Y":
+            self._R = poses.R_Z_UP_Y_UP
         self._cache = UsdGeom.XformCache()
 
     def maps(self, prims: Sequence[Usd.Prim], codes: Sequence[Usd.TimeCode]) -> Array:
         """Return T_stage_prim (n, k, 4, 4) of n prims at k time codes, with scale, in the stage's units and axes."""
-        out = np.zeros((len(prims), len(codes), 4, 4))
+        matrices = np.zeros((len(prims), len(codes), 4, 4))
         for k, code in enumerate(codes):  # time is the outer loop, because SetTime clears the cache
             self._cache.SetTime(code)
             for i, prim in enumerate(prims):
-                out[i, k] = self._cache.GetLocalToWorldTransform(prim)
-        return np.swapaxes(out, -1, -2)  # Gf matrices act on row vectors
+                matrices[i, k] = self._cache.GetLocalToWorldTransform(prim)
+        return np.swapaxes(matrices, -1, -2)  # Gf matrices act on row vectors
 
     def poses(self, prim: Usd.Prim, codes: Sequence[Usd.TimeCode]) -> Array:
         """Return the poses T_world_prim (k, 4, 4) of a prim at the time codes, in metres, z up."""
@@ -154,13 +166,17 @@ class StageWorld:
     def along(self, prims: dict[str, Usd.Prim], codes: Array) -> dict[str, Array]:
         """Return {name in `prims`: T_world_prim (k, 4, 4)} at k time codes, in metres with z up."""
         times = [Usd.TimeCode(code) for code in codes.tolist()]
-        moving = {name: prim for name, prim in prims.items() if _codes(prim)}
+        # Most prims do not move: evaluating them at every time code would take most of the time.
+        moving = {}
+        for name, prim in prims.items():
+            if _codes(prim):
+                moving[name] = prim
         poses_of_moving = self.placed(self.maps(list(moving.values()), times))
-        moved = dict(zip(moving, poses_of_moving, strict=True))
+        poses_by_name = dict(zip(moving, poses_of_moving, strict=True))
         placed = {}
         for name, prim in prims.items():
-            if name in moved:
-                placed[name] = moved[name]
+            if name in poses_by_name:
+                placed[name] = poses_by_name[name]
             else:
                 placed[name] = np.broadcast_to(self.poses(prim, times[:1]), (len(codes), 4, 4))
         return placed
@@ -194,11 +210,13 @@ def _evaluating() -> Iterator[None]:
 def _reason(error: Exception) -> str:
     """Return the first reason in the message of a USD error, without the location in USD's source code."""
     text = str(error)
-    found = _SAID.search(text)
-    if found:
-        return re.sub(r"parse error matching \S*pxr\S* ", "syntax error ", found[1].strip())[:200]
+    match = _SAID.search(text)
+    if match:
+        return re.sub(r"parse error matching \S*pxr\S* ", "syntax error ", match[1].strip())[:200]
     lines = text.strip().splitlines()
-    return lines[-1].strip()[:200] if lines else "unknown format"
+    if not lines:
+        return "unknown format"
+    return lines[-1].strip()[:200]
 
 
 def _is_body(prim: Usd.Prim) -> bool:
@@ -256,9 +274,9 @@ def _check_cones(stage: Usd.Stage, physics: FilePhysics, ledger: Ledger) -> None
             continue
         expected = listed[name]
         stated = max(joint.drive.cone, key=lambda half_angle: abs(half_angle - expected))
-        if not abs(stated - expected) < 1e-5:  # half angles are in single precision
-            shown = f"{stated * 180 / np.pi:.6g} deg, but its parameter is {expected * 180 / np.pi:.6g} deg"
-            text = f"joint '{name}' has a cone of {shown}."
+        if not abs(stated - expected) < _CONE_TOL:
+            difference_text = f"{stated * 180 / np.pi:.6g} deg, but its parameter is {expected * 180 / np.pi:.6g} deg"
+            text = f"joint '{name}' has a cone of {difference_text}."
             ledger.wrong("usd.cone", text, name, suggestion="export the stage again")
 
 
@@ -347,13 +365,20 @@ def _check_stray(prims: list[Usd.Prim], bodies: Set[Sdf.Path], ledger: Ledger) -
 
 def _check_colliders(prims: list[Usd.Prim], ledger: Ledger) -> None:
     """Report colliders that are disabled while others of the stage are enabled."""
-    colliders = [prim for prim in prims if prim.HasAPI(UsdPhysics.CollisionAPI)]
-    disabled = [prim for prim in colliders if UsdPhysics.CollisionAPI(prim).GetCollisionEnabledAttr().Get() is False]
-    if len(disabled) == len(colliders):
+    enabled_count = 0
+    disabled = []
+    for prim in prims:
+        if not prim.HasAPI(UsdPhysics.CollisionAPI):
+            continue
+        if UsdPhysics.CollisionAPI(prim).GetCollisionEnabledAttr().Get() is False:
+            disabled.append(prim)
+        else:
+            enabled_count += 1
+    if not enabled_count:  # a stage to look at, without contacts
         return
     for prim in disabled:
         path = str(prim.GetPath())
-        text = f"the collider {path} is disabled, but {len(colliders) - len(disabled)} others are enabled."
+        text = f"the collider {path} is disabled, but {enabled_count} others are enabled."
         ledger.add("usd.collider", "warning", text, path, suggestion="enable the collider, or remove its CollisionAPI")
 
 
@@ -363,7 +388,7 @@ def _colliding(prims: list[Usd.Prim], links: Set[Sdf.Path]) -> dict[str, bool]:
     Links whose shown meshes have disabled colliders may collide by simpler shapes, which are guides: such are True. A
     stage all of whose colliders are disabled states nothing: it is one to look at.
     """
-    out: dict[str, bool] = {}
+    collides: dict[str, bool] = {}
     by_guides: set[str] = set()
     for prim in prims:
         if not prim.HasAPI(UsdPhysics.CollisionAPI):
@@ -375,9 +400,11 @@ def _colliding(prims: list[Usd.Prim], links: Set[Sdf.Path]) -> dict[str, bool]:
         is_enabled = UsdPhysics.CollisionAPI(prim).GetCollisionEnabledAttr().Get() is not False
         if is_enabled and not _is_for_display(prim):
             by_guides.add(link)
-        out[link] = out.get(link, True) and is_enabled
-    out |= dict.fromkeys(by_guides, True)
-    return out if any(out.values()) else {}
+        collides[link] = collides.get(link, True) and is_enabled
+    collides |= dict.fromkeys(by_guides, True)
+    if not any(collides.values()):
+        return {}
+    return collides
 
 
 def _has_shape(body: Usd.Prim, bodies: Set[Sdf.Path]) -> bool:
@@ -434,9 +461,9 @@ def _shapes(
             if normals is not None:
                 normals = _transformed_normals(normals, M)
         path = str(prim.GetPath())
-        found = Ledger("")
-        shape = check_mesh(found, path, vertices, triangles, normals, "usd")
-        for finding in found.found:  # winding and indices are checked by the stage checker
+        mesh_ledger = Ledger("")
+        shape = check_mesh(mesh_ledger, path, vertices, triangles, normals, "usd")
+        for finding in mesh_ledger.found:  # winding and indices are checked by the stage checker
             if finding.code not in ("usd.winding", "usd.index"):
                 size = Measured(finding.size, finding.limit)
                 ledger.add(finding.code, finding.severity, finding.message, path, size=size)
@@ -465,7 +492,9 @@ def _owner(mesh: Usd.Prim, links: Set[Sdf.Path] | None) -> Usd.Prim | None:
         owner = mesh
         while owner and owner.GetPath() not in links:
             owner = owner.GetParent()
-    return owner if owner and not owner.IsPseudoRoot() else None
+    if not owner or owner.IsPseudoRoot():
+        return None
+    return owner
 
 
 def _transformed_normals(normals: Array, M: Array) -> Array:
@@ -487,9 +516,7 @@ def _mesh_color(prim: Usd.Prim) -> Rgba | None:
         shader, *_ = material.ComputeSurfaceSource()
         color = _constant(shader, "diffuseColor")
         if color is not None:
-            opacity = shader.GetInput("opacity")
-            alpha = opacity.Get() if opacity else None
-            return _rgba(color, 1.0 if alpha is None else float(alpha))
+            return _rgba(color, _input_number(shader, "opacity", 1.0))
     displayed = UsdGeom.Gprim(prim).GetDisplayColorAttr().Get()
     if displayed is None or len(displayed) != 1:
         return None
@@ -506,19 +533,30 @@ def _mesh_finish(prim: Usd.Prim) -> tuple[float, float] | None:
     shader, *_ = material.ComputeSurfaceSource()
     if not shader or shader.GetPrim().GetAttribute("info:id").Get() != "UsdPreviewSurface":
         return None
-    values = []
-    for name, fallback in (("metallic", 0.0), ("roughness", 0.5)):  # those of the specification
+    for name in ("metallic", "roughness"):
         shader_input = shader.GetInput(name)
         if shader_input and shader_input.HasConnectedSource():
             return None
-        value = shader_input.Get() if shader_input else None
-        values.append(fallback if value is None else float(value))
-    return values[0], values[1]
+    # the fallbacks are those of the specification of UsdPreviewSurface
+    return _input_number(shader, "metallic", 0.0), _input_number(shader, "roughness", 0.5)
+
+
+def _input_number(shader: UsdShade.Shader, name: str, fallback: float) -> float:
+    """Return the number of an input of a shader; the fallback without the input, or without its value."""
+    shader_input = shader.GetInput(name)
+    if not shader_input:
+        return fallback
+    value = shader_input.Get()
+    if value is None:
+        return fallback
+    return float(value)
 
 
 def _constant(shader: UsdShade.Shader, name: str) -> Any:
     """Return the value of an input of a shader; None if there is none, or if it comes from a texture."""
-    shader_input = shader.GetInput(name) if shader else None
+    if not shader:
+        return None
+    shader_input = shader.GetInput(name)
     if not shader_input or shader_input.HasConnectedSource():
         return None
     return shader_input.Get()
@@ -596,11 +634,11 @@ def _check_gaps(stage: Usd.Stage, world: StageWorld, bodies: list[Usd.Prim], cod
     where = ""
     when = ""
     for path, gap in joint_gaps(stage, placed, world):
-        k = int(np.argmax(gap))
-        if gap[k] > worst:
-            worst = float(gap[k])
+        worst_sample = int(np.argmax(gap))
+        if gap[worst_sample] > worst:
+            worst = float(gap[worst_sample])
             where = path
-            when = moments[k]
+            when = moments[worst_sample]
     ledger.row("joint gap along the motion", worst, "m", GAP_TOL, where=where, when=when)
     if worst > GAP_TOL:
         ends = _ends_of_joint(stage.GetPrimAtPath(where))
@@ -613,7 +651,10 @@ def _ends_of_joint(joint: Usd.Prim) -> str:
     names = []
     for relationship in (UsdPhysics.Joint(joint).GetBody0Rel(), UsdPhysics.Joint(joint).GetBody1Rel()):
         targets = relationship.GetTargets()
-        names.append(f"'{targets[0].name}'" if targets else "the world")
+        name = "the world"
+        if targets:
+            name = f"'{targets[0].name}'"
+        names.append(name)
     return " and ".join(names)
 
 

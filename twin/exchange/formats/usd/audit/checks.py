@@ -19,20 +19,25 @@ from twin.usd.scan import RawStage
 def check_usd(path: Path, physics: bool, ledger: Ledger) -> None:
     """Report faults of a stage. If `physics` is False (the stage has no rigid bodies), run only general checks."""
     try:
-        found = check_stage(path) if physics else _bare(path)
-        public = run_usd_validators(path)
+        if physics:
+            stage_findings = check_stage(path)
+        else:
+            stage_findings = _general_findings(path)
+        public_findings = run_usd_validators(path)
     except StageError as error:
         ledger.add("usd.unreadable", "error", f"{error}.")
         return
-    kept = [finding for finding in found if _applies(finding, physics)]
-    for finding in kept:
-        text = finding.message if finding.message.endswith(".") else f"{finding.message}."
+    applicable = [finding for finding in stage_findings if _applies(finding, physics)]
+    for finding in applicable:
+        text = finding.message
+        if not text.endswith("."):
+            text += "."
         _add(ledger, finding, text)
-    for finding in public:
+    for finding in public_findings:
         _add(ledger, finding, finding.message)
-    faults = [finding for finding in kept if finding.severity != "info" and not _is_choice(finding)]
+    faults = [finding for finding in applicable if finding.severity != "info" and not _is_choice(finding)]
     ledger.row("stage checks", float(len(faults)), "found", 0.0)
-    public_faults = [finding for finding in public if finding.severity != "info"]
+    public_faults = [finding for finding in public_findings if finding.severity != "info"]
     # The other checks of the file are by the reader, whose name the ledger has.
     reader = (ledger.tool, ledger.version)
     ledger.tool = "UsdValidation"
@@ -44,7 +49,9 @@ def check_usd(path: Path, physics: bool, ledger: Ledger) -> None:
 
 
 def _add(ledger: Ledger, finding: Finding, text: str) -> None:
-    severity = "info" if _is_choice(finding) else finding.severity
+    severity = finding.severity
+    if _is_choice(finding):
+        severity = "info"
     size = Measured(finding.size, finding.limit, finding.unit)
     ledger.add(finding.code, severity, text, finding.where, size=size, when=finding.when, suggestion=finding.suggestion)
 
@@ -55,11 +62,11 @@ def version() -> str:
     return ".".join(map(str, numbers))
 
 
-def _bare(path: Path) -> list[Finding]:
+def _general_findings(path: Path) -> list[Finding]:
     """Return the findings of the checks that apply to stages without rigid bodies."""
     scene = RawStage(path)
-    found = [*check_units(scene), *check_ops(scene), *check_names(scene), *check_samples(scene)]
-    return [*found, *check_transforms(scene), *check_meshes(scene)]
+    findings = [*check_units(scene), *check_ops(scene), *check_names(scene), *check_samples(scene)]
+    return [*findings, *check_transforms(scene), *check_meshes(scene)]
 
 
 def _applies(finding: Finding, physics: bool) -> bool:

@@ -57,6 +57,9 @@ _MOVING = re.compile(r"xformOp:.*|state:.*|points|normals|extent")
 _READ_RELATIONSHIPS = re.compile(r"physics:body[01]|material:binding|physxMimicJoint:.*:referenceJoint|proxyPrim")
 """Relationships that other checks and comparisons read."""
 
+_MOST = 0.7
+"""Share of the prims that must have one form for the others to be odd."""
+
 _LONGEST_VALUE = 60
 """Number of letters of a value that a finding shows."""
 
@@ -123,9 +126,12 @@ def _holds_base(joint: Usd.Prim) -> bool:
     """Return whether a joint connects a link to what is no link: the world, or the prim of the robot."""
     for name in ("physics:body0", "physics:body1"):
         relationship = joint.GetRelationship(name)
-        targets = relationship.GetForwardedTargets() if relationship else []
-        bodies = [joint.GetStage().GetPrimAtPath(target) for target in targets]
-        if not any(body and body.HasAPI(UsdPhysics.RigidBodyAPI) for body in bodies):
+        holds_link = False
+        if relationship:
+            for target in relationship.GetForwardedTargets():
+                body = joint.GetStage().GetPrimAtPath(target)
+                holds_link = holds_link or bool(body and body.HasAPI(UsdPhysics.RigidBodyAPI))
+        if not holds_link:
             return True
     return False
 
@@ -133,8 +139,10 @@ def _holds_base(joint: Usd.Prim) -> bool:
 def _fallback(prim: Usd.Prim, name: str) -> Any:
     """Return the value of an attribute where nothing is authored; None without one."""
     definition = prim.GetPrimDefinition()
-    found = definition.GetAttributeDefinition(name)
-    return found.GetFallbackValue() if found else None
+    attribute_definition = definition.GetAttributeDefinition(name)
+    if not attribute_definition:
+        return None
+    return attribute_definition.GetFallbackValue()
 
 
 def check_declared(stage: Usd.Stage, physics: FilePhysics, codes: Array, ledger: Ledger) -> None:
@@ -179,12 +187,15 @@ def _check_marks(root: Usd.Prim, physics: FilePhysics, frames: set[str], ledger:
     """Report names of base and tool that are missing, or of nothing in the stage."""
     base = str(root.GetAttribute("twin:base").Get() or "")
     if base not in physics.links:
-        text = f"twin:base is '{base}', which is no link of the stage." if base else "twin:base is missing."
+        text = "twin:base is missing."
+        if base:
+            text = f"twin:base is '{base}', which is no link of the stage."
         ledger.wrong("usd.mark", text, "twin:base", suggestion="export the stage again")
     if physics.tool not in frames:
-        text = f"twin:tool is '{physics.tool}', which is no frame of the stage." if physics.tool else ""
-        advice = "export the stage again"
-        ledger.wrong("usd.mark", text or "twin:tool is missing.", "twin:tool", suggestion=advice)
+        text = "twin:tool is missing."
+        if physics.tool:
+            text = f"twin:tool is '{physics.tool}', which is no frame of the stage."
+        ledger.wrong("usd.mark", text, "twin:tool", suggestion="export the stage again")
     physx = root.GetAttribute("physxArticulation:enabledSelfCollisions").Get()
     newton = root.GetAttribute("newton:selfCollisionEnabled").Get()
     if physx != newton:
@@ -196,7 +207,10 @@ def _check_marks(root: Usd.Prim, physics: FilePhysics, frames: set[str], ledger:
 
 
 def _word(value: Any) -> str:
-    return "not stated" if value is None else str(value)
+    """Return a value of the stage as text; "not stated" for None."""
+    if value is None:
+        return "not stated"
+    return str(value)
 
 
 def _check_parameters(root: Usd.Prim, ledger: Ledger) -> None:
@@ -209,10 +223,12 @@ def _check_parameters(root: Usd.Prim, ledger: Ledger) -> None:
             continue
         factor = SI.get(str(row["unit"]), 1.0)
         value = float(row["value"])
-        shown = float(row["shown"]) * factor
-        if abs(value - shown) > _ROUNDED * max(abs(value), abs(shown)):
-            text = f"parameter '{name}' is {value:g}, but shows {row['shown']:g} {row['unit']}, which is {shown:g}."
-            size = Measured(value, shown)
+        shown_value = float(row["shown"]) * factor
+        if abs(value - shown_value) > _ROUNDED * max(abs(value), abs(shown_value)):
+            text = (
+                f"parameter '{name}' is {value:g}, but shows {row['shown']:g} {row['unit']}, which is {shown_value:g}."
+            )
+            size = Measured(value, shown_value)
             ledger.wrong("usd.parameter", text, name, size=size, suggestion="export the stage again")
         if row["provenance"] not in _PROVENANCE:
             text = f"parameter '{name}' has the provenance '{row['provenance']}', expected {', '.join(_PROVENANCE)}."
@@ -236,7 +252,10 @@ _LISTED: Mapping[str, Callable[[FileDrive], Any]] = {
 
 def _check_listed(root: Usd.Prim, physics: FilePhysics, ledger: Ledger) -> None:
     """Compare the limits and drives of joints with the parameters that the stage itself lists of them."""
-    drives = {joint.names[0]: joint.drive for joint in physics.joints if joint.names}
+    drives = {}
+    for joint in physics.joints:
+        if joint.names:
+            drives[joint.names[0]] = joint.drive
     for name, row in (root.GetCustomDataByKey("twin:parameters") or {}).items():
         listed, _, field = str(name).partition(" ")
         joints = listed.split(",")
@@ -246,8 +265,13 @@ def _check_listed(root: Usd.Prim, physics: FilePhysics, ledger: Ledger) -> None:
         for joint in joints:
             stated = _LISTED[field](drives[joint])
             if stated is None or abs(float(stated) - expected) > 1e-5 * max(1e-3, abs(expected)):
-                own = "not stated" if stated is None else f"{float(stated):.6g}"
-                text = f"joint '{joint}': {field} is {own}, but {expected:.6g} in the parameter '{name}' of the stage."
+                stated_text = "not stated"
+                if stated is not None:
+                    stated_text = f"{float(stated):.6g}"
+                text = (
+                    f"joint '{joint}': {field} is {stated_text}, but {expected:.6g} in the parameter '{name}' of the "
+                    "stage."
+                )
                 ledger.wrong("usd.listed", text, joint, suggestion="export the stage again")
 
 
@@ -272,9 +296,9 @@ def _check_schemas(stage: Usd.Stage, ledger: Ledger) -> None:
         for prop in prim.GetAuthoredProperties():
             name = str(prop.GetName())
             for pattern, schema in _SCHEMAS:
-                found = re.fullmatch(pattern, name)
-                if found and found.expand(schema) not in applied:
-                    lacking.setdefault(found.expand(schema), name)
+                match = re.fullmatch(pattern, name)
+                if match and match.expand(schema) not in applied:
+                    lacking.setdefault(match.expand(schema), name)
         for schema, name in lacking.items():
             path = str(prim.GetPath())
             text = f"{path} states {name}, but does not apply {schema}: engines ignore it."
@@ -340,8 +364,8 @@ def _check_sampled(stage: Usd.Stage, ledger: Ledger) -> None:
             attribute = prim.GetAttribute(f"state:{token}:physics:position")
             if attribute and attribute.HasAuthoredValue():
                 sampled[prim.GetName()] = attribute.GetNumTimeSamples() > 0
-    for name, own, common, count in _odd(sampled):
-        if common and not own:
+    for name, has_samples, most_have, count in _odd(sampled):
+        if most_have and not has_samples:
             text = f"joint '{name}' has no samples of its coordinate; {count} others have some."
             ledger.add("usd.state", "warning", text, name, suggestion="bake the motion again")
 
@@ -355,15 +379,15 @@ def _check_sample_times(stage: Usd.Stage, links: Sequence[str], ledger: Ledger) 
             for op in UsdGeom.Xformable(prim).GetOrderedXformOps():
                 samples |= set(op.GetTimeSamples())
             times[prim.GetName()] = tuple(sorted(samples))
-    for link, own, common, count in _odd(times):
-        if not own:  # at rest during the motion
+    for link, own_times, common_times, count in _odd(times):
+        if not own_times:  # at rest during the motion
             continue
-        differing = sorted(set(own) ^ set(common))
+        differing = sorted(set(own_times) ^ set(common_times))
         text = (
             f"the poses of link '{link}' have a time sample at the time code {differing[0]:g} that those of {count} "
             "other links lack."
         )
-        if differing[0] in common:
+        if differing[0] in common_times:
             text = (
                 f"the poses of link '{link}' lack the time sample at the time code {differing[0]:g}, which {count} "
                 "other links have."
@@ -385,10 +409,13 @@ def _check_changing(stage: Usd.Stage, ledger: Ledger) -> None:
 
 def _check_scene(stage: Usd.Stage, ledger: Ledger) -> None:
     """Report a stage that says of itself that it is in a physics scene, without one; and one with several."""
-    scenes = [str(prim.GetPath()) for prim in stage.Traverse() if prim.IsA(UsdPhysics.Scene)]
+    scenes = []
+    for prim in stage.Traverse():
+        if prim.IsA(UsdPhysics.Scene):
+            scenes.append(str(prim.GetPath()))
     layer = stage.GetRootLayer()
-    said = "physics scene" in f"{layer.comment} {layer.documentation}"
-    if said and not scenes:
+    is_documented = "physics scene" in f"{layer.comment} {layer.documentation}"
+    if is_documented and not scenes:
         text = "the stage is documented as one in a physics scene (physicsScene), but has no PhysicsScene."
         ledger.wrong("usd.scene", text, "physicsScene", suggestion="add the scene, with its gravity")
     if len(scenes) > 1:
@@ -409,9 +436,9 @@ def _check_colliders(stage: Usd.Stage, ledger: Ledger) -> None:
             form.append("PhysicsMeshCollisionAPI")
         form.append(f"approximation {prim.GetAttribute('physics:approximation').Get() or 'none'}")
         forms[str(prim.GetPath())] = tuple(form)
-    for path, own, common, count in _odd(forms):
-        apart = ", ".join(sorted({*own} ^ {*common}))
-        text = f"the mesh {path} collides in another way than {count} others: {apart}."
+    for path, own_form, common_form, count in _odd(forms):
+        differing = ", ".join(sorted({*own_form} ^ {*common_form}))
+        text = f"the mesh {path} collides in another way than {count} others: {differing}."
         ledger.add("usd.collider", "warning", text, path, suggestion="export the stage again")
 
 
@@ -423,7 +450,8 @@ def _check_meshes(stage: Usd.Stage, ledger: Ledger) -> None:
             continue
         path = str(prim.GetPath())
         primvars = UsdGeom.PrimvarsAPI(prim).GetPrimvarsWithAuthoredValues()
-        forms[path] = tuple(sorted(str(primvar.GetPrimvarName()) for primvar in primvars))
+        names = [str(primvar.GetPrimvarName()) for primvar in primvars]
+        forms[path] = tuple(sorted(names))
         box = UsdGeom.Mesh(prim).GetExtentAttr().Get()
         if box is None or len(box) != 2:
             text = f"the mesh {path} states no bounding box (extent) of two points."
@@ -432,9 +460,9 @@ def _check_meshes(stage: Usd.Stage, ledger: Ledger) -> None:
         if turned:
             text = f"{turned} normals of the mesh {path} are more than {_TURNED:g} degrees from their faces."
             ledger.add("usd.normal_turned", "warning", text, path, suggestion="export the stage again")
-    for path, own, common, count in _odd(forms):
-        apart = ", ".join(sorted({*own} ^ {*common}))
-        text = f"the mesh {path} states other primvars than {count} others: {apart}."
+    for path, own_form, common_form, count in _odd(forms):
+        differing = ", ".join(sorted({*own_form} ^ {*common_form}))
+        text = f"the mesh {path} states other primvars than {count} others: {differing}."
         ledger.add("usd.primvar", "warning", text, path, suggestion="export the stage again")
 
 
@@ -474,11 +502,13 @@ def check_primvars(stage: Usd.Stage, ledger: Ledger) -> None:
             name = str(primvar.GetPrimvarName())
             interpolation = str(primvar.GetInterpolation())
             values = primvar.Get()
-            known = name in ("normals", "displayColor", "displayOpacity") and interpolation in needed
-            if not known or values is None or primvar.GetElementSize() != 1:
+            is_known = name in ("normals", "displayColor", "displayOpacity") and interpolation in needed
+            if not is_known or values is None or primvar.GetElementSize() != 1:
                 continue
             count = len(values)
-            indices = np.array(primvar.GetIndices() if primvar.IsIndexed() else np.arange(count), int)
+            indices = np.arange(count)
+            if primvar.IsIndexed():
+                indices = np.array(primvar.GetIndices(), int)
             path = str(prim.GetPath())
             if len(indices) != needed[interpolation]:
                 text = (
@@ -496,7 +526,7 @@ def _odd(forms: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any, int]]:
     if len(forms) < 3:  # two that differ say nothing about which of them is meant
         return
     common, count = Counter(forms.values()).most_common(1)[0]
-    if count < 0.7 * len(forms):
+    if count < _MOST * len(forms):
         return
     for key, form in forms.items():
         if form != common:
@@ -509,16 +539,21 @@ def _check_engines(stage: Usd.Stage, ledger: Ledger) -> None:
         scene = prim.IsA(UsdPhysics.Scene)
         articulated = prim.HasAPI(UsdPhysics.ArticulationRootAPI)
         for name, tested in _TESTED.items():
-            if not (articulated if name.startswith("physxArticulation") else scene):
+            is_concerned = scene
+            if name.startswith("physxArticulation"):
+                is_concerned = articulated
+            if not is_concerned:
                 continue
-            own = prim.GetAttribute(name).Get()
-            if own != tested:
-                text = f"{name} is {_word(own)}; the stages of this project were tested with {tested}."
+            value = prim.GetAttribute(name).Get()
+            if value != tested:
+                text = f"{name} is {_word(value)}; the stages of this project were tested with {tested}."
                 ledger.add("usd.engine", "warning", text, str(prim.GetPath()), suggestion=f"write {tested}")
-        wanted = {"PhysxSceneAPI"} if scene else set()
+        needed_schemas = set()
+        if scene:
+            needed_schemas = {"PhysxSceneAPI"}
         if articulated:
-            wanted = {"PhysxArticulationAPI", "NewtonArticulationRootAPI"}
-        lacking = sorted(wanted - set(map(str, prim.GetPrimTypeInfo().GetAppliedAPISchemas())))
+            needed_schemas = {"PhysxArticulationAPI", "NewtonArticulationRootAPI"}
+        lacking = sorted(needed_schemas - set(map(str, prim.GetPrimTypeInfo().GetAppliedAPISchemas())))
         if lacking:
             text = f"{prim.GetPath()} does not apply {', '.join(lacking)}: the engine ignores what it states for it."
             ledger.wrong("usd.engine", text, str(prim.GetPath()), suggestion=f"apply {', '.join(lacking)}")
@@ -532,21 +567,22 @@ def _check_display_colors(stage: Usd.Stage, ledger: Ledger) -> None:
             ledger.wrong("usd.shader", text, str(prim.GetPath()), suggestion="write info:id UsdPreviewSurface")
         if not prim.IsA(UsdGeom.Mesh):
             continue
-        shown = UsdGeom.Gprim(prim).GetDisplayColorAttr().Get()
+        displayed = UsdGeom.Gprim(prim).GetDisplayColorAttr().Get()
         material, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
-        if not material or not shown or len(shown) != 1:
+        if not material or not displayed or len(displayed) != 1:
             continue
         shader, *_ = material.ComputeSurfaceSource()
-        color_input = shader.GetInput("diffuseColor") if shader else None
-        color = color_input.Get() if color_input else None
-        if color is not None and not Gf.IsClose(Gf.Vec3f(shown[0]), Gf.Vec3f(color), 1e-4):
-            text = f"the displayColor of {prim.GetPath()} is {_plain(shown[0])}, its material has {_plain(color)}."
+        color = None
+        if shader and shader.GetInput("diffuseColor"):
+            color = shader.GetInput("diffuseColor").Get()
+        if color is not None and not Gf.IsClose(Gf.Vec3f(displayed[0]), Gf.Vec3f(color), 1e-4):
+            text = f"the displayColor of {prim.GetPath()} is {_plain(displayed[0])}, its material has {_plain(color)}."
             path = str(prim.GetPath())
             ledger.add("usd.display_color", "warning", text, path, suggestion="export the stage again")
 
 
 def _plain(color: Iterable[float]) -> str:
-    return " ".join(f"{float(part):.4g}" for part in color)
+    return " ".join(map("{:.4g}".format, map(float, color)))
 
 
 def _check_range(stage: Usd.Stage, codes: Array, ledger: Ledger) -> None:

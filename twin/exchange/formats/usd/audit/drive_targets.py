@@ -51,13 +51,19 @@ class _Target:
 
 
 def check_drive_targets(
-    stage: Usd.Stage, rest: Mapping[str, Array], physics: FilePhysics, meters: float, ledger: Ledger, *, moving: bool
+    stage: Usd.Stage,
+    rest_poses: Mapping[str, Array],
+    physics: FilePhysics,
+    meters: float,
+    ledger: Ledger,
+    *,
+    moving: bool,
 ) -> None:
     """Report drives whose targets do not hold the robot in its authored pose, or move it, and targets not checked.
 
     Args:
         stage: the stage.
-        rest: {body: T_world_body (4, 4)} of the authored pose, in m, z up.
+        rest_poses: {body: T_world_body (4, 4)} of the authored pose, in m, z up.
         physics: the mechanism data of the stage.
         meters: unit of length of the stage in m.
         ledger: receives the findings.
@@ -75,7 +81,7 @@ def check_drive_targets(
     efforts: dict[str, float] | None = None
     if not moving:
         try:
-            efforts = _efforts(rest, physics, gravity)
+            efforts = _efforts(rest_poses, physics, gravity)
         except _UndeterminedError as reason:
             _not_checked("targets of the drives", f"{reason}", "", ledger)
     for joint in physics.joints:
@@ -84,10 +90,12 @@ def check_drive_targets(
         if target is None:
             continue
         if target.velocity:
-            unit = "rad/s" if joint.kind == "revolute" else "m/s"
+            unit = "m/s"
+            if joint.kind == "revolute":
+                unit = "rad/s"
             text = f"the drive of joint '{name}' has a target velocity of {target.velocity:g} {unit}; expected 0."
             ledger.wrong("usd.drive_target", text, name, suggestion="export the stage again")
-        q = _coordinate(joint, rest)
+        q = _coordinate(joint, rest_poses)
         if efforts is None:
             continue
         if q is None:
@@ -109,26 +117,28 @@ def _check_position(joint: FileJoint, q: float, target: float | None, effort: fl
     deflection = 0.0
     if joint.drive.stiffness:
         deflection = effort / joint.drive.stiffness
-    stated = 0.0 if target is None else target
+    stated = target or 0.0  # the schema's target where none is stated
     if joint.kind == "revolute":
         q = _nearest_turn(q, stated - deflection, low, high)
     expected = float(np.clip(q + deflection, low, high))
-    off = abs(stated - expected)
+    difference = abs(stated - expected)
     limit = _TOLERANCE * (1.0 + abs(stated)) + _PART * abs(deflection)
-    if off <= limit:
+    if difference <= limit:
         return
-    unit = "rad" if joint.kind == "revolute" else "m"
+    unit = "m"
+    if joint.kind == "revolute":
+        unit = "rad"
     text = (
         f"the drive of joint '{joint.names[0]}' has the target {stated:.6g} {unit}; {expected:.6g} {unit} holds the "
         "pose that the stage shows."
     )
     advice = "export the stage again, or write the target that holds the pose"
-    ledger.wrong("usd.drive_target", text, joint.names[0], suggestion=advice, size=Measured(off, limit, unit))
+    ledger.wrong("usd.drive_target", text, joint.names[0], suggestion=advice, size=Measured(difference, limit, unit))
 
 
 def _targets(stage: Usd.Stage, meters: float) -> dict[str, _Target]:
     """Return {joint: targets of its drive} of the joints with a drive along or about their axis."""
-    found = {}
+    targets = {}
     for prim in stage.Traverse():
         for schema, token, unit in (
             (UsdPhysics.RevoluteJoint, "angular", np.pi / 180),
@@ -138,50 +148,57 @@ def _targets(stage: Usd.Stage, meters: float) -> dict[str, _Target]:
                 drive = UsdPhysics.DriveAPI(prim, token)
                 position = drive.GetTargetPositionAttr().Get()
                 velocity = drive.GetTargetVelocityAttr().Get()
-                found[prim.GetName()] = _Target(
-                    None if position is None else float(position) * unit,
-                    None if velocity is None else float(velocity) * unit,
-                )
-    return found
+                targets[prim.GetName()] = _Target(_scaled(position, unit), _scaled(velocity, unit))
+    return targets
 
 
-def _nearest_turn(q: float, wanted: float, low: float, high: float) -> float:
+def _scaled(value: float | None, unit: float) -> float | None:
+    """Return a number of the stage in SI units; None if it is not stated."""
+    if value is None:
+        return None
+    return float(value) * unit
+
+
+def _nearest_turn(q: float, target: float, low: float, high: float) -> float:
     """Return the angle q, plus full turns, within limits if possible, and there nearest to another angle."""
-    near = q + 2 * np.pi * np.round((wanted - q) / (2 * np.pi))
+    nearest = q + 2 * np.pi * np.round((target - q) / (2 * np.pi))
     turned = q + 2 * np.pi * np.arange(-2, 3)
-    allowed = [float(angle) for angle in turned if low - 1e-6 <= angle <= high + 1e-6]
+    is_allowed = (low - _TOLERANCE <= turned) & (turned <= high + _TOLERANCE)
+    allowed = turned[is_allowed].tolist()
     if not np.isfinite([low, high]).all() or not allowed:
-        return float(near) if abs(near) <= 2 * np.pi else q
-    return min(allowed, key=lambda angle: abs(angle - wanted))
+        if abs(nearest) > 2 * np.pi:  # a target so far away is no rounding of the pose
+            return q
+        return float(nearest)
+    return min(allowed, key=lambda angle: abs(angle - target))
 
 
-def _coordinate(joint: FileJoint, rest: Mapping[str, Array]) -> float | None:
+def _coordinate(joint: FileJoint, rest_poses: Mapping[str, Array]) -> float | None:
     """Return the coordinate of a joint in m or rad at the authored pose; None if it has not exactly one."""
     if joint.kind not in _SINGLE or joint.T is None or len(joint.motions) != 1:
         return None
-    T_parent = _placed(joint.parent, rest)
-    T_child = _placed(joint.child, rest)
+    T_parent = _placed(joint.parent, rest_poses)
+    T_child = _placed(joint.child, rest_poses)
     if T_parent is None or T_child is None:
         return None
-    moved = poses.inverse(T_parent) @ T_child @ poses.inverse(joint.T)
+    T_joint = poses.inverse(T_parent) @ T_child @ poses.inverse(joint.T)
     line = joint.motions[0]
     if line.kind == "slide":
-        return float(line.direction @ moved[:3, 3])
-    R = moved[:3, :3]
+        return float(line.direction @ T_joint[:3, 3])
+    R = T_joint[:3, :3]
     sine = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
     return float(np.arctan2(line.direction @ sine, 0.5 * (np.trace(R) - 1.0)))
 
 
-def _placed(link: str, rest: Mapping[str, Array]) -> Array | None:
-    if link in ("", WORLD) and link not in rest:
+def _placed(link: str, rest_poses: Mapping[str, Array]) -> Array | None:
+    if link in ("", WORLD) and link not in rest_poses:
         return np.eye(4)
-    return rest.get(link)
+    return rest_poses.get(link)
 
 
 # -- statics ------------------------------------------------------------------------------------------
 
 
-def _efforts(rest: Mapping[str, Array], physics: FilePhysics, gravity: Array) -> dict[str, float]:
+def _efforts(rest_poses: Mapping[str, Array], physics: FilePhysics, gravity: Array) -> dict[str, float]:
     """Return {driven joint: effort in N or N m} that holds the robot at the authored pose.
 
     `gravity` (3,) is in m/s2, in the world with z up.
@@ -191,16 +208,17 @@ def _efforts(rest: Mapping[str, Array], physics: FilePhysics, gravity: Array) ->
     """
     if not physics.fixed_to_world:
         raise _UndeterminedError("no joint holds a link of the robot in the world")
-    links = [link for link in physics.links if link not in physics.fixed_to_world]
-    columns = {link: 6 * k for k, link in enumerate(links)}
-    joints = [joint for joint in physics.joints if joint.parent in rest or joint.child in rest]
-    first = 6 * len(links)
+    columns: dict[str, int] = {}
+    for link in physics.links:
+        if link not in physics.fixed_to_world:
+            columns[link] = 6 * len(columns)
+    joints = [joint for joint in physics.joints if joint.parent in rest_poses or joint.child in rest_poses]
     rates: dict[str, int] = {}
-    count = first
+    count = 6 * len(columns)
     for joint in joints:
         rates[joint.names[0]] = count
         count += len(joint.motions)
-    allowed = _allowed(joints, columns, rates, count, rest, physics)
+    allowed = _allowed(joints, columns, rates, count, rest_poses, physics)
     power = np.zeros(count)
     for link, column in columns.items():
         mass = physics.masses.get(link)
@@ -208,23 +226,30 @@ def _efforts(rest: Mapping[str, Array], physics: FilePhysics, gravity: Array) ->
             continue
         share = 1.0 - (physics.weight_shares or {}).get(link, 0.0)
         force = share * mass.mass * gravity
-        center = rest[link][:3, :3] @ mass.center + rest[link][:3, 3]
+        center = rest_poses[link][:3, :3] @ mass.center + rest_poses[link][:3, 3]
         power[column : column + 3] = np.cross(center, force)
         power[column + 3 : column + 6] = force
-    driven = [joint.names[0] for joint in joints if joint.drive.driven and joint.kind in _SINGLE]
-    by_drives = allowed[[rates[name] for name in driven]].T
+    driven: list[str] = []
+    rate_rows: list[int] = []
+    for joint in joints:
+        if joint.drive.driven and joint.kind in _SINGLE:
+            driven.append(joint.names[0])
+            rate_rows.append(rates[joint.names[0]])
+    by_drives = allowed[rate_rows].T
     by_weight = allowed.T @ power
     independent = int(np.linalg.matrix_rank(by_drives, tol=_ZERO))
     if independent < len(driven):
-        names = ", ".join(f"'{name}'" for name in driven)
-        drives = f"1 drive ({names}) acts" if len(driven) == 1 else f"{len(driven)} drives ({names}) act"
+        names = ", ".join(map("'{}'".format, driven))
+        drives = f"{len(driven)} drives ({names}) act"
+        if len(driven) == 1:
+            drives = f"1 drive ({names}) acts"
         reason = f"{drives} on {format.count(independent, 'independent motion')}"
         raise _UndeterminedError(f"{reason}, so that several sets of efforts hold the same weight")
     efforts = -np.linalg.lstsq(by_drives, by_weight, rcond=None)[0]
-    left = float(np.linalg.norm(by_drives @ efforts + by_weight))
+    remaining = float(np.linalg.norm(by_drives @ efforts + by_weight))
     weight = float(np.linalg.norm(by_weight))
-    if left > _BALANCED * max(weight, 1e-12):  # what no drive holds would fall
-        part = f"{100 * left / max(weight, 1e-12):.3g} %"
+    if remaining > _BALANCED * max(weight, 1e-12):  # what no drive holds would fall
+        part = f"{100 * remaining / max(weight, 1e-12):.3g} %"
         raise _UndeterminedError(f"no efforts of the drives balance the weight; {part} of its power remains")
     return dict(zip(driven, efforts.tolist(), strict=True))
 
@@ -234,7 +259,7 @@ def _allowed(
     columns: Mapping[str, int],
     rates: Mapping[str, int],
     count: int,
-    rest: Mapping[str, Array],
+    rest_poses: Mapping[str, Array],
     physics: FilePhysics,
 ) -> Array:
     """Return velocities (count, freedoms) that joints and couplings allow.
@@ -248,7 +273,7 @@ def _allowed(
         for link, sign in ((joint.child, 1.0), (joint.parent, -1.0)):
             if link in columns:
                 row[:, columns[link] : columns[link] + 6] = sign * np.eye(6)
-        T_parent = _placed(joint.parent, rest)
+        T_parent = _placed(joint.parent, rest_poses)
         if T_parent is not None:
             for k, line in enumerate(joint.motions):
                 row[:, rates[joint.names[0]] + k] = -_screw(line.transformed(T_parent))

@@ -71,7 +71,9 @@ def joint_ends(prim: Usd.Prim, meters: float) -> list[tuple[list[str], Array]]:
         q = rotation.Get()
         if q is not None:
             T[:3, :3] = poses.rotation([*q.GetImaginary(), q.GetReal()])
-        paths = [str(path) for path in targets.GetForwardedTargets()] if targets else []
+        paths = []
+        if targets:
+            paths = list(map(str, targets.GetForwardedTargets()))
         ends.append((paths, T))
     return ends
 
@@ -92,12 +94,12 @@ def _frame(
     above = prim
     while above and str(above.GetPath()) not in placed:
         above = above.GetParent()
-    rest = [Usd.TimeCode.Default()]
-    T_world_joint = world.poses(prim, rest)[0] @ local
+    default_time = [Usd.TimeCode.Default()]
+    T_world_joint = world.poses(prim, default_time)[0] @ local
     if not above:
         return np.broadcast_to(T_world_joint, (count, 4, 4))
     # The target is no body itself, but moves with the body above it.
-    T_body_joint = poses.inverse(world.poses(above, rest)[0]) @ T_world_joint
+    T_body_joint = poses.inverse(world.poses(above, default_time)[0]) @ T_world_joint
     return placed[str(above.GetPath())] @ T_body_joint
 
 
@@ -106,9 +108,9 @@ def _locked(prim: Usd.Prim) -> list[int]:
     if prim.IsA(UsdPhysics.PrismaticJoint):
         axis = UsdPhysics.PrismaticJoint(prim).GetAxisAttr().Get()
         free = AXES.get(str(axis), 2)
-        return [i for i in range(3) if i != free]
+        return [axis for axis in range(3) if axis != free]
     if prim.GetTypeName() == "PhysicsJoint":
-        return [i for i in range(3) if is_locked(prim, SIX[i])]
+        return [axis for axis in range(3) if is_locked(prim, SIX[axis])]
     if prim.IsA(UsdPhysics.DistanceJoint):
         return []
     return [0, 1, 2]
@@ -136,7 +138,9 @@ def joint_values(stage: Usd.Stage, codes: Array, meters: float) -> dict[str, Arr
             direction = _state_direction(attribute.GetName())
             if not direction or not attribute.GetNumTimeSamples():
                 continue
-            unit = np.pi / 180 if direction in ("angular", "rotX", "rotY", "rotZ") else meters
+            unit = meters
+            if direction in ("angular", "rotX", "rotY", "rotZ"):
+                unit = np.pi / 180
             query = Usd.AttributeQuery(attribute)
             samples = [float(query.Get(time)) for time in times]
             values[prim.GetName()] = np.array(samples) * unit

@@ -81,9 +81,9 @@ def missing_physics(stage: Usd.Stage) -> str:
 
 
 def _unused_physics(stage: Usd.Stage, root: Sdf.Layer) -> str:
-    used = {layer.realPath for layer in stage.GetUsedLayers()}
+    used_layers = {layer.realPath for layer in stage.GetUsedLayers()}
     for file in sorted(Path(root.realPath).parent.glob("*.usda")):
-        if str(file) in used:
+        if str(file) in used_layers:
             continue
         layer = Sdf.Layer.FindOrOpen(str(file))
         prim = layer.GetPrimAtPath(f"/{root.defaultPrim}") if layer and root.defaultPrim else None

@@ -31,67 +31,69 @@ def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: s
     `bodies` are the rigid bodies of the stage; `meters` is the stage's unit of length in m, and `up` its up axis, "Y"
     or "Z".
     """
-    names = {str(p.GetPath()): p.GetName() for p in bodies}
-    out = FilePhysics(tuple(names.values()), complete=True, couplings=_couplings(stage, meters), opening=0.0)
-    out.medium = EMPTY
+    names = {}
+    for body in bodies:
+        names[str(body.GetPath())] = body.GetName()
+    physics = FilePhysics(tuple(names.values()), complete=True, couplings=_couplings(stage, meters), opening=0.0)
+    physics.medium = EMPTY
     for prim in stage.Traverse():
         collides = prim.GetAttribute("physxArticulation:enabledSelfCollisions")
         if collides and collides.HasAuthoredValue():
-            out.self_collision = bool(collides.Get()) or bool(out.self_collision)
+            physics.self_collision = bool(collides.Get()) or bool(physics.self_collision)
     robot = stage.GetDefaultPrim()
     if robot:
-        out.motors = _motors(robot)
-        out.all_motors = is_ours(stage)
-        if out.all_motors:
-            out.robot = robot.GetName()
-            out.further, out.contact = further_declarations(stage)
-            out.programs = {}
-            out.postures = _postures(robot)
-            out.fully_listed = frozenset({"frame", "point"})
-        _add_tool(out, robot)
+        physics.motors = _motors(robot)
+        physics.all_motors = is_ours(stage)
+        if physics.all_motors:
+            physics.robot = robot.GetName()
+            physics.further, physics.contact = further_declarations(stage)
+            physics.programs = {}
+            physics.postures = _postures(robot)
+            physics.fully_listed = frozenset({"frame", "point"})
+        _add_tool(physics, robot)
     kilograms = float(UsdPhysics.GetStageKilogramsPerUnit(stage))
     paths = set(names)
-    held: set[str] = set()
-    floats: dict[str, float] = {}
+    fixed_to_world: set[str] = set()
+    weight_shares: dict[str, float] = {}
     for prim in bodies:
         name = prim.GetName()
         mass = _mass(prim, meters, kilograms)
         if mass is not None:
-            out.masses[name] = mass
+            physics.masses[name] = mass
         if not _shows_all(prim, paths):
-            out.partly_shown |= {name}
+            physics.partly_shown |= {name}
         weightless = prim.GetAttribute("physxRigidBody:disableGravity").Get()
-        floats[name] = float(bool(weightless))
+        weight_shares[name] = float(bool(weightless))
         # Physics does not move a kinematic body, as if it were fixed to the world.
         if UsdPhysics.RigidBodyAPI(prim).GetKinematicEnabledAttr().Get():
-            held.add(name)
-    out.weight_shares = floats
+            fixed_to_world.add(name)
+    physics.weight_shares = weight_shares
     links = set(names.values())
     behind: set[str] = set()  # joints behind transmissions, whose motors have the efforts
-    for motor in (out.motors or {}).values():
+    for motor in (physics.motors or {}).values():
         behind |= set(motor.row or ())
     for prim in stage.Traverse():
         if prim.IsA(UsdPhysics.Joint) and is_stated(prim):
             joint = _joint(prim, names, meters, kilograms)
             if joint is None:
                 continue
-            if out.all_motors and joint.kind in ("revolute", "prismatic"):
+            if physics.all_motors and joint.kind in ("revolute", "prismatic"):
                 joint = replace(joint, drive=_completed(joint.drive, prim.GetName() not in behind))
             parent_moves = joint.parent in links
             child_moves = joint.child in links
             if joint.kind == "fixed" and parent_moves != child_moves:
-                held.add(joint.child if child_moves else joint.parent)
-            out.joints.append(joint)
+                fixed_to_world.add(joint.child if child_moves else joint.parent)
+            physics.joints.append(joint)
         elif prim.IsA(UsdPhysics.Scene):
-            out.gravity = _gravity(UsdPhysics.Scene(prim), meters, up)
-    out.fixed_to_world = frozenset(held)
+            physics.gravity = _gravity(UsdPhysics.Scene(prim), meters, up)
+    physics.fixed_to_world = frozenset(fixed_to_world)
     cache = UsdGeom.XformCache()
     for body in bodies:
         for prim in Usd.PrimRange(body):
             kind = prim.GetAttribute("twin:kind").Get()
             if kind in ("frame", "point"):
-                _add_mark(out, prim, kind, paths, cache, meters)
-    return out
+                _add_mark(physics, prim, kind, paths, cache, meters)
+    return physics
 
 
 def _postures(robot: Usd.Prim) -> dict[str, dict[str, float]]:
@@ -137,9 +139,9 @@ def _shows_all(body: Usd.Prim, bodies: set[str]) -> bool:
     If the stage does not state it, the body needs a collider, and shapes that are neither meshes nor guides are missing
     from the meshes. `bodies` are the prim paths of all bodies.
     """
-    told = body.GetAttribute("twin:whole")
-    if told and told.Get() is not None:
-        return bool(told.Get())
+    stated_whole = body.GetAttribute("twin:whole")
+    if stated_whole and stated_whole.Get() is not None:
+        return bool(stated_whole.Get())
     collides = False
     prims = iter(Usd.PrimRange(body, Usd.TraverseInstanceProxies()))
     for prim in prims:
@@ -230,17 +232,25 @@ def kind_and_axis(prim: Usd.Prim) -> tuple[str, int]:
         (UsdPhysics.DistanceJoint, "free"),
     ):
         if prim.IsA(schema):
-            axis = prim.GetAttribute("physics:axis").Get() if kind != "fixed" else "Z"
+            axis = "Z"
+            if kind != "fixed":  # a fixed joint has no axis
+                axis = prim.GetAttribute("physics:axis").Get()
             return kind, AXES.get(str(axis), 0)
-    free = tuple(i for i, name in enumerate(SIX) if not is_locked(prim, name))
+    free_directions = []
+    for direction, name in enumerate(SIX):
+        if not is_locked(prim, name):
+            free_directions.append(direction)
+    free = tuple(free_directions)
     if len(free) == 2 and free[1] == free[0] + 3:
         return "cylindrical", free[0]
     if len(free) == 1:
-        kind = "prismatic" if free[0] < 3 else "revolute"
+        kind = "revolute"
+        if free[0] < 3:
+            kind = "prismatic"
         return kind, free[0] % 3
-    known = {(): "fixed", (0, 1, 2, 3, 4, 5): "free", (3, 4, 5): "spherical"}
-    directions = ", ".join(SIX[i] for i in free)
-    return known.get(free, f"free along {directions}"), 2
+    named_kinds = {(): "fixed", (0, 1, 2, 3, 4, 5): "free", (3, 4, 5): "spherical"}
+    directions = ", ".join(SIX[direction] for direction in free)
+    return named_kinds.get(free, f"free along {directions}"), 2
 
 
 def _cone(prim: Usd.Prim) -> tuple[float, float] | None:
@@ -248,9 +258,9 @@ def _cone(prim: Usd.Prim) -> tuple[float, float] | None:
     ball = UsdPhysics.SphericalJoint(prim)
     if not ball:
         return None
-    drawn = prim.GetAttribute("twin:cone").Get()  # in rad: the schema cannot express a cone about turned axes
-    if drawn is not None:
-        return float(drawn), float(drawn)
+    stated_cone = prim.GetAttribute("twin:cone").Get()  # in rad: the schema cannot express a cone about turned axes
+    if stated_cone is not None:
+        return float(stated_cone), float(stated_cone)
     half_angles: list[float] = []
     for attribute in (ball.GetConeAngle0LimitAttr(), ball.GetConeAngle1LimitAttr()):
         stated = attribute.Get()  # a blocked attribute has no value
@@ -315,22 +325,29 @@ def _drive(prim: Usd.Prim, kind: str, meters: float, kilograms: float) -> FileDr
     )
 
 
-def _completed(drive: FileDrive, own: bool) -> FileDrive:
+def _completed(drive: FileDrive, is_at_joint: bool) -> FileDrive:
     """Return the drive of a joint with one coordinate in a stage of this project: what is not stated has no limit.
 
     Such a stage holds no spring, damper or friction of a joint itself, so it states that there is none.
 
-    `own`: whether the drive is at the joint itself; motors behind a transmission have speeds and efforts of their own.
+    `is_at_joint`: whether the drive is at the joint itself; motors behind a transmission have speeds and efforts of
+    their own.
     """
-    soft = drive.limits if drive.soft is None else drive.soft
-    drive = replace(drive, passive=FREE_JOINT, soft=soft)
+    drive = replace(drive, passive=FREE_JOINT)
+    if drive.soft is None:
+        drive = replace(drive, soft=drive.limits)
     if not drive.driven:
         return drive
-    speed = np.inf if own and drive.speed is None else drive.speed
-    effort = np.inf if own and drive.effort is None else drive.effort
-    acceleration = np.inf if drive.acceleration is None else drive.acceleration
-    jerk = np.inf if drive.jerk is None else drive.jerk
-    return replace(drive, speed=speed, effort=effort, acceleration=acceleration, jerk=jerk)
+    unlimited: dict[str, float] = {}
+    if is_at_joint and drive.speed is None:
+        unlimited["speed"] = np.inf
+    if is_at_joint and drive.effort is None:
+        unlimited["effort"] = np.inf
+    if drive.acceleration is None:
+        unlimited["acceleration"] = np.inf
+    if drive.jerk is None:
+        unlimited["jerk"] = np.inf
+    return replace(drive, **unlimited)
 
 
 def _scaled(value: float | None, unit: float, per: float) -> float | None:
@@ -386,7 +403,9 @@ def _couplings(stage: Usd.Stage, meters: float) -> dict[str, tuple[dict[str, flo
             elif kind in ("PhysxTendonAxisRootAPI", "PhysxTendonAxisAPI"):
                 ratios, constant = couplings.get(instance, ({}, 0.0))
                 gearing = prim.GetAttribute(f"physxTendon:{instance}:gearing").Get()
-                ratios[prim.GetName()] = float(gearing[0]) if gearing else 0.0
+                ratios[prim.GetName()] = 0.0
+                if gearing:
+                    ratios[prim.GetName()] = float(gearing[0])
                 # Only the root of a tendon states its length.
                 length = prim.GetAttribute(f"physxTendon:{instance}:restLength").Get()
                 if length is not None:
@@ -412,4 +431,6 @@ def _mimic(prim: Usd.Prim, instance: str, meters: float) -> tuple[dict[str, floa
 
 def _unit(joint: Usd.Prim, meters: float) -> float:
     """Return the factor from the stage's unit of a joint coordinate to m or rad."""
-    return np.pi / 180 if joint.IsA(UsdPhysics.RevoluteJoint) else meters
+    if joint.IsA(UsdPhysics.RevoluteJoint):
+        return np.pi / 180
+    return meters
