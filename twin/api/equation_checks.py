@@ -86,6 +86,7 @@ def validate(
     if trajectory is None:
         trajectory = plan(robot, planned_protocol, progress, timing=timing)
     assert robot.files is not None  # the robot has CAD
+    # a given stage is judged as it is; the robot's own is built anew if it is outdated
     if stage is not None:
         opened_stage = contextlib.nullcontext(stage)
     else:
@@ -281,7 +282,7 @@ def strokes(
     home = robot.mechanism.home
     if home is None:  # the description has no posture `home`: the rest poses of the CAD
         home = model.home().q
-    unique_standins = tuple(dict.fromkeys(standins))
+    unique_standins = tuple(dict.fromkeys(standins))  # in the order of the arguments
     sweeps = []
     for i, joint in enumerate(chosen):
         progress(f"sweep {joint}", (i + 0.5) / len(chosen))

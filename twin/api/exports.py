@@ -73,7 +73,7 @@ def build(
     else:
         folder = Path(out)
     progress("read CAD, compute masses", 0.0)
-    robot = robot.weighed()
+    robot = robot.weighed()  # a stage states masses, for physics engines
     assert robot.files is not None
     chosen = protocols or ()
     if protocols is None and (robot.files.has_equations or robot.unwritten):
@@ -142,7 +142,7 @@ def export(
     kinds = chosen_formats(to)
     robot = loaded(robot)
     folder = Path(out or Path("twin-out") / robot.name / "export")
-    assets.require_writable(folder)
+    assets.require_writable(folder)  # before planning, which can take minutes
     ordered = order(robot, trajectory, protocols, budget, plan, progress)
     return write_bundle(ordered, folder, kinds, audit, progress)
 
@@ -191,7 +191,7 @@ def audit(
             f"{path} is an exported scene: omit the robot, or give the folder of one of the scene's robots instead"
         )
     robot = loaded(robot)
-    expected = robot.weighed().mechanism
+    expected = robot.weighed().mechanism  # exported files have masses, which are compared too
     truth = _truth(robot, path, progress, xacro)
     return audit_(path, truth=truth, mechanism=expected, states=states, progress=progress, xacro=xacro)
 

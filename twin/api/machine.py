@@ -66,6 +66,7 @@ def machine_parts(
     else:
         model = arm(robot.weighed().mechanism)
     table = settings.load(robot.files.cad / settings.NAME, model.mechanism)
+    # tables are frozen: arguments replace the values of the file in copies
     table = table.model_copy(update={"mode": mode or table.mode, "overdrive": overdrive or table.overdrive})
     if released is not None:
         fault_names = list(settings.Released.model_fields)
@@ -98,6 +99,7 @@ def machine(
     """
     from twin.simulation.machine.simulated_machine import Machine
 
+    # only the plant changes, so that the machine deviates from the model in its software
     physics = parts.plant.physics.changed(mass, friction, tilt)
     return Machine(parts, physics=physics, faults=faults)
 

@@ -125,7 +125,7 @@ def masses(robot: Robot | str | Path, progress: Progress = silent) -> Masses:
 
     sources = []
     progress("compute masses", 0.0)
-    if robot.files is None:
+    if robot.files is None:  # the stage or file is the only source: there is no CAD to weigh
         sources.append(mass_sources.of_mechanism(robot.mechanism, "stage"))
     else:
         cad = robot.weighed().cad
@@ -142,6 +142,7 @@ def masses(robot: Robot | str | Path, progress: Progress = silent) -> Masses:
             progress("USD stage", 0.0)
             on_stage = read_stage(robot.files.stage)
             sources.append(mass_sources.of_mechanism(on_stage, f"stage {robot.files.stage.name}"))
+        # a table states masses without shapes: its bodies are judged with the shapes of the CAD
         if (robot.files.cad / "inertia.toml").is_file():
             sources.append(mass_sources.of_table(robot.files.cad, weighed))
         exhibit = robot.files.cad / "exhibit.toml"

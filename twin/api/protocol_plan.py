@@ -46,7 +46,8 @@ def plan(
     if not isinstance(protocol, Protocol):
         protocol = robot.protocol(protocol)
     if timing is not None:
-        protocol = replace(protocol, timing=robot.with_timing(timing).timing)
+        protocol = replace(protocol, timing=robot.with_timing(timing).timing)  # raises for an unknown solver
+    # the protocol may place trocars, through which the path must lead
     robot = robot.bound(protocol)
     T_tool_frame = robot.mechanism.frame_in_tool(protocol.frame)
 

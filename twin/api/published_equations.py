@@ -97,6 +97,7 @@ def equations_of_motion(robot: Robot | str | Path, states: int = 200) -> Publish
         raise TwinError(
             f"{robot.name} has no published equations of motion; of the built-in robots, raven_left and raven_right do"
         )
+    # the published equations have the published masses, not those of the CAD
     masses_of_bodies = inertia.of_robot(robot.files.cad)
     dynamics = arm(robot.mechanism, masses_of_bodies).dynamics()
     judged = judge(form, dynamics, states)

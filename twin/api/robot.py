@@ -305,7 +305,7 @@ class Robot:
             KinematicsError: there are no equations, or a variant or parameter does not exist.
         """
         if variants is None and parameters is None:
-            return self._kinematics
+            return self._kinematics  # compiled once for each robot
         from twin.kinematics import compile_formula
 
         if variants is None:
@@ -554,7 +554,7 @@ class Robot:
         """
         from twin.reference.dynamics import Dynamics
 
-        if self.files is None:
+        if self.files is None:  # a stage or file states its masses
             return Dynamics(self.mechanism)
         return Dynamics(self.weighed().mechanism)
 
@@ -826,7 +826,7 @@ def load(
     if path.suffix in STAGE_SUFFIXES:
         if not path.is_file():
             raise TwinError(f"{path}: the stage does not exist")
-        admit(path)
+        admit(path)  # before USD opens it in this process: a malformed stage may crash or fill the memory
         return Robot(RobotSource(None, path, tool), None, variants, dict(parameters or {}))
     if tool is not None:
         raise TwinError(f"{robot} is neither a USD stage nor a description file: its tool is set in its description")

@@ -152,7 +152,7 @@ def new(
     if name is None:
         name = identifier(path.stem)
     folder = Path(out or name)
-    require_free(folder, force)
+    require_free(folder, force)  # before the file is read, which can take a minute
     progress(f"read {path.name}", 0.0)
     if format.name == "step":
         if closures or root:

@@ -175,6 +175,7 @@ def export_scene(
                 budget=budget,
                 progress=lambda label, part, name=place.name: progress(f"{name}: {label}", part),
             )
+        # scene.json has the shapes as numbers, and the stage the objects themselves: only GLB needs a file more
         if scene.objects and "glb" in kinds:
             from twin.exchange.formats.glb.write import write_glb
 
@@ -205,6 +206,7 @@ def _robot(place: Place) -> Robot:
     if place.protocol:
         return robot
     robot = robot.weighed()
+    # players show the rest pose of a file without motion
     q_start = start(place, robot.mechanism)
     rest = robot.reference().solve(q_start).link_poses
     return robot.with_mechanism(replace(robot.mechanism, rest=rest))
@@ -217,7 +219,7 @@ def _bends(scene: Scene, bundles: Mapping[str, Bundle]) -> list[Bend]:
 
     duration = _duration(bundles)
     organs = anatomy_of(scene)
-    if organs is None or not duration:
+    if organs is None or not duration:  # organs move only because robots touch them
         return []
     times = np.arange(round(duration * _RATE) + 1) / _RATE
     places = {place.name: place for place in scene.places}

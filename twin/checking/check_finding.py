@@ -70,7 +70,7 @@ class CheckFinding:
     def as_finding(self) -> Finding:
         """Return the finding in the form of all results."""
         severity = _SEVERITY[self.level]
-        if self.rule == "file/unjudged":
+        if self.rule == "file/unjudged":  # of all results, an error means that a check could not be made
             severity = "error"
         return Finding(f"check.{self.rule}", severity, self.message, where=self.place, suggestion=self.advice)
 

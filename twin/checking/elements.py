@@ -271,13 +271,14 @@ def _urdf_limits(elements: Elements, joint: Element) -> Iterator[CheckFinding]:
     for key in ("effort", "velocity"):
         if limit.get(key) is None:
             missing.append(key)
-    if missing and kind != "continuous":
+    if missing and kind != "continuous":  # readers of ROS accept a continuous joint without limits
         text = f"<limit> has no {' and no '.join(missing)}"
         yield elements.finding("limits/missing", limit, path, subject, text)
     for key, rule, least in (("velocity", "limits/velocity", 0.0), ("effort", "limits/effort", _ABOVE_ZERO)):
         value = number(limit.get(key))
         if value is not None and value <= least:
             yield elements.finding(rule, limit, path, subject, f"{key} {value:g} (must be above 0)")
+    # URDF: a limit that is not stated is 0
     lower = number(limit.get("lower", "0"))
     upper = number(limit.get("upper", "0"))
     if kind == "continuous" or lower is None or upper is None:

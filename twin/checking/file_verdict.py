@@ -241,6 +241,7 @@ def _with_places(findings: Sequence[CheckFinding], elements: Elements) -> Iterat
         if name and element.tag in ("link", "joint", "body", "geom", "connect", "weld"):
             named.setdefault(f"{element.tag} '{identifier(name)}'", (element, f"{element.tag}/{name}"))
     for finding in findings:
+        # a MJCF calls its links bodies
         named_element = named.get(finding.subject) or named.get(finding.subject.replace("link '", "body '"))
         if finding.line or named_element is None:
             yield finding
@@ -368,6 +369,7 @@ def _imported(job: JudgeJob, findings: list[CheckFinding] | tuple[()]) -> Judged
         settings = None
     try:
         imported = read(path, xacro=settings)
+        # other mechanisms are assembled as they are drawn
         if imported.mechanism.loops or imported.mechanism.couplings:
             imported = close(imported)
     except (BudgetError, CodeRefusedError):
@@ -375,7 +377,7 @@ def _imported(job: JudgeJob, findings: list[CheckFinding] | tuple[()]) -> Judged
     except TwinError as error:
         return _not_imported(job, collected, error)
     collected += _of_import(job, imported)
-    if description.kind != "dh":
+    if description.kind != "dh":  # no independent reader knows tables
         collected += _of_audit(job)
     mechanism = imported.mechanism
     moving = _moving_joints(mechanism)

@@ -58,7 +58,7 @@ def check_masses(mechanism: Mechanism, file: str) -> Iterator[CheckFinding]:
     for body in mechanism.bodies:
         box = _box(body)
         inertia = body.inertia
-        if box is None or inertia is None or inertia.mass <= 0:
+        if box is None or inertia is None or inertia.mass <= 0:  # other rules name masses that are not positive
             continue
         low, high = box
         diagonal = float(np.linalg.norm(high - low))
@@ -71,6 +71,7 @@ def check_masses(mechanism: Mechanism, file: str) -> Iterator[CheckFinding]:
         if distance > _FAR * diagonal:
             text = f"{subject}: the centre of mass is {mm(distance)} outside of its shape of {mm(diagonal)}"
             yield CheckFinding("inertia/centre", file, subject, text)
+        # the eigenvalues are in ascending order
         largest = float(np.linalg.eigvalsh(inertia.I_com)[-1])
         radius = float(np.sqrt(max(largest, 0.0) / inertia.mass))
         if radius > _WIDE * diagonal or radius < _NARROW * diagonal:

@@ -38,7 +38,7 @@ def pairs(judged: Sequence[JudgedFile]) -> list[tuple[JudgedFile, JudgedFile]]:
     for file in judged:
         if not file.joints:
             continue
-        joints = "\0".join(file.joints)
+        joints = "\0".join(file.joints)  # a character that no name has
         partners: list[JudgedFile] = []
         for key in ((joints, "robot", file.robot), (joints, "stem", stem(file.description.name))):
             partner = first.setdefault(key, file)

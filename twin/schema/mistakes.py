@@ -64,9 +64,9 @@ def explain(error: ValidationError, data: JsonObject, lines: dict[Keys, int], mo
         if keys in mistakes:
             continue  # the same keys in another branch of a union; the message of the first branch covers all branches
         if item["type"] == "extra_forbidden":
-            text, meant = _unknown_key(keys, _nodes(schema, data, keys[:-1]))
-            if meant:
-                replaced.add((*keys[:-1], meant))
+            text, meant_key = _unknown_key(keys, _nodes(schema, data, keys[:-1]))
+            if meant_key:
+                replaced.add((*keys[:-1], meant_key))
         else:
             text = _problem(item, keys, value, _nodes(schema, data, keys))
         kinds[keys] = item["type"]
@@ -75,7 +75,10 @@ def explain(error: ValidationError, data: JsonObject, lines: dict[Keys, int], mo
         for depth in range(len(keys)):
             if kinds.get(keys[:depth]) in _KINDS:
                 replaced.add(keys[:depth])
-    remaining = [mistake for keys, mistake in mistakes.items() if keys not in replaced]
+    remaining = []
+    for keys, mistake in mistakes.items():
+        if keys not in replaced:
+            remaining.append(mistake)
     remaining.sort(key=lambda mistake: mistake[0])  # by line; several mistakes of a line keep their order
     messages = [f"{name}:{line}: {text}" for line, text in remaining]
     return "\n".join(messages)

@@ -96,6 +96,7 @@ class Sourced(Table):
 
 
 def _in_order(limits: tuple[float, float]) -> tuple[float, float]:
+    """Return limits (lower, upper); raise an error of pydantic if they are swapped."""
     first, second = limits
     if first > second:
         text = f"limits are swapped: write [{second:g}, {first:g}]"
@@ -138,7 +139,7 @@ def parse_toml(text: str, model: type[M], name: str = "<text>") -> M:
         DescriptionError: the text is not TOML, or does not match the model; one line for each mistake.
     """
     try:
-        check_depth(Path(name), "TOML", text)
+        check_depth(Path(name), "TOML", text)  # tomllib calls itself for each level
         data = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise DescriptionError(explain_syntax(text, name, error)) from error
@@ -168,17 +169,20 @@ def json_schema(model: type[BaseModel]) -> JsonObject:
 
 
 def _text(path: Path, read: Read) -> str:
+    """Return the text of a TOML file.
+
+    Raises:
+        DescriptionError: it cannot be read; for a missing file, the message names those beside it.
+    """
     try:
         return read_text(path, "TOML", read=read)
     except FileNotFoundError:
         parent = path.parent
         hint = ""
-        existing = []
         if parent.is_dir():
-            existing = sorted(file.name for file in parent.glob("*.toml"))
-        if existing:
-            names = ", ".join(existing)
-            hint = f" In {parent}: {names}."
+            names = [file.name for file in parent.glob("*.toml")]
+            if names:
+                hint = f" In {parent}: {', '.join(sorted(names))}."
         raise DescriptionError(f"{path}: the file does not exist.{hint}") from None
     except UnicodeDecodeError as error:
         raise DescriptionError(f"{path}: not UTF-8 text at byte {error.start}; save the file as UTF-8") from None

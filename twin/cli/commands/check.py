@@ -50,6 +50,7 @@ def run(args: argparse.Namespace) -> int:
     for file in (args.sarif, args.junit):
         if file:
             require_writable_file(Path(file))
+    # a new baseline contains all findings, also those that an old one has
     baseline = None if args.write_baseline else args.baseline
     with show.progress(args.quiet or args.json) as progress:
         result = check(

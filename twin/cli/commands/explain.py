@@ -34,6 +34,7 @@ def run(args: argparse.Namespace) -> int:
     from twin.cli import show
     from twin.cli.option_values import stated_variants
 
+    # 0 is allowed: no time for a search of edits
     if not (math.isfinite(args.seconds) and args.seconds >= 0):
         raise TwinError(f"--seconds {args.seconds:g}: give a number of seconds, 0 or more")
     tolerance = show.micrometres("--tolerance-um", args.tolerance_um)

@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
         # one option for both: a rotation is as visible as the displacement that it causes at the links
         budget = ClipAccuracy(size, budget.rotation * size / budget.position, size)
     scene = assets.scene_file(args.robot)
-    if scene is not None:
+    if scene is not None:  # a scene has its own bundle, with one of each robot inside
         return _scene(scene, args, formats, budget)
     robot = load(args.robot, tool=args.tool).with_timing(args.timing)
     show.tool_note(robot, args.quiet)

@@ -83,7 +83,7 @@ def _copy(args: argparse.Namespace) -> int:
 
     if args.source or args.file:
         raise TwinError("--example copies a robot and reads no file: omit the file, or --example")
-    for name in ("closures", "root", "arg", "packages", "dh", "units"):
+    for name in ("closures", "root", "arg", "packages", "dh", "units"):  # options that say how a file is read
         if getattr(args, name):
             raise TwinError(f"--{name} is for a file to read, and --example copies a robot: omit one of them")
     target = Path(args.out or args.name)

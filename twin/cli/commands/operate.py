@@ -111,6 +111,7 @@ def _at_console(file: Path, args: argparse.Namespace) -> int:
         raise TwinError(
             f"--machine requires a scene with a section [trainer] in {file.name}, and cannot be used with --task"
         )
+    # an option without effect is refused: the measures would be taken for those of the option
     for option, default in (("trials", 1), ("clutch", "corrected"), ("solver", "damped")):
         if getattr(args, option) != default:
             raise TwinError(

@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
                 raise TwinError(f"--family: {unknown('family', name, FAMILIES)}")
         # in the order of `FAMILIES`, whatever the order in the option
         families = tuple(family for family in FAMILIES if family in stated_names)
-    name = Path(args.robot).resolve().stem
+    name = Path(args.robot).resolve().stem  # a path such as `.` has a name only when it is resolved
     folder = show.folder(args, name)
     with show.progress(args.quiet or args.json) as progress:
         score = selftest(

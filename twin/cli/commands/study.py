@@ -77,6 +77,6 @@ def _study(args: argparse.Namespace) -> Result:
         group, _, file = text.partition("=")
         if not group or not file:
             raise TwinError(f"'{text}': give GROUP=FILE, such as first=a.session")
-        groups.setdefault(group, []).append(file)
+        groups.setdefault(group, []).append(file)  # in the order of the sessions, for learning curves
     with show.progress(args.quiet or args.json) as progress:
         return study_sessions(groups, progress)

@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     if args.workers is not None and args.workers < 1:
         raise TwinError(f"--workers {args.workers}: give at least 1")
     if args.parquet:
-        table.arrow()
+        table.arrow()  # raises now, not after the sweep, if the package is missing
     robot = api.load(args.robot)
     assets.require_writable(Path(args.out) if args.out else Path("twin-out") / robot.name)
     source = args.robot

@@ -37,6 +37,7 @@ def run(args: argparse.Namespace) -> int:
     from twin.cli import show
 
     robot = api.load(args.robot).with_timing(args.timing)
+    # loaded here, because its name, not its path, is part of the folder
     protocol = robot.protocol(args.protocol)
     folder = show.folder(args, robot.name, f"{protocol.name}-track")
     with show.progress(args.quiet or args.json) as progress:

@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     width = show.micrometres("--tolerance-um", args.tolerance_um)
     robot = load(args.robot).with_timing(args.timing)
     tolerances = None
-    if width is not None:
+    if width is not None:  # a given accuracy replaces that of the CAD, as `validate` would compute it
         tolerances = Tolerances().widened(width, robot.mechanism.link_length)
     if args.samples is not None:
         return _samples(robot, args, tolerances)
@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
     root = Path("twin-out") / robot.name
     if args.out:
         root = Path(args.out)
-    for protocol, variants in jobs:
+    for protocol, variants in jobs:  # before planning and judging, which take minutes
         assets.require_writable(root / reports.folder(robot.protocol(protocol).name, variants))
     fix_search = FixSearch(robot)
     written_reports = []

@@ -105,6 +105,7 @@ def _arm(recording: Recording, hand: str, robot: str, tip_positions: Array) -> A
     for first, last in movements:
         rests[first : last + 1] = False
         smoothness.append(movement.spectral_arc_length(speed[first : last + 1], dt))
+    # while the clutch or the camera pedal is pressed, a tip rests on purpose
     idle = rests & (recording[CONSOLE_MODE.name][:, 0] == TOOLS)
     return ArmMeasures(
         hand,

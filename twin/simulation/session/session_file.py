@@ -257,6 +257,7 @@ class SessionWriter:
         self._file.close()
         self._file = None
         try:
+            # only a complete session has a name without `.part`
             if self.ticks:
                 self._part.replace(self.path)
             else:
@@ -278,6 +279,7 @@ class SessionWriter:
     def _write(self, rows: Array) -> None:
         digest_of_chunk = digest(rows)
         self._digests.update(digest_of_chunk)
+        # a replay computes all other signals from those of the device; the last row tells where it differs
         body = np.concatenate([rows[:, self._device].ravel(), rows[-1]])
         packed = zlib.compress(body.astype("<f8").tobytes(), 6)
         chunk_head = _HEAD.pack(_MAGIC, len(rows), len(packed), digest_of_chunk)

@@ -22,7 +22,7 @@ class Tape(Block):
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Keep the row of this tick."""
-        self._rows.append(signals.row.copy())
+        self._rows.append(signals.row.copy())  # the World writes the next tick into the same row
         self._width = len(signals.row)
         return {}
 

@@ -169,6 +169,7 @@ def measure(recording: Recording, table: TrainerTable, robot: str, kin: Kinemati
     run = recording[ROBOT_RUN.of(robot)]
     answers = run[:, ANSWERS] > 0.5
     first_answer = int(np.argmax(answers)) if answers.any() else len(recording.t)
+    # before its first state, a machine is not silent: it has not been connected yet
     stopped = (run[first_answer:, LEVEL] == Level.E_STOP) & answers[first_answer:]
     stops = len(movement.runs(stopped))
     silent = float(np.sum(~answers[first_answer:]) * recording.dt)

@@ -61,6 +61,7 @@ class TrialTable:
         Raises:
             OutputError: the file cannot be written.
         """
+        # read again: another program, or a person, may have changed the file since
         head, rows = self._read()
         trial = self.trial + 1
         row = self._begun(rows) if self._next else self._new(rows)
@@ -138,7 +139,7 @@ class TrialTable:
         if not self.path.exists():
             return list(_NAMED), []
         try:
-            text = self.path.read_text(encoding="utf-8-sig")
+            text = self.path.read_text(encoding="utf-8-sig")  # spreadsheets write a mark at the begin
         except (OSError, UnicodeDecodeError) as error:
             raise TwinError(f"{self.path}: cannot be read: {error}") from error
         try:
