@@ -12,7 +12,7 @@ from made.pages import ACTIVATE, PAGES, ROOT, TUTORIALS, NewUser, all_steps, fig
 HEXAPOD = ROOT / "docs/examples/hexapod"
 
 NIGHTLY = {
-    "api.md Python": "tests/api/test_without_equations.py; twin validate sils --variant eq1=printed",
+    "api.md Python": "tests/api/test_mechanism_kinematics.py; twin validate sils --variant eq1=printed",
     "twin audit twin-out/sils/export/ --robot sils": "tests/exchange/test_audit_bundle.py",
     "twin audit twin-out/sils/export/": "tests/exchange/test_audit_bundle.py",
     "twin build my_robot/": "twin build my_hexapod",
@@ -28,7 +28,7 @@ NIGHTLY = {
     "twin export davinci_psm_si": "tests/witness/bundles.py exports every robot",
     "twin export docs/examples/hexapod --to mjcf": "tests/exchange/test_export_subsets.py",
     "twin export sils": "twin export my_hexapod; tests/witness/bundles.py exports every robot",
-    "twin export twin-out/davinci/davinci_psm_psm2": "tests/planning/test_together.py",
+    "twin export twin-out/davinci/davinci_psm_psm2": "tests/api/test_multi_robot_plan.py",
     "twin export vsrs": "tests/witness/test_scene.py, another scene",
     "twin follow raven_left --packets 0": "tests/simulation/test_machine_operated.py",
     "twin hazards raven_left --sessions 4": "test_processes_and_a_kill_change_no_outcome, on a short campaign",
@@ -80,7 +80,7 @@ NIGHTLY = {
     "twin serve sils --record session.json": "tests/ui/test_headset_server.py",
     "twin serve sils --replay session.json": "tests/ui/test_headset_server.py",
     "twin serve sils": "tests/ui/test_headset_page.py",
-    "twin serve twin-out/davinci/davinci_psm_psm2": "tests/planning/test_together.py",
+    "twin serve twin-out/davinci/davinci_psm_psm2": "tests/api/test_multi_robot_plan.py",
     "twin serve vsrs --protocols": "tests/ui/test_headset_page_scene.py",
     "twin serve vsrs --task cholecystectomy": "tests/ui/test_headset_page_procedure.py",
     "twin serve vsrs": "tests/ui/test_headset_page_by_hand.py",
@@ -129,7 +129,7 @@ NIGHTLY = {
     "twin view hibou --html twin-out/hibou.html": "tests/ui/test_movable_robot.py",
     "twin view sher phantom": "twin view my_hexapod",
     "twin view sils": "twin view my_hexapod",
-    "twin view twin-out/davinci/davinci_psm_psm2": "tests/planning/test_together.py",
+    "twin view twin-out/davinci/davinci_psm_psm2": "tests/api/test_multi_robot_plan.py",
     "twin workspace sils": "test_workspace_command_writes_what_others_read",
 }  # fmt: skip
 """Commands that only the nightly lane runs, and what of them the other lanes run."""
