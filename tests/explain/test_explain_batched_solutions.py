@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from twin.validation.explain import batched_solutions, required_pairs
+from twin.validation.explain import batched_solutions
 from twin.validation.explain.deadline import Deadline
 
 POSES = 6
@@ -108,58 +108,3 @@ def test_a_choice_keeps_its_residuals_if_a_step_has_no_value(fails_at):
 
     newton._residuals = residuals
     assert 1 not in [i for i, _ in newton.run(Deadline())]
-
-
-class Late:
-    """A deadline that passes when it has been asked `times` times."""
-
-    def __init__(self, times):
-        self.times = times
-
-    @property
-    def passed(self):
-        self.times -= 1
-        return self.times < 0
-
-
-@pytest.fixture
-def search():
-    return required_pairs.RequiredPairs.__new__(required_pairs.RequiredPairs)
-
-
-def test_no_first_edit_is_tried_after_the_time(search, monkeypatch):
-    tried = []
-
-    def required(judge, step, rows, deadline, fixed):
-        tried.append(fixed)
-
-    monkeypatch.setattr(required_pairs, "RequiredValues", required)
-    monkeypatch.setattr(required_pairs.RequiredPairs, "judge", None)
-    search.step = None
-    search.sites = []
-    assert list(search.required(["a", "b", "c"], [], Late(2))) == []
-    assert tried == [["a"], ["b"]]
-
-
-def test_no_pair_of_expressions_is_compared_after_the_time(search):
-    compared = []
-    search.scalars = lambda rows, deadline: [SimpleNamespace(function="f") for _ in range(5)]
-    search._unexplained = lambda a, b, rows: compared.append((a, b)) or 1.0
-    assert list(search.in_two([], Late(3))) == []
-    assert len(compared) == 3
-
-
-def test_no_part_of_the_choices_is_solved_after_the_time(search):
-    solved = []
-
-    def solve(equation, fixed, choices, deadline):
-        solved.append(len(choices))
-        return []
-
-    search.step = SimpleNamespace(equation=SimpleNamespace(name="e"))
-    search.coarse = SimpleNamespace(solved=solve)
-    search.full = SimpleNamespace(solved=lambda *_: [])
-    search._binding = lambda scalars, rows: ()
-    choices = [(n,) for n in range(3 * required_pairs._AT_ONCE)]
-    assert list(search._solutions((), choices, [], Late(2))) == []
-    assert solved == [required_pairs._AT_ONCE] * 2

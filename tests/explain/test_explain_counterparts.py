@@ -6,8 +6,10 @@ import importlib.util
 
 import pytest
 
+from made.explain_seeds import WHOLE_ELSEWHERE, misprinted
 from twin.validation.explain.counterparts import counterpart_edits
 from twin.validation.explain.function_source import Source
+from twin.validation.explain.row_deviations import Judge
 
 
 def edits(folder, *statements):
@@ -50,3 +52,11 @@ def test_the_module_of_a_function_is_no_variable(tmp_path):
 def test_a_function_in_the_missing_part_leaves_no_wrong_names(tmp_path):
     found = edits(tmp_path, "u = a + b * c", "v = p + q * r * foo(lambda x: x * s)")
     assert not any("lambda" in new for _, new in found)
+
+
+def test_a_part_that_stands_whole_elsewhere_is_put_back(tmp_path):
+    case, formula = misprinted("sher", *WHOLE_ELSEWHERE, tmp_path)
+    source = Judge(formula, None, case.reference).step("tilt_inverse").source
+    assert ("phi4", "(theta - pi / 2 + phi4)") in [
+        (e.old, e.new) for e in counterpart_edits(source, source.statements[0])
+    ]

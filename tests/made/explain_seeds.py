@@ -8,6 +8,7 @@ import inspect
 import io
 import re
 import sys
+import time
 import tokenize
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -418,3 +419,40 @@ def empty(case, judge, faulty, candidate, rows, folder):
         if place.symbol in unknown and max(now[n] for n in unknown) < 1e-9:
             return f"{place.symbol} does not settle {unknown}: " + "; ".join(e.text for e in candidate.edits)
     return ""
+
+
+_TILT = """    th2 = theta - pi / 2 + phi4 + phi3
+    a = CD * cos(th2) - AB * cos(phi1)
+    b = AB * sin(phi1) - CD * sin(th2)
+    L = hypot(a, b)
+    th1 = pi / 2 - acos((DA**2 + L**2 - BC**2) / (2 * DA * L)) + atan2(a, b)
+    al"""
+
+
+WHOLE_ELSEWHERE = (_TILT, _TILT.replace("theta - pi / 2 + phi4", "phi4").replace("atan2(a, b)", "atan2(b, a)"))
+
+
+ELEMENTS = (
+    ("atan2(M[1, 1], M[0, 1])", "atan2(M[0, 1], M[1, 1])"),
+    ("atan2(-M[2, 0], M[2, 2])", "atan2(-q1[2, 0], M[2, 2])"),
+)
+
+
+def misprinted(name, right, wrong, folder, *more):
+    """Return (case of a built-in robot, its equations with `wrong` in place of the one `right`, and `more` such)."""
+    case = built_in(name)
+    text = case.path.read_text(encoding="utf-8")
+    for old, new in ((right, wrong), *more):
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    path = folder / "formula.py"
+    path.write_text(text, encoding="utf-8")
+    return case, case.load(path)
+
+
+def require_repair(change, tmp_path, monkeypatch, seconds):
+    """Check that the edits of a robot's formula are undone at rank 1 or in a tie, within so much processor time."""
+    monkeypatch.setattr(time, "monotonic", time.process_time)
+    name, first, *more = change
+    case, formula = misprinted(name, *first, tmp_path, *more)
+    assert outcome(case, formula, tmp_path, seconds) in ("rank 1", "tie")
