@@ -153,6 +153,7 @@ class Batch:
 
     def copies(self, count: int) -> Judge:
         """Return a judge at the poses, repeated for at least `count` choices."""
+        # A judge is made and kept for each size, so that there are few of them.
         size = _BATCH_SIZES[-1]
         for smaller in reversed(_BATCH_SIZES):
             if smaller >= count:
@@ -181,6 +182,7 @@ class _Newton:
     """Gauss-Newton for several choices of expressions; values and residuals are (choices, poses, ...)."""
 
     def __init__(self, batch: Batch, equation: str, fixed: Sequence[Edit], choices: Sequence[Choice]) -> None:
+        """Shift every expression of `choices`, all of one function, in one edited text, after the edits `fixed`."""
         self.batch = batch
         self.equation = equation
         self.choices = list(choices)

@@ -260,6 +260,7 @@ def _decide(
 
 
 def _name(suspect: Suspect) -> str:
+    """Return the suspected part as text: numbers of the description, a placement, or features of a body."""
     if suspect.given:
         joints = [joint for joint, _ in suspect.given]
         return f"'{suspect.body}' (the numbers for the position of {', '.join(joints)} on this body)"

@@ -343,6 +343,7 @@ class _WrongPoint:
 
 
 def _wrong_points(judge: Judge) -> list[_WrongPoint]:
+    """Return the named points with a wrong row, as far as the formula computes all of their coordinates."""
     reference = judge.reference
     values = formula_values(judge)
     failing = judge.failing()

@@ -256,8 +256,7 @@ class _Renamer(ast.NodeTransformer):
 
 
 def _replacement(source: Source, statement: Statement, node: ast.expr, parent: ast.AST | None, new: str) -> Edit:
-    start, end = source.span(node)
+    """Return the edit that replaces an expression, in parentheses where it is an operand of its parent."""
     if isinstance(parent, ast.BinOp | ast.UnaryOp | ast.Subscript | ast.Attribute):
         new = f"({new})"
-    line = source.line_of(start)
-    return Edit(source.path, line, start, end, source.text(start, end), new, "missing", statement.index, source.name)
+    return source.edit_of(statement, source.span(node), new, "missing")

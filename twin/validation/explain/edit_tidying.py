@@ -44,7 +44,7 @@ def tidy(text: bytes, edited: Sequence[Span]) -> bytes:
             return text
         (start, end), new = change
         tidied = text[:start] + new + text[end:]
-        if _parsed(tidied) is None:
+        if _parsed(tidied) is None:  # two words may have grown together, as in `return(x)`
             return text
         text = tidied
         edited = _shifted(edited, start, len(new) - (end - start))

@@ -111,6 +111,7 @@ def explain(
     answer = _Answer(task, make, _has_unjudged_equation(judge), notes)
     if corrected is not None:
         answer.make = partial(answer.make, drawing=corrected.findings, parts=corrected.parts)
+        # Rows that agree even with the faulty CAD need no explanation by it, but its gaps are reported.
         if corrected.agrees or not judge.failing():
             if judge_as_drawn is None:
                 answer.notes.append(
@@ -130,6 +131,7 @@ def explain(
         answer.notes.append(
             "noise of the CAD does not explain every row; the wrong rows differ by more than it can cause"
         )
+    # Around the postures, a wrong branch or a wrong sign of a term that is zero there does not show.
     if not judge.failing():
         judge = _judge_elsewhere(task, model, judge, answer.notes)
     if not judge.failing():

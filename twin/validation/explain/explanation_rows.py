@@ -86,7 +86,7 @@ def wrong_row(judge: Judge, place: RowPlace, results: Sequence[GroupResult], roo
         means=_meaning(judge, place.symbol),
         off=_largest_difference(judge, place.symbol, size),
         unit=unit,
-        share=float((~(size <= 1)).mean()),
+        share=float((~(size <= 1)).mean()),  # also poses without a value
         worst_at=reference.pose_text(worst_pose),
         least_at=reference.pose_text(best_pose),
         term=_term_of_best_repair(place, results),

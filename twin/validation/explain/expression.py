@@ -50,6 +50,10 @@ class Site:
     statement: Statement
     pool: NamePool
 
+    def insertion(self, at: int, new: str) -> Edit:
+        """Return the edit that inserts a missing text before a byte of the file."""
+        return self.source.edit_of(self.statement, (at, at), new, "missing")
+
     @cached_property
     def edits(self) -> tuple[Edit, ...]:
         """All single edits of the statement that require no new name."""
@@ -191,21 +195,11 @@ class Expression:
         inverted = self._inverted(part, change, required)
         if inverted is not None:
             return inverted
-        start, end = self.span_of(part)
+        span = self.span_of(part)
         source = self.site.source
-        hole = Edit(
-            path=source.path,
-            line=source.line_of(start),
-            start=start,
-            end=end,
-            old=source.text(start, end),
-            new=_HOLE,
-            kind="required",
-            statement=self.site.statement.index,
-            function=source.name,
-        )
+        hole = source.edit_of(self.site.statement, span, _HOLE, "required")
         code = expression_code(apply(source.data, [*change, hole], *self._span))
-        values = self.value((), (start, end))
+        values = self.value((), span)
         if code is None or values is None:
             return None
         valued = self.valued_poses

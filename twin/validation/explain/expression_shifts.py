@@ -185,8 +185,7 @@ def shifted(source: Source, statement: Statement, node: ast.expr, name: str, sco
     new = f"{name}({text})"
     if scope:
         new = f"{name}({text}, {{**globals(), **locals()}})"
-    line = source.line_of(start)
-    return Edit(source.path, line, start, end, text, new, "required", statement.index, source.name)
+    return source.edit_of(statement, (start, end), new, "required")
 
 
 def solution(

@@ -115,6 +115,7 @@ class FormulaStates:
             return None if formula is None else self._state(formula)
 
     def _state(self, formula: Formula) -> FormulaState:
+        """Return the state of an edited formula, judged by the same values of the mechanism."""
         before = self.judge
         judge = Judge(formula, before.variants, before.reference, before.tolerance, before.limits)
         failing = frozenset(judge.failing_rows())

@@ -201,6 +201,7 @@ class Source:
         return valued, valued
 
     def _statement(self, index: int, row: EquationRow) -> Statement:
+        """Return a top-level statement with the names that it reads, and those that it assigns or changes in place."""
         node = row.node
         start, end = self.span(node)
         reads = _names(node, ast.Load)
@@ -239,6 +240,24 @@ class Source:
     def span(self, node: ast.AST) -> tuple[int, int]:
         """Return (first byte, end byte) of a syntax node of this file."""
         return span(node, self._starts)
+
+    def edit_of(
+        self, statement: Statement, part: ByteRange, new: str, kind: str, define: tuple[str, str] | None = None
+    ) -> Edit:
+        """Return the edit that replaces a part of the text of a statement; for `kind` and `define`, see `Edit`."""
+        start, end = part
+        return Edit(
+            path=self.path,
+            line=self.line_of(start),
+            start=start,
+            end=end,
+            old=self.text(start, end),
+            new=new,
+            kind=kind,
+            statement=statement.index,
+            function=self.name,
+            define=define,
+        )
 
     def line_of(self, offset: int) -> int:
         """Return the line (from 1) of a byte offset."""

@@ -30,6 +30,7 @@ def inverse(node: ast.expr, child: ast.expr, required: Array, values: Values) ->
 
 
 def _of_call(node: ast.Call, child: ast.expr, required: Array, values: Values) -> Array | None:
+    """Return the values of the argument of a root or of an arc function, or of one argument of atan2."""
     name = ast.unparse(node.func).rpartition(".")[2]
     if name in ("atan2", "arctan2") and len(node.args) == 2 and child in node.args:
         return _of_direction(node, child, required, values)
@@ -46,34 +47,46 @@ def _of_call(node: ast.Call, child: ast.expr, required: Array, values: Values) -
 
 def _of_direction(node: ast.Call, child: ast.expr, required: Array, values: Values) -> Array | None:
     """Return the values of one argument of atan2; the other one determines the length of the vector, with its sign."""
-    is_first = child is node.args[0]
-    other_argument = values(node.args[1 if is_first else 0])
+    y, x = node.args
+    if child is y:  # y = x tan(angle)
+        other_argument = values(x)
+        along = np.cos(required)
+        across = np.sin(required)
+    else:  # x = y cot(angle)
+        other_argument = values(y)
+        along = np.sin(required)
+        across = np.cos(required)
     if other_argument is None:
         return None
-    along, across = np.cos(required), np.sin(required)
-    if not is_first:
-        along, across = across, along
+    # With the other sign, the vector would point half a turn further.
     return np.where(other_argument * along > 0, other_argument * across / along, np.nan)
 
 
 def _of_operation(node: ast.BinOp, child: ast.expr, required: Array, values: Values) -> Array | None:
+    """Return the values of one operand of a sum, a product or a quotient, or of the base of a square."""
     is_left = child is node.left
     if isinstance(node.op, ast.Pow):
-        square = isinstance(node.right, ast.Constant) and node.right.value == 2
-        if not (is_left and square):
+        is_square = isinstance(node.right, ast.Constant) and node.right.value == 2
+        if not (is_left and is_square):
             return None
         present = values(child)
         root = np.sqrt(required)
-        return root if present is None else np.where(present < 0, -root, root)
+        if present is None:
+            return root
+        return np.where(present < 0, -root, root)
     other_operand = values(node.right if is_left else node.left)
     if other_operand is None:
         return None
     if isinstance(node.op, ast.Add):
         return required - other_operand
-    if isinstance(node.op, ast.Sub):
-        return required + other_operand if is_left else other_operand - required
     if isinstance(node.op, ast.Mult):
         return required / other_operand
+    if isinstance(node.op, ast.Sub):
+        if is_left:
+            return required + other_operand
+        return other_operand - required
     if isinstance(node.op, ast.Div):
-        return required * other_operand if is_left else other_operand / required
+        if is_left:
+            return required * other_operand
+        return other_operand / required
     return None

@@ -133,7 +133,7 @@ def _of_groups(
     source = site.source
     changed = []
     for operand, name in zip(operands, _HOLES, strict=False):
-        changed.append(_hole(source, site.statement, operand, name))
+        changed.append(source.edit_of(site.statement, source.span(operand), name, "required"))
     if len(operands) == 1:
         changed += seconds[0][0]
     try:
@@ -164,12 +164,6 @@ def _of_groups(
         deviations = residuals_after(site.statement, own_scope, size)
         if deviations is not None:
             yield part, edits_of_first, deviations
-
-
-def _hole(source: Source, statement: Statement, operand: ast.AST, name: str) -> Edit:
-    start, end = source.span(operand)
-    old = source.text(start, end)
-    return Edit(source.path, source.line_of(start), start, end, old, name, "required", statement.index, source.name)
 
 
 def form(value: Value, size: int) -> Value:

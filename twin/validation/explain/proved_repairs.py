@@ -131,6 +131,7 @@ class _Proofs:
         return None
 
     def _verdict(self, edited: Formula | None, change: frozenset[Edit]) -> ProofOfRepair:
+        """Return what the prover says of a formula after edits; None cannot be judged by it."""
         if edited is None:
             return ProofOfRepair("not judged by the prover: the edit is not one of the formula's file alone", False)
         if change not in self._verdicts:

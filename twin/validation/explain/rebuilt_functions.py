@@ -206,6 +206,7 @@ def unguarded() -> Iterator[None]:
 
 
 def _if_else(condition: Value, yes: Value, no: Value, *_: Value) -> Value:
+    """Return one of two values at each sample; a further argument of CasADi's, for short circuits, has no effect."""
     if isinstance(no, float) and math.isnan(no) and _UNGUARDED.get():
         return yes
     if isinstance(yes, Matrix) or isinstance(no, Matrix):
@@ -218,6 +219,7 @@ def _norm(x: Value) -> Array:
 
 
 def _inv(A: Value) -> Matrix:
+    """Return the inverse matrices; a ValueError for matrices that are not square."""
     a = _as(A).a
     if a.shape[1] != a.shape[2]:
         raise ValueError(no_inverse(*a.shape[1:]))
@@ -225,9 +227,11 @@ def _inv(A: Value) -> Matrix:
 
 
 def _skew(w: Value) -> Matrix:
+    """Return the matrices S of vectors w with S v = w x v."""
     x, y, z = _column(w).T
-    o = np.zeros_like(x)
-    return Matrix(np.stack([o, -z, y, z, o, -x, -y, x, o], axis=1).reshape(-1, 3, 3))
+    zero = np.zeros_like(x)
+    rows = [zero, -z, y, z, zero, -x, -y, x, zero]
+    return Matrix(np.stack(rows, axis=1).reshape(-1, 3, 3))
 
 
 class _SX:
@@ -331,6 +335,7 @@ def turn(axis: int) -> Callable[[Value], Matrix]:
 
 
 def _pose(R: Value, p: Value) -> Matrix:
+    """Return the poses (4, 4) of rotations (3, 3) and positions of three entries; either may stand for all samples."""
     R = _entries(R)
     p = _entries(p)
     if R.shape[1:] != (3, 3) or p.shape[1] * p.shape[2] != 3:
@@ -498,13 +503,16 @@ class Rebuilder:
         return x
 
     def _module(self, module: types.ModuleType) -> types.SimpleNamespace:
+        """Return a namespace with the numeric counterparts of what is in a module."""
         if id(module) not in self._rebuilt:
             space = types.SimpleNamespace()
             self._rebuilt[id(module)] = space
             for name, value in vars(module).items():
                 if not name.startswith("__"):
-                    fast = _NUMPY_VERSIONS.get(name) if module.__name__ == _SYMBOLIC else None
-                    setattr(space, name, fast or self.value(value))
+                    counterpart = None
+                    if module.__name__ == _SYMBOLIC:
+                        counterpart = _NUMPY_VERSIONS.get(name)
+                    setattr(space, name, counterpart or self.value(value))
         return self._rebuilt[id(module)]
 
 
@@ -536,6 +544,8 @@ def of_formula(f: types.FunctionType) -> bool:
 
 
 def _missing(name: str) -> Callable:
+    """Return the stand-in for a function of CasADi without a counterpart: it raises a KinematicsError when called."""
+
     def refuse(*_: Value, **__: Value) -> Value:
         raise KinematicsError(f"`explain` has no NumPy version of casadi.{name}")
 

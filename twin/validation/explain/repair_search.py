@@ -131,6 +131,7 @@ class RepairSearch(Trials):
     # -- one edit -----------------------------------------------------------------------------------------------
 
     def _run(self) -> tuple[list[GroupResult], list[RowKey]]:
+        """Search single edits, stage by stage; return (results by group of rows, rows without a repair)."""
         self._candidates = []
         self._groups = []
         unrepaired = list(self.failing)
@@ -218,6 +219,7 @@ class RepairSearch(Trials):
     def _pairs_of(
         self, results: list[GroupResult], unrepaired: list[RowKey], budget: float
     ) -> tuple[list[GroupResult], list[RowKey]]:
+        """Search pairs of edits row by row, and again for rows whose repairs do not hold with those of other rows."""
         late: list[Candidate] = []
         without_repair: list[RowKey] = []
         deadline = self.deadline.within(budget)

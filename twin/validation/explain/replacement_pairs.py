@@ -31,6 +31,9 @@ from twin.validation.explain.row_deviations import Judge, by_row
 _SAMPLES = 2
 """Number of the mechanism's samples used to exclude pairs; one perturbed sample is added."""
 
+_BY_CHANCE = 1e-3
+"""Residual, in units of the tolerance, up to which a row agrees exactly at perturbed values: it says nothing then."""
+
 _OTHER_FUNCTION_DISTANCE = 100
 """Assumed distance, in statements, between the row and a token in another function."""
 
@@ -202,6 +205,7 @@ class ReplacementPairs:
     # -- evaluation -------------------------------------------------------------------------------------------
 
     def _try(self, first: _Position, second: _Position) -> Iterator[tuple[Edit, Edit]]:
+        """Yield the pairs of edits of two positions after which the row agrees at the few poses, and not by chance."""
         most = max(_MOST_COMBINATIONS // len(second.edits), 1)
         if len(first.edits) > most:
             for i in range(0, len(first.edits), most):
@@ -215,9 +219,9 @@ class ReplacementPairs:
         largest = np.abs(r).max(axis=2)
         agrees = largest[:, :_SAMPLES].max(axis=1) <= 1
         # At perturbed values an agreement would be a coincidence; NaN counts as disagreement.
-        by_chance = largest[:, _SAMPLES:].max(axis=1) <= 1e-3
-        for c in np.flatnonzero(agrees & ~by_chance):
-            i, j = divmod(int(c), shape[1])
+        by_chance = largest[:, _SAMPLES:].max(axis=1) <= _BY_CHANCE
+        for combination in np.flatnonzero(agrees & ~by_chance).tolist():
+            i, j = divmod(combination, shape[1])
             yield first.edits[i], second.edits[j]
 
     def _choice(self, position: _Position, axis: int) -> Edit:
@@ -314,11 +318,14 @@ class _Choice:
         self.odd: set[int] = set()
 
     def __call__(self, *values: Value) -> Value:
+        """Return an array (size,) of all combinations; those of a vector or a matrix are NaN, and noted in `odd`."""
         expanded = np.ones(self.size)
         combinations = expanded[: int(np.prod(self.shape))].reshape(self.shape)
         wrapper: type[Scalar] | None = None
         for i, value in enumerate(values):
-            entries = (i,) if self.axis == 0 else (slice(None), i)
+            entries: tuple[slice | int, ...] = (i,)
+            if self.axis == 1:
+                entries = (slice(None), i)
             if isinstance(value, Scalar):
                 wrapper = type(value)
                 value = value.x

@@ -369,11 +369,9 @@ def _replaced(
     source: Source, statement: Statement, node: ast.expr, parent: ast.AST | None, new: str, kind: str
 ) -> Edit:
     """Return the edit that replaces an expression, in parentheses where it is part of another expression."""
-    start, end = source.span(node)
     if not isinstance(parent, ast.Assign | ast.Return | ast.Tuple | ast.List | ast.Call):
         new = f"({new})"
-    line = source.line_of(start)
-    return Edit(source.path, line, start, end, source.text(start, end), new, kind, statement.index, source.name)
+    return source.edit_of(statement, source.span(node), new, kind)
 
 
 def written(

@@ -114,6 +114,7 @@ class Judge:
         return judge
 
     def _step(self, equation: Equation) -> Step | None:
+        """Return an equation prepared to be run; None, with a note, if its source cannot be split into rows."""
         variant = self.variants.get(equation.name, equation.default)
         function = equation.variants[variant]
         try:
@@ -158,6 +159,7 @@ class Judge:
     # -- running ---------------------------------------------------------------------------------------
 
     def _run_stage(self, stage: Stage) -> None:
+        """Run the equations of a stage in their order; each may use the outputs of the earlier ones."""
         computed: dict[str, Value] = {}
         if stage == "helper":
             for step in self.steps:

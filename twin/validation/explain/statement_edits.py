@@ -82,10 +82,7 @@ class _Writer:
 
     def between(self, start: int, end: int, new: str, kind: str, define: tuple[str, str] | None = None) -> Edit:
         """Return the edit that replaces the bytes `start` to `end` of the file."""
-        source = self.source
-        line = source.line_of(start)
-        old = source.text(start, end)
-        return Edit(source.path, line, start, end, old, new, kind, self.statement.index, source.name, define)
+        return self.source.edit_of(self.statement, (start, end), new, kind, define)
 
     def inserted(self, at: int, new: str, kind: str, define: tuple[str, str] | None = None) -> Edit:
         """Return the edit that inserts a text before a byte of the file."""

@@ -261,12 +261,12 @@ class StatementPairs:
             start, end = site.source.span(node)
             if is_whole:
                 for text in vectors:
-                    yield _inserted(site, end, f" + {text}")
-                    yield _inserted(site, end, f" - {text}")
+                    yield site.insertion(end, f" + {text}")
+                    yield site.insertion(end, f" - {text}")
             # a factor before a sum would belong to its first term, which is a node of its own
             if (is_whole or _is_sum(parent)) and not _is_sum(node):
                 for text in scalars:
-                    yield _inserted(site, start, f"{text} * ")
+                    yield site.insertion(start, f"{text} * ")
 
     def _scaled(self, site: Site, scope: _Scope) -> list[str]:
         """Return the products of a scalar and a vector that the function's names stand for."""
@@ -569,14 +569,7 @@ def inner_terms(site: Site) -> Iterator[Edit]:
         _, end = site.source.span(node)
         for name in names:
             for new in (f" + {name}", f" - {name}", f" + {name}**2", f" - {name}**2"):
-                yield _inserted(site, end, new)
-
-
-def _inserted(site: Site, at: int, new: str) -> Edit:
-    """Return the edit that inserts a missing text before a byte of the file."""
-    source = site.source
-    line = source.line_of(at)
-    return Edit(source.path, line, at, at, "", new, "missing", site.statement.index, source.name)
+                yield site.insertion(end, new)
 
 
 def _agreeing(at_angles: Sequence[Mapping[RowKey, Array]], rows: Sequence[RowKey]) -> list[int]:

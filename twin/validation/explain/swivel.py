@@ -33,6 +33,7 @@ def fitted(rows: Callable[[Array], Mapping[RowPlace, Array]], states: int) -> Ar
     """
 
     def residuals(angle: Array) -> Array:
+        """Return the residuals (states, entries) of all rows, always in the same order."""
         by_row = rows(angle)
         if not by_row:
             return np.zeros((states, 0))

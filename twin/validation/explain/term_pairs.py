@@ -109,9 +109,9 @@ def _beside(
     fits_at_start = start < edit.start
     fits_at_end = edit.end < end
     if fits_at_end and (addition.prefers_end or not fits_at_start):
-        yield edit, _inserted(expression, end, addition.at_end)
+        yield edit, expression.site.insertion(end, addition.at_end)
     elif fits_at_start:
-        yield edit, _inserted(expression, start, addition.at_start)
+        yield edit, expression.site.insertion(start, addition.at_start)
 
 
 def _in_another_part(
@@ -120,6 +120,7 @@ def _in_another_part(
     """Yield pairs of an edit, and a term or factor of a part that the edit does not touch."""
     edits_with_needs: dict[ast.expr, list[tuple[Edit, Array]]] = {}
     singles, _ = expression.singles
+    # By part, because the required values of one part after many edits are compared with all products at once.
     for edit in singles:
         for part in expression.beside(edit):
             if expression.deadline.passed:
@@ -224,9 +225,3 @@ def _takes_factor(expression: Expression, part: ast.expr) -> bool:
     if isinstance(part, ast.UnaryOp) or (isinstance(part, ast.BinOp) and isinstance(part.op, ast.Add | ast.Sub)):
         return False
     return not (isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Mult | ast.Div | ast.Pow))
-
-
-def _inserted(expression: Expression, at: int, new: str) -> Edit:
-    site = expression.site
-    line = site.source.line_of(at)
-    return Edit(site.source.path, line, at, at, "", new, "missing", site.statement.index, site.source.name)

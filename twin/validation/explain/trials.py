@@ -120,9 +120,10 @@ class Trials:
                 continue
             candidate = self.attempt(step, change)
             if candidate is None:
-                if first is not None:
+                if first is not None:  # what can no longer be run in a further equation has wrong rows there
                     first.breaks_row = True
                 return first
+            # The trial of an equation whose helper is edited also runs the later equations, with the edited helper.
             if step.source.name != change[0].function:
                 for equation, _, _ in candidate.scores:
                     judged.add(equation)

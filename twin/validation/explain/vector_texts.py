@@ -82,7 +82,7 @@ def vector_texts(
             yield f"{factor} * {factor_text}"
         for factor in factors(1 / ratio, atoms):
             yield f"{factor_text} / ({factor})"
-    for vector in vectors:
+    for vector in vectors:  # a further term: a scalar times a vector that stands elsewhere
         ratio = _ratio(added, vector.values)
         if ratio is None:
             continue
