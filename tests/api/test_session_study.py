@@ -11,8 +11,8 @@ import pytest
 from twin.api.session_study import measures, study_sessions
 from twin.cli import main
 from twin.core.errors import DescriptionError
-from twin.simulation.tasks.guide.guiding import GuideMeasures
-from twin.simulation.tasks.transfer.rings import BoardMeasures
+from twin.simulation.tasks.guide.guiding_referee import GuideMeasures
+from twin.simulation.tasks.transfer.ring_referee import BoardMeasures
 from twin.ui.report.study_figures import figure
 from twin.validation.questionnaires import keys
 from twin.validation.rank_tests import compare, label

@@ -22,8 +22,8 @@ from twin.api.scene_parts import members_of, robots_at
 from twin.core import spatial
 from twin.simulation import console_scene
 from twin.simulation.condition import Condition
+from twin.simulation.devices.combined_devices import Together
 from twin.simulation.devices.machine_states import MachineStates
-from twin.simulation.devices.together import Together
 from twin.simulation.hazards.fault import Fault
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.outbox import Outbox

@@ -16,7 +16,7 @@ from twin.api.scene_parts import members_of, props_of, robots_at
 from twin.core import spatial
 from twin.simulation import console_scene
 from twin.simulation.condition import Condition
-from twin.simulation.devices.given import GivenHands, HandState
+from twin.simulation.devices.received_hands import GivenHands, HandState
 from twin.simulation.session.session_run import SAMPLE
 from twin.simulation.session.tape import Tape
 from twin.simulation.session.task_play import play_of

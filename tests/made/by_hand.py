@@ -8,7 +8,7 @@ from twin.api.scene_parts import members_of
 from twin.core import spatial
 from twin.simulation import console_scene
 from twin.simulation.console_scene import HANDS
-from twin.simulation.devices.given import GivenHands, HandState
+from twin.simulation.devices.received_hands import GivenHands, HandState
 from twin.simulation.setup import Setup
 
 

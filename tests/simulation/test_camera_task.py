@@ -24,7 +24,7 @@ from twin.simulation import console_scene
 from twin.simulation.console_scene import PICTURE
 from twin.simulation.session import session_run
 from twin.simulation.setup import Setup
-from twin.simulation.tasks.align import aligned, camera_surgeon, camera_task, picture, upper_side
+from twin.simulation.tasks.align import camera_surgeon, camera_task, picture, projected_side, upper_side
 from twin.simulation.tasks.align import task as alignment
 from twin.simulation.tasks.align.camera_referee import CameraReferee
 from twin.simulation.tasks.align.camera_task import CameraView, in_picture, surfaces
@@ -70,7 +70,7 @@ def looking(goal, lens, at, roll):
 
 def both(goal, seen, T_world_picture):
     """Return AlignErr in deg by projection and in the picture, and the reason if there is none."""
-    projected = aligned.angle(aligned.seen_ends(goal, T_world_picture, VIEW))
+    projected = projected_side.angle(projected_side.seen_ends(goal, T_world_picture, VIEW))
     angle, why = in_picture(CameraView(seen, T_world_picture @ PICTURE), VIEW)
     return projected / DEG, None if angle is None else angle / DEG, why
 
@@ -308,7 +308,7 @@ def test_two_angles_that_differ_are_a_finding(performed):
 def test_a_mechanism_that_differs_from_the_equations_shows_in_the_angles(goal, plate, performed):
     """A lens that is 0.1 degrees askew in its tube: the picture shows it, the projection by the equations does not."""
     T = looking(goal, [0, 6 * MM, 80 * MM], [0, 6 * MM, 0], 0)
-    projected = aligned.angle(aligned.seen_ends(goal, T, VIEW))
+    projected = projected_side.angle(projected_side.seen_ends(goal, T, VIEW))
     angle, _ = in_picture(CameraView(plate, T @ PICTURE @ spatial.pose(spatial.rotation_z(0.1 * DEG))), VIEW)
     assert abs(angle - projected) > camera_task.AGREE
 

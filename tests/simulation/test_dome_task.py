@@ -33,10 +33,10 @@ from twin.simulation.devices.surgeon_hands import Eye, Seat
 from twin.simulation.plants.contact import Contact, Solid
 from twin.simulation.plants.contact.gripper import grip_frame
 from twin.simulation.setup import Setup
-from twin.simulation.tasks.guide.guiding import STEPS, GuidingReferee
+from twin.simulation.tasks.guide.arm_paths import Ways, _stations
+from twin.simulation.tasks.guide.guiding_referee import STEPS, GuidingReferee
 from twin.simulation.tasks.guide.guiding_surgeon import GuidingSurgeon
 from twin.simulation.tasks.guide.task import GuideTable
-from twin.simulation.tasks.guide.ways import Ways, _stations
 from twin.ui.session.exercise import Exercise
 from twin.ui.session.live_console import LiveConsole
 from twin.ui.session.loaded_scene import LoadedScene

@@ -20,7 +20,7 @@ from twin.model.movable import Movable
 from twin.model.scene import load_scene
 from twin.simulation import console_scene
 from twin.simulation.condition import Condition, randomised
-from twin.simulation.devices.given import HandState
+from twin.simulation.devices.received_hands import HandState
 from twin.simulation.local_plane import COUNT, LocalPlane
 from twin.simulation.plants.contact import Contact, Gripper, Solid
 from twin.simulation.plants.contact.levers import ToolLevers

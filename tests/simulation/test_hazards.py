@@ -23,11 +23,11 @@ from twin.api.hazards import FILE, Share, _require_own, campaign_file, hazards, 
 from twin.api.machine import machine_parts
 from twin.cli import main
 from twin.core.errors import DescriptionError, OutputError, TwinError
-from twin.simulation.hazards.attacked import Arena, AttackedSession, Outcome
+from twin.simulation.hazards.attacked_session import Arena, AttackedSession, Outcome
 from twin.simulation.hazards.campaign import FREE, load
+from twin.simulation.hazards.campaign_log import Log
 from twin.simulation.hazards.detection import Adaptive
 from twin.simulation.hazards.fault import Fault
-from twin.simulation.hazards.log import Log
 from twin.simulation.hazards.roc import curves
 from twin.simulation.hazards.summary import Hazards
 from twin.simulation.hazards.trainee import Reaction

@@ -12,7 +12,7 @@ from twin.api.machine import machine, machine_parts
 from twin.cli import main
 from twin.core.errors import MechanismError, TwinError, WorldError
 from twin.simulation.hazards.fault import Fault
-from twin.simulation.hazards.hand import Hand, circle, wander
+from twin.simulation.hazards.packet_hand import Hand, circle, wander
 from twin.simulation.machine import settings as tables
 from twin.simulation.machine.itp import pack, sequence_of, unpack
 from twin.simulation.machine.levels import Level

@@ -23,7 +23,7 @@ from twin.model.movable import Movable
 from twin.simulation import contact_scene
 from twin.simulation.contact_scene import Peg
 from twin.simulation.plants.contact.collision_shapes import add_part
-from twin.simulation.tasks.transfer import rings
+from twin.simulation.tasks.transfer import ring_referee
 from twin.simulation.tasks.transfer.task import Transfer, Transfers
 from twin.simulation.world import Recording
 
@@ -200,7 +200,7 @@ def recorded(places, holders, touches=None, meets=None):
 
 
 def judged(*args, **more):
-    return rings.measure(recorded(*args, **more), TASK, [RING], {"peg": PEG}, ["a", "b"])
+    return ring_referee.measure(recorded(*args, **more), TASK, [RING], {"peg": PEG}, ["a", "b"])
 
 
 AWAY, ON, FLOOR = (40, 0, 30), (1, 0, 1), (40, 0, 1)

@@ -132,7 +132,7 @@ def test_wrong_option_is_named(arguments, message, tmp_path, capsys):
 def held_block(limit):
     """A block in jaws that hold the middle of its upper face up to a force in N, and the weights of that point."""
     block = made.block()
-    organs = Organs([block], [Tool("tool", made.rod())], [made.at(0, 0, 2)], held="block")
+    organs = Organs([block], [Tool("tool", made.rod())], [made.at(0, 0, 2)], operable_name="block")
     p, triangle, shares = nearest(np.array([0, 0, 0.08]), block.surface.vertices, block.surface.triangles)
     weights = shares @ block.weights[block.surface.triangles[triangle]]
     hold = organs.operable.hold

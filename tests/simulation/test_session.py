@@ -28,7 +28,7 @@ from twin.exchange.audit import audit
 from twin.model.scene import load_scene
 from twin.model.task import ConsoleTask
 from twin.reference import ReferenceModel
-from twin.simulation.devices.given import HandState
+from twin.simulation.devices.received_hands import HandState
 from twin.simulation.devices.surgeon_hands import Eye, Habits, Seat
 from twin.simulation.session import session_file, session_run
 from twin.simulation.session.session_file import CHUNK, SessionWriter, read_session

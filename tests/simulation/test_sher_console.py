@@ -14,8 +14,8 @@ from twin.core import atomic, spatial
 from twin.core.errors import OutputError, TwinError
 from twin.model.scene import load_scene
 from twin.simulation import console_scene, rate_console
-from twin.simulation.devices.given import GivenHands, HandState
 from twin.simulation.devices.hand import ScriptedHand
+from twin.simulation.devices.received_hands import GivenHands, HandState
 from twin.simulation.limits import JointLimits
 from twin.simulation.session import session_run
 from twin.simulation.session.trial_table import TrialTable

@@ -27,7 +27,7 @@ from twin.model.scene import load_scene
 from twin.simulation import console_scene, machine_scene
 from twin.simulation.controllers import trainer
 from twin.simulation.controllers.cue import Cue
-from twin.simulation.controllers.planned import HELD, RUN
+from twin.simulation.controllers.plan_states import HELD, RUN
 from twin.simulation.controllers.trainer import (
     LONGEST,
     Mode,

@@ -17,7 +17,7 @@ from twin.core.units import DEG
 from twin.simulation import console_scene
 from twin.simulation.session import session_run
 from twin.simulation.setup import Setup
-from twin.simulation.tasks.align import aligned, upper_side
+from twin.simulation.tasks.align import projected_side, upper_side
 
 pytestmark = pytest.mark.browser
 
@@ -43,7 +43,7 @@ def linear(png):
 
 def test_the_picture_of_the_page_shows_the_angle_and_its_session_is_measured(browser, theatre, tmp_path):
     task, file = theatre.scene.tasks["camera"], tmp_path / "page.session"
-    projected = aligned.angle(aligned.seen_ends(task.goal, start(theatre), 70 * DEG))
+    projected = projected_side.angle(projected_side.seen_ends(task.goal, start(theatre), 70 * DEG))
     server = headset.Serving("davinci", None, "--task", "camera", "--session", file)
     try:
         with console(browser, server.url, size=(1000, 760)) as page:

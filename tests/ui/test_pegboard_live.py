@@ -19,10 +19,10 @@ from twin.core.errors import DescriptionError, OutputError, TwinError, WorldErro
 from twin.core.units import MM
 from twin.model.movable import Movable
 from twin.simulation.contact_scene import Peg
-from twin.simulation.devices.given import HandState
+from twin.simulation.devices.received_hands import HandState
 from twin.simulation.session import movement
 from twin.simulation.session.session_file import read_session, sizes
-from twin.simulation.tasks.transfer import rings
+from twin.simulation.tasks.transfer import ring_referee
 from twin.simulation.tasks.transfer.task import Transfer, Transfers
 from twin.simulation.world import Recording
 from twin.simulation.world.signals import columns
@@ -44,7 +44,10 @@ ROBOTS = ("a", "b")
 
 
 def around(Ts, radius, peg):
-    """Return whether (k,) the peg is in the hole of a ring at poses Ts (k, 4, 4); written apart from `rings.around`."""
+    """Return whether (k,) the peg is in the hole of a ring at poses Ts (k, 4, 4).
+
+    This function shares no code with `ring_referee.around`.
+    """
     n, middle, way = Ts[:, :3, 2], Ts[:, :3, 3], peg.end - peg.foot
     slope = n @ way
     s = np.sum(n * (middle - peg.foot), axis=1) / np.where(np.abs(slope) < 1e-12, np.inf, slope)
@@ -96,7 +99,7 @@ def test_sample_by_sample_and_all_at_once_give_the_same_measures():
     rng, seen = np.random.default_rng(4), np.zeros(3)
     for _ in range(150):
         kept = random_session(rng, int(rng.integers(1, 80)))
-        found = rings.measure(kept, TASK, [RING], {"peg": PEG}, ROBOTS)
+        found = ring_referee.measure(kept, TASK, [RING], {"peg": PEG}, ROBOTS)
         t, drops, collisions = judged_at_the_end(kept, 5)
         assert (found.rings[0].t, found.dropped, found.collisions) == (t, drops, collisions)
         assert found.errors == drops + collisions
@@ -107,7 +110,7 @@ def test_sample_by_sample_and_all_at_once_give_the_same_measures():
 def told(places, holders, touches=None, begun=0):
     """Return the events of a ring at places (3,) in mm, 0.1 s each; an arm follows its hand from sample `begun` on."""
     k = len(places)
-    referee = rings.RingsReferee(TASK, [RING], {"peg": PEG}, ROBOTS, 0.1)
+    referee = ring_referee.RingsReferee(TASK, [RING], {"peg": PEG}, ROBOTS, 0.1)
     for i in range(k):
         now = dict.fromkeys((f"{n}.{what}" for n in ROBOTS for what in ("touches", "meets", "follows")), np.zeros(1))
         if i >= begun:

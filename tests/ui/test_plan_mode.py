@@ -20,10 +20,10 @@ from twin.core import spatial
 from twin.core.errors import AssemblyError, CancelledError, TwinError, WorldError
 from twin.core.units import DEG, MM
 from twin.planning.obstacle_avoidance import NoPathError
-from twin.simulation.controllers.planned import AIM, HELD, OFF, RUN
+from twin.simulation.controllers.plan_states import AIM, HELD, OFF, RUN
 from twin.simulation.controllers.trainer import Mode
-from twin.simulation.devices.given import HandState
 from twin.simulation.devices.plans import PlannedArm, Plans
+from twin.simulation.devices.received_hands import HandState
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.state_packets import State
 from twin.simulation.session import session_run as sessions

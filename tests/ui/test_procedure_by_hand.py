@@ -12,7 +12,7 @@ from twin.cli import scenes
 from twin.core import spatial
 from twin.simulation import console_scene
 from twin.simulation.controllers.tool_grip import HALF, GripToTool
-from twin.simulation.devices.given import HandState
+from twin.simulation.devices.received_hands import HandState
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.procedure.procedure_guide import ProcedureGuide
 from twin.simulation.world import Block, World

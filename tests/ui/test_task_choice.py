@@ -14,7 +14,7 @@ import twin
 from twin.cli import headset_server
 from twin.cli.command_line import parser
 from twin.core.errors import TwinError
-from twin.simulation.devices.given import HandState
+from twin.simulation.devices.received_hands import HandState
 from twin.ui.headset import served_content
 from twin.ui.headset.client_messages import RefusedError, parse_message
 from twin.ui.headset.console_stream import ConsoleStream

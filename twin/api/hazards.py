@@ -22,9 +22,9 @@ from twin.core.processors import usable
 from twin.core.provenance import Parameter
 
 if TYPE_CHECKING:
-    from twin.simulation.hazards.attacked import Arena
+    from twin.simulation.hazards.attacked_session import Arena
     from twin.simulation.hazards.campaign import Campaign
-    from twin.simulation.hazards.log import Log
+    from twin.simulation.hazards.campaign_log import Log
     from twin.simulation.hazards.summary import Hazards
     from twin.simulation.hazards.trends import Trends
     from twin.simulation.machine.settings import Mode, Policy
@@ -195,7 +195,7 @@ def _resume_advice(log: Log) -> str:
 
 def _log(folder: Path, robot: Robot, file: Path, plan: Campaign, parts: Parts) -> Log:
     """Open or create a campaign's log in a folder; raise `TwinError` if the log has sessions of another campaign."""
-    from twin.simulation.hazards.log import Log
+    from twin.simulation.hazards.campaign_log import Log
 
     settings = parts.settings
     head = {
@@ -222,7 +222,7 @@ def _require_own(plan: Campaign, log: Log) -> None:
     Raises:
         OutputError: a session in the log has an index or a fault that the campaign does not have, or lacks a value.
     """
-    from twin.simulation.hazards.attacked import Outcome
+    from twin.simulation.hazards.attacked_session import Outcome
 
     required = {"response"}
     for field in fields(Outcome):
@@ -254,7 +254,7 @@ def _require_own(plan: Campaign, log: Log) -> None:
 
 def outcomes(share: Share) -> Iterator[JsonObject]:
     """Run the sessions of `share` in a child process; yield the log line of each session as {key: value}."""
-    from twin.simulation.hazards.attacked import AttackedSession
+    from twin.simulation.hazards.attacked_session import AttackedSession
 
     plan, arena = _arena(share.robot, share.campaign, share.software)
     for index in share.indices:
@@ -275,7 +275,7 @@ def outcomes(share: Share) -> Iterator[JsonObject]:
 @lru_cache(maxsize=1)
 def _arena(robot: str, campaign: str, software: Software) -> tuple[Campaign, Arena]:
     """Return the campaign, and the arena that runs its sessions; each process creates both only once."""
-    from twin.simulation.hazards.attacked import Arena
+    from twin.simulation.hazards.attacked_session import Arena
     from twin.simulation.hazards.campaign import load as load_campaign
 
     parts = software.parts(load(robot))

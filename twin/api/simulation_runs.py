@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from twin.planning.protocol import Protocol
     from twin.simulation.controllers.teleoperation import Clutch
     from twin.simulation.controllers.velocity import Solver
-    from twin.simulation.operated import Operated
+    from twin.simulation.operator_trials import Operated
     from twin.simulation.scene_play import Actor, Played
     from twin.simulation.world import World
 
@@ -55,7 +55,7 @@ def operate(
         'agree'
     """
     from twin.planning.protocol import Protocol
-    from twin.simulation.operated import run_trials
+    from twin.simulation.operator_trials import run_trials
 
     if trials < 1:
         raise TwinError(f"--trials {trials}: the number must be at least 1")

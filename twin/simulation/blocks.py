@@ -72,11 +72,11 @@ def _function(folder: str, use: str) -> Callable[..., object]:
     for name in sorted(set(built_in) & set(others)):
         raise TwinError(f"the entry point '{name}' of {group} has the name of a file of {package}; it needs another")
     if use in others:
-        found = others[use]
+        factory = others[use]
     elif use in built_in:
-        found = getattr(import_module(f"{package}.{use}"), "from_scene", None)
+        factory = getattr(import_module(f"{package}.{use}"), "from_scene", None)
     else:
         raise TwinError(unknown(folder.removesuffix("s"), use, [*built_in, *others]))
-    if not callable(found):
+    if not callable(factory):
         raise TwinError(f"'{use}' of {folder} cannot be named in a scene: it has no function from_scene")
-    return found
+    return factory

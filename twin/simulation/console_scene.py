@@ -33,7 +33,7 @@ from twin.simulation.controllers.tool_following import FollowingArm, HandToPose
 from twin.simulation.controllers.tool_grip import GripToTool
 from twin.simulation.limits import JointLimits
 from twin.simulation.machine.simulated_machine import Parts
-from twin.simulation.plants.contact.feel import NAME as PLANES
+from twin.simulation.plants.contact.contact_planes import NAME as PLANES
 from twin.simulation.plants.kinematic import Kinematic
 from twin.simulation.rate_console import PICTURE
 from twin.simulation.session.task_play import play_of
@@ -63,17 +63,17 @@ def start(place: Place, mechanism: Mechanism) -> Array:
     active = mechanism.active
     names = [joint.name for joint in active]
     q = np.array(mechanism.posture("home"), float)
-    for name, shown in place.start.items():
+    for name, stated in place.start.items():
         if name not in names:
             raise TwinError(f"{place.name}: start: {unknown('active joint', name, names)}")
         k = names.index(name)
         joint = active[k]
         text, unit = display_unit(joint.is_angle)
         low, high = joint.limits or (-np.inf, np.inf)
-        if not low <= shown * unit <= high:
+        if not low <= stated * unit <= high:
             allowed = f"{low / unit:g} .. {high / unit:g} {text}"
-            raise TwinError(f"{place.name}: start: {name} is {shown:g} {text}, outside {allowed}")
-        q[k] = shown * unit
+            raise TwinError(f"{place.name}: start: {name} is {stated:g} {text}, outside {allowed}")
+        q[k] = stated * unit
     return q
 
 
@@ -116,6 +116,7 @@ def world(
         member = members[place.name]
         limits[place.name] = JointLimits.of(member.mechanism)
         robots.append(Placed(place.name, member.mechanism, place.T_world_base, member.links))
+    # With teleoperation, one hand moves one robot by rates; otherwise, two hands lead poses.
     if table.teleoperation is not None:
         controllers = rate_console.controllers(setup, table, device, q[table.right[0]], dt)
     else:
@@ -145,6 +146,7 @@ def world(
     if setup.haptics is not None:
         controllers.append(HapticSwitch(PEDALS, setup.haptics))
         if parts:
+            # the hands feel the deviation of a machine from its model instead of contacts
             plants += machines.cues(HANDS)
         else:
             plants += _forces(setup, limits, dt)
@@ -243,9 +245,9 @@ def _jaws(
         if not len(auxiliary):
             continue
         k = auxiliary[0]
-        own = limits[arm.robot]
-        low = max(float(own.lower[k]), 0.0)
-        jaw = Jaw(low, float(own.upper[k]), float(q[arm.robot][k]), dt)
+        joint_limits = limits[arm.robot]
+        low = max(float(joint_limits.lower[k]), 0.0)  # some limits let the jaws cross; closed jaws are at 0
+        jaw = Jaw(low, float(joint_limits.upper[k]), float(q[arm.robot][k]), dt)
         yield GripToJaw(hand, arm.robot, jaw)
 
 
@@ -326,7 +328,7 @@ def pivot(table: ConsoleTable, place: Place, kin: Kinematics, q: Array) -> Instr
     port = port_in_base(place)
     inwards = kin.forward(q)[:3, 3] - port
     depth = float(np.linalg.norm(inwards))
-    if depth < MM:
+    if depth < MM:  # the direction of the shaft is that of `inwards`
         beyond = f"the tip is {depth / MM:.3g} mm from its port; it must be beyond the port"
         raise TwinError(f"{place.name}: start: {beyond}")
     length = table.instrument_mm[place.name] * MM
@@ -396,6 +398,7 @@ def identity(setup: Setup, dt: float = TICK) -> str:
     scene = setup.scene
     task = setup.task
     table = console_of(scene)
+    # Parts that a scene does not use are left out: its hash does not change when the program gets more of them.
     about: list[Any] = [scene.name, table.model_dump(include={"right", "left", "camera"})]
     if table.through or table.instrument_mm or table.camera_range or scene.tools:
         about.append(table.model_dump(include={"through", "instrument_mm", "camera_range"}))
@@ -414,7 +417,10 @@ def identity(setup: Setup, dt: float = TICK) -> str:
         about.append([place.name, place.robot, plain(place.T_world_base), plain(start(place, mechanism))])
         about.append([plain(operating_scene.port_of(place)), names])
         about.append([plain(np.nan_to_num(mechanism.limits)), speeds])
-        about.append([[frame.name, frame.body, plain(frame.T_body_frame)] for frame in mechanism.frames])
+        frames = []
+        for frame in mechanism.frames:
+            frames.append([frame.name, frame.body, plain(frame.T_body_frame)])
+        about.append(frames)
     if scene.trainer is not None:
         about.append(scene.trainer.model_dump(exclude={"provenance", "note"}))
     if setup.haptics is not None:

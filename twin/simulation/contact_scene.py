@@ -148,9 +148,9 @@ def _peg(scene: Scene, solids: Sequence[Solid], task: ConsoleTask, name: str) ->
         raise TwinError(f"{scene.file.name}: task '{task.name}': {unknown('peg', name, parts)}")
     solid, part = parts[name]
     boxes = []
-    for other in solid.parts:
-        if other is not part:
-            boxes.append(_box(other, solid))
+    for neighbour in solid.parts:
+        if neighbour is not part:
+            boxes.append(_box(neighbour, solid))
     if not boxes:
         raise TwinError(
             f"{scene.file.name}: task '{task.name}': '{name}' is the only part of its body: its free end is not known. "

@@ -59,7 +59,7 @@ class JointLimits:
         command = ca.SX.sym("command", n)
         dt = ca.SX.sym("dt")
         lower, upper = self.steps_of(q, dt)
-        wanted = command - q
-        dq = ca.fmin(ca.fmax(wanted, lower), upper)
+        step_to_command = command - q
+        dq = ca.fmin(ca.fmax(step_to_command, lower), upper)
         # A command within the limits is reached without the rounding errors of a difference.
-        return ca.Function("follow", [q, command, dt], [ca.if_else(dq == wanted, command, q + dq)])
+        return ca.Function("follow", [q, command, dt], [ca.if_else(dq == step_to_command, command, q + dq)])

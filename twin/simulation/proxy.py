@@ -156,9 +156,9 @@ def proxy(planes: ca.SX, T_world_tool: ca.SX) -> tuple[ca.SX, ca.SX]:
         is_best = ca.logic_and(better, value == best)
         for plane, size in zip(members, pushes, strict=True):
             push[plane] = push[plane] + ca.if_else(is_best, size, 0)
-    way = ca.SX.zeros(3)
+    displacement = ca.SX.zeros(3)
     pull = ca.SX.zeros(3)
     for normal, lever, size in zip(normals, levers, push, strict=True):
-        way = way + normal * size
+        displacement = displacement + normal * size
         pull = pull + lever * size
-    return way, pull
+    return displacement, pull

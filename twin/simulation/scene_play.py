@@ -274,33 +274,33 @@ def play(
     return Played(scene, actors, props, t, by_pair, tuple(findings))
 
 
-def too_near(found: Clearance, k: int, t: Array, clearance: float) -> Finding:
+def too_near(measured: Clearance, k: int, t: Array, clearance: float) -> Finding:
     """Return a finding on the nearest bodies at sample k; if bodies overlap at the start, on these instead."""
     way_out = "move a base in scene.toml, or change a protocol"
-    if found.distance[0] <= 0:
+    if measured.distance[0] <= 0:
         k = 0
         what = "overlap at the start"
         code = "scene.start"
         way_out = f"their distance is below {mm(clearance)} throughout both protocols: move a base in scene.toml"
-        free = np.flatnonzero(found.distance >= clearance)
+        free = np.flatnonzero(measured.distance >= clearance)
         if len(free):
             way_out = (
                 f"start the protocols from their poses at t = {t[free[0]]:.1f} s, the first time with a clearance of "
                 f"{mm(clearance)}, "
                 "or move a base in scene.toml"
             )
-    elif found.distance[k] <= 0:
+    elif measured.distance[k] <= 0:
         what = "collide"
         code = "scene.collision"
     else:
         what = "come too close"
         code = "scene.near"
-    first, second = found.pair[k]
+    first, second = measured.pair[k]
     return disagreement(
         code,
         f"{first}, {second}",
         f"{first} and {second} {what}: minimum clearance",
-        mm(float(found.distance[k])),
+        mm(float(measured.distance[k])),
         mm(clearance),
         way_out,
         when=f"t = {t[k]:.1f} s",

@@ -126,8 +126,8 @@ def _let_touch(stage: Usd.Stage, scene: Scene, props: Mechanism | None) -> None:
         first, second = (_colliding(scene, name, props) for name in pair)
         for path in first:
             filtered = UsdPhysics.FilteredPairsAPI.Apply(stage.OverridePrim(path))
-            for other in second:
-                filtered.CreateFilteredPairsRel().AddTarget(other)
+            for second_path in second:
+                filtered.CreateFilteredPairsRel().AddTarget(second_path)
 
 
 def _colliding(scene: Scene, name: str, props: Mechanism | None) -> list[str]:

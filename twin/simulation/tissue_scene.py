@@ -17,15 +17,16 @@ from twin.reference import ReferenceModel
 from twin.simulation.plants.tissue import Links, Organs, Tool
 
 
-def tissues(scene: Scene, drawn: Mechanism | None) -> tuple[Tissue, ...]:
+def tissues(scene: Scene, anatomy_mechanism: Mechanism | None) -> tuple[Tissue, ...]:
     """Return the organs of a scene from the mechanism of its anatomy; empty if the scene has none.
 
     Raises:
         TwinError: an organ is not drawn, or its surface is open, inverted or too fine.
     """
-    if drawn is None or scene.anatomy is None:
+    if anatomy_mechanism is None or scene.anatomy is None:
         return ()
-    return anatomy.tissues(scene.file, scene.anatomy, scene.tissues, drawn, ReferenceModel(drawn).home().link_poses)
+    link_poses = ReferenceModel(anatomy_mechanism).home().link_poses
+    return anatomy.tissues(scene.file, scene.anatomy, scene.tissues, anatomy_mechanism, link_poses)
 
 
 def touching(scene: Scene) -> dict[str, list[str]]:

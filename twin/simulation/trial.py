@@ -212,7 +212,7 @@ def measure(
     for goal in goals:
         if not goal.inserts:
             continue
-        if goal.name not in record.spans:
+        if goal.name not in record.spans:  # the trial ended before this goal
             contacts[goal.name] = False
             continue
         first, last = record.spans[goal.name]
@@ -221,6 +221,7 @@ def measure(
         axis = T_base_end[:3, :3] @ shaft
         along = offsets @ axis
         beside = np.linalg.norm(offsets - along[:, None] * axis, axis=1)
+        # without an upper limit of `along`: a tip beyond the end has come through it
         touches = (beside <= contact) & (along >= -contact)
         contacts[goal.name] = bool(touches.any())
         nearest[goal.name] = float(np.linalg.norm(offsets, axis=1).min())
@@ -236,7 +237,7 @@ def remaining(record: Record, goals: Sequence[Goal]) -> Array:
     """Return the distance (k,) in m from the tool to its current goal; NaN without a goal."""
     distances = np.full(len(record.t), np.nan)
     for goal in goals:
-        first, last = record.spans.get(goal.name, (0, -1))
+        first, last = record.spans.get(goal.name, (0, -1))  # an empty range for a goal that was not started
         for k in range(first, last + 1):
             error = pose_error(record.Ts_base_tool[k], goal.T_base_tool)
             distances[k] = np.linalg.norm(error[:3])

@@ -103,10 +103,10 @@ def _compile(drag: Drag, dt: float) -> Evaluator:
     along = d[0] * ca.cos(rho) - d[1] * ca.sin(rho)
     across = d[1] * ca.cos(rho) + d[0] * ca.sin(rho)
     reach = at_0[2] + drag.lever
-    wanted = at_0 + ca.vertcat(along / reach, -across / reach, d[2], -turn)
-    wanted = ca.fmin(ca.fmax(wanted, ca.DM(drag.lower)), ca.DM(drag.upper))
+    target = at_0 + ca.vertcat(along / reach, -across / reach, d[2], -turn)
+    target = ca.fmin(ca.fmax(target, ca.DM(drag.lower)), ca.DM(drag.upper))
     limit = ca.DM(drag.rate) * dt
-    change = ca.fmin(ca.fmax(wanted - at, -limit), limit)
+    change = ca.fmin(ca.fmax(target - at, -limit), limit)
     return Evaluator("drag_camera", z, at + change)
 
 
@@ -140,25 +140,25 @@ def looking(T: Array) -> Array:
     return at
 
 
-def hands(at: Array, wanted: Array, right: Array, left: Array, drag: Drag) -> tuple[Array, Array]:
-    """Return the positions (3,) in m of the right and of the left hand that move the camera to `wanted`.
+def hands(at: Array, target: Array, right: Array, left: Array, drag: Drag) -> tuple[Array, Array]:
+    """Return the positions (3,) in m of the right and of the left hand that move the camera to `target`.
 
     This function is the inverse of `Dragging.step`.
 
     Args:
         at: (4,) pan, tilt, depth, roll when the hands were coupled, in rad and m.
-        wanted: (4,) pan, tilt, depth, roll to reach, within the limits of `drag`.
+        target: (4,) pan, tilt, depth, roll to reach, within the limits of `drag`.
         right: (3,) position of the right hand when it was coupled, in m in the axes of the picture.
         left: (3,) position of the left hand when it was coupled, in m in the same axes.
         drag: parameters of the camera motion.
     """
     reach = at[2] + drag.lever
-    rho = wanted[3]
-    along = (wanted[0] - at[0]) * reach
-    across = (at[1] - wanted[1]) * reach
+    rho = target[3]
+    along = (target[0] - at[0]) * reach
+    across = (at[1] - target[1]) * reach
     x = along * np.cos(rho) + across * np.sin(rho)
     y = across * np.cos(rho) - along * np.sin(rho)
-    scene_motion = np.array([x, y, wanted[2] - at[2]])
+    scene_motion = np.array([x, y, target[2] - at[2]])
     middle = (right + left) / 2 + scene_motion / drag.scale
     half_line = spatial.exp_so3((at[3] - rho) * Z) @ (right - left) / 2
     return middle + half_line, middle - half_line

@@ -239,6 +239,7 @@ def console(variants: Mapping[str, str] | None = None) -> Console:
         if reading not in EQUATIONS[name].variants:
             raise KinematicsError(f"{name}: {unknown('variant', reading, EQUATIONS[name].variants)}")
         chosen[name] = reading
+    # the printed numbers of eq. (5) have no units, so that none can be stated for them
     printed = chosen["eq5"] == "paper"
     return Console(
         name="davinci",

@@ -94,13 +94,17 @@ def hand_force(
     """
     sizes = [STATE, 3, 1, 1, 1, 16, 16, 16, 16, 16, len(moves)]
     sizes += [SIZE] * sources
-    arguments = [ca.SX.sym(f"x{i}", size) for i, size in enumerate(sizes)]
+    arguments = []
+    for i, size in enumerate(sizes):
+        arguments.append(ca.SX.sym(f"x{i}", size))
     state, pulse, on, follows, scale, hand, view, base, tool, goal, q, *rows_of_sources = arguments
     b = surface.device_damping
     h = symbolic.unflat(hand, 4, 4)[:3, 3]
     energy = observed(state[ENERGY], state[FORCE], h - state[LAST], b, dt)
     T = symbolic.unflat(tool, 4, 4)
-    planes = [symbolic.unflat(rows, COUNT, WIDTH) for rows in rows_of_sources]
+    planes = []
+    for rows in rows_of_sources:
+        planes.append(symbolic.unflat(rows, COUNT, WIDTH))
     planes.append(_wall(symbolic.unflat(base, 4, 4), T, symbolic.unflat(goal, 4, 4), q, limits, moves))
     to_proxy, pull = proxy(ca.vertcat(*planes), T)
     acts = ca.logic_and(on > 0.5, follows > 0.5)
@@ -130,8 +134,8 @@ def _wall(base: ca.SX, T: ca.SX, goal: ca.SX, q: ca.SX, limits: JointLimits, mov
 
     The goal follows the hand, but the tool stays behind: the distance from the goal to the tool is the depth.
     """
-    wanted = (base @ goal)[:3, 3]
-    back = T[:3, 3] - wanted
+    p_goal = (base @ goal)[:3, 3]
+    back = T[:3, 3] - p_goal
     depth = symbolic.norm(back)
     joints = np.flatnonzero(moves).tolist()
     low = ca.DM(limits.lower[joints])

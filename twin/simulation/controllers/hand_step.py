@@ -85,11 +85,11 @@ class HandStep:
         self._hand[...] = hand
         self._goal[...] = goal
         self._law()
-        rigid, jumped, near = self._tests.tolist()
+        rigid, jumped, in_one_step = self._tests.tolist()
         self.rigid = rigid > 0
         self.jumped = jumped > 0
         self.wanted = self._wanted_view.copy()
-        if near:
+        if in_one_step:
             self.goal = self.wanted
         else:
             self._from[...] = goal
@@ -107,12 +107,12 @@ def _compile(eq2: Law, eq1: Law, pace: HandPace, dt: float) -> tuple[Evaluator, 
     pair = ca.SX.sym("pair", 32)
     hand, last, goal, W_0, P_0, T = (symbolic.unflat(z[16 * i : 16 * i + 16], 4, 4) for i in range(6))
     dW = eq2(from_sx(W_0), from_sx(hand), from_sx(T), from_sx(z[_SCALE]))
-    wanted = to_sx(eq1(dW, from_sx(P_0)))
+    target = to_sx(eq1(dW, from_sx(P_0)))
     longest = pace.speed * dt
     turn = pace.turn * dt
-    is_near = ca.sumsqr(wanted[:3, 3] - goal[:3, 3]) <= longest**2
-    near = ca.logic_and(is_near, _squared_chord(goal, wanted) <= _squared_chord_of(turn))
-    law = ca.vertcat(_is_rigid(hand), _has_jumped(last, hand, pace), near, symbolic.flat(wanted))
+    is_near = ca.sumsqr(target[:3, 3] - goal[:3, 3]) <= longest**2
+    in_one_step = ca.logic_and(is_near, _squared_chord(goal, target) <= _squared_chord_of(turn))
+    law = ca.vertcat(_is_rigid(hand), _has_jumped(last, hand, pace), in_one_step, symbolic.flat(target))
     begin = symbolic.unflat(pair[:16], 4, 4)
     end = symbolic.unflat(pair[16:], 4, 4)
     slow = symbolic.flat(_towards(begin, end, longest, turn))
@@ -134,9 +134,9 @@ def _has_jumped(last: ca.SX, hand: ca.SX, pace: HandPace) -> ca.SX:
     return ca.logic_or(is_far, _squared_chord(last, hand) > _squared_chord_of(pace.twist))
 
 
-def _squared_chord(T: ca.SX, other: ca.SX) -> ca.SX:
+def _squared_chord(T: ca.SX, T_other: ca.SX) -> ca.SX:
     """Return 4 (1 - cos angle) for the angle between two poses, as |R1 - R2|^2 (Frobenius): faster than by a log."""
-    return ca.sumsqr(ca.vec(other[:3, :3] - T[:3, :3]))
+    return ca.sumsqr(ca.vec(T_other[:3, :3] - T[:3, :3]))
 
 
 def _squared_chord_of(angle: float) -> float:
@@ -144,16 +144,16 @@ def _squared_chord_of(angle: float) -> float:
     return float(4 * (1 - np.cos(min(angle, np.pi))))
 
 
-def _towards(T: ca.SX, wanted: ca.SX, longest: float, turn: float) -> ca.SX:
-    """Return the pose after a step of at most `longest` in m and `turn` in rad from T towards `wanted`."""
-    step = wanted[:3, 3] - T[:3, 3]
+def _towards(T: ca.SX, target: ca.SX, longest: float, turn: float) -> ca.SX:
+    """Return the pose after a step of at most `longest` in m and `turn` in rad from T towards `target`."""
+    step = target[:3, 3] - T[:3, 3]
     length = symbolic.norm(step)
     is_far = length > longest
     part = longest / ca.if_else(is_far, length, 1)
-    p = ca.if_else(is_far, T[:3, 3] + step * part, wanted[:3, 3])
-    is_small = _squared_chord(T, wanted) <= _squared_chord_of(turn)
-    rotation = symbolic.log_so3(wanted[:3, :3] @ T[:3, :3].T)
+    p = ca.if_else(is_far, T[:3, 3] + step * part, target[:3, 3])
+    is_small = _squared_chord(T, target) <= _squared_chord_of(turn)
+    rotation = symbolic.log_so3(target[:3, :3] @ T[:3, :3].T)
     angle = ca.if_else(is_small, 1, symbolic.norm(rotation))
     R_step = symbolic.exp_so3(rotation * (turn / angle))
-    R = ca.if_else(is_small, wanted[:3, :3], R_step @ T[:3, :3])
+    R = ca.if_else(is_small, target[:3, :3], R_step @ T[:3, :3])
     return symbolic.pose(R, p)

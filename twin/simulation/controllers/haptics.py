@@ -33,6 +33,7 @@ from twin.simulation.world.signal_kinds import (
     OBJECT_HOLDER,
     ROBOT_ENCODER,
     ROBOT_FOLLOWS,
+    ROBOT_GOAL,
 )
 
 
@@ -108,8 +109,8 @@ class HapticHand(Block):
             WorldError: a parameter of the surface is out of range, or the surface is not passive on the device.
         """
         self.surface = surface or ForceParameters()
-        s = self.surface
-        require_passive(s.stiffness, s.damping, s.largest, s.device_damping, dt)
+        parameters = self.surface
+        require_passive(parameters.stiffness, parameters.damping, parameters.largest, parameters.device_damping, dt)
         self._arms = tuple(arms)
         self._objects = tuple(objects)
         self._sources = tuple(sources)
@@ -117,10 +118,14 @@ class HapticHand(Block):
         self._device = device
         self._camera = camera
         law = console()
-        self._laws = [hand_force(law, s, a.limits, ~a.kin.auxiliary, len(sources), dt, True) for a in arms]
+        self._laws = []
+        self._tools = []  # T_world_tool of each arm
+        for arm in arms:
+            moves = ~arm.kin.auxiliary
+            self._laws.append(hand_force(law, parameters, arm.limits, moves, len(sources), dt, True))
+            self._tools.append(np.zeros(16))
         self._state = np.zeros(STATE)
         self._pulse = np.zeros(3)
-        self._tools = [np.zeros(16) for _ in arms]  # T_world_tool of each arm
         self._seen = [b""] * len(arms)  # joint values of `_tools`
         self._grasps = [GraspPulse() for _ in arms]
         self._force = HAND_FORCE.of(hand)
@@ -131,23 +136,25 @@ class HapticHand(Block):
         """Compile the force of each arm; the compiled function reads its signals directly from their memory."""
         now = signals.now
         self._taps = now[CONSOLE_TAPS.name].item
-        self._encoders = [now[ROBOT_ENCODER.of(a.robot)] for a in self._arms]
         self._holders = [now[OBJECT_HOLDER.of(name)] for name in self._objects]
         self._pose = now[HAND_POSE.of(self._hand)].reshape(4, 4)
         self._fresh = True
         self._written = (memory[self._force], memory[self._energy])
+        on = now[HAPTICS_ON.name]
+        scale = now[DEVICE_SCALE.of(self._device)]
+        pose = now[HAND_POSE.of(self._hand)]
+        view = now[CAMERA_VIEW.of(self._camera)]
+        self._encoders = []
         self._calls = []
         for arm, law, tool in zip(self._arms, self._laws, self._tools, strict=True):
-            names = (
-                HAPTICS_ON.name,
-                ROBOT_FOLLOWS.of(arm.robot),
-                DEVICE_SCALE.of(self._device),
-                HAND_POSE.of(self._hand),
-            )
+            follows = now[ROBOT_FOLLOWS.of(arm.robot)]
             base = np.ascontiguousarray(arm.T_world_base, float).ravel()
-            of_hand = [now[name] for name in (*names, CAMERA_VIEW.of(self._camera))]
-            of_arm = [now[f"{arm.robot}.{source}"] for source in ("goal", "encoder", *self._sources)]
-            self._calls.append(attach(law, self._state, self._pulse, *of_hand, base, tool, *of_arm))
+            encoder = now[ROBOT_ENCODER.of(arm.robot)]
+            self._encoders.append(encoder)
+            inputs = [on, follows, scale, pose, view, base, tool, now[ROBOT_GOAL.of(arm.robot)], encoder]
+            for source in self._sources:
+                inputs.append(now[f"{arm.robot}.{source}"])
+            self._calls.append(attach(law, self._state, self._pulse, *inputs))
 
     def step(self, signals: Signals, t: float, dt: float) -> None:
         """Compute the force of this tick; the device applies this force until the next tick."""
@@ -158,7 +165,7 @@ class HapticHand(Block):
         arm = self._arms[i]
         q = self._encoders[i]
         joints = q.tobytes()
-        if joints != self._seen[i]:
+        if joints != self._seen[i]:  # the forward kinematics is the slowest step of this block
             self._seen[i] = joints
             tool = self._tools[i]
             seed = tool.reshape(4, 4).copy() if tool.any() else None

@@ -60,14 +60,14 @@ class Jaw:
             self._slow = True
             return self.angle
         self._has_followed = True
-        wanted = max(self.lower, self.lower + (grip - self.closed) * (self.upper - self.lower) / self.grip.travel)
-        difference = wanted - self.angle
+        target = max(self.lower, self.lower + (grip - self.closed) * (self.upper - self.lower) / self.grip.travel)
+        difference = target - self.angle
         if abs(difference) < self.grip.near:
             self._slow = False
         rate = self.grip.slow if self._slow else self.grip.fast
         largest_step = rate * self.dt
         if abs(difference) <= largest_step:
-            self.angle = wanted
+            self.angle = target
         else:
             self.angle += math.copysign(largest_step, difference)
         return self.angle

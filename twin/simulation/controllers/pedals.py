@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from twin.core.spatial import Array
-from twin.simulation.controllers.planned import AIM, HELD
+from twin.simulation.controllers.plan_states import AIM, HELD
 from twin.simulation.world import Block, Signals
 from twin.simulation.world.signal_kinds import (
     CONSOLE_MODE,
@@ -79,5 +79,9 @@ class Pedals(Block):
 
     def _rests(self) -> bool:
         """Return whether a plan keeps the camera at rest."""
-        states = [s.item(0) for s in self._states]
-        return max(states, default=0.0) >= HELD and AIM not in states
+        rests = False
+        for state in self._states:
+            if state[0] == AIM:
+                return False  # the plan's goal is being chosen, and the view may follow it
+            rests = rests or state[0] >= HELD
+        return rests

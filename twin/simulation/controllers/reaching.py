@@ -68,10 +68,10 @@ class PoseToJoints(Block):
         auxiliary = self._jaw
         if self._rests:
             auxiliary[...] = q[self._auxiliary]
-        given = goal.tobytes(), q.tobytes(), auxiliary.tobytes()
-        if given == self._given and self._inverse:
+        inputs = goal.tobytes(), q.tobytes(), auxiliary.tobytes()
+        if inputs == self._given and self._inverse:
             return  # unchanged input: the command is unchanged
-        self._given = given
+        self._given = inputs
         self._tick[0] = dt
         if self._inverse:
             self._inverse()
@@ -97,7 +97,7 @@ def _near_inverse(kin: Kinematics, limits: JointLimits) -> ca.Function:
     dt = ca.SX.sym("dt", 1)
     goal = ca.SX.sym("goal", 16)
     q = ca.SX.sym("q", n)
-    rest = ca.SX.sym("rest", len(auxiliary))
+    auxiliary_values = ca.SX.sym("rest", len(auxiliary))
     inverse = kin.program.inverse.function(goal)
     next_q = inverse[:n]
     misfit = inverse[n]
@@ -109,7 +109,7 @@ def _near_inverse(kin: Kinematics, limits: JointLimits) -> ca.Function:
     # Comparisons with NaN (no inverse) are false.
     above = step >= ca.fmax(lower, -_NEAR)
     below = step <= ca.fmin(upper, _NEAR)
-    near = ca.logic_and(ca.mmin(ca.vertcat(above, below)), misfit <= POSE_TOL)
-    next_q[auxiliary] = rest
-    result = ca.densify(ca.if_else(near, next_q, np.nan))
-    return ca.Function("near_inverse", [dt, goal, q, rest], [result])
+    is_valid = ca.logic_and(ca.mmin(ca.vertcat(above, below)), misfit <= POSE_TOL)
+    next_q[auxiliary] = auxiliary_values
+    result = ca.densify(ca.if_else(is_valid, next_q, np.nan))
+    return ca.Function("near_inverse", [dt, goal, q, auxiliary_values], [result])

@@ -53,10 +53,10 @@ class TipTarget(Block):
                 self._last = self._pose(p)
         return {self._goal: self._last.ravel()}
 
-    def _pose(self, p: Array) -> Array:
-        from_port = p - self._port
+    def _pose(self, target: Array) -> Array:
+        from_port = target - self._port
         z = from_port / np.linalg.norm(from_port)
         x = self._x - z * (z @ self._x)  # the part of the first x axis across the shaft
         x /= np.linalg.norm(x)
         R_world_tool = np.column_stack([x, np.cross(z, x), z])
-        return self._T_base_world @ spatial.pose(R_world_tool, p)
+        return self._T_base_world @ spatial.pose(R_world_tool, target)

@@ -22,7 +22,7 @@ from twin.simulation.controllers.console_equations import Console, console
 from twin.simulation.controllers.hand_step import HandPace, HandStep
 from twin.simulation.controllers.pedals import TOOLS
 from twin.simulation.controllers.pivot import InstrumentPivot
-from twin.simulation.controllers.planned import AIM, OFF, RUN
+from twin.simulation.controllers.plan_states import AIM, OFF, RUN
 from twin.simulation.world import Block, Signals
 from twin.simulation.world.signal_kinds import (
     CAMERA_VIEW,
@@ -258,15 +258,19 @@ class HandToPose(Block):
         self.arms = tuple(arms)
         self.view = view
         self._T_view_hand = T_view_hand
-        self._T_base_world = [spatial.inverse(a.T_world_base) for a in arms]
-        self._tools = [a.kin.forward(x) for a, x in zip(arms, q, strict=True)]
-        self._laws = [FollowingControl(T, dt) for T in self._tools]
         self._view: tuple[bytes, list[Array]] = b"", []
         self._direct = False
         self._plans = plans
         self._states = [OFF] * len(self.arms)
+        self._T_base_world = []
+        self._tools = []
+        self._laws = []
         self.outputs = {}
-        for arm, T_base_tool in zip(arms, self._tools, strict=True):
+        for arm, x in zip(arms, q, strict=True):
+            T_base_tool = arm.kin.forward(x)
+            self._T_base_world.append(spatial.inverse(arm.T_world_base))
+            self._tools.append(T_base_tool)
+            self._laws.append(FollowingControl(T_base_tool, dt))
             self.outputs[ROBOT_GOAL.of(arm.robot)] = T_base_tool.ravel()
             self.outputs[ROBOT_FOLLOWS.of(arm.robot)] = 0.0
             self.outputs[ROBOT_JUMPS.of(arm.robot)] = 0.0
@@ -289,14 +293,17 @@ class HandToPose(Block):
         else:
             self._camera = self.view
         self._out = []
+        self._planned = []
+        self._aims = []
+        self._targets = []
         for arm in self.arms:
             goal = memory[ROBOT_GOAL.of(arm.robot)].reshape(4, 4)
             self._out.append((goal, memory[ROBOT_FOLLOWS.of(arm.robot)], memory[ROBOT_JUMPS.of(arm.robot)]))
-        if self._plans:
-            self._planned = [now[ROBOT_PLANNED.of(a.robot)] for a in self.arms]
-            targets = [memory[ROBOT_TARGET.of(a.robot)] for a in self.arms]
-            self._aims = [target[:1] for target in targets]
-            self._targets = [target[1:].reshape(4, 4) for target in targets]
+            if self._plans:
+                target = memory[ROBOT_TARGET.of(arm.robot)]
+                self._planned.append(now[ROBOT_PLANNED.of(arm.robot)])
+                self._aims.append(target[:1])
+                self._targets.append(target[1:].reshape(4, 4))
 
     def step(self, signals: Signals, t: float, dt: float) -> None:
         """Move the selected arm; the other arms remain at rest."""
@@ -332,7 +339,7 @@ class HandToPose(Block):
         return self.arms[i].kin.forward(signals[ROBOT_ENCODER.of(self.arms[i].robot)], self._tools[i])
 
     def _state(self, i: int, signals: Signals) -> float:
-        """Return the state of an arm's plan (`controllers.planned`); if it has changed, couple the hand again."""
+        """Return the state of an arm's plan (`controllers.plan_states`); if it has changed, couple the hand again."""
         state = self._planned[i].item(0)
         previous = self._states[i]
         if state != previous:
@@ -363,8 +370,8 @@ class HandToPose(Block):
 
     def _poses_of_hand(self) -> list[Array]:
         """Return the pose (4, 4) of {H} in the base of each arm; recompute the poses only if the view has moved."""
-        seen = self._camera.tobytes()
-        if seen != self._view[0]:
+        view = self._camera.tobytes()
+        if view != self._view[0]:
             T_world_hand = self._camera.reshape(4, 4) @ self._T_view_hand
-            self._view = seen, [T @ T_world_hand for T in self._T_base_world]
+            self._view = view, [T @ T_world_hand for T in self._T_base_world]
         return self._view[1]

@@ -45,17 +45,17 @@ class GripToTool(Block):
 
     def step(self, signals: Signals, t: float, dt: float) -> None:
         """Let the gripper control the jaws."""
-        wanted = self._gripped() > HALF
+        is_open = self._gripped() > HALF
         if self._followed() <= 0.5:
             self._controlled = False
-            self._was_closed = self._was_closed or not wanted
-            self._takes = self._was_closed and wanted
+            self._was_closed = self._was_closed or not is_open
+            self._takes = self._was_closed and is_open
         elif self._takes:
-            self._takes = wanted
+            self._takes = is_open
             self._was_closed = False
-        elif self._controlled or wanted is self._open:
+        elif self._controlled or is_open is self._open:
             self._controlled = True
             self._was_closed = False
-            self._open = wanted
+            self._open = is_open
         self._opening_value[0] = float(self._open)
         self._pedal_value[0] = float(self._controlled and self._open)

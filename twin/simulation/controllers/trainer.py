@@ -22,7 +22,7 @@ from twin.core.units import DEG, MM
 from twin.kinematics import Kinematics
 from twin.model.trainer import MODEL
 from twin.simulation.controllers.pedals import CAMERA, TOOLS
-from twin.simulation.controllers.planned import RUN
+from twin.simulation.controllers.plan_states import RUN
 from twin.simulation.devices.machine_states import ANSWERS, LEVEL
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.machine_link import PATIENCE
@@ -262,14 +262,14 @@ def _rotation_vector(R: Array) -> Array:
     return v * (math.asin(sine) / sine)
 
 
-def _chased(v: Array, way: Array, most: float, dt: float) -> Array:
-    """Return the rate (at most `most`) of a critically damped filter after one tick; `way`: remaining displacement.
+def _chased(v: Array, displacement: Array, most: float, dt: float) -> Array:
+    """Return the rate (at most `most`) of a critically damped filter after one tick; `displacement`: what remains.
 
     The acceleration is limited to `_FOLLOW` * most / e. This limit does not delay a stop, because the filter needs no
     larger acceleration to stop at a goal from the rate `most`. Without the limit, a jump of the goal would start the
     arm so suddenly that the speed of its tip exceeds `most`.
     """
-    next_v = (v + dt * _FOLLOW**2 * way) / (1 + dt * _FOLLOW) ** 2  # implicit Euler method
+    next_v = (v + dt * _FOLLOW**2 * displacement) / (1 + dt * _FOLLOW) ** 2  # implicit Euler method
     change = _limited(next_v - v, dt * _FOLLOW * most / math.e)
     return _limited(v + change, most)
 
@@ -289,17 +289,17 @@ class Tips:
         self._turns = np.asarray(angles, bool) & ~kin.auxiliary
         self._auxiliary = np.flatnonzero(kin.auxiliary)[:1]
 
-    def apart(self, q: Array, other: Array) -> float:
-        """Return the distance in m between the tips at the joint values q and `other` (n,)."""
-        return float(np.linalg.norm(self.tip(q) - self.tip(other)))
+    def apart(self, q: Array, q_other: Array) -> float:
+        """Return the distance in m between the tips at the joint values q and `q_other` (n,)."""
+        return float(np.linalg.norm(self.tip(q) - self.tip(q_other)))
 
     def tip(self, q: Array) -> Array:
         """Return the position of the tip (3,) in m in base."""
         return self._kin.forward(q)[:3, 3]
 
-    def turned(self, q: Array, other: Array) -> float:
-        """Return the largest difference in rad between q and `other` (n,) among the joints that turn the tool."""
-        return float(np.abs(q - other)[self._turns].max(initial=0.0))
+    def turned(self, q: Array, q_other: Array) -> float:
+        """Return the largest difference in rad between q and `q_other` (n,) among the joints that turn the tool."""
+        return float(np.abs(q - q_other)[self._turns].max(initial=0.0))
 
     def opening(self, q: Array) -> float:
         """Return the opening of the jaws in rad; 0 without jaws."""
@@ -363,29 +363,29 @@ class Trainer(Block):
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, Array]:
         """Compute the packets of this tick."""
         now = signals.now
-        s = {n: now[name] for n, name in self._names.items()}
-        ready = s["run"][ANSWERS] > 0.5 and s["run"][LEVEL] >= Level.PEDAL_UP
+        arm_signals = {n: now[name] for n, name in self._names.items()}
+        ready = arm_signals["run"][ANSWERS] > 0.5 and arm_signals["run"][LEVEL] >= Level.PEDAL_UP
         self._sync = False
         setting = now[MODE].item()
         if setting != self._setting:
             self._setting = setting
-            self._change(mode_of(setting), s, ready, t)
+            self._change(mode_of(setting), arm_signals, ready, t)
         machine = _STILL
         model = _STILL
         if self._phase == TrainerPhase.REPLAY:
-            machine = self._replay(signals, s, t)
+            machine = self._replay(signals, arm_signals, t)
             model = machine
         elif self._phase == TrainerPhase.REHEARSE:
-            model = self._rehearse(signals, s, ready, dt)
+            model = self._rehearse(signals, arm_signals, ready, dt)
         elif self._phase == TrainerPhase.TELEOPERATE:
-            machine = self._from_goal(signals, s, ready, alone=False)
+            machine = self._from_goal(signals, arm_signals, ready, alone=False)
             model = machine
         else:
             self._moving = False
-        given = np.append(model, float(self._sync))
+        for_model = np.append(model, float(self._sync))
         return {
             ROBOT_PACKET.of(self.robot): machine,
-            ROBOT_GIVEN.of(self.robot): given,
+            ROBOT_GIVEN.of(self.robot): for_model,
             ROBOT_PHASE.of(self.robot): np.array([self._phase, self._why, self._value]),
         }
 
@@ -398,27 +398,27 @@ class Trainer(Block):
 
     # -- requested modes -----------------------------------------------------------------------------
 
-    def _change(self, wanted: Mode, s: Mapping[str, Array], ready: bool, t: float) -> None:
+    def _change(self, mode: Mode, arm_signals: Mapping[str, Array], ready: bool, t: float) -> None:
         self._why = Why.NOTHING
         self._value = 0.0
-        if wanted == Mode.TELEOPERATE:
+        if mode == Mode.TELEOPERATE:
             self._phase = TrainerPhase.TELEOPERATE
             self._moving = False
-        elif wanted == Mode.REHEARSE:
+        elif mode == Mode.REHEARSE:
             if not ready:
-                return self._stop(Why.NOT_READY, s["run"][LEVEL])
+                return self._stop(Why.NOT_READY, arm_signals["run"][LEVEL])
             self._phase = TrainerPhase.REHEARSE
             self._sync = True
             self._moving = False
             self._record = []
-            self._start = s["measured"].copy()
+            self._start = arm_signals["measured"].copy()
             self._passed = False
             self._fastest = 0.0
-            self._held = float(s["model"][2])
-        elif wanted == Mode.JUDGE:
-            self._judge(s)
+            self._held = float(arm_signals["model"][2])
+        elif mode == Mode.JUDGE:
+            self._judge(arm_signals)
         else:
-            self._begin_replay(s, ready, t)
+            self._begin_replay(arm_signals, ready, t)
         return None
 
     def _judge(self, s: Mapping[str, Array]) -> None:
@@ -426,13 +426,13 @@ class Trainer(Block):
             return self._stop(Why.NO_RECORD, 0.0)
         self._phase = TrainerPhase.JUDGED
         level = float(s["model"][0])
-        held = float(s["model"][2]) - self._held
+        out_of_reach = float(s["model"][2]) - self._held
         if level < Level.PEDAL_UP:
             self._why = Why.MODEL_STOPPED
             self._value = level
-        elif held > 0:
+        elif out_of_reach > 0:
             self._why = Why.OUT_OF_REACH
-            self._value = held
+            self._value = out_of_reach
         elif self._fastest > self.bounds.rehearsed:
             self._why = Why.TOO_FAST
             self._value = self._fastest
@@ -440,17 +440,17 @@ class Trainer(Block):
             self._passed = True
         return None
 
-    def _begin_replay(self, s: Mapping[str, Array], ready: bool, t: float) -> None:
+    def _begin_replay(self, arm_signals: Mapping[str, Array], ready: bool, t: float) -> None:
         if self._start is None or not self._record:
             return self._stop(Why.NO_RECORD, 0.0)
         if not self._passed:
             return self._stop(Why.NOT_JUDGED, 0.0)
         if not ready:
-            return self._stop(Why.NOT_READY, s["run"][LEVEL])
-        distance = self._tips.apart(s["measured"], self._start)
+            return self._stop(Why.NOT_READY, arm_signals["run"][LEVEL])
+        distance = self._tips.apart(arm_signals["measured"], self._start)
         if distance > self.bounds.start:
             return self._stop(Why.START, distance)
-        angle = self._tips.turned(s["measured"], self._start)
+        angle = self._tips.turned(arm_signals["measured"], self._start)
         if angle > self.bounds.start_angle:
             return self._stop(Why.START_ANGLE, angle)
         self._phase = TrainerPhase.REPLAY
@@ -467,24 +467,24 @@ class Trainer(Block):
 
     # -- packets --------------------------------------------------------------------------------------
 
-    def _from_goal(self, signals: Signals, s: Mapping[str, Array], ready: bool, *, alone: bool) -> Array:
+    def _from_goal(self, signals: Signals, arm_signals: Mapping[str, Array], ready: bool, *, alone: bool) -> Array:
         """Return the values (9,) of this tick's packet; its increments are 0 until PEDAL_DN is reached.
 
         If the model moves `alone`, the machine need not be ready.
         """
-        moving = (s["follows"].item() > 0.5 or self._is_planned(signals)) and (ready or alone)
-        goal = s["goal"].reshape(4, 4)
+        moving = (arm_signals["follows"].item() > 0.5 or self._is_planned(signals)) and (ready or alone)
+        goal = arm_signals["goal"].reshape(4, 4)
         if moving and not self._moving:
-            q = s["ghost"] if alone else s["measured"]
+            q = arm_signals["ghost"] if alone else arm_signals["measured"]
             self._smooth.begin(goal, self._tips.opening(q))
             if not alone:
                 self._sync = True  # the model starts at the joint values of the machine
         self._moving = moving
         if not moving:
             return _STILL
-        level = s["model"][0]
+        level = arm_signals["model"][0]
         if not alone:
-            level = min(level, s["run"][LEVEL])
+            level = min(level, arm_signals["run"][LEVEL])
         if level < Level.PEDAL_DN:
             return np.append(_STILL[:8], 1.0)
         jaw = 0.0
@@ -492,20 +492,20 @@ class Trainer(Block):
             jaw = signals.now[self._jaw].item()
         return self._smooth.values(goal, jaw)
 
-    def _rehearse(self, signals: Signals, s: Mapping[str, Array], ready: bool, dt: float) -> Array:
+    def _rehearse(self, signals: Signals, arm_signals: Mapping[str, Array], ready: bool, dt: float) -> Array:
         """Return the values (9,) of the model's packet, and record them; the record begins with the motion."""
         if len(self._record) * dt >= LONGEST:
             self._why = Why.FULL
             self._value = LONGEST
             self._moving = False
             return _STILL
-        values = self._from_goal(signals, s, ready, alone=True)
+        values = self._from_goal(signals, arm_signals, ready, alone=True)
         if self._record or values[8] > 0.5:
             self._record.append(values)
-            self._fastest = max(self._fastest, float(s["model"][1]))
+            self._fastest = max(self._fastest, float(arm_signals["model"][1]))
         return values
 
-    def _replay(self, signals: Signals, s: Mapping[str, Array], t: float) -> Array:
+    def _replay(self, signals: Signals, arm_signals: Mapping[str, Array], t: float) -> Array:
         """Return the values (9,) of the packet of this tick, while the operator does not stop the replay."""
         silent = self._is_silent(signals)
         if not silent:
@@ -516,24 +516,24 @@ class Trainer(Block):
         waits = self._k == 0 and silent and not stopped
         if self._sync or waits:
             return _STILL
-        return self._recorded(s, stopped, t)
+        return self._recorded(arm_signals, stopped, t)
 
-    def _recorded(self, s: Mapping[str, Array], stopped: bool, t: float) -> Array:
+    def _recorded(self, arm_signals: Mapping[str, Array], stopped: bool, t: float) -> Array:
         """Return the values (9,) of the next packet; the replay pauses while machine or model is not in PEDAL_DN."""
-        level = s["run"][LEVEL]
+        level = arm_signals["run"][LEVEL]
         record = self._record
         down = np.append(_STILL[:8], 1.0)
         values = down  # after the record, until both are at rest
         if self._k < len(record):
             values = record[self._k]
-        waits = min(s["model"][0], level) < Level.PEDAL_DN and values[8] > 0.5
+        waits = min(arm_signals["model"][0], level) < Level.PEDAL_DN and values[8] > 0.5
         if not waits:
             self._since = t
-        distance, speed = s["deviation"]
+        distance, speed = arm_signals["deviation"]
         # The first reason that applies counts.
         for applies, why, value in (
             (stopped, Why.OPERATOR, 0.0),
-            (s["run"][ANSWERS] < 0.5, Why.MACHINE_SILENT, 0.0),
+            (arm_signals["run"][ANSWERS] < 0.5, Why.MACHINE_SILENT, 0.0),
             (level < Level.PEDAL_UP, Why.MACHINE_STOPPED, level),
             (t - self._since > _READY, Why.NOT_READY, level),
             (speed > self.bounds.replayed, Why.MACHINE_FAST, speed),

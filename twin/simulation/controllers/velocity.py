@@ -131,17 +131,17 @@ class ToolToJoints(Block):
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, Array]:
         """Make the next step along the line."""
-        done = self._count % self.ticks
+        ticks_done = self._count % self.ticks
         self._count += 1
         rate = signals[ROBOT_RATE.of(self.robot)]
         if not rate.any():
             return {}
         q = signals[ROBOT_ENCODER.of(self.robot)]
         kin = self.kin
-        if done == 0:
+        if ticks_done == 0:
             self._T = kin.forward(q, self._T)
             self._start = kin.program.coordinates_of_pose.one(self._T.ravel())
-        displacement = rate * (self.ticks * dt) * (done + 1) / self.ticks
+        displacement = rate * (self.ticks * dt) * (ticks_done + 1) / self.ticks
         T = kin.program.pose_of_coordinates.one(self._start + displacement)
         result = step(kin, q, T, dt, self.limits, self.solver, seed=self._T)
         return {ROBOT_COMMAND.of(self.robot): result.q}

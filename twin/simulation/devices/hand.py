@@ -84,7 +84,7 @@ class Tremor:
 
     def output(self, k: int) -> Array:
         """Return the displacement (3,) in m at k periods after the start; displacements are computed in blocks."""
-        if not 0 <= k - self._first < _BLOCK:
+        if not 0 <= k - self._first < _BLOCK:  # true as well for the first output, by the start value of `_first`
             self._first = k
             self._next = self.at(np.arange(k, k + _BLOCK, dtype=float) * self._period)
         return self._next[k - self._first]
@@ -159,11 +159,12 @@ class ScriptedHand(Block):
 
     def _coordinates(self, goal: Goal) -> Array:
         program = self.kin.program
-        wanted = program.coordinates_of_pose.one(goal.T_base_tool.ravel())
-        expressed = program.pose_of_coordinates.one(wanted)
+        coordinates = program.coordinates_of_pose.one(goal.T_base_tool.ravel())
+        expressed = program.pose_of_coordinates.one(coordinates)
+        # fewer coordinates than six cannot express every pose
         if np.linalg.norm(expressed - goal.T_base_tool) > 1e-6:
             raise KinematicsError(f"{self.kin.formula.name}: the robot's coordinates cannot express goal '{goal.name}'")
-        return wanted
+        return coordinates
 
     def _tool(self) -> Array:
         self._T = self.kin.forward(self._signals[ROBOT_Q.of(self.robot)], self._T)
@@ -179,9 +180,10 @@ class ScriptedHand(Block):
             least = np.inf
             stalled = 0
             while stalled < _STALLED:
+                # the tool is measured anew before each stroke, as an operator looks again
                 missing = (self._wanted[i] - self._tool()) / self._scale
                 remaining = float(np.linalg.norm(missing / reach))
-                if remaining < 0.98 * least:
+                if remaining < 0.98 * least:  # a smaller gain may be tremor only
                     least = remaining
                     stalled = 0
                 else:
@@ -212,6 +214,7 @@ class ScriptedHand(Block):
             yield from self._hold(0.15, True)
             return
         stroke = min(possible, 1.0) * missing * (1 + hand.misjudge * self._rng.normal())
+        # the slower of translation and rotation determines the time
         linear_time = float(np.linalg.norm(stroke[~angular])) / hand.speed[0]
         angular_time = float(np.abs(stroke[angular]).max(initial=0.0)) / hand.speed[1]
         yield from self._move(self._handle + stroke, max(0.35, linear_time, angular_time), True)

@@ -97,7 +97,7 @@ class JointPackets:
         except OSError as error:
             self._socket.close()
             raise DeviceError(f"UDP port {port} of {HOST}: {error.strerror}; give another port") from error
-        self._socket.setblocking(False)
+        self._socket.setblocking(False)  # `newest` is called in every tick and must not wait
         self.port = int(self._socket.getsockname()[1])
         self.accepted = 0
         self.refused = 0
@@ -108,14 +108,14 @@ class JointPackets:
         self._heard = float("-inf")
         self._state: State | None = None
 
-    def read(self, data: bytes, sender: Any, now: float) -> None:
-        """Read a packet that has arrived at `now` in s.
+    def read(self, data: bytes, sender: Any, arrival: float) -> None:
+        """Read a packet that has arrived at `arrival` in s.
 
         Raises:
             DeviceError: the packet is refused; it has no effect.
         """
         number, t, q, desired = unpack(data, self._n)
-        if now - self._heard > PATIENCE:
+        if arrival - self._heard > PATIENCE:
             # another sender may follow, with its own numbers and clock
             self._sender = None
             self._last_number = -1
@@ -131,16 +131,17 @@ class JointPackets:
         self._sender = sender
         self._last_number = number
         self._last_time = t
-        self._heard = now
+        self._heard = arrival
         self.accepted += 1
         counts = (number, self.accepted, self.refused, 0, 0)
-        wanted = q if desired is None else desired
-        self._state = State(Level.PEDAL_DN, False, number, t, *counts, q, wanted, np.zeros_like(q))
+        desired_q = q if desired is None else desired
+        self._state = State(Level.PEDAL_DN, False, number, t, *counts, q, desired_q, np.zeros_like(q))
 
     @property
     def newest(self) -> State | None:
         """The newest state, after reading all packets that have arrived; None before the first one."""
         with contextlib.suppress(BlockingIOError):
+            # with a limit, because a fast sender could otherwise keep the tick from ending
             for _ in range(_MOST):
                 data, sender = self._socket.recvfrom(1 << 16)
                 try:

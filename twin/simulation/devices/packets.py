@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from twin.core import spatial
 from twin.core.errors import DeviceError
 from twin.core.spatial import Array
-from twin.simulation.devices.given import GivenHands, HandState
+from twin.simulation.devices.received_hands import GivenHands, HandState
 
 HAND = struct.Struct("<4sBBBBIQ8d")
 FORCE = struct.Struct("<4sBBBBI3d")
@@ -93,6 +93,7 @@ def handle_pose(p: Sequence[float], q: Sequence[float]) -> Array:
     """
     # NaN and infinity fail these comparisons.
     for axis, x in zip("xyz", p, strict=True):
+        # `not <=` instead of `>`: NaN must be refused as well
         if not abs(x) <= _FAR:
             raise DeviceError(f"position {axis} is {x:g} m; it must be within ±{_FAR:g} m")
     length = math.hypot(*q)

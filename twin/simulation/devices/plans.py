@@ -16,7 +16,7 @@ from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.kinematics import Kinematics
 from twin.simulation.controllers.pedals import FREE
-from twin.simulation.controllers.planned import AIM, HELD, OFF, RUN
+from twin.simulation.controllers.plan_states import AIM, HELD, OFF, RUN
 from twin.simulation.controllers.trainer import TrainerPhase
 from twin.simulation.devices.machine_states import ANSWERS, LEVEL
 from twin.simulation.machine.levels import Level
@@ -59,14 +59,14 @@ class PlannedArm:
 
 
 class Plans(Block):
-    """Writes `<robot>.planned` (17,) of all arms: a state of `controllers.planned`, and a pose in base row by row.
+    """Writes `<robot>.planned` (17,) of all arms: a state of `controllers.plan_states`, and a pose in base row by row.
 
     Reads `<robot>.encoder`; for a machine, also the run levels in `<robot>.run` (machine) and `<robot>.model` (model).
     A machine's motion begins when machine and model are in PEDAL_DN. The clutch and silence of the hands end a motion.
 
     Attributes:
         robot: name of the arm whose motion is planned or executed; "": none.
-        state: state of this arm, see `controllers.planned`.
+        state: state of this arm, see `controllers.plan_states`.
         why: reason why the last motion was stopped; "" if it was not stopped.
         arrived: whether the last motion ended at the end of its path.
         off: largest distance in m between tip and path in the last motion.

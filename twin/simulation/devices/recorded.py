@@ -20,9 +20,9 @@ class Recorded(Block):
             WorldError: no signal has this name, or the recording is empty.
         """
         recorded = [name for name in recording.sizes if not name.endswith(".written")]
-        for wanted in signals:
-            if not any(_is_of(name, wanted) for name in recorded):
-                raise WorldError(unknown("recorded signal", wanted, recorded))
+        for selected in signals:
+            if not any(_is_of(name, selected) for name in recorded):
+                raise WorldError(unknown("recorded signal", selected, recorded))
         if not len(recording.rows):
             raise WorldError("the recording has no tick")
         self._rows: dict[str, Array] = {}
@@ -44,5 +44,5 @@ class Recorded(Block):
         return values
 
 
-def _is_of(signal: str, wanted: str) -> bool:
-    return signal == wanted or signal.startswith(f"{wanted}.")
+def _is_of(signal: str, selected: str) -> bool:
+    return signal == selected or signal.startswith(f"{selected}.")

@@ -296,11 +296,11 @@ class SurgeonHands(SimulatedHands):
             yield
 
     def _reach(
-        self, goals: Mapping[str, Array], near: float, near_turn: float = 4 * DEG
+        self, goals: Mapping[str, Array], tolerance: float, near_turn: float = 4 * DEG
     ) -> Generator[None, None, bool]:
         """Move the tools to poses (4, 4) in the World by strokes; return whether the poses are reached.
 
-        A pose is reached if at most `near` in m and `near_turn` in rad remain.
+        A pose is reached if at most `tolerance` in m and `near_turn` in rad remain.
         """
         least = np.inf
         stalled = 0
@@ -313,7 +313,7 @@ class SurgeonHands(SimulatedHands):
                 T = self._tool(hand)
                 displacement = R_view.T @ (goal[:3, 3] - T[:3, 3])
                 rotation = R_view.T @ spatial.log_so3(goal[:3, :3] @ T[:3, :3].T)
-                distance = float(np.linalg.norm(displacement)) / near
+                distance = float(np.linalg.norm(displacement)) / tolerance
                 angle = float(np.linalg.norm(rotation)) / near_turn
                 remaining = max(remaining, distance, angle)
                 displacements[hand] = self._misjudged(displacement) / self.scale

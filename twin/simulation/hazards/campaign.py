@@ -234,16 +234,17 @@ class Campaign:
             times.append(max(time, quantity.value / 10))
         return Reaction(*times)
 
-    def faults(self, drawn: Drawn) -> list[Fault]:
+    def faults(self, session: Drawn) -> list[Fault]:
         """Return new faults of a session, for one machine; their start and end are packet numbers."""
-        if drawn.kind == FREE:
+        if session.kind == FREE:
             return []
         target = []
-        for name in drawn.target.split():
-            target.append(self._places[drawn.signal].index(name))
-        stop = drawn.start + drawn.length
+        for name in session.target.split():
+            target.append(self._places[session.signal].index(name))
+        stop = session.start + session.length
         # an empty target is that of all numbers, for which `Fault` has None
-        return [Fault(drawn.signal, drawn.start, stop, drawn.operation, drawn.value, target or None, counts=True)]
+        places = target or None
+        return [Fault(session.signal, session.start, stop, session.operation, session.value, places, counts=True)]
 
 
 def load(path: Path, places: dict[str, tuple[str, ...]]) -> Campaign:

@@ -12,7 +12,7 @@ from twin.core.findings import Finding, disagreement, warning
 from twin.core.json_types import JsonMapping, JsonObject
 from twin.core.result import Part, Result, TextTable
 from twin.simulation.controllers.cue import Cue
-from twin.simulation.hazards.attacked import HARM
+from twin.simulation.hazards.attacked_session import HARM
 from twin.simulation.hazards.campaign import FREE, CampaignTable, Scenario
 from twin.simulation.hazards.roc import Roc, curves, dangerous, in_time
 from twin.simulation.machine.simulated_machine import LOCATIONS
@@ -131,11 +131,11 @@ class Hazards(Result):
     @cached_property
     def classes(self) -> list[ClassRow]:
         """One row for each class that has sessions."""
-        known = {fault.name: fault for fault in self.table.class_}
+        class_by_name = {fault.name: fault for fault in self.table.class_}
         results = []
         for name, rows in self.by_class.items():
-            if name in known:
-                fault = known[name]
+            if name in class_by_name:
+                fault = class_by_name[name]
                 results.append(_row(name, fault.scenario, LOCATIONS[fault.signal], rows))
             else:
                 results.append(_row(name, "", "", rows))
@@ -174,9 +174,9 @@ class Hazards(Result):
         if false:
             findings.append(disagreement("hazards.false", self.robot, f"a cue without a fault in sessions {false[:5]}"))
         if len(self.rows) < self.expected:
-            done = f"{len(self.rows)} of {self.expected} sessions are done"
+            progress = f"{len(self.rows)} of {self.expected} sessions are done"
             resume = "run the same command again to resume"
-            findings.append(warning("hazards.unfinished", self.robot, done, suggestion=resume))
+            findings.append(warning("hazards.unfinished", self.robot, progress, suggestion=resume))
         return tuple(findings)
 
     @property
@@ -227,7 +227,7 @@ class Hazards(Result):
         detections = []
         for row in self.classes:
             outcomes.append(_outcome(row))
-            if row.danger or row.jumped:
+            if row.danger or row.jumped:  # in the other classes, there was nothing to detect
                 detections.append(_detection(row))
         yield "\nOutcome without a response (sessions)"
         head = ("class", "location", "sessions", f"> {HARM:g} mm", "> 3 mm", "felt", "stopped")
@@ -276,11 +276,12 @@ def _count(rows: Sequence[Row], event: str) -> int:
     return count
 
 
-def _first(row: Row, event: str, other: str) -> bool:
+def _first(row: Row, event: str, later_event: str) -> bool:
     """Return whether an event happened, and another event happened later or never."""
     if row[event] is None:
         return False
-    return row[other] is None or row[other] > row[event]
+    # two events in the same tick are no lead
+    return row[later_event] is None or row[later_event] > row[event]
 
 
 def _row(kind: str, scenario: str, location: str, rows: Sequence[Row]) -> ClassRow:
@@ -300,6 +301,7 @@ def _row(kind: str, scenario: str, location: str, rows: Sequence[Row]) -> ClassR
             danger += 1
             stopped_in_time += in_time(row)
             seen_adaptive += row["seen_ratio"] > 1
+        # the adaptive limits are compared with the fixed one only where both were passed
         if row["beyond"] is not None and row["adaptive"] is not None:
             early += row["adaptive"] < row["beyond"]
     return ClassRow(

@@ -94,7 +94,7 @@ class HazardTrainee:
                 self._go_on(t)
             return
         # found out before the response is stored
-        again = response in self.responses
+        repeated = response in self.responses
         self.responses.setdefault(response, t)
         if response == "slow down":
             self.pace = _SLOW
@@ -103,7 +103,7 @@ class HazardTrainee:
             self.pedal = False
             self._next = t + self._times.troubleshoot, "troubleshoot"
         elif response == "troubleshoot":
-            self._act(t, "convert" if again else "restart", wrong)
+            self._act(t, "convert" if repeated else "restart", wrong)
         elif response == "restart":
             self.restarts = True
             self._waits = t

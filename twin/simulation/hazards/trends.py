@@ -27,10 +27,10 @@ from twin.core.json_types import JsonObject
 from twin.core.result import Part, Result, TextTable
 from twin.core.spatial import Array
 from twin.schema import Identifier, NotNegative, Positive, Sourced, Table, error_at, load_toml
-from twin.simulation.hazards.attacked import HARM, Trace, held_at_stop, trace
+from twin.simulation.hazards.attacked_session import HARM, Trace, held_at_stop, trace
 from twin.simulation.hazards.campaign import SpreadQuantity
 from twin.simulation.hazards.fault import Fault
-from twin.simulation.hazards.hand import Hand, wander
+from twin.simulation.hazards.packet_hand import Hand, wander
 from twin.simulation.machine.arithmetic import Arithmetic
 from twin.simulation.machine.cable_plant import CablePlant, Cables
 from twin.simulation.machine.levels import Level
@@ -201,7 +201,7 @@ class Trends(Result):
         """Rows of the motion scales for each servo of the model."""
         rows: dict[str, list[ScaleRow]] = {}
         for row in self.scales:
-            rows.setdefault(row.servo, []).append(row)
+            rows.setdefault(row.servo, []).append(row)  # in the order of the scales, on which `grows` relies
         return rows
 
     @property
@@ -317,8 +317,8 @@ def trends(robot: str, parts: Parts, table: TrendsTable, progress: Callable[[str
             machine = trace(machine_parts, hand_of(stuck.scale, hand.seed), packets, 1, physics, faults)
             deviation = _deviation(parts, machine, model)
             curves[hand.seed, counts] = deviation
-            moved = _deviation(parts, machine, sound)
-            row = _stuck_row(hand.seed, counts, (deviation, moved), machine, begins, stuck.cycles + stuck.watched)
+            tip_shift = _deviation(parts, machine, sound)
+            row = _stuck_row(hand.seed, counts, (deviation, tip_shift), machine, begins, stuck.cycles + stuck.watched)
             stuck_rows.append(row)
     return Trends(robot, motor.name, scale_rows, stuck_rows, curves, table)
 
@@ -388,10 +388,10 @@ def _stuck_row(
     jumps = 0
     for begin in begins:
         window = slice(begin - 1, begin - 1 + watched)
-        deviation, moved = (distances[window] for distances in deviations)
+        deviation, tip_shift = (distances[window] for distances in deviations)
         if len(deviation):  # the machine had not stopped before
             peaks.append(float(deviation.max()))
-            jumps += bool(moved.max() > HARM)
+            jumps += bool(tip_shift.max() > HARM)
     stopped = None
     check = ""
     stops = np.flatnonzero(machine.levels == Level.E_STOP)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from twin.core.errors import DeviceError
 from twin.simulation import console_scene
+from twin.simulation.devices.combined_devices import Together
 from twin.simulation.devices.machine_states import MachineStates
-from twin.simulation.devices.together import Together
 from twin.simulation.devices.trainee import Trainee
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.machine_link import MachineLink

@@ -23,8 +23,8 @@ from twin.simulation import console_scene
 from twin.simulation.console_scene import HANDS
 from twin.simulation.controllers.tool_following import SCALE
 from twin.simulation.controllers.trainer import Mode
-from twin.simulation.devices.given import HandState
 from twin.simulation.devices.packets import Packets
+from twin.simulation.devices.received_hands import HandState
 from twin.simulation.world.signal_kinds import ROBOT_Q
 from twin.ui.access.responses import File
 from twin.ui.access.rules import AccessRules

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from twin.core.errors import DeviceError, TwinError
 from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
-from twin.simulation.devices.given import HandState
 from twin.simulation.devices.packets import HAND, Packets
+from twin.simulation.devices.received_hands import HandState
 from twin.simulation.world import Signals
 from twin.simulation.world.signal_kinds import DEVICE_IGNORED, HAND_LOST
 from twin.ui.headset.problem_reports import ProblemReports

@@ -10,7 +10,7 @@ import numpy as np
 from twin.core.format import count
 from twin.core.json_types import JsonMapping
 from twin.simulation.controllers.cue import Cue
-from twin.simulation.hazards.attacked import HARM
+from twin.simulation.hazards.attacked_session import HARM
 from twin.simulation.hazards.roc import dangerous, in_time
 from twin.simulation.hazards.summary import Hazards
 from twin.ui.report.style import BAND, INK, PALETTE, sheet, styled

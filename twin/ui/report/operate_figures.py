@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.core.units import MM
 from twin.simulation.devices.hand import Goal
-from twin.simulation.operated import Operated, Trial
+from twin.simulation.operator_trials import Operated, Trial
 from twin.simulation.trial import remaining
 from twin.ui.report.style import BAND, INK, PALETTE, UNFIT, log_ticks, sheet, styled
 

@@ -27,9 +27,9 @@ from twin.simulation.condition import Condition
 from twin.simulation.console_scene import HANDS
 from twin.simulation.controllers.pivot import FULCRUMS, Fulcrum
 from twin.simulation.controllers.trainer import Mode
-from twin.simulation.devices.given import GivenHands, HandState
+from twin.simulation.devices.combined_devices import Together
 from twin.simulation.devices.machine_states import MachineStates
-from twin.simulation.devices.together import Together
+from twin.simulation.devices.received_hands import GivenHands, HandState
 from twin.simulation.plants.tissue import clips_of
 from twin.simulation.session.session_run import SAMPLE, head_of
 from twin.simulation.session.tape import Tape

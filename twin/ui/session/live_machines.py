@@ -9,8 +9,8 @@ from twin.core.json_types import JsonObject
 from twin.model.scene import Scene
 from twin.simulation import machine_scene
 from twin.simulation.controllers.trainer import MODE, VIEW, Mode, TrainerPhase, Why, asked, mode_of, told
-from twin.simulation.devices.given import GivenHands
 from twin.simulation.devices.machine_states import ANSWERS, LEVEL, MachineStates
+from twin.simulation.devices.received_hands import GivenHands
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.outbox import Outbox
 from twin.simulation.machine.packet_exchange import Exchange

@@ -18,7 +18,7 @@ from twin.simulation.console_scene import HANDS, drag
 from twin.simulation.controllers import camera
 from twin.simulation.controllers.jaw import GripParameters
 from twin.simulation.controllers.tool_following import SCALE
-from twin.simulation.devices.given import HandState
+from twin.simulation.devices.received_hands import HandState
 from twin.ui.session.live_console import HeldError, LiveConsole
 from twin.ui.session.plan_view import RESTS
 

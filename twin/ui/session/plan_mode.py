@@ -25,7 +25,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG, MM, display_unit
 from twin.model.scene import Scene
 from twin.simulation.console_scene import PEDALS
-from twin.simulation.controllers.planned import OFF
+from twin.simulation.controllers.plan_states import OFF
 from twin.simulation.controllers.trainer import TrainerPhase
 from twin.simulation.devices.plans import PlannedArm, Plans
 from twin.simulation.setup import Member

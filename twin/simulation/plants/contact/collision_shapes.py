@@ -46,13 +46,13 @@ class Solid:
     T_world_body: Array = field(default_factory=lambda: np.eye(4))
 
 
-def add_object(body: mujoco.MjsBody, item: Movable, **more: object) -> None:
+def add_object(body: mujoco.MjsBody, item: Movable, **geom_attributes: object) -> None:
     """Add the geoms of a movable object to its MuJoCo body."""
     kinds = mujoco.mjtGeom
     if item.shape == "box":
-        body.add_geom(type=kinds.mjGEOM_BOX, size=list(item.size), mass=item.mass, **more)
+        body.add_geom(type=kinds.mjGEOM_BOX, size=list(item.size), mass=item.mass, **geom_attributes)
     elif item.shape == "ball":
-        body.add_geom(type=kinds.mjGEOM_SPHERE, size=[item.size[0], 0, 0], mass=item.mass, **more)
+        body.add_geom(type=kinds.mjGEOM_SPHERE, size=[item.size[0], 0, 0], mass=item.mass, **geom_attributes)
     else:
         radius, wire = item.size
         angles = np.arange(RING + 1) * (2 * np.pi / RING)
@@ -61,10 +61,13 @@ def add_object(body: mujoco.MjsBody, item: Movable, **more: object) -> None:
         corners = corner_radius * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(RING + 1)])
         for start, end in pairwise(corners):
             ends = [*start.tolist(), *end.tolist()]
-            body.add_geom(type=kinds.mjGEOM_CAPSULE, fromto=ends, size=[wire, 0, 0], mass=item.mass / RING, **more)
+            mass = item.mass / RING
+            body.add_geom(type=kinds.mjGEOM_CAPSULE, fromto=ends, size=[wire, 0, 0], mass=mass, **geom_attributes)
 
 
-def add_part(spec: mujoco.MjSpec, body: mujoco.MjsBody, part: Mesh, T_body: Array, owner: str, **more: object) -> None:
+def add_part(
+    spec: mujoco.MjSpec, body: mujoco.MjsBody, part: Mesh, T_body: Array, owner: str, **geom_attributes: object
+) -> None:
     """Add the geom of a part to a MuJoCo body: a box or a capsule if the part has this shape, else its convex hull.
 
     Args:
@@ -73,7 +76,7 @@ def add_part(spec: mujoco.MjSpec, body: mujoco.MjsBody, part: Mesh, T_body: Arra
         part: the part.
         T_body: (4, 4) pose of the part's frame in the body.
         owner: prefix of the name of the hull.
-        more: attributes of the geom.
+        geom_attributes: attributes of the geom.
 
     Raises:
         TwinError: the part is flat.
@@ -91,18 +94,18 @@ def add_part(spec: mujoco.MjSpec, body: mujoco.MjsBody, part: Mesh, T_body: Arra
     is_box = abs(volume / np.prod(edges) - 1) < _ALIKE
     is_round = np.ptp(others) < _ALIKE * radius
     if is_box:
-        _placed(body, T_body_box, type=kinds.mjGEOM_BOX, size=(edges / 2).tolist(), **more)
+        _placed(body, T_body_box, type=kinds.mjGEOM_BOX, size=(edges / 2).tolist(), **geom_attributes)
     elif is_round and abs(volume / capsule_volume - 1) < _ALIKE:
         # a capsule of MuJoCo is along z
         R_box_capsule = spatial.frame_from_axes(np.eye(3)[longest], np.eye(3)[(longest + 1) % 3])
         T_body_capsule = T_body_box @ spatial.pose(R_box_capsule)
         size = [radius, length / 2 - radius, 0]
-        _placed(body, T_body_capsule, type=kinds.mjGEOM_CAPSULE, size=size, **more)
+        _placed(body, T_body_capsule, type=kinds.mjGEOM_CAPSULE, size=size, **geom_attributes)
     else:
         name = f"{owner}/{part.name}"
         convex = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
         spec.add_mesh(name=name, uservert=corners.ravel().tolist(), inertia=convex)
-        _placed(body, T_body, type=kinds.mjGEOM_MESH, meshname=name, **more)
+        _placed(body, T_body, type=kinds.mjGEOM_MESH, meshname=name, **geom_attributes)
 
 
 @lru_cache(maxsize=256)
@@ -121,6 +124,6 @@ def _hull(vertices: bytes) -> tuple[Array, float, Array, Array]:
     return np.array(hull.vertices), float(hull.volume), np.array(to_box), np.array(edges)
 
 
-def _placed(body: mujoco.MjsBody, T: Array, **more: object) -> None:
+def _placed(body: mujoco.MjsBody, T: Array, **geom_attributes: object) -> None:
     quaternion = spatial.quat_from_matrix_wxyz(T[:3, :3])
-    body.add_geom(pos=T[:3, 3].tolist(), quat=quaternion.tolist(), **more)
+    body.add_geom(pos=T[:3, 3].tolist(), quat=quaternion.tolist(), **geom_attributes)

@@ -15,7 +15,7 @@ from twin.core.spatial import Array
 from twin.model.body import Body, Mesh
 from twin.model.movable import Movable
 from twin.simulation.plants.contact.collision_shapes import NONE, GeomOwner, Solid, add_object, add_part
-from twin.simulation.plants.contact.feel import Feel
+from twin.simulation.plants.contact.contact_planes import Feel
 from twin.simulation.plants.contact.gripper import Gripper
 from twin.simulation.world import Block, Signals
 from twin.simulation.world.signal_kinds import (
@@ -246,12 +246,12 @@ class Contact(Block):
             first, second = contact.geom
             is_object = self._owners[first].item != NONE or self._owners[second].item != NONE
             if contact.dist < -_DEEPEST and is_object:
-                one = m.body(m.geom_bodyid[first]).name
-                other = m.body(m.geom_bodyid[second]).name
-                if other == "world":
-                    other = "a fixed part"
+                first_name = m.body(m.geom_bodyid[first]).name
+                second_name = m.body(m.geom_bodyid[second]).name
+                if second_name == "world":
+                    second_name = "a fixed part"
                 raise WorldError(
-                    f"'{one}' and '{other}' overlap by {-contact.dist * 1e3:.2f} mm at the start "
+                    f"'{first_name}' and '{second_name}' overlap by {-contact.dist * 1e3:.2f} mm at the start "
                     f"(allowed: {_DEEPEST * 1e3:g} mm): move one of them"
                 )
 

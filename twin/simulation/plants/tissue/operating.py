@@ -219,8 +219,8 @@ class Operating(Tissues):
 
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, ArrayLike]:
         """Move instruments and organs, and compute the effects of the tools."""
-        for k, instrument in enumerate(self._instruments):
-            self._use(k, instrument, signals)
+        for number, instrument in enumerate(self._instruments):
+            self._use(number, instrument, signals)
         for tube, root in zip(self._tubes, self._roots, strict=True):
             if root is not None:
                 self._hold.pull(root, tube.reaction)
@@ -232,8 +232,8 @@ class Operating(Tissues):
                 first = root @ nodes
             tube.step(first)
         self._depths = dict.fromkeys(self._depths, 0.0)
-        for k, instrument in enumerate(self._instruments):
-            self._release_torn(k, instrument)
+        for number, instrument in enumerate(self._instruments):
+            self._release_torn(number, instrument)
             self._measure_depth(self._states[instrument.robot])
         if self._steps % _LOOK == 0:
             self._look()
@@ -305,22 +305,22 @@ class Operating(Tissues):
         tip = state.T[:3, 3]
         if tool.kind == "cautery" and signals.now[ROBOT_PEDAL.of(robot)][0] > 0.5:
             self._burn(tip, tool)
-        held = self._held(k, state)
-        if held is not None:
+        held_point = self._held(k, state)
+        if held_point is not None:
             # the held point moves as the tip does, and keeps its distance from the tip
-            held.p = held.p + tip - self._tip_before[k]
+            held_point.p = held_point.p + tip - self._tip_before[k]
             self._tip_before[k] = tip.copy()
 
     def _change_tool(self, instrument: OperatingRobot, state: _State, signals: Signals) -> None:
         """Change to the requested tool, if the jaws hold nothing and the instrument is drawn back to its port."""
         requested = signals.now[ROBOT_TOOL.of(instrument.robot)][0]
-        wanted = self._tool_names[int(np.clip(requested, 0, len(self._tool_names) - 1))]
-        if wanted == state.tool or state.holds >= 0:
+        requested_tool = self._tool_names[int(np.clip(requested, 0, len(self._tool_names) - 1))]
+        if requested_tool == state.tool or state.holds >= 0:
             return
         distance = np.linalg.norm(state.T[:3, 3] - instrument.port)
         drawn_back = distance <= self._procedure.change_mm * MM
-        if drawn_back and instrument.robot in self._tools[wanted].robots:
-            state.tool = wanted
+        if drawn_back and instrument.robot in self._tools[requested_tool].robots:
+            state.tool = requested_tool
 
     def _grasp(self, k: int, state: _State, tool: ToolTable) -> None:
         """Hold the point of organ or vessel nearest to the tip, if its distance is at most half the gap of the jaws."""
@@ -428,8 +428,8 @@ class Operating(Tissues):
     def _release_torn(self, k: int, instrument: OperatingRobot) -> None:
         """Release a point that has slipped out of the jaws."""
         state = self._states[instrument.robot]
-        held = self._held(k, state)
-        if held is not None and held.slipped > _TORN:
+        held_point = self._held(k, state)
+        if held_point is not None and held_point.slipped > _TORN:
             self._open(k, instrument, state)
 
     def _measure_depth(self, state: _State) -> None:
@@ -466,14 +466,14 @@ class Operating(Tissues):
         pull = np.zeros(3)
         lifted = np.zeros(3)
         slipped = 0.0
-        held = self._held(k, state)
-        if held is not None:
-            pull = held.force
-            slipped = held.slipped
-            if isinstance(held, Grip):
-                p = held.weights @ self.organs.nodes[self._organ.name]
+        held_point = self._held(k, state)
+        if held_point is not None:
+            pull = held_point.force
+            slipped = held_point.slipped
+            if isinstance(held_point, Grip):
+                p = held_point.weights @ self.organs.nodes[self._organ.name]
             else:
-                p = self._tubes[state.holds - 1].points[held.node]
+                p = self._tubes[state.holds - 1].points[held_point.node]
             lifted = p - state.rest
         values[ROBOT_TIP.of(robot)] = state.T[:3, 3]
         values[ROBOT_CARRIES.of(robot)] = float(self._tool_names.index(state.tool))

@@ -216,20 +216,20 @@ class Organ:
 
     def approached(self, points: Array, corners: Array, T: Array) -> bool:
         """Return whether a link is so near that it may touch the organ; valid only for an organ at rest."""
-        near = self._near(points, corners, T)
-        if not len(near):
+        nearby = self._near(points, corners, T)
+        if not len(nearby):
             return False
-        distances, _ = self._tree.query(near)
+        distances, _ = self._tree.query(nearby)
         return float(distances.min()) < self._reach
 
     def contains(self, points: Array, corners: Array, T: Array) -> bool:
         """Return whether a point of a link is inside the organ."""
-        near = self._near(points, corners, T)
-        if not len(near):
+        nearby = self._near(points, corners, T)
+        if not len(nearby):
             return False
         vertices = self.tissue.weights @ self.nodes
         # One by one, because this usually ends early: if a link is inside, one of its first points usually is.
-        return any(inside(point, vertices, self._triangles)[0] for point in near)
+        return any(inside(point, vertices, self._triangles)[0] for point in nearby)
 
     def set_inside(self, k: int, is_inside: bool) -> None:
         """Store whether link k is inside the organ."""

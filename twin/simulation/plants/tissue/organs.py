@@ -95,7 +95,7 @@ class Organs:
         tools: Sequence[Tool],
         poses: Sequence[Array],
         period: float = PERIOD,
-        held: str = "",
+        operable_name: str = "",
     ) -> None:
         """Build the MuJoCo model.
 
@@ -104,7 +104,7 @@ class Organs:
             tools: the links that can touch the organs.
             poses: T_world_link (4, 4) of each link at the start.
             period: time in s between two steps.
-            held: name of the organ that can be grasped, and whose pins can be freed one by one; see `operable`.
+            operable_name: name of the organ that can be grasped, and whose pins can be freed one by one.
 
         Raises:
             TwinError: the pins of an organ do not hold the organ in place.
@@ -120,8 +120,8 @@ class Organs:
         self.crossed: set[tuple[int, int]] = set()
         self._organs: dict[str, Organ] = {}
         for k, tissue in enumerate(tissues):
-            self._organs[tissue.name] = Organ(tissue, k, tissue.name == held)
-        self.operable = self._organs[held] if held else None
+            self._organs[tissue.name] = Organ(tissue, k, tissue.name == operable_name)
+        self.operable = self._organs[operable_name] if operable_name else None
         self._samples: list[Array] = []
         self._corners: list[Array] = []
         for tool in tools:
@@ -203,11 +203,11 @@ class Organs:
         for contact in d.contact[: d.ncon]:
             first, second = contact.flex
             if first >= 0 and second >= 0:  # MuJoCo's index of a soft body; -1: a link
-                one = self.tissues[first].name
-                other = self.tissues[second].name
+                first_name = self.tissues[first].name
+                second_name = self.tissues[second].name
                 raise WorldError(
-                    f"'{one}' and '{other}' overlap or are less than {2 * RADIUS / MM:g} mm apart at the start; draw "
-                    "them further apart"
+                    f"'{first_name}' and '{second_name}' overlap or are less than {2 * RADIUS / MM:g} mm apart at the "
+                    "start; draw them further apart"
                 )
         for a, b in permutations(self.tissues, 2):
             if inside(a.surface.vertices[:1], b.surface.vertices, b.surface.triangles)[0]:
@@ -258,14 +258,14 @@ class Organs:
         organs = self._organs.values()
         before = self._poses
         jumped = self._place(poses)
-        moved = not all(map(np.array_equal, before, poses))
+        links_moved = not all(map(np.array_equal, before, poses))
         for k in jumped:
             d.qpos[self._qpos[7 * k : 7 * k + 7]] = self._wanted[7 * k : 7 * k + 7]
         self._test_inside(jumped)
         self._part()
         self._steps += 1
         led = self._begin_holds()
-        if self._rests and not led and not (moved and self._approached()):
+        if self._rests and not led and not (links_moved and self._approached()):
             d.qpos[self._qpos] = self._wanted
             return False
         # The velocities of the links bring them to their poses at the end of the step.
@@ -273,7 +273,7 @@ class Organs:
         self._target[self._qpos] = self._wanted
         mujoco.mj_differentiatePos(self._model, self._v, self.period, d.qpos, self._target)
         d.qvel[self._dofs] = self._v[self._dofs]
-        last = [organ.nodes for organ in organs]
+        nodes_before = [organ.nodes for organ in organs]
         for organ in organs:
             organ.begin()
         mujoco.mj_step(self._model, d)
@@ -290,7 +290,7 @@ class Organs:
         else:
             for organ in organs:
                 organ.end()
-        return any(not np.array_equal(organ.nodes, nodes) for organ, nodes in zip(organs, last, strict=True))
+        return any(not np.array_equal(organ.nodes, nodes) for organ, nodes in zip(organs, nodes_before, strict=True))
 
     def _begin_holds(self) -> bool:
         """Set the constraints of bed and jaws; return whether they may move the operable organ."""

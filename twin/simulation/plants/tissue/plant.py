@@ -28,12 +28,12 @@ class Links:
             WorldError: the robot has no body with one of the given names.
             AssemblyError: the loops of the mechanism cannot be closed.
         """
-        known = {body.name: body for body in mechanism.bodies}
+        bodies_by_name = {body.name: body for body in mechanism.bodies}
         for name in bodies:
-            if name not in known:
-                raise WorldError(unknown(f"body of {robot}", name, known))
+            if name not in bodies_by_name:
+                raise WorldError(unknown(f"body of {robot}", name, bodies_by_name))
         self.signal = ROBOT_Q.of(robot)
-        self.tools = [Tool(robot, known[name]) for name in bodies]
+        self.tools = [Tool(robot, bodies_by_name[name]) for name in bodies]
         self._T_world_base = np.array(T_world_base, float)
         self._loops = LinkPoses(LoopSolver(mechanism))
         self._solve(np.array(q, float))
@@ -66,7 +66,7 @@ class Tissues(Block):
     """
 
     def __init__(
-        self, tissues: Sequence[Tissue], robots: Sequence[Links], period: float = PERIOD, held: str = ""
+        self, tissues: Sequence[Tissue], robots: Sequence[Links], period: float = PERIOD, operable_name: str = ""
     ) -> None:
         """Build the organs; `period`: time in s between two steps, a multiple of the tick; `held`: see `Organs`.
 
@@ -82,7 +82,7 @@ class Tissues(Block):
         for robot in robots:
             tools.extend(robot.tools)
             poses.extend(robot.poses())
-        self.organs = Organs(tissues, tools, poses, period, held)
+        self.organs = Organs(tissues, tools, poses, period, operable_name)
         self.outputs = self._signals()
 
     def step(self, signals: Signals, t: float, dt: float) -> Mapping[str, ArrayLike]:

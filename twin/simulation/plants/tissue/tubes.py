@@ -112,17 +112,17 @@ class Tube:
 
     def _add_stretching(self, F: Array, H: Array) -> None:
         """Add the forces of the springs to F (n + 1, 3), their stiffness to H (n + 1, 3, n + 1, 3)."""
-        whole = self.cut == 0
+        is_uncut = self.cut == 0
         d = np.diff(self.points, axis=0)
         size = np.maximum(np.linalg.norm(d, axis=1), 1e-9)
         along = d / size[:, None]
-        tension = np.where(whole, self._stiff * (size - self.vessel.lengths), 0.0)
+        tension = np.where(is_uncut, self._stiff * (size - self.vessel.lengths), 0.0)
         F[:-1] += tension[:, None] * along
         F[1:] -= tension[:, None] * along
         outer = along[:, :, None] * along[:, None, :]
         # A compressed spring has a negative stiffness across its direction, which is left out: see the module.
         stretch = np.maximum(0.0, 1.0 - self.vessel.lengths / size)[:, None, None]
-        block = (whole * self._stiff)[:, None, None] * (outer + stretch * (np.eye(3) - outer))
+        block = (is_uncut * self._stiff)[:, None, None] * (outer + stretch * (np.eye(3) - outer))
         i = np.arange(self.vessel.segments)
         H[i, :, i, :] += block
         H[i + 1, :, i + 1, :] += block
@@ -131,16 +131,17 @@ class Tube:
 
     def _add_bending(self, F: Array, H: Array) -> None:
         """Add forces and stiffness of bending: the second difference of three nodes is drawn to zero."""
-        whole = self.cut == 0
+        is_uncut = self.cut == 0
         x = self.points
         inner = np.arange(self.vessel.segments - 1)
-        stiffness = _BEND * self._stiff[1:] * whole[1:] * whole[:-1]
+        stiffness = _BEND * self._stiff[1:] * is_uncut[1:] * is_uncut[:-1]
         curvature = x[:-2] - 2 * x[1:-1] + x[2:]
         differences = (1.0, -2.0, 1.0)
         for offset, factor in enumerate(differences):
             F[offset : len(inner) + offset] -= factor * stiffness[:, None] * curvature
-            for other, second in enumerate(differences):
-                H[inner + offset, :, inner + other, :] += (factor * second * stiffness)[:, None, None] * np.eye(3)
+            for second_offset, second in enumerate(differences):
+                block = (factor * second * stiffness)[:, None, None] * np.eye(3)
+                H[inner + offset, :, inner + second_offset, :] += block
 
     # -- places along the vessel --------------------------------------------------------------------------
 

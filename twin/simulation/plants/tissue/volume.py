@@ -30,10 +30,10 @@ class Volume:
         cube = cube + cube.transpose(2, 0, 1) + cube.transpose(1, 2, 0)  # a determinant is the same in cyclic order
         j, k = np.triu_indices(n, 1)
         factors = cube[:, j, k] - cube[:, k, j]
-        used = factors.any(axis=0)  # two nodes that do not move the same triangle have the factor 0
-        self._j = j[used]
-        self._k = k[used]
-        self._factors = factors[:, used]
+        is_used = factors.any(axis=0)  # two nodes that do not move the same triangle have the factor 0
+        self._j = j[is_used]
+        self._k = k[is_used]
+        self._factors = factors[:, is_used]
 
     def at(self, nodes: Array) -> tuple[float, Array]:
         """Return the volume in m3 at nodes (k, 3), and its derivatives (k, 3) in m2 with respect to the nodes."""

@@ -14,7 +14,7 @@ from twin.model.body import Body
 from twin.simulation.console_scene import HANDS
 from twin.simulation.controllers.pedals import CAMERA
 from twin.simulation.session import movement
-from twin.simulation.tasks.align import aligned, picture, upper_side
+from twin.simulation.tasks.align import picture, projected_side, upper_side
 from twin.simulation.tasks.align.picture import ColouredSurface
 from twin.simulation.tasks.align.task import RECTANGLE, Alignment
 from twin.simulation.world import Recording
@@ -41,7 +41,8 @@ class AlignMeasures:
         refused: reason why `seen` is None; "" otherwise.
         path: length in m of the path of the lens.
         hands: {hand: length in m of its path while it moved the camera}.
-        course: (k, 2, 2) ends of the upper side in the picture over time, see `aligned.seen_ends`; NaN behind the lens.
+        course: (k, 2, 2) ends of the upper side in the picture over time, see `projected_side.seen_ends`; NaN behind
+            the lens.
     """
 
     time: float
@@ -73,10 +74,11 @@ def measure(
     """
     driven = recording[CONSOLE_MODE.name][:, 0] == CAMERA
     time = _time(recording.t, driven, lens)
-    course = np.array([aligned.seen_ends(alignment, T, view) for T in Ts_world_picture])
-    angle = aligned.angle(course[-1])
-    deviation = aligned.off(course[-1], alignment.line)
+    course = np.array([projected_side.seen_ends(alignment, T, view) for T in Ts_world_picture])
+    angle = projected_side.angle(course[-1])
+    deviation = projected_side.off(course[-1], alignment.line)
     seen, refused = in_picture(sight, view)
+    # a step from one sample to the next counts if the pedal is down at both of them
     driven_steps = driven[1:] & driven[:-1]
     hands = {}
     for hand in HANDS:
@@ -91,13 +93,14 @@ def _time(t: Array, driven: np.ndarray, lens: Array) -> float:
     """Return the time in s from the first press of the camera pedal to the end of the last motion; lens (k, 3)."""
     presses = np.flatnonzero(driven)
     steps = np.linalg.norm(np.diff(lens, axis=0), axis=1)
-    moved = np.flatnonzero(steps > 0)
+    moving_steps = np.flatnonzero(steps > 0)
     start = 0.0
     if len(presses):
         start = t[presses[0]]
     end = start
-    if len(moved):
-        end = t[moved[-1] + 1]
+    if len(moving_steps):
+        end = t[moving_steps[-1] + 1]
+    # a recorded lens may have moved only before the first press
     return max(0.0, float(end - start))
 
 
@@ -116,17 +119,17 @@ class CameraView:
 
 def in_picture(sight: CameraView, view: float) -> tuple[float | None, str]:
     """Return (AlignErr in rad in the drawn picture, ""), or (None, reason) if this angle cannot be measured."""
-    drawn = picture.draw(sight.surfaces, RECTANGLE, sight.T_world_camera, view)
-    if sum(drawn.covered.values()) > _COVERED:
+    rendered = picture.draw(sight.surfaces, RECTANGLE, sight.T_world_camera, view)
+    if sum(rendered.covered.values()) > _COVERED:
         owners = []
         parts = []
-        for owner, fraction in drawn.covered.items():
-            if fraction > _COVERED / 4:
+        for owner, fraction in rendered.covered.items():
+            if fraction > _COVERED / 4:  # a robot that covers almost nothing need not be moved
                 owners.append(owner)
                 parts.append(f"{owner} covers {Quantity(100 * fraction, '%')}")
         return None, f"{' and '.join(parts)} of the rectangle: move {' and '.join(owners)} aside"
     try:
-        return upper_side.angle(drawn.rgb), ""
+        return upper_side.angle(rendered.rgb), ""
     except upper_side.UnmeasuredError as error:
         return None, str(error)
 

@@ -2,7 +2,7 @@
 
 Only a box of the picture is drawn, the box around one surface. It contains this surface and everything that is not
 farther away. The rasteriser needs no graphics driver, and draws the same picture on every machine. The rasteriser
-shares no code with the projection in `aligned`.
+shares no code with the projection in `projected_side`.
 """
 
 from __future__ import annotations
@@ -71,10 +71,10 @@ def draw(surfaces: Sequence[ColouredSurface], name: str, T_world_camera: Array, 
     picture = np.zeros((height, width, 3))
     focal = height / 2 / np.tan(view / 2)
     owner, flat, shade = _project(surfaces, T_world_camera, focal)
-    wanted = np.array([surface.name == name for surface in surfaces])[owner]
-    if not wanted.any():
+    is_target = np.array([surface.name == name for surface in surfaces])[owner]
+    if not is_target.any():
         return Picture(picture, {})
-    corners = flat[wanted]
+    corners = flat[is_target]
     top_left = np.floor(corners[..., :2].min(axis=(0, 1))).astype(int)
     bottom_right = np.ceil(corners[..., :2].max(axis=(0, 1))).astype(int)
     low = np.clip(top_left - _MARGIN, 0, SIZE)
@@ -83,13 +83,13 @@ def draw(surfaces: Sequence[ColouredSurface], name: str, T_world_camera: Array, 
         return Picture(picture, {})
     after_low = (flat[..., :2].max(axis=1) > low).all(axis=1)
     before_high = (flat[..., :2].min(axis=1) < high).all(axis=1)
-    drawn = after_low & before_high
-    drawn[drawn] = wanted[drawn] | _reaches(flat[drawn], low, high, corners[..., 2].min())
+    is_drawn = after_low & before_high
+    is_drawn[is_drawn] = is_target[is_drawn] | _reaches(flat[is_drawn], low, high, corners[..., 2].min())
     box = _Box(low, high)
     alone = _Box(low, high)  # the surface as it looks without the others
-    for k in np.flatnonzero(drawn):
+    for k in np.flatnonzero(is_drawn):
         box.draw(flat[k], owner[k], shade[k])
-        if wanted[k]:
+        if is_target[k]:
             alone.draw(flat[k], owner[k], shade[k])
     colors = np.zeros((len(surfaces) + 1, 3))  # the last one, index -1: nothing
     for i, surface in enumerate(surfaces):
@@ -101,12 +101,12 @@ def draw(surfaces: Sequence[ColouredSurface], name: str, T_world_camera: Array, 
 
 def _covered(surfaces: Sequence[ColouredSurface], box: _Box, alone: _Box) -> dict[str, float]:
     """Return {owner: fraction of the samples in `alone` that show this owner in `box` instead}."""
-    whole = alone.owner >= 0
-    hidden = whole & (box.owner != alone.owner)
+    shows_surface = alone.owner >= 0
+    hidden = shows_surface & (box.owner != alone.owner)
     owners = np.array([surface.owner for surface in surfaces])[box.owner[hidden]]
     covered: dict[str, float] = {}
     for name in np.unique(owners):
-        covered[str(name)] = float((owners == name).sum() / whole.sum())
+        covered[str(name)] = float((owners == name).sum() / shows_surface.sum())
     return covered
 
 
@@ -129,16 +129,16 @@ def _project(
     owner = owner[facing]
     corners = corners[facing]
     before_lens = corners[..., 2] > _NEAR
-    whole = before_lens.all(axis=1)
-    part = before_lens.any(axis=1) & ~whole
+    is_uncut = before_lens.all(axis=1)
+    is_cut = before_lens.any(axis=1) & ~is_uncut
     cut_owners: list[int] = []
     cut_corners: list[Array] = []
-    for k in np.flatnonzero(part):
+    for k in np.flatnonzero(is_cut):
         for triangle in _cut(corners[k]):
             cut_owners.append(owner[k])
             cut_corners.append(triangle)
-    owner = np.concatenate([owner[whole], np.array(cut_owners, int)])
-    corners = np.concatenate([corners[whole], np.reshape(cut_corners, (-1, 3, 3))])
+    owner = np.concatenate([owner[is_uncut], np.array(cut_owners, int)])
+    corners = np.concatenate([corners[is_uncut], np.reshape(cut_corners, (-1, 3, 3))])
     normals = _normals(corners)
     lengths = np.maximum(np.linalg.norm(normals, axis=1), 1e-30)  # not 0, by which it is divided
     shade = _AMBIENT + (1 - _AMBIENT) * np.abs(normals[:, 2]) / lengths  # light along the view

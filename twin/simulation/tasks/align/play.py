@@ -160,10 +160,10 @@ def _measured(setup: Setup, goal: Alignment, recording: Recording, arms: Mapping
     if props is not None:
         home = ReferenceModel(props).home()
         surfaces += camera_task.surfaces(props.name, props.bodies, home.link_poses)
-    for name, other in arms.items():
-        poses_at_end = {link: other.place.T_world_base @ Ts[-1] for link, Ts in other.links.items()}
+    for name, other_arm in arms.items():
+        poses_at_end = {link: other_arm.place.T_world_base @ Ts[-1] for link, Ts in other_arm.links.items()}
         bodies = []
-        for body in other.mechanism.bodies:
+        for body in other_arm.mechanism.bodies:
             if name == camera.robot and body.name == frame.body:
                 continue  # the lens does not see its own link
             bodies.append(body)

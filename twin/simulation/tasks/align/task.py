@@ -70,6 +70,7 @@ class AlignTable(Table):
         if self.plate_mm[0] <= self.size_mm[0] or self.plate_mm[1] <= self.size_mm[1]:
             raise at("plate_mm", f"the plate {list(self.plate_mm)} must be larger than the rectangle")
         red, green, blue = bytes.fromhex(self.color[1:])
+        # the measurement finds the rectangle by its colour alone
         if green < 1.5 * max(red, blue):
             raise at("color", f"{self.color} is not green enough to be found in the picture: green must be at least "
                      "1.5 times red and blue")  # fmt: skip
@@ -141,17 +142,17 @@ def beside(props: Mechanism | None, alignment: Alignment | None) -> Mechanism | 
     """
     if alignment is None:
         return props
-    whole = props
-    if whole is None:
+    scenery = props
+    if scenery is None:  # a scene without props: a base without a shape carries the plate
         base = Body("scenery")
-        whole = Mechanism(base.name, base.name, (base,), (), rest={base.name: np.eye(4)})
-    T = spatial.inverse(whole.rest[whole.base])
-    joint = Joint(f"{BODY}_stands", "fixed", whole.base, BODY, T_parent_joint=T)
+        scenery = Mechanism(base.name, base.name, (base,), (), rest={base.name: np.eye(4)})
+    T = spatial.inverse(scenery.rest[scenery.base])
+    joint = Joint(f"{BODY}_stands", "fixed", scenery.base, BODY, T_parent_joint=T)
     return replace(
-        whole,
-        bodies=(*whole.bodies, alignment.body()),
-        joints=(*whole.joints, joint),
-        rest={**whole.rest, BODY: np.eye(4)},
+        scenery,
+        bodies=(*scenery.bodies, alignment.body()),
+        joints=(*scenery.joints, joint),
+        rest={**scenery.rest, BODY: np.eye(4)},
     )
 
 

@@ -1,7 +1,7 @@
 """A simulated surgeon, with a random seed, who hands a ring over in a dome and guides it along a wire, with two arms.
 
-A planner (`tasks.guide.ways`) computes paths ("ways") into the dome and out of it; the hands follow these paths. The
-first arm grasps the ring on the tower and brings the ring to the meeting place. The second arm grasps the ring there,
+A planner (`tasks.guide.arm_paths`) computes paths into the dome and out of it; the hands follow these paths. The first
+arm grasps the ring on the tower and brings the ring to the meeting place. The second arm grasps the ring there,
 brings it to the free end of the wire and guides it to the other end. The motion of the hands is in
 `devices.surgeon_hands`; all habits are ASSUMED.
 """
@@ -23,8 +23,8 @@ from twin.model.movable import Movable
 from twin.simulation.contact_scene import WireCourse
 from twin.simulation.devices.hand import HandMotion
 from twin.simulation.devices.surgeon_hands import Habits, Seat, SurgeonHands
+from twin.simulation.tasks.guide.arm_paths import Ways
 from twin.simulation.tasks.guide.task import KIND, Mistake
-from twin.simulation.tasks.guide.ways import Ways
 from twin.simulation.world.signal_kinds import OBJECT_HOLDER, OBJECT_POSE, ROBOT_Q, SURGEON_TARGET
 
 _TRIES = 3
@@ -268,9 +268,9 @@ class GuidingSurgeon(SurgeonHands):
                 return
             n = self._axis(towards)
             yield from self._turn_grip({hand: self.habits.open})
-            for back, near in ((manner.before, manner.near), (0.0, manner.fine)):
+            for back, tolerance in ((manner.before, manner.near), (0.0, manner.fine)):
                 grasp = self._grasp(hand, self._pose()[:3, 3], n, back)
-                yield from self._reach({hand: grasp}, near)
+                yield from self._reach({hand: grasp}, tolerance)
             yield from self._turn_grip({hand: 0.0})
             yield from self._rest(0.2)
             if self._holder() == self._numbers[hand]:
@@ -367,13 +367,13 @@ class GuidingSurgeon(SurgeonHands):
                     goal = self._ways.joints(robot, T, q_now[robot])
                 else:
                     goal = np.where(eye.kin.auxiliary, q_now[robot], q)
-                way = self._ways.plan(robot, goal, q_now, objects, clearance, _TRIES * self._seed + trial)
+                path = self._ways.plan(robot, goal, q_now, objects, clearance, _TRIES * self._seed + trial)
             except (ProtocolError, KinematicsError) as error:
                 problem = error
                 continue
-            for station in way[:-1]:
+            for station in path[:-1]:
                 yield from self._reach({hand: station}, 2 * self.manner.near, 8 * DEG)
-            yield from self._reach({hand: way[-1]}, self.manner.near)
+            yield from self._reach({hand: path[-1]}, self.manner.near)
             return
         self.missed.append(f"way of {robot}: {problem}")
 

@@ -17,10 +17,10 @@ from twin.simulation.operating_scene import plain
 from twin.simulation.plants.contact.gripper import grip_frame
 from twin.simulation.session.task_play import ArmPath, Play, TaskOutcome
 from twin.simulation.setup import Setup
-from twin.simulation.tasks.guide.guiding import GuideMeasures, GuidingReferee
+from twin.simulation.tasks.guide.arm_paths import Ways
+from twin.simulation.tasks.guide.guiding_referee import GuideMeasures, GuidingReferee
 from twin.simulation.tasks.guide.guiding_surgeon import GuidingSurgeon
 from twin.simulation.tasks.guide.task import GuideTable
-from twin.simulation.tasks.guide.ways import Ways
 from twin.simulation.world import Recording
 
 

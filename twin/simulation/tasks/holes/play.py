@@ -87,6 +87,7 @@ class _HolePlay(Play):
         goals = hole_goals(setup, task)
         kin = setup.members[goals.robot].kin
         R_world_view = rate_console.fixed_view(setup, table)[:3, :3]
+        # {H} is parallel to the picture, and the operator's strokes are in the base of the robot
         R_base_hand = setup.places[goals.robot].T_world_base[:3, :3].T @ R_world_view
         scales = scales_of(kin, seat.scale)
         operator = ScriptedHand(goals.robot, kin, goals.goals, scales, INNER * seat.dt, seat.seed)
@@ -116,7 +117,9 @@ class _HolePlay(Play):
 
     def identity(self, setup: Setup, task: ConsoleTask) -> list[object]:
         goals = hole_goals(setup, task)
-        holes = [[hole.name, plain(hole.bottom), plain(hole.axis)] for hole in goals.holes]
+        holes = []
+        for hole in goals.holes:
+            holes.append([hole.name, plain(hole.bottom), plain(hole.axis)])
         return [goals.robot, plain(goals.start), holes, plain(goals.contact)]
 
 

@@ -83,7 +83,7 @@ class HoleJudge:
         self._pressed = pressed
         if self._first != _NEVER and self._samples > self._first:
             self.path += float(np.linalg.norm(tip - self._last))
-        self._last = np.array(tip)
+        self._last = np.array(tip)  # a copy: the caller may use its array again
         self._samples += 1
         following = len(self.touched)
         inside = self._hole_at(tip)
@@ -91,8 +91,9 @@ class HoleJudge:
         self.nearest = min(self.nearest, float(np.linalg.norm(tip - self._bottoms[following])))
         if inside == following:
             self.touched.append(t)
-            self.nearest = np.inf
+            self.nearest = np.inf  # from here on, the distance to the hole after this one
             self._tell(t, "good", f"hole {inside + 1} touched")
+        # holes that were touched before do no harm, and a tip that stays in a later hole counts once
         elif inside not in (_NEVER, self._inside) and inside > following:
             self.wrong += 1
             self._tell(t, "bad", f"hole {inside + 1} is not the next hole")
@@ -162,19 +163,20 @@ class HoleReferee(Block):
     def content(self) -> JsonObject:
         """Return the scoreboard as plain data; `contact` (whether the tip touches a hole) is for sound."""
         judge = self.judge
-        done = len(judge.touched)
+        touched_count = len(judge.touched)
         following = None
         if not judge.complete:
-            following = f"Next: hole {done + 1}"
+            following = f"Next: hole {touched_count + 1}"
         rows = [
-            ["Holes", f"{done} of {len(judge.holes)}"],
+            ["Holes", f"{touched_count} of {len(judge.holes)}"],
             ["Time", f"{judge.time:.1f} s"],
             ["Clutch presses", str(judge.presses)],
             ["Path", f"{judge.path / MM:.1f} mm"],
             ["Wrong holes", str(judge.wrong)],
         ]
         events = [[round(event.t, 1), event.tone, event.text] for event in judge.events[-4:]]
-        content: JsonObject = {"rows": rows, "rings": [], "events": events, "contact": judge.contact, "done": done}
+        content: JsonObject = {"rows": rows, "events": events, "contact": judge.contact, "done": touched_count}
+        content["rings"] = []
         if following is not None:
             content["next"] = following
         return content

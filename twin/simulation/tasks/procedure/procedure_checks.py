@@ -234,27 +234,27 @@ class ProcedureReferee(Block):
         return lift
 
     def _before_clips(self) -> None:
-        p = self.procedure
+        procedure = self.procedure
         self._last_lift = self.lift
-        if self._t_lifted is None and self.lift >= p.lift_mm * MM:
+        if self._t_lifted is None and self.lift >= procedure.lift_mm * MM:
             self._t_lifted = self.t
-        if self.seen >= p.seen and self.begun is not None:
+        if self.seen >= procedure.seen and self.begun is not None:
             self._run += 1
         else:
             self._run = 0
         self._longest_run = max(self._longest_run, self._run)
-        if self._t_shown is None and self._run * self.period >= p.seen_s:
+        if self._t_shown is None and self._run * self.period >= procedure.seen_s:
             self._t_shown = self.t
 
     def _see_organ(self, now: Mapping[str, Array]) -> None:
-        p = self.procedure
+        procedure = self.procedure
         organ = self._organ.name
         self.freed = now[ORGAN_FREED.of(organ)] > 0.5
         self.energy = now[ORGAN_ENERGY.of(organ)].copy()
         middle = self._middle @ now[ORGAN_NODES.of(organ)].reshape(-1, 3)
         self.out = float(np.linalg.norm(middle - self._ports, axis=1).min())
-        is_free = bool(self.freed.all()) and bool(self.energy.min() >= p.bed_j)
-        self.removed = is_free and self.out <= p.out_mm * MM
+        is_free = bool(self.freed.all()) and bool(self.energy.min() >= procedure.bed_j)
+        self.removed = is_free and self.out <= procedure.out_mm * MM
         if self.removed and self._t_removed is None:
             self._t_removed = self.t
 
@@ -308,13 +308,13 @@ class ProcedureReferee(Block):
             f"{p.camera} saw at least {p.seen:.0%} of the {spoken(p.vessel)} for {longest:.1f} s"
             f"{when} (required: {p.seen_s:g} s)"
         )
-        shown = self._t_shown is not None
-        lost = bool(self.closed) and not shown
-        return ProcedureCheck("show", shown, self._t_shown, text, lost)
+        is_shown = self._t_shown is not None
+        is_lost = bool(self.closed) and not is_shown
+        return ProcedureCheck("show", is_shown, self._t_shown, text, is_lost)
 
     def _clip(self) -> ProcedureCheck:
-        p = self.procedure
-        wanted = p.clips_kept + p.clips_taken
+        procedure = self.procedure
+        required = procedure.clips_kept + procedure.clips_taken
         times = []
         for clip in self._shut():
             if clip.t <= self._t_cut:
@@ -327,14 +327,14 @@ class ProcedureReferee(Block):
                 beside += 1
             elif clip.on == self._number and not clip.closes:
                 partial += 1
-        text = f"{len(times)} clips closed the {spoken(p.vessel)} before it was cut (required: {wanted})"
+        text = f"{len(times)} clips closed the {spoken(procedure.vessel)} before it was cut (required: {required})"
         if partial:
             text += f"; {partial} closed on a part of its width"
         if beside:
             text += f"; {beside} closed beside it"
-        if len(times) >= wanted:
-            return ProcedureCheck("clip", True, times[wanted - 1], text)
-        too_few = len(times) + len(self._clips) < wanted
+        if len(times) >= required:
+            return ProcedureCheck("clip", True, times[required - 1], text)
+        too_few = len(times) + len(self._clips) < required
         return ProcedureCheck("clip", False, None, text, lost=self.cut or too_few)
 
     def _shut(self) -> list[Closed]:
@@ -352,17 +352,18 @@ class ProcedureReferee(Block):
             return ProcedureCheck("cut", False, None, f"the {spoken(vessel.name)} is not cut")
         low = vessel.arc[cut_segments[0]]
         high = vessel.arc[cut_segments[-1] + 1]
-        taken = 0
-        kept = 0
+        on_organ_side = 0
+        on_other_side = 0
         for clip in self._shut():
-            taken += bool(clip.at < low)
-            kept += bool(clip.at > high)
+            on_organ_side += bool(clip.at < low)
+            on_other_side += bool(clip.at > high)
         open_ends = []
-        if taken == 0:
+        if on_organ_side == 0:
             open_ends.append("the organ's side")
-        if kept == 0:
+        if on_other_side == 0:
             open_ends.append("the other side")
-        text = f"cut {low / MM:.1f} mm from the organ, clips: {taken} on the organ's side, {kept} on the other side"
+        clips = f"{on_organ_side} on the organ's side, {on_other_side} on the other side"
+        text = f"cut {low / MM:.1f} mm from the organ, clips: {clips}"
         if open_ends:
             text += f"; the end on {' and '.join(open_ends)} is open: bile leaks"
             return ProcedureCheck("cut", False, None, text, lost=True)
@@ -379,14 +380,14 @@ class ProcedureReferee(Block):
         return ProcedureCheck("remove", self.removed, self._t_removed if self.removed else None, text)
 
     def _spared(self) -> ProcedureCheck:
-        p = self.procedure
+        procedure = self.procedure
         worst = max(self._depths, key=self._depths.__getitem__)
         depth = self._depths[worst]
         text = (
             f"deepest tip {depth / MM:.1f} mm below the rest surface of the {spoken(worst)} "
-            f"(allowed: {p.depth_mm:g} mm)"
+            f"(allowed: {procedure.depth_mm:g} mm)"
         )
-        spared = depth <= p.depth_mm * MM
+        spared = depth <= procedure.depth_mm * MM
         return ProcedureCheck("organs", spared, None, text, not spared)
 
     def _other_vessels(self) -> ProcedureCheck:

@@ -70,11 +70,12 @@ class ProcedureGuide(ProcedureReferee):
             self._tell("good", f"{free} of {len(self.freed)} cells of the bed are free")
         for robot in self.robots:
             self._see_robot(robot, now)
-        if not self.removed:
+        if not self.removed:  # an organ that slips back has to be taken out again
             self._out_since = None
         elif self._out_since is None:
             self._out_since = t
         self.complete = self._out_since is not None and t - self._out_since >= _OUT
+        # the texts are for people, who read no faster; the last state is always shown
         if t >= self._next or self.complete:
             self._next = t + _SAID
             self._say(now)
@@ -179,36 +180,37 @@ class ProcedureGuide(ProcedureReferee):
         """Return an instruction for the next step of the first stage that is not done."""
         if self.begun is None:
             return BEGIN
-        p = self.procedure
+        procedure = self.procedure
         states = {check.name: _state(check) for check in checks}
         holder = self._holder()
         if states["expose"] == "open" and holder is None:
-            return self._with("grasper", f"bring its tip to the {spoken(p.organ)}; open its jaws, close them")
+            return self._with("grasper", f"bring its tip to the {spoken(procedure.organ)}; open its jaws, close them")
         if states["expose"] == "open" and holder is not None:
-            return f"Lift the {spoken(p.organ)} with {self._called[holder]}: {self.lift / MM:.0f} of {p.lift_mm:g} mm"
+            lifted = f"{self.lift / MM:.0f} of {procedure.lift_mm:g} mm"
+            return f"Lift the {spoken(procedure.organ)} with {self._called[holder]}: {lifted}"
         if states["show"] == "open":
-            part = f"now {self.seen:.0%}, at least {p.seen:.0%}"
-            until = f"until the endoscope sees enough of the {spoken(p.vessel)}"
+            part = f"now {self.seen:.0%}, at least {procedure.seen:.0%}"
+            until = f"until the endoscope sees enough of the {spoken(procedure.vessel)}"
             return f"Hold the camera pedal and move both hands {until}: {part}"
         if states["clip"] == "open":
-            where = "near the organ" if self.on_vessel >= p.clips_kept else "away from the organ"
-            wanted = p.clips_kept + p.clips_taken
-            count = f"{self.on_vessel} of {wanted} clips"
-            return self._with(
-                "clip_applier", f"bring the {spoken(p.vessel)} between its jaws, {where}, and close them: {count}"
-            )
+            where = "near the organ" if self.on_vessel >= procedure.clips_kept else "away from the organ"
+            required = procedure.clips_kept + procedure.clips_taken
+            count = f"{self.on_vessel} of {required} clips"
+            vessel = spoken(procedure.vessel)
+            return self._with("clip_applier", f"bring the {vessel} between its jaws, {where}, and close them: {count}")
         if not self.cut:
+            vessel = spoken(procedure.vessel)
             return self._with(
-                "scissors", f"bring the {spoken(p.vessel)} between its blades, between the clips; open them, close them"
+                "scissors", f"bring the {vessel} between its blades, between the clips; open them, close them"
             )
         if not self.freed.all():
             free = int(self.freed.sum())
             count = f"{free} of {len(self.freed)} cells are free"
             return self._with("cautery", f"touch a yellow mark of the bed with its tip, and switch it on: {count}")
         if holder is None:
-            return self._with("grasper", f"grasp the {spoken(p.organ)}")
-        pull = f"Pull the {spoken(p.organ)} out with {self._called[holder]}"
-        return f"{pull}: {self.out / MM:.0f} mm from a port, at most {p.out_mm:g} mm"
+            return self._with("grasper", f"grasp the {spoken(procedure.organ)}")
+        pull = f"Pull the {spoken(procedure.organ)} out with {self._called[holder]}"
+        return f"{pull}: {self.out / MM:.0f} mm from a port, at most {procedure.out_mm:g} mm"
 
     def _with(self, kind: Kind, do: str) -> str:
         """Return the instruction `do` for the robot with a kind of tool; without one, how to choose the tool."""

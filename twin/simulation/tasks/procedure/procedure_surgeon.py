@@ -155,7 +155,7 @@ class ProcedureSurgeon(Block):
         self._k = 0
         self.missed: list[str] = []
         self._script = self._work()
-        self.outputs = self._said(still=True)
+        self.outputs = self._said(without_tremor=True)
 
     def _carrier(self, kind: Kind, among: Sequence[str]) -> str:
         """Return the robot for a kind of tool: the one with it at the start, else the first that can carry it."""
@@ -183,11 +183,11 @@ class ProcedureSurgeon(Block):
         self._k += 1
         return self._said()
 
-    def _said(self, still: bool = False) -> dict[str, ArrayLike]:
-        """Return the signals; `still`: without tremor."""
+    def _said(self, without_tremor: bool = False) -> dict[str, ArrayLike]:
+        """Return the signals, with the hands' tremor or without it."""
         values: dict[str, ArrayLike] = {SURGEON_STAGE.name: float(self._stage)}
         for robot, p in self._at.items():
-            if still:
+            if without_tremor:
                 values[ROBOT_TIP_TARGET.of(robot)] = p.copy()
             else:
                 values[ROBOT_TIP_TARGET.of(robot)] = p + self._tremors[robot].output(self._k)
@@ -258,8 +258,8 @@ class ProcedureSurgeon(Block):
 
     def _to(self, robot: str, p: Array) -> Iterator[None]:
         """Approach a point along the shaft: quickly until shortly before the point, then slowly."""
-        near = p - self.manner.before * self._inwards(robot, p)
-        yield from self._move({robot: near}, self.manner.quick)
+        approach_point = p - self.manner.before * self._inwards(robot, p)
+        yield from self._move({robot: approach_point}, self.manner.quick)
         yield from self._move({robot: p}, self.manner.slow)
 
     def _back(self, robot: str) -> Iterator[None]:
@@ -325,8 +325,8 @@ class ProcedureSurgeon(Block):
         if self.mistake == "organ_punctured":
             yield from self._puncture()
         if self.mistake == "wrong_vessel":
-            other = next(candidate for candidate in self._vessels.values() if candidate.name != vessel.name)
-            yield from self._close_at(other.name, 0.75 * other.arc[-1])
+            other_vessel = next(candidate for candidate in self._vessels.values() if candidate.name != vessel.name)
+            yield from self._close_at(other_vessel.name, 0.75 * other_vessel.arc[-1])
         places = []
         for k in range(self.procedure.clips_kept):
             places.append(manner.kept * length + k * manner.apart)
@@ -418,8 +418,8 @@ class ProcedureSurgeon(Block):
         heights = vertices[:, 2]
         top = vertices[heights > heights.max() - 5 * MM].mean(axis=0)
         deep = top + 3 * self.procedure.depth_mm * MM * (top - port) / np.linalg.norm(top - port)
-        near = top - self.manner.before * self._inwards(robot, top)
-        yield from self._move({robot: near}, self.manner.quick)
+        approach_point = top - self.manner.before * self._inwards(robot, top)
+        yield from self._move({robot: approach_point}, self.manner.quick)
         yield from self._move({robot: deep}, self.manner.slow)
         yield from self._back(robot)
         yield from self._back(robot)

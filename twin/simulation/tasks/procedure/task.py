@@ -49,17 +49,17 @@ class ProcedureTable(Table):
     depth_mm: float = Field(gt=0, le=100)
 
 
-def _rows(p: ProcedureTable) -> Iterator[Row]:
+def _rows(table: ProcedureTable) -> Iterator[Row]:
     """Yield (name, value, unit) of each number of a procedure."""
-    yield "change", p.change_mm, "mm"
-    yield "lift", p.lift_mm, "mm"
-    yield "seen", p.seen, "1"
-    yield "seen for", p.seen_s, "s"
-    yield "clips kept", p.clips_kept, "1"
-    yield "clips taken", p.clips_taken, "1"
-    yield "energy of the bed", p.bed_j, "J"
-    yield "out", p.out_mm, "mm"
-    yield "depth", p.depth_mm, "mm"
+    yield "change", table.change_mm, "mm"
+    yield "lift", table.lift_mm, "mm"
+    yield "seen", table.seen, "1"
+    yield "seen for", table.seen_s, "s"
+    yield "clips kept", table.clips_kept, "1"
+    yield "clips taken", table.clips_taken, "1"
+    yield "energy of the bed", table.bed_j, "J"
+    yield "out", table.out_mm, "mm"
+    yield "depth", table.depth_mm, "mm"
 
 
 def _check(path: Path, name: str, procedure: ProcedureTable, scene: SceneNames, robots: Sequence[str]) -> None:
@@ -76,9 +76,9 @@ def _check(path: Path, name: str, procedure: ProcedureTable, scene: SceneNames, 
         named.append(("start", "robot", robot, robots))
     for first_tool in procedure.start.values():
         named.append(("start", "tool", first_tool, scene.tool))
-    for key, what, value, known in named:
-        if value not in known:
-            raise error_at(path, (*keys, key), unknown(what, value, known))
+    for key, what, value, known_names in named:
+        if value not in known_names:
+            raise error_at(path, (*keys, key), unknown(what, value, known_names))
     for robot, first_tool in procedure.start.items():
         carriers = scene.tool[first_tool].robots
         if robot not in carriers:

@@ -48,8 +48,8 @@ class ScriptedSurgeon(SurgeonHands):
         arms = seat.arms
         for name, points in targets:
             if not points or not set(points) <= set(arms):
-                given = ", ".join(points) or "no hand"
-                raise WorldError(f"target '{name}' is for {given}, not for {', '.join(arms)}")
+                named_hands = ", ".join(points) or "no hand"
+                raise WorldError(f"target '{name}' is for {named_hands}, not for {', '.join(arms)}")
         self.targets = tuple(targets)
         self.tolerance = tolerance
         self.hold = hold

@@ -16,8 +16,8 @@ from twin.simulation.devices.surgeon_hands import Seat, SurgeonHands
 from twin.simulation.operating_scene import plain
 from twin.simulation.session.task_play import ArmPath, Play, TaskOutcome
 from twin.simulation.setup import Setup
+from twin.simulation.tasks.transfer.ring_referee import BoardMeasures, RingsReferee, measure
 from twin.simulation.tasks.transfer.ring_surgeon import Ring, RingSurgeon
-from twin.simulation.tasks.transfer.rings import BoardMeasures, RingsReferee, measure
 from twin.simulation.tasks.transfer.task import Transfers
 from twin.simulation.world import Recording
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from twin.core.spatial import Array
-from twin.simulation.devices.given import GivenHands, HandState
+from twin.simulation.devices.received_hands import GivenHands, HandState
 
 ROS = "ros"
 """Identifier of the owner of the hands if messages of ROS clients move them."""

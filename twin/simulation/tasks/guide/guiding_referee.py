@@ -24,7 +24,7 @@ from twin.simulation.contact_scene import WireCourse
 from twin.simulation.session.referee import BEGIN, InstrumentReferee, Runs
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.guide.task import STEPS, GuideTable
-from twin.simulation.tasks.transfer.rings import crossing
+from twin.simulation.tasks.transfer.ring_referee import crossing
 from twin.simulation.world.signal_kinds import OBJECT_HOLDER, OBJECT_POSE, OBJECT_RUBS, ROBOT_Q
 
 _TITLES = {
@@ -89,10 +89,10 @@ class GuideMeasures:
 
     def rows(self) -> list[tuple[str, str]]:
         """Return the measures as names and values, in the order in which pages and reports show them."""
-        done = len(self.steps) - len(self.missed)
+        steps_done = len(self.steps) - len(self.missed)
         return [
             ("Time", f"{self.time:.1f} s"),
-            ("Steps done", f"{done} of {len(self.steps)}"),
+            ("Steps done", f"{steps_done} of {len(self.steps)}"),
             ("Wire passed", f"{100 * self.passed:.0f} %"),
             ("Ring touched the wire", f"{self.touches} times, {self.touching:.1f} s"),
             ("Ring dropped", str(self.drops)),

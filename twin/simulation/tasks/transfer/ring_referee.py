@@ -148,9 +148,11 @@ class RingsReferee(InstrumentReferee):
 
     def measures(self) -> BoardMeasures:
         """Return the measures of all samples so far."""
-        results = [ring.result(self.period) for ring in self._rings]
+        results = []
         times = []
-        for result in results:
+        for ring in self._rings:
+            result = ring.result(self.period)
+            results.append(result)
             if result.t is not None:
                 times.append(result.t)
         end = None
@@ -160,13 +162,12 @@ class RingsReferee(InstrumentReferee):
 
     def content(self, last: int = 5) -> JsonObject:
         """Return the scoreboard as plain data: measures, state of each ring, next step, the `last` events."""
+        rows = list(map(list, self.measures().rows()))
         called = [self.called[name] for name in self._names]
-        return {
-            "rows": [list(row) for row in self.measures().rows()],
-            "rings": [[ring.name, ring.state(called), ring.color] for ring in self._rings],
-            "next": self._next(),
-            "events": self._told(last),
-        }
+        rings = []
+        for ring in self._rings:
+            rings.append([ring.name, ring.state(called), ring.color])
+        return {"rows": rows, "rings": rings, "next": self._next(), "events": self._told(last)}
 
     def _next(self) -> str:
         """Return an instruction for the next step; "" if all rings are on their pegs."""

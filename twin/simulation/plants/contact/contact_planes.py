@@ -145,20 +145,20 @@ class Feel:
         self._step += 1
         place(self._at.qpos)
         # One collision test a step: at the joint values, or with one of the instruments at its proxy, in turn.
-        away = []
+        arms_in_contact = []
         for arm in range(len(self._proxies)):
             if self._proxies[arm].away:
-                away.append(arm)
-        turn = self._step % (len(away) + 1)
+                arms_in_contact.append(arm)
+        turn = self._step % (len(arms_in_contact) + 1)
         if turn == 0:
             changed = self._at_joints(q)
         else:
-            changed = [away[turn - 1]]
-            self._at_proxy(away[turn - 1], q)
-        held = self._held(d, holders)
+            changed = [arms_in_contact[turn - 1]]
+            self._at_proxy(arms_in_contact[turn - 1], q)
+        held_planes = self._held(d, holders)
         signals: dict[str, Array] = {}
         for arm, arm_proxy in enumerate(self._proxies):
-            planes = held[arm]
+            planes = held_planes[arm]
             # A plane of a held object that was in the last signal must be taken out of it, too.
             if arm in changed or planes or self._pushed[arm]:
                 if planes:
@@ -253,12 +253,12 @@ class Feel:
         if max(holders, default=NONE) != NONE:
             contacts = _deepest(d)
         for (first, second), normal, point, depth in contacts:
-            for geom, other, outward in ((first, second, -normal), (second, first, normal)):
+            for geom, other_geom, outward in ((first, second, -normal), (second, first, normal)):
                 item = self._owners[geom].item
                 if item == NONE:
                     continue
                 arm = holders[item]
-                if arm == NONE or self._owners[other].arm == arm:
+                if arm == NONE or self._owners[other_geom].arm == arm:
                     continue
                 pushed.add(item)
                 if item in self._grasps:
@@ -339,10 +339,10 @@ class _Proxy:
         return self._position - T[:3, 3]
 
 
-def _deepest(d: mujoco.MjData, near: float = 0.0) -> list[_PairContact]:
+def _deepest(d: mujoco.MjData, margin: float = 0.0) -> list[_PairContact]:
     """Return the deepest contact of each pair of geoms.
 
-    Pairs that do not touch but are closer than `near` in m are included; their depth is negative.
+    Pairs that do not touch but are closer than `margin` in m are included; their depth is negative.
     """
     if not d.ncon:
         return []
@@ -350,7 +350,7 @@ def _deepest(d: mujoco.MjData, near: float = 0.0) -> list[_PairContact]:
     distances = contact.dist.tolist()
     indices: dict[tuple[int, int], int] = {}
     for k, (first, second) in enumerate(contact.geom.tolist()):
-        limit = near
+        limit = margin
         if (first, second) in indices:
             limit = distances[indices[first, second]]
         if distances[k] < limit:

@@ -185,7 +185,7 @@ class GivenHands(Block):
         values: dict[str, ArrayLike] = {}
         clutch = False
         camera = False
-        for name, last, lost in zip(self.hands, self._last, self._lost, strict=True):
+        for name, last, lost_count in zip(self.hands, self._last, self._lost, strict=True):
             if last is None:
                 values[HAND_POSE.of(name)] = np.eye(4).ravel()
                 values[HAND_GRIP.of(name)] = 0.0
@@ -194,7 +194,7 @@ class GivenHands(Block):
                 values[HAND_GRIP.of(name)] = last.grip
                 clutch = clutch or last.clutch
                 camera = camera or last.camera
-            values[HAND_LOST.of(name)] = float(lost)
+            values[HAND_LOST.of(name)] = float(lost_count)
         values[DEVICE_CLUTCH.of(self.device)] = float(clutch)
         values[DEVICE_CAMERA.of(self.device)] = float(camera)
         values[DEVICE_SILENT.of(self.device)] = float(self.any_silent(t))

@@ -67,8 +67,9 @@ class Log:
         first, *lines = text.splitlines() or [""]
         try:
             written_head = json.loads(first)
-            rows = [json.loads(line) for line in lines]
-            self.rows = {int(row["index"]): row for row in rows}
+            for line in lines:
+                row = json.loads(line)
+                self.rows[int(row["index"])] = row
         except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
             raise OutputError(f"{self.path} is not the log of a campaign ({error}); give another --out") from None
         if written_head != dict(head):

@@ -74,21 +74,21 @@ class Ways:
         """Return the obstacles of an arm (other robots, props, objects) in its base; for the arguments, see `plan`."""
         T_world_base = self._places[robot].T_world_base
         poses: dict[str, dict[str, Array]] = {}
-        for other, q_other in q.items():
-            if other == robot:
+        for other_robot, q_other in q.items():
+            if other_robot == robot:
                 continue
-            T_world_other = self._places[other].T_world_base
-            poses[other] = {}
-            for body, T in self._models[other].solve(q_other).link_poses.items():
-                poses[other][body] = T_world_other @ T
+            T_world_other = self._places[other_robot].T_world_base
+            poses[other_robot] = {}
+            for body, T in self._models[other_robot].solve(q_other).link_poses.items():
+                poses[other_robot][body] = T_world_other @ T
         mechanisms = {name: member.mechanism for name, member in self._members.items()}
-        stills = obstacles(self._scene, {robot: ""}, T_world_base, mechanisms, self._props, poses)
+        found = obstacles(self._scene, {robot: ""}, T_world_base, mechanisms, self._props, poses)
         T_base_world = spatial.inverse(T_world_base)
         for item in self._scene.objects:
             if item.name in objects:
                 body = Body(item.name, (item.mesh(),))
-                stills.append(Obstacle(item.name, body, T_base_world @ objects[item.name]))
-        return stills
+                found.append(Obstacle(item.name, body, T_base_world @ objects[item.name]))
+        return found
 
     def plan(
         self,

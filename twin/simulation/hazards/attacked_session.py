@@ -16,7 +16,7 @@ from twin.core.spatial import Array
 from twin.simulation.controllers.cue import Cue
 from twin.simulation.hazards.detection import Adaptive
 from twin.simulation.hazards.fault import Fault
-from twin.simulation.hazards.hand import Hand
+from twin.simulation.hazards.packet_hand import Hand
 from twin.simulation.hazards.trainee import HazardTrainee, Reaction
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.machine_and_model import MachineAndModel
@@ -394,10 +394,10 @@ def held_at_stop(model_tips: Array, record: Trace) -> Array:
     return tips
 
 
-def _off_path(true_tips: Array, path: Array, far: np.ndarray) -> np.ndarray:
-    """Return (k,) bool: whether a tip is `far` and more than `HARM` from the path; valid only up to the first True."""
-    is_off = far.copy()
-    for k in np.flatnonzero(far):
+def _off_path(true_tips: Array, path: Array, is_far: np.ndarray) -> np.ndarray:
+    """Return (k,) bool: whether a tip `is_far` and more than `HARM` from the path; valid only up to the first True."""
+    is_off = is_far.copy()
+    for k in np.flatnonzero(is_far):
         distances = np.linalg.norm(path - true_tips[k], axis=1)
         is_off[k] = float(np.min(distances)) * _MM > HARM
         if is_off[k]:  # the caller uses only the first

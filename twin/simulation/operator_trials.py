@@ -17,7 +17,7 @@ from twin.core.units import MM, UM
 from twin.kinematics import Kinematics
 from twin.model.mechanism import Mechanism
 from twin.planning.protocol import Protocol
-from twin.simulation.controllers.contract import ClutchReport, clutch
+from twin.simulation.controllers.clutch_test import ClutchReport, clutch
 from twin.simulation.controllers.teleoperation import Clutch, Gains, Teleoperation, scales_of
 from twin.simulation.controllers.velocity import Solver
 from twin.simulation.devices.hand import Goal
@@ -167,16 +167,17 @@ def run_trials(
         return Teleoperation(Gains(scale=scales), 1 / 200, clutch_as, len(scales))
 
     start = kin.inverse(start_pose)
-    done = []
+    finished_trials = []
     for i in range(trials):
         # i=i: the number of this trial, also when it is called later
         def tell(goal: str, part: float, i: int = i) -> None:
             fraction = (i + part) / trials
+            # above 0, because 0 is shown as an unknown fraction
             progress(f"trial {i + 1} of {trials}: {goal}", max(fraction, 1e-6))
 
         record = operate(kin, start, limits, controller(), goals, seed + i, solver=solver, progress=tell)
         measures = measure(record, goals, T_tool_tip, protocol.shaft_axis)
-        done.append(Trial(seed + i, record, measures))
+        finished_trials.append(Trial(seed + i, record, measures))
     return Operated(
         robot=name,
         protocol=protocol.name,
@@ -187,8 +188,8 @@ def run_trials(
         columns=(kin.formula.coordinates.names, [joint.name for joint in mechanism.active]),
         T_tool_tip=T_tool_tip,
         goals=goals,
-        trials=done,
-        findings=[*_jump(clutch(controller)), *_missed(done)],
+        trials=finished_trials,
+        findings=[*_jump(clutch(controller)), *_missed(finished_trials)],
     )
 
 
