@@ -116,7 +116,7 @@ class _Writer:
     Attributes:
         spanning: the joints of the tree, and those at which loops are cut.
         home, efforts: the state at home, and the efforts {joint: N or N m} that hold the robot there.
-        sites: {body: [(site, T_body_site)]} at the ends of welds.
+        weld_sites: {body: [(site, T_body_site)]} at the ends of welds.
         carriers: {body: loop joints with a slide, each of which needs an auxiliary body on it}.
         qpos: MuJoCo's coordinates at home, in the order in which joints are written.
         root: the element <mujoco>.
@@ -131,7 +131,7 @@ class _Writer:
         model = ReferenceModel(mechanism)
         self.home = model.home()
         self.efforts = holding_efforts(model, self.home)
-        self.sites: dict[str, list[tuple[str, Array]]] = {}
+        self.weld_sites: dict[str, list[tuple[str, Array]]] = {}
         self.carriers: dict[str, list[Joint]] = {}
         self.qpos: list[float] = []
         self.root = root = ET.Element("mujoco", model=mechanism.name)
@@ -221,7 +221,7 @@ class _Writer:
         for point in self.mechanism.points:
             if point.body == body:
                 sites.append((f"point_{point.name}", spatial.pose(p=point.p_body)))
-        return sites + self.sites.get(body, [])
+        return sites + self.weld_sites.get(body, [])
 
     def _bodies_fixed_to_base(self) -> set[str]:
         """Return the bodies that only fixed joints of the tree connect with the base."""
@@ -293,11 +293,11 @@ class _Writer:
                 ET.SubElement(equality, "connect", {"name": f"{joint.name}_{index}", **bodies, **STIFF})
             return
         ends = {"site1": f"{joint.name}_0_parent", "site2": f"{joint.name}_0_child"}
-        self.sites.setdefault(joint.child, []).append((ends["site2"], joint.T_child_joint))
+        self.weld_sites.setdefault(joint.child, []).append((ends["site2"], joint.T_child_joint))
         if 2 in joint.free_axes:
             self.carriers.setdefault(joint.parent, []).append(joint)
         else:
-            self.sites.setdefault(joint.parent, []).append((ends["site1"], joint.T_parent_joint))
+            self.weld_sites.setdefault(joint.parent, []).append((ends["site1"], joint.T_parent_joint))
         ET.SubElement(equality, "weld", {"name": f"{joint.name}_0", **ends, **STIFF})
 
     def _couplings(self, equality: ET.Element) -> None:

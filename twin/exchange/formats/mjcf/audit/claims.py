@@ -118,7 +118,7 @@ def home_coordinates(text: str, model: mujoco.MjModel) -> dict[str, float] | Non
 
 def _check_home(model: mujoco.MjModel, ledger: Ledger) -> None:
     """Report a file without the keyframe by whose name programs find the pose that the comment speaks of."""
-    names = [model.key(k).name for k in range(model.nkey)]
+    names = [model.key(number).name for number in range(model.nkey)]
     if _HOME in names:
         _check_home_pose(model, names.index(_HOME), ledger)
         return
@@ -183,7 +183,9 @@ def _check_names(model: mujoco.MjModel, ledger: Ledger) -> None:
     The comment states controls by their joints, so a program finds the control of a joint by the joint's name. An
     actuator with the name of another joint is reported in files without the comment too.
     """
-    joints = {model.joint(j).name for j in range(model.njnt)}
+    joints: set[str | None] = set()
+    for number in range(model.njnt):
+        joints.add(model.joint(number).name)
     for actuator in range(model.nu):
         if int(model.actuator_trntype[actuator]) != int(mujoco.mjtTrn.mjTRN_JOINT):
             continue

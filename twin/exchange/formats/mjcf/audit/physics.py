@@ -176,7 +176,7 @@ def _is_between_sites(model: mujoco.MjModel, equality: int) -> bool:
 
 
 def _nonempty(names: Iterable[str]) -> tuple[str, ...]:
-    return tuple(n for n in names if n)  # names are optional in MJCF
+    return tuple(filter(None, names))  # names are optional in MJCF
 
 
 def _pose(p: Array, wxyz: Array) -> Array:
@@ -190,10 +190,13 @@ def _motions(model: mujoco.MjModel, joint: int) -> list[JointLine]:
         return [JointLine("slide", point, axis)]
     if model.jnt_type[joint] == HINGE:
         return [JointLine("turn", point, axis)]
-    turns = [JointLine("turn", point, direction) for direction in np.eye(3)]
+    slides: list[JointLine] = []
+    turns: list[JointLine] = []
+    for direction in np.eye(3):
+        slides.append(JointLine("slide", point, direction))
+        turns.append(JointLine("turn", point, direction))
     if model.jnt_type[joint] == BALL:
         return turns
-    slides = [JointLine("slide", point, direction) for direction in np.eye(3)]
     return slides + turns
 
 

@@ -449,10 +449,10 @@ class _Mjcf:
         elif kind == eq.mjEQ_TENDON and model.eq_obj2id[number] < 0:
             couplings.append(self._tendon_coupling(number, name, label))
         else:
-            property = "couples two tendons"
+            content = "couples two tendons"
             if kind != eq.mjEQ_TENDON:
-                property = f"has the type {kind.name.removeprefix('mjEQ_').lower()}"
-            text = f"equality '{name}' {property}, which a mechanism cannot express"
+                content = f"has the type {kind.name.removeprefix('mjEQ_').lower()}"
+            text = f"equality '{name}' {content}, which a mechanism cannot express"
             supported = "supported are connect, weld, joint and tendon (a single tendon)"
             raise UnsupportedError(f"{self.path}: {text}; {supported}")
 

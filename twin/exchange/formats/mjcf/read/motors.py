@@ -210,8 +210,8 @@ def _actuator(
         kind = "length"
     elif stated_kind != "angle":
         # Without a text about it, a motor of slides alone counts as one that pulls lengths.
-        slides = [joint for joint in group_joints if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE]
-        if len(slides) == len(group_joints):
+        slide = int(mujoco.mjtJoint.mjJNT_SLIDE)
+        if all(model.jnt_type[joint] == slide for joint in group_joints):
             kind = "length"
     gear = float(model.actuator_gear[number, 0])
     limits = None

@@ -578,7 +578,12 @@ def _mass(inertial: ET.Element) -> FileMass:
     """Return mass, centre of mass and inertia tensor about it, both in the frame of the link."""
     T_link_com = _origin(inertial.find("origin"))
     tensor = inertial.find("inertia")
-    xx, xy, xz, yy, yz, zz = [_number(tensor, key, 0.0) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")]
+    xx = _number(tensor, "ixx", 0.0)
+    xy = _number(tensor, "ixy", 0.0)
+    xz = _number(tensor, "ixz", 0.0)
+    yy = _number(tensor, "iyy", 0.0)
+    yz = _number(tensor, "iyz", 0.0)
+    zz = _number(tensor, "izz", 0.0)
     stated = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     # URDF states the tensor along the axes of <origin>; files of other formats have it along those of the link.
     R = T_link_com[:3, :3]

@@ -113,7 +113,10 @@ def _are_links(pair: object, links: Collection[str]) -> bool:
     """Return whether a value is a list of two names of links."""
     if not isinstance(pair, list) or len(pair) != 2:
         return False
-    return all(isinstance(name, str) and name in links for name in pair)
+    first, second = pair
+    if not isinstance(first, str) or not isinstance(second, str):  # other values may not even be hashable
+        return False
+    return first in links and second in links
 
 
 def _couplings(

@@ -227,7 +227,10 @@ def _check_repeated_shapes(root: ET.Element, ledger: Ledger) -> None:
     """Report shapes that a link has twice, at the same place."""
     for link in root.findall("link"):
         for tag in ("visual", "collision"):
-            shapes = [ET.tostring(shape, encoding="unicode").strip() for shape in link.findall(tag)]
+            shapes: list[str] = []
+            for element in link.findall(tag):
+                # As text, so that shapes with the same content are equal; behind an element is the space of its line.
+                shapes.append(ET.tostring(element, encoding="unicode").strip())
             for shape in _repeated(shapes):
                 name = str(ET.fromstring(shape).get("name") or tag)
                 owner = str(link.get("name"))
@@ -273,8 +276,11 @@ def _check_forms(transmissions: list[ET.Element], ledger: Ledger) -> None:
 
 
 def _transmission_name(transmission: ET.Element) -> str:
-    joints = [str(joint.get("name")) for joint in transmission.findall("joint")]
-    return str(transmission.get("name") or ", ".join(joints))
+    """Return the name of a transmission; without one, the names of its joints."""
+    name = transmission.get("name")
+    if name:
+        return str(name)
+    return ", ".join(str(joint.get("name")) for joint in transmission.findall("joint"))
 
 
 def _faults(transmission: ET.Element) -> Iterator[str]:

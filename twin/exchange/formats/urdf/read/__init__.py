@@ -363,18 +363,18 @@ class _Urdf:
         if self.closures is None:
             return loop_closers
         parents = {parent for parent, _ in self.joint_links.values()}
-        paired = self._loop_links()
-        for a, b, kind in self.closures.loops:
+        loop_links = self._loop_links()
+        for first_name, second_name, kind in self.closures.loops:
             if kind != "fixed":
                 continue
-            first = self._link(a)
-            second = self._link(b)
-            for name, partner in ((first, second), (second, first)):
+            first_link = self._link(first_name)
+            second_link = self._link(second_name)
+            for name, partner in ((first_link, second_link), (second_link, first_link)):
                 if name not in self.parent_joints or partner not in self.links or partner in loop_closers:
                     continue
                 joint = self.parent_joints[name]
                 moving = joint not in self.retyped and self.joints[joint].get("type") in MOVING
-                leaf = name not in parents and name not in bodiless_links and paired.count(name) == 1
+                leaf = name not in parents and name not in bodiless_links and loop_links.count(name) == 1
                 if moving and leaf and not self._has_body(name):
                     loop_closers[name] = partner
                     break  # the other end stays where it is: one moving joint closes the loop

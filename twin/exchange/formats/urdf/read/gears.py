@@ -48,7 +48,7 @@ def read_gears(
                 gears[names[0]] = Gear(label, str(actuators[0].get("name")), ratios[0])
         elif names and _all_fixed(names, joints):
             continue  # the reader of driven joints has warned
-        elif len(names) > 1 or any(ratio != 1 for ratio in ratios):
+        elif len(names) > 1 or ratios.count(1) < len(ratios):
             content = "the assignment of motors to joints"
             if ratios:
                 content = "mechanicalReduction " + ", ".join(map("{:g}".format, ratios))
