@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from comparison.test_compare_postures import TOLERANCE, spatial_four_bar
+from comparison.test_common_posture import TOLERANCE, spatial_four_bar
 from twin.checking import checker, file_verdict
 from twin.checking.checker import NoAnswer, Workers, check
 from twin.checking.descriptions import DescriptionFile, FolderContent

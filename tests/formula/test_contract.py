@@ -171,7 +171,7 @@ def test_broken_contract_is_named(sils, change, message):
         ),
         (
             lambda f: replace(f, coordinates=replace(f.coordinates, from_pose=lambda T: casadi.inv(T[:2, :3]))),
-            r"coordinates.from_pose fails at .*test_kinematics_contract\.py:\d+: a 2 × 3 matrix has no inverse",
+            r"coordinates.from_pose fails at .*test_contract\.py:\d+: a 2 × 3 matrix has no inverse",
         ),
         (
             lambda f: replace(f, coordinates=replace(f.coordinates, to_pose=lambda *x: x[0])),
