@@ -70,7 +70,7 @@ class Comparison(Result):
         if pair.kinematics == "unexplained":
             text = "no conventions, and no small number of different links, explain how the two differ"
             yield error("compare.unexplained", where, text)
-            return
+            return  # without an explanation, no convention and no property has a meaning
         if pair.mimic is not None:
             yield from _mimic_findings(pair.mimic, where, follows=self._mimic_follows(pair.mimic))
         convention = disagreement if self.strict else warning
@@ -105,7 +105,7 @@ class Comparison(Result):
     @property
     def alone(self) -> str | None:
         """Label of the side that disagrees with all others while they agree with each other, or None."""
-        if len(self.sides) < 3:
+        if len(self.sides) < 3:  # of two sides that differ, neither stands alone
             return None
         lonely = []
         for side in self.sides:

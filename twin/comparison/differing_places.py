@@ -67,6 +67,7 @@ def _explanations(problem: Problem) -> list[tuple[PlaceDifference, ...]]:
     if by_one:
         return by_one
     suspects = _suspects(links, start)
+    # a file may state one point for both links, as a `connect` does
     on_both_links = [[JointPlace(i, "both")] for i in suspects]
     by_one = _explained(links, on_both_links, start)
     if by_one:

@@ -121,6 +121,7 @@ class StatedEvidence:
         target = self.problem.second.axes[joint].limits
         if limits is None or target is None or not np.isfinite([*limits, *target]).all():
             return None
+        # twice, because both ends are rounded
         if abs((limits[1] - limits[0]) - (target[1] - target[0])) > 2 * LIMIT:
             return None
         # the middles of both ranges coincide: q_first = sign * q_second + zero
@@ -137,6 +138,7 @@ class StatedEvidence:
                 continue
             if abs(first.mass - second.mass) > RELATIVE * max(first.mass, second.mass):
                 continue
+            # no convention changes principal moments: they tell whether the tensors can be equal
             moments = np.linalg.eigvalsh(first.I_com)
             moments_of_second = np.linalg.eigvalsh(second.I_com)
             size = max(np.linalg.norm(moments), np.linalg.norm(moments_of_second))
@@ -212,6 +214,7 @@ class StatedEvidence:
         if evidence.kind != "tool":
             return True
         key = (evidence.index, tuple(unknowns.signs), unknowns.deviating)
+        # a search asks for the same signs and deviations many times
         possible = self._possible_tools.get(key)
         if possible is None:
             frames = self._frames_on(evidence.index)

@@ -119,7 +119,7 @@ class EvidenceSearch:
         lowest = np.inf
         while self._heap:
             bound, _, choice = heapq.heappop(self._heap)
-            if bound > lowest + SAME_COST:
+            if bound > lowest + SAME_COST:  # so are all that remain on the heap
                 break
             if isinstance(choice, _SignChoice):
                 self._choose_sign(choice)
@@ -157,6 +157,7 @@ class EvidenceSearch:
                 self._fit(choice)
             return
         joint = order[count]
+        # the sign of a ball, or of a line without a direction, changes nothing
         possible = (1.0, -1.0) if joint in self.problem.signed else (1.0,)
         for sign in possible:
             signs = (*choice.signs, sign)
@@ -271,7 +272,7 @@ class EvidenceSearch:
         """Fit with one more piece of evidence; return whether that is possible."""
         unknowns = choice.solution.unknowns
         key = (unknowns.deviating, tuple(unknowns.signs), choice.used_evidence | {evidence})
-        if key in self._seen:
+        if key in self._seen:  # the same evidence in another order
             return True
         self._evidence_fits += 1
         fixed = self._fixed(choice, evidence, directions, J)
@@ -293,6 +294,7 @@ class EvidenceSearch:
         free[list(stated)] = False
         x = values_of(unknowns)
         for column, value in stated.items():
+            # other evidence has fixed this value elsewhere
             if not choice.free[column] and abs(x[column] - value) > problem.tolerance:
                 return None
         must_hold = [*conditions, evidence]

@@ -298,7 +298,7 @@ def _of_usda(data: bytes) -> list[FileNumber]:
                 what = f"</{'/'.join(prims.names)}>.{attribute}[{k}]"
                 file_numbers.append(FileNumber(match.start(), match.end(), line, what, names))
         prims.count_braces(content)
-        start += len(content) + 1
+        start += len(content) + 1  # with the end of the line
     return file_numbers
 
 

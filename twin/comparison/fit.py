@@ -19,7 +19,7 @@ import numpy as np
 from scipy import linalg
 
 from twin.comparison.matching import Matching
-from twin.comparison.side import ONE_COORDINATE, TURNING, RobotSide
+from twin.comparison.side import ONE_COORDINATE, TURNING, Axis, RobotSide
 from twin.core import spatial
 from twin.core.spatial import Array, Index
 
@@ -46,6 +46,10 @@ _STALLED = 1e-4
 
 _FAR = 10.0
 """Factor of the tolerance from which lines are far apart."""
+
+_DAMPING_CUT = 10
+_DAMPING_GROWTH = 100
+"""Factors of the damping after a step that lowered the residual, and after one that did not."""
 
 _LEAST_DAMPING = 1e-7
 """Smallest damping of a step that did not lower the residual."""
@@ -133,10 +137,8 @@ class Problem:
         self.count = len(self.axes)
         ends = [_JointEnds(axis.parent, axis.child, axis.closing) for axis in self.axes]
         self.order, self.below = _tree(tuple(ends))
-        self.points = np.array([axis.point for axis in self.axes])
-        self.directions = np.array([axis.direction for axis in self.axes])
-        self.target_points = np.array([axis.point for axis in second.axes])
-        self.target_directions = np.array([axis.direction for axis in second.axes])
+        self.points, self.directions = _lines(self.axes)
+        self.target_points, self.target_directions = _lines(second.axes)
         self.kinds = [axis.kind for axis in self.axes]
         self.directed: list[bool] = []
         self.signed: list[int] = []
@@ -151,6 +153,7 @@ class Problem:
     def frames(self) -> Array:
         """(joints, 3, 3) frames of the joints of the first side, z along the axis; only deviations need them."""
         z = self.directions / np.linalg.norm(self.directions, axis=1, keepdims=True)
+        # the axis of the base that is least along z, so that the part across z is never short
         x = np.eye(3)[np.abs(z).argmin(axis=1)]
         x = x - z * (z * x).sum(axis=1, keepdims=True)
         x = x / np.linalg.norm(x, axis=1, keepdims=True)
@@ -408,7 +411,7 @@ class Problem:
         for _ in range(_ROUNDS):
             if not len(columns) or np.abs(r).max() < _SOLVED:
                 break
-            stepped = with_steps(x, columns)[:-1]
+            stepped = with_steps(x, columns)[:-1]  # without the last row, which is x
             J = (residuals(stepped) - r).T / STEP
             step = _least_step(J, r, damping)
             x_tried = x.copy()
@@ -419,18 +422,27 @@ class Problem:
             if after < before:
                 x = x_tried
                 r = r_tried
-                damping = damping / 10 if damping > _LEAST_DAMPING else 0.0
+                # back to plain Gauss-Newton steps, which end in few
+                damping = damping / _DAMPING_CUT if damping > _LEAST_DAMPING else 0.0
                 lowered = before - after
                 if lowered < _ENDED * before and before > _ROUNDING:
                     break
                 if lowered < _STALLED * before and np.abs(r).max() > _FAR * self.tolerance:
                     break
             else:
-                damping = max(100 * damping, _LEAST_DAMPING)
+                # a shorter step, more along the gradient
+                damping = max(_DAMPING_GROWTH * damping, _LEAST_DAMPING)
                 if damping > _LARGEST_DAMPING:
                     break
         refined = with_values(unknowns, x)
         return FitSolution(refined, self.gap(refined))
+
+
+def _lines(axes: Sequence[Axis]) -> tuple[Array, Array]:
+    """Return points and directions (joints, 3) of the lines of joints."""
+    points = np.array([axis.point for axis in axes])
+    directions = np.array([axis.direction for axis in axes])
+    return points, directions
 
 
 def _ahead(directions: Array, target: Array) -> Array:
@@ -501,6 +513,7 @@ def _tree(joints: tuple[_JointEnds, ...]) -> tuple[list[int], list[list[int]]]:
         else:
             pending.append(i)
     while pending:
+        # all at once: the joints of one level stay in the order of the side
         ready = [i for i in pending if joints[i].parent in reached]
         if not ready:
             break
@@ -512,8 +525,9 @@ def _tree(joints: tuple[_JointEnds, ...]) -> tuple[list[int], list[list[int]]]:
     below: list[list[int]] = []
     for joint in joints:
         on_child: list[int] = []
-        if not joint.closing:
-            on_child = [k for k in order if joints[k].parent == joint.child]
+        for k in order:
+            if not joint.closing and joints[k].parent == joint.child:
+                on_child.append(k)
         below.append(on_child)
     return order, below
 

@@ -27,6 +27,7 @@ _SAME_LINE = 1e-6
 def solve(problem: Problem, signs: Array, deviating: tuple[int, ...] = ()) -> FitSolution:
     """Return the best fit with these signs (joints,) and deviating joints, from two starts."""
     best: FitSolution | None = None
+    # the base as it is comes first: descriptions of one robot mostly have the same one
     for aligned in (False, True):
         if aligned and best is not None and problem.holds(best.gap):
             break
@@ -64,7 +65,7 @@ def _start(problem: Problem, signs: Array, deviating: tuple[int, ...], aligned: 
         if turned_axis in deviating:
             _, values = _placed_on_target(problem, i, parent, signs)
             deviations[deviating.index(turned_axis), :3] = values[:3]
-            groups[axis.child] = parent
+            groups[axis.child] = parent  # the axis alone is turned: the links behind it stay
             continue
         displacements[i] = _displacement(problem, i, parent, signs, deviating, float(neutral[i]))
         groups[axis.child] = parent @ problem.steps(displacements)[i]

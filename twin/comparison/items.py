@@ -291,5 +291,5 @@ def _direction(unit: Array) -> str:
         if abs(unit[i]) > 1 - _NOTHING:
             sign = "-" if unit[i] < 0 else ""
             return f"{sign}{name}"
-    rounded = np.round(unit, 3) + 0.0
+    rounded = np.round(unit, 3) + 0.0  # without the sign of -0.0
     return f"({rounded[0]:g}, {rounded[1]:g}, {rounded[2]:g})"

@@ -72,8 +72,8 @@ def _with_merged(
 ) -> RobotSide:
     """Return the side with some of the candidates joined: as many as the other side has more joints of this type."""
     names = set()
-    for i in _of_kind(other_side, kind):
-        names.add(plain(other_side.axes[i].name))
+    for axis in _axes_of(other_side, _of_kind(other_side, kind)):
+        names.add(plain(axis.name))
     # those whose name the other side knows first
     ordered = sorted(candidates, key=lambda parts: plain(parts.merged.name) not in names)
     missing = _missing_count(side, other_side, kind)
@@ -86,7 +86,7 @@ def _with_merged(
     # by name: each replacement changes the indices
     replacements: list[tuple[list[str], Axis]] = []
     for parts in chosen:
-        part_names = [side.axes[i].name for i in parts.indices]
+        part_names = [axis.name for axis in _axes_of(side, parts.indices)]
         replacements.append((part_names, parts.merged))
     for part_names, merged_joint in replacements:
         if kind == "revolute":
@@ -132,8 +132,8 @@ def _replaced(side: RobotSide, parts: Sequence[str], merged_joint: Axis) -> Robo
             axes.append(merged_joint)
         elif i not in indices:
             axes.append(axis)
-    order = tuple(name for name in side.order if name not in parts)
-    joined_side = replace(side, axes=tuple(axes), order=order)
+    order = [name for name in side.order if name not in parts]
+    joined_side = replace(side, axes=tuple(axes), order=tuple(order))
     return _without_groups(joined_side, inner_groups, last.child)
 
 
@@ -172,6 +172,10 @@ def _with_mass_of(outer: JointGroup, inner: JointGroup) -> JointGroup:
 # -- what can be joined -------------------------------------------------------------------------------
 
 
+def _axes_of(side: RobotSide, indices: Sequence[int]) -> list[Axis]:
+    return [side.axes[i] for i in indices]
+
+
 def _chains(side: RobotSide, length: int) -> Iterator[tuple[int, ...]]:
     """Yield the indices of joints one behind another whose links between them carry nothing else."""
     coupled: set[str] = set()
@@ -202,15 +206,15 @@ def _chains(side: RobotSide, length: int) -> Iterator[tuple[int, ...]]:
             if inner in carrying or inner not in behind:
                 break
             chain.append(behind[inner])
-        names = {side.axes[i].name for i in chain}
-        if len(chain) == length and names.isdisjoint(coupled):
+        is_coupled = any(side.axes[i].name in coupled for i in chain)
+        if len(chain) == length and not is_coupled:
             yield tuple(chain)
 
 
 def _balls(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
     """Yield three hinges through one point, each at right angles to the next: they turn a link about all axes."""
     for chain in _chains(side, 3):
-        axes = [side.axes[i] for i in chain]
+        axes = _axes_of(side, chain)
         if {axis.kind for axis in axes} != {"revolute"}:
             continue
         # Only with right angles on both middle links, which no posture changes, do three hinges reach every rotation.
@@ -230,9 +234,9 @@ def _balls(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
 def _cylinders(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
     """Yield a hinge and a slide on one line."""
     for chain in _chains(side, 2):
-        axes = [side.axes[i] for i in chain]
+        axes = _axes_of(side, chain)
         hinge, slide = axes
-        if hinge.kind == "prismatic":
+        if hinge.kind == "prismatic":  # files write the two in either order
             hinge, slide = slide, hinge
         if (hinge.kind, slide.kind) != ("revolute", "prismatic"):
             continue
@@ -251,7 +255,8 @@ def _closing_hinges(side: RobotSide, tolerance: float) -> Iterator[_JointParts]:
     for indices in pairs.values():
         if len(indices) != 2:  # with a third point that is not on the line, the links are fixed to each other
             continue
-        axes = [side.axes[i] for i in indices]
+        axes = _axes_of(side, indices)
+        # which way along this line is positive, no format says: `directed` is False
         between = axes[1].point - axes[0].point
         distance = float(np.linalg.norm(between))
         if distance < _APART:
@@ -269,9 +274,9 @@ def _as_parallel(hinge: Axis, side: RobotSide, other_side: RobotSide, tolerance:
     """
     distance = float(np.linalg.norm(hinge.joined[1].point - hinge.joined[0].point))
     own_hinges: dict[str, Axis] = {}
-    for i in _of_kind(side, "revolute"):
-        own_hinges[plain(side.axes[i].name)] = side.axes[i]
-    other_hinges = [other_side.axes[i] for i in _of_kind(other_side, "revolute")]
+    for axis in _axes_of(side, _of_kind(side, "revolute")):
+        own_hinges[plain(axis.name)] = axis
+    other_hinges = _axes_of(other_side, _of_kind(other_side, "revolute"))
     partners = []
     for axis in other_hinges:
         if plain(axis.name) == plain(hinge.name):

@@ -153,6 +153,7 @@ class LinkMotions:
             damping = _DAMPING * float(normal.diagonal().max())
             steps = np.linalg.solve(normal + damping * np.eye(len(normal)), -J.T @ r)
             step = steps.reshape(self.groups, 6)
+            # on the left: the derivatives are by rotations about the origin of the base
             T = spatial.pose(spatial.exp_so3(step[:, :3]), step[:, 3:]) @ T
             if np.abs(step).max() < _DONE:
                 break
@@ -211,7 +212,7 @@ class LinkMotions:
         kind = self.problem.kinds[joint]
         if kind != "spherical":
             direction = T[group, :3, :3] @ self.problem.directions[joint]
-            if direction @ target < 0.0:
+            if direction @ target < 0.0:  # as in `_place`
                 direction = -direction
             across = np.cross(target, direction)
             sine = float(np.linalg.norm(across))

@@ -64,7 +64,7 @@ def closing_edits(sides: tuple[RobotSide, RobotSide], problem: Problem, joint: i
     """
     axes = (problem.axes[joint], problem.second.axes[joint])
     opened = [axis.opened[0] > problem.tolerance or axis.opened[1] > problem.angle_tolerance for axis in axes]
-    if sum(opened) != 1:
+    if sum(opened) != 1:  # open on both sides: neither says where the loop closes
         return []
     edited = opened.index(True)
     closed = sides[edited].reread_closed

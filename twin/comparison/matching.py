@@ -29,6 +29,7 @@ def match(first: RobotSide, second: RobotSide) -> Matching:
     Raises:
         TwinError: the sides have different numbers or types of joints, so that no joint-by-joint match exists.
     """
+    # names are what the author says of a joint; places in a tree only count where no name helps
     pairs = _by_names(first, second) or _by_links(first, second)
     if pairs is None:
         pairs = _by_structure(first, second)
@@ -130,7 +131,7 @@ def _links_by_bodies(first: RobotSide, second: RobotSide) -> dict[int, int]:
         for body in links.bodies:
             if plain(body) in group_of:
                 partners.add(group_of[plain(body)])
-        if len(partners) == 1:
+        if len(partners) == 1:  # bodies of two groups that are one link here say nothing about either
             partner_of_group[group] = partners.pop()
     return partner_of_group
 

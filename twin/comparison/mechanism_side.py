@@ -155,6 +155,7 @@ def _groups(mechanism: Mechanism, moving: Collection[str]) -> dict[str, int]:
     for joint in mechanism.loops:
         if joint.name in moving or joint.type == "free":
             continue
+        # the lower number remains, so that the group of the base stays 0
         kept_group, welded = sorted((group_of[joint.parent], group_of[joint.child]))
         for body, group in group_of.items():
             if group == welded:
@@ -198,7 +199,7 @@ def _axes(
         )
         reached.add(child)
         axes.append(axis)
-    axes.sort(key=lambda axis: axis.closing)
+    axes.sort(key=lambda axis: axis.closing)  # stable: the joints of the tree stay parents first
     return with_welds(mechanism, axes, group_of, poses)
 
 
@@ -214,6 +215,7 @@ def _carriers(mechanism: Mechanism) -> set[str]:
     carriers = set()
     for joint in mechanism.loops:
         for name in (joint.parent, joint.child):
+            # with a third joint on it, the body is a link of the robot
             if joint.type != "fixed" or joints_on[name] != 2 or name == mechanism.base:
                 continue
             inertia = mechanism.body(name).inertia
@@ -264,6 +266,7 @@ def _couplings(
         if not ratios or (partner_held and len(ratios) < 2):
             continue
         follower = _follower(mechanism, list(ratios))
+        # a file may state the sum of a coupling in any multiple
         scale = ratios[follower]
         scaled = {name: ratio / scale for name, ratio in ratios.items()}
         rows.append(CouplingRow(follower, scaled, total / scale))

@@ -132,13 +132,16 @@ class MimicError:
                     "at_angle_deg": link.at_angle / DEG,
                 }
             )
+        moved_hinges_mm: dict[str, float] = {}
+        for name, distance in self.moved_hinges:
+            moved_hinges_mm[name] = distance / MM
         return {
             "linkage": self.linkage,
             "coupled": self.coupled,
             "leader": self.leader,
             "stroke_deg": [value / DEG for value in self.stroke],
             "links": links,
-            "moved_hinges_mm": {name: distance / MM for name, distance in self.moved_hinges},
+            "moved_hinges_mm": moved_hinges_mm,
             "held": list(self.held),
             "missing": list(self.missing),
         }

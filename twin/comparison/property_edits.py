@@ -40,7 +40,7 @@ def with_property_edits(
     searched = 0
     for row in properties.rows:
         if row.stated and row.index >= 0 and searched < _MOST:
-            searched += 1
+            searched += 1  # in the order of the rows: masses come before the centres that they move
             row = search.with_edits(row)
         rows.append(row)
     return replace(properties, rows=tuple(rows))

@@ -103,7 +103,7 @@ def remembering(side: RobotSide) -> RobotSide:
         if side_read_before is None:
             try:
                 side_read_before = reread(text)
-            except TwinError as error:
+            except TwinError as error:  # a text that cannot be read is not tried again either
                 side_read_before = error
             if len(sides_of_texts) < _REMEMBERED:
                 sides_of_texts[key] = side_read_before
@@ -170,7 +170,7 @@ def edited_sides(
         if solved is None:
             continue
         new = _text(solved.value)
-        if float(new) == old:
+        if float(new) == old:  # what the digits of a text do not show is no edit
             continue
         edit = _number_edit(side, data, number, new, file)
         ranked.append((goal.moved(solved.side), len(new), EditedSide(edit, solved.side)))
@@ -278,6 +278,7 @@ def _attribute_values(
         if goal.agrees(edited):
             return _fewest_decimals(side, data, attribute_numbers, goal, values)
         r = goal.residual(edited)
+        # another shape: with this value the file has other joints
         if r.shape != before.shape or not np.linalg.norm(r) < np.linalg.norm(before):
             return None
     return None

@@ -87,6 +87,7 @@ class RowFit:
         length, angle = rows.noise
         self.scale = length or 1.0
         self.lever = LEVER
+        # stated noise weighs both kinds of numbers: each then has a standard deviation of 1
         if length is not None and angle is not None:
             self.lever = length / angle
 
@@ -194,6 +195,7 @@ class RowFit:
         # without rotations, the measured point in the tool frame is not known: some points around the tool are tried
         for p_tool_point in (np.zeros(3), *(_TOOL_OFFSET * np.eye(3)), *(-_TOOL_OFFSET * np.eye(3))):
             points = T[:, :3, :3] @ p_tool_point + T[:, :3, 3]
+            # the rotations of the robot's tool are known: only base and point remain
             R, p = _nearest_motion(points, self.rows.T[:, :3, 3])
             yield np.concatenate([spatial.log_so3(R), p, np.zeros(3), p_tool_point])
 

@@ -169,7 +169,7 @@ class RowNoise:
 
         An F test of nested models: what the further unknowns remove, against what they leave.
         """
-        if state is saturated:
+        if state is saturated:  # it is what the noise was estimated from
             return True
         further_unknowns = self._rank(saturated) - self._rank(state)
         freedoms = self.freedoms(saturated)

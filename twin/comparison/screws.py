@@ -95,6 +95,7 @@ def _line(
 ) -> tuple[Array, Array]:
     """Return (point, direction) (3,) of the line of joint i at the drawn state."""
     size = _SLIDE if kind == "prismatic" else _TURN
+    # a large motion, because the logarithm of a small one would lose digits
     q = drawn.copy()
     q[i] += size
     T_moved = forward(q[None])[0]

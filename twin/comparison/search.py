@@ -175,6 +175,7 @@ def _added_one_by_one(problem: Problem, neighbours: NeighbourLines) -> list[FitS
             signs = candidate_signs
             break
     for _ in range(min(_DEVIATING, problem.count)):
+        # greedily: all sets of so many joints would be far too many
         best: FitSolution | None = None
         for joint in range(problem.count):
             if joint in deviating:

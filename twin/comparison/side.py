@@ -239,6 +239,7 @@ class RobotSide:
         motions[:] = np.eye(4)
         for i, axis in enumerate(self.tree):
             step = joint_motion(axis, displacements[:, i])
+            # on the right: the line of the joint is that of the drawn state, before its parents moved
             motions[:, axis.child] = motions[:, axis.parent] @ step
         return motions
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -10,7 +11,7 @@ from twin.comparison.items import ComparedItem
 from twin.comparison.largest_difference import ToolDifference
 from twin.comparison.mimic import MimicError
 from twin.comparison.poses import PoseFit
-from twin.comparison.properties import KINDS, Properties
+from twin.comparison.properties import KINDS, Properties, PropertyRow
 from twin.comparison.side import RobotSide
 from twin.core.json_types import JsonObject
 
@@ -73,8 +74,9 @@ class SidePair:
         verdicts = {}
         rows = []
         if self.properties is not None:
-            verdicts = {kind: self.properties.verdict(kind) for kind in KINDS}
-            rows = [row.as_dict() for row in self.properties.rows]
+            for kind in KINDS:
+                verdicts[kind] = self.properties.verdict(kind)
+            rows = _as_dicts(self.properties.rows)
         largest = None if self.worst is None else self.worst.as_dict()
         poses = None if self.poses is None else self.poses.as_dict()
         mimic = None if self.mimic is None else self.mimic.as_dict()
@@ -82,12 +84,17 @@ class SidePair:
             "first": self.first.label,
             "second": self.second.label,
             "kinematics": self.kinematics,
-            "conventions": [item.as_dict() for item in self.conventions],
-            "differences": [item.as_dict() for item in self.differences],
-            "ties": [list(texts) for texts in self.ties],
+            "conventions": _as_dicts(self.conventions),
+            "differences": _as_dicts(self.differences),
+            "ties": list(map(list, self.ties)),
             "worst": largest,
             "poses": poses,
             "mimic": mimic,
             "properties": verdicts,
             "property_rows": rows,
         }
+
+
+def _as_dicts(rows: Sequence[ComparedItem | PropertyRow]) -> list[JsonObject]:
+    """Return items or rows as plain data."""
+    return [row.as_dict() for row in rows]

@@ -44,7 +44,7 @@ def smallest_deviations(problem: Problem, solution: FitSolution) -> FitSolution:
     best = replace(solution, unknowns=with_short_turns(solution.unknowns))
     unknowns = best.unknowns
     free = problem.free(unknowns.deviating)
-    free[: 6 + problem.count] = False
+    free[: 6 + problem.count] = False  # base and zeros stay as found
     columns = np.flatnonzero(free)
     stated = StatedEvidence(problem)
     of_bodies = []

@@ -182,6 +182,7 @@ def _improved(case: EditCase, statement: Statement, columns: Sequence[int], star
         if side is None:
             return None
         r_tried = case.residual(side)
+        # this number alone cannot remove the rest, or no further step helps
         if np.linalg.norm(r_tried) > _REDUCED * np.linalg.norm(r):
             if np.linalg.norm(r) > case.problem.tolerance:
                 return None
