@@ -214,7 +214,7 @@ class RawStage:
         if codes is None:
             times = [Usd.TimeCode.Default()]
         else:
-            times = [Usd.TimeCode(code) for code in np.asarray(codes).tolist()]
+            times = list(map(Usd.TimeCode, np.asarray(codes).tolist()))
         raw = np.zeros((len(prims), len(times), 4, 4))
         cache = UsdGeom.XformCache()
         with self._evaluating():

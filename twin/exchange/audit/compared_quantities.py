@@ -358,8 +358,7 @@ WORDS = {
 
 def _vector(components: Iterable[float]) -> str:
     """Return the components of a vector as text, such as "(0, 0, -9.81)"."""
-    texts = [f"{component:.4g}" for component in components]
-    return f"({', '.join(texts)})"
+    return f"({', '.join(map('{:.4g}'.format, components))})"
 
 
 def _plain(value: Any) -> str:
@@ -373,7 +372,7 @@ def _plain(value: Any) -> str:
         return " + ".join(terms) or "nothing"
     if isinstance(value, tuple):
         if value and all(isinstance(entry, int | float) for entry in value):
-            numbers = [f"{entry:g}" for entry in value]
+            numbers = list(map("{:g}".format, value))
             if len(numbers) == 2:
                 return " .. ".join(numbers)
             return f"({', '.join(numbers)})"

@@ -313,6 +313,7 @@ def check_quaternions(
             text += ": players that interpolate components (Unity) rotate the link by up to 180 deg."
         count = Measured(float(len(flips)), 0.0)
         ledger.add(f"{code}.quaternion_sign", severity, text, where, size=count, when=f"t = {times[key]:.4g} s")
+    # q and -q are one rotation: the size of the product alone gives its angle
     turn = 2 * np.arccos(np.clip(np.abs(dots) / (size[1:] * size[:-1]), 0, 1))
     if len(turn) and np.max(turn) > MAX_STEP:
         key = int(np.argmax(turn))

@@ -48,7 +48,7 @@ def single_joints(physics: FilePhysics) -> dict[str, FileJoint]:
 
 def rigid_parts(physics: FilePhysics) -> dict[str, str]:
     """Return {link: name of its rigid part}; fixed joints connect the links of a part."""
-    part_of_link = {link: link for link in physics.links}
+    part_of_link = dict(zip(physics.links, physics.links, strict=True))
     for joint in physics.joints:
         part_of_link.setdefault(joint.parent, joint.parent)
         part_of_link.setdefault(joint.child, joint.child)

@@ -659,6 +659,7 @@ def _meet(turns: list[JointLine]) -> bool:
 
 def meeting_point(lines: Collection[JointLine]) -> Array:
     """Return the point (3,) in m with the minimum sum of squared distances from the lines."""
+    # normal equations of the sum of |P (x - p)|^2, with the projector P across each line and a point p on it
     A = np.zeros((3, 3))
     b = np.zeros(3)
     for line in lines:

@@ -191,6 +191,7 @@ def edges(triangles: Array) -> tuple[bool, bool]:
     backward = pairs[:, 1] * n + pairs[:, 0]
     if np.array_equal(np.sort(forward), np.sort(backward)):
         return True, False
+    # Without regard to direction, each edge of a closed mesh belongs to two triangles, or to two pairs of them.
     _, count = np.unique(np.minimum(forward, backward), return_counts=True)
     return False, bool(np.all(count % 2 == 0))
 

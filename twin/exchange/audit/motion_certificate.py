@@ -110,7 +110,7 @@ def _states_at_random_times(data: Mapping[str, Any], generator: np.random.Genera
 
 def _passive_coordinates(count: int, driven: Sequence[int]) -> list[int]:
     """Return the numbers of the coordinates, of which there are `count`, that are not driven."""
-    return [number for number in range(count) if number not in driven]
+    return sorted(set(range(count)) - set(driven))
 
 
 def _require_tiles(pieces: Sequence[Sequence[Any]], phases: int) -> None:

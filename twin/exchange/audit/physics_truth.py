@@ -29,7 +29,9 @@ def mechanism_physics(mechanism: Mechanism) -> FilePhysics:
     """Return a mechanism in the common form of mechanism data; its loops need not be closed."""
     masses = {}
     shown = {}
+    links = []
     for body in mechanism.bodies:
+        links.append(body.name)
         if body.inertia:
             masses[body.name] = FileMass(body.inertia.mass, body.inertia.p_body_com, body.inertia.I_com)
         if body.whole:  # else its meshes show only a part of the body
@@ -45,13 +47,12 @@ def mechanism_physics(mechanism: Mechanism) -> FilePhysics:
     for frame in mechanism.frames:
         frames[frame.name] = FileFrame(frame.body, frame.T_body_frame)
     motors = _motors(mechanism)
-    links = tuple(body.name for body in mechanism.bodies)
     collides = {}
     for link, has_mesh in shown.items():
         if has_mesh:
             collides[link] = True  # every exported mesh does
     return FilePhysics(
-        links,
+        tuple(links),
         masses,
         shown=shown,
         collides=collides,

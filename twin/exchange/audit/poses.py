@@ -24,6 +24,7 @@ def rotation(xyzw: ArrayLike) -> Array:
     q = q / np.sqrt(np.where(usable, squared, 1.0))
     v = q[..., :3]
     w = q[..., 3, None, None]
+    # R = (w^2 - v'v) 1 + 2 v v' + 2 w [v]x, for a unit quaternion (v, w)
     outer = v[..., :, None] * v[..., None, :]
     inner = np.sum(v * v, axis=-1)[..., None, None]
     return (w * w - inner) * np.eye(3) + 2 * outer + 2 * w * cross_matrix(v)
@@ -81,7 +82,7 @@ def angle(A: ArrayLike, B: ArrayLike) -> Array:
     """
     difference = np.asarray(A, float) - np.asarray(B, float)
     size = np.linalg.norm(difference, axis=(-2, -1))
-    return 2 * np.arcsin(np.clip(size / np.sqrt(8), 0.0, 1.0))
+    return 2 * np.arcsin(np.clip(size / np.sqrt(8), 0.0, 1.0))  # clip: rounding may exceed 1 at half a turn
 
 
 def split(M: ArrayLike) -> tuple[Array, Array]:
@@ -89,6 +90,7 @@ def split(M: ArrayLike) -> tuple[Array, Array]:
     M = np.asarray(M, float)
     A = M[..., :3, :3]
     size = np.linalg.norm(A, axis=-2)
+    # A mirror image is no rotation: it goes into the scale, as a negative factor of x.
     mirrored = np.linalg.det(A) < 0
     size = size * np.where(mirrored[..., None], [-1.0, 1.0, 1.0], 1.0)
     divisor = np.where(size == 0, 1.0, size)
@@ -99,7 +101,7 @@ def split(M: ArrayLike) -> tuple[Array, Array]:
 def slerp(a: Array, b: Array, u: Array) -> Array:
     """Return quaternions (k, 4), interpolated along the shorter rotation from a to b (k, 4) at fractions u (k,)."""
     cosine = np.sum(a * b, axis=-1, keepdims=True)
-    b = np.where(cosine < 0, -b, b)
+    b = np.where(cosine < 0, -b, b)  # q and -q are one rotation: the nearer one gives the shorter way
     half = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
     sine = np.sin(half)
     nearly_equal = sine < 1e-6  # equal quaternions: the arc has no direction, and its chord is exact enough

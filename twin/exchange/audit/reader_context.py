@@ -56,11 +56,16 @@ def _plays(stem: str, clip: str, models: Sequence[str]) -> bool:
     A model named <robot>_<clip> is used only for the clip <clip>, and the clip uses no other model. If a clip has no
     model of its own, the models without a clip in their names are used.
     """
-    names = {f"{model}_{clip}" for model in models}
-    models_of_clip = names & set(models)
+    models_of_clip = set()
+    prefixes = []
+    for model in models:
+        prefixes.append(f"{model}_")
+        if f"{model}_{clip}" in models:
+            models_of_clip.add(f"{model}_{clip}")
     if models_of_clip:
         return stem in models_of_clip
-    return not stem.startswith(tuple(f"{model}_" for model in models))
+    # <robot>_<other clip> has the trocars of another protocol: only the robot's own model plays this clip
+    return not stem.startswith(tuple(prefixes))
 
 
 def played(tree: JointTree, path: Path, ledger: Ledger, context: Context) -> Content:

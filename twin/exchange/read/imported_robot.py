@@ -121,7 +121,8 @@ class Names:
     """
 
     def __init__(self, kind: str, names: Iterable[str], findings: Findings, reserved: Iterable[str] = ()) -> None:
-        self._known = unique(((name, name) for name in names), reserved)
+        names = list(names)
+        self._known = unique(zip(names, names, strict=True), reserved)
         for old, new in self._known.items():
             if old != new:
                 findings.note("renamed", f"{kind} '{old}' is renamed to '{new}'.", old)

@@ -71,7 +71,7 @@ def primitive(kind: str, size: Sequence[float]) -> tuple[Array, np.ndarray]:
         solid = creation.cylinder(size[0], size[1], sections=48)
     elif kind == "capsule":
         solid = creation.capsule(size[1], size[0], count=[24, 24])
-        solid.vertices -= solid.bounds.mean(axis=0)
+        solid.vertices -= solid.bounds.mean(axis=0)  # the origin of the shape is its middle
     elif kind == "ellipsoid":
         solid = creation.icosphere(3, 1.0)
         solid.vertices *= size

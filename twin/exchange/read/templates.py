@@ -117,7 +117,7 @@ def _start(model: ReferenceModel) -> Assembly | None:
     home = model.home()
     if _regularity(model, home) >= _REGULAR:
         return None
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(0)  # the same robot gives the same protocol
     active = model.mechanism.active
     low, high = model.mechanism.limits.T
     is_angle = np.array([joint.is_angle for joint in active])

@@ -102,7 +102,7 @@ class Xml:
         shown_text = text[:80]
         stated = text.rstrip(_LEFT_OVER)
         try:
-            values = np.array([float(word) for word in stated.split()])
+            values = np.array(list(map(float, stated.split())))
         except ValueError:
             expected = "a number" if count == 1 else f"{count} numbers"
             self.fail(where, f"{what} = '{shown_text}' is not {expected}")

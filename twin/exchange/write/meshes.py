@@ -32,12 +32,14 @@ def write_meshes(mechanism: Mechanism, folder: Path) -> list[Path]:
     for body in mechanism.bodies:
         for mesh in body.meshes:
             path = folder / mesh_file(mesh)
-            path.write_text(_obj(mesh), "ascii", newline="\n")
+            path.write_text(_obj(mesh), "ascii", newline="\n")  # the same bytes on Windows
             paths.append(path)
     return paths
 
 
 def _obj(mesh: Mesh) -> str:
+    """Return a mesh as the text of an OBJ file."""
+    # Adding 0.0 removes negative zeros.
     vertices = np.round(np.asarray(mesh.vertices, float) / MM, DECIMALS) + 0.0
     lines = [f"# {mesh.name}, in mm"]
     for x, y, z in vertices.tolist():

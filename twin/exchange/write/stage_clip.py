@@ -29,7 +29,7 @@ def sampled_clip(mechanism: Mechanism, stage: Path) -> Clip | None:
         return None
     if len(times) < 2:
         return None
-    times = times - times[0]
+    times = times - times[0]  # players start at 0, a stage at any time code
     T_base_world = spatial.inverse(poses.get(mechanism.base, np.eye(4)[None]))
     links = {}
     for body in mechanism.bodies:

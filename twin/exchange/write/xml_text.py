@@ -44,5 +44,5 @@ def xml_text(root: ET.Element) -> str:
 
 def write_xml(root: ET.Element, path: Path) -> Path:
     """Write an XML document with one element per line, and return its path."""
-    path.write_text(xml_text(root), "utf-8", newline="\n")
+    path.write_text(xml_text(root), "utf-8", newline="\n")  # the same bytes on Windows
     return path

@@ -169,7 +169,9 @@ def _body_names(scene: RawStage, chosen: Selection, base: str) -> dict[str, str]
 
     Only the base can have the name "world": in an MJCF, a body of this name is the world itself.
     """
-    body_names = [(path, original_name(scene.bodies[path])) for path in chosen.bodies]
+    body_names = []
+    for path in chosen.bodies:
+        body_names.append((path, original_name(scene.bodies[path])))
     if not base:
         return unique(body_names, reserved=(WORLD,)) | {"": WORLD}
     if identifier(original_name(scene.bodies[base])) == WORLD:

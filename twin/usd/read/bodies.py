@@ -66,7 +66,7 @@ def _is_scaled_rotation(axes: Array, size: Array) -> bool:
 
 
 def _listed(scale: Array) -> str:
-    numbers = ", ".join(f"{factor:.6g}" for factor in scale)
+    numbers = ", ".join(map("{:.6g}".format, scale))
     return f"({numbers})"
 
 

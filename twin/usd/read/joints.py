@@ -118,10 +118,14 @@ def _robots(groups: list[list[str]], joints: list[RawJoint]) -> list[list[str]]:
     """Return the groups of bodies that are robots: those with a joint that can move, else those with any joint."""
     # a body that is only fixed to the world is scenery
     movable = [joint for joint in joints if joint.type != "fixed" or not joint.is_grounded]
-    robots = [group for group in groups if _has_joint(group, movable)]
-    if robots:
-        return robots
-    return [group for group in groups if _has_joint(group, joints)]
+    robots = []
+    jointed = []
+    for group in groups:
+        if _has_joint(group, movable):
+            robots.append(group)
+        if _has_joint(group, joints):
+            jointed.append(group)
+    return robots or jointed
 
 
 def _has_joint(group: list[str], joints: list[RawJoint]) -> bool:
@@ -213,7 +217,7 @@ def _max_speed(joint: RawJoint, unit: float) -> float | None:
 def _groups(bodies: list[str], joints: list[RawJoint]) -> list[list[str]]:
     """Return the groups of bodies that are connected by joints; connections through the world are ignored."""
     # union-find: each body points towards the leader of its group
-    leader = {body: body for body in bodies}
+    leader = dict(zip(bodies, bodies, strict=True))
 
     def find(body: str) -> str:
         while leader[body] != body:

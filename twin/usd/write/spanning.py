@@ -88,4 +88,7 @@ def _outwards(base: str, pending: list[Joint]) -> tuple[Joint, ...]:
 
 def _next(pending: list[Joint], reached: set[str]) -> Joint:
     """Return the first joint that connects to the bodies reached; a spanning tree always has one."""
-    return next(joint for joint in pending if joint.parent in reached or joint.child in reached)
+    for joint in pending:
+        if joint.parent in reached or joint.child in reached:
+            return joint
+    raise AssertionError("the bodies of a mechanism are connected")

@@ -165,7 +165,7 @@ class StageWorld:
 
     def along(self, prims: dict[str, Usd.Prim], codes: Array) -> dict[str, Array]:
         """Return {name in `prims`: T_world_prim (k, 4, 4)} at k time codes, in metres with z up."""
-        times = [Usd.TimeCode(code) for code in codes.tolist()]
+        times = list(map(Usd.TimeCode, codes.tolist()))
         # Most prims do not move: evaluating them at every time code would take most of the time.
         moving = {}
         for name, prim in prims.items():

@@ -106,7 +106,7 @@ def further_declarations(stage: Usd.Stage) -> tuple[dict[str, dict[str, str]], d
         if not fields:
             continue
         path = str(prim.GetPath())
-        if any(prim.IsA(schema) for schema in _LOOK):
+        if any(map(prim.IsA, _LOOK)):
             contact[path] = fields
         else:
             motion[path] = fields
@@ -309,7 +309,7 @@ def _check_joints(stage: Usd.Stage, ledger: Ledger) -> None:
     """Report joints whose declared states contradict each other, or are missing."""
     single = (UsdPhysics.RevoluteJoint, UsdPhysics.PrismaticJoint)
     for prim in stage.Traverse():
-        if not any(prim.IsA(schema) for schema in single):
+        if not any(map(prim.IsA, single)):
             continue
         name = prim.GetName()
         token = "angular" if prim.IsA(UsdPhysics.RevoluteJoint) else "linear"

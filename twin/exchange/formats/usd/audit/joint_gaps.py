@@ -129,7 +129,7 @@ def is_locked(prim: Usd.Prim, name: str) -> bool:
 
 def joint_values(stage: Usd.Stage, codes: Array, meters: float) -> dict[str, Array]:
     """Return {joint name: sampled joint values (k,) in rad or m}; joints without samples are omitted."""
-    times = [Usd.TimeCode(code) for code in codes.tolist()]
+    times = list(map(Usd.TimeCode, codes.tolist()))
     values = {}
     for prim in stage.Traverse():
         if not prim.IsA(UsdPhysics.Joint):

@@ -100,7 +100,9 @@ def _postures(robot: Usd.Prim) -> dict[str, dict[str, float]]:
     """Return {posture: {joint: coordinate in m or rad}} that the prim of the robot states."""
     postures = {}
     for name, coordinates in (robot.GetCustomDataByKey("twin:postures") or {}).items():
-        postures[name] = {joint: float(q) for joint, q in coordinates.items()}
+        postures[name] = {}
+        for joint, q in coordinates.items():
+            postures[name][joint] = float(q)
     return postures
 
 
