@@ -32,7 +32,7 @@ from made import audit_fields_usd as fields_usd
 from made.audit_fields import FieldChange
 from twin.core.findings import Finding
 from twin.exchange import audit as auditing
-from twin.exchange.audit.folder_files import find
+from twin.exchange.audit.folder_files import find_files
 from twin.exchange.xacro import XacroSettings
 
 SINGLE = r"twin:(maxAcceleration|maxJerk|softLimits|tool|base)|twin/postures"
@@ -169,7 +169,7 @@ class Campaign:
         self._patch()
         self.arguments = arguments(folder)
         # Comparisons add to what is read, so this process only reads.
-        list(auditing._read(find(folder), auditing._silent, None, XacroSettings()))
+        list(auditing._read(find_files(folder), auditing._silent, None, XacroSettings()))
         self.before: dict[bool, set[str]] = {}
         for mechanism in (False, True):
             keys = forked(lambda m=mechanism: [_key(f) for f in self._findings(m)])
