@@ -310,7 +310,7 @@ class _Answer:
         fixes = possible_fixes(judge, model, options.budget, task.progress, task.laps.end)
         if options.prover is not None:
             task.progress("prove the repairs", 0.0)
-        proved_results = proved(judge.formula, fixes.found, options.prover)
+        proved_results = proved(judge.formula, fixes.results, options.prover)
         if options.prover is not None:
             task.laps.end("prove")
         results: list[GroupResult] = []

@@ -49,7 +49,7 @@ class PossibleFixes:
     """Possible fixes of the wrong rows.
 
     Attributes:
-        search, found: the search for edits, and the results of this search.
+        search, results: the search for edits, and the results of this search.
         identified: the changed numbers; None if no change of numbers fits, or if edits are simpler.
         conventions: conventions under which rows agree; searched only after edits and numbers have failed.
         lead: see `Explanation`.
@@ -57,7 +57,7 @@ class PossibleFixes:
     """
 
     search: RepairSearch
-    found: list[GroupResult]
+    results: list[GroupResult]
     identified: FittedParameters | None
     conventions: tuple[Convention, ...]
     lead: str

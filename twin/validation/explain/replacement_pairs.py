@@ -84,7 +84,7 @@ class ReplacementPairs:
         self.evaluated = 0
         self._late = False
         self._tiled: dict[int, Judge] = {}
-        self._pick = (_Choice(0), _Choice(1))
+        self._expansions = (_Expansion(0), _Expansion(1))
         self._samples = self._chosen_samples()
         self.positions = self._sorted(edits)
         n = len(self.positions)
@@ -111,7 +111,7 @@ class ReplacementPairs:
             if is_same_file and first.start <= second.end and second.start <= first.end:
                 continue  # the edits overlap or touch
             if self._replaces_needed(first.edits[0], second.edits[0]):
-                yield from self._try(first, second)
+                yield from self._agreeing_edits(first, second)
 
     def _replaces_needed(self, first: Edit, second: Edit) -> bool:
         """Return whether two edits together replace all parts of the file without which the equation cannot run."""
@@ -172,8 +172,8 @@ class ReplacementPairs:
     def _split(self, group: list[Edit]) -> tuple[list[Edit], list[Edit]]:
         """Split the edits of one token into those that can be evaluated at once, and those to try one by one."""
         single: list[Edit] = []
-        odd = self._odd(group)
-        if odd is None:  # for example, a name that is not yet defined
+        non_scalars = self._non_scalars(group)
+        if non_scalars is None:  # for example, a name that is not yet defined
             valued: list[Edit] = []
             for edit in group:
                 defined = self._residual([edit], [edit], (1, 1)) is not None
@@ -184,35 +184,35 @@ class ReplacementPairs:
             group = valued
             if not group:
                 return [], single
-            odd = self._odd(group)
-        if odd is None:
+            non_scalars = self._non_scalars(group)
+        if non_scalars is None:
             return [], single + group
         scalar: list[Edit] = []
         for i, edit in enumerate(group):
-            if i in odd:
+            if i in non_scalars:
                 single.append(edit)
             else:
                 scalar.append(edit)
         return scalar, single
 
-    def _odd(self, group: list[Edit]) -> set[int] | None:
+    def _non_scalars(self, group: list[Edit]) -> set[int] | None:
         """Return which of the edits insert a matrix or a list; None if one of them has no value."""
         position = _Position(tuple(group), True)
-        if self._residual([self._choice(position, 0)], position.edits, (len(group), 1)) is None:
+        if self._residual([self._edit_of_position(position, 0)], position.edits, (len(group), 1)) is None:
             return None
-        return self._pick[0].odd
+        return self._expansions[0].non_scalars
 
     # -- evaluation -------------------------------------------------------------------------------------------
 
-    def _try(self, first: _Position, second: _Position) -> Iterator[tuple[Edit, Edit]]:
+    def _agreeing_edits(self, first: _Position, second: _Position) -> Iterator[tuple[Edit, Edit]]:
         """Yield the pairs of edits of two positions after which the row agrees at the few poses, and not by chance."""
         most = max(_MOST_COMBINATIONS // len(second.edits), 1)
         if len(first.edits) > most:
             for i in range(0, len(first.edits), most):
-                yield from self._try(_Position(first.edits[i : i + most], True), second)
+                yield from self._agreeing_edits(_Position(first.edits[i : i + most], True), second)
             return
         shape = (len(first.edits), len(second.edits))
-        change = [self._choice(first, 0), self._choice(second, 1)]
+        change = [self._edit_of_position(first, 0), self._edit_of_position(second, 1)]
         r = self._residual(change, (*first.edits, *second.edits), shape)
         if r is None:
             return
@@ -224,12 +224,12 @@ class ReplacementPairs:
             i, j = divmod(combination, shape[1])
             yield first.edits[i], second.edits[j]
 
-    def _choice(self, position: _Position, axis: int) -> Edit:
+    def _edit_of_position(self, position: _Position, axis: int) -> Edit:
         """Return the edit that inserts all replacements of a token as an array, or its only replacement."""
         if not position.is_batched:
             return position.edits[0]
         words = [edit.new for edit in position.edits]
-        new = f"{_CHOICE_NAMES[axis]}({', '.join(words)})"
+        new = f"{_EXPANSION_NAMES[axis]}({', '.join(words)})"
         return dataclasses.replace(position.edits[0], new=new, kind="choice", define=None)
 
     def _residual(self, change: list[Edit], edits: Sequence[Edit], shape: tuple[int, int]) -> Array | None:
@@ -240,10 +240,10 @@ class ReplacementPairs:
         count = shape[0] * shape[1]
         repeats = 1 << (count - 1).bit_length()  # few sizes, because a judge is made for each of them
         judge = self._judge(repeats)
-        for pick in self._pick:
-            pick.shape = (*shape, _SAMPLES + 1)
-            pick.size = repeats * (_SAMPLES + 1)
-            pick.odd = set()
+        for expansion in self._expansions:
+            expansion.shape = (*shape, _SAMPLES + 1)
+            expansion.size = repeats * (_SAMPLES + 1)
+            expansion.non_scalars = set()
         step = judge.step(self.step.equation.name)
         extra = aliases(judge, step, edits)
         if extra is None:
@@ -254,9 +254,9 @@ class ReplacementPairs:
             name, expression = edit.define
             if not expression and name in judge.reference.symbols:  # a new argument of the function
                 extra[name] = plain_values.inside(step.plain, judge.reference.symbols[name])
-        picks: dict[str, Value] = dict(zip(_CHOICE_NAMES, self._pick, strict=True))
-        with names_in_helpers(judge, step, change, picks):
-            deviations = edited_residuals(judge, self.step.equation.name, change, {**extra, **picks})
+        functions: dict[str, Value] = dict(zip(_EXPANSION_NAMES, self._expansions, strict=True))
+        with names_in_helpers(judge, step, change, functions):
+            deviations = edited_residuals(judge, self.step.equation.name, change, {**extra, **functions})
         if deviations is None or self.row not in deviations:
             return None
         r = deviations[self.row]
@@ -296,15 +296,15 @@ class ReplacementPairs:
         return np.concatenate([samples, perturbed_sample])
 
 
-_CHOICE_NAMES = ("_first_", "_second_")
-"""Names of the two `_Choice` functions in the edited text."""
+_EXPANSION_NAMES = ("_first_", "_second_")
+"""Names of the two `_Expansion` functions in the edited text."""
 
 
 _Home = tuple[str, str, int]
 """(file, function, index of the statement) of an edit."""
 
 
-class _Choice:
+class _Expansion:
     """Function that expands its arguments, the replacements at one position, along one of two axes.
 
     Two such functions give all combinations: entry (i, j) has replacement i at the first position and replacement j at
@@ -312,13 +312,15 @@ class _Choice:
     """
 
     def __init__(self, axis: int) -> None:
+        """Set up for the replacements at the first (`axis` 0) or the second position (1)."""
         self.axis = axis
         self.shape: tuple[int, int, int] = (1, 1, 1)
         self.size = 1
-        self.odd: set[int] = set()
+        self.non_scalars: set[int] = set()
+        """Indices of the arguments that are a vector, a matrix or a list."""
 
     def __call__(self, *values: Value) -> Value:
-        """Return an array (size,) of all combinations; those of a vector or a matrix are NaN, and noted in `odd`."""
+        """Return an array (size,) of all combinations, NaN for those whose value is no scalar; see `non_scalars`."""
         expanded = np.ones(self.size)
         combinations = expanded[: int(np.prod(self.shape))].reshape(self.shape)
         wrapper: type[Scalar] | None = None
@@ -338,7 +340,7 @@ class _Choice:
             elif x.shape == (self.size,):
                 combinations[entries] = x[: combinations.size].reshape(self.shape)[entries]
             else:
-                self.odd.add(i)
+                self.non_scalars.add(i)
                 combinations[entries] = np.nan
         if wrapper is None:
             return expanded

@@ -613,14 +613,14 @@ class Judge:
         judge._zeros = {}
         return judge
 
-    def start(self, step: Step) -> dict[str, Value]:
+    def initial_variables(self, step: Step) -> dict[str, Value]:
         """Return the variables with which an equation starts, and all symbols that edits may add as arguments."""
         variables: dict[str, Value] = {}
         for name, value in {**step.computed, **self.reference.symbols}.items():
             variables[name] = plain_values.inside(step.plain, value)
         return plain_values.copied(variables | self._environment(step, step.computed))
 
-    def finished(self, step: Step, statement: Statement, scope: dict[str, Value]) -> Residuals:
+    def residuals_after(self, step: Step, statement: Statement, scope: dict[str, Value]) -> Residuals:
         """Return the residuals after `statement` was run in `scope`: of its rows, of later ones, of later equations.
 
         Raises:

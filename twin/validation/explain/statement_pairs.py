@@ -423,7 +423,7 @@ class StatementPairs:
         if free and angle is not None:
             self.step.swivel = dict.fromkeys(free, np.array([angle]))
         try:
-            scope = self.judge.start(self.step)
+            scope = self.judge.initial_variables(self.step)
         finally:
             self.step.swivel = free
         earlier = self.step.source.statements[: statement.index]
@@ -513,7 +513,7 @@ class StatementPairs:
     def _residuals_after(self, statement: Statement, scope: _Scope, size: int) -> dict[RowKey, Array] | None:
         """Return the residuals of the rows of a statement and of those after it; None without a value."""
         try:
-            deviations = self.judge.of_size(size).finished(self.step, statement, scope)
+            deviations = self.judge.of_size(size).residuals_after(self.step, statement, scope)
         except Exception:  # an edit may give values with which a later statement cannot be evaluated
             return None
         residuals: dict[RowKey, Array] = {}
