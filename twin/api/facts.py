@@ -156,7 +156,9 @@ class Info(Result):
         if variants:
             equations = f"{_few(variants)} (* in use)"
         yield f"  equations       {equations}"
-        counts = Counter(parameter["provenance"] for parameter in data["parameters"])
+        counts: Counter[str] = Counter()
+        for parameter in data["parameters"]:
+            counts[parameter["provenance"]] += 1
         texts = []
         for provenance, count in sorted(counts.items()):
             texts.append(f"{count} {provenance}")
@@ -485,4 +487,5 @@ def _label(robot: JsonMapping) -> str:
 
 
 def _point(position_mm: Sequence[float]) -> str:
-    return ", ".join(f"{coordinate:.1f}" for coordinate in position_mm)
+    x, y, z = position_mm
+    return f"{x:.1f}, {y:.1f}, {z:.1f}"

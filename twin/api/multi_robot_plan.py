@@ -238,8 +238,10 @@ class _Plan:
     @property
     def count(self) -> int:
         """Number of phases."""
-        waypoints = [len(arm.q) for arm in self.arms]
-        return max(waypoints) - 1
+        most_waypoints = 0
+        for arm in self.arms:
+            most_waypoints = max(most_waypoints, len(arm.q))
+        return most_waypoints - 1
 
     def require_ends(self) -> None:
         """Raise an error if a waypoint exceeds a limit or has too little clearance, or if no arm moves in a phase."""

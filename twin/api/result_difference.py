@@ -241,7 +241,9 @@ def _of_folder(folder: Path) -> dict[str, Any]:
 
 
 def _are_objects(value: object) -> bool:
-    return isinstance(value, list) and all(isinstance(item, dict) for item in value)
+    if not isinstance(value, list):
+        return False
+    return all(isinstance(item, dict) for item in value)
 
 
 def _are_findings(value: object) -> bool:

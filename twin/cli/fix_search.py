@@ -42,7 +42,7 @@ class FixSearch:
     def with_fix(self, report: Report, protocol: str | Path | None, progress: Progress) -> Report:
         """Add a fix to a report if the report's first cause is in the equations and a fix is found."""
         causes = report.causes
-        # causes are sorted by weight: if the first is in the CAD, an edit of the equations would hide it
+        # a report shows the fix of its first cause; an edit of equations fixes no other
         if not causes or causes[0].side != "equations" or causes[0].head.severity != "disagreement":
             return report
         robot = self.robot.bound(self.robot.protocol(protocol))

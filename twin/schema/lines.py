@@ -115,6 +115,7 @@ class _Scanner:
         names = self.name()
         for depth, key in enumerate(names):
             table = (*table, key)
+            # only the last name of [[a.b]] begins a new element; `a` means the newest one
             if is_list and depth == len(names) - 1:
                 self.sizes[table] = self.sizes.get(table, 0) + 1
             if table in self.sizes:

@@ -171,7 +171,7 @@ def _unknown_key(keys: Keys, nodes: list[JsonObject]) -> tuple[str, str | None]:
 
 def _unit_of(name: str) -> str | None:
     """Return the longest unit that is the suffix of a key's name ("mm_s", not "s"); None if there is none."""
-    for unit in sorted(UNITS, key=len, reverse=True):
+    for unit in sorted(UNITS, key=len, reverse=True):  # mm_s before s
         if name.endswith(f"_{unit}"):
             return unit
     return None

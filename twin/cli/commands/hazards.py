@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     from twin.api.hazards import hazards as campaign
     from twin.cli import show
 
-    if args.trends:
+    if args.trends:  # the experiments have settings of their own, in the robot's file
         for name in ("campaign", "sessions", "processes"):
             if getattr(args, name) is not None:
                 text = "it runs the two experiments of the robot's campaigns/trends.toml, in this process"

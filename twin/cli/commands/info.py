@@ -50,6 +50,6 @@ def run(args: argparse.Namespace) -> int:
             result = api.equations_of_motion(robot)
         else:
             result = api.info(robot, progress)
-            if not args.all:
+            if not args.all:  # the JSON always has everything
                 text = result.brief(args.robot)
     return show.finish(result, args, text=text)

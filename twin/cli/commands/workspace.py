@@ -54,6 +54,7 @@ def run(args: argparse.Namespace) -> int:
         step = args.step_mm * MM
     robot = api.load(args.robot)
     folder = show.folder(args, robot.name, "workspace")
+    # the search itself writes into the folder: poses are stored block by block
     with assets.atomic_folder(folder) as work, show.progress(args.quiet or args.json) as progress:
         with computing_on(device(args)):
             workspace = search(

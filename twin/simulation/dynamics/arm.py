@@ -49,10 +49,12 @@ class Arm:
     @property
     def effort_units(self) -> tuple[str, ...]:
         """Unit of the effort of each motor, "N m" or "N"."""
-        turns = {actuator.name: actuator.is_angle for actuator in self.mechanism.actuators}
+        turning = {}
+        for actuator in self.mechanism.actuators:
+            turning[actuator.name] = actuator.is_angle
         units = []
         for motor, joint in zip(self.motors, self.mechanism.active, strict=True):
-            is_angle = turns.get(motor, joint.is_angle)
+            is_angle = turning.get(motor, joint.is_angle)  # a motor without actuator is its joint
             units.append("N m" if is_angle else "N")
         return tuple(units)
 
@@ -210,8 +212,8 @@ def without_fixed(mechanism: Mechanism) -> Mechanism:
     for name, T_base_body in mechanism.rest.items():
         if name in needed:
             rest[name] = T_base_body
-    trocars = []
     joint_names = [joint.name for joint in joints]
+    trocars = []
     for name in mechanism.trocars:
         if name in joint_names:
             trocars.append(name)

@@ -67,7 +67,8 @@ class Tracking(Result):
     @property
     def worst(self) -> str:
         """Name of the run with the largest tip error among the runs with a wrong model."""
-        wrong_models = [name for name in self.runs if name != EXACT]
+        wrong_models = list(self.runs)
+        wrong_models.remove(EXACT)
         return max(wrong_models, key=lambda name: self.runs[name].tip_max)
 
     @property
@@ -106,6 +107,9 @@ class Tracking(Result):
         curves = {}
         for name, curve in self.curves.items():
             curves[name] = [run.as_dict() for run in curve]
+        torques = []
+        for row in self.efforts:
+            torques.append(row.as_dict())
         return {
             "robot": self.robot,
             "protocol": self.protocol,
@@ -115,7 +119,7 @@ class Tracking(Result):
             "assumed": "rate, gains, mismatch, encoders and instrument: the paper gives no values",
             "runs": runs,
             "worst": self.worst,
-            "torques": [row.as_dict() for row in self.efforts],
+            "torques": torques,
             "curves": curves,
         }
 

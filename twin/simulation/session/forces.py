@@ -48,6 +48,7 @@ class ForceMeter:
         if not self._has_forces or not len(rows):
             return
         self._ticks += len(rows)
+        # signals are numbers: a flag is 0 or 1
         self._on += int(np.count_nonzero(rows[:, self._columns[_SWITCH]] > 0.5))
         for hand in self._hands:
             forces = np.linalg.norm(rows[:, self._columns[HAND_FORCE.of(hand)]], axis=1)

@@ -65,6 +65,7 @@ def guided_parts(scene: Scene, participant: int) -> list[GuidedPart]:
         GuidedPart(2, "familiarization", "familiarization, 5 to 10 min", None, with_forces),
     ]
     for run in range(1, RUNS + 1):
+        # which of the runs has forces is random, but the same each time for a participant
         condition = first if run == 1 else randomised(participant, run)
         title = f"peg board, run {run} of {RUNS}"
         parts.append(GuidedPart(3, f"pegboard-{run}", title, _REPEATED, condition))

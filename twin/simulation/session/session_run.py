@@ -234,6 +234,7 @@ def perform(
     """
     device = surgeon(setup, seed, scale, mistake)
     tape = Tape()
+    # without records: an hour of all signals would not fit into the memory; the tape is emptied every second
     world = console_scene.world(setup, device, records=False, watch=[tape])
     keep = Keep(world, kept(world))
     assert setup.task is not None, "the surgeon has a task"

@@ -98,8 +98,12 @@ class World:
         blocks = (*devices, *controllers, *plants)
         initial = _initial_values(blocks, hazards)
         self.signals = Signals(dict(sorted(initial.items())))  # order of a row: independent of the order of blocks
-        self._devices = [self._run(block, hazards) for block in devices]
-        self._moved = [self._run(block, hazards) for block in (*controllers, *plants)]
+        self._devices: list[_Run] = []
+        for block in devices:
+            self._devices.append(self._run(block, hazards))
+        self._moved: list[_Run] = []
+        for block in (*controllers, *plants):
+            self._moved.append(self._run(block, hazards))
         for robot in robots:
             self._require_plant(ROBOT_Q.of(robot.name), len(robot.mechanism.active), f"robot '{robot.name}'")
         for deformable in deformables:
