@@ -9,7 +9,7 @@ from casadi import vertcat
 from twin.core.provenance import Parameter, Provenance
 from twin.core.units import MM
 from twin.formula import symbolic
-from twin.formula.contract import Coordinates
+from twin.formula.contract import ActiveJoint, Coordinates
 
 # Sources that several robots name.
 PAPER = "Design and Modeling of PA-10 Virtual Surgery Robot"
@@ -26,6 +26,15 @@ def row(alpha, d, theta, r):
 def mm(name: str, mm: float, provenance: Provenance, note: str) -> Parameter:
     """Return a length, given in mm, as a parameter with a provenance and a note."""
     return Parameter(name, mm * MM, "mm", mm, provenance, note)
+
+
+def active_joints(names: str, slides: str = "") -> tuple[ActiveJoint, ...]:
+    """Return the driven joints with the names in a text, separated by spaces: slides if in `slides`, else hinges."""
+    joints = []
+    for name in names.split():
+        kind = "prismatic" if name in slides.split() else "revolute"
+        joints.append(ActiveJoint(name, kind))
+    return tuple(joints)
 
 
 def place_names(points: Sequence[str]) -> list[str]:

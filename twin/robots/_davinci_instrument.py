@@ -12,8 +12,8 @@ from casadi import atan2, cos, dot, if_else, norm_2, pi, sqrt, vertcat
 from twin.core.provenance import Parameter
 from twin.core.units import DEG
 from twin.formula import symbolic
-from twin.formula.contract import ActiveJoint, Aspect, Measure
-from twin.robots._authoring import mm
+from twin.formula.contract import Aspect, Measure
+from twin.robots._authoring import active_joints, mm
 from twin.robots._davinci import DVRK, about_rcm, shaft_frame
 
 TOOL = "jhu-dvrk/sawIntuitiveResearchKit, share/tool"
@@ -84,7 +84,7 @@ def parameters(origin: float, shaft_long: float, tool: str, note: str = "") -> t
 ENDS = ("rcm", "wrist", "fulcrum", "tip")
 """Names of the points that `ends` returns."""
 
-JOINTS = tuple(ActiveJoint(f"q{i}", "prismatic" if i == 3 else "revolute") for i in range(1, 7))
+JOINTS = active_joints("q1 q2 q3 q4 q5 q6", slides="q3")
 
 _ALARM = "alarm ASSUMED: no published threshold"
 

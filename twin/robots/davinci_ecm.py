@@ -11,9 +11,9 @@ from casadi import atan2, vertcat
 
 from twin.core.units import DEG
 from twin.formula import symbolic
-from twin.formula.contract import ActiveJoint, Aspect, Coordinates, Formula
+from twin.formula.contract import Aspect, Coordinates, Formula
 from twin.formula.equations import Equations
-from twin.robots._authoring import mm, place_names, row
+from twin.robots._authoring import active_joints, mm, place_names, row
 from twin.robots._davinci import DVRK, about_rcm, depth, shaft_frame, to_insertion
 from twin.robots._davinci_classic import LINKAGE, PINS, linkage, linkage_angles, linkage_pins
 
@@ -88,7 +88,7 @@ FORMULA = Formula(
         ),
         *linkage(340.4, (-103.001, 286.805), (-162.43, -9.8), (-5.471, 37.452), "CITED", "jhu-dvrk/dvrk_model, ECM"),
     ),
-    joints=tuple(ActiveJoint(f"q{i}", "prismatic" if i == 3 else "revolute") for i in range(1, 5)),
+    joints=active_joints("q1 q2 q3 q4", slides="q3"),
     coordinates=Coordinates(
         names=("x", "y", "z", "roll"), units=("m", "m", "m", "rad"), to_pose=_pose, from_pose=_coordinates
     ),

@@ -13,9 +13,9 @@ from casadi import acos, asin, atan2, cos, fabs, if_else, norm_2, pi, sin, sqrt,
 
 from twin.core.units import DEG
 from twin.formula import symbolic
-from twin.formula.contract import ActiveJoint, Aspect, Formula, Measure
+from twin.formula.contract import Aspect, Formula, Measure
 from twin.formula.equations import Equations
-from twin.robots._authoring import ASSUMED, DERIVED, PAPER, ZYX, mm, place_names, row, trocar
+from twin.robots._authoring import ASSUMED, DERIVED, PAPER, ZYX, active_joints, mm, place_names, row, trocar
 
 _OFF = 1e-6
 """Maximum error of an entry of the rotation matrix at which a pose counts as within the five degrees of freedom."""
@@ -112,7 +112,7 @@ FORMULA = Formula(
         mm("r8", 30, "ASSUMED", "distance from tip joint to camera"),
         *trocar(400, 0, 300),
     ),
-    joints=tuple(ActiveJoint(f"q{i}", "revolute") for i in (1, 2, 3, 6, 7)),
+    joints=active_joints("q1 q2 q3 q6 q7"),
     coordinates=ZYX,
     equations=tuple(equation),
     characteristic_length=lambda r6: r6,

@@ -21,9 +21,9 @@ from casadi import atan2, cos, cross, dot, fmin, if_else, norm_2, pi, sin, sqrt,
 from twin.core.provenance import Parameter
 from twin.core.units import DEG
 from twin.formula import symbolic
-from twin.formula.contract import ActiveJoint, Aspect, Formula, Measure, PointSearch
+from twin.formula.contract import Aspect, Formula, Measure, PointSearch
 from twin.formula.equations import Equations
-from twin.robots._authoring import PAPER, ZYX, mm, place_names, row
+from twin.robots._authoring import PAPER, ZYX, active_joints, mm, place_names, row
 
 _INRIA = "siconos HuMAns_pa10 (INRIA)"
 _POINTS = ("shoulder", "elbow", "wrist", "flange", "tip")
@@ -168,7 +168,7 @@ FORMULA = Formula(
             "0: the elbow is in the vertical plane through shoulder and wrist, above them; the paper gives no value",
         ),
     ),
-    joints=tuple(ActiveJoint(f"q{i}", "revolute") for i in range(1, 8)),
+    joints=active_joints("q1 q2 q3 q4 q5 q6 q7"),
     coordinates=ZYX,
     equations=tuple(equation),
     characteristic_length=lambda RL5: RL5,
