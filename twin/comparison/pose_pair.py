@@ -46,8 +46,8 @@ def side_of_poses(first: RobotSide, second: RobotSide) -> RobotSide | None:
     if tables:
         return tables[0]
     chain = sampled[0]
-    other = second if chain is first else first
-    if other.looped or len(other.axes) != len(chain.axes):
+    other_side = second if chain is first else first
+    if other_side.looped or len(other_side.axes) != len(chain.axes):
         return chain
     return None
 

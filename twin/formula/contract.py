@@ -348,7 +348,7 @@ def _unique(fail: Callable[[str], None], kind: str, names: Iterable[str]) -> Non
     """Call `fail` if two of the names are equal; `kind` is what they name, "joint" or "equation"."""
     first_number: dict[str, int] = {}
     names = list(names)
-    for i, name in enumerate(names, 1):
+    for i, name in enumerate(names, 1):  # from 1, as authors count
         if name in first_number:
             count = len(set(names))
             numbers = f"number {first_number[name]} and number {i}"

@@ -54,6 +54,7 @@ def scope(home: ModuleNames) -> ModuleNames:
     names: ModuleNames = {}
     for name, value in home.items():
         if isinstance(value, FunctionType) and value.__globals__ is home:
+            # its own code with other globals: the author's module stays as it is
             lifted_function = FunctionType(value.__code__, names, value.__name__, value.__defaults__, value.__closure__)
             lifted_function.__kwdefaults__ = value.__kwdefaults__
             names[name] = lifted_function
@@ -187,7 +188,7 @@ def _filled_later(function: Callable[..., np.ndarray]) -> Callable[..., np.ndarr
     def call(*args: Value, **kwargs: object) -> np.ndarray:
         array = _on_numbers(function, args, kwargs)
         if array.dtype == float:
-            return array.astype(object)
+            return array.astype(object)  # an array of floats takes no symbol as an entry
         return array
 
     call.__name__ = function.__name__

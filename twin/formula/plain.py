@@ -102,15 +102,12 @@ def plain_formula(
     before_joints = [inverse]
     if points_first:
         before_joints = [points, inverse]
-    active_joints = []
-    for joint, is_angle in joints:
-        active_joints.append(ActiveJoint(joint, "revolute" if is_angle else "prismatic"))
     formula = Formula(
         name=name,
         title=str(values.get("TITLE", first_line)),
         source=str(values.get("SOURCE", path.name)),
         parameters=parameters,
-        joints=tuple(active_joints),
+        joints=_active_joints(joints),
         coordinates=coordinates,
         equations=_equations(points, inverse, forward, joints=joint_names, points_first=points_first, path=path),
         characteristic_length=_length_scale(parameters),
@@ -120,6 +117,14 @@ def plain_formula(
     )
     _check_on_symbols(formula, _present((points, inverse, forward)))
     return formula
+
+
+def _active_joints(joints: Sequence[tuple[str, bool]]) -> tuple[ActiveJoint, ...]:
+    """Return the active joints, from (name, whether the coordinate is an angle) of each."""
+    active_joints = []
+    for name, is_angle in joints:
+        active_joints.append(ActiveJoint(name, "revolute" if is_angle else "prismatic"))
+    return tuple(active_joints)
 
 
 def _present(rows: Sequence[_Rows | None]) -> list[_Rows]:
@@ -145,6 +150,7 @@ def _equations(
         forward.outputs = (POSE_SYMBOL,)
         equations.append(_equation(forward, "forward", "joints -> pose", path))
     if points is not None and points_first:
+        # `run` evaluates the equations in this order
         equations.insert(0, _equation(points, "inverse", "named points", path))
     elif points is not None:
         equations.append(_equation(points, "helper", "named points", path))
@@ -289,7 +295,7 @@ def _parameters(module: ModuleType, path: Path) -> tuple[Parameter, ...]:
         place = f"{path}:{line}: PARAMETERS['{name}']"
         if not isinstance(name, str) or not name.isidentifier():
             raise KinematicsError(f"{place}: a parameter's name must be a valid argument name of a function.")
-        if isinstance(value, int | float):
+        if isinstance(value, int | float):  # a plain number, as authors write first
             raise KinematicsError(
                 f"{place} = {value} has no unit: write mm({value}), m({value}), deg({value}), rad({value}) or "
                 f"number({value}), with `from twin.formula import mm, ...`."

@@ -196,7 +196,7 @@ def _last_return(path: Path, function: FunctionType) -> int:
         return first_line
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef) and node.lineno <= first_line <= (node.end_lineno or 0):
-            if node.name != function.__name__:
+            if node.name != function.__name__:  # a function around it
                 continue
             return_lines = []
             for inner in ast.walk(node):

@@ -51,7 +51,7 @@ def to_sx(value: object) -> ca.SX:
     if array.ndim > 2:
         raise ValueError(f"{array.ndim} dimensions")
     if array.ndim < 2:
-        array = array.reshape(-1, 1)
+        array = array.reshape(-1, 1)  # CasADi has no arrays of one dimension: a vector is a column
     rows = []
     for row in array:
         entries = []
