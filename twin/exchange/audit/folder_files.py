@@ -152,7 +152,7 @@ def _group_by_format(folder_files: FolderFiles, files: Sequence[Path], is_single
     for format in formats:
         ranked = by_format.get(format.name, [])
         ranked.sort(key=lambda row: row[0])  # by rank alone, so that files of one rank stay in the order of their names
-        chosen = format.outermost([file for _, file in ranked])  # a stage that others reference is audited with them
+        chosen = format.outermost([file for _, file in ranked])  # parts, such as sublayers, go with their whole
         if chosen:
             folder_files.files[format.name] = chosen
             folder_files.unrecognised += _unrecognised(format, unmatched, chosen)
