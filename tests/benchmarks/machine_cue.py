@@ -22,7 +22,7 @@ from twin.api.scene_parts import members_of, robots_at
 from twin.core import spatial
 from twin.simulation import console_scene
 from twin.simulation.condition import Condition
-from twin.simulation.devices.combined_devices import Together
+from twin.simulation.devices.combined_devices import CombinedDevices
 from twin.simulation.devices.machine_states import MachineStates
 from twin.simulation.hazards.fault import Fault
 from twin.simulation.machine.levels import Level
@@ -71,7 +71,7 @@ def main(faults):
         for n in names:
             ready(n, machines.links[n])
         states, outbox = {n: MachineStates(n, parts[n].home) for n in names}, Outbox(parts)
-        device = Together([Circles(), *states.values()])
+        device = CombinedDevices([Circles(), *states.values()])
         world = console_scene.world(setup, device, records=False, watch=[outbox], parts=parts)
         exchange, begin, pressed = Exchange(machines.links, states, outbox), time.monotonic(), -1.0
         begun = link.state.t

@@ -16,7 +16,7 @@ from twin.api.scene_parts import members_of, props_of, robots_at
 from twin.core import spatial
 from twin.simulation import console_scene
 from twin.simulation.condition import Condition
-from twin.simulation.devices.received_hands import GivenHands, HandState
+from twin.simulation.devices.received_hands import HandState, ReceivedHands
 from twin.simulation.session.session_run import SAMPLE
 from twin.simulation.session.tape import Tape
 from twin.simulation.session.task_play import play_of
@@ -29,7 +29,7 @@ def times(seconds: float) -> tuple[np.ndarray, np.ndarray]:
     task = scene.tasks["phantom"]
     members = members_of(robots_at(console_scene.led_by(scene)))
     setup = Setup(scene, members, task, props_of(scene), Condition(haptics=True))
-    device = GivenHands(console_scene.PEDALS, console_scene.HANDS, scale=0.1, moving=(0,))
+    device = ReceivedHands(console_scene.PEDALS, console_scene.HANDS, scale=0.1, moving=(0,))
     referee = play_of(task).referee(setup, task, SAMPLE)
     tape = Tape()
     world = console_scene.world(setup, device, records=False, watch=[referee, tape])

@@ -8,7 +8,7 @@ from twin.api.scene_parts import members_of
 from twin.core import spatial
 from twin.simulation import console_scene
 from twin.simulation.console_scene import HANDS
-from twin.simulation.devices.received_hands import GivenHands, HandState
+from twin.simulation.devices.received_hands import HandState, ReceivedHands
 from twin.simulation.setup import Setup
 
 
@@ -19,7 +19,7 @@ class ByHand:
         self.scene = scene
         self.members = members_of(robots)
         settings = console_scene.settings(scene, fulcrum)
-        self.device = GivenHands("pedals", HANDS, scale, settings=settings)
+        self.device = ReceivedHands("pedals", HANDS, scale, settings=settings)
         self.world = console_scene.world(Setup(scene, self.members), self.device, records=False)
         self.places = {p.name: p for p in scene.places}
         self.p = {hand: np.zeros(3) for hand in HANDS}

@@ -40,8 +40,8 @@ class Patient(SurgeonHands):
         self.rest = rest
         super().__init__(seat, Habits())
 
-    def _said(self, k):
-        return super()._said(k) | {"surgeon.target": 0.0}
+    def _output_signals(self, k):
+        return super()._output_signals(k) | {"surgeon.target": 0.0}
 
     def _work(self):
         yield from self._rest(self.rest)

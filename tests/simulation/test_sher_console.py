@@ -15,7 +15,7 @@ from twin.core.errors import OutputError, TwinError
 from twin.model.scene import load_scene
 from twin.simulation import console_scene, rate_console
 from twin.simulation.devices.hand import ScriptedHand
-from twin.simulation.devices.received_hands import GivenHands, HandState
+from twin.simulation.devices.received_hands import HandState, ReceivedHands
 from twin.simulation.limits import JointLimits
 from twin.simulation.session import session_run
 from twin.simulation.session.trial_table import TrialTable
@@ -73,7 +73,7 @@ class Hand:
     """A person's right hand at the console of a setup; `p` is its position in m in {H}."""
 
     def __init__(self, setup):
-        self.device = GivenHands(console_scene.PEDALS, console_scene.HANDS, scale=0.1, moving=(0,))
+        self.device = ReceivedHands(console_scene.PEDALS, console_scene.HANDS, scale=0.1, moving=(0,))
         self.world = console_scene.world(setup, self.device, records=False)
         self.kin = setup.members["sher"].kin
         self.p, self.R, self.pedal, self.number = np.zeros(3), np.eye(3), False, 0
@@ -319,6 +319,6 @@ def test_a_console_with_teleoperation_has_one_hand_one_robot_and_a_camera_on_the
         scene_of((law, ""))
     moved = Setup(scene_of(('frame = "base"', 'frame = "tool"')), setup.members)
     with pytest.raises(TwinError, match="does not move: give a frame on base, the base of sher"):
-        console_scene.world(moved, GivenHands("pedals", moving=(0,)))
+        console_scene.world(moved, ReceivedHands("pedals", moving=(0,)))
     with pytest.raises(TwinError, match="no robot 'psm'"):
         scene_of(('robot = "sher"\nprotocol = "phantom"\ncontact', 'robot = "psm"\nprotocol = "phantom"\ncontact'))

@@ -201,16 +201,16 @@ def _in_um(lengths: Mapping[str, float]) -> dict[str, float]:
     return values
 
 
-def _jump(contract: ClutchReport) -> list[Finding]:
-    if contract.keeps:
+def _jump(report: ClutchReport) -> list[Finding]:
+    if report.keeps:
         return []
     return [
         disagreement(
             "clutch.jump",
             "eq. (7)",
-            f"when the pedal is pressed again with the handle {mm(contract.handle)} away and at rest, the tool "
+            f"when the pedal is pressed again with the handle {mm(report.handle)} away and at rest, the tool "
             "jumps; it must not move",
-            mm(contract.jump),
+            mm(report.jump),
             mm(0.0),
             "use --clutch corrected: it keeps the offset until the next press",
         )

@@ -77,6 +77,7 @@ def write_scene(
         for mesh in mesh_paths(props).values():
             collider = stage.OverridePrim(f"/{scene.name}{mesh}")
             UsdPhysics.CollisionAPI.Apply(collider)
+            # the mesh itself: a convex hull would close the openings of fixed parts
             UsdPhysics.MeshCollisionAPI.Apply(collider).CreateApproximationAttr(UsdPhysics.Tokens.none)
     if scene.objects:
         shapes = _objects(stage, scene, folder)

@@ -10,7 +10,7 @@ from twin.core.spatial import Array
 from twin.simulation.world import Block, Signals
 
 
-class Together(Block):
+class CombinedDevices(Block):
     """Writes the signals of all its devices."""
 
     def __init__(self, devices: Sequence[Block]) -> None:

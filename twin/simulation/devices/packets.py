@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from twin.core import spatial
 from twin.core.errors import DeviceError
 from twin.core.spatial import Array
-from twin.simulation.devices.received_hands import GivenHands, HandState
+from twin.simulation.devices.received_hands import HandState, ReceivedHands
 
 HAND = struct.Struct("<4sBBBBIQ8d")
 FORCE = struct.Struct("<4sBBBBI3d")
@@ -113,7 +113,7 @@ def grip_angle(grip: float) -> float:
     return grip
 
 
-class Packets(GivenHands):
+class Packets(ReceivedHands):
     """Hands whose states arrive as packets, in addition to states that are passed to `give`."""
 
     def read(self, data: bytes) -> HandState:

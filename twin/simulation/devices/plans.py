@@ -172,6 +172,7 @@ class Plans(Block):
             return
         tip = arm.kin.forward(signals[ROBOT_ENCODER.of(robot)])[:3, 3]
         newest = min(self._k, len(self._Ts) - 1)
+        # the tip follows its goal with a delay, so that it is near one of the latest poses, not at the newest one
         oldest = max(0, newest - round(_BEHIND / dt))
         path = self._Ts[oldest : newest + 1, :3, 3]
         deviation = float(np.sqrt(((path - tip) ** 2).sum(axis=1).min()))

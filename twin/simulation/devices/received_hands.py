@@ -53,7 +53,7 @@ class HandState:
     grip: float
 
 
-class GivenHands(Block):
+class ReceivedHands(Block):
     """Writes `<hand>.pose` (16,), `<hand>.grip`, `<hand>.lost`, and the pedals for both hands.
 
     `<hand>.lost` counts the states of a hand that did not arrive: the gaps in the sequence numbers. `<device>.clutch`
@@ -185,6 +185,7 @@ class GivenHands(Block):
         values: dict[str, ArrayLike] = {}
         clutch = False
         camera = False
+        # without a state, a pedal counts as released; `<device>.silent` keeps the hands from moving anything
         for name, last, lost_count in zip(self.hands, self._last, self._lost, strict=True):
             if last is None:
                 values[HAND_POSE.of(name)] = np.eye(4).ravel()

@@ -152,7 +152,7 @@ class SurgeonHands(SimulatedHands):
         self._count = 0
         self._T: dict[str, Array] = {}
         self._ticks = self._work()
-        self.outputs = self._said(0)
+        self.outputs = self._output_signals(0)
 
     @abstractmethod
     def _work(self) -> Iterator[None]:
@@ -165,9 +165,9 @@ class SurgeonHands(SimulatedHands):
         if next(self._ticks, finished) is finished:
             return None
         self._count += 1
-        return self._said(self._count - 1)
+        return self._output_signals(self._count - 1)
 
-    def _said(self, k: int) -> dict[str, ArrayLike]:
+    def _output_signals(self, k: int) -> dict[str, ArrayLike]:
         """Return the signals of tick k."""
         values: dict[str, ArrayLike] = {}
         for hand in self.arms:

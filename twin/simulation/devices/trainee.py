@@ -52,8 +52,8 @@ class Trainee(SurgeonHands):
         self.done = 0.0
         super().__init__(seat, Habits())
 
-    def _said(self, k: int) -> dict[str, ArrayLike]:
-        values = super()._said(k)
+    def _output_signals(self, k: int) -> dict[str, ArrayLike]:
+        values = super()._output_signals(k)
         values[MODE] = float(self._mode)
         return values
 

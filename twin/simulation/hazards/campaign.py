@@ -133,7 +133,7 @@ class CampaignTable(Table):
 
 
 @dataclass(frozen=True)
-class Drawn:
+class DrawnSession:
     """One session of a campaign.
 
     Attributes:
@@ -168,7 +168,7 @@ class Campaign:
     def __len__(self) -> int:
         return self.table.faults + self.table.free
 
-    def draw(self, index: int) -> Drawn:
+    def draw(self, index: int) -> DrawnSession:
         """Return the session of an index; the session depends only on the campaign's seed and this index."""
         table = self.table
         # The order of the draws is part of the campaign: another order gives other sessions for the same seed.
@@ -177,7 +177,7 @@ class Campaign:
         friction = float(rng.uniform(*table.friction))
         scale = table.scales[rng.integers(len(table.scales))]
         if index >= table.faults:
-            return Drawn(index, FREE, "", "", "hold", 0.0, table.lead, 1, mass, friction, scale)
+            return DrawnSession(index, FREE, "", "", "hold", 0.0, table.lead, 1, mass, friction, scale)
         weights = np.array([kind.weight for kind in table.class_])
         kind = table.class_[rng.choice(len(weights), p=weights / weights.sum())]
         target = kind.targets[rng.integers(len(kind.targets))]
@@ -187,7 +187,7 @@ class Campaign:
             value = float(round(value))
         length = int(kind.length[rng.integers(len(kind.length))])
         start = table.lead + int(rng.integers(100))
-        return Drawn(
+        return DrawnSession(
             index=index,
             kind=kind.name,
             signal=kind.signal,
@@ -234,7 +234,7 @@ class Campaign:
             times.append(max(time, quantity.value / 10))
         return Reaction(*times)
 
-    def faults(self, session: Drawn) -> list[Fault]:
+    def faults(self, session: DrawnSession) -> list[Fault]:
         """Return new faults of a session, for one machine; their start and end are packet numbers."""
         if session.kind == FREE:
             return []

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from twin.core.errors import DeviceError
 from twin.simulation import console_scene
-from twin.simulation.devices.combined_devices import Together
+from twin.simulation.devices.combined_devices import CombinedDevices
 from twin.simulation.devices.machine_states import MachineStates
 from twin.simulation.devices.trainee import Trainee
 from twin.simulation.machine.levels import Level
@@ -67,7 +67,7 @@ def train(
     states = {}
     for name in links:
         states[name] = MachineStates(name, parts[name].home)
-    device = Together([trainee, *states.values()])
+    device = CombinedDevices([trainee, *states.values()])
     outbox = Outbox(parts)
     tape = Tape()
     world = console_scene.world(setup, device, records=False, watch=[outbox, tape], parts=parts)

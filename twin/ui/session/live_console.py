@@ -1,6 +1,6 @@
 """Control a scene from its console: step the World in real time, give one client control of the hands, make reports.
 
-The hand states of a client are passed to the input device `GivenHands`. Silence, jumps and limits are reported in the
+The hand states of a client are passed to the device `ReceivedHands`. Silence, jumps and limits are reported in the
 state and in the log. Web page and viewer both use `LiveConsole`; each has its own display and source of hand states.
 """
 
@@ -27,9 +27,9 @@ from twin.simulation.condition import Condition
 from twin.simulation.console_scene import HANDS
 from twin.simulation.controllers.pivot import FULCRUMS, Fulcrum
 from twin.simulation.controllers.trainer import Mode
-from twin.simulation.devices.combined_devices import Together
+from twin.simulation.devices.combined_devices import CombinedDevices
 from twin.simulation.devices.machine_states import MachineStates
-from twin.simulation.devices.received_hands import GivenHands, HandState
+from twin.simulation.devices.received_hands import HandState, ReceivedHands
 from twin.simulation.plants.tissue import clips_of
 from twin.simulation.session.session_run import SAMPLE, head_of
 from twin.simulation.session.tape import Tape
@@ -102,7 +102,7 @@ class LiveConsole:
         reading: the last state: controlled arms, arms at a limit, and the reason if nothing moves.
     """
 
-    _device_type: type[GivenHands] = GivenHands
+    _device_type: type[ReceivedHands] = ReceivedHands
 
     def __init__(self, loaded: LoadedScene, exercise: Exercise = NO_TASK) -> None:
         """Create the World with the robots at the places of the scene.
@@ -203,7 +203,7 @@ class LiveConsole:
             watch.append(referee)
         if tape is not None:  # the last block: it records what all others have written
             watch.append(tape)
-        device = Together([self.device, self.planning.plans, *states])
+        device = CombinedDevices([self.device, self.planning.plans, *states])
         world = console_scene.world(self._setup, device, records=False, watch=watch, parts=parts)
         recorder = None
         if path is not None and tape is not None:

@@ -10,7 +10,7 @@ from twin.model.scene import Scene
 from twin.simulation import machine_scene
 from twin.simulation.controllers.trainer import MODE, VIEW, Mode, TrainerPhase, Why, asked, mode_of, told
 from twin.simulation.devices.machine_states import ANSWERS, LEVEL, MachineStates
-from twin.simulation.devices.received_hands import GivenHands
+from twin.simulation.devices.received_hands import ReceivedHands
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.outbox import Outbox
 from twin.simulation.machine.packet_exchange import Exchange
@@ -28,7 +28,7 @@ class LiveMachines:
 
     exchange: Exchange
 
-    def __init__(self, scene: Scene, machines: Machines, device: GivenHands) -> None:
+    def __init__(self, scene: Scene, machines: Machines, device: ReceivedHands) -> None:
         """Use the connections `machines` until `close` ends them; `device` passes clients' requests to the trainer."""
         self._trainer = scene.trainer
         self._machines = machines

@@ -63,7 +63,7 @@ class _Grasp(NamedTuple):
     T_hand_object: Array
 
 
-class Feel:
+class ContactPlanes:
     """Finds the planes of all contacts.
 
     Whether an instrument is in contact is computed from the commanded joint values. The simulated poses are not used,
@@ -147,7 +147,7 @@ class Feel:
         # One collision test a step: at the joint values, or with one of the instruments at its proxy, in turn.
         arms_in_contact = []
         for arm in range(len(self._proxies)):
-            if self._proxies[arm].away:
+            if self._proxies[arm].touches:
                 arms_in_contact.append(arm)
         turn = self._step % (len(arms_in_contact) + 1)
         if turn == 0:
@@ -162,7 +162,7 @@ class Feel:
             # A plane of a held object that was in the last signal must be taken out of it, too.
             if arm in changed or planes or self._pushed[arm]:
                 if planes:
-                    values = rows([*arm_proxy.found, *planes], self._tool(d, arm))
+                    values = rows([*arm_proxy.local_planes, *planes], self._tool(d, arm))
                 else:
                     values = arm_proxy.planes.copy()
                 signals[ROBOT_PLANES.of(self._grippers[arm].robot)] = values
@@ -177,7 +177,7 @@ class Feel:
             deepest = 0.0
             for touch in touches:
                 deepest = max(deepest, touch.depth)
-            if (deepest > 0) == arm_proxy.away:
+            if (deepest > 0) == arm_proxy.touches:
                 continue
             changed.append(arm)
             if deepest > 0:
@@ -293,16 +293,16 @@ class _Proxy:
     """The proxy of an instrument's tool.
 
     Attributes:
-        found: the latest planes.
-        planes: (SIZE,) rows of the planes in `found`.
-        away: whether the instrument touches something; if not, the proxy is at the tool.
+        local_planes: the latest planes.
+        planes: (SIZE,) rows of the planes in `local_planes`.
+        touches: whether the instrument touches something; if not, the proxy is at the tool.
     """
 
     def __init__(self) -> None:
         """Compile the function that computes the displacement from the tool to the proxy."""
-        self.found: list[LocalPlane] = []
+        self.local_planes: list[LocalPlane] = []
         self.planes = np.zeros(SIZE)
-        self.away = False
+        self.touches = False
         self._T = np.zeros(16)
         self._position = np.zeros(3)
         planes = ca.SX.sym("planes", SIZE)
@@ -317,16 +317,16 @@ class _Proxy:
 
     def release(self) -> None:
         """Move the proxy to the tool."""
-        self.found = []
-        self.away = False
+        self.local_planes = []
+        self.touches = False
         self.planes[:] = 0
 
     def find(self, T: Array, planes: list[LocalPlane]) -> None:
         """Set the planes of a tool at T (4, 4); the first call after `release` starts the proxy at the tool."""
-        if not self.away:
+        if not self.touches:
             self._position = T[:3, 3].copy()
-            self.away = True
-        self.found = planes
+            self.touches = True
+        self.local_planes = planes
         self.planes[:] = rows(planes, T)
 
     def move(self, T: Array) -> Array:

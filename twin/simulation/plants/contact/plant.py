@@ -15,7 +15,7 @@ from twin.core.spatial import Array
 from twin.model.body import Body, Mesh
 from twin.model.movable import Movable
 from twin.simulation.plants.contact.collision_shapes import NONE, GeomOwner, Solid, add_object, add_part
-from twin.simulation.plants.contact.contact_planes import Feel
+from twin.simulation.plants.contact.contact_planes import ContactPlanes
 from twin.simulation.plants.contact.gripper import Gripper
 from twin.simulation.world import Block, Signals
 from twin.simulation.world.signal_kinds import (
@@ -124,10 +124,10 @@ class Contact(Block):
         self._holding: list[list[int]] = [[] for _ in self._objects]  # grippers at each object, by time of grasp
         self._last_contacts: _Contacts | None = None
         self.outputs = self._signals()
-        self._feel: Feel | None = None
+        self._feel: ContactPlanes | None = None
         if feels:
             names = [item.name for item in self._objects]
-            self._feel = Feel(self._model, self._grippers, names, self._owners)
+            self._feel = ContactPlanes(self._model, self._grippers, names, self._owners)
             self.outputs |= self._feel.outputs
 
     # -- the model ----------------------------------------------------------------------------------------

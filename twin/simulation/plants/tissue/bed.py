@@ -185,5 +185,6 @@ class Hold:
             grip.force = self._R @ along_grid
             magnitude = float(np.linalg.norm(grip.force))
             if magnitude > grip.limit:
+                # with a largest value, so that a sudden pull does not throw the point out of the jaws in one step
                 excess = min(magnitude / grip.limit - 1.0, 2.0)
                 grip.offset = grip.offset - grip.force / magnitude * excess * _SLIDE

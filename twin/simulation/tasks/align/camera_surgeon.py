@@ -60,8 +60,8 @@ class CameraSurgeon(SurgeonHands):
         self.line = line
         super().__init__(seat, HABITS)
 
-    def _said(self, k: int) -> dict[str, ArrayLike]:
-        values = super()._said(k)
+    def _output_signals(self, k: int) -> dict[str, ArrayLike]:
+        values = super()._output_signals(k)
         values[SURGEON_TARGET.name] = 0.0
         return values
 

@@ -211,6 +211,7 @@ class GuidingReferee(InstrumentReferee):
                 self._tell(k, "bad", f"{self._ring.name} has left the wire")
             self._on_wire = False
             self._passed = 0.0
+        # a ring comes onto the wire by its free end; one that is first seen further along does not count
         elif self._on_wire or s <= _ENTRY * self._wire_length:
             self._on_wire = True
             self._passed = max(self._passed, s / self._wire_length)
@@ -239,7 +240,7 @@ class GuidingReferee(InstrumentReferee):
         """Judge whether the guided ring hangs on the wire without a hand."""
         if self._steps["guided"] is None:
             return
-        if self._is_free(k) and self._place(T) is not None:
+        if self._is_free(k) and self._place(T) is not None:  # a ring beside the wire has fallen
             self._do("released", k)
         else:
             self._undo("released")

@@ -117,8 +117,8 @@ class GuidingSurgeon(SurgeonHands):
         self._along = np.concatenate([[0.0], np.cumsum(lengths)])
         super().__init__(seat, HABITS)
 
-    def _said(self, k: int) -> dict[str, ArrayLike]:
-        values = super()._said(k)
+    def _output_signals(self, k: int) -> dict[str, ArrayLike]:
+        values = super()._output_signals(k)
         values[SURGEON_TARGET.name] = float(self._stage)
         return values
 

@@ -289,24 +289,24 @@ class ProcedureReferee(Block):
         return ProcedureMeasures(checks, time, dict(self._paths), len(self.closed), energy, self._pull, self._slipped)
 
     def _expose(self) -> ProcedureCheck:
-        p = self.procedure
-        exposed = self._last_lift >= p.lift_mm * MM
+        procedure = self.procedure
+        exposed = self._last_lift >= procedure.lift_mm * MM
         when = "when the first clip was placed" if self.closed else "at the end"
         text = (
-            f"the held point of the {spoken(p.organ)} was {self._last_lift / MM:.1f} mm above its place {when} "
-            f"(required: {p.lift_mm:g} mm)"
+            f"the held point of the {spoken(procedure.organ)} was {self._last_lift / MM:.1f} mm above its place {when} "
+            f"(required: {procedure.lift_mm:g} mm)"
         )
         if exposed:
             return ProcedureCheck("expose", True, self._t_lifted, text)
         return ProcedureCheck("expose", False, None, text, lost=bool(self.closed))
 
     def _show(self) -> ProcedureCheck:
-        p = self.procedure
+        procedure = self.procedure
         longest = self._longest_run * self.period
         when = " before the first clip" if self.closed else ""
         text = (
-            f"{p.camera} saw at least {p.seen:.0%} of the {spoken(p.vessel)} for {longest:.1f} s"
-            f"{when} (required: {p.seen_s:g} s)"
+            f"{procedure.camera} saw at least {procedure.seen:.0%} of the {spoken(procedure.vessel)} for "
+            f"{longest:.1f} s{when} (required: {procedure.seen_s:g} s)"
         )
         is_shown = self._t_shown is not None
         is_lost = bool(self.closed) and not is_shown
@@ -370,12 +370,12 @@ class ProcedureReferee(Block):
         return ProcedureCheck("cut", True, self._t_cut, text)
 
     def _remove(self) -> ProcedureCheck:
-        p = self.procedure
+        procedure = self.procedure
         free = int(self.freed.sum())
         text = (
-            f"{free} of {len(self.freed)} cells of the bed are free (at least {p.bed_j:g} J each); "
-            f"the middle of the {spoken(p.organ)} is {self.out / MM:.0f} mm from the nearest port "
-            f"(allowed: {p.out_mm:g} mm)"
+            f"{free} of {len(self.freed)} cells of the bed are free (at least {procedure.bed_j:g} J each); "
+            f"the middle of the {spoken(procedure.organ)} is {self.out / MM:.0f} mm from the nearest port "
+            f"(allowed: {procedure.out_mm:g} mm)"
         )
         return ProcedureCheck("remove", self.removed, self._t_removed if self.removed else None, text)
 

@@ -155,7 +155,7 @@ class ProcedureSurgeon(Block):
         self._k = 0
         self.missed: list[str] = []
         self._script = self._work()
-        self.outputs = self._said(without_tremor=True)
+        self.outputs = self._output_signals(without_tremor=True)
 
     def _carrier(self, kind: Kind, among: Sequence[str]) -> str:
         """Return the robot for a kind of tool: the one with it at the start, else the first that can carry it."""
@@ -181,9 +181,9 @@ class ProcedureSurgeon(Block):
         if next(self._script, finished) is finished:
             return None
         self._k += 1
-        return self._said()
+        return self._output_signals()
 
-    def _said(self, without_tremor: bool = False) -> dict[str, ArrayLike]:
+    def _output_signals(self, without_tremor: bool = False) -> dict[str, ArrayLike]:
         """Return the signals, with the hands' tremor or without it."""
         values: dict[str, ArrayLike] = {SURGEON_STAGE.name: float(self._stage)}
         for robot, p in self._at.items():

@@ -56,8 +56,8 @@ class ScriptedSurgeon(SurgeonHands):
         self._target = -1
         super().__init__(seat, habits or Habits())
 
-    def _said(self, k: int) -> dict[str, ArrayLike]:
-        values = super()._said(k)
+    def _output_signals(self, k: int) -> dict[str, ArrayLike]:
+        values = super()._output_signals(k)
         values[SURGEON_TARGET.name] = float(self._target)
         return values
 

@@ -230,17 +230,17 @@ class _Ring:
 
     item: Movable
     peg: Peg
-    few: int
+    short_gap: int
     drops: int = 0
-    at: int = -1
-    held: int | None = None
+    sample: int = -1
+    last_held: int | None = None
     """Index of the last sample in which a hand held the ring; None: the ring was never held."""
     holder: int = -1
-    free: float | None = None
+    release_height: float | None = None
     """Height in m at which a hand last released the ring; None: the ring is held, or was never held."""
-    z: float = 0.0
+    height: float = 0.0
     placed: int | None = None
-    told: str = field(default="")
+    told_state: str = field(default="")
 
     @property
     def name(self) -> str:
@@ -254,33 +254,34 @@ class _Ring:
     @property
     def fell(self) -> bool:
         """Whether the ring has fallen by more than `_FALL` since its last release, and is not around its peg."""
-        return self.free is not None and self.placed is None and self.free - self.z > _FALL
+        return self.release_height is not None and self.placed is None and self.release_height - self.height > _FALL
 
     @property
-    def left(self) -> bool:
+    def is_released(self) -> bool:
         """Whether no hand has held the ring for some time."""
-        return self.holder < 0 and (self.held is None or self.at - self.held > self.few)
+        return self.holder < 0 and (self.last_held is None or self.sample - self.last_held > self.short_gap)
 
     @property
     def settled(self) -> bool:
         """Whether the ring is around its peg, and no hand has held it for some time."""
-        return self.placed is not None and self.left
+        return self.placed is not None and self.is_released
 
     def see(self, k: int, T: Array, holder: int) -> tuple[Tone, str] | None:
         """Judge sample k; return tone and text of an event, or None."""
         before = self.holder
-        self.at = k
+        self.sample = k
         self.holder = holder
         if holder >= 0:
-            if self.held is None or k - self.held > self.few:  # after a shorter gap, it is still the same grasp
+            # after a short gap, it is still the same grasp
+            if self.last_held is None or k - self.last_held > self.short_gap:
                 self.drops += self.fell
-            self.held = k
-            self.free = None
+            self.last_held = k
+            self.release_height = None
             self.placed = None
         else:
-            self.z = float(T[11])
+            self.height = float(T[11])
             if before >= 0:
-                self.free = self.z
+                self.release_height = self.height
             if not around(T, self.item.size[0], self.peg):
                 self.placed = None
             elif self.placed is None:
@@ -288,15 +289,15 @@ class _Ring:
         return self._news()
 
     def _news(self) -> tuple[Tone, str] | None:
-        if self.holder < 0 and not self.left:  # a short gap within a grasp is no news
+        if self.holder < 0 and not self.is_released:  # a short gap within a grasp is no news
             return None
-        before = self.told
-        self.told = self._state_to_tell()
-        if self.told == before:
+        before = self.told_state
+        self.told_state = self._state_to_tell()
+        if self.told_state == before:
             return None
-        if self.told == "placed":
+        if self.told_state == "placed":
             return "good", f"{spoken(self.name)} is on its peg"
-        if self.told == "dropped":
+        if self.told_state == "dropped":
             return "bad", f"{spoken(self.name)} was dropped"
         if before == "placed":
             return "plain", f"{spoken(self.name)} has left its peg"
@@ -304,7 +305,7 @@ class _Ring:
 
     def _state_to_tell(self) -> str:
         """Return "taken" from its peg, "placed", "dropped" or ""."""
-        if self.holder >= 0 and self.told == "placed":
+        if self.holder >= 0 and self.told_state == "placed":
             return "taken"
         if self.holder >= 0:
             return ""
@@ -320,7 +321,7 @@ class _Ring:
             return f"held by {robots[self.holder]}"
         if self.settled:
             return "on its peg"
-        if self.fell and self.left:
+        if self.fell and self.is_released:
             return "dropped"
         return "not on its peg"
 

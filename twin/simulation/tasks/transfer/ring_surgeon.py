@@ -99,8 +99,8 @@ class RingSurgeon(SurgeonHands):
             self._tried[ring.name] = 0
         super().__init__(seat, HABITS)
 
-    def _said(self, k: int) -> dict[str, ArrayLike]:
-        values = super()._said(k)
+    def _output_signals(self, k: int) -> dict[str, ArrayLike]:
+        values = super()._output_signals(k)
         values[SURGEON_TARGET.name] = float(self._done)
         return values
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from twin.core.spatial import Array
-from twin.simulation.devices.received_hands import GivenHands, HandState
+from twin.simulation.devices.received_hands import HandState, ReceivedHands
 
 ROS = "ros"
 """Identifier of the owner of the hands if messages of ROS clients move them."""
@@ -59,7 +59,7 @@ class RosHands:
         ended: function that returns why the World is at rest, or "".
     """
 
-    def __init__(self, device: GivenHands, time: Callable[[], float], ended: Callable[[], str]) -> None:
+    def __init__(self, device: ReceivedHands, time: Callable[[], float], ended: Callable[[], str]) -> None:
         """Start without hands."""
         self.device = device
         self.holder: str | None = None
