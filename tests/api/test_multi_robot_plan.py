@@ -258,7 +258,7 @@ def test_two_arms_of_a_scene_pass_each_other_and_one_stays_where_its_phases_end(
     np.testing.assert_allclose(left[[0, -1]], [UP, DOWN], atol=1e-9)
     np.testing.assert_allclose(right[[0, -1]], [UP, LOW], atol=1e-9)
     least = apart(np.hstack([left, right])[::20]).min()
-    assert least >= min(p.seen.proven for p in plan.phases) >= CLEARANCE / 4
+    assert least >= min(p.certificate.proven for p in plan.phases) >= CLEARANCE / 4
     assert "rounds" in plan.content()["phases"][0]
     assert [list(p.rounds) for p in plan.phases] == [["right"], []], "the other paths are straight"
     assert plan.as_dict()["search_times"] == {"right, to_w1 / to_w1": plan.phases[0].rounds["right"].times()}
@@ -304,9 +304,9 @@ def test_a_plan_tells_the_distance_between_the_arms_from_that_inside_an_arm_and_
     plan = api.plan_together("stand", arms, CLEARANCE)
     q = np.hstack([plan.q["left"], plan.q["right"]])
     # the clearance between the arms, by exact distances of boxes
-    shown = np.searchsorted(plan.t, plan.apart.t - 1e-9)
+    shown = np.searchsorted(plan.t, plan.arm_distances.t - 1e-9)
     distance = apart(q[shown])
-    np.testing.assert_allclose(plan.apart.by_pair["left", "right"].distance, distance, atol=1e-6)
+    np.testing.assert_allclose(plan.arm_distances.by_pair["left", "right"].distance, distance, atol=1e-6)
     said = plan.as_dict()["clearances"]
     between = said["between_arms"]
     assert between["found_mm"] == pytest.approx(distance.min() * 1e3, abs=0.6)
@@ -318,7 +318,7 @@ def test_a_plan_tells_the_distance_between_the_arms_from_that_inside_an_arm_and_
     assert set(said) == {"between_arms", "inside_arm"}, "there are no props"
     inside = said["inside_arm"]
     assert len({name.split("_")[0] for name in inside["bodies"]}) == 1
-    assert plan.phases[0].seen.found == min(n.seen.found for n in plan.phases[0].near.values())
+    assert plan.phases[0].certificate.found == min(n.certificate.found for n in plan.phases[0].nearest_pairs.values())
     assert between["phase"] in {p.name for p in plan.phases}
     assert all("between_arms" in p["clearances"] for p in plan.content()["phases"])
     found = [f for f in plan.findings if f.code == "clearance.between_arms"]
@@ -357,7 +357,7 @@ def test_a_phase_shorter_than_the_steps_of_the_distances_keeps_its_nearest_bodie
     )
     near = Nearest(Certificate(0.2, 0.3, ("a_x", "b_z"), 0.5), 1.45)
     assert near.among(apart_, 1.4, 1.5) is near
-    assert near.among(apart_, 1.4, 2.0).seen.found == 0.1
+    assert near.among(apart_, 1.4, 2.0).certificate.found == 0.1
 
 
 def test_every_pair_of_a_scene_is_drawn():

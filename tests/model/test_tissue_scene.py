@@ -99,7 +99,7 @@ def test_organs_are_assumed_apart_and_in_the_abdomen():
     for t in made.abdomen():
         outside = (t.surface.vertices @ faces[:, :3].T + faces[:, 3]).max()
         assert outside < 1e-9, f"{t.name} is {outside / MM:.1f} mm outside the skin"
-        assert len(t.held) >= 3
+        assert len(t.pinned_nodes) >= 3
     liver, gallbladder, stomach, _ = (t.surface.vertices for t in made.abdomen())
     for a, b in ((liver, stomach), (gallbladder, stomach)):
         assert min(np.linalg.norm(b - p, axis=1).min() for p in a[::7]) > 5 * MM

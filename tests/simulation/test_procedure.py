@@ -180,7 +180,7 @@ def test_bed_lets_go_node_by_node():
     organs, hold, _ = held_block(50.0)
     lift(organs, hold, 15 * MM)
     (tissue,) = organs.tissues
-    still = [n for n in tissue.held.tolist() if n in hold.held]
+    still = [n for n in tissue.pinned_nodes.tolist() if n in hold.held]
     assert np.abs(organs.nodes["block"][still] - tissue.nodes[still]).max() < 0.5 * MM
     first = still[0]
     hold.let_go(first)

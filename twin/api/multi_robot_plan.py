@@ -104,11 +104,11 @@ class _Arm:
         to this arm. The values of this arm are the last columns of q.
         """
         from twin.planning.feasible import Anchor
-        from twin.planning.free_phase import kept
+        from twin.planning.free_phase import limits_satisfied
 
         row = self.row_of(phase)
         anchor = Anchor.at(self.kinematics, self._Ts[[row]], self.q[[row]])
-        is_within = kept(self.kinematics, anchor)
+        is_within = limits_satisfied(self.kinematics, anchor)
         T_base_world = spatial.inverse(self.place.T_world_base)
         joint_count = self.q.shape[1]
 
@@ -321,7 +321,7 @@ class _Plan:
             # the distances over time are sampled more densely, and may have seen a nearer moment
             if "between_arms" in nearest_pairs:
                 nearest_pairs["between_arms"] = nearest_pairs["between_arms"].among(arm_distances, span.t0, span.t1)
-            nearest_of_all = nearest(pair.seen for pair in nearest_pairs.values())
+            nearest_of_all = nearest(pair.certificate for pair in nearest_pairs.values())
             name = self._phase_names(phase)
             phases.append(
                 CommonPhase(name, span.t0, span.t1, nearest_of_all, nearest_pairs, span.solver or "", rounds[phase])

@@ -16,10 +16,14 @@ from twin.core.units import MM
 from twin.model.mechanism import Mechanism
 from twin.model.surface import Surface
 from twin.model.tissue import Pin, Tissue
-from twin.schema import Identifier, Sourced, Table, Vector, at
+from twin.schema import Identifier, Row, Sourced, Table, Vector, at
 
 Direction = Literal["x", "-x", "y", "-y", "z", "-z"]
 """A direction of the world frame."""
+
+
+_MOST_CELLS = 4
+"""Maximum number of cells along an axis of an organ's grid."""
 
 
 class PinTable(Table):
@@ -31,7 +35,7 @@ class PinTable(Table):
 
     @model_validator(mode="after")
     def _box(self) -> PinTable:
-        if not all(low < high for low, high in zip(self.low_mm, self.high_mm, strict=True)):
+        if not np.less(self.low_mm, self.high_mm).all():
             raise at("low_mm", f"{list(self.low_mm)} is not below high_mm {list(self.high_mm)} in every direction")
         return self
 
@@ -56,8 +60,8 @@ class TissueTable(Sourced):
 
     @model_validator(mode="after")
     def _cells(self) -> TissueTable:
-        if not all(1 <= n <= 4 for n in self.cells):
-            raise at("cells", f"{list(self.cells)} cells; each number must be 1 to 4")
+        if min(self.cells) < 1 or max(self.cells) > _MOST_CELLS:
+            raise at("cells", f"{list(self.cells)} cells; each number must be 1 to {_MOST_CELLS}")
         return self
 
 
@@ -87,10 +91,13 @@ class AnatomyTable(Sourced):
 
     @property
     def _R_world_drawing(self) -> Array:  # noqa: N802
+        """Rotation (3, 3) whose columns are the drawing's x, y and z in the World."""
         columns = []
         for axis in self.axes:
             unit = np.eye(3)["xyz".index(axis[-1])]
-            columns.append(-unit if axis[0] == "-" else unit)
+            if axis[0] == "-":
+                unit = -unit
+            columns.append(unit)
         return np.column_stack(columns)
 
     def to_world(self, p_drawing: Array) -> Array:
@@ -108,21 +115,21 @@ class AnatomyTable(Sourced):
 
 def tissues(
     file: Path,
-    whole: AnatomyTable,
+    frame_table: AnatomyTable,
     tables: Mapping[str, TissueTable],
     anatomy: Mechanism,
     poses: Mapping[str, Array],
 ) -> tuple[Tissue, ...]:
     """Return the organs of a scene, in the World.
 
-    `whole` describes the frame of the drawing; `tables` is {name of the organ's body in `anatomy`: material}; `poses`
-    is {body: T_drawing_body (4, 4)}. Error messages name the scene file `file`.
+    `frame_table` describes the frame of the drawing; `tables` is {name of the organ's body in `anatomy`: material};
+    `poses` is {body: T_drawing_body (4, 4)}. Error messages name the scene file `file`.
 
     Raises:
         TwinError: a body is missing, or its surface is open, inverted or too fine.
     """
-    bodies = {b.name: b for b in anatomy.bodies}
-    out = []
+    bodies = {body.name: body for body in anatomy.bodies}
+    organs = []
     for name, table in tables.items():
         if name not in bodies:
             raise TwinError(f"{file}: tissue: {unknown('body of the anatomy', name, bodies)}")
@@ -130,7 +137,7 @@ def tissues(
         if len(parts) != 1:
             raise TwinError(f"{file}: tissue '{name}' has {len(parts)} parts; draw it as one solid")
         T = poses[name]
-        vertices = whole.to_world(parts[0].vertices @ T[:3, :3].T + T[:3, 3])
+        vertices = frame_table.to_world(parts[0].vertices @ T[:3, :3].T + T[:3, 3])
         try:
             surface = Surface(name, vertices, parts[0].triangles, table.edge_mm * MM)
         except TwinError as error:
@@ -142,23 +149,24 @@ def tissues(
             name, surface, table.cells, table.young_kpa * 1e3, table.poisson, table.damping_s, table.density_kg_m3,
             table.friction, tuple(pins), parts[0].color_rgba, table.upright,
         )  # fmt: skip
-        out.append(tissue)
-    return tuple(out)
+        organs.append(tissue)
+    return tuple(organs)
 
 
 def listed(tables: Mapping[str, TissueTable]) -> Iterator[Parameter]:
     """Yield the numbers of the organs as parameters with provenance."""
-    for name, t in tables.items():
-        rows = (
-            ("edge", t.edge_mm, "mm"),
-            ("Young's modulus", t.young_kpa, "kPa"),
-            ("Poisson's ratio", t.poisson, "1"),
-            ("damping", t.damping_s, "s"),
-            ("density", t.density_kg_m3, "kg/m3"),
-            ("friction", t.friction, "1"),
-            *((f"cells {k}", n, "1") for k, n in enumerate(t.cells, 1)),
-        )
-        yield from t.parameters(f"tissue {name}", rows)
-        for pin in t.pin:
+    for name, table in tables.items():
+        rows: list[Row] = [
+            ("edge", table.edge_mm, "mm"),
+            ("Young's modulus", table.young_kpa, "kPa"),
+            ("Poisson's ratio", table.poisson, "1"),
+            ("damping", table.damping_s, "s"),
+            ("density", table.density_kg_m3, "kg/m3"),
+            ("friction", table.friction, "1"),
+        ]
+        for axis, count in enumerate(table.cells, 1):
+            rows.append((f"cells {axis}", count, "1"))
+        yield from table.parameters(f"tissue {name}", rows)
+        for pin in table.pin:
             corners = (("low", pin.low_mm, "mm"), ("high", pin.high_mm, "mm"))
-            yield from t.parameters(f"tissue {name} pin {pin.name}", corners)
+            yield from table.parameters(f"tissue {name} pin {pin.name}", corners)

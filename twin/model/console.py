@@ -14,7 +14,7 @@ from twin.core.errors import unknown
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.schema import Identifier, Sourced, Table, Vector, at, error_at
+from twin.schema import Identifier, Row, Sourced, Table, Vector, at, error_at
 
 
 class StereoTable(Table):
@@ -155,18 +155,18 @@ def check(path: Path, console: ConsoleTable, cameras: Mapping[str, CameraTable],
     """
     if console.camera not in cameras:
         raise error_at(path, ("console", "camera"), unknown("camera", console.camera, cameras))
-    seen = []
+    moved_names = []
     if console.teleoperation is None:  # otherwise the camera does not move, and may be on the robot's base
-        seen.append(cameras[console.camera].robot)
+        moved_names.append(cameras[console.camera].robot)
     for hand in console.hands:
         for name in getattr(console, hand):
             if name not in robots:
                 raise error_at(path, ("console", hand), unknown("robot", name, robots))
-            if name in seen:
+            if name in moved_names:
                 raise error_at(
                     path, ("console", hand), f"a hand or the camera already moves '{name}'; name each robot once"
                 )
-            seen.append(name)
+            moved_names.append(name)
     for name in console.instrument_mm:
         if name not in (*console.right, *console.left):
             raise error_at(
@@ -179,17 +179,19 @@ def check(path: Path, console: ConsoleTable, cameras: Mapping[str, CameraTable],
 def listed(console: ConsoleTable | None, haptics: HapticsTable | None) -> Iterator[Parameter]:
     """Yield the numbers of a console, and of the forces on the hands, as parameters with provenance."""
     if console is not None:
-        lengths = [(f"instrument {name}", v, "mm") for name, v in console.instrument_mm.items()]
-        yield from console.parameters("console", [("scale", console.scale, "1"), *lengths])
+        rows: list[Row] = [("scale", console.scale, "1")]
+        for robot, length_mm in console.instrument_mm.items():
+            rows.append((f"instrument {robot}", length_mm, "mm"))
+        yield from console.parameters("console", rows)
         law = console.teleoperation
         if law is not None:
             gains = (("kp", law.kp_per_s, "1/s"), ("ki", law.ki_per_s2, "1/s²"), ("kd", law.kd, "1"))
             yield from law.parameters("teleoperation", gains)
     if haptics is not None:
-        rows = (
+        forces = (
             ("stiffness", haptics.stiffness_n_m, "N/m"),
             ("damping", haptics.damping_ns_m, "N s/m"),
             ("largest force", haptics.largest_n, "N"),
             ("device damping", haptics.device_damping_ns_m, "N s/m"),
         )
-        yield from haptics.parameters("haptics", rows)
+        yield from haptics.parameters("haptics", forces)

@@ -14,7 +14,7 @@ from twin.core.errors import unknown
 from twin.core.provenance import Parameter
 from twin.core.units import MM, linear_rgba
 from twin.model.movable import Movable, ShapeName
-from twin.schema import Identifier, Sourced, Vector, at, error_at
+from twin.schema import Identifier, Row, Sourced, Vector, at, error_at
 
 
 class ObjectTable(Sourced):
@@ -39,14 +39,17 @@ class ObjectTable(Sourced):
     def _whole(self) -> ObjectTable:
         count = {"ring": 2, "box": 3, "ball": 1}[self.shape]
         if len(self.size_mm) != count or min(self.size_mm) <= 0:
-            lengths = "1 length" if count == 1 else f"{count} lengths"
+            lengths = f"{count} lengths"
+            if count == 1:
+                lengths = "1 length"
             raise at("size_mm", f"a {self.shape} needs {lengths} above 0; {self.size_mm} was given")
         if self.shape == "ring" and self.size_mm[0] <= self.size_mm[1]:
             raise at("size_mm", f"a ring needs a hole: the wire's radius {self.size_mm[1]:g} mm is not below "
                      f"{self.size_mm[0]:g} mm, the radius of its centre line")  # fmt: skip
         if not any(self.axis):
             raise at("axis", "the axis is a zero vector")
-        if not 1e-6 <= (length := math.hypot(*self.axis)) <= 1e6:
+        length = math.hypot(*self.axis)
+        if not 1e-6 <= length <= 1e6:  # squares of smaller or larger numbers lose digits
             raise at("axis", f"the axis has the length {length:g}; it must be 1e-6 to 1e6")
         return self
 
@@ -63,31 +66,42 @@ class ContactTable(Sourced):
     jaw_effort_n_mm: float = Field(gt=0, le=1000)
 
 
-def movable(name: str, o: ObjectTable) -> Movable:
+def movable(name: str, table: ObjectTable) -> Movable:
     """Return the `Movable` that a table describes, in SI units."""
-    axis = np.array(o.axis, float)
+    axis = np.array(table.axis, float)
     R = spatial.frame_from_axes(axis, spatial.unit_across(axis))
-    factor = 0.5 if o.shape == "box" else 1.0
+    factor = 1.0
+    if table.shape == "box":
+        factor = 0.5  # the file has edges, `Movable` half edges
+    size = []
+    for length_mm in table.size_mm:
+        size.append(length_mm * factor * MM)
     return Movable(
         name,
-        o.shape,
-        tuple(v * factor * MM for v in o.size_mm),
-        o.mass_g * 1e-3,
-        o.friction,
-        spatial.pose(R, np.array(o.position_mm) * MM),
-        linear_rgba(o.color),
+        table.shape,
+        tuple(size),
+        table.mass_g * 1e-3,
+        table.friction,
+        spatial.pose(R, np.array(table.position_mm) * MM),
+        linear_rgba(table.color),
     )
 
 
 def listed(objects: Mapping[str, ObjectTable], contact: ContactTable | None) -> Iterator[Parameter]:
     """Yield the numbers of all objects and of their contact as parameters with provenance."""
-    for name, o in objects.items():
-        sizes = [(f"size {k}", v, "mm") for k, v in enumerate(o.size_mm, 1)]
-        rows = (*sizes, ("mass", o.mass_g, "g"), ("friction", o.friction, "1"), ("", o.position_mm, "mm"))
-        yield from o.parameters(f"object {name}", rows)
+    for name, object_table in objects.items():
+        rows: list[Row] = []
+        for number, length_mm in enumerate(object_table.size_mm, 1):
+            rows.append((f"size {number}", length_mm, "mm"))
+        rows += [
+            ("mass", object_table.mass_g, "g"),
+            ("friction", object_table.friction, "1"),
+            ("", object_table.position_mm, "mm"),
+        ]
+        yield from object_table.parameters(f"object {name}", rows)
     if contact is not None:
-        rows = (("friction", contact.friction, "1"), ("jaw effort", contact.jaw_effort_n_mm, "N mm"))
-        yield from contact.parameters("contact", rows)
+        numbers = (("friction", contact.friction, "1"), ("jaw effort", contact.jaw_effort_n_mm, "N mm"))
+        yield from contact.parameters("contact", numbers)
 
 
 def require_contact(path: Path, task: str, kind: str, contact: ContactTable | None) -> None:

@@ -10,7 +10,7 @@ from twin.core.spatial import Array, Index
 from twin.core.units import UM
 from twin.model.body import Mesh
 
-_EXACT = 0.1 * UM
+_LARGEST_ERROR = 0.1 * UM
 """Maximum error in m of a node's position due to the shapes that `Bend.shapes` omits."""
 
 
@@ -36,17 +36,23 @@ class Deformable:
     @property
     def signal(self) -> str:
         """Name of the World signal with the positions in m: `<name>.vertices` or, with weights, `<name>.nodes`."""
-        return f"{self.name}.vertices" if self.weights is None else f"{self.name}.nodes"
+        if self.weights is None:
+            return f"{self.name}.vertices"
+        return f"{self.name}.nodes"
 
     @property
     def size(self) -> int:
         """Length of the signal: three times the number of vertices or nodes."""
-        return 3 * (len(self.mesh.vertices) if self.weights is None else self.weights.shape[1])
+        if self.weights is None:
+            return 3 * len(self.mesh.vertices)
+        return 3 * self.weights.shape[1]
 
     def vertices(self, values: Array) -> Array:
         """Return the vertices (n, 3) in m for `values` (size,) of the signal."""
         points = values.reshape(-1, 3)
-        return points if self.weights is None else self.weights @ points
+        if self.weights is None:
+            return points
+        return self.weights @ points
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,9 +82,9 @@ class Bend:
 
     def changes(self) -> Index:
         """Return the indices of first and last time, and of each time just before or just after a motion of a node."""
-        moved = np.abs(np.diff(self.nodes, axis=0)).max(axis=(1, 2)) > 0
+        has_moved = np.abs(np.diff(self.nodes, axis=0)).max(axis=(1, 2)) > 0
         keep = np.ones(len(self.times), bool)
-        keep[1:-1] = moved[:-1] | moved[1:]
+        keep[1:-1] = has_moved[:-1] | has_moved[1:]
         return np.flatnonzero(keep)
 
     def shapes(self) -> tuple[Array, Array]:
@@ -87,15 +93,17 @@ class Bend:
         The shapes are the principal components of the motion and their opposites. All factors are therefore 0 to 1;
         some players clip other factors. Shapes that move no node by more than 0.1 µm are omitted.
         """
-        off = self.nodes - self.nodes[0]
-        U, S, Vt = np.linalg.svd(off.reshape(len(off), -1), full_matrices=False)
+        displacements = self.nodes - self.nodes[0]
+        U, S, Vt = np.linalg.svd(displacements.reshape(len(displacements), -1), full_matrices=False)
         needed = 0
-        while np.abs((U[:, needed:] * S[needed:]) @ Vt[needed:]).max(initial=0.0) > _EXACT:
+        while np.abs((U[:, needed:] * S[needed:]) @ Vt[needed:]).max(initial=0.0) > _LARGEST_ERROR:
             needed += 1
-        by_node = Vt[:needed].reshape(needed, off.shape[1], 3)
+        by_node = Vt[:needed].reshape(needed, displacements.shape[1], 3)
         factors = U[:, :needed] * S[:needed]
-        both = np.concatenate([by_node, -by_node]), np.concatenate([factors, -factors], axis=1).clip(0.0)
-        largest = both[1].max(axis=0, initial=0.0)
-        used = largest > 0
-        shapes = np.einsum("nm,smd->snd", self.weights, both[0][used] * largest[used][:, None, None])
-        return shapes, both[1][:, used] / largest[used]
+        # each component with its opposite: a negative factor of one is a positive factor of the other
+        signed_by_node = np.concatenate([by_node, -by_node])
+        signed_factors = np.concatenate([factors, -factors], axis=1).clip(0.0)
+        largest = signed_factors.max(axis=0, initial=0.0)
+        is_used = largest > 0
+        shapes = np.einsum("nm,smd->snd", self.weights, signed_by_node[is_used] * largest[is_used][:, None, None])
+        return shapes, signed_factors[:, is_used] / largest[is_used]

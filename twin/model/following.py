@@ -32,18 +32,21 @@ def following(mechanism: Mechanism, among: Container[str]) -> dict[str, Followin
     `among` has the names of joints that may lead or follow; couplings with other joints are omitted.
     """
     # {joint: how it follows its leader}; a leader follows itself
-    known = {joint.name: _leading(joint.name) for joint in mechanism.active}
+    following_of = {joint.name: _leading(joint.name) for joint in mechanism.active}
     pending = []
     for coupling in mechanism.couplings:
-        if len(coupling.joints) == 2 and all(name in among for name in coupling.joints):
+        if len(coupling.joints) != 2:
+            continue
+        first, second = coupling.joints
+        if first in among and second in among:
             pending.append(coupling)
     followers: dict[str, Following] = {}
     while pending:
-        coupling = _next_coupling(pending, known)
+        coupling = _next_coupling(pending, following_of)
         pending.remove(coupling)
         first, second = coupling.joints
         first_ratio, second_ratio = coupling.ratios
-        if first in known:
+        if first in following_of:
             before = first
             after = second
             step = -first_ratio / second_ratio
@@ -53,23 +56,24 @@ def following(mechanism: Mechanism, among: Container[str]) -> dict[str, Followin
             after = first
             step = -second_ratio / first_ratio
             shift = coupling.total / first_ratio
-        if after in known:
-            continue
-        previous = known.setdefault(before, _leading(before))
+        if after in following_of:
+            continue  # both are known already: the coupling is a condition between their leaders
+        previous = following_of.setdefault(before, _leading(before))
         follower = Following(after, previous.leader, step * previous.multiplier, step * previous.offset + shift)
-        known[after] = follower
+        following_of[after] = follower
         followers[coupling.name] = follower
     return followers
 
 
 def _leading(name: str) -> Following:
+    """Return a leader as a joint that follows itself."""
     return Following(name, name, 1.0, 0.0)
 
 
-def _next_coupling(pending: list[Coupling], known: Mapping[str, Following]) -> Coupling:
+def _next_coupling(pending: list[Coupling], following_of: Mapping[str, Following]) -> Coupling:
     """Return the first coupling with a known joint; without any, the first one, whose second joint then leads."""
     for coupling in pending:
         first, second = coupling.joints
-        if first in known or second in known:
+        if first in following_of or second in following_of:
             return coupling
     return pending[0]

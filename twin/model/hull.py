@@ -7,16 +7,16 @@ import numpy as np
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 
-_FLAT = 1e-9
+_FLAT_RATIO = 1e-9
 """Ratio of thickness to size below which a shape counts as flat."""
 
 
 def flat(vertices: Array) -> bool:
     """Return whether vertices (n, 3) are in one plane, so that they have no convex hull."""
-    if len(vertices) < 4:
+    if len(vertices) < 4:  # three points are always in a plane
         return True
     extents = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
-    return bool(extents[2] <= _FLAT * extents[0])
+    return bool(extents[2] <= _FLAT_RATIO * extents[0])
 
 
 def require_hull(name: str, vertices: Array) -> None:

@@ -9,6 +9,9 @@ import numpy as np
 
 from twin.core.spatial import Array
 
+_ROUNDING = 1e-6
+"""Share by which the largest moment may exceed the sum of the others: a flat plate's is equal, but for rounding."""
+
 
 @dataclass(frozen=True)
 class Inertia:
@@ -24,8 +27,8 @@ class Inertia:
         centre = (self.mass * self.p_body_com + other.mass * other.p_body_com) / mass
         tensor = np.zeros((3, 3))
         for part in (self, other):
-            r = part.p_body_com - centre
-            tensor += part.I_com + part.mass * ((r @ r) * np.eye(3) - np.outer(r, r))
+            offset = part.p_body_com - centre
+            tensor += part.I_com + part.mass * ((offset @ offset) * np.eye(3) - np.outer(offset, offset))
         return Inertia(mass, centre, tensor)
 
     def seen_from(self, T: Array) -> Inertia:
@@ -78,8 +81,7 @@ class Inertia:
         low, middle, high = np.linalg.eigvalsh(0.5 * (self.I_com + self.I_com.T))
         if low <= 0:
             reasons.append(f"smallest principal moment {low:.3g} kg m2 is not positive")
-        # 1e-6: the tensor of a flat plate is at the limit, and its numbers are rounded
-        if high > (low + middle) * (1 + 1e-6):
+        if high > (low + middle) * (1 + _ROUNDING):
             reasons.append(
                 f"principal moments {low:.3g}, {middle:.3g}, {high:.3g} kg m2 violate the "
                 "triangle inequality: no mass distribution has such moments"

@@ -29,7 +29,9 @@ def joined(arms: Mapping[str, tuple[Mechanism, Array]]) -> Mechanism:
     have_homes = True
     for arm, (mechanism, T_world_base) in arms.items():
         for body in mechanism.bodies:
-            meshes = [replace(mesh, name=_own(arm, mesh.name)) for mesh in body.meshes]
+            meshes = []
+            for mesh in body.meshes:
+                meshes.append(replace(mesh, name=_own(arm, mesh.name)))
             bodies.append(replace(body, name=_own(arm, body.name), meshes=tuple(meshes)))
         joints.append(Joint(_own(arm, "stand"), "fixed", WORLD, _own(arm, mechanism.base), T_world_base))
         for joint in mechanism.joints:
@@ -55,6 +57,9 @@ def joined(arms: Mapping[str, tuple[Mechanism, Array]]) -> Mechanism:
                 home[_own(arm, joint.name)] = value
     last_arm, (last, _) = list(arms.items())[-1]
     tool = last.frame(last.tool)
+    postures = {}
+    if have_homes:  # a posture needs a value of each active joint
+        postures["home"] = home
     return Mechanism(
         "_".join(arms),
         WORLD,
@@ -62,7 +67,7 @@ def joined(arms: Mapping[str, tuple[Mechanism, Array]]) -> Mechanism:
         tuple(joints),
         (Frame(last.tool, _own(last_arm, tool.body), tool.T_body_frame),),
         rest=rest,
-        postures={"home": home} if have_homes else {},
+        postures=postures,
         tool=last.tool,
         couplings=tuple(couplings),
     )

@@ -84,8 +84,13 @@ class Joint:
 
     def coordinate(self, T_base_parent: Array, T_base_child: Array) -> Array:
         """Return the coordinate (...) at two body poses (..., 4, 4): `angle` about z in rad, or shift along z in m."""
-        T = self.relative(T_base_parent, T_base_child)
-        return self.angle(T) if self.is_angle else T[..., 2, 3]
+        return self._coordinate_of(self.relative(T_base_parent, T_base_child))
+
+    def _coordinate_of(self, T: Array) -> Array:
+        """Return the coordinate (...) of poses (..., 4, 4) from `relative`."""
+        if self.is_angle:
+            return self.angle(T)
+        return T[..., 2, 3]
 
     def angle(self, T: Array) -> Array:
         """Return the angle about z in rad (...) of poses (..., 4, 4) from `relative`.
@@ -108,14 +113,15 @@ class Joint:
         The result is in m or rad, and negative within the limits; without limits, it is minus infinity.
         """
         T = self.relative(T_base_parent, T_base_child)
-        out = np.full(T.shape[:-2], -np.inf)
+        excess = np.full(T.shape[:-2], -np.inf)
         if self.cone is not None:
             tilt = np.arctan2(np.linalg.norm(T[..., :2, 2], axis=-1), T[..., 2, 2])
-            out = np.maximum(out, tilt - self.cone)
+            excess = np.maximum(excess, tilt - self.cone)
         if self.limits is not None and len(self.free_axes) == 1:
-            value = self.angle(T) if self.is_angle else T[..., 2, 3]
-            out = np.maximum(out, np.maximum(self.limits[0] - value, value - self.limits[1]))
-        return out
+            low, high = self.limits
+            value = self._coordinate_of(T)
+            excess = np.maximum(excess, np.maximum(low - value, value - high))
+        return excess
 
 
 def reversed_joint(joint: Joint) -> Joint:
@@ -124,11 +130,11 @@ def reversed_joint(joint: Joint) -> Joint:
     T_child_parent = T_child_joint @ inverse(motion(q)) @ inverse(T_parent_joint), and a half turn H about x
     gives H @ motion(q) @ H = inverse(motion(q)) for motion along or about z.
     """
-    H = spatial.pose(np.diag([1.0, -1.0, -1.0]))
+    half_turn = spatial.pose(np.diag([1.0, -1.0, -1.0]))
     return replace(
         joint,
         parent=joint.child,
         child=joint.parent,
-        T_parent_joint=joint.T_child_joint @ H,
-        T_child_joint=joint.T_parent_joint @ H,
+        T_parent_joint=joint.T_child_joint @ half_turn,
+        T_child_joint=joint.T_parent_joint @ half_turn,
     )

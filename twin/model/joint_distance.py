@@ -17,7 +17,7 @@ from twin.core.units import MM, UM
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 
-_SAME = 1 * UM
+_COINCIDENT = 1 * UM
 """Distance in m up to which two origins count as equal, so that there is no line through them."""
 
 
@@ -36,15 +36,15 @@ def distances(mechanism: Mechanism) -> list[Distance]:
 
     The order of the distances is the order of the joints in the mechanism.
     """
-    out = []
-    for a, b in combinations(mechanism.joints, 2):
-        shared = _shared(a, b)
+    distances_of_pairs = []
+    for first, second in combinations(mechanism.joints, 2):
+        shared = _shared(first, second)
         if len(shared) == 1:
-            between = _on(a, shared[0])[:3, 3] - _on(b, shared[0])[:3, 3]
-            apart = float(np.linalg.norm(between))
-            if apart > _SAME:
-                out.append(Distance(shared[0], a.name, b.name, apart))
-    return out
+            between = _on(first, shared[0])[:3, 3] - _on(second, shared[0])[:3, 3]
+            length = float(np.linalg.norm(between))
+            if length > _COINCIDENT:
+                distances_of_pairs.append(Distance(shared[0], first.name, second.name, length))
+    return distances_of_pairs
 
 
 def with_distance(mechanism: Mechanism, joint: str, other: str, distance: float) -> Mechanism:
@@ -59,36 +59,44 @@ def with_distance(mechanism: Mechanism, joint: str, other: str, distance: float)
         MechanismError: a joint is unknown, the joints share no body or two bodies, the origins coincide, or the
             distance is not positive.
     """
-    a, b = mechanism.joint(joint), mechanism.joint(other)
-    shared = _shared(a, b)
+    first = mechanism.joint(joint)
+    second = mechanism.joint(other)
+    shared = _shared(first, second)
     if joint == other or len(shared) != 1:
         what = f"share {' and '.join(shared)}"
         if joint == other:
             what = "are the same"
         elif not shared:
             what = "share no body"
-        partners = sorted({d.other if d.joint == joint else d.joint for d in _of(mechanism, joint)})
+        partners = sorted(_partners(mechanism, joint))
         raise MechanismError(
             f"{mechanism.name}: joints '{joint}' and '{other}' {what}, so they have no distance; "
             f"'{joint}' has a distance to: {', '.join(partners) or 'none'}"
         )
     where = f"{mechanism.name}: distance of '{joint}' from '{other}' on '{shared[0]}'"
-    if not (np.isfinite(distance) and distance > _SAME):
-        raise MechanismError(f"{where}: {distance / MM:g} mm is not possible; give a length above {_SAME / MM:g} mm")
-    T, origin = _on(a, shared[0]).copy(), _on(b, shared[0])[:3, 3]
-    line = T[:3, 3] - origin
-    apart = float(np.linalg.norm(line))
-    if apart <= _SAME:
+    if not (np.isfinite(distance) and distance > _COINCIDENT):
         raise MechanismError(
-            f"{where}: the origins coincide ({apart / UM:.3g} um) and define no line; choose other joints"
+            f"{where}: {distance / MM:g} mm is not possible; give a length above {_COINCIDENT / MM:g} mm"
         )
-    T[:3, 3] = origin + line * (distance / apart)
-    if a.parent == shared[0]:
-        moved = replace(a, T_parent_joint=T)
+    T = _on(first, shared[0]).copy()
+    origin = _on(second, shared[0])[:3, 3]
+    line = T[:3, 3] - origin
+    length = float(np.linalg.norm(line))
+    if length <= _COINCIDENT:
+        raise MechanismError(
+            f"{where}: the origins coincide ({length / UM:.3g} um) and define no line; choose other joints"
+        )
+    T[:3, 3] = origin + line * (distance / length)
+    if first.parent == shared[0]:
+        moved_joint = replace(first, T_parent_joint=T)
     else:
-        moved = replace(a, T_child_joint=T)
-    joints = tuple(moved if each is a else each for each in mechanism.joints)
-    return replace(mechanism, joints=joints)
+        moved_joint = replace(first, T_child_joint=T)
+    joints = []
+    for candidate in mechanism.joints:
+        if candidate is first:
+            candidate = moved_joint
+        joints.append(candidate)
+    return replace(mechanism, joints=tuple(joints))
 
 
 def line_of(mechanism: Mechanism, distance: Distance) -> Array:
@@ -111,11 +119,18 @@ def kinematic_distances(mechanism: Mechanism) -> list[Distance]:
         for body in (joint.parent, joint.child):
             for before in mechanism.path(body):
                 carries.add(before.name)
-    return [d for d in distances(mechanism) if d.joint in carries and d.other in carries]
+    return [pair for pair in distances(mechanism) if pair.joint in carries and pair.other in carries]
 
 
-def _of(mechanism: Mechanism, joint: str) -> list[Distance]:
-    return [d for d in distances(mechanism) if joint in (d.joint, d.other)]
+def _partners(mechanism: Mechanism, joint: str) -> set[str]:
+    """Return the joints to which a joint has a distance."""
+    partners = set()
+    for pair in distances(mechanism):
+        if pair.joint == joint:
+            partners.add(pair.other)
+        elif pair.other == joint:
+            partners.add(pair.joint)
+    return partners
 
 
 def _shared(a: Joint, b: Joint) -> list[str]:
@@ -125,4 +140,6 @@ def _shared(a: Joint, b: Joint) -> list[str]:
 
 def _on(joint: Joint, body: str) -> Array:
     """Return T_body_joint (4, 4), the frame of a joint on one of its bodies."""
-    return joint.T_parent_joint if joint.parent == body else joint.T_child_joint
+    if joint.parent == body:
+        return joint.T_parent_joint
+    return joint.T_child_joint

@@ -29,8 +29,11 @@ _IDENTIFIER = re.compile(r"[a-z][a-z0-9_]*")
 WORLD = "world"
 """Name of the base of a robot whose first link hangs on a wall or a ceiling, or floats: the world itself."""
 
-_POINT = 1e-3
+_POINT_LENGTH = 1e-3
 """Length in m below which a link is a point: its joints are drawn at the same place."""
+
+_POSE_TOLERANCE = 1e-6
+"""Largest error of an entry of a rotation: files with seven digits are accepted."""
 
 EARTH = (0.0, 0.0, -9.81)
 """Gravitational acceleration in m/s2 of a robot that states none."""
@@ -167,13 +170,13 @@ class Mechanism:
         for closing in self.loops:
             cycle = _names(self.path(closing.parent)) ^ _names(self.path(closing.child))
             groups.append(cycle | {closing.name})
-        found = True
-        while found:
-            found = False
+        has_grown = True
+        while has_grown:
+            has_grown = False
             for group in groups:
                 if group & moving and not group <= moving:
                     moving |= group
-                    found = True
+                    has_grown = True
         others = []
         for joint in self.active:
             if joint.name not in moving:
@@ -184,10 +187,10 @@ class Mechanism:
 
     def extra_joints(self, names: Iterable[str]) -> tuple[tuple[int, str, bool, float], ...]:
         """Return (index in q, name, whether an angle, drawn coordinate) of each auxiliary joint not in `names`."""
-        known = set(names)
+        given_names = set(names)
         extra = []
         for joint in self.auxiliary:
-            if joint.name not in known:
+            if joint.name not in given_names:
                 extra.append((self.active.index(joint), joint.name, joint.is_angle, self._drawn(joint)))
         return tuple(extra)
 
@@ -205,8 +208,10 @@ class Mechanism:
     @cached_property
     def limits(self) -> Array:
         """Hard limits (n, 2) of the active joints in m or rad, infinite where a joint has no limit."""
-        ranges = [joint.limits or (-np.inf, np.inf) for joint in self.active]
-        return np.array(ranges, float).reshape(-1, 2)
+        ranges = []
+        for joint in self.active:
+            ranges.append(joint.limits or (-np.inf, np.inf))
+        return np.array(ranges, float).reshape(-1, 2)  # (0, 2) without active joints
 
     @cached_property
     def motor_names(self) -> tuple[str, ...]:
@@ -305,10 +310,10 @@ class Mechanism:
             places.setdefault(joint.child, []).append(joint.T_child_joint[:3, 3])
         lengths = []
         for positions in places.values():
-            p = np.array(positions)
-            distances = np.linalg.norm(p[:, None] - p[None], axis=2)
+            origins = np.array(positions)
+            distances = np.linalg.norm(origins[:, None] - origins[None], axis=2)
             length = float(distances.max())
-            if length > _POINT:
+            if length > _POINT_LENGTH:
                 lengths.append(length)
         if not lengths:
             return None
@@ -322,25 +327,25 @@ class Mechanism:
         the same for all robots and does not change with the drawing, so that a user's replacement material in another
         program stays assigned.
         """
-        known: dict[tuple[tuple[float, ...], Finish], Material] = {}
-        taken: set[str] = set()
-        out = {}
+        material_of: dict[tuple[tuple[float, ...], Finish], Material] = {}
+        used_names: set[str] = set()
+        material_of_mesh = {}
         for body in self.bodies:
             for mesh in body.meshes:
                 key = (mesh.color_rgba, mesh.finish)
-                if key not in known:
+                if key not in material_of:
                     color = units.hex_digits(mesh.color_rgba)
                     made_of = mesh.finish.material.removesuffix(f"_{color}") or "color"
                     name = f"{made_of}_{color}"
                     number = 2
                     # A number is added if only the finish differs, or if different colours are equal in 8 bits.
-                    while name in taken:
+                    while name in used_names:
                         name = f"{made_of}_{number}_{color}"
                         number += 1
-                    taken.add(name)
-                    known[key] = Material(name, mesh.color_rgba, mesh.finish)
-                out[mesh.name] = known[key]
-        return out
+                    used_names.add(name)
+                    material_of[key] = Material(name, mesh.color_rgba, mesh.finish)
+                material_of_mesh[mesh.name] = material_of[key]
+        return material_of_mesh
 
     def body(self, name: str) -> Body:
         """Return the body called `name`, or raise a `MechanismError` that lists all names."""
@@ -388,11 +393,11 @@ class Mechanism:
 
     def path(self, body: str) -> tuple[Joint, ...]:
         """Return the joints of the tree from the base to a body, base first."""
-        out = []
+        joints = []
         while body != self.base:
-            out.append(self._inward[body])
-            body = out[-1].parent
-        return tuple(out[::-1])
+            joints.append(self._inward[body])
+            body = joints[-1].parent
+        return tuple(joints[::-1])
 
     @cached_property
     def _inward(self) -> dict[str, Joint]:
@@ -403,7 +408,8 @@ class Mechanism:
         """Return q (n,) of the posture called `name`, or raise a `MechanismError` that lists all names."""
         if name not in self.postures:
             raise MechanismError(f"{self.name}: {unknown('posture', name, self.postures)}")
-        return np.array([self.postures[name][joint.name] for joint in self.active])
+        values = self.postures[name]
+        return np.array([values[joint.name] for joint in self.active])
 
     def with_rest(self, rest: Mapping[str, Array]) -> Mechanism:
         """Return the same mechanism with other rest poses; `rest` is {body: T_base_body (4, 4)}."""
@@ -453,10 +459,10 @@ class Mechanism:
 
     def with_trocars(self, places: Mapping[str, Array]) -> Mechanism:
         """Return the same mechanism with the trocars moved to `places`: {name: position (3,) in base, in m}."""
-        out = self
+        mechanism = self
         for name, p_base in places.items():
-            out = out.with_trocar(p_base, name)
-        return out
+            mechanism = mechanism.with_trocar(p_base, name)
+        return mechanism
 
     def shaft_through(self, name: str = "") -> Frame | None:
         """Return the frame of the instrument with z along the shaft axis; None if no body slides in the trocar.
@@ -482,6 +488,7 @@ class Mechanism:
 
 
 def _find(kind: str, items, name: str):
+    """Return the item with a name; the message of the error lists all names of this `kind` of items."""
     names = []
     for item in items:
         if item.name == name:
@@ -495,83 +502,86 @@ def _names(items: Iterable[Body] | Iterable[Joint]) -> set[str]:
     return {item.name for item in items}
 
 
-def _check(m: Mechanism) -> None:
-    """Raise `MechanismError` for the first inconsistency of `m`."""
-    _check_names(m)
-    _check_size(m)
-    _check_joints(m)
-    _check_motors(m)
-    _check_trocars(m)
-    _check_places(m)
-    _check_connections(m)
-    _check_postures(m)
+def _check(mechanism: Mechanism) -> None:
+    """Raise `MechanismError` for the first inconsistency of a mechanism."""
+    _check_names(mechanism)
+    _check_size(mechanism)
+    _check_joints(mechanism)
+    _check_motors(mechanism)
+    _check_trocars(mechanism)
+    _check_places(mechanism)
+    _check_connections(mechanism)
+    _check_postures(mechanism)
 
 
-def _fail(m: Mechanism, text: str) -> NoReturn:
-    raise MechanismError(f"{m.name or 'mechanism'}: {text}")
+def _fail(mechanism: Mechanism, text: str) -> NoReturn:
+    """Raise `MechanismError` with the name of the mechanism."""
+    raise MechanismError(f"{mechanism.name or 'mechanism'}: {text}")
 
 
-def _check_names(m: Mechanism) -> None:
+def _check_names(mechanism: Mechanism) -> None:
+    """Check that each name is an identifier, and that no two entries of a kind have one name."""
     named = {
-        "body": m.bodies,
-        "joint": m.joints,
-        "frame": m.frames,
-        "point": m.points,
-        "coupling": m.couplings,
-        "actuator": m.actuators,
-        "transmission": m.transmissions,
+        "body": mechanism.bodies,
+        "joint": mechanism.joints,
+        "frame": mechanism.frames,
+        "point": mechanism.points,
+        "coupling": mechanism.couplings,
+        "actuator": mechanism.actuators,
+        "transmission": mechanism.transmissions,
     }
     for kind, items in named.items():
-        seen: set[str] = set()
+        names: set[str] = set()
         for item in items:
             if not _IDENTIFIER.fullmatch(item.name):
-                _fail(m, f"{kind} name '{item.name}' is not an identifier [a-z][a-z0-9_]*")
-            if item.name in seen:
-                _fail(m, f"two {kind} entries are named '{item.name}'")
-            seen.add(item.name)
+                _fail(mechanism, f"{kind} name '{item.name}' is not an identifier [a-z][a-z0-9_]*")
+            if item.name in names:
+                _fail(mechanism, f"two {kind} entries are named '{item.name}'")
+            names.add(item.name)
 
 
-def _check_size(m: Mechanism) -> None:
-    for kind, count in (("bodies", len(m.bodies)), ("joints", len(m.joints))):
+def _check_size(mechanism: Mechanism) -> None:
+    """Check the numbers of bodies, joints and degrees of freedom against what files of others may ask for."""
+    for kind, count in (("bodies", len(mechanism.bodies)), ("joints", len(mechanism.joints))):
         if count > BODIES:
-            _fail(m, f"{count} {kind}; the limit is {BODIES}")
+            _fail(mechanism, f"{count} {kind}; the limit is {BODIES}")
     freedoms = 0
-    for joint in m.joints:
+    for joint in mechanism.joints:
         freedoms += len(FREE_AXES.get(joint.type, ()))
     if freedoms > FREEDOMS:
-        _fail(m, f"all joints together have {freedoms} degrees of freedom; the limit is {FREEDOMS}")
+        _fail(mechanism, f"all joints together have {freedoms} degrees of freedom; the limit is {FREEDOMS}")
 
 
-def _check_joints(m: Mechanism) -> None:
+def _check_joints(mechanism: Mechanism) -> None:
     """Check the base, and the bodies, frames, limits and drive of each joint."""
-    names = _names(m.bodies)
-    if m.base not in names:
-        _fail(m, f"base: {unknown('body', m.base, names)}")
-    for joint in m.joints:
+    names = _names(mechanism.bodies)
+    if mechanism.base not in names:
+        _fail(mechanism, f"base: {unknown('body', mechanism.base, names)}")
+    for joint in mechanism.joints:
         for end, body in (("parent", joint.parent), ("child", joint.child)):
             if body not in names:
-                _fail(m, f"joint '{joint.name}', {end}: {unknown('body', body, names)}")
+                _fail(mechanism, f"joint '{joint.name}', {end}: {unknown('body', body, names)}")
         if joint.parent == joint.child:
-            _fail(m, f"joint '{joint.name}' connects body '{joint.parent}' to itself")
+            _fail(mechanism, f"joint '{joint.name}' connects body '{joint.parent}' to itself")
         if joint.type not in FREE_AXES:
-            _fail(m, f"joint '{joint.name}': {unknown('joint type', joint.type, FREE_AXES)}")
+            _fail(mechanism, f"joint '{joint.name}': {unknown('joint type', joint.type, FREE_AXES)}")
         for label, T in (("parent", joint.T_parent_joint), ("child", joint.T_child_joint)):
-            if not spatial.is_pose(T, 1e-6):
-                _fail(m, f"joint '{joint.name}': the frame on its {label} is not a rigid pose")
+            if not spatial.is_pose(T, _POSE_TOLERANCE):
+                _fail(mechanism, f"joint '{joint.name}': the frame on its {label} is not a rigid pose")
         for label, limits in (("limits", joint.limits), ("soft limits", joint.soft_limits)):
             if limits is not None and not limits[0] < limits[1]:
-                _fail(m, f"joint '{joint.name}': {label} {limits[0]:g} .. {limits[1]:g} are not ordered")
+                _fail(mechanism, f"joint '{joint.name}': {label} {limits[0]:g} .. {limits[1]:g} are not ordered")
         if joint.active and len(joint.free_axes) != 1:
-            _fail(m, f"active joint '{joint.name}' must have one coordinate; a {joint.type} joint does not")
+            _fail(mechanism, f"active joint '{joint.name}' must have one coordinate; a {joint.type} joint does not")
 
 
-def _check_motors(m: Mechanism) -> None:
+def _check_motors(mechanism: Mechanism) -> None:
     """Check transmissions, which connect actuators to active joints, and couplings."""
     active = []
     with_drive = []
     joints = []
     single: set[str] = set()  # couplings connect joints with one coordinate only
-    for joint in m.joints:
+    for joint in mechanism.joints:
         joints.append(joint.name)
         if joint.active:
             active.append(joint.name)
@@ -579,66 +589,68 @@ def _check_motors(m: Mechanism) -> None:
             with_drive.append(joint.name)
         if len(joint.free_axes) == 1:
             single.add(joint.name)
-    for *_, text in faults(m.actuators, m.transmissions, active, joints, with_drive):
-        _fail(m, text)
-    for coupling in m.couplings:
+    for *_, text in faults(mechanism.actuators, mechanism.transmissions, active, joints, with_drive):
+        _fail(mechanism, text)
+    for coupling in mechanism.couplings:
         for name in coupling.joints:
             if name not in single:
-                _fail(m, f"coupling '{coupling.name}': {unknown('joint with one coordinate', name, single)}")
+                _fail(mechanism, f"coupling '{coupling.name}': {unknown('joint with one coordinate', name, single)}")
         if len(coupling.ratios) != len(coupling.joints) or not all(coupling.ratios):
-            _fail(m, f"coupling '{coupling.name}' needs one nonzero ratio for each of its joints")
+            _fail(mechanism, f"coupling '{coupling.name}' needs one nonzero ratio for each of its joints")
 
 
-def _check_trocars(m: Mechanism) -> None:
-    joints = _names(m.joints)
-    for name in m.trocars:
-        if name not in joints or m.joint(name).parent != m.base:
-            _fail(m, f"trocar: the parent of joint '{name}' must be the base '{m.base}'")
-        if m.trocars.count(name) > 1:
-            _fail(m, f"trocar '{name}' is listed twice")
+def _check_trocars(mechanism: Mechanism) -> None:
+    """Check that each trocar is a joint on the base, listed once."""
+    joints = _names(mechanism.joints)
+    for name in mechanism.trocars:
+        if name not in joints or mechanism.joint(name).parent != mechanism.base:
+            _fail(mechanism, f"trocar: the parent of joint '{name}' must be the base '{mechanism.base}'")
+        if mechanism.trocars.count(name) > 1:
+            _fail(mechanism, f"trocar '{name}' is listed twice")
 
 
-def _check_places(m: Mechanism) -> None:
+def _check_places(mechanism: Mechanism) -> None:
     """Check gravity, frames, points and rest poses."""
-    names = _names(m.bodies)
-    if len(m.gravity) != 3 or not np.all(np.isfinite(m.gravity)):
-        _fail(m, f"gravity {m.gravity} is not three finite numbers in m/s2")
-    for item in (*m.frames, *m.points):
+    names = _names(mechanism.bodies)
+    if len(mechanism.gravity) != 3 or not np.all(np.isfinite(mechanism.gravity)):
+        _fail(mechanism, f"gravity {mechanism.gravity} is not three finite numbers in m/s2")
+    for item in (*mechanism.frames, *mechanism.points):
         if item.body not in names:
-            _fail(m, f"'{item.name}': {unknown('body', item.body, names)}")
-    for frame in m.frames:
-        if not spatial.is_pose(frame.T_body_frame, 1e-6):
-            _fail(m, f"frame '{frame.name}' is not a rigid pose")
-    for point in m.points:
+            _fail(mechanism, f"'{item.name}': {unknown('body', item.body, names)}")
+    for frame in mechanism.frames:
+        if not spatial.is_pose(frame.T_body_frame, _POSE_TOLERANCE):
+            _fail(mechanism, f"frame '{frame.name}' is not a rigid pose")
+    for point in mechanism.points:
         if np.shape(point.p_body) != (3,) or not np.all(np.isfinite(point.p_body)):
-            _fail(m, f"point '{point.name}' is not three finite numbers")
-    for name, T in m.rest.items():
-        if name in names and not spatial.is_pose(T, 1e-6):
-            _fail(m, f"body '{name}': its rest pose is not rigid")
+            _fail(mechanism, f"point '{point.name}' is not three finite numbers")
+    for name, T in mechanism.rest.items():
+        if name in names and not spatial.is_pose(T, _POSE_TOLERANCE):
+            _fail(mechanism, f"body '{name}': its rest pose is not rigid")
 
 
-def _check_connections(m: Mechanism) -> None:
-    unconnected = _names(m.bodies) - {m.base}
-    for joint in m.tree:
+def _check_connections(mechanism: Mechanism) -> None:
+    """Check that joints connect each body to the base."""
+    unconnected = _names(mechanism.bodies) - {mechanism.base}
+    for joint in mechanism.tree:
         unconnected.discard(joint.child)
     if unconnected:
         listed = ", ".join(sorted(unconnected))
         advice = "Add joints, or move these bodies to the props of a scene."
-        _fail(m, f"no joints connect base '{m.base}' to: {listed}. {advice}")
+        _fail(mechanism, f"no joints connect base '{mechanism.base}' to: {listed}. {advice}")
 
 
-def _check_postures(m: Mechanism) -> None:
+def _check_postures(mechanism: Mechanism) -> None:
     """Check that each posture has a value for each active joint, and that no active joint closes a loop."""
-    active = _names(m.active)
-    for posture, values in m.postures.items():
+    active = _names(mechanism.active)
+    for posture, values in mechanism.postures.items():
         wrong = sorted(set(values) ^ active)  # names without a value, and values of no active joint
         if wrong:
             listed = ", ".join(wrong)
-            _fail(m, f"posture '{posture}' must have exactly one value for each active joint; check: {listed}")
+            _fail(mechanism, f"posture '{posture}' must have exactly one value for each active joint; check: {listed}")
         for name, value in values.items():
             if not np.isfinite(value):
-                _fail(m, f"posture '{posture}': {name} = {value} is not finite")
-    for joint in m.loops:
+                _fail(mechanism, f"posture '{posture}': {name} = {value} is not finite")
+    for joint in mechanism.loops:
         if joint.active:
             text = "would close a loop; list it before the passive joints of its loop"
-            _fail(m, f"active joint '{joint.name}' {text}")
+            _fail(mechanism, f"active joint '{joint.name}' {text}")

@@ -25,7 +25,7 @@ from twin.model.task import ConsoleTask, TaskTable
 from twin.model.tool import ToolTable
 from twin.model.trainer import MODEL, TrainerTable
 from twin.model.vessel import Vessel, VesselTable
-from twin.schema import Identifier, Sourced, Table, Vector, at, error_at, load_toml
+from twin.schema import Identifier, Row, Sourced, Table, Vector, at, error_at, load_toml
 
 ProtocolSource = Annotated[str, Field(pattern=r"^([a-z][a-z0-9_]*|.+\.toml)$")]
 """Name of a protocol, or path of its file."""
@@ -172,6 +172,7 @@ class Scene:
         return not self._without_protocol()
 
     def _without_protocol(self) -> list[str]:
+        """Return the names of the robots without a protocol."""
         return [place.name for place in self.places if not place.protocol]
 
     @property
@@ -216,25 +217,35 @@ def load_scene(path: Path) -> Scene:
     if table.console is not None:
         console.check(path, table.console, table.camera, names)
     trainer.check(path, table.trainer, table.console, names)
-    for name, t in table.task.items():
-        if table.console is None and t.kind.console:
+    for name, task_table in table.task.items():
+        if table.console is None and task_table.kind.console:
             raise error_at(path, ("task", name), "a task needs a console: add a section [console]")
     if table.console is None:
         for section in ("device", "controller", "plant", "hazard"):
             for name in getattr(table, section):
                 text = "blocks belong to the World of a console: add a section [console], or remove this section"
                 raise error_at(path, (section, name), text)
-    props = None if table.props is None else path.parent / table.props
-    if props is not None and not props.is_file():
-        raise error_at(path, ("props",), f"there is no file {props.name} in the folder of the scene")
+    props = None
+    if table.props is not None:
+        props = path.parent / table.props
+        if not props.is_file():
+            raise error_at(path, ("props",), f"there is no file {props.name} in the folder of the scene")
     _organs(path, table, names)
     _tools(path, table, names)
-    for name, t in table.task.items():  # the goal of a procedure names tools, which are checked before
-        t.kind.check(path, name, t.value, table, names)
-    places = [_place(robot, table, path.parent) for robot in table.robot]
-    touching = [frozenset(pair) for pair in table.touching]
-    objects = [contact.movable(name, item) for name, item in table.object.items()]
-    vessels = [_vessel(path, name, item) for name, item in table.vessel.items()]
+    for name, task_table in table.task.items():  # the goal of a procedure names tools, which are checked before
+        task_table.kind.check(path, name, task_table.value, table, names)
+    places = []
+    for robot in table.robot:
+        places.append(_place(robot, table, path.parent))
+    objects = []
+    for name, object_table in table.object.items():
+        objects.append(contact.movable(name, object_table))
+    vessels = []
+    for name, vessel_table in table.vessel.items():
+        vessels.append(_vessel(path, name, vessel_table))
+    tasks = {}
+    for name, task_table in table.task.items():
+        tasks[name] = task.task_of(name, task_table)
     return Scene(
         table.name,
         table.title,
@@ -243,7 +254,7 @@ def load_scene(path: Path) -> Scene:
         props,
         tuple(places),
         table.clearance_mm * MM,
-        frozenset(touching),
+        frozenset(map(frozenset, table.touching)),
         dict(table.camera),
         table.console,
         table.trainer,
@@ -254,7 +265,7 @@ def load_scene(path: Path) -> Scene:
         dict(table.tissue),
         tuple(vessels),
         dict(table.tool),
-        {name: task.task_of(name, item) for name, item in table.task.items()},
+        tasks,
         tuple(_parameters(table)),
         {"devices": table.device, "controllers": table.controller, "plants": table.plant, "hazards": table.hazard},
     )
@@ -262,22 +273,29 @@ def load_scene(path: Path) -> Scene:
 
 def _robots(path: Path, table: SceneTable, names: list[str]) -> None:
     """Raise an error if a robot has no protocol, an unknown file or port, or the name of another robot."""
-    for k, robot in enumerate(table.robot):
+    for place, robot in enumerate(table.robot):
         if robot.protocol is None and table.console is None:
             message = "this robot has no protocol: add the key protocol, or a section [console]"
-            raise error_at(path, ("robot", k), message)
+            raise error_at(path, ("robot", place), message)
         protocol = robot.protocol or ""
         if protocol.endswith(".toml") and not (path.parent / protocol).is_file():
-            raise error_at(path, ("robot", k, "protocol"), f"there is no file {protocol} in the folder of the scene")
+            raise error_at(
+                path, ("robot", place, "protocol"), f"there is no file {protocol} in the folder of the scene"
+            )
         for trocar, port in _ports(robot).items():
             if port not in table.port:
-                keys = ("robot", k, "ports", trocar) if trocar else ("robot", k, "port")
+                keys: tuple[str | int, ...] = ("robot", place, "port")
+                if trocar:
+                    keys = ("robot", place, "ports", trocar)
                 raise error_at(path, keys, unknown("port", port, table.port))
         if names.count(robot.name) > 1:
-            raise error_at(path, ("robot", k, "name"), f"'{robot.name}' is listed twice; give each robot its own name")
+            raise error_at(
+                path, ("robot", place, "name"), f"'{robot.name}' is listed twice; give each robot its own name"
+            )
 
 
 def _place(robot: RobotTable, table: SceneTable, folder: Path) -> Place:
+    """Return the `Place` that a table describes, in SI units; `folder` is that of the scene file."""
     R = spatial.rotation_z(robot.yaw_deg * DEG)
     T_world_base = spatial.pose(R, np.array(robot.position_mm) * MM)
     ports = _ports(robot)
@@ -291,20 +309,21 @@ def _place(robot: RobotTable, table: SceneTable, folder: Path) -> Place:
     return Place(robot.name, model, protocol, T_world_base, ports, positions, dict(robot.start))
 
 
-def _check_pair(path: Path, k: int, pair: tuple[str, str], names: list[str]) -> None:
+def _check_pair(path: Path, place: int, pair: tuple[str, str], names: list[str]) -> None:
     """Raise an error if an entry of `touching` is not two different bodies, or if neither body belongs to a robot."""
     for full in pair:
         if full.count("/") != 1:
-            raise error_at(path, ("touching", k), f"'{full}' is not a body; write \"owner/body\"")
+            raise error_at(path, ("touching", place), f"'{full}' is not a body; write \"owner/body\"")
     if pair[0] == pair[1]:
-        raise error_at(path, ("touching", k), f"give two different bodies; both are '{pair[0]}'")
+        raise error_at(path, ("touching", place), f"give two different bodies; both are '{pair[0]}'")
     first = pair[0].split("/")[0]
     second = pair[1].split("/")[0]
     if first not in names and second not in names:
-        raise error_at(path, ("touching", k), unknown("robot", first, names))
+        raise error_at(path, ("touching", place), unknown("robot", first, names))
 
 
 def _vessel(path: Path, name: str, table: VesselTable) -> Vessel:
+    """Return the `Vessel` that a table describes; an error names the scene file `path` and the key."""
     try:
         return vessel.vessel(name, table, linear_rgba(table.color))
     except TwinError as error:
@@ -318,8 +337,12 @@ def _organs(path: Path, table: SceneTable, names: list[str]) -> None:
     `touching` names an unknown robot.
     """
     if (table.anatomy is None) != (not table.tissue):
-        key = "tissue" if table.anatomy is None else "anatomy"
-        raise error_at(path, (key,), "organs need both a section [anatomy] and a section [tissue.NAME] for each organ")
+        missing_section = "anatomy"
+        if table.anatomy is None:
+            missing_section = "tissue"
+        raise error_at(
+            path, (missing_section,), "organs need both a section [anatomy] and a section [tissue.NAME] for each organ"
+        )
     if table.anatomy is None:
         return
     if not (path.parent / table.anatomy.file).is_file():
@@ -332,34 +355,39 @@ def _organs(path: Path, table: SceneTable, names: list[str]) -> None:
 
 def _tools(path: Path, table: SceneTable, names: list[str]) -> None:
     """Raise an error if a vessel or a tool names something that the scene does not have."""
-    for name, v in table.vessel.items():
-        if v.organ is not None and v.organ not in table.tissue:
-            raise error_at(path, ("vessel", name, "organ"), unknown("tissue", v.organ, table.tissue))
-    for name, t in table.tool.items():
-        for robot in t.robots:
+    for name, vessel_table in table.vessel.items():
+        if vessel_table.organ is not None and vessel_table.organ not in table.tissue:
+            raise error_at(path, ("vessel", name, "organ"), unknown("tissue", vessel_table.organ, table.tissue))
+    for name, tool_table in table.tool.items():
+        for robot in tool_table.robots:
             if robot not in names:
                 raise error_at(path, ("tool", name, "robots"), unknown("robot", robot, names))
 
 
-def _ports(r: RobotTable) -> dict[str, str]:
-    if r.port is None:
-        return dict(r.ports)
-    return {"": r.port}  # "" is the only trocar or the first RCM, see `Place`
+def _ports(table: RobotTable) -> dict[str, str]:
+    """Return {trocar: name of its port} of a robot."""
+    if table.port is None:
+        return dict(table.ports)
+    return {"": table.port}  # "" is the only trocar or the first RCM, see `Place`
 
 
 def _parameters(table: SceneTable) -> Iterator[Parameter]:
+    """Yield every number of a scene file, with its provenance."""
     for name, port in table.port.items():
         yield from port.parameters(f"port {name}", [("", port.position_mm, "mm")])
-    for r in table.robot:
-        start = [(f"start {joint}", value, "deg or mm") for joint, value in r.start.items()]
-        yield from r.parameters(r.name, [("", r.position_mm, "mm"), *start, ("yaw", r.yaw_deg, "deg")])
+    for robot in table.robot:
+        rows: list[Row] = [("", robot.position_mm, "mm")]
+        for joint, value in robot.start.items():
+            rows.append((f"start {joint}", value, "deg or mm"))
+        rows.append(("yaw", robot.yaw_deg, "deg"))
+        yield from robot.parameters(robot.name, rows)
     yield from console.listed(table.console, table.haptics)
     yield from trainer.listed(table.trainer)
     yield from contact.listed(table.object, table.contact)
     yield from anatomy.listed(table.tissue)
-    for name, v in table.vessel.items():
-        yield from vessel.listed(name, v)
-    for name, t in table.tool.items():
-        yield from tool.listed(name, t)
-    for name, t in table.task.items():
-        yield from task.listed(name, t)
+    for name, vessel_table in table.vessel.items():
+        yield from vessel.listed(name, vessel_table)
+    for name, task_table in table.tool.items():
+        yield from tool.listed(name, task_table)
+    for name, task_table in table.task.items():
+        yield from task.listed(name, task_table)

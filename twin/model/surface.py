@@ -13,7 +13,7 @@ from twin.core.units import MM
 VERTICES = 6000
 """Maximum number of vertices of a simulated surface; each picture frame sent to a page contains all of them."""
 
-_SAME = 1e-9
+_COINCIDENT = 1e-9
 """Distance in m below which two vertices are merged: neighbouring faces of a STEP file do not share vertices."""
 
 
@@ -49,7 +49,9 @@ class Surface:
                 break
             vertices, triangles = halved
         if len(vertices) > VERTICES:
-            way_out = "allow longer edges" if np.isfinite(edge) else "draw it coarser"
+            way_out = "draw it coarser"
+            if np.isfinite(edge):
+                way_out = "allow longer edges"
             raise TwinError(f"surface '{name}' is too fine: more than {VERTICES} vertices; {way_out}")
         self.name = name
         self.vertices = vertices
@@ -63,7 +65,7 @@ class Surface:
 
 def _merged(vertices: Array, triangles: Index) -> tuple[Array, Index]:
     """Return the surface with equal vertices merged, without triangles that this makes degenerate."""
-    cells = np.rint(vertices / _SAME)
+    cells = np.rint(vertices / _COINCIDENT)
     _, first, index = np.unique(cells, axis=0, return_index=True, return_inverse=True)
     triangles = index.reshape(-1)[triangles]
     a, b, c = triangles.T
@@ -90,13 +92,13 @@ def inside(points: Array, vertices: Array, triangles: Index) -> np.ndarray:
     Formula for the solid angle of a triangle: A. van Oosterom and J. Strackee, doi:10.1109/TBME.1983.325207.
     """
     points = np.asarray(points, float).reshape(-1, 3)
-    out = np.zeros(len(points), bool)
+    is_inside = np.zeros(len(points), bool)
     in_box = (points > vertices.min(axis=0)) & (points < vertices.max(axis=0))
     candidates = np.flatnonzero(in_box.all(axis=1))
     first, second, third = triangles.T
-    for k in candidates.tolist():
+    for candidate in candidates.tolist():
         # vectors a, b, c from the point to the corners, by components, which is faster than (m, 3) arrays
-        x, y, z = (vertices - points[k]).T
+        x, y, z = (vertices - points[candidate]).T
         length = np.sqrt(x * x + y * y + z * z)
         ax, ay, az = x[first], y[first], z[first]
         bx, by, bz = x[second], y[second], z[second]
@@ -114,8 +116,8 @@ def inside(points: Array, vertices: Array, triangles: Index) -> np.ndarray:
         denominator = length_a * length_b * length_c + a_dot_b * length_c + b_dot_c * length_a + c_dot_a * length_b
         half_angles = np.arctan2(triple_product, denominator)
         # the solid angles add up to 4 pi inside, to 0 outside
-        out[k] = half_angles.sum() > np.pi
-    return out
+        is_inside[candidate] = half_angles.sum() > np.pi
+    return is_inside
 
 
 def rings(triangles: Index, start: int) -> Index:
@@ -164,18 +166,18 @@ def _require_closed(name: str, vertices: Array, triangles: Index) -> None:
     is_open = count != 2
     is_inconsistent = balance != 0
     if is_open.any():
-        bad = sides[is_open[edge]]
+        faulty_sides = sides[is_open[edge]]
         number = int(is_open.sum())
         what = f"is open: {number} edges do not join two triangles"
         why = "a deformable needs a closed surface"
     elif is_inconsistent.any():
-        bad = sides[is_inconsistent[edge]]
+        faulty_sides = sides[is_inconsistent[edge]]
         number = int(is_inconsistent.sum())
         what = f"has triangles of both orientations: {number} edges join two triangles of different orientation"
         why = "list the corners of all triangles counter-clockwise, seen from outside"
     else:
         return
-    x, y, z = (vertices[bad[0]].mean(axis=0) / MM).tolist()
+    x, y, z = (vertices[faulty_sides[0]].mean(axis=0) / MM).tolist()
     raise TwinError(f"surface '{name}' {what}, one of them at ({x:.1f}, {y:.1f}, {z:.1f}) mm; {why}")
 
 
@@ -188,11 +190,12 @@ def _halved(vertices: Array, triangles: Index, edge: float) -> tuple[Array, Inde
         return None
     sides = np.sort(_sides(triangles).reshape(-1, 2), axis=1)
     edges, edge_of_side = np.unique(sides, axis=0, return_inverse=True)
-    ends = vertices[edges[:, 0]], vertices[edges[:, 1]]
-    is_long = np.linalg.norm(ends[0] - ends[1], axis=1) > edge
+    starts = vertices[edges[:, 0]]
+    ends = vertices[edges[:, 1]]
+    is_long = np.linalg.norm(starts - ends, axis=1) > edge
     if not is_long.any():
         return None
-    middles = (ends[0][is_long] + ends[1][is_long]) / 2
+    middles = (starts[is_long] + ends[is_long]) / 2
     middle_of_edge = np.full(len(edges), -1)
     middle_of_edge[is_long] = len(vertices) + np.arange(len(middles))
     middle_of_side = middle_of_edge[edge_of_side.reshape(-1, 3)]  # (m, 3) new vertex; -1: the side stays whole
@@ -205,24 +208,24 @@ def _split(triangles: Index, middle_of_side: Index) -> Index:
     halved_sides = is_halved.sum(axis=1)
     # rotate the corners of each triangle so that its halved sides come first
     turn = np.zeros(len(triangles), int)
-    none = halved_sides == 0
-    one = halved_sides == 1
-    two = halved_sides == 2
-    three = halved_sides == 3
-    turn[one] = np.argmax(is_halved[one], axis=1)
-    turn[two] = (np.argmin(middle_of_side[two], axis=1) + 1) % 3  # the side after the whole one
+    is_whole = halved_sides == 0
+    has_one = halved_sides == 1
+    has_two = halved_sides == 2
+    has_three = halved_sides == 3
+    turn[has_one] = np.argmax(is_halved[has_one], axis=1)
+    turn[has_two] = (np.argmin(middle_of_side[has_two], axis=1) + 1) % 3  # the side after the whole one
     order = (turn[:, None] + np.arange(3)) % 3
     a, b, c = np.take_along_axis(triangles, order, 1).T
     p, q, r = np.take_along_axis(middle_of_side, order, 1).T  # middles of the sides ab, bc and ca
     parts = [
-        (none, (a, b, c)),
-        (one, (a, p, c)), (one, (p, b, c)),
-        (two, (p, b, q)), (two, (a, p, q)), (two, (a, q, c)),
-        (three, (a, p, r)), (three, (p, b, q)), (three, (r, q, c)), (three, (p, q, r)),
+        (is_whole, (a, b, c)),
+        (has_one, (a, p, c)), (has_one, (p, b, c)),
+        (has_two, (p, b, q)), (has_two, (a, p, q)), (has_two, (a, q, c)),
+        (has_three, (a, p, r)), (has_three, (p, b, q)), (has_three, (r, q, c)), (has_three, (p, q, r)),
     ]  # fmt: skip
     pieces = []
     for which, corners in parts:
-        pieces.append(np.stack([corner[which] for corner in corners], axis=1))
+        pieces.append(np.stack(corners, axis=1)[which])
     return np.concatenate(pieces)
 
 
@@ -276,7 +279,7 @@ def _nearest_in_triangles(p: Array, a: Array, b: Array, c: Array) -> Array:
         ((d1 <= 0) & (d2 <= 0), np.array([1.0, 0, 0])),
     ]
     barycentric = np.column_stack([1 - v - w, v, w])
-    # the last case that applies counts: edges before corners
+    # the last case that applies counts: at a corner, the conditions of its edges may hold too
     for applies, coordinates in cases:
         barycentric = np.where(applies[:, None], coordinates, barycentric)
     return barycentric

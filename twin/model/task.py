@@ -58,14 +58,17 @@ def _unchecked(path: Path, name: str, value: object, scene: SceneNames, robots: 
 
 
 def _no_rows(value: object) -> Iterable[Row]:
+    """Return no numbers of a goal."""
     return ()
 
 
 def _one_step(name: str, goal: object) -> Sequence[str]:
+    """Return the task as its only part."""
     return (name,)
 
 
 def _unchanged(value: object) -> object:
+    """Return the value of a key as the goal itself."""
     return value
 
 
@@ -118,22 +121,22 @@ def kinds() -> tuple[TaskKind, ...]:
     Raises:
         TwinError: a kind of another package cannot be imported, or has the name of another kind.
     """
-    found: dict[str, TaskKind] = {}
+    kind_of_name: dict[str, TaskKind] = {}
     for folder in iter_modules(import_module(FOLDER).__path__):
         kind = import_module(f"{FOLDER}.{folder.name}.task").KIND
-        found[kind.name] = kind
+        kind_of_name[kind.name] = kind
     for name, kind in entry_points(GROUP).items():
         if not isinstance(kind, TaskKind):
             raise TwinError(f"the entry point '{name}' of {GROUP} is {kind!r}, not a twin.model.task.TaskKind")
-        if kind.name in found or kind.name in TaskTable.model_fields or hasattr(TaskTable, kind.name):
+        if kind.name in kind_of_name or kind.name in TaskTable.model_fields or hasattr(TaskTable, kind.name):
             text = f"the key '{kind.name}' of a task has a meaning already"
             raise TwinError(f"{text}; the entry point '{name}' of {GROUP} needs another")
         if kind.name != name:
             raise TwinError(
                 f"the entry point '{name}' of {GROUP} is the kind of task '{kind.name}': give both one name"
             )
-        found[kind.name] = kind
-    return tuple(sorted(found.values(), key=lambda kind: (kind.order, kind.name)))
+        kind_of_name[kind.name] = kind
+    return tuple(sorted(kind_of_name.values(), key=lambda kind: (kind.order, kind.name)))
 
 
 class TaskTable(Sourced):
@@ -151,11 +154,11 @@ class TaskTable(Sourced):
 
     @model_validator(mode="after")
     def _one_kind(self) -> TaskTable:
-        given = [kind for kind in kinds() if getattr(self, kind.name, None)]
-        if len(given) != 1:
-            found = " and ".join(f"`{kind.name}`" for kind in given) or "none of them"
-            raise at("title", f"a task needs a goal: {_goals()}; this task has {found}")
-        (kind,) = given
+        kinds_with_key = [kind for kind in kinds() if getattr(self, kind.name, None)]
+        if len(kinds_with_key) != 1:
+            keys = " and ".join([f"`{kind.name}`" for kind in kinds_with_key]) or "none of them"
+            raise at("title", f"a task needs a goal: {_goals()}; this task has {keys}")
+        (kind,) = kinds_with_key
         for key in ("tolerance_mm", "hold_s"):
             has_key = getattr(self, key) is not None
             if kind.timed and not has_key:
@@ -232,10 +235,10 @@ def required_goal(task: ConsoleTask, goal: type[G]) -> G:
     Raises:
         TwinError: the task is of another kind.
     """
-    found = goal_of(task, goal)
-    if found is None:
+    task_goal = goal_of(task, goal)
+    if task_goal is None:
         raise TwinError(f"task '{task.name}' with the key `{task.kind.name}` has no {goal.__name__}")
-    return found
+    return task_goal
 
 
 def task_of(name: str, task: TaskTable) -> ConsoleTask:

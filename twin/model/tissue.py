@@ -59,16 +59,16 @@ class Tissue:
     @cached_property
     def T_world_grid(self) -> Array:  # noqa: N802
         """Pose (4, 4) of the grid in the World; the origin is the grid's corner with the smallest coordinates."""
-        v = self.surface.vertices
+        vertices = self.surface.vertices
         if self.upright:
-            return spatial.pose(p=v.min(axis=0))
-        axes = np.linalg.svd(v - v.mean(axis=0), full_matrices=False)[2]
+            return spatial.pose(p=vertices.min(axis=0))
+        axes = np.linalg.svd(vertices - vertices.mean(axis=0), full_matrices=False)[2]
         # the sign of a principal axis is arbitrary; it is chosen so that the largest component is positive
         largest = np.argmax(np.abs(axes), axis=1)
         axes *= np.sign(np.take_along_axis(axes, largest[:, None], 1))
         axes[2] = np.cross(axes[0], axes[1])
         T = spatial.pose(axes.T)
-        T[:3, 3] = axes.T @ ((v @ axes.T).min(axis=0))
+        T[:3, 3] = axes.T @ ((vertices @ axes.T).min(axis=0))
         return T
 
     @cached_property
@@ -85,8 +85,8 @@ class Tissue:
     @cached_property
     def nodes(self) -> Array:
         """Nodes (k, 3) in m at rest, in the World; the index along the third axis of the grid changes fastest."""
-        counts = tuple(count + 1 for count in self.cells)
-        index = np.moveaxis(np.indices(counts), 0, -1).reshape(-1, 3)
+        x_cells, y_cells, z_cells = self.cells
+        index = np.moveaxis(np.indices((x_cells + 1, y_cells + 1, z_cells + 1)), 0, -1).reshape(-1, 3)
         T = self.T_world_grid
         return (index * self.cell) @ T[:3, :3].T + T[:3, 3]
 
@@ -102,7 +102,13 @@ class Tissue:
         gradients[i] @ nodes is (n, 3), dimensionless: the derivative of the position in the World with respect to the
         coordinate along axis i of the grid at rest.
         """
-        return np.stack([self._interpolated(self.local, axis) for axis in range(3)])
+        return np.stack(
+            [
+                self._interpolated(self.local, 0),
+                self._interpolated(self.local, 1),
+                self._interpolated(self.local, 2),
+            ]
+        )
 
     def _interpolated(self, local: Array, axis: int | None) -> Array:
         """Return weights (n, k) of the nodes at points (n, 3) in the grid frame, or the derivatives along `axis`."""
@@ -110,34 +116,40 @@ class Tissue:
         at = local / self.cell
         low = np.clip(np.floor(at).astype(int), 0, cells - 1)
         part = at - low
-        out = np.zeros((len(at), len(self.nodes)))
+        weights = np.zeros((len(at), len(self.nodes)))
         rows = np.arange(len(at))
         for corner in np.ndindex(2, 2, 2):
             i, j, k = (low + corner).T
             shares = np.where(corner, part, 1 - part)
             if axis is not None:
-                shares[:, axis] = (1 if corner[axis] else -1) / self.cell[axis]
-            out[rows, (i * (cells[1] + 1) + j) * (cells[2] + 1) + k] += shares.prod(axis=1)
-        return out
+                # the derivative of `part` or of 1 - `part`
+                sign = -1
+                if corner[axis]:
+                    sign = 1
+                shares[:, axis] = sign / self.cell[axis]
+            weights[rows, (i * (cells[1] + 1) + j) * (cells[2] + 1) + k] += shares.prod(axis=1)
+        return weights
 
     @cached_property
-    def held(self) -> Index:
+    def pinned_nodes(self) -> Index:
         """Indices of the nodes that pins fix.
 
         Raises:
             TwinError: a pin contains no node, or all pins together do not contain three nodes that form a triangle.
         """
-        found = np.zeros(len(self.nodes), bool)
+        is_pinned = np.zeros(len(self.nodes), bool)
         for pin in self.pins:
-            here = ((self.nodes >= pin.low) & (self.nodes <= pin.high)).all(axis=1)
-            if not here.any():
+            is_in_box = ((self.nodes >= pin.low) & (self.nodes <= pin.high)).all(axis=1)
+            if not is_in_box.any():
                 low = np.round(self.nodes.min(axis=0) / MM).tolist()
                 high = np.round(self.nodes.max(axis=0) / MM).tolist()
                 raise TwinError(f"tissue '{self.name}': pin '{pin.name}' holds none of the {len(self.nodes)} nodes of "
                                 f"the grid, which are between {low} and {high} mm; enlarge its box")  # fmt: skip
-            found |= here
-        index = np.flatnonzero(found)
-        spread = self.nodes[index] - self.nodes[index].mean(axis=0) if len(index) else np.zeros((1, 3))
+            is_pinned |= is_in_box
+        index = np.flatnonzero(is_pinned)
+        spread = np.zeros((1, 3))
+        if len(index):
+            spread = self.nodes[index] - self.nodes[index].mean(axis=0)
         if np.linalg.matrix_rank(spread, tol=MM) < 2:
             raise TwinError(
                 f"tissue '{self.name}': its pins hold {len(index)} nodes; at least three that are not in one line are "

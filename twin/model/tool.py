@@ -19,7 +19,7 @@ _NEEDS: dict[str, tuple[str, ...]] = {
     "scalpel": ("open_mm",),
     "cautery": ("power_w",),
 }
-
+"""{kind of a tool: the keys that it needs}; it takes none of the other optional ones."""
 
 DOES: dict[Kind, str] = {
     "grasper": "holds tissue and pulls it aside",
@@ -56,10 +56,11 @@ class ToolTable(Sourced):
     def _whole(self) -> ToolTable:
         needs = _NEEDS[self.kind]
         for key in ("open_mm", "pinch_n", "friction", "clips", "power_w"):
-            if (getattr(self, key) is None) == (key in needs):
-                raise at(
-                    "kind" if key in needs else key, f"a {self.kind} {'needs' if key in needs else 'takes no'} `{key}`"
-                )
+            has_key = getattr(self, key) is not None
+            if key in needs and not has_key:
+                raise at("kind", f"a {self.kind} needs `{key}`")
+            if has_key and key not in needs:
+                raise at(key, f"a {self.kind} takes no `{key}`")
         return self
 
     @property
@@ -68,14 +69,14 @@ class ToolTable(Sourced):
         return 2.0 * (self.friction or 0.0) * (self.pinch_n or 0.0)
 
 
-def listed(name: str, t: ToolTable) -> Iterator[Parameter]:
+def listed(name: str, tool: ToolTable) -> Iterator[Parameter]:
     """Yield the numbers of a tool as parameters with provenance."""
     rows = (
-        ("jaw", t.jaw_mm, "mm"),
-        ("open", t.open_mm, "mm"),
-        ("pinch", t.pinch_n, "N"),
-        ("friction", t.friction, "1"),
-        ("clips", t.clips, "1"),
-        ("power", t.power_w, "W"),
+        ("jaw", tool.jaw_mm, "mm"),
+        ("open", tool.open_mm, "mm"),
+        ("pinch", tool.pinch_n, "N"),
+        ("friction", tool.friction, "1"),
+        ("clips", tool.clips, "1"),
+        ("power", tool.power_w, "W"),
     )
-    return t.parameters(f"tool {name}", rows)
+    return tool.parameters(f"tool {name}", rows)

@@ -69,17 +69,18 @@ def check(path: Path, trainer: TrainerTable | None, console: ConsoleTable | None
         return
     if console is None:
         raise error_at(path, ("trainer",), "machines are controlled from a console: add a section [console]")
-    for i, name in enumerate(trainer.robots):
-        if name not in (hands := [*console.right, *console.left]):
-            raise error_at(path, ("trainer", "robots", i), unknown("robot of a hand", name, hands))
+    robots_of_hands = [*console.right, *console.left]
+    for place, name in enumerate(trainer.robots):
+        if name not in robots_of_hands:
+            raise error_at(path, ("trainer", "robots", place), unknown("robot of a hand", name, robots_of_hands))
         if name in console.instrument_mm:
             text = f"'{name}' is a machine: a hand controls only its tip; remove it from console.instrument_mm"
-            raise error_at(path, ("trainer", "robots", i), text)
-        if name in trainer.robots[:i]:
-            raise error_at(path, ("trainer", "robots", i), f"'{name}' is listed twice")
+            raise error_at(path, ("trainer", "robots", place), text)
+        if name in trainer.robots[:place]:
+            raise error_at(path, ("trainer", "robots", place), f"'{name}' is listed twice")
         if name + MODEL in names:
             text = f"the name '{name + MODEL}' is reserved for the model of '{name}': rename this robot of the scene"
-            raise error_at(path, ("trainer", "robots", i), text)
+            raise error_at(path, ("trainer", "robots", place), text)
 
 
 def listed(trainer: TrainerTable | None) -> Iterator[Parameter]:

@@ -81,7 +81,10 @@ class Transmission:
         """The matrix as text, such as "q1 = 0.05 m1; q2 = -0.02 m1 + 0.04 m2"."""
         equations = []
         for joint, row in zip(self.joints, self.matrix, strict=True):
-            terms = [f"{ratio:g} {actuator}" for ratio, actuator in zip(row, self.actuators, strict=True) if ratio]
+            terms = []
+            for ratio, actuator in zip(row, self.actuators, strict=True):
+                if ratio:
+                    terms.append(f"{ratio:g} {actuator}")
             sum_of_terms = " + ".join(terms).replace("+ -", "- ")
             equations.append(f"{joint} = {sum_of_terms}")
         return "; ".join(equations)
@@ -104,11 +107,11 @@ def joint_gains(transmission: Transmission, actuators: Sequence[Actuator]) -> tu
     Each array is the diagonal of inverse.T @ diag(g) @ inverse, where g (n,) is the stiffness or the damping of the
     motors' drives. The arrays are written to file formats whose drives act on joints. None: a motor has no drive.
     """
-    known = {actuator.name: actuator for actuator in actuators}
+    actuator_of = {actuator.name: actuator for actuator in actuators}
     stiffness = []
     damping = []
     for name in transmission.actuators:
-        motor = known[name]
+        motor = actuator_of[name]
         if motor.stiffness is None:
             return None
         stiffness.append(motor.stiffness)
@@ -147,76 +150,86 @@ def faults(
     `joints` has the names of all joints of the mechanism, `active` the names of the active joints, and `own_drive` the
     names of the joints with a position drive.
     """
-    for a in actuators:
-        for key, text in _actuator(a, joints):
-            yield "actuator", a.name, key, f"actuator '{a.name}': {text}"
-    known = [a.name for a in actuators]
+    for actuator in actuators:
+        for key, text in _actuator(actuator, joints):
+            yield "actuator", actuator.name, key, f"actuator '{actuator.name}': {text}"
+    actuator_names = [a.name for a in actuators]
     moved_by: dict[str, str] = {}
     leads_to: dict[str, str] = {}
-    for t in transmissions:
+    for transmission in transmissions:
         for key, text in (
-            *_names("active joint", "joints", t.joints, active, t.name, moved_by),
-            *_names("actuator", "actuators", t.actuators, known, t.name, leads_to),
-            *_drives(t, own_drive),
-            *_matrix(t),
+            *_names("active joint", "joints", transmission.joints, active, transmission.name, moved_by),
+            *_names("actuator", "actuators", transmission.actuators, actuator_names, transmission.name, leads_to),
+            *_drives(transmission, own_drive),
+            *_matrix(transmission),
         ):
-            yield "transmission", t.name, key, f"transmission '{t.name}': {text}"
-    for name in known:
+            yield "transmission", transmission.name, key, f"transmission '{transmission.name}': {text}"
+    for name in actuator_names:
         if name not in leads_to:
             text = f"actuator '{name}' is in no transmission; a joint that is driven directly needs no actuator"
             yield "actuator", name, "name", text
 
 
 def _names(
-    kind: str, key: str, names: Sequence[str], known: Sequence[str], own: str, taken: dict[str, str]
+    kind: str,
+    key: str,
+    names: Sequence[str],
+    known_names: Sequence[str],
+    own_transmission: str,
+    transmission_of: dict[str, str],
 ) -> Iterator[tuple[str, str]]:
     for name in names:
-        if name not in known:
-            yield key, unknown(kind, name, known)
-        if name in taken:
-            where = "twice" if taken[name] == own else f"by transmission '{taken[name]}' already"
+        if name not in known_names:
+            yield key, unknown(kind, name, known_names)
+        if name in transmission_of:
+            where = f"by transmission '{transmission_of[name]}' already"
+            if transmission_of[name] == own_transmission:
+                where = "twice"
             yield key, f"{kind} '{name}' is used {where}; it may be used once, in one transmission"
-        taken[name] = own
+        transmission_of[name] = own_transmission
 
 
-def _drives(t: Transmission, own_drive: Collection[str]) -> Iterator[tuple[str, str]]:
-    for name in t.joints:
+def _drives(transmission: Transmission, own_drive: Collection[str]) -> Iterator[tuple[str, str]]:
+    for name in transmission.joints:
         if name in own_drive:
             text = f"joint '{name}' has a drive, but actuators move the joint: give stiffness, damping and max_effort "
             yield "joints", text + "to the actuators"
 
 
-def _actuator(a: Actuator, joints: Sequence[str]) -> Iterator[tuple[str, str]]:
-    if a.name in joints:
-        yield "name", f"a joint has this name; choose another, for instance '{a.name}_motor'"
-    if a.kind not in ("angle", "length"):
-        yield "kind", unknown("kind", a.kind, ("angle", "length"))
-    if a.limits is not None and not a.limits[0] < a.limits[1]:
-        yield "limits", f"limits {a.limits[0]:g} .. {a.limits[1]:g} are not ordered"
+def _actuator(actuator: Actuator, joints: Sequence[str]) -> Iterator[tuple[str, str]]:
+    if actuator.name in joints:
+        yield "name", f"a joint has this name; choose another, for instance '{actuator.name}_motor'"
+    if actuator.kind not in ("angle", "length"):
+        yield "kind", unknown("kind", actuator.kind, ("angle", "length"))
+    if actuator.limits is not None and not actuator.limits[0] < actuator.limits[1]:
+        yield "limits", f"limits {actuator.limits[0]:g} .. {actuator.limits[1]:g} are not ordered"
     for key in ("max_speed", "max_effort", "rotor_inertia", "stiffness"):
-        value = getattr(a, key)
+        value = getattr(actuator, key)
         if value is not None and not (np.isfinite(value) and value > 0):
             yield key, f"{key} is {value:g}; it must be finite and above 0"
-    if not (np.isfinite(a.damping) and a.damping >= 0):
-        yield "damping", f"damping is {a.damping:g}; it must be finite and at least 0"
-    if a.damping and a.stiffness is None:
+    if not (np.isfinite(actuator.damping) and actuator.damping >= 0):
+        yield "damping", f"damping is {actuator.damping:g}; it must be finite and at least 0"
+    if actuator.damping and actuator.stiffness is None:
         yield "damping", "damping needs stiffness: both are gains of one drive"
 
 
-def _matrix(t: Transmission) -> Iterator[tuple[str, str]]:
-    n = len(t.joints)
-    if not n or len(t.actuators) != n:
-        yield "actuators", f"{n} joints and {len(t.actuators)} actuators; the numbers must be equal and at least 1"
+def _matrix(transmission: Transmission) -> Iterator[tuple[str, str]]:
+    n = len(transmission.joints)
+    if not n or len(transmission.actuators) != n:
+        yield (
+            "actuators",
+            f"{n} joints and {len(transmission.actuators)} actuators; the numbers must be equal and at least 1",
+        )
         return
-    shape = np.shape(t.matrix)
+    shape = np.shape(transmission.matrix)
     if shape != (n, n):
-        size = " x ".join(str(count) for count in shape)
+        size = " x ".join(map(str, shape))
         yield "matrix", f"the matrix is {size}; it must be {n} x {n}, one row for each joint"
         return
-    if not np.all(np.isfinite(t.matrix)):
+    if not np.all(np.isfinite(transmission.matrix)):
         yield "matrix", "the matrix has entries that are not finite"
         return
-    number = condition(t.matrix)
+    number = condition(transmission.matrix)
     if not number <= CONDITION:  # also true for NaN
         yield (
             "matrix",

@@ -26,6 +26,15 @@ _FAR = 1e6
 _SIDES = 8
 """Number of sides of a drawn segment."""
 
+_SHORTEST = 1e-9
+"""Length in m by which a segment without a length is divided."""
+
+_PARALLEL = 1e-3
+"""Sine of the angle between a segment and the direction of a clip below which they count as parallel."""
+
+_FLATTENED = 0.95
+"""Share of a radius that a closed clip takes away; a prism without a thickness has no volume to draw."""
+
 
 class VesselTable(Sourced):
     """A vessel along a line in the world frame, in segments of about `segment_mm`.
@@ -90,24 +99,24 @@ class Vessel:
             across: (3,) direction in which a clip flattens the vessel.
         """
         along = np.diff(points, axis=0)
-        z = along / np.maximum(np.linalg.norm(along, axis=1), 1e-9)[:, None]
-        u = across - z * (z @ across)[:, None]
-        parallel = np.linalg.norm(u, axis=1) < 1e-3
-        other = np.eye(3)[np.argmin(np.abs(z), axis=1)]
+        z = along / np.maximum(np.linalg.norm(along, axis=1), _SHORTEST)[:, None]
+        across_unit = across - z * (z @ across)[:, None]
+        parallel = np.linalg.norm(across_unit, axis=1) < _PARALLEL
+        other_axis = np.eye(3)[np.argmin(np.abs(z), axis=1)]
         # the axis that is farthest from the segment stands in for a direction parallel to the segment
-        other_u = other - z * np.einsum("ij,ij->i", z, other)[:, None]
-        u = np.where(parallel[:, None], other_u, u)
-        u /= np.linalg.norm(u, axis=1)[:, None]
-        v = np.cross(z, u)
-        thickness = 1.0 - 0.95 * flat
+        other_across = other_axis - z * np.einsum("ij,ij->i", z, other_axis)[:, None]
+        across_unit = np.where(parallel[:, None], other_across, across_unit)
+        across_unit /= np.linalg.norm(across_unit, axis=1)[:, None]
+        second_across = np.cross(z, across_unit)
+        thickness = 1.0 - _FLATTENED * flat
         nodes = np.zeros((self.segments, 2, 3, 3))
         for side in (0, 1):
             p = points[side : side + self.segments]
             thin = thickness[side : side + self.segments, None]
             nodes[:, side, 0] = p
-            nodes[:, side, 1] = p + self.radius * thin * u
+            nodes[:, side, 1] = p + self.radius * thin * across_unit
             # A flattened vessel becomes wider.
-            nodes[:, side, 2] = p + self.radius * np.sqrt(2 - thin) * v
+            nodes[:, side, 2] = p + self.radius * np.sqrt(2 - thin) * second_across
         is_cut = cut > 0
         nodes[is_cut] = points[:-1][is_cut][:, None, None, :]
         return nodes.reshape(-1, 3)
@@ -115,26 +124,34 @@ class Vessel:
     @cached_property
     def deformable(self) -> Deformable:
         """The vessel as a `Deformable` fixed to the World, one closed prism per segment. The signal: `<name>.nodes`."""
-        n = self.segments
+        segment_count = self.segments
         angles = 2 * np.pi * np.arange(_SIDES) / _SIDES
         c = np.cos(angles)
         s = np.sin(angles)
         ring = np.column_stack([1 - c - s, c, s])  # weights of the centre and of the ends of the two radii
         ring = np.vstack([ring, [1.0, 0.0, 0.0]])  # the centre itself, for the closed end
-        m = _SIDES + 1
-        weights = np.zeros((2 * n * m, 6 * n))
-        for end in range(2 * n):
-            weights[end * m : (end + 1) * m, 3 * end : 3 * end + 3] = ring
+        vertices_per_end = _SIDES + 1
+        weights = np.zeros((2 * segment_count * vertices_per_end, 6 * segment_count))
+        for end in range(2 * segment_count):
+            weights[end * vertices_per_end : (end + 1) * vertices_per_end, 3 * end : 3 * end + 3] = ring
         i = np.arange(_SIDES)
         j = (i + 1) % _SIDES
         first_centre = np.full(_SIDES, _SIDES)
-        last_centre = m + first_centre
-        sides = [np.column_stack([i, j, m + j]), np.column_stack([i, m + j, m + i])]
-        ends = [np.column_stack([first_centre, j, i]), np.column_stack([last_centre, m + i, m + j])]
+        last_centre = vertices_per_end + first_centre
+        sides = [
+            np.column_stack([i, j, vertices_per_end + j]),
+            np.column_stack([i, vertices_per_end + j, vertices_per_end + i]),
+        ]
+        ends = [
+            np.column_stack([first_centre, j, i]),
+            np.column_stack([last_centre, vertices_per_end + i, vertices_per_end + j]),
+        ]
         prism = np.concatenate([*sides, *ends])
-        triangles = prism + 2 * m * np.arange(n)[:, None, None]  # (n, triangles of a prism, 3)
-        uncut = np.zeros(n, int)
-        round_ends = np.zeros(n + 1)
+        triangles = (
+            prism + 2 * vertices_per_end * np.arange(segment_count)[:, None, None]
+        )  # (n, triangles of a prism, 3)
+        uncut = np.zeros(segment_count, int)
+        round_ends = np.zeros(segment_count + 1)
         nodes = self.rings(self.points, uncut, round_ends, np.array([0.0, 0.0, 1.0]))
         mesh = Mesh(self.name, weights @ nodes, triangles.reshape(-1, 3).astype(np.int32), self.color_rgba)
         return Deformable(self.name, mesh, weights=weights)

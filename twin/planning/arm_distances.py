@@ -32,48 +32,49 @@ class ArmDistances:
         """Return the smallest distance from t0 to t1: (distance in m, its time in s, names ARM_BODY of both bodies)."""
         rows = np.flatnonzero((self.t >= t0) & (self.t <= t1))
         nearest = min(self.by_pair.values(), key=lambda clearance: clearance.distance[rows].min())
-        k = int(rows[np.argmin(nearest.distance[rows])])
-        a, b = nearest.pair[k]
-        names = (a.replace("/", "_", 1), b.replace("/", "_", 1))  # ARM/BODY -> ARM_BODY
-        return float(nearest.distance[k]), float(self.t[k]), names
+        row = int(rows[np.argmin(nearest.distance[rows])])
+        first, second = nearest.pair[row]
+        names = (first.replace("/", "_", 1), second.replace("/", "_", 1))  # ARM/BODY -> ARM_BODY
+        return float(nearest.distance[row]), float(self.t[row]), names
 
 
 @dataclass(frozen=True)
 class Nearest:
-    """Smallest distance between bodies in a phase, for one kind of pair: certificate `seen` and time `t` in s."""
+    """Smallest distance between bodies in a phase, for one kind of pair: its certificate, and its time `t` in s."""
 
-    seen: Certificate
+    certificate: Certificate
     t: float
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data; the keys of quantities end with the unit."""
         return {
-            "proven_mm": self.seen.proven / MM,
-            "found_mm": self.seen.found / MM,
-            "bodies": list(self.seen.bodies),
+            "proven_mm": self.certificate.proven / MM,
+            "found_mm": self.certificate.found / MM,
+            "bodies": list(self.certificate.bodies),
             "t_s": self.t,
         }
 
-    def among(self, apart: ArmDistances, t0: float, t1: float) -> Nearest:
-        """Return the smaller of two distances: this one, or the smallest distance in `apart` from t0 to t1 in s."""
-        if not ((apart.t >= t0) & (apart.t <= t1)).any():  # the phase is shorter than the time step of `apart`
+    def among(self, arm_distances: ArmDistances, t0: float, t1: float) -> Nearest:
+        """Return the smaller of two distances: this one, or the smallest between the arms from t0 to t1 in s."""
+        is_in_phase = (arm_distances.t >= t0) & (arm_distances.t <= t1)
+        if not is_in_phase.any():  # the phase is shorter than the time step of the distances
             return self
-        distance, t, bodies = apart.least(t0, t1)
-        if distance >= self.seen.found:
+        distance, t, bodies = arm_distances.least(t0, t1)
+        if distance >= self.certificate.found:
             return self
         # a proven bound above a distance that was found would be wrong by rounding
-        proven = min(self.seen.proven, distance)
-        return Nearest(replace(self.seen, found=distance, proven=proven, bodies=bodies), t)
+        proven = min(self.certificate.proven, distance)
+        return Nearest(replace(self.certificate, found=distance, proven=proven, bodies=bodies), t)
 
 
-def nearest_at(seen: Certificate, path: Path, q: Array, t: Array) -> Nearest:
-    """Return a certificate `seen` with the time in s of its smallest distance.
+def nearest_at(certificate: Certificate, path: Path, q: Array, t: Array) -> Nearest:
+    """Return a certificate with the time in s of its smallest distance.
 
-    The time is that of the sample nearest to path(seen.s); the samples are q (k, n) at the times t (k,) in s.
+    The time is that of the sample nearest to path(certificate.s); the samples are q (k, n) at the times t (k,) in s.
     """
-    nearest = path(np.array([seen.s]))[0]
+    nearest = path(np.array([certificate.s]))[0]
     difference = np.abs(q - nearest).max(axis=1)
-    return Nearest(seen, float(t[np.argmin(difference)]))
+    return Nearest(certificate, float(t[np.argmin(difference)]))
 
 
 def distances(
@@ -95,6 +96,6 @@ def distances(
         model = ReferenceModel(mechanism)
         in_base = model.link_poses(model.run(q[name][rows]).x)
         mechanisms[name] = mechanism
-        poses[name] = {body: T_world_base @ T for body, T in in_base.items()}
+        poses[name] = {body: T_world_base @ T_base_body for body, T_base_body in in_base.items()}
     check()
     return ArmDistances(t[rows], between(mechanisms, poses))

@@ -83,31 +83,39 @@ def trajectories(robots: Sequence[GroupArm], courses: Sequence[Sequence[Path]]) 
     for robot, own_courses in zip(robots, courses, strict=True):
         paths.append(build(robot.protocol, robot.T_tool_frame, _Guide(robot, own_courses)))
     legs: list[list[Leg]] = [[] for _ in robots]
-    for phase in range(max(map(len, paths))):
-        moving = [k for k, own_paths in enumerate(paths) if phase < len(own_paths)]
-        names = [f"{robots[k].name}: phase '{paths[k][phase].phase.name}'" for k in moving]
+    for number in range(max(map(len, paths))):
+        moving: list[tuple[int, PhasePath]] = []  # the arms that have this phase: (index, phase)
+        names = []
+        for arm, phases_of_arm in enumerate(paths):
+            if number < len(phases_of_arm):
+                path = phases_of_arm[number]
+                moving.append((arm, path))
+                names.append(f"{robots[arm].name}: phase '{path.phase.name}'")
         where = " / ".join(names)
-        for k in moving:
-            protocol = robots[k].protocol
-            require_feasible(paths[k][phase], robots[k].kinematics, protocol.frame, protocol.name)
-        joints = {k: paths[k][phase].driven(robots[k].kinematics, where) for k in moving}
+        # all arms before any joint path: the message about an infeasible phase names its cause
+        for arm, path in moving:
+            protocol = robots[arm].protocol
+            require_feasible(path, robots[arm].kinematics, protocol.frame, protocol.name)
+        joints = {}
+        for arm, path in moving:
+            joints[arm] = path.driven(robots[arm].kinematics, where)
         try:
             limits = []
-            for k in moving:
-                limits.append(demands(paths[k][phase], joints[k], robots[k].protocol, robots[k].kinematics, _DT))
+            for arm, path in moving:
+                limits.append(demands(path, joints[arm], robots[arm].protocol, robots[arm].kinematics, _DT))
             timing = timed(limits, _DT, robots[0].protocol.timing)
         except TimingError as error:
             raise TimingError(f"{where}: {error}") from error
-        for k in moving:
-            legs[k].append(sampled(paths[k][phase], joints[k], timing, robots[k].kinematics))
-    out = []
+        for arm, path in moving:
+            legs[arm].append(sampled(path, joints[arm], timing, robots[arm].kinematics))
+    trajectories_of_arms = []
     for robot, own_legs in zip(robots, legs, strict=True):
         protocol = robot.protocol
         trajectory = assemble(protocol, robot.kinematics, robot.T_tool_frame, own_legs, _DT)
         trajectory = replace(trajectory, followed=True)
         findings = check(trajectory, protocol, robot.kinematics)
-        out.append(replace(trajectory, findings=(*protocol.findings, *findings)))
-    return out
+        trajectories_of_arms.append(replace(trajectory, findings=(*protocol.findings, *findings)))
+    return trajectories_of_arms
 
 
 def stops(robot: GroupArm) -> tuple[Array, Array]:

@@ -8,11 +8,11 @@ from functools import partial
 import numpy as np
 
 from twin.core import spatial
-from twin.core.findings import Finding, Kind, disagreement, error, finding, info, warning
+from twin.core.findings import Finding, Kind, Severity, disagreement, error, finding, info, warning
 from twin.core.quantity import Quantity, deg, mm, moved, si
 from twin.core.spatial import Array
 from twin.core.units import MM, ROUNDING
-from twin.planning.protocol import Protocol, RotationOrder, Waypoint, trocar_of
+from twin.planning.protocol import DIRECTIONS, Protocol, RotationOrder, Waypoint, trocar_of
 from twin.planning.trajectory import PathKinematics, PhaseSpan, Trajectory
 
 OVER = 1e-3
@@ -93,19 +93,21 @@ def _span_at(trajectory: Trajectory, sample: int) -> PhaseSpan:
 def _positions(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
     """Check the limits of the driven joints, and report the minimum distance to a hard limit."""
     findings = []
-    for j in range(len(kinematics.joint_names)):
-        beyond_hard = _joint_beyond(trajectory, kinematics, j, "hard", error, kinematics.lower[j], kinematics.upper[j])
+    for joint in range(len(kinematics.joint_names)):
+        beyond_hard = _joint_beyond(
+            trajectory, kinematics, joint, "hard", error, kinematics.lower[joint], kinematics.upper[joint]
+        )
         # a joint beyond its hard limits is also beyond its soft limits
         findings += beyond_hard or _joint_beyond(
-            trajectory, kinematics, j, "soft", warning, kinematics.soft_lower[j], kinematics.soft_upper[j]
+            trajectory, kinematics, joint, "soft", warning, kinematics.soft_lower[joint], kinematics.soft_upper[joint]
         )
     margin = np.minimum(trajectory.q - kinematics.lower, kinematics.upper - trajectory.q)
     if not np.isfinite(margin).any():  # no joint has limits
         return findings
-    k, j = np.unravel_index(int(np.argmin(margin)), margin.shape)
-    unit, factor = kinematics.unit(int(j))
-    name = kinematics.joint_names[j]
-    size = Quantity(margin[k, j] / factor, unit)
+    k, joint = np.unravel_index(int(np.argmin(margin)), margin.shape)
+    unit, factor = kinematics.unit(int(joint))
+    name = kinematics.joint_names[joint]
+    size = Quantity(margin[k, joint] / factor, unit)
     what = f"the minimum distance to a hard limit is {size}, at joint {name}"
     findings.append(info("margin.limit", name, what, size, 0, when=_when(trajectory, int(k)), word=""))
     return findings
@@ -114,53 +116,53 @@ def _positions(trajectory: Trajectory, kinematics: PathKinematics) -> list[Findi
 def _joint_beyond(
     trajectory: Trajectory,
     kinematics: PathKinematics,
-    j: int,
+    joint: int,
     kind: str,
     build: Callable[..., Finding],
     low: float,
     high: float,
 ) -> list[Finding]:
     """Return a finding, made by `build`, if joint j exceeds its "hard" or "soft" limits low..high (m or rad)."""
-    q = trajectory.q[:, j]
+    q = trajectory.q[:, joint]
     inside = np.minimum(q - low, high - q)
-    k = int(np.argmin(inside))
-    if inside[k] >= -_TOUCHING:
+    worst = int(np.argmin(inside))
+    if inside[worst] >= -_TOUCHING:
         return []
-    name = kinematics.joint_names[j]
-    unit, factor = kinematics.unit(j)
-    size = Quantity(-inside[k] / factor, unit)
+    name = kinematics.joint_names[joint]
+    unit, factor = kinematics.unit(joint)
+    size = Quantity(-inside[worst] / factor, unit)
     limits = f"{low / factor:.2f}..{high / factor:.2f} {unit}"
     what = f"joint {name} exceeds its {kind} limits {limits} by {size}"
-    return [build(f"limit.{kind}", name, what, size, 0, when=_when(trajectory, k), word="")]
+    return [build(f"limit.{kind}", name, what, size, 0, when=_when(trajectory, worst), word="")]
 
 
 def _motors(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
     """Check the actuators of transmissions: a motor may exceed its limits although all joints are within theirs."""
     findings = []
     motors = kinematics.motors
-    for i, name in enumerate(motors.names):
-        unit, factor = motors.unit(i)
-        position = trajectory.q @ motors.rows[i]
-        speed = np.abs(trajectory.qd @ motors.rows[i])
-        low = motors.lower[i]
-        high = motors.upper[i]
+    for motor, name in enumerate(motors.names):
+        unit, factor = motors.unit(motor)
+        position = trajectory.q @ motors.rows[motor]
+        speed = np.abs(trajectory.qd @ motors.rows[motor])
+        low = motors.lower[motor]
+        high = motors.upper[motor]
         inside = np.minimum(position - low, high - position)
-        k = int(np.argmin(inside))
-        when = _when(trajectory, k)
+        lowest = int(np.argmin(inside))
+        when = _when(trajectory, lowest)
         limits = f"{low / factor:.2f}..{high / factor:.2f} {unit}"
         # a motor with a gear makes many turns: the rounding grows with its position
-        if inside[k] < -_TOUCHING * max(1.0, abs(position[k])):
-            size = Quantity(-inside[k] / factor, unit)
+        if inside[lowest] < -_TOUCHING * max(1.0, abs(position[lowest])):
+            size = Quantity(-inside[lowest] / factor, unit)
             what = f"motor {name} exceeds its limits {limits} by {size}"
             findings.append(error("limit.motor", name, what, size, 0, when=when, word=""))
-        elif np.isfinite(inside[k]):
-            size = Quantity(inside[k] / factor, unit)
+        elif np.isfinite(inside[lowest]):
+            size = Quantity(inside[lowest] / factor, unit)
             what = f"motor {name}: minimum distance to its limits {limits} is {size}"
             findings.append(info("margin.motor", name, what, size, 0, when=when, word=""))
-        k = int(np.argmax(speed))
-        peak = Quantity(float(speed[k]) / factor, f"{unit}/s")
-        limit = Quantity(motors.max_speed[i] / factor, f"{unit}/s")
-        findings += _over(trajectory, "limit.motor_speed", name, f"motor {name}", k, peak, limit)
+        fastest = int(np.argmax(speed))
+        peak = Quantity(float(speed[fastest]) / factor, f"{unit}/s")
+        limit = Quantity(motors.max_speed[motor] / factor, f"{unit}/s")
+        findings += _over(trajectory, "limit.motor_speed", name, f"motor {name}", fastest, peak, limit)
     return findings
 
 
@@ -169,15 +171,15 @@ def _gaps(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
     findings = []
     for gap in kinematics.gaps:
         distance = np.abs(trajectory.q[:, gap.i] - trajectory.q[:, gap.j])
-        k = int(np.argmin(distance))
+        smallest = int(np.argmin(distance))
         unit, factor = kinematics.unit(gap.i)
         build = partial(info, "margin.gap")
-        if distance[k] < gap.smallest - _TOUCHING:
+        if distance[smallest] < gap.smallest - _TOUCHING:
             build = partial(error, "limit.gap")
-        size = Quantity(distance[k] / factor, unit)
+        size = Quantity(distance[smallest] / factor, unit)
         required = gap.smallest / factor
         what = f"minimum of gap {gap.name}"
-        findings.append(build(gap.name, what, size, required, when=_when(trajectory, k), word="required"))
+        findings.append(build(gap.name, what, size, required, when=_when(trajectory, smallest), word="required"))
     return findings
 
 
@@ -189,11 +191,11 @@ def _passive(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding
     for name, (margin, is_angle) in kinematics.passive(trajectory.Ts_base_tool, trajectory.q).items():
         if np.isnan(margin).all():
             continue
-        k = int(np.nanargmin(margin))
-        if margin[k] < -ROUNDING:
-            size = moved(-margin[k], is_angle)
+        smallest = int(np.nanargmin(margin))
+        if margin[smallest] < -ROUNDING:
+            size = moved(-margin[smallest], is_angle)
             what = f"passive joint {name} exceeds its limits by {size}"
-            findings.append(error("limit.passive", name, what, size, 0, when=_when(trajectory, k), word=""))
+            findings.append(error("limit.passive", name, what, size, 0, when=_when(trajectory, smallest), word=""))
     return findings
 
 
@@ -292,7 +294,10 @@ def _rcm(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
                 episodes.append([])
             episodes[-1].append(span)
         last_rcm = span.rcm
-    return [_rcm_episode(trajectory, protocol, spans) for spans in episodes]
+    findings = []
+    for spans in episodes:
+        findings.append(_rcm_episode(trajectory, protocol, spans))
+    return findings
 
 
 def _rcm_episode(trajectory: Trajectory, protocol: Protocol, spans: Sequence[PhaseSpan]) -> Finding:
@@ -307,12 +312,12 @@ def _rcm_episode(trajectory: Trajectory, protocol: Protocol, spans: Sequence[Pha
     k = int(np.argmax(errors))
     if errors[k] <= tolerance:
         kind = _KEPT
-    elif all(span.rcm_mode == "enforced" for span in spans):
+    elif {span.rcm_mode for span in spans} == {"enforced"}:
         kind = _BLOCKED
     else:
         kind = _MISSED
-    position = ", ".join(f"{x / MM:.2f}" for x in rcm)
-    where = f"RCM at ({position}) mm"
+    x, y, z = rcm / MM
+    where = f"RCM at ({x:.2f}, {y:.2f}, {z:.2f}) mm"
     trocar = _trocar(protocol, spans)
     if trocar:
         where = f"trocar {trocar}, {where}"
@@ -324,7 +329,7 @@ def _rcm_episode(trajectory: Trajectory, protocol: Protocol, spans: Sequence[Pha
 
 def _trocar(protocol: Protocol, spans: Sequence[PhaseSpan]) -> str:
     """Return the name of the trocar that the first of the phases `spans` with a trocar names; "" if there is none."""
-    names = {span.name for span in spans}
+    names = [span.name for span in spans]
     for phase in protocol.phases:
         if phase.name in names and trocar_of(phase):
             return trocar_of(phase)
@@ -342,7 +347,9 @@ def _straight(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
         axis = Ts[0, :3, :3] @ trajectory.shaft_axis
         errors = spatial.point_to_line(Ts[:, :3, 3], Ts[0, :3, 3], axis)
         k = int(np.argmax(errors))
-        kind = _BENT if errors[k] > tolerance else _STRAIGHT
+        kind = _STRAIGHT
+        if errors[k] > tolerance:
+            kind = _BENT
         what = f"maximum distance of {trajectory.frame} from the insertion line"
         when = _when(trajectory, span.start + k, span)
         findings.append(kind(trajectory.frame, what, mm(errors[k]), mm(tolerance), when=when))
@@ -365,15 +372,14 @@ def _waypoints(trajectory: Trajectory, protocol: Protocol) -> list[Finding]:
 def _waypoint_pose(trajectory: Trajectory, protocol: Protocol, waypoint: Waypoint, k: int) -> list[Finding]:
     """Return a finding if sample k misses a waypoint that is a pose or an orientation about the RCM."""
     free = protocol.free or ()
-    # factor of each component of a deviation: 0 in directions that the protocol declares free
-    axes = np.array([axis not in free for axis in ("x", "y", "z")])
-    turn_axes = np.array([axis not in free for axis in ("turn_x", "turn_y", "turn_z")])
+    # a deviation counts only in directions that the protocol does not declare free
+    is_prescribed = np.array([direction not in free for direction in DIRECTIONS])
     R = _rotation(waypoint.angles, protocol.rotation)
     rotation = spatial.log_so3(trajectory.Ts_base_tool[k, :3, :3] @ R.T)
-    turn = float(np.linalg.norm(rotation * turn_axes))
+    turn = float(np.linalg.norm(rotation * is_prescribed[3:]))
     if waypoint.position is not None:
         displacement = trajectory.Ts_base_frame[k, :3, 3] - waypoint.position
-        distance = float(np.linalg.norm(displacement * axes))
+        distance = float(np.linalg.norm(displacement * is_prescribed[:3]))
     else:
         distance = abs(_depth(trajectory, k) - (waypoint.depth or 0.0))
     tolerance = protocol.tolerances.waypoint
@@ -444,7 +450,9 @@ def _singular(trajectory: Trajectory, kinematics: PathKinematics) -> list[Findin
             continue
         k = int(np.argmin(np.abs(values)))
         size = float(abs(values[k]))
-        kind = _NEAR if size < alarm else _SINGULARITY
+        kind = _SINGULARITY
+        if size < alarm:
+            kind = _NEAR
         what = f"minimum of the singularity measure {name}"
         findings.append(kind(name, what, Quantity(size), alarm, when=_when(trajectory, k)))
     return findings
@@ -469,7 +477,9 @@ def _reach(trajectory: Trajectory, kinematics: PathKinematics) -> list[Finding]:
     for name, margin in kinematics.reach(trajectory.Ts_base_tool).items():
         k = int(np.argmin(margin))
         what = f"minimum remaining reach of {name}"
-        severity = "info" if margin[k] >= 0 else "error"
+        severity: Severity = "error"
+        if margin[k] >= 0:
+            severity = "info"
         when = _when(trajectory, k)
         findings.append(finding(severity, "margin.reach", name, what, mm(margin[k]), 0, when=when, word="required"))
     return findings

@@ -9,16 +9,16 @@ from twin.core.units import MM
 from twin.planning.space import PathCertificate
 
 
-def clearance(seen: PathCertificate, phase: str, who: str = "", scene: str = "") -> list[Finding]:
+def clearance(certificate: PathCertificate, phase: str, who: str = "", scene: str = "") -> list[Finding]:
     """Return one finding with the proven clearance of a phase; an empty list if no pair of bodies is tested.
 
     Args:
-        seen: the certificate of the path of the phase.
+        certificate: the certificate of the path of the phase.
         phase: name of the phase.
         who: names of the robots, if there are several.
         scene: name of the scene; "" without one.
     """
-    if not np.isfinite(seen.found):
+    if not np.isfinite(certificate.found):
         return []
     exceptions = [
         "bodies connected by a joint",
@@ -33,8 +33,8 @@ def clearance(seen: PathCertificate, phase: str, who: str = "", scene: str = "")
         exceptions.append(f"bodies that touch by design (`touching` of scene {scene})")
     excepted = ", ".join(exceptions[:-1]) + " and " + exceptions[-1]
     text = (
-        f"{bodies} keep at least {seen.proven / MM:.2f} mm from {others} at every moment and with any timing (proven), "
-        f"except {excepted}; the smallest distance found is {seen.found / MM:.2f} mm, between "
-        f"{' and '.join(seen.bodies)}"
+        f"{bodies} keep at least {certificate.proven / MM:.2f} mm from {others} at every moment and with any timing "
+        f"(proven), except {excepted}; the smallest distance found is {certificate.found / MM:.2f} mm, between "
+        f"{' and '.join(certificate.bodies)}"
     )
-    return [Finding("clearance.proven", "info", text, phase, size=seen.proven / MM, unit="mm")]
+    return [Finding("clearance.proven", "info", text, phase, size=certificate.proven / MM, unit="mm")]

@@ -29,6 +29,10 @@ from twin.planning.space import Space
 Cost = Callable[[Array, Array], Array]
 """Function of joint values a (k, n) and b (k, n): cost (k,), at least 0, of the straight connections from a to b."""
 
+_LENGTH_WEIGHT = 0.1
+_STOPS_WEIGHT = 0.5
+"""Weights of `length_and_stops`: those of the two terms in the Raven paper's Table 2."""
+
 ACCELERATION = 0.24
 """Acceleration and deceleration of a connection in m/s2 (ASSUMED: the limit of the tip in the dome's protocol)."""
 
@@ -53,13 +57,13 @@ def length_and_stops(weights: Array) -> Cost:
     """Return 0.1 times `length` plus 0.5 times `stops` as a cost; this is not eq. (1) of the Raven paper."""
     length_of = length(weights)
     stops_of = stops(weights)
-    return lambda a, b: 0.1 * length_of(a, b) + 0.5 * stops_of(a, b)
+    return lambda a, b: _LENGTH_WEIGHT * length_of(a, b) + _STOPS_WEIGHT * stops_of(a, b)
 
 
-_WIDE = 20 * MM
+_FAR = 20 * MM
 """Distance in m above which only the length counts (ASSUMED)."""
 
-_MORE = 9.0
+_CONTACT_COST = 9.0
 """Additional cost per length at distance 0 (ASSUMED)."""
 
 _STEP = 20 * MM
@@ -82,8 +86,8 @@ def clearance(space: Space) -> Cost:
         index = np.arange(counts.sum()) - np.repeat(first, counts)
         fraction = (index + 0.5) / np.repeat(counts, counts)  # in the middle of equal parts
         states = np.repeat(a, counts, axis=0) + fraction[:, None] * np.repeat(b - a, counts, axis=0)
-        nearness = 1 - np.minimum(space.clearances(states, _WIDE) / _WIDE, 1.0)
-        return lengths * (1 + _MORE * np.add.reduceat(nearness, first) / counts)
+        nearness = 1 - np.minimum(space.clearances(states, _FAR) / _FAR, 1.0)
+        return lengths * (1 + _CONTACT_COST * np.add.reduceat(nearness, first) / counts)
 
     return cost
 

@@ -82,13 +82,13 @@ def demands(path: PhasePath, joints: Path, protocol: Protocol, kinematics: PathK
         sd = sd[:, None]
         sdd = sdd[:, None]
         # speeds and accelerations divided by their limits: the largest of joints, motors and moved frame
-        v = np.max(np.abs(first * sd) / max_speed, axis=1)
+        speed_load = np.max(np.abs(first * sd) / max_speed, axis=1)
         if limited.any():
             motors = np.abs(first @ motor_rows.T * sd) / motor_speed
-            v = np.maximum(v, np.max(motors, axis=1))
-        a = np.max(np.abs(first * sdd + second * sd**2) / max_acceleration, axis=1)
+            speed_load = np.maximum(speed_load, np.max(motors, axis=1))
+        acceleration_load = np.max(np.abs(first * sdd + second * sd**2) / max_acceleration, axis=1)
         v_frame, a_frame = _frame_load(motion, limits, sd, sdd)
-        return np.maximum(v, v_frame), np.maximum(a, a_frame)
+        return np.maximum(speed_load, v_frame), np.maximum(acceleration_load, a_frame)
 
     def jerk(s: Array, sd: Array, sdd: Array) -> float:
         motion, first, second = derivatives(s)
@@ -100,7 +100,9 @@ def demands(path: PhasePath, joints: Path, protocol: Protocol, kinematics: PathK
         of_rotation = _step(motion.w1 * sdd + motion.w2 * sd**2) / (dt * limits.rotation_jerk)
         return max(of_tip, of_rotation, of_joints)
 
-    has_jerk_limit = min(limits.tip_jerk, limits.rotation_jerk, np.min(max_jerk)) < np.inf
+    jerk_or_none = None
+    if min(limits.tip_jerk, limits.rotation_jerk, np.min(max_jerk)) < np.inf:
+        jerk_or_none = jerk
     extra_speed, extra_acceleration = _extra_limits(limits, motor_speed)
     return Demands(
         joints=joints,
@@ -110,7 +112,7 @@ def demands(path: PhasePath, joints: Path, protocol: Protocol, kinematics: PathK
         extra_speed=extra_speed,
         extra_acceleration=extra_acceleration,
         load=load,
-        jerk=jerk if has_jerk_limit else None,
+        jerk=jerk_or_none,
     )
 
 
@@ -135,7 +137,8 @@ def timed(robots: Sequence[Demands], dt: float, solver: Solver) -> Timing:
     """
 
     def joints(s: Array, order: int = 0) -> Array:
-        return np.column_stack([robot.joints(s, order) for robot in robots])
+        joints_of_robots = [robot.joints(s, order) for robot in robots]
+        return np.column_stack(joints_of_robots)
 
     def extra(s: Array) -> tuple[Array, Array]:
         first = []
@@ -158,8 +161,14 @@ def timed(robots: Sequence[Demands], dt: float, solver: Solver) -> Timing:
     jerks = [robot.jerk for robot in robots if robot.jerk is not None]
 
     def jerk(s: Array, sd: Array, sdd: Array) -> float:
-        return max(of_robot(s, sd, sdd) for of_robot in jerks)
+        largest = 0.0
+        for jerk_of_robot in jerks:
+            largest = max(largest, jerk_of_robot(s, sd, sdd))
+        return largest
 
+    jerk_or_none = None
+    if jerks:
+        jerk_or_none = jerk
     # first the joints of all robots, then their further coordinates, as in `joints` and `extra`
     speed = []
     acceleration = []
@@ -176,7 +185,7 @@ def timed(robots: Sequence[Demands], dt: float, solver: Solver) -> Timing:
         extra=extra,
         dt=dt,
         load=load,
-        jerk=jerk if jerks else None,
+        jerk=jerk_or_none,
         solver=solver,
     )
 

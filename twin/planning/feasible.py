@@ -68,8 +68,8 @@ def require_feasible(path: PhasePath, kinematics: PathKinematics, frame: str, pr
                 low = middle
         where = f"from {100 * high:.1f} % of the phase on"
     cause, name, margin = _first_negative(margins, first)
-    known = np.where(np.isnan(margin), 0.0, margin)
-    worst = int(np.argmin(known))
+    known_margin = np.where(np.isnan(margin), 0.0, margin)
+    worst = int(np.argmin(known_margin))
     text = _cause(kinematics, cause, name, float(-margin[worst]))
     if cause not in ("branch", "inverse", "singularity"):  # the margins of these three are no distances
         where += f", worst at {100 * s[worst]:.0f} %"
@@ -182,7 +182,9 @@ def _why(kinematics: PathKinematics, path: PhasePath, s: float) -> str:
     if not kinematics.why:
         return ""
     text = kinematics.why(path.motion(np.array([s])).Ts_base_tool[0])
-    return f" {text}" if text else ""
+    if not text:
+        return ""
+    return f" {text}"
 
 
 def _cause(kinematics: PathKinematics, cause: Cause, name: str, size: float) -> str:
@@ -204,8 +206,7 @@ def _cause(kinematics: PathKinematics, cause: Cause, name: str, size: float) -> 
         high = kinematics.motors.upper[i] / factor
         return f"motor {name} would go {size / factor:.2f} {unit} beyond its limits of {low:.2f}..{high:.2f} {unit}"
     if cause == "gap":
-        gaps = {gap.name: gap for gap in kinematics.gaps}
-        gap = gaps[name]
+        (gap,) = [gap for gap in kinematics.gaps if gap.name == name]
         unit, factor = kinematics.unit(gap.i)
         required = gap.smallest / factor
         remaining = (gap.smallest - size) / factor
@@ -220,29 +221,34 @@ def _cause(kinematics: PathKinematics, cause: Cause, name: str, size: float) -> 
     return "the inverse kinematics has no solution"
 
 
-def _reachable(path: PhasePath, s: float, nothing: bool) -> str:
+def _reachable(path: PhasePath, last_s: float, is_unreachable: bool) -> str:
     """Return a sentence on the reachable part of the phase, up to s minus a small margin."""
-    if nothing:
+    if is_unreachable:
         return "No part of the phase is reachable; change the pose at the start of the phase."
-    s = max(0.0, s - _SAFE)
-    angles = ", ".join(f"{angle / DEG:.2f}" for angle in path.angles(s))
+    last_s = max(0.0, last_s - _SAFE)
+    angles = _two_decimals(path.angles(last_s) / DEG)
     match path.phase:
         case Insertion():
-            return f"Reachable: insertion to a depth of {path.depth(s) / MM:.2f} mm."
+            return f"Reachable: insertion to a depth of {path.depth(last_s) / MM:.2f} mm."
         case Retraction():
-            return f"Reachable: retraction to a depth of {path.depth(s) / MM:.2f} mm."
+            return f"Reachable: retraction to a depth of {path.depth(last_s) / MM:.2f} mm."
         case Pivot():
-            ends = path.motion(np.array([0.0, s])).Ts_base_tool[:, :3, :3]
+            ends = path.motion(np.array([0.0, last_s])).Ts_base_tool[:, :3, :3]
             first_shaft, last_shaft = ends @ path.n_tool_shaft
             sine = np.linalg.norm(np.cross(first_shaft, last_shaft))
             tilt = np.arctan2(sine, first_shaft @ last_shaft) / DEG
             tilted = f"tilted by {tilt:.2f} deg from the start of the phase"
-            return f"Reachable: ({angles}) deg at a depth of {path.depth(s) / MM:.2f} mm, {tilted}."
+            return f"Reachable: ({angles}) deg at a depth of {path.depth(last_s) / MM:.2f} mm, {tilted}."
         case _:
-            position = _mm(path.motion(np.array([s])).p[0])
+            position = _mm(path.motion(np.array([last_s])).p[0])
             return f"Reachable: up to the position {position} with the angles ({angles}) deg."
 
 
 def _mm(p: Array) -> str:
-    numbers = ", ".join(f"{x / MM:.2f}" for x in p)
-    return f"({numbers}) mm"
+    """Return a position p (3,) in m as text in mm."""
+    return f"({_two_decimals(p / MM)}) mm"
+
+
+def _two_decimals(numbers: Array) -> str:
+    """Return numbers as text, such as "1.00, -2.50, 0.00"."""
+    return ", ".join(f"{number:.2f}" for number in numbers)

@@ -23,13 +23,13 @@ from twin.core.spatial import Array
 from twin.planning.costs import Cost, length
 from twin.planning.space import Space
 
-_WIDER = 1.1
+_RADIUS_FACTOR = 1.1
 """Neighbourhood radius, divided by the smallest radius for which the path length converges to the minimum."""
 
 _TRIES = 50
 """Maximum number of samples drawn per required free sample."""
 
-_AHEAD = 16
+_FRONT_NODES = 16
 """Number of nodes of the front whose connections are tested together."""
 
 _SMALLEST_BLOCK = 16
@@ -150,8 +150,8 @@ class FmtSearch:
         radius = _radius(len(x), int(self._moving.sum()), volume)
         self._near = neighbours(x, radius)
         self._costs = []
-        for i, near in enumerate(self._near):
-            self._costs.append(self.cost(self._q[near], self._repeated(i, len(near))))
+        for i, neighbour_rows in enumerate(self._near):
+            self._costs.append(self.cost(self._q[neighbour_rows], self._repeated(i, len(neighbour_rows))))
         self._parent = np.full(len(x), -1)
         rows, _ = self._grow(self._costs, self._parent, lambda f: progress((1 + f) / 2))
         if rows is None:
@@ -161,8 +161,8 @@ class FmtSearch:
     def reached(self) -> tuple[int, int]:
         """Return the numbers of samples connected with the start and with the goal, after `path` found no path."""
         backward = []  # costs of the connections in the other direction
-        for i, near in enumerate(self._near):
-            backward.append(self.cost(self._repeated(i, len(near)), self._q[near]))
+        for i, neighbour_rows in enumerate(self._near):
+            backward.append(self.cost(self._repeated(i, len(neighbour_rows)), self._q[neighbour_rows]))
         count = len(self._near)
         _, from_start = self._grow(self._costs, np.full(count, -1))
         _, from_goal = self._grow(backward, np.full(count, -1), ends=(1, 0))
@@ -183,12 +183,12 @@ class FmtSearch:
         keep = self._useful(self._q)
         keep[:2] = True  # rounding could exclude start and goal
         rows = np.flatnonzero(keep)
-        new_rows = {int(old): new for new, old in enumerate(rows)}
-        known = {}
+        new_rows = dict(zip(rows.tolist(), range(len(rows)), strict=True))
+        known_connections = {}
         for (a, b), free in self._known.items():
             if a in new_rows and b in new_rows:
-                known[new_rows[a], new_rows[b]] = free
-        self._known = known
+                known_connections[new_rows[a], new_rows[b]] = free
+        self._known = known_connections
         self._free -= int((~keep).sum())
         self._q = self._q[rows]
         self._parent = np.full(len(rows), -1)
@@ -220,19 +220,19 @@ class FmtSearch:
     def _draw(self, samples: int, progress: Progress) -> None:
         """Add free samples until there are `samples`, or until `_TRIES` samples per required sample are drawn."""
         limit = _TRIES * samples
-        drawn = 0
+        drawn_count = 0
         low, high = self._box.T
-        while self.count < samples and drawn < limit:
+        while self.count < samples and drawn_count < limit:
             missing = samples - self.count
             size = min(max(2 * missing, _SMALLEST_BLOCK), _LARGEST_BLOCK)
             block = self._rng.uniform(low, high, (size, len(self._box)))
-            drawn += size
+            drawn_count += size
             self._drawn += size
             block = block[self._useful(block)]
             free = block[self.space.free(block, exact=False)]
             self._free += len(free)
             self._q = np.concatenate([self._q, free[:missing]])
-            fraction = max(self.count / samples, drawn / limit)
+            fraction = max(self.count / samples, drawn_count / limit)
             progress(min(fraction, 1.0))
 
     def _grow(
@@ -250,8 +250,8 @@ class FmtSearch:
         than testing them singly. Each test therefore includes connections that the next nodes of the front will
         probably need.
         """
-        near = self._near
-        count = len(near)
+        neighbours_of = self._near
+        count = len(neighbours_of)
         root, target = ends
         from_goal = root > target
         waiting = np.ones(count, bool)  # samples outside of the tree
@@ -268,11 +268,11 @@ class FmtSearch:
             There is no pair for a sample that no node of the front can reach.
             """
             pairs = []
-            for i in to.tolist():
-                through = front[near[i]] + costs[i]
-                k = int(np.argmin(through))
-                if np.isfinite(through[k]):
-                    pairs.append((int(near[i][k]), i))
+            for sample in to.tolist():
+                through = front[neighbours_of[sample]] + costs[sample]
+                cheapest = int(np.argmin(through))
+                if np.isfinite(through[cheapest]):
+                    pairs.append((int(neighbours_of[sample][cheapest]), sample))
             return pairs
 
         def directed(pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
@@ -282,23 +282,26 @@ class FmtSearch:
             return [(sample, parent) for parent, sample in pairs]
 
         while node != target:
-            pairs = candidates(near[node][waiting[near[node]]])
+            pairs = candidates(neighbours_of[node][waiting[neighbours_of[node]]])
             connections = directed(pairs)
-            if any(pair not in self._known for pair in connections):
-                ahead = np.concatenate([near[i] for _, i in heapq.nsmallest(_AHEAD, heap)])
-                ahead = np.unique(ahead[waiting[ahead]])
-                self._test([*connections, *directed(candidates(ahead))])
+            if not self._known.keys() >= set(connections):
+                neighbours_ahead = []
+                for _, next_node in heapq.nsmallest(_FRONT_NODES, heap):
+                    neighbours_ahead.append(neighbours_of[next_node])
+                next_samples = np.concatenate(neighbours_ahead)
+                next_samples = np.unique(next_samples[waiting[next_samples]])
+                self._test([*connections, *directed(candidates(next_samples))])
             front[node] = np.inf
             heapq.heappop(heap)
-            for (j, i), connection in zip(pairs, connections, strict=True):
+            for (front_node, sample), connection in zip(pairs, connections, strict=True):
                 if not self._known[connection]:
-                    continue
-                k = int(np.searchsorted(near[i], j))
-                parent[i] = j
-                cost[i] = cost[j] + costs[i][k]
-                front[i] = cost[i]
-                waiting[i] = False
-                heapq.heappush(heap, (float(cost[i]), i))
+                    continue  # without obstacles it would be the best one: the sample stays outside for now
+                place = int(np.searchsorted(neighbours_of[sample], front_node))
+                parent[sample] = front_node
+                cost[sample] = cost[front_node] + costs[sample][place]
+                front[sample] = cost[sample]
+                waiting[sample] = False
+                heapq.heappush(heap, (float(cost[sample]), sample))
             progress(1 - float(waiting.mean()))
             if not heap:
                 return None, count - int(waiting.sum()) - 1
@@ -316,8 +319,7 @@ class FmtSearch:
         begins = self._q[rows[:, 0]]
         ends = self._q[rows[:, 1]]
         free = self.space.free_each(begins, ends)
-        for k, pair in enumerate(new):
-            self._known[pair] = bool(free[k])
+        self._known.update(zip(new, free.tolist(), strict=True))
 
 
 def neighbours(x: Array, radius: float) -> list[np.ndarray]:
@@ -333,4 +335,4 @@ def _radius(count: int, n: int, volume: float) -> float:
     """Return the neighbourhood radius of theorem 4.1 for `count` samples in n dimensions and the free `volume`."""
     ball = pi ** (n / 2) / gamma(n / 2 + 1)  # volume of the unit ball
     # theorem 4.1: (1 + eta) 2 (1 / n)^(1/n) (volume / ball)^(1/n) (log k / k)^(1/n)
-    return _WIDER * 2 * (volume / (n * ball) * log(count) / count) ** (1 / n)
+    return _RADIUS_FACTOR * 2 * (volume / (n * ball) * log(count) / count) ** (1 / n)

@@ -21,7 +21,7 @@ Searched = Callable[[str, SearchRounds], None]
 """Function of (name of a free phase, rounds of its search); called only if there was a search."""
 
 
-def kept(kinematics: PathKinematics, anchor: Anchor) -> Keep:
+def limits_satisfied(kinematics: PathKinematics, anchor: Anchor) -> Keep:
     """Return a function of T_base_tool (k, 4, 4) and q (k, n) that returns (k,) bool: whether limits are satisfied.
 
     The limits are those of `margins_at`, including the working mode and the signs of `anchor`.
@@ -29,7 +29,10 @@ def kept(kinematics: PathKinematics, anchor: Anchor) -> Keep:
 
     def keep(Ts: Array, q: Array) -> np.ndarray:
         margins = margins_at(kinematics, Ts, q, anchor)
-        return np.all([margin >= -ROUNDING for margin in margins.values()], axis=0)
+        is_allowed = np.ones(len(q), bool)
+        for margin in margins.values():
+            is_allowed &= margin >= -ROUNDING
+        return is_allowed
 
     return keep
 
@@ -77,7 +80,7 @@ def free_path(
 
     rounds: list[SearchRound] = []
     try:
-        space = kinematics.space(phase.scene, phase.clearance, kept(kinematics, anchor))
+        space = kinematics.space(phase.scene, phase.clearance, limits_satisfied(kinematics, anchor))
         cost = None
         if phase.cost == "published":
             from twin.planning.set_point import set_point_cost

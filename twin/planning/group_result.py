@@ -34,9 +34,9 @@ class CommonPhase:
     Attributes:
         name: names of the phases of the arms, joined.
         t0, t1: times in s at the start and at the end of the phase.
-        seen: minimum distance along the whole phase, over all tested pairs of bodies (arms and scene).
-        near: minimum distance for each kind of pair in `KINDS` (two different arms, one arm, arm and scene); kinds
-            without bodies to test are missing.
+        certificate: minimum distance along the whole phase, over all tested pairs of bodies (arms and scene).
+        nearest_pairs: minimum distance for each kind of pair in `KINDS` (two different arms, one arm, arm and scene);
+            kinds without bodies to test are missing.
         solver: solver of the timing: "passes" or "toppra".
         rounds: {name of the arm: rounds of the search for its path}; empty if no arm needed a search. The
             path of a later arm is searched over the arm's joint values and the progress of the earlier arms; path
@@ -46,23 +46,29 @@ class CommonPhase:
     name: str
     t0: float
     t1: float
-    seen: PathCertificate
-    near: Mapping[str, Nearest]
+    certificate: PathCertificate
+    nearest_pairs: Mapping[str, Nearest]
     solver: str
     rounds: Mapping[str, SearchRounds] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data; the keys of quantities end with the unit."""
+        clearances = {}
+        for kind, nearest in self.nearest_pairs.items():
+            clearances[kind] = nearest.as_dict()
+        rounds_of_arms = {}
+        for arm, rounds in self.rounds.items():
+            rounds_of_arms[arm] = rounds.as_dict()
         return {
             "name": self.name,
             "t0_s": self.t0,
             "t1_s": self.t1,
-            "proven_mm": self.seen.proven / MM,
-            "found_mm": self.seen.found / MM,
-            "bodies": list(self.seen.bodies),
-            "clearances": {kind: near.as_dict() for kind, near in self.near.items()},
+            "proven_mm": self.certificate.proven / MM,
+            "found_mm": self.certificate.found / MM,
+            "bodies": list(self.certificate.bodies),
+            "clearances": clearances,
             "solver": self.solver,
-            "rounds": {arm: rounds.as_dict() for arm, rounds in self.rounds.items()},
+            "rounds": rounds_of_arms,
         }
 
 
@@ -78,7 +84,7 @@ class PlannedTogether(Result):
         t: (k,) times in s, one series for all arms.
         phases: the phases.
         checked: {name of the arm: findings of the check of every sample}.
-        apart: distances of each pair of arms over time.
+        arm_distances: distances of each pair of arms over time.
     """
 
     kind: ClassVar[str] = "plan-together"
@@ -89,7 +95,7 @@ class PlannedTogether(Result):
     t: Array
     phases: Sequence[CommonPhase]
     checked: Mapping[str, Sequence[Finding]]
-    apart: ArmDistances
+    arm_distances: ArmDistances
 
     @property
     def q(self) -> Mapping[str, Array]:
@@ -103,7 +109,7 @@ class PlannedTogether(Result):
         findings = []
         for phase in self.phases:
             findings += _between_arms(phase, arms)
-            findings += clearance(phase.seen, phase.name, arms, self.scene.name)
+            findings += clearance(phase.certificate, phase.name, arms, self.scene.name)
         for name, checked in self.checked.items():
             for finding in checked:
                 findings.append(replace(finding, message=f"{name}: {finding.message}"))
@@ -119,26 +125,28 @@ class PlannedTogether(Result):
         return rounds_of_searches
 
     @property
-    def near(self) -> Mapping[str, tuple[Nearest, str]]:
+    def nearest_pairs(self) -> Mapping[str, tuple[Nearest, str]]:
         """For each kind of pair in `KINDS`: the nearest bodies of the whole plan, and the name of their phase."""
         nearest_of_kind = {}
         for phase in self.phases:
-            for kind, nearest in phase.near.items():
-                if kind in nearest_of_kind and nearest_of_kind[kind][0].seen.found <= nearest.seen.found:
+            for kind, nearest in phase.nearest_pairs.items():
+                if kind in nearest_of_kind and nearest_of_kind[kind][0].certificate.found <= nearest.certificate.found:
                     continue
                 nearest_of_kind[kind] = (nearest, phase.name)
-        # in the order of the kinds
-        return {kind: nearest_of_kind[kind] for kind in KINDS if kind in nearest_of_kind}
+        return {kind: nearest_of_kind[kind] for kind in KINDS if kind in nearest_of_kind}  # in the order of the kinds
 
     def content(self) -> Mapping[str, Any]:
         """Return the plan as plain data, without its samples."""
+        clearances = {}
+        for kind, (nearest, phase_name) in self.nearest_pairs.items():
+            clearances[kind] = {**nearest.as_dict(), "phase": phase_name}
         return {
             "scene": self.scene.name,
             "order": list(self.order),
             "duration_s": float(self.t[-1]),
             "samples": len(self.t),
             "required_mm": self.required / MM,
-            "clearances": {kind: {**near.as_dict(), "phase": name} for kind, (near, name) in self.near.items()},
+            "clearances": clearances,
             "phases": [phase.as_dict() for phase in self.phases],
         }
 
@@ -156,12 +164,12 @@ class PlannedTogether(Result):
         yield TextTable(("phase", "from s", "to s", "timing"), phases)
         yield ""
         rows = []
-        for kind, (near, phase_name) in self.near.items():
-            certificate = near.seen
+        for kind, (nearest, phase_name) in self.nearest_pairs.items():
+            certificate = nearest.certificate
             smallest = f"{certificate.found / MM:.2f}"
             proven = f"{certificate.proven / MM:.2f}"
             bodies = " and ".join(certificate.bodies)
-            rows.append((KINDS[kind], smallest, proven, f"{near.t:.3f}", phase_name, bodies))
+            rows.append((KINDS[kind], smallest, proven, f"{nearest.t:.3f}", phase_name, bodies))
         yield TextTable(("minimum clearance", "found mm", "proven mm", "at s", "phase", "nearest bodies"), rows)
         yield f"  required: {self.required / MM:g} mm"
         yield ""
@@ -186,12 +194,12 @@ class PlannedTogether(Result):
 
 def _between_arms(phase: CommonPhase, who: str) -> list[Finding]:
     """Return a finding on the proven clearance between the arms in a phase; empty if no bodies are tested."""
-    near = phase.near.get("between_arms")
-    if near is None:
+    nearest = phase.nearest_pairs.get("between_arms")
+    if nearest is None:
         return []
-    seen = near.seen
+    certificate = nearest.certificate
     text = (
-        f"{who} keep at least {seen.proven / MM:.2f} mm from each other (proven); the smallest distance found is "
-        f"{seen.found / MM:.2f} mm, between {' and '.join(seen.bodies)}, at {near.t:.3f} s"
+        f"{who} keep at least {certificate.proven / MM:.2f} mm from each other (proven); the smallest distance found "
+        f"is {certificate.found / MM:.2f} mm, between {' and '.join(certificate.bodies)}, at {nearest.t:.3f} s"
     )
-    return [Finding("clearance.between_arms", "info", text, phase.name, size=seen.proven / MM, unit="mm")]
+    return [Finding("clearance.between_arms", "info", text, phase.name, size=certificate.proven / MM, unit="mm")]

@@ -24,7 +24,7 @@ BY_EQUATIONS = "inverse of the equations at the planned poses"
 BY_PLAN = "joint values of the plan"
 LOOPS = "compiled loops of the mechanism"
 
-_SAME = 1e-3
+_SAME_SOLUTION = 1e-3
 """Largest difference (m, rad) of the inverse from the planned joint values; above, it is another solution."""
 
 _REACHED = 1e-10
@@ -52,8 +52,10 @@ class LinkMotion:
     @property
     def driver(self) -> str:
         """What determined the joint values, as text for reports."""
-        first = BY_PLAN if self.by_plan else BY_EQUATIONS
-        return f"driven joints: {first}; other joints: {LOOPS}"
+        origin = BY_EQUATIONS
+        if self.by_plan:
+            origin = BY_PLAN
+        return f"driven joints: {origin}; other joints: {LOOPS}"
 
     def on(self, model: Any, trajectory: Trajectory) -> Any:
         """Return the `Run` of a `ReferenceModel` at the same times, to judge this motion.
@@ -85,7 +87,7 @@ def link_motion(
     if inverse is not None and not trajectory.followed:
         Ts = trajectory.poses(times)
         solved = _near(inverse(Ts), q, loops)
-        if np.isfinite(solved).all() and np.abs(solved - q).max(initial=0.0) <= _SAME:
+        if np.isfinite(solved).all() and np.abs(solved - q).max(initial=0.0) <= _SAME_SOLUTION:
             reached = loops.forward_many(solved)
             if np.abs(reached.Ts_base_tool - Ts).max(initial=0.0) <= _REACHED:
                 q = solved
@@ -94,11 +96,13 @@ def link_motion(
     closed = closed or loops.forward_many(q)
     open_rows = np.flatnonzero(~np.isfinite(closed.Ts_base_tool).all(axis=(1, 2)))
     if len(open_rows):
-        k = int(open_rows[0])
+        first_open = int(open_rows[0])
+        gap = float(closed.offset[first_open])
         raise AssemblyError(
-            f"{mechanism.name}: the loops cannot be closed at t = {times[k]:.3f} s of '{trajectory.protocol}': the "
-            f"smallest gap is {closed.offset[k] / MM:.3g} mm; check the limits and the CAD with `twin validate`",
-            gap=float(closed.offset[k]),
+            f"{mechanism.name}: the loops cannot be closed at t = {times[first_open]:.3f} s of "
+            f"'{trajectory.protocol}': the smallest gap is {gap / MM:.3g} mm; check the limits and the CAD with "
+            "`twin validate`",
+            gap=gap,
         )
     links = loops.link_poses(q, closed.states)
     joints = {joint.name: q[:, i] for i, joint in enumerate(mechanism.active)}

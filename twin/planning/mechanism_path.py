@@ -30,13 +30,13 @@ from twin.planning.trajectory import Carrier, PathKinematics
 _STATIONS = 33
 """Number of points of a phase at which the mechanism is evaluated before fitting."""
 
-_STILL = 1e-12
+_CONSTANT = 1e-12
 """Changes along a phase up to this value (in m, or of a matrix entry) count as rounding errors."""
 
-_NONE = 1e-9
+_NO_MOTION = 1e-9
 """Change (m, rad) of all driven joints below which a phase counts as having no length."""
 
-_LENGTH = 0.1
+_RADIAN_LENGTH = 0.1
 """Length in m that is equivalent to 1 rad in comparisons of directions."""
 
 _INDEPENDENT = 1e-3
@@ -83,15 +83,15 @@ class MechanismPath(PhasePath):
         lever = R @ self.T_tool_frame[:3, 3]
         lever1 = np.cross(w1, lever)
         p = place[:, :3]
-        v = place1[:, :3]
+        velocity = place1[:, :3]
         return Motion(
             spatial.pose(R, p),
             p + lever,
-            v + lever1,
+            velocity + lever1,
             place2[:, :3] + np.cross(w2, lever) + np.cross(w1, lever1),
             w1,
             w2,
-            np.concatenate([v, w1], axis=1),
+            np.concatenate([velocity, w1], axis=1),
         )
 
     def angles(self, s: float) -> Array:
@@ -214,7 +214,7 @@ class MechanismFollower:
             return None
         if self._protocol.waypoints[name].joints is not None:
             goal = self.goal(name)
-            if np.abs(goal - self.q).max() < _NONE:
+            if np.abs(goal - self.q).max() < _NO_MOTION:
                 raise ProtocolError(f"{where}: the phase has no length: {self._unmoved(name)}")
         elif isinstance(path.phase, Free):
             goal = self._joints_at(path, name, where)
@@ -258,17 +258,19 @@ class MechanismFollower:
         """Return a reason and advice for a phase that begins at its waypoint: another value of the first joint."""
         is_angle = self._angles[0]
         unit, factor = display_unit(is_angle)
-        step = 5 if is_angle else 10  # deg or mm
-        other = self.q[0] / factor + step
+        step = 10  # mm
+        if is_angle:
+            step = 5  # deg
+        other_value = self.q[0] / factor + step
         return (
             f"the driven joints are already at waypoint '{name}'. Change a joint value of the waypoint within limits, "
-            f"such as joints = {{ {self._names[0]}_{unit} = {other:.6g} }}"
+            f"such as joints = {{ {self._names[0]}_{unit} = {other_value:.6g} }}"
         )
 
     def _directions(self, lever: Array) -> np.ndarray:
         """Return a mask (6,) of the directions that can be controlled independently, selected in order."""
         J = self._carrier.jacobians(self._state, lever)
-        J = np.concatenate([J[:, :3] / _LENGTH, J[:, 3:]], axis=1)
+        J = np.concatenate([J[:, :3] / _RADIAN_LENGTH, J[:, 3:]], axis=1)
         largest = np.linalg.norm(J, axis=2).max()
         directions = np.zeros(6, bool)
         for i, name in enumerate(DIRECTIONS):
@@ -289,31 +291,33 @@ class MechanismFollower:
 
     def _too_many(self, directions: np.ndarray) -> str:
         """Return advice for a phase that prescribes more directions than there are driven joints, else ""."""
-        wanted = int(directions.sum())
+        prescribed = int(directions.sum())
         joints = len(self._names) - len(self._kinematics.auxiliary)
-        if wanted <= joints:
+        if prescribed <= joints:
             return ""
-        plural = "s" if joints > 1 else ""
+        plural = ""
+        if joints > 1:
+            plural = "s"
         return (
-            f". The phase prescribes {wanted} directions, but the robot has {joints} driven joint{plural}: "
+            f". The phase prescribes {prescribed} directions, but the robot has {joints} driven joint{plural}: "
             'use a phase with type = "joints", or declare directions as free above the tables of the protocol, such as '
             f"free = {_names(np.arange(6) >= joints)}"
         )
 
     def _require_path(self, path: PhasePath, directions: np.ndarray, Ts: Array, where: str) -> None:
         """Raise `ProtocolError` if the mechanism leaves the path in a controlled direction."""
-        wanted = path.motion(np.linspace(0.0, 1.0, len(Ts))).Ts_base_tool
+        Ts_prescribed = path.motion(np.linspace(0.0, 1.0, len(Ts))).Ts_base_tool
         deviations = np.zeros((len(Ts), 6))
-        for k, (T, T_wanted) in enumerate(zip(Ts, wanted, strict=True)):
-            deviations[k] = _deviation(T, T_wanted, path.T_tool_frame)
+        for station, (T, T_wanted) in enumerate(zip(Ts, Ts_prescribed, strict=True)):
+            deviations[station] = _deviation(T, T_wanted, path.T_tool_frame)
         excess = np.abs(deviations) / self._tolerance() * directions
-        k = int(np.argmax(excess.max(axis=1)))
-        if excess[k].max() <= 1:
+        station = int(np.argmax(excess.max(axis=1)))
+        if excess[station].max() <= 1:
             return
-        missed = directions & (excess[k] > 1)
+        missed = directions & (excess[station] > 1)
         raise ProtocolError(
-            f"{where} cannot be carried out: at {100 * k / (len(Ts) - 1):.0f} % of the phase, the tool is "
-            f"{_words(deviations[k], missed)} from its path, because the robot cannot move "
+            f"{where} cannot be carried out: at {100 * station / (len(Ts) - 1):.0f} % of the phase, the tool is "
+            f"{_words(deviations[station], missed)} from its path, because the robot cannot move "
             f'in all directions. Use a phase with type = "joints", or declare directions as free, with free = '
             f"{_names(self._free() | missed)}"
         )
@@ -337,7 +341,9 @@ class MechanismFollower:
         position = T[:3, 3] + T[:3, :3] @ lever
         angles = angles_of(T[:3, :3], self._protocol.rotation, waypoint.angles)
         count = int(directions.sum())
-        plural = "s" if count != 1 else ""
+        plural = "s"
+        if count == 1:
+            plural = ""
         raise ProtocolError(
             f"{self._protocol.name}: waypoint '{name}' is not reachable by this robot, which has {count} "
             f"degree{plural} of freedom there: with {_list(directions)} as in the file, "
@@ -377,7 +383,7 @@ def _followed(path: PhasePath, solved: Callable[[Array], tuple[Array, Array, Arr
         order = np.argsort(s)  # the mechanism moves forwards from station to station
         _, q, Ts = solved(s[order])
         values = np.concatenate([Ts[:, :3, 3], Ts[:, :3, :3].reshape(-1, 9), q], axis=1)
-        is_constant = np.ptp(values, axis=0) < _STILL
+        is_constant = np.ptp(values, axis=0) < _CONSTANT
         values = np.where(is_constant, values[0], values)  # remove rounding from constant values
         return values[np.argsort(order)]
 
@@ -419,9 +425,9 @@ def with_free_paths(
         start, goal = path.joints(ends, kinematics)
         Ts = path.motion(ends).Ts_base_tool
         course = free_path(path.phase, kinematics, (start, goal), Ts, where, progress, searched)
-        state, drawn = carrier.drawn()
+        state, drawn_q = carrier.drawn()
         try:
-            states, _ = carrier.carry(line(drawn, start)(np.linspace(0.0, 1.0, _STATIONS)), state)
+            states, _ = carrier.carry(line(drawn_q, start)(np.linspace(0.0, 1.0, _STATIONS)), state)
         except AssemblyError as error:
             raise ProtocolError(
                 f"{where}: the start of the phase cannot be reached from the pose in the CAD: {error}"
@@ -452,9 +458,11 @@ def placed(
             raise ProtocolError(f"{where}: {unknown('driven joint', joint, names)}")
         i = names.index(joint)
         if angles[i] != (joint in in_degrees):
-            unit = "deg" if angles[i] else "mm"
-            other = "mm" if angles[i] else "deg"
-            raise ProtocolError(f"{where}: joint '{joint}' is in {unit}: write {joint}_{unit}, not {joint}_{other}")
+            unit, _ = display_unit(angles[i])
+            other_unit, _ = display_unit(not angles[i])
+            raise ProtocolError(
+                f"{where}: joint '{joint}' is in {unit}: write {joint}_{unit}, not {joint}_{other_unit}"
+            )
         q_placed[i] = value
     return q_placed
 
@@ -466,7 +474,7 @@ def moved(q: Array, phase: Auxiliary, names: tuple[str, ...], angles: tuple[bool
         ProtocolError: the phase moves no joint, names a joint that is not driven, or has a value in the wrong unit.
     """
     q_end = placed(q, phase.joints, phase.angle_joints, names, angles, where)
-    if np.abs(q_end - q).max() < _NONE:
+    if np.abs(q_end - q).max() < _NO_MOTION:
         raise ProtocolError(f"{where}: the phase has no length: the joints already have these values; remove the phase")
     return q_end
 
@@ -487,16 +495,18 @@ def with_auxiliary(paths: Sequence[PhasePath], kinematics: PathKinematics, proto
         after = q
         if isinstance(phase, Auxiliary):
             where = f"{protocol}: phase '{phase.name}' ({phase.type})"
-            foreign = [name for name in phase.joints if name in names and name not in kinematics.auxiliary]
-            if foreign:
-                raise ProtocolError(
-                    f"{where}: joint '{foreign[0]}' moves the tool, but the phase moves auxiliary joints only "
-                    f"(this robot: {', '.join(kinematics.auxiliary) or 'none'}); use a positioning, or a waypoint with "
-                    "joint values"
-                )
+            for name in phase.joints:
+                if name in names and name not in kinematics.auxiliary:
+                    raise ProtocolError(
+                        f"{where}: joint '{name}' moves the tool, but the phase moves auxiliary joints only (this "
+                        f"robot: {', '.join(kinematics.auxiliary) or 'none'}); use a positioning, or a waypoint with "
+                        "joint values"
+                    )
             after = moved(q, phase, names, kinematics.revolute, where)
-        values = tuple((i, float(q[i]), float(after[i])) for i in columns)
-        phases.append(replace(path, extra_joints=values))
+        extra_joints = []
+        for column in columns:
+            extra_joints.append((column, float(q[column]), float(after[column])))
+        phases.append(replace(path, extra_joints=tuple(extra_joints)))
         q = after
     return tuple(phases)
 
@@ -513,8 +523,8 @@ def _deviation(T: Array, goal: Array, T_tool_frame: Array) -> Array:
     """Return the deviation (6,) of T from `goal`, in base: moved frame's origin in m, then rotation vector in rad."""
     lever = T_tool_frame[:3, 3]
     position = T[:3, 3] + T[:3, :3] @ lever
-    wanted = goal[:3, 3] + goal[:3, :3] @ lever
-    return np.concatenate([position - wanted, spatial.log_so3(T[:3, :3] @ goal[:3, :3].T)])
+    goal_position = goal[:3, 3] + goal[:3, :3] @ lever
+    return np.concatenate([position - goal_position, spatial.log_so3(T[:3, :3] @ goal[:3, :3].T)])
 
 
 def _words(deviation: Array, directions: np.ndarray) -> str:
@@ -531,13 +541,17 @@ def _words(deviation: Array, directions: np.ndarray) -> str:
 
 def _names(directions: np.ndarray) -> str:
     """Return directions as a list in TOML."""
-    names = [f'"{DIRECTIONS[i]}"' for i in np.flatnonzero(directions)]
-    return f"[{', '.join(names)}]"
+    words = []
+    for i in np.flatnonzero(directions):
+        words.append(f'"{DIRECTIONS[i]}"')
+    return f"[{', '.join(words)}]"
 
 
 def _list(directions: np.ndarray) -> str:
     """Return directions as words."""
-    names = [DIRECTIONS[i].replace("turn_", "turn about ") for i in np.flatnonzero(directions)]
+    names = []
+    for i in np.flatnonzero(directions):
+        names.append(DIRECTIONS[i].replace("turn_", "turn about "))
     if not names:
         return "nothing"
     if len(names) == 1:
@@ -547,5 +561,7 @@ def _list(directions: np.ndarray) -> str:
 
 def _numbers(values: Array) -> str:
     """Return numbers as a list in TOML, with at most six decimals."""
-    numbers = [f"{v:.6f}".rstrip("0").rstrip(".") for v in values + 0.0]  # + 0.0: -0 becomes 0
-    return f"[{', '.join(numbers)}]"
+    words = []
+    for value in values + 0.0:  # + 0.0: -0 becomes 0
+        words.append(f"{value:.6f}".rstrip("0").rstrip("."))
+    return f"[{', '.join(words)}]"

@@ -30,7 +30,7 @@ _SHORTCUTS = 12
 _POLISHED = 5
 """Number of passes of `_ROUNDS_OF_SHORTCUTS` rounds each when a path is improved."""
 
-_ENCLOSED = 0.1
+_ENCLOSED_SHARE = 0.1
 """An end (start or goal) seems to be enclosed if it is connected with less than this fraction of the samples."""
 
 _WIDTHS = (0.1, 0.05, 0.025, 0.0125)
@@ -98,7 +98,7 @@ def around(
         return direct
     record = _recorder(ended)
     rng = np.random.default_rng(seed)
-    drawn = 0
+    drawn_count = 0
     reached = (0, 0)
     attempts = []
     count = 0
@@ -114,7 +114,7 @@ def around(
             return improved(search, path, samples, rng, progress, informed=cost is None, record=record).curve
         record(search.tree, search.cost, None)
         count = search.count  # fewer than required if most of the box is blocked
-        drawn += count
+        drawn_count += count
         attempt = f"{count} samples in a box that extends {100 * extension:.0f} %"
         if has_corners:
             attempts.append(f"{attempt} (a path was found, but its corners cannot be rounded)")
@@ -122,8 +122,8 @@ def around(
             attempts.append(f"{attempt} of the joint range beyond start and goal")
             reached = search.reached()
     raise NoPathError(
-        f"no path around the obstacles was found: the straight path is not free, and no path was found through {drawn} "
-        f"free random configurations ({', '.join(attempts)}){_enclosed(reached, count)}",
+        "no path around the obstacles was found: the straight path is not free, and no path was found through "
+        f"{drawn_count} free random configurations ({', '.join(attempts)}){_enclosed(reached, count)}",
         ". Lower clearance_mm, change seed, or add a waypoint between start and goal",
     )
 
@@ -160,10 +160,10 @@ def _box(space: Space, start: Array, goal: Array, extension: float, resting: np.
     return box
 
 
-def _cheaper(cost: Cost, path: FreePath, other: FreePath) -> FreePath:
+def _cheaper(cost: Cost, path: FreePath, other_path: FreePath) -> FreePath:
     """Return the path with the smaller cost along its corners; `path` if both cost the same."""
-    if total(cost, other.corners) < total(cost, path.corners):
-        return other
+    if total(cost, other_path.corners) < total(cost, path.corners):
+        return other_path
     return path
 
 
@@ -188,7 +188,9 @@ def _recorder(
     wall = time.perf_counter()
 
     def cost_of(corners: Array | None, cost: Cost) -> float:
-        return np.inf if corners is None else total(cost, corners)
+        if corners is None:
+            return np.inf
+        return total(cost, corners)
 
     def record(tree: SearchTree, cost: Cost, best: Array | None) -> None:
         processor_s = time.process_time() - processor
@@ -305,7 +307,7 @@ def _enclosed(reached: tuple[int, int], count: int) -> str:
     """
     parts = []
     for name, connected in zip(("start", "goal"), reached, strict=True):
-        if count and connected < _ENCLOSED * count:
+        if count and connected < _ENCLOSED_SHARE * count:
             parts.append(
                 f"the {name} seems to be enclosed, because only {connected} of {count} samples are connected with it"
             )
@@ -340,18 +342,25 @@ def shortcuts(
         i = np.searchsorted(along, ends[:, 0], side="right") - 1
         j = np.searchsorted(along, ends[:, 1], side="right") - 1
         j = np.minimum(j, len(points) - 2)
-        tried = np.flatnonzero(i < j)  # a shortcut between two points of one straight part changes nothing
-        if not len(tried):
+        changing = np.flatnonzero(i < j)  # a shortcut between two points of one straight part changes nothing
+        if not len(changing):
             continue
-        i = i[tried]
-        j = j[tried]
+        i = i[changing]
+        j = j[changing]
         parts = []
-        for k, shortcut in enumerate(tried):
-            parts.append(_shortcut(points, along, i[k], j[k], ends[shortcut], straight[shortcut]))
-        starts = np.concatenate([part[:-1] for part in parts])
-        stops = np.concatenate([part[1:] for part in parts])
-        connections = [len(part) - 1 for part in parts]
-        first = np.cumsum([0, *connections[:-1]])  # row of each part's first connection
+        starts_of_parts = []
+        stops_of_parts = []
+        first = []  # row of each part's first connection
+        count = 0
+        for k, shortcut in enumerate(changing):
+            part = _shortcut(points, along, i[k], j[k], ends[shortcut], straight[shortcut])
+            parts.append(part)
+            starts_of_parts.append(part[:-1])
+            stops_of_parts.append(part[1:])
+            first.append(count)
+            count += len(part) - 1
+        starts = np.concatenate(starts_of_parts)
+        stops = np.concatenate(stops_of_parts)
         # cost of the path up to each corner
         cost_so_far = np.concatenate([[0.0], np.cumsum(cost(points[:-1], points[1:]))])
         replaced = cost_so_far[j + 1] - cost_so_far[i]
@@ -378,14 +387,14 @@ def _shortcut(points: Array, along: Array, i: int, j: int, ends: Array, straight
         straight: (n,) bool: joints that move in a straight line; the others move as before.
     """
     begin, end = ends
-    a = _point_at(points, along, begin)
-    b = _point_at(points, along, end)
+    first = _point_at(points, along, begin)
+    last = _point_at(points, along, end)
     if straight.all():
-        return np.array([points[i], a, b, points[j + 1]])
+        return np.array([points[i], first, last, points[j + 1]])
     skipped = slice(i + 1, j + 1)
     share = (along[skipped, None] - begin) / (end - begin)
-    between = np.where(straight, a + share * (b - a), points[skipped])
-    return np.concatenate([[points[i], a], between, [b, points[j + 1]]])
+    between = np.where(straight, first + share * (last - first), points[skipped])
+    return np.concatenate([[points[i], first], between, [last, points[j + 1]]])
 
 
 def _point_at(points: Array, along: Array, length: float) -> Array:

@@ -22,7 +22,7 @@ from twin.planning.turns import hint
 _NO_LENGTH = 1e-9
 """Change in m and rad below which a phase counts as having no length."""
 
-_ROUGH = 1e-6
+_LARGEST_TAIL = 1e-6
 """Largest accepted truncation error (m, rad) of a joint's series; a larger error means that the path is not smooth."""
 
 
@@ -54,7 +54,7 @@ class PhasePath(Course):
             ProtocolError: a joint has a kink or jump; the message begins with `where`.
         """
         series = fit(lambda s: self.joints(s, kinematics))
-        if np.max(series.tail) > _ROUGH:
+        if np.max(series.tail) > _LARGEST_TAIL:
             j = int(np.argmax(series.tail))
             raise ProtocolError(
                 f"{where}: joint {kinematics.joint_names[j]} is not a smooth function of the path (a kink or "
@@ -120,6 +120,9 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
         depth = np.nan
         if rcm is not None:
             depth = float((tip - rcm) @ shaft)
+        last_mode = None
+        if paths:
+            last_mode = paths[-1].rcm_mode
         begin = Begin(
             where=_where(protocol, phase),
             waypoints=protocol.waypoints,
@@ -132,11 +135,14 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
             shaft=shaft,
             rcm=rcm,
             depth=depth,
-            mode=paths[-1].rcm_mode if paths else None,
+            mode=last_mode,
         )
         end = phase.end_after(begin)
         if phase.has_length:
             _require_length(protocol, begin, end)
+        depth0 = begin.depth
+        if end.depth0 is not None:
+            depth0 = end.depth0
         path = PhasePath(
             T_tool_frame=np.asarray(T_tool_frame, float),
             n_tool_shaft=n_tool,
@@ -147,22 +153,27 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
             tip1=end.tip,
             rcm=end.rcm,
             rcm_mode=end.mode,
-            depth0=begin.depth if end.depth0 is None else end.depth0,
+            depth0=depth0,
             depth1=end.depth1,
             phase=phase,
             waypoint=end.waypoint,
             extra_joints=(),
         )
         try:
-            paths.append(path if guide is None else guide.along(path))
+            if guide is not None:
+                path = guide.along(path)
         except ProtocolError as error:
-            more = hint(path, phase.name, protocol.waypoints.get(end.waypoint or ""))
-            if more:
-                raise ProtocolError(f"{error}{more}") from error
+            turn_hint = hint(path, phase.name, protocol.waypoints.get(end.waypoint or ""))
+            if turn_hint:
+                raise ProtocolError(f"{error}{turn_hint}") from error
             raise
-        angles = paths[-1].angles1
-        tip = paths[-1].tip1
-        rcm = None if phase.leaves() else end.rcm
+        paths.append(path)
+        # the mechanism may end beside the pose that was prescribed: the next phase begins where it is
+        angles = path.angles1
+        tip = path.tip1
+        rcm = end.rcm
+        if phase.leaves():
+            rcm = None
     return tuple(paths)
 
 
@@ -208,4 +219,5 @@ def _in_trocar(protocol: Protocol, phase: Phase, rcm: Array | None, tip: Array, 
 
 
 def _where(protocol: Protocol, phase: Phase) -> str:
+    """Return the names of protocol and phase, for messages."""
     return f"{protocol.name}: phase '{phase.name}' ({phase.type})"

@@ -27,7 +27,7 @@ from twin.planning.timing import Timing
 from twin.planning.trajectory import PathKinematics, PhaseCurve, PhaseSpan, Trajectory
 from twin.planning.turns import hint, long_turns
 
-_LOOKED = 9
+_PROBES = 9
 """Number of poses per phase for which `plan` tests whether the robot has enough degrees of freedom."""
 
 
@@ -90,7 +90,9 @@ def plan(
         legs.append(leg)
         findings += certified
     trajectory = assemble(protocol, kinematics, T_tool_frame, legs, dt)
-    phases = [replace(span, rounds=rounds.get(span.name)) for span in trajectory.phases]
+    phases = []
+    for span in trajectory.phases:
+        phases.append(replace(span, rounds=rounds.get(span.name)))
     trajectory = replace(trajectory, phases=tuple(phases), followed=guide is not None)
     findings += check(trajectory, protocol, kinematics)
     return replace(trajectory, findings=tuple(findings))
@@ -105,8 +107,10 @@ def _guide(
     if not has_joint_waypoints and not has_samples and protocol.free is None:
         if kinematics.takes is None:
             return None
-        s = np.linspace(0.0, 1.0, _LOOKED)
-        Ts = [path.motion(s).Ts_base_tool for path in build(protocol, T_tool_frame)]
+        s = np.linspace(0.0, 1.0, _PROBES)
+        Ts = []
+        for path in build(protocol, T_tool_frame):
+            Ts.append(path.motion(s).Ts_base_tool)
         if kinematics.takes(np.concatenate(Ts)):
             return None
     if kinematics.carrier is None:
@@ -135,9 +139,9 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
     try:
         require_feasible(path, kinematics, protocol.frame, protocol.name)
     except ProtocolError as error:
-        more = hint(path, path.phase.name, protocol.waypoints.get(path.waypoint or ""))
-        if more:
-            raise ProtocolError(f"{error}{more}") from error
+        turn_hint = hint(path, path.phase.name, protocol.waypoints.get(path.waypoint or ""))
+        if turn_hint:
+            raise ProtocolError(f"{error}{turn_hint}") from error
         raise
     joints = path.driven(kinematics, where)
     certified = []
@@ -245,7 +249,7 @@ def assemble(
         angular_velocity=joined(lambda leg: leg.motion.w1 * leg.timing.sd[:, None]),
         angular_acceleration=joined(lambda leg: _second(leg, leg.motion.w1, leg.motion.w2)),
         phases=tuple(spans),
-        waypoints={name: tuple(rows) for name, rows in waypoints.items()},
+        waypoints=dict(zip(waypoints, map(tuple, waypoints.values()), strict=True)),
         rcm_error=rcm,
         depth=depth,
         limit_margin=np.minimum(q - kinematics.lower, kinematics.upper - q),

@@ -27,7 +27,7 @@ from twin.planning.protocol import Limits, Protocol
 
 SCENE = "scene.toml"
 
-_KEPT = ("touching", "port", "camera")
+_COPIED = ("touching", "port", "camera")
 """Tables of the scene file that are copied."""
 
 _DIGITS = 12
@@ -63,16 +63,16 @@ class RobotSamples:
 
 def protocol_files(robots: Iterable[str], scene: Scene) -> dict[str, str]:
     """Return the name of each robot's protocol file; the names differ from each other and from those of other files."""
-    used = {SCENE}
+    used_names = {SCENE}
     if scene.props is not None:
-        used.add(scene.props.name)
+        used_names.add(scene.props.name)
     files = {}
     for robot in robots:
         stem = robot
-        while f"{stem}.toml" in used:
+        while f"{stem}.toml" in used_names:
             stem += "_protocol"
         files[robot] = f"{stem}.toml"
-        used.add(files[robot])
+        used_names.add(files[robot])
     return files
 
 
@@ -118,7 +118,7 @@ def write_plan_scene(
         place = {**robot_table, "protocol": files[robot_table["name"]]}
         place.pop("start", None)  # the protocol says where the robot starts
         places.append(place)
-    copied = {key: table[key] for key in _KEPT if key in table}
+    copied = {key: table[key] for key in _COPIED if key in table}
     (folder / SCENE).write_text(tomlkit.dumps({**head, **copied, "robot": places}), encoding="utf-8")
 
 
@@ -156,18 +156,24 @@ def write_samples(path: Path, joints: Sequence[tuple[str, bool]], t: Array, q: A
 
 def _protocol(name: str, robot: RobotSamples, end: float, scene: Scene) -> dict[str, Any]:
     """Return the protocol of a robot as TOML."""
-    p = robot.protocol
+    source = robot.protocol
     is_angle = dict(robot.joints)
     waypoints = {}
     phases = []
     if robot.phases:
-        title = p.title
-        start = p.start
-        limits = p.limits["free"]
-        for waypoint_name in dict.fromkeys([p.start, *(phase.to for phase in robot.phases)]):
-            w = p.waypoints[waypoint_name]
-            values = _joints(w.joints or {}, is_angle)
-            waypoints[waypoint_name] = {"label": w.label, **values, "provenance": w.provenance, "note": w.note}
+        title = source.title
+        start = source.start
+        limits = source.limits["free"]
+        ends = [phase.to for phase in robot.phases]
+        for waypoint_name in dict.fromkeys([source.start, *ends]):
+            waypoint = source.waypoints[waypoint_name]
+            values = _joints(waypoint.joints or {}, is_angle)
+            waypoints[waypoint_name] = {
+                "label": waypoint.label,
+                **values,
+                "provenance": waypoint.provenance,
+                "note": waypoint.note,
+            }
         for phase in robot.phases:
             phases.append(
                 {
@@ -182,38 +188,45 @@ def _protocol(name: str, robot: RobotSamples, end: float, scene: Scene) -> dict[
     else:
         title = "At rest"
         start = "rest"
-        limits = next(iter(p.limits.values()))
-        rest = {joint: float(value) for (joint, _), value in zip(robot.joints, robot.q[0], strict=True)}
+        limits = next(iter(source.limits.values()))
+        rest_values = {}
+        for (joint, _), value in zip(robot.joints, robot.q[0], strict=True):
+            rest_values[joint] = float(value)
         note = f"where {name} was avoided in the plan"
-        waypoints["rest"] = {"label": "at rest", **_joints(rest, is_angle), "provenance": "ASSUMED", "note": note}
+        waypoints["rest"] = {
+            "label": "at rest",
+            **_joints(rest_values, is_angle),
+            "provenance": "ASSUMED",
+            "note": note,
+        }
         phases.append({"type": "samples", "name": "rest", "file": f"{name}.csv", "to_s": _number(end)})
     table: dict[str, Any] = {
         "name": name,
         "title": title,
-        "source": f"twin plan in scene {scene.name}; {p.source}",
-        "robot": p.robot,
-        "frame": p.frame,
-        "shaft_axis": [float(x) for x in p.shaft_axis],
-        "rotation": p.rotation,
+        "source": f"twin plan in scene {scene.name}; {source.source}",
+        "robot": source.robot,
+        "frame": source.frame,
+        "shaft_axis": list(map(float, source.shaft_axis)),
+        "rotation": source.rotation,
         "start": start,
-        "no_patient": p.no_patient or f"the patient, if there is one, is part of scene {scene.name}",
+        "no_patient": source.no_patient or f"the patient, if there is one, is part of scene {scene.name}",
     }
     trocars = {}
-    for trocar, position in p.trocars.items():
-        trocars[trocar] = [_number(x / MM) for x in position]
+    for trocar, position in source.trocars.items():
+        trocars[trocar] = list(map(_number, position / MM))
     if "" in trocars:  # the only trocar has no name
         table["trocar_mm"] = trocars[""]
     elif trocars:
         table["trocars_mm"] = trocars
-    t = p.tolerances
+    tolerances = source.tolerances
     table["tolerances"] = {
-        "rcm_mm": _number(t.rcm / MM),
-        "rcm_alarm_mm": _number(t.rcm_alarm / MM),
-        "straightness_mm": _number(t.straightness / MM),
-        "waypoint_mm": _number(t.waypoint / MM),
-        "waypoint_deg": _number(t.waypoint_angle / DEG),
-        "provenance": t.provenance,
-        "note": t.note,
+        "rcm_mm": _number(tolerances.rcm / MM),
+        "rcm_alarm_mm": _number(tolerances.rcm_alarm / MM),
+        "straightness_mm": _number(tolerances.straightness / MM),
+        "waypoint_mm": _number(tolerances.waypoint / MM),
+        "waypoint_deg": _number(tolerances.waypoint_angle / DEG),
+        "provenance": tolerances.provenance,
+        "note": tolerances.note,
     }
     return {**table, "limits": {"samples": _limits(limits)}, "waypoints": waypoints, "phases": phases}
 
@@ -237,7 +250,10 @@ def _limits(limits: Limits) -> dict[str, Any]:
         "tip_jerk_mm_s3": limits.tip_jerk / MM,
         "rotation_jerk_deg_s3": limits.rotation_jerk / DEG,
     }
-    numbers = {k: _number(v) for k, v in values.items() if isfinite(v)}
+    numbers = {}
+    for key, value in values.items():
+        if isfinite(value):
+            numbers[key] = _number(value)
     return {**numbers, "provenance": limits.provenance, "note": limits.note}
 
 

@@ -42,7 +42,11 @@ class Planned(Result):
     @property
     def rounds(self) -> Mapping[str, SearchRounds]:
         """{name of the phase: rounds of the search for its path}; phases without a search are missing."""
-        return {p.name: p.rounds for p in self.trajectory.phases if p.rounds is not None}
+        rounds_of = {}
+        for span in self.trajectory.phases:
+            if span.rounds is not None:
+                rounds_of[span.name] = span.rounds
+        return rounds_of
 
     def content(self) -> Mapping[str, Any]:
         """Return the trajectory as plain data, without its samples."""
@@ -50,17 +54,20 @@ class Planned(Result):
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data for JSON, with search times; files omit search times, which differ between runs."""
-        return {**super().as_dict(), "search_times": {name: r.times() for name, r in self.rounds.items()}}
+        search_times = {name: rounds.times() for name, rounds in self.rounds.items()}
+        return {**super().as_dict(), "search_times": search_times}
 
     def text(self) -> Iterator[Part]:
         """Yield the phases and the findings."""
-        t = self.trajectory
-        yield f"{t.robot} · {t.protocol} · {t.duration:.3f} s, {len(t.t)} samples\n"
+        trajectory = self.trajectory
+        size = f"{trajectory.duration:.3f} s, {len(trajectory.t)} samples"
+        yield f"{trajectory.robot} · {trajectory.protocol} · {size}\n"
         rows = []
-        for p in t.phases:
-            start = f"{p.t0:.3f}"
-            end = f"{p.t1:.3f}"
-            rows.append((p.name, p.type, start, end, p.waypoint or "", p.rcm_mode or "", p.solver or "given"))
+        for span in trajectory.phases:
+            start = f"{span.t0:.3f}"
+            end = f"{span.t1:.3f}"
+            solver = span.solver or "given"
+            rows.append((span.name, span.type, start, end, span.waypoint or "", span.rcm_mode or "", solver))
         yield TextTable(("phase", "type", "from s", "to s", "ends at", "RCM", "timing"), rows)
         yield ""
         for table in self.tables():
@@ -81,20 +88,30 @@ class Planned(Result):
         (folder / content).write_text(as_json(self.content()), encoding="utf-8")
 
 
-def searches(found: Mapping[str, SearchRounds]) -> TextTable:
-    """Return a table with one row for each round of each search; `found` has the rounds by name of the phase."""
+def searches(rounds_of: Mapping[str, SearchRounds]) -> TextTable:
+    """Return a table with one row for each round of each search; `rounds_of` has them by name of the phase."""
     rows = []
-    for name, search in found.items():
-        for r in search.rounds:
-            tree = _cost(r.tree, search.unit)
-            best = _cost(r.best, search.unit)
-            rows.append((name, str(r.samples), tree, best, f"{r.processor:.2f}", f"{r.wall:.2f}"))
+    for name, search in rounds_of.items():
+        for search_round in search.rounds:
+            tree = _cost(search_round.tree, search.unit)
+            best = _cost(search_round.best, search.unit)
+            rows.append(
+                (
+                    name,
+                    str(search_round.samples),
+                    tree,
+                    best,
+                    f"{search_round.processor:.2f}",
+                    f"{search_round.wall:.2f}",
+                )
+            )
     return TextTable(
         ("search for", "samples", "path of the tree", "with shortcuts", "processor s", "wall-clock s"), rows
     )
 
 
 def _cost(value: float, unit: str) -> str:
+    """Return the cost of a path as text."""
     if not math.isfinite(value):
         return "no path"
     return quantity(value, unit)

@@ -38,6 +38,9 @@ _SAMPLES = 513
 _LOOKS = 9
 """Number of points at which the curvature of the path of the earlier arms is evaluated."""
 
+_ROUNDED_RATE = 1e-9
+"""Rounding by which u may grow faster than by 1 per unit of a path's parameter without a further part."""
+
 _STRAIGHT = 1e-9
 """Second derivative of a path (in m or rad) up to which it counts as straight."""
 
@@ -56,52 +59,53 @@ class Composed:
         """Return q (k, n) at s (k,), or its derivative of order 1 or 2."""
         s = np.asarray(s, float)
         z = self._path(s)
-        u = np.clip(z[:, -1], 0.0, 1.0)
+        progress = np.clip(z[:, -1], 0.0, 1.0)
         if order == 0:
-            return np.column_stack([self._first(u), z[:, :-1]])
+            return np.column_stack([self._first(progress), z[:, :-1]])
         z1 = self._path(s, 1)
         u1 = z1[:, -1:]
         if order == 1:
-            return np.column_stack([self._first(u, 1) * u1, z1[:, :-1]])
+            return np.column_stack([self._first(progress, 1) * u1, z1[:, :-1]])
         z2 = self._path(s, 2)
         u2 = z2[:, -1:]
         # chain rule of first(u(s))
-        earlier = self._first(u, 2) * u1**2 + self._first(u, 1) * u2
+        earlier = self._first(progress, 2) * u1**2 + self._first(progress, 1) * u2
         return np.column_stack([earlier, z2[:, :-1]])
 
 
 class _Part:
-    """The part of a path from s = a to s = b, with a parameter from 0 to 1."""
+    """The part of a path from s = `begin` to s = `end`, with a parameter from 0 to 1."""
 
-    def __init__(self, path: Path, a: float, b: float) -> None:
+    def __init__(self, path: Path, begin: float, end: float) -> None:
         self._path = path
-        self._a = a
-        self._b = b
+        self._begin = begin
+        self._end = end
 
     def at(self, s: float) -> float:
         """Return the parameter of the whole path at the parameter s of the part."""
-        return self._a + (self._b - self._a) * s
+        return self._begin + (self._end - self._begin) * s
 
     def __call__(self, s: Array, order: int = 0) -> Array:
-        width = self._b - self._a
-        return self._path(self._a + width * np.asarray(s, float), order) * width**order
+        width = self._end - self._begin
+        # chain rule: each derivative with respect to the part's parameter has a factor `width`
+        return self._path(self._begin + width * np.asarray(s, float), order) * width**order
 
 
 class Behind(Space):
     """Space of a new arm: its joint values, then u, the covered fraction of the path of the earlier arms."""
 
-    def __init__(self, whole: Space, first: Path) -> None:
+    def __init__(self, all_arms: Space, first: Path) -> None:
         """Define the space.
 
         Args:
-            whole: the space of all arms: the earlier arms, then the new arm.
+            all_arms: the space of all arms: the earlier arms, then the new arm.
             first: path of the earlier arms.
         """
-        self.whole = whole
+        self.all_arms = all_arms
         self.first = first
         samples = first(np.linspace(0.0, 1.0, _SAMPLES))
         self._before = samples.shape[1]  # number of joints of the earlier arms
-        steps = np.diff(samples, axis=0) * whole.weights[: self._before]
+        steps = np.diff(samples, axis=0) * all_arms.weights[: self._before]
         path_length = float(np.linalg.norm(steps, axis=1).sum())
         self._length = max(path_length, _SHORTEST)
         curvature = np.abs(first(np.linspace(0.0, 1.0, _LOOKS), 2))
@@ -109,27 +113,27 @@ class Behind(Space):
 
     def interruptible(self, check: Callable[[], None]) -> Behind:
         """Return this space with tests that call `check` every few milliseconds; errors in `check` end the test."""
-        return Behind(self.whole.interruptible(check), self.first)
+        return Behind(self.all_arms.interruptible(check), self.first)
 
     @property
     def limits(self) -> Array:
         """Limits (n + 1, 2): of the new arm's joints in m or rad, and 0 to 1."""
-        return np.concatenate([self.whole.limits[self._before :], [[0.0, 1.0]]])
+        return np.concatenate([self.all_arms.limits[self._before :], [[0.0, 1.0]]])
 
     @property
     def mechanism(self) -> Mechanism:
         """The mechanism of all arms."""
-        return self.whole.mechanism
+        return self.all_arms.mechanism
 
     @property
     def weights(self) -> Array:
         """Lengths (n + 1,) in m equivalent to one unit of each coordinate."""
-        return np.append(self.whole.weights[self._before :], self._length)
+        return np.append(self.all_arms.weights[self._before :], self._length)
 
     @property
     def leads(self) -> np.ndarray:
         """(n + 1,) bool: whether each coordinate can move the tool of the new arm; for u, always True."""
-        return np.append(self.whole.leads[self._before :], True)
+        return np.append(self.all_arms.leads[self._before :], True)
 
     @property
     def cost(self) -> Cost:
@@ -143,11 +147,11 @@ class Behind(Space):
 
     def free(self, q: Array, *, exact: bool = True) -> np.ndarray:
         """Return (k,) bool: whether all arms are free of collisions at q (k, n + 1)."""
-        return self.whole.free(self.lifted(np.asarray(q, float)), exact=exact)
+        return self.all_arms.free(self.lifted(np.asarray(q, float)), exact=exact)
 
     def clearances(self, q: Array, most: float) -> Array:
         """Return lower bounds (k,) in m of the minimum distance between bodies at q (k, n + 1), each at most `most`."""
-        return self.whole.clearances(self.lifted(np.asarray(q, float)), most)
+        return self.all_arms.clearances(self.lifted(np.asarray(q, float)), most)
 
     def steer(self, a: Array, b: Array) -> Path:
         """Return the straight path from a (n + 1,) to b (n + 1,)."""
@@ -155,14 +159,16 @@ class Behind(Space):
 
     def free_each(self, a: Array, b: Array) -> np.ndarray:
         """Return (m,) bool: whether the straight paths from a to b (m, n + 1), with free ends, seem free."""
-        count = 1 if self._straight else _PARTS
+        count = _PARTS
+        if self._straight:
+            count = 1
         corners = []
         for fraction in np.linspace(0.0, 1.0, count + 1):
             corners.append(self.lifted(a + fraction * (b - a)))
         free = b[:, -1] >= a[:, -1] - ROUNDING
         for start, end in pairwise(corners):
             # only connections whose parts before are free are tested further
-            free[free] = self.whole.free_each(start[free], end[free])
+            free[free] = self.all_arms.free_each(start[free], end[free])
         return free
 
     def free_between(self, a: Array, b: Array) -> bool:
@@ -174,20 +180,23 @@ class Behind(Space):
         u = path(np.linspace(0.0, 1.0, _SAMPLES))[:, -1]
         if np.diff(u).min() < -ROUNDING:
             return False
-        return all(self.whole.free_along(part) for part in self._parts(path))
+        return all(self.all_arms.free_along(part) for part in self._parts(path))
 
     def certify(self, path: Path, within: float = 0.5 * MM) -> PathCertificate:
         """Return a certificate of a free path: a proven lower bound of the distance between bodies of all arms.
 
         `within` is the accepted difference in m between the smallest distance found and the bound.
         """
-        parts = self._parts(path)
-        certificates = [self.whole.certify(part, within) for part in parts]
-        distances = [certificate.found for certificate in certificates]
-        k = int(np.argmin(distances))
-        nearest = certificates[k]
-        proven = min(certificate.proven for certificate in certificates)
-        return replace(nearest, proven=proven, s=parts[k].at(nearest.s))  # pyright: ignore
+        nearest_part, *further_parts = self._parts(path)
+        nearest = self.all_arms.certify(nearest_part, within)
+        proven = nearest.proven
+        for part in further_parts:
+            certificate = self.all_arms.certify(part, within)
+            proven = min(proven, certificate.proven)
+            if certificate.found < nearest.found:
+                nearest = certificate
+                nearest_part = part
+        return replace(nearest, proven=proven, s=nearest_part.at(nearest.s))  # pyright: ignore
 
     def _parts(self, path: Path) -> list[_Part]:
         """Divide the path of all arms into parts in which u grows by at most 1 per unit of the part's parameter.
@@ -196,27 +205,30 @@ class Behind(Space):
         """
         derivatives = path(np.linspace(0.0, 1.0, _SAMPLES), 1)
         fastest = np.abs(derivatives[:, -1]).max()
-        count = max(int(np.ceil(fastest - 1e-9)), 1)
-        borders = np.linspace(0.0, 1.0, count + 1)
-        whole = Composed(self.first, path)
-        return [_Part(whole, float(a), float(b)) for a, b in pairwise(borders)]
+        count = max(int(np.ceil(fastest - _ROUNDED_RATE)), 1)
+        borders = np.linspace(0.0, 1.0, count + 1).tolist()
+        composed = Composed(self.first, path)
+        parts = []
+        for begin, end in pairwise(borders):
+            parts.append(_Part(composed, begin, end))
+        return parts
 
     def why(self, q: Array) -> str:
         """Return why q (n + 1,) is not free, with values and limits; "" if it is free."""
-        return self.whole.why(self._lifted_one(q))
+        return self.all_arms.why(self._lifted_one(q))
 
     def named(self, q: Array) -> str:
         """Return the joint values of all arms at q (n + 1,) as text."""
-        return self.whole.named(self._lifted_one(q))
+        return self.all_arms.named(self._lifted_one(q))
 
     def _lifted_one(self, q: Array) -> Array:
         """Return `lifted` of one q (n + 1,)."""
-        (one,) = self.lifted(np.asarray(q, float)[None])
-        return one
+        (lifted_values,) = self.lifted(np.asarray(q, float)[None])
+        return lifted_values
 
 
 def beside(
-    whole: Space,
+    all_arms: Space,
     first: Path,
     start: Array,
     goal: Array,
@@ -229,7 +241,7 @@ def beside(
     """Return a common path of all arms: a new arm moves from start to goal while the earlier arms follow `first`.
 
     Args:
-        whole: the space of all arms: the arms of `first`, then the new arm.
+        all_arms: the space of all arms: the arms of `first`, then the new arm.
         first: path of the earlier arms; it begins and ends together with the path of the new arm.
         start: (n,) joint values of the new arm at the start.
         goal: (n,) joint values of the new arm at the goal.
@@ -242,7 +254,7 @@ def beside(
         CancelledError: `cancelled` returned True.
         ProtocolError: start or goal collides with any arm or obstacle, or no path was found.
     """
-    space = Behind(whole, first)
+    space = Behind(all_arms, first)
     path = around(
         space,
         np.append(start, 0.0),

@@ -75,4 +75,7 @@ class SearchRounds:
 
 
 def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+    """Return a cost for JSON, which has no infinity: None instead."""
+    if not math.isfinite(value):
+        return None
+    return value

@@ -29,7 +29,10 @@ _COARSE = 0.02
 _OVERSHOOT = 0.01
 """Largest overshoot of a joint's spline beyond two successive samples, as a fraction of the joint's largest step."""
 
-_LOOKS = 19
+_ROUNDED_STEPS = 1e-6
+"""Part of a time step by which a duration may be longer than a whole number of them: rounding in the file."""
+
+_PLACES = 19
 """Number of places between two samples at which the overshoot is measured."""
 
 
@@ -53,19 +56,19 @@ class SampledPhase(PhasePath):
 
         The last sample is at the first multiple of dt that is not before the end of the given samples.
         """
-        count = max(int(np.ceil(self.duration / dt - 1e-6)), 1)
+        count = max(int(np.ceil(self.duration / dt - _ROUNDED_STEPS)), 1)
         t = dt * np.arange(count + 1, dtype=np.float64)
         q = self.values(np.minimum(t, self.duration))
         Ts = self.carry(q)
         Ts_frame = Ts @ self.T_tool_frame
-        p = Ts_frame[:, :3, 3]
+        position = Ts_frame[:, :3, 3]
         R = Ts[:, :3, :3]
         turns = spatial.log_so3(R[1:] @ np.swapaxes(R[:-1], 1, 2))
-        p1, p2 = _rates(np.diff(p, axis=0), dt)
+        p1, p2 = _rates(np.diff(position, axis=0), dt)
         w1, w2 = _rates(turns, dt)
         v, _ = _rates(np.diff(Ts[:, :3, 3], axis=0), dt)
         qd, qdd = _rates(np.diff(q, axis=0), dt)
-        motion = Motion(Ts, p, p1, p2, w1, w2, np.concatenate([v, w1], axis=1))
+        motion = Motion(Ts, position, p1, p2, w1, w2, np.concatenate([v, w1], axis=1))
         timing = Timing(
             t=t,
             s=t,
@@ -105,7 +108,7 @@ def sampled_phase(
     Raises:
         ProtocolError: the first sample is not at the start of the phase, or the loops open.
     """
-    columns = [names.index(joint) for joint in phase.joints]
+    columns = list(map(names.index, phase.joints))
     for joint, column, first in zip(phase.joints, columns, phase.q[0], strict=True):
         is_angle = joint in phase.angle_joints
         unit, factor = display_unit(is_angle)
@@ -156,7 +159,7 @@ def between(t: Array, q: Array) -> Callable[[Array], Array]:
     low = np.minimum(q[:-1], q[1:])
     high = np.maximum(q[:-1], q[1:])
     excess = np.zeros(q.shape[1])
-    for part in np.linspace(0.0, 1.0, _LOOKS + 2)[1:-1]:
+    for part in np.linspace(0.0, 1.0, _PLACES + 2)[1:-1]:
         value = spline(t[:-1] + part * np.diff(t))
         beyond = np.maximum(low - value, value - high)
         excess = np.maximum(excess, beyond.max(axis=0))

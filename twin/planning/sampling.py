@@ -58,13 +58,13 @@ def _at(grid: Array, rates: Array, t: Array) -> TimedSamples:
     begins = np.concatenate([[0.0], np.cumsum(durations)])
     parts = _area(grid[:-1], rates[:-1], accelerations, durations)
     areas = np.cumsum(np.concatenate([[0.0], parts]))
-    i = np.searchsorted(begins, t, side="right") - 1
-    i = np.clip(i, 0, len(accelerations) - 1)
-    elapsed = t - begins[i]
-    sdd = accelerations[i]
-    sd = np.maximum(rates[i] + sdd * elapsed, 0.0)
-    s = np.clip(grid[i] + rates[i] * elapsed + 0.5 * sdd * elapsed**2, 0.0, 1.0)
-    area = areas[i] + _area(grid[i], rates[i], sdd, elapsed)
+    interval = np.searchsorted(begins, t, side="right") - 1
+    interval = np.clip(interval, 0, len(accelerations) - 1)
+    elapsed = t - begins[interval]
+    sdd = accelerations[interval]
+    sd = np.maximum(rates[interval] + sdd * elapsed, 0.0)
+    s = np.clip(grid[interval] + rates[interval] * elapsed + 0.5 * sdd * elapsed**2, 0.0, 1.0)
+    area = areas[interval] + _area(grid[interval], rates[interval], sdd, elapsed)
     return s, sd, sdd, area
 
 

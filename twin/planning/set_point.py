@@ -113,14 +113,14 @@ def squared_acceleration(mechanism: Mechanism) -> Callable[[Array, Array], Array
     f, f_rate, f_acceleration = response(times)
 
     def integral(a: Array, b: Array) -> Array:
-        k = len(a)
+        edge_count = len(a)
         step = np.asarray(b, float) - a
         starts = np.repeat(np.asarray(a, float).T, _NODES, axis=1)  # the nodes of an edge are neighbours
         steps = np.repeat(step.T, _NODES, axis=1)
-        rate, curvature = derivatives(starts, steps, np.tile(f, k)[None])
+        rate, curvature = derivatives(starts, steps, np.tile(f, edge_count)[None])
         # chain rule: d2p/dt2 = dp/ds d2f/dt2 + d2p/ds2 (df/dt)^2
-        acceleration = rate * np.tile(f_acceleration, k) + curvature * np.tile(f_rate**2, k)
-        squares = (acceleration**2).sum(axis=0).reshape(k, _NODES)
+        acceleration = rate * np.tile(f_acceleration, edge_count) + curvature * np.tile(f_rate**2, edge_count)
+        squares = (acceleration**2).sum(axis=0).reshape(edge_count, _NODES)
         return squares @ weights
 
     return integral

@@ -35,6 +35,9 @@ Jerk = Callable[[Array, Array, Array], float]
 OVER = 1e-3
 """Fraction by which a sample may exceed a limit; a larger excess is an error."""
 
+_ROUNDED_STEPS = 1e-9
+"""Part of a time step by which a duration may be longer than a whole number of them."""
+
 _REFINE = 1.01
 """Acceleration divided by its limit, above which a finer grid is tried before the motion is slowed down."""
 
@@ -86,10 +89,10 @@ class Timing:
     rates: Array | None = None
 
 
-_INSIDE = 5
+_POINTS_PER_INTERVAL = 5
 """Number of points per grid interval, both ends included, at which speed and acceleration are computed."""
 
-_BEYOND = 1e3
+_NO_LIMIT_FACTOR = 1e3
 """A missing limit is replaced by this factor times a typical value, so that the limit is never reached."""
 
 
@@ -197,7 +200,7 @@ class _Pace:
         worst = np.inf
         for _ in range(_TRIES):
             # At least one step more: with few steps, rounding up the duration could undo the slowdown.
-            needed = int(np.ceil(self.optimal * slower / self.dt - 1e-9))
+            needed = int(np.ceil(self.optimal * slower / self.dt - _ROUNDED_STEPS))
             steps = max(steps + 1, needed)
             stretched = self.rates * (self.optimal / (steps * self.dt))
             samples = sample(self.grid, stretched, steps, self.dt, window)
@@ -307,13 +310,13 @@ def _plain_load(derivatives: Derivatives, max_speed: Array, max_acceleration: Ar
 
 def _peaks(grid: Array, rates: Array, load: Load) -> tuple[float, float]:
     """Return the largest speed and acceleration, each divided by its limit; points between grid points are included."""
-    f = np.linspace(0.0, 1.0, _INSIDE)  # both ends: the path acceleration jumps at grid points
+    fraction = np.linspace(0.0, 1.0, _POINTS_PER_INTERVAL)  # both ends: the path acceleration jumps at grid points
     lengths = np.diff(grid)
-    s = (grid[:-1, None] + lengths[:, None] * f).ravel()
+    s = (grid[:-1, None] + lengths[:, None] * fraction).ravel()
     # at constant d2s/dt2, (ds/dt)^2 is linear in s
     squares = rates**2
-    sd = np.sqrt(squares[:-1, None] * (1 - f) + squares[1:, None] * f).ravel()
-    sdd = np.repeat(np.diff(squares) / (2 * lengths), _INSIDE)
+    sd = np.sqrt(squares[:-1, None] * (1 - fraction) + squares[1:, None] * fraction).ravel()
+    sdd = np.repeat(np.diff(squares) / (2 * lengths), _POINTS_PER_INTERVAL)
     speed, acceleration = load(s, sd, sdd)
     return float(np.max(speed)), float(np.max(acceleration))
 
@@ -335,12 +338,14 @@ def _rates(grid: Array, first: Array, second: Array, speed: Array, acceleration:
         raise TimingError("the path has no length")
     # Replace a missing limit by a value that is never reached.
     peak = np.max(np.abs(first), axis=0)
-    speed = np.where(np.isfinite(speed), speed, _BEYOND * np.where(peak > 0, peak, 1.0) / unit)
-    acceleration = np.where(np.isfinite(acceleration), acceleration, _BEYOND * speed / unit)
+    speed = np.where(np.isfinite(speed), speed, _NO_LIMIT_FACTOR * np.where(peak > 0, peak, 1.0) / unit)
+    acceleration = np.where(np.isfinite(acceleration), acceleration, _NO_LIMIT_FACTOR * speed / unit)
     size = (acceleration * unit**2)[:, None]
     first = np.ascontiguousarray(first.T) / size
     second = np.ascontiguousarray(second.T) / size
-    fastest = topp.fastest if solver == "passes" else toppra_solver.fastest
+    fastest = topp.fastest
+    if solver == "toppra":
+        fastest = toppra_solver.fastest
     try:
         rates = fastest(grid, first, second, speed * unit / size[:, 0])
     except TimingError as error:

@@ -21,7 +21,12 @@ from twin.core.spatial import Array
 
 
 class _Path:
-    """A path with the interface of TOPP-RA, which evaluates paths at grid points only."""
+    """A path with the interface of TOPP-RA, which evaluates paths at grid points only.
+
+    Attributes:
+        path_interval: (2,) first and last path parameter.
+        dof: number of coordinates.
+    """
 
     def __init__(self, grid: Array, first: Array, second: Array) -> None:
         self.path_interval = np.array([grid[0], grid[-1]])

@@ -94,23 +94,22 @@ NO_MOTORS = MotorLimits((), np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.zeros
 def motors_of(mechanism: Mechanism) -> MotorLimits:
     """Return the actuators of a mechanism's transmissions; `NO_MOTORS` if there are none."""
     by_name = {actuator.name: actuator for actuator in mechanism.actuators}
-    actuators = []
     rows = []
-    for row, name in enumerate(mechanism.motor_names):
-        if name in by_name:
-            actuators.append(by_name[name])
-            rows.append(row)
-    if not actuators:
-        return NO_MOTORS
     names = []
     limits = []
     max_speeds = []
     revolute = []
-    for actuator in actuators:
+    for row, name in enumerate(mechanism.motor_names):
+        actuator = by_name.get(name)
+        if actuator is None:  # a joint without a transmission, whose motor has the limits of the joint
+            continue
+        rows.append(row)
         names.append(actuator.name)
         limits.append(actuator.limits or (-np.inf, np.inf))
         max_speeds.append(actuator.max_speed or np.inf)
         revolute.append(actuator.is_angle)
+    if not names:
+        return NO_MOTORS
     motors_of_joints = mechanism.motors(np.eye(len(mechanism.active))).T
     ranges = np.array(limits, float)
     return MotorLimits(
@@ -186,10 +185,14 @@ class PathKinematics:
 
     def alarm(self, measure: str) -> float:
         """Return the alarm value of a singularity measure; 0 if none is set."""
-        prefixes = [prefix for prefix in self.singularity_alarm if measure.startswith(prefix)]
-        if not prefixes:
-            return 0.0
-        return self.singularity_alarm[max(prefixes, key=len)]
+        alarm = 0.0
+        longest = -1
+        for prefix, value in self.singularity_alarm.items():
+            # of several that fit, the longest one is the most special
+            if measure.startswith(prefix) and len(prefix) > longest:
+                alarm = value
+                longest = len(prefix)
+        return alarm
 
 
 def without_equations(
@@ -219,8 +222,8 @@ def without_equations(
     for a, b, smallest in gaps:
         rail_gaps.append(Gap(order.index(a), order.index(b), smallest, f"{a}-{b}"))
     auxiliary = {}
-    for _, name, _, drawn in mechanism.extra_joints(()):
-        auxiliary[name] = drawn
+    for _, name, _, drawn_value in mechanism.extra_joints(()):
+        auxiliary[name] = drawn_value
     return PathKinematics(
         joint_names=tuple(order),
         inverse=lambda Ts: np.full((len(Ts), len(order)), np.nan),
@@ -305,7 +308,11 @@ class PhaseSpan:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the phase as plain data, without its curve."""
-        return {name: _plain(value) for name, value in vars(self).items() if name != "curve"}
+        content = {}
+        for name, value in vars(self).items():
+            if name != "curve":
+                content[name] = _plain(value)
+        return content
 
 
 @dataclass(frozen=True, repr=False)
@@ -409,7 +416,7 @@ class Trajectory:
             for span in self.phases:
                 if span.name == which:
                     return span
-            raise ProtocolError(unknown("phase", which, (p.name for p in self.phases)))
+            raise ProtocolError(unknown("phase", which, [span.name for span in self.phases]))
         for span in self.phases:
             if span.t0 <= which <= span.t1:
                 return span
@@ -427,13 +434,13 @@ class Trajectory:
 
     def poses(self, times: Array) -> Array:
         """Return T_base_tool (k, 4, 4) at times (k,) in s, interpolated as in `sample`."""
-        i, f = self._between(times)
-        before = self.Ts_base_tool[i]
-        after = self.Ts_base_tool[i + 1]
+        index, fraction = self._between(times)
+        before = self.Ts_base_tool[index]
+        after = self.Ts_base_tool[index + 1]
         R = before[:, :3, :3]
         turn = spatial.log_so3(np.swapaxes(R, 1, 2) @ after[:, :3, :3])
-        position = (1 - f) * before[:, :3, 3] + f * after[:, :3, 3]
-        return spatial.pose(R @ spatial.exp_so3(f * turn), position)
+        position = (1 - fraction) * before[:, :3, 3] + fraction * after[:, :3, 3]
+        return spatial.pose(R @ spatial.exp_so3(fraction * turn), position)
 
     def on(self, model: Any, times: Array) -> Any:
         """Return the `Run` of a `ReferenceModel` at times (k,) in s, solved for the poses or, if `followed`, for q.
@@ -448,10 +455,10 @@ class Trajectory:
 
     def joints(self, times: Array) -> Array:
         """Return q (k, n) at times (k,) in s, interpolated as in `sample`."""
-        i, f = self._between(times)
-        slope0 = self.step * self.qd[i]
-        slope1 = self.step * self.qd[i + 1]
-        return spatial.cubic(f, self.q[i], self.q[i + 1], slope0, slope1)
+        index, fraction = self._between(times)
+        slope0 = self.step * self.qd[index]
+        slope1 = self.step * self.qd[index + 1]
+        return spatial.cubic(fraction, self.q[index], self.q[index + 1], slope0, slope1)
 
     def _between(self, times: Array) -> tuple[np.ndarray, Array]:
         """Return (index of the sample before each time (k,), fraction (k, 1) of the step after it)."""
@@ -469,15 +476,16 @@ class Trajectory:
             "frame": self.frame,
             "duration": self.duration,
             "samples": len(self.t),
-            "phases": [p.as_dict() for p in self.phases],
+            "phases": [span.as_dict() for span in self.phases],
             "waypoints": {name: list(rows) for name, rows in self.waypoints.items()},
-            "findings": [f.as_dict() for f in self.findings],
+            "findings": [finding.as_dict() for finding in self.findings],
         }
         if arrays:
             names = ("t", "q", "qd", "qdd", "Ts_base_tool", "Ts_base_frame", "rcm_error", "depth")
-            content |= {name: _plain(getattr(self, name)) for name in names}
-            content["singularity"] = {name: _plain(v) for name, v in self.singularity.items()}
-            content["reach"] = {name: _plain(v) for name, v in self.reach.items()}
+            for name in names:
+                content[name] = _plain(getattr(self, name))
+            content["singularity"] = {name: _plain(measure) for name, measure in self.singularity.items()}
+            content["reach"] = {name: _plain(margin) for name, margin in self.reach.items()}
         return content
 
 
@@ -488,12 +496,15 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         values = value.tolist()
         if np.isnan(value).any():
-            return [_plain(v) for v in values]
+            return list(map(_plain, values))
         return values
     if isinstance(value, float) and np.isnan(value):
         return None
     return value
 
+
+_ROUNDING = 1e-9
+"""Rounding of a time in s, or of a number of steps."""
 
 Cause = Literal["reach", "inverse", "lower", "upper", "motor", "gap", "singularity", "branch"]
 """Reason why a pose is unreachable."""
@@ -501,8 +512,8 @@ Cause = Literal["reach", "inverse", "lower", "upper", "motor", "gap", "singulari
 
 def key_times(duration: float, rate: float) -> Array:
     """Return times (k,) in s: multiples of 1 / rate from 0, and the end."""
-    count = int(np.floor(duration * rate + 1e-9))
+    count = int(np.floor(duration * rate + _ROUNDING))
     times = np.arange(count + 1) / rate
-    if duration - times[-1] < 1e-9:  # s; the end is a multiple
+    if duration - times[-1] < _ROUNDING:  # the end is a multiple
         return times
     return np.append(times, duration)

@@ -25,14 +25,14 @@ def html_of(title: str, facts: str, names: Sequence[str], qs: Array, qds: Array,
     qs and qds (k, n) are joint values and speeds in SI units; `angles` (n,) are whether each joint is in rad.
     """
     rows = [_row("th", ("joint", "from", "to", "", "largest speed", "motion"))]
-    for i, name in enumerate(names):
+    for joint, name in enumerate(names):
         unit = "mm"
         size = MM
-        if angles[i]:
+        if angles[joint]:
             unit = "°"
             size = DEG
-        q = qs[:, i] / size
-        speed = np.abs(qds[:, i]).max(initial=0.0) / size
+        q = qs[:, joint] / size
+        speed = np.abs(qds[:, joint]).max(initial=0.0) / size
         cells = (escape(name), f"{q.min():.1f}", f"{q.max():.1f}", unit, f"{speed:.1f} {unit}/s", _curve(q))
         rows.append(_row("td", cells))
     table = f"<table>{''.join(rows)}</table>"

@@ -31,13 +31,13 @@ def long_turns(course: Course, phase: str, waypoint: Waypoint) -> list[Finding]:
     warnings = []
     where = f"waypoint '{waypoint.name}'"
     when = f"phase '{phase}'"
-    for k, (start, end) in enumerate(zip(course.angles0, waypoint.angles, strict=True)):
+    for axis, (start, end) in enumerate(zip(course.angles0, waypoint.angles, strict=True)):
         turn = abs(end - start)
         if turn <= _HALF:
             continue
         full_turns = np.round((end - start) / (2 * np.pi))
         nearest = end - 2 * np.pi * full_turns
-        angle = f"angle {k + 1} (about {course.order[k]})"
+        angle = f"angle {axis + 1} (about {course.order[axis]})"
         what = f"{angle} turns by {deg(turn)}, from {_number(start)} to {_number(end)} deg"
         advice = (
             f"if the shorter turn of {deg(abs(nearest - start))} is meant, write {_number(nearest)} instead of "
@@ -58,4 +58,5 @@ def hint(course: Course, phase: str, waypoint: Waypoint | None) -> str:
 
 
 def _number(radians: float) -> str:
+    """Return an angle in deg as it is written in a protocol; -0 as 0."""
     return f"{radians / DEG + 0.0:.7g}"

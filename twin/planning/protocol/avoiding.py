@@ -33,26 +33,30 @@ def avoiding(protocol: Protocol, scene: str = "", clearance: float = 0.005, seed
         )
     if seed < 0:
         raise ProtocolError(f"{protocol.name}: the seed of the search is {seed}; give at least 0")
-    changed = [p for p in protocol.phases if isinstance(p, (Joints, Positioning, Home))]
-    if not changed and not any(isinstance(p, Free) for p in protocol.phases):
+    phases = []
+    changed_names = []
+    types = set()  # of the phases whose limits the free phases must keep
+    for phase in protocol.phases:
+        if isinstance(phase, (Joints, Positioning, Home)):
+            changed_names.append(phase.name)
+            types.add(phase.type)
+            phase = Free(phase.name, phase.to, clearance, seed, scene)
+        elif isinstance(phase, Free):
+            types.add(phase.type)
+            phase = replace(phase, scene=scene or phase.scene)
+        phases.append(phase)
+    if not types:
         raise ProtocolError(
             f"{protocol.name}: no phase can go around obstacles; give one the type joints, positioning, home or free"
         )
-    phases = []
-    for phase in protocol.phases:
-        if isinstance(phase, (Joints, Positioning, Home)):
-            phase = Free(phase.name, phase.to, clearance, seed, scene)
-        elif isinstance(phase, Free):
-            phase = replace(phase, scene=scene or phase.scene)
-        phases.append(phase)
-    types = {phase.type for phase in changed}
     if "free" in protocol.limits:
         types.add("free")
+    # sorted: of equal limits, the first one's provenance and note are kept
     strictest = _strictest([protocol.limits[kind] for kind in sorted(types)])
     findings = list(protocol.findings)
-    if changed:
-        names = ", ".join(phase.name for phase in changed)
-        findings.append(info("trajectory.avoiding", "", f"{len(changed)} phases go around obstacles: {names}"))
+    if changed_names:
+        names = ", ".join(changed_names)
+        findings.append(info("trajectory.avoiding", "", f"{len(changed_names)} phases go around obstacles: {names}"))
     return replace(
         protocol,
         phases=tuple(phases),
@@ -61,11 +65,11 @@ def avoiding(protocol: Protocol, scene: str = "", clearance: float = 0.005, seed
     )
 
 
-def _strictest(used: Sequence[Limits]) -> Limits:
-    """Return the minimum of each limit over `used`."""
+def _strictest(limits_of_phases: Sequence[Limits]) -> Limits:
+    """Return the minimum of each limit; provenance and note are those of the first limits."""
     smallest = {}
     for limit in fields(Limits):
-        values = [getattr(limits, limit.name) for limits in used]
+        values = [getattr(limits, limit.name) for limits in limits_of_phases]
         if isinstance(values[0], (int, float)):
             smallest[limit.name] = min(values)
-    return replace(used[0], **smallest)
+    return replace(limits_of_phases[0], **smallest)

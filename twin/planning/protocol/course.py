@@ -112,18 +112,18 @@ def rotation(angles: Array, order: RotationOrder) -> Array:
     return R
 
 
-def angles_of(R: Array, order: RotationOrder, near: Array) -> Array:
+def angles_of(R: Array, order: RotationOrder, reference: Array) -> Array:
     """Return the angles (3,) in rad of R (3, 3) about the axes of `order`: of all solutions, the nearest to `near`.
 
     The angles change linearly in a phase: a difference of 2 pi would rotate the tool by a full turn. If
     the middle angle is a right angle, the first angle is taken from `near`.
     """
-    a, b, c = spatial.euler_angles(R, order, near[0])
+    a, b, c = spatial.euler_angles(R, order, reference[0])
     # the same rotation with the other sign of the middle angle's cosine
     solutions = np.array([[a, b, c], [a + np.pi, np.pi - b, c + np.pi]])
-    full_turns = np.round((solutions - near) / (2 * np.pi))
+    full_turns = np.round((solutions - reference) / (2 * np.pi))
     solutions -= 2 * np.pi * full_turns
-    return min(solutions, key=lambda angles: float(np.linalg.norm(angles - near)))
+    return min(solutions, key=lambda angles: float(np.linalg.norm(angles - reference)))
 
 
 def _turning(start: Array, rate: Array, s: Array, order: RotationOrder) -> tuple[Array, Array, Array]:

@@ -14,12 +14,15 @@ from twin.core.foreign.once import Read
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.planning.protocol.model import Limits, PatientPlace, Protocol, TrajectoryTolerances
-from twin.planning.protocol.phase import Walk
+from twin.planning.protocol.phase import PhaseTable, Walk
 from twin.planning.protocol.phases.insertion import InsertionTable
 from twin.planning.protocol.plausible import plausible
 from twin.planning.protocol.tables import LimitsTable, PatientTable, ProtocolTable, TolerancesTable, WaypointTable
 from twin.planning.protocol.waypoint import Waypoint, joint_values
 from twin.schema import error_at, load_toml
+
+_UNIT_TOLERANCE = 1e-6
+"""Largest difference of the length of a written unit vector from 1: rounding to seven digits."""
 
 
 def load_protocol(path: str | Path, read: Read = read_bytes, folder: Path | None = None) -> Protocol:
@@ -37,7 +40,7 @@ def load_protocol(path: str | Path, read: Read = read_bytes, folder: Path | None
     table = load_toml(path, ProtocolTable, read)
     axis = np.array(table.shaft_axis)
     norm = np.linalg.norm(axis)
-    if abs(norm - 1) > 1e-6:
+    if abs(norm - 1) > _UNIT_TOLERANCE:
         hint = "it is zero"
         if norm > 0:
             hint = f"write {[round(float(x), 9) for x in axis / norm]}"
@@ -45,6 +48,21 @@ def load_protocol(path: str | Path, read: Read = read_bytes, folder: Path | None
     if folder is None:
         folder = Path(path).parent
     walk = _walked(table, path, folder, read)
+    waypoints = {}
+    for name, waypoint_table in table.waypoints.items():
+        waypoints[name] = _waypoint(name, waypoint_table)
+    phases = []
+    for place, phase_table in enumerate(table.phases):
+        phases.append(walk.read(place, phase_table))
+    rcm = None
+    if table.rcm_mm is not None:
+        rcm = np.array(table.rcm_mm) * MM
+    free = None
+    if table.free is not None:
+        free = frozenset(table.free)
+    patient = None
+    if table.patient is not None:
+        patient = _patient(table.patient)
     return Protocol(
         name=table.name,
         title=table.title,
@@ -53,36 +71,36 @@ def load_protocol(path: str | Path, read: Read = read_bytes, folder: Path | None
         frame=table.frame,
         shaft_axis=axis / norm,
         start=table.start,
-        waypoints={name: _waypoint(name, w) for name, w in table.waypoints.items()},
-        phases=tuple(walk.read(k, p) for k, p in enumerate(table.phases)),
+        waypoints=waypoints,
+        phases=tuple(phases),
         limits={kind: _limits(limits) for kind, limits in table.limits.items()},
         tolerances=_tolerances(table.tolerances),
         rotation=table.rotation,
         trocars=_trocars(table),
-        rcm=None if table.rcm_mm is None else np.array(table.rcm_mm) * MM,
-        free=None if table.free is None else frozenset(table.free),
-        patient=None if table.patient is None else _patient(table.patient),
+        rcm=rcm,
+        free=free,
+        patient=patient,
         no_patient=table.no_patient or "",
         timing=table.timing,
         findings=tuple(_warnings(table, walk.used, str(path))),
     )
 
 
-def _waypoint(name: str, w: WaypointTable) -> Waypoint:
+def _waypoint(name: str, table: WaypointTable) -> Waypoint:
     """Return a waypoint in SI; a key that the table does not have is None, angles without a value are zero."""
     position = None
-    if w.position_mm is not None:
-        position = np.array(w.position_mm) * MM
+    if table.position_mm is not None:
+        position = np.array(table.position_mm) * MM
     depth = None
-    if w.depth_mm is not None:
-        depth = w.depth_mm * MM
+    if table.depth_mm is not None:
+        depth = table.depth_mm * MM
     angles = np.zeros(3)
-    if w.angles_deg is not None:
-        angles = np.array(w.angles_deg) * DEG
-    waypoint = Waypoint(name, angles, position, depth, w.label or name, w.provenance, w.note)
-    if w.joints is None:
+    if table.angles_deg is not None:
+        angles = np.array(table.angles_deg) * DEG
+    waypoint = Waypoint(name, angles, position, depth, table.label or name, table.provenance, table.note)
+    if table.joints is None:
         return waypoint
-    joints, angle_joints = joint_values(w.joints)
+    joints, angle_joints = joint_values(table.joints)
     return replace(waypoint, joints=joints, angle_joints=angle_joints)
 
 
@@ -126,9 +144,17 @@ def _trocars(table: ProtocolTable) -> dict[str, Array]:
     return {name: np.array(position) * MM for name, position in table.trocars_mm.items()}
 
 
-def _patient(p: PatientTable) -> PatientPlace:
+def _patient(table: PatientTable) -> PatientPlace:
     """Return the place of the patient in SI."""
-    return PatientPlace(p.body, p.port, p.turn_deg * DEG, tuple(p.replaces), p.provenance, p.note, p.trocar or "")
+    return PatientPlace(
+        table.body,
+        table.port,
+        table.turn_deg * DEG,
+        tuple(table.replaces),
+        table.provenance,
+        table.note,
+        table.trocar or "",
+    )
 
 
 def _walked(table: ProtocolTable, path: str | Path, folder: Path, read: Read) -> Walk:
@@ -136,8 +162,8 @@ def _walked(table: ProtocolTable, path: str | Path, folder: Path, read: Read) ->
     home = table.home or table.start
     inside = table.rcm_mm is not None
     walk = Walk(path, table.waypoints, tuple(table.trocars_mm), table.start, home, inside, folder, read)
-    for name, w in table.waypoints.items():
-        keys = [w.position_mm, w.depth_mm, w.joints]
+    for name, waypoint_table in table.waypoints.items():
+        keys = [waypoint_table.position_mm, waypoint_table.depth_mm, waypoint_table.joints]
         if keys.count(None) != 2:
             raise error_at(
                 path,
@@ -145,32 +171,32 @@ def _walked(table: ProtocolTable, path: str | Path, folder: Path, read: Read) ->
                 "give exactly one of position_mm (a pose of the moved frame), depth_mm (an orientation about the RCM) "
                 "and joints (values of driven joints)",
             )
-        if w.joints is None and w.angles_deg is None:
+        if waypoint_table.joints is None and waypoint_table.angles_deg is None:
             raise error_at(path, ("waypoints", name), "also give angles_deg")
-        if w.joints is not None and w.angles_deg is not None:
+        if waypoint_table.joints is not None and waypoint_table.angles_deg is not None:
             raise error_at(path, ("waypoints", name), "the joints set the orientation: remove angles_deg")
-        if w.joints is not None:
-            walk.once(w.joints, ("waypoints", name, "joints"))
+        if waypoint_table.joints is not None:
+            walk.once(waypoint_table.joints, ("waypoints", name, "joints"))
     walk.target(table.start, ("start",), "the start", "position_mm", "joints")
     if table.home is not None:
         walk.target(table.home, ("home",), "home", "position_mm", "joints")
     names = set[str]()
-    for k, p in enumerate(table.phases):
-        if p.name in names:
-            raise error_at(path, ("phases", k, "name"), f"two phases are named '{p.name}'")
-        names.add(p.name)
-        if p.kind() not in table.limits:
-            raise error_at(path, ("phases", k, "type"), f"limits are missing: add [limits.{p.kind()}]")
-        walk.follow(k, p)
+    for place, phase in enumerate(table.phases):
+        if phase.name in names:
+            raise error_at(path, ("phases", place, "name"), f"two phases are named '{phase.name}'")
+        names.add(phase.name)
+        if phase.kind() not in table.limits:
+            raise error_at(path, ("phases", place, "type"), f"limits are missing: add [limits.{phase.kind()}]")
+        walk.follow(place, phase)
     return walk
 
 
-def _warnings(table: ProtocolTable, used: set[str], path: str) -> list[Finding]:
-    """Return the warnings on a protocol whose phases use the waypoints `used`."""
+def _warnings(table: ProtocolTable, used_waypoints: set[str], path: str) -> list[Finding]:
+    """Return the warnings on a protocol whose phases use the waypoints named in `used_waypoints`."""
     file = Path(path).name
     warnings = []
     for name in table.waypoints:
-        if name not in used:
+        if name not in used_waypoints:
             warnings.append(
                 warning(
                     "protocol.unused_waypoint",
@@ -179,10 +205,14 @@ def _warnings(table: ProtocolTable, used: set[str], path: str) -> list[Finding]:
                     suggestion="remove the waypoint, or add a phase that moves to it",
                 )
             )
-    inside = [phase for phase in table.phases if phase.in_patient]
+    is_inserted = False
+    last_inside: PhaseTable | None = None  # the last phase in the patient
+    for phase in table.phases:
+        if phase.in_patient:
+            last_inside = phase
+            is_inserted |= isinstance(phase, InsertionTable)
     # an instrument that is in the patient from the start, may stay there
-    inserted = table.rcm_mm is None and any(isinstance(phase, InsertionTable) for phase in inside)
-    if inserted and not inside[-1].leaves():
+    if is_inserted and table.rcm_mm is None and last_inside is not None and not last_inside.leaves():
         warnings.append(
             warning(
                 "protocol.ends_inside",

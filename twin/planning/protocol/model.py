@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf
 from typing import Literal
@@ -134,7 +134,9 @@ class Protocol:
                 return self.trocars[trocar]
             if phase.registers:
                 waypoint = self.waypoints.get(name)
-                return None if waypoint is None else waypoint.position
+                if waypoint is None:
+                    return None
+                return waypoint.position
             name = getattr(phase, "to", name)
         return None
 
@@ -156,16 +158,16 @@ class Protocol:
             raise ProtocolError(
                 f"protocol '{self.name}' has a trocar (trocar_mm), but the mechanism of {self.robot} has {problem}"
             )
-        used = {trocar_of(phase) for phase in self.phases}
+        used_trocars = {trocar_of(phase) for phase in self.phases}
         if self.patient is not None:
-            used.add(self.patient.trocar)
+            used_trocars.add(self.patient.trocar)
         places = {}
         for name, position in self.trocars.items():
             if not name:  # trocar_mm, without a name
                 places[trocars[0]] = position
             elif name in trocars:
                 places[name] = position
-            elif name not in used:
+            elif name not in used_trocars:
                 raise ProtocolError(
                     f"protocol '{self.name}' has a trocar '{name}' ([trocars_mm]), but no phase names it, and the "
                     f"mechanism of {self.robot} has {in_mechanism or 'none'}: correct or remove this entry"
@@ -175,42 +177,80 @@ class Protocol:
     def parameters(self) -> tuple[Parameter, ...]:
         """Return every number that affects the motion, with its provenance."""
         parameters: list[Parameter] = []
-
-        def add(name: str, value: float, unit: str, factor: float, provenance: Provenance, note: str) -> None:
-            parameters.append(Parameter(name, value, unit, value / factor, provenance, note))
-
-        for w in self.waypoints.values():
-            zyx = self.rotation == "zyx"
-            labels = ("psi", "theta", "phi") if zyx else tuple(f"about_{axis}" for axis in self.rotation)
-            for joint, value in (w.joints or {}).items():
-                unit, factor = display_unit(joint in w.angle_joints)
-                add(f"{w.name}_{joint}", value, unit, factor, w.provenance, w.note)
-            for label, angle in zip(labels, w.angles if w.joints is None else (), strict=w.joints is None):
-                add(f"{w.name}_{label}", float(angle), "deg", DEG, w.provenance, w.note)
-            for label, p in zip("xyz", w.position if w.position is not None else (), strict=False):
-                add(f"{w.name}_{label}", float(p), "mm", MM, w.provenance, w.note)
-            if w.depth is not None:
-                add(f"{w.name}_depth", w.depth, "mm", MM, w.provenance, w.note)
-        parameters += [parameter for phase in self.phases for parameter in phase.parameters()]
-        for label, p in zip("xyz", self.rcm if self.rcm is not None else (), strict=False):
-            add(f"rcm_{label}", float(p), "mm", MM, "ASSUMED", "RCM registered from the start; see the protocol file")
-        for name, place in self.trocars.items():
-            for label, p in zip("xyz", place, strict=True):
-                shown = f"trocar_{name}_{label}" if name else f"trocar_{label}"
-                add(shown, float(p), "mm", MM, "ASSUMED", "position of the trocar; see the protocol file")
-        for kind, l in self.limits.items():  # noqa: E741
-            add(f"{kind}_tip_speed", l.tip_speed, "mm/s", MM, l.provenance, l.note)
-            add(f"{kind}_tip_acceleration", l.tip_acceleration, "mm/s2", MM, l.provenance, l.note)
-            add(f"{kind}_rotation_speed", l.rotation_speed, "deg/s", DEG, l.provenance, l.note)
-            add(f"{kind}_rotation_acceleration", l.rotation_acceleration, "deg/s2", DEG, l.provenance, l.note)
-            for name, jerk, unit, factor in (
-                ("tip", l.tip_jerk, "mm/s3", MM),
-                ("rotation", l.rotation_jerk, "deg/s3", DEG),
-            ):
-                if jerk < inf:
-                    add(f"{kind}_{name}_jerk", jerk, unit, factor, l.provenance, l.note)
-        t = self.tolerances
-        for name in ("rcm", "rcm_alarm", "straightness", "waypoint"):
-            add(f"tolerance_{name}", getattr(t, name), "mm", MM, t.provenance, t.note)
-        add("tolerance_waypoint_angle", t.waypoint_angle, "deg", DEG, t.provenance, t.note)
+        for waypoint in self.waypoints.values():
+            parameters += _of_waypoint(waypoint, self.rotation)
+        for phase in self.phases:
+            parameters += phase.parameters()
+        if self.rcm is not None:
+            note = "RCM registered from the start; see the protocol file"
+            parameters += _of_position("rcm", self.rcm, "ASSUMED", note)
+        for name, position in self.trocars.items():
+            label = "trocar"
+            if name:
+                label = f"trocar_{name}"
+            parameters += _of_position(label, position, "ASSUMED", "position of the trocar; see the protocol file")
+        for kind, limits in self.limits.items():
+            parameters += _of_limits(kind, limits)
+        parameters += _of_tolerances(self.tolerances)
         return tuple(parameters)
+
+
+_FACTORS = {"mm": MM, "mm/s": MM, "mm/s2": MM, "mm/s3": MM, "deg": DEG, "deg/s": DEG, "deg/s2": DEG, "deg/s3": DEG}
+"""{unit of a parameter: its size in SI units}."""
+
+
+def _parameter(name: str, value: float, unit: str, provenance: Provenance, note: str) -> Parameter:
+    """Return a parameter with a value in SI units."""
+    return Parameter(name, value, unit, value / _FACTORS[unit], provenance, note)
+
+
+def _of_position(name: str, position: Array, provenance: Provenance, note: str) -> Iterator[Parameter]:
+    """Yield the coordinates of a position (3,) in m."""
+    for axis, coordinate in zip("xyz", position, strict=True):
+        yield _parameter(f"{name}_{axis}", float(coordinate), "mm", provenance, note)
+
+
+def _of_waypoint(waypoint: Waypoint, order: RotationOrder) -> Iterator[Parameter]:
+    """Yield the numbers of a waypoint: joint values, or angles about the axes of `order` with a position or a depth."""
+    name = waypoint.name
+    provenance = waypoint.provenance
+    note = waypoint.note
+    for joint, value in (waypoint.joints or {}).items():
+        unit, _ = display_unit(joint in waypoint.angle_joints)
+        yield _parameter(f"{name}_{joint}", value, unit, provenance, note)
+    if waypoint.joints is None:
+        labels = [f"about_{axis}" for axis in order]
+        if order == "zyx":  # the angles of the papers whose poses were copied
+            labels = ["psi", "theta", "phi"]
+        for label, angle in zip(labels, waypoint.angles, strict=True):
+            yield _parameter(f"{name}_{label}", float(angle), "deg", provenance, note)
+    if waypoint.position is not None:
+        yield from _of_position(name, waypoint.position, provenance, note)
+    if waypoint.depth is not None:
+        yield _parameter(f"{name}_depth", waypoint.depth, "mm", provenance, note)
+
+
+def _of_limits(kind: str, limits: Limits) -> Iterator[Parameter]:
+    """Yield the limits of the phases of type `kind`; an infinite jerk is not a number of the protocol."""
+    for label, value, unit in (
+        ("tip_speed", limits.tip_speed, "mm/s"),
+        ("tip_acceleration", limits.tip_acceleration, "mm/s2"),
+        ("rotation_speed", limits.rotation_speed, "deg/s"),
+        ("rotation_acceleration", limits.rotation_acceleration, "deg/s2"),
+        ("tip_jerk", limits.tip_jerk, "mm/s3"),
+        ("rotation_jerk", limits.rotation_jerk, "deg/s3"),
+    ):
+        if value < inf:
+            yield _parameter(f"{kind}_{label}", value, unit, limits.provenance, limits.note)
+
+
+def _of_tolerances(tolerances: TrajectoryTolerances) -> Iterator[Parameter]:
+    """Yield the tolerances of the finished trajectory."""
+    for label, value, unit in (
+        ("rcm", tolerances.rcm, "mm"),
+        ("rcm_alarm", tolerances.rcm_alarm, "mm"),
+        ("straightness", tolerances.straightness, "mm"),
+        ("waypoint", tolerances.waypoint, "mm"),
+        ("waypoint_angle", tolerances.waypoint_angle, "deg"),
+    ):
+        yield _parameter(f"tolerance_{label}", value, unit, tolerances.provenance, tolerances.note)

@@ -154,14 +154,15 @@ class Walk:
         """Check that the waypoint `name` exists and, if `needs` is not empty, has one of the keys in `needs`."""
         if name not in self._waypoints:
             raise error_at(self._path, keys, unknown("waypoint", name, self._waypoints))
-        if needs and all(getattr(self._waypoints[name], n) is None for n in needs):
+        values = [getattr(self._waypoints[name], key) for key in needs]
+        if needs and values.count(None) == len(needs):
             raise error_at(self._path, keys, f"waypoint '{name}' has no {' or '.join(needs)}, which {why} requires")
 
     def once(self, joints: Iterable[str], keys: tuple[Key, ...] | None = None) -> None:
         """Check that the keys `joints`, such as NAME_deg and NAME_mm, name no joint twice."""
-        moved = [key.rsplit("_", 1)[0] for key in joints]
-        for joint in moved:
-            if moved.count(joint) > 1:
+        joint_names = [key.rsplit("_", 1)[0] for key in joints]
+        for joint in joint_names:
+            if joint_names.count(joint) > 1:
                 text = f"joint '{joint}' is given twice, in deg and in mm"
                 raise error_at(self._path, keys or (*self._keys, "joints"), text)
 
@@ -260,7 +261,9 @@ def pose_of(waypoints: Mapping[str, Waypoint], name: str, protocol: str) -> tupl
     """
     waypoint = waypoints[name]
     if waypoint.position is None:
-        text = "joint values, which require the mechanism" if waypoint.joints is not None else "no position"
+        text = "no position"
+        if waypoint.joints is not None:
+            text = "joint values, which require the mechanism"
         raise ProtocolError(f"{protocol}: waypoint '{name}' has {text}")
     return waypoint.angles, waypoint.position
 

@@ -32,6 +32,12 @@ _ROUND_DEG = 0.02
 _FEWEST_DEG = 0.9
 """Angles in deg below which rounding to a whole number says nothing."""
 
+_LARGEST_RADIANS = 2 * np.pi + 1e-3
+"""Largest angle that is written in radians: a full turn, rounded to three digits."""
+
+_ROUNDING = 1e-6
+"""Rounding of a number of steps of 0.05 deg."""
+
 _DEPTH = 0.5
 """Insertion depth in mm below which the number looks like metres."""
 
@@ -67,9 +73,11 @@ def _angles(table: ProtocolTable, file: str) -> Iterator[Finding]:
     for name, waypoint in table.waypoints.items():
         angles = waypoint.angles_deg
         if angles is not None and _are_radians(angles):
-            shown = ", ".join(f"{angle:g}" for angle in angles)
-            converted = ", ".join(f"{np.rad2deg(angle):.4g}" for angle in angles)
-            text = f"waypoint '{name}': angles ({shown}) deg look like radians: converted, they are ({converted}) deg"
+            first, second, third = angles
+            written = f"{first:g}, {second:g}, {third:g}"
+            first, second, third = np.rad2deg(angles)
+            converted = f"{first:.4g}, {second:.4g}, {third:.4g}"
+            text = f"waypoint '{name}': angles ({written}) deg look like radians: converted, they are ({converted}) deg"
             yield _warning(text, file, "degrees are expected; multiply by 180/pi")
 
 
@@ -140,6 +148,7 @@ class _Rates:
 
 
 def _contains(interval: tuple[float, float], value: float) -> bool:
+    """Return whether a value is in the interval, its ends included."""
     low, high = interval
     return low <= value <= high
 
@@ -149,13 +158,13 @@ def _are_radians(angles: Sequence[float]) -> bool:
     written = np.array(angles, float)
     written = written[written != 0]  # zero is the same in both units
     # more than a full turn is not written in radians
-    if not len(written) or np.abs(written).max() > 2 * np.pi + 1e-3:
+    if not len(written) or np.abs(written).max() > _LARGEST_RADIANS:
         return False
     in_degrees = np.rad2deg(written)
     is_whole = np.abs(in_degrees - np.round(in_degrees)) < _ROUND_DEG
     is_round_in_degrees = is_whole & (np.abs(in_degrees) > _FEWEST_DEG)
     twentieths = 20 * written  # people write degrees in steps of 0.05
-    is_round_as_written = np.abs(twentieths - np.round(twentieths)) < 1e-6
+    is_round_as_written = np.abs(twentieths - np.round(twentieths)) < _ROUNDING
     return bool(is_round_in_degrees.all() and not is_round_as_written.any())
 
 

@@ -35,11 +35,11 @@ class Waypoint:
     angle_joints: frozenset[str] = frozenset()
 
 
-def joint_values(given: Mapping[str, float]) -> tuple[dict[str, float], frozenset[str]]:
+def joint_values(values_by_key: Mapping[str, float]) -> tuple[dict[str, float], frozenset[str]]:
     """Return (values in rad or m by joint, names of the joints given in degrees) for keys NAME_deg and NAME_mm."""
     joints = {}
     angle_joints = []
-    for key, value in given.items():
+    for key, value in values_by_key.items():
         joint, unit = key.rsplit("_", 1)
         if unit == "deg":
             joints[joint] = value * DEG

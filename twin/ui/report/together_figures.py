@@ -22,7 +22,7 @@ def figure(planned: PlannedTogether) -> Figure:
     for name in planned.order:
         phases = [(phase.t0, phase.t1) for phase in planned.robots[name].phases]
         rows.append(RobotPhases(name, phases))
-    clearances = planned.apart
+    clearances = planned.arm_distances
     pairs = {pair: clearance.distance for pair, clearance in clearances.by_pair.items()}
     drawing = distances(title, clearances.t, pairs, planned.required, rows)
     least, t, _ = clearances.least()

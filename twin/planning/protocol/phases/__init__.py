@@ -10,7 +10,8 @@ from twin.planning.protocol.phase import PhaseTable
 for _module in iter_modules(__path__):
     import_module(f"{__name__}.{_module.name}")
 
-TABLES: dict[str, type[PhaseTable]] = {
-    t.kind_of(): t for t in sorted(PhaseTable.__subclasses__(), key=lambda t: t.rank)
-}
-"""Table classes of the phase types, by `type`."""
+TABLES: dict[str, type[PhaseTable]] = {}
+"""Table classes of the phase types, by `type`, in the order in which they are listed."""
+
+for _table in sorted(PhaseTable.__subclasses__(), key=lambda table: table.rank):
+    TABLES[_table.kind_of()] = _table

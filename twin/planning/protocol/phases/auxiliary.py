@@ -45,5 +45,7 @@ class Auxiliary(Phase):
 
     def end_after(self, at: Begin) -> End:
         """Return the unchanged pose of the tool."""
-        mode = at.mode if at.rcm is not None else None
+        mode = None
+        if at.rcm is not None:
+            mode = at.mode
         return End(at.angles, at.tip, at.rcm, None, mode, at.depth)

@@ -92,8 +92,8 @@ class Circle(Phase):
         p1 = angle * (cos * tangent - sin * radius)
         p2 = -(angle**2) * (cos * radius + sin * tangent)
         if course.rcm is None:
-            rest = np.zeros((len(s), 3))
-            return course.moved(np.tile(R0, (len(s), 1, 1)), p, p1, p2, rest, rest)
+            no_rotation = np.zeros((len(s), 3))
+            return course.moved(np.tile(R0, (len(s), 1, 1)), p, p1, p2, no_rotation, no_rotation)
         n, n1, n2 = _direction(p - course.rcm, p1, p2)
         n0 = R0 @ course.n_tool_shaft
         # the smallest rotation that turns n0 to n: I + hat(n0 x n) + hat(n0 x n)^2 / (1 + n0 n)

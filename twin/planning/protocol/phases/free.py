@@ -59,17 +59,20 @@ class FreeTable(PhaseTable):
 
     @model_validator(mode="after")
     def _weights(self) -> Self:
-        given = [name for name in ("eta1", "eta2") if getattr(self, name) is not None]
-        if given and self.cost != "published":
-            raise at(given[0], f'has no effect with cost = "{self.cost}": omit it, or set cost = "published"')
+        given_weights = [name for name in ("eta1", "eta2") if getattr(self, name) is not None]
+        if given_weights and self.cost != "published":
+            raise at(given_weights[0], f'has no effect with cost = "{self.cost}": omit it, or set cost = "published"')
         if self.cost == "published" and not any(self._eta()):
             raise at("eta2", "eta1 and eta2 are both 0, so that every path costs the same: set one of them above 0")
         return self
 
     def _eta(self) -> tuple[float, float]:
         """Return the weights of eq. (1): those given, else those of the paper's Table 2."""
-        eta1 = ETA[0] if self.eta1 is None else self.eta1
-        eta2 = ETA[1] if self.eta2 is None else self.eta2
+        eta1, eta2 = ETA
+        if self.eta1 is not None:
+            eta1 = self.eta1
+        if self.eta2 is not None:
+            eta2 = self.eta2
         return eta1, eta2
 
     def follow(self, walk: Walk) -> None:

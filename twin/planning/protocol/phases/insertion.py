@@ -34,8 +34,10 @@ class InsertionTable(PhaseTable):
 
     def phase(self, walk: Walk) -> Insertion:
         """Return the phase in SI units; its trocar is the named trocar, otherwise the only trocar of the protocol."""
-        only = walk.trocars[0] if len(walk.trocars) == 1 else ""
-        return Insertion(self.name, self.depth_mm * MM, self.to, self.trocar or only)
+        trocar = self.trocar or ""
+        if not trocar and len(walk.trocars) == 1:
+            (trocar,) = walk.trocars
+        return Insertion(self.name, self.depth_mm * MM, self.to, trocar)
 
 
 @dataclass(frozen=True)

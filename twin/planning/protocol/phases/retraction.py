@@ -7,10 +7,11 @@ from typing import ClassVar, Literal
 
 from twin.core import spatial
 from twin.core.units import MM
+from twin.planning.protocol.course import RcmMode
 from twin.planning.protocol.phase import Begin, End, Phase, PhaseTable, Trocar, Walk
 from twin.schema import NotNegative
 
-_DEEPER = 1e-9
+_DEPTH_ROUNDING = 1e-9
 """Tolerance in m for a final depth that exceeds the initial depth."""
 
 
@@ -54,12 +55,14 @@ class Retraction(Phase):
         """
         if at.rcm is None:
             raise at.refuse("no RCM is registered yet; add an insertion before this retraction")
-        if self.depth > at.depth + _DEEPER:
+        if self.depth > at.depth + _DEPTH_ROUNDING:
             text = f"the phase should end at depth {self.depth / MM:.3f} mm, but begins at {at.depth / MM:.3f} mm"
             raise at.refuse(f"{text}; use an insertion to move deeper")
-        kept = spatial.point_to_line(at.rcm, at.tip, at.shaft) <= at.tolerance
+        mode: RcmMode = "monitored"
+        if spatial.point_to_line(at.rcm, at.tip, at.shaft) <= at.tolerance:
+            mode = "enforced"
         tip = at.tip + (self.depth - at.depth) * at.shaft
-        return End(at.angles, tip, at.rcm, None, "enforced" if kept else "monitored", self.depth)
+        return End(at.angles, tip, at.rcm, None, mode, self.depth)
 
     def leaves(self) -> bool:
         """Return whether the instrument is fully retracted."""

@@ -62,20 +62,21 @@ class SamplesTable(PhaseTable):
         end = t[-1]
         if self.to_s is not None:
             end = self.to_s
-        used = (t >= begin - _ROUNDING) & (t <= end + _ROUNDING)
+        is_used = (t >= begin - _ROUNDING) & (t <= end + _ROUNDING)
         span = f"{path.name} has samples from {t[0]:g} to {t[-1]:g} s"
         for key, bound in (("from_s", begin), ("to_s", end)):
             if not t[0] - _ROUNDING <= bound <= t[-1] + _ROUNDING:
                 raise walk.wrong(key, f"{span}, none at {bound:g} s")
             distances = np.abs(t - bound)
             if distances.min() > _ROUNDING:
-                near = t[np.sort(np.argsort(distances)[:2])]
+                first, second = t[np.sort(np.argsort(distances)[:2])]
                 raise walk.wrong(
-                    key, f"{path.name} has no sample at {bound:g} s; the nearest ones: {near[0]:g}, {near[1]:g} s"
+                    key,
+                    f"{path.name} has no sample at {bound:g} s; the nearest ones: {first:g}, {second:g} s",
                 )
-        if used.sum() < 2:
+        if is_used.sum() < 2:
             raise walk.wrong("from_s", f"{span}, but fewer than two of them are from {begin:g} to {end:g} s")
-        kept = rows[used]
+        used_rows = rows[is_used]
         joints = []
         angles = []
         factors = []
@@ -84,9 +85,11 @@ class SamplesTable(PhaseTable):
             joints.append(joint)
             if unit == "deg":
                 angles.append(joint)
-            factors.append(DEG if unit == "deg" else MM)
-        times = kept[:, 0] - kept[0, 0]
-        q = kept[:, 1:] * np.array(factors)
+                factors.append(DEG)
+            else:
+                factors.append(MM)
+        times = used_rows[:, 0] - used_rows[0, 0]
+        q = used_rows[:, 1:] * np.array(factors)
         return Samples(self.name, times, q, tuple(joints), frozenset(angles), self.to or "")
 
 
@@ -97,8 +100,9 @@ def _table(text: str) -> tuple[list[str], Array]:
         ValueError: the text is no table of samples.
     """
     lines = text.splitlines()
-    first = lines[0] if lines else ""
-    head = [name.strip() for name in first.split(",")]
+    if not lines:
+        lines = [""]
+    head = [name.strip() for name in lines[0].split(",")]
     names = head[1:]
     if head[0] != _TIME or not names:
         raise ValueError(f"the first line must be {_TIME},NAME_deg,... with a unit (deg or mm) after each joint's name")
@@ -114,7 +118,7 @@ def _table(text: str) -> tuple[list[str], Array]:
     rows = []
     for line in csv.reader(lines[1:]):
         if line:
-            rows.append([float(x) for x in line])
+            rows.append(list(map(float, line)))
     for k, row in enumerate(rows):
         if len(row) != len(head) or not np.isfinite(row).all():
             raise ValueError(f"row {k + 1} must have {len(head)} finite numbers")
@@ -147,5 +151,6 @@ class Samples(Phase):
 
     def end_after(self, at: Begin) -> End:
         """Return the state at the end: the waypoint, if there is one; the pose follows from the mechanism."""
-        pose = at.pose(self.to) if self.to else (at.angles, at.tip)
-        return End(*pose, at.rcm, self.to or None)
+        if not self.to:
+            return End(at.angles, at.tip, at.rcm)
+        return End(*at.pose(self.to), at.rcm, self.to)

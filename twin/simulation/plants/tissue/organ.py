@@ -66,7 +66,7 @@ class Organ:
         self.bit = 1 << index
         self.other_bit = 1 << MOST + index
         # the bed of an operable organ is a constraint for each node, so that it can be freed node by node
-        self.fixed = np.zeros(0, int) if operable else tissue.held
+        self.fixed = np.zeros(0, int) if operable else tissue.pinned_nodes
         self._triangles = tissue.surface.triangles
         self._origin = tissue.nodes[0]
         self._R = tissue.T_world_grid[:3, :3]
@@ -135,7 +135,7 @@ class Organ:
             solimp=[0.99, 0.999, 1e-4, 0.5, 2.0],
         )
         if self._operable:
-            bed.add(spec, t.held, self._joints)
+            bed.add(spec, t.pinned_nodes, self._joints)
 
     def connect(self, m: mujoco.MjModel, d: mujoco.MjData) -> None:
         """Find the organ in the compiled model."""
@@ -154,7 +154,7 @@ class Organ:
         start = m.tendon_adr[m.tendon(f"{self.tissue.name}_volume").id]
         self._wraps = slice(start, start + len(self._joints))
         if self._operable:
-            self.hold = bed.Hold(m, d, self.tissue.held, self.dofs, self._free, self._R)
+            self.hold = bed.Hold(m, d, self.tissue.pinned_nodes, self.dofs, self._free, self._R)
 
     # -- a step ---------------------------------------------------------------------------------------------
 
