@@ -85,7 +85,7 @@ class Told:
         self.now |= {f"{r}.carries": np.full(1, float(names.index(tool))) for r, tool in p.start.items()}
         self.now |= {f"{v.name}.cut": np.zeros(v.segments) for v in scene.vessels}
         self.now |= {"gallbladder.nodes": organ.nodes.ravel(), "liver.depth": np.zeros(1)}
-        self.now |= {f"gallbladder.{what}": np.zeros(len(organ.held)) for what in ("energy", "freed")}
+        self.now |= {f"gallbladder.{what}": np.zeros(len(organ.pinned_nodes)) for what in ("energy", "freed")}
         self.now["cystic_duct.seen"] = np.zeros(1)
         self.now |= {f"{r}.follows": np.ones(1) for r in p.start}
         for clip in clips:

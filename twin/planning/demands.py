@@ -100,9 +100,7 @@ def demands(path: PhasePath, joints: Path, protocol: Protocol, kinematics: PathK
         of_rotation = _step(motion.w1 * sdd + motion.w2 * sd**2) / (dt * limits.rotation_jerk)
         return max(of_tip, of_rotation, of_joints)
 
-    jerk_or_none = None
-    if min(limits.tip_jerk, limits.rotation_jerk, np.min(max_jerk)) < np.inf:
-        jerk_or_none = jerk
+    has_jerk_limit = min(limits.tip_jerk, limits.rotation_jerk, np.min(max_jerk)) < np.inf
     extra_speed, extra_acceleration = _extra_limits(limits, motor_speed)
     return Demands(
         joints=joints,
@@ -112,7 +110,7 @@ def demands(path: PhasePath, joints: Path, protocol: Protocol, kinematics: PathK
         extra_speed=extra_speed,
         extra_acceleration=extra_acceleration,
         load=load,
-        jerk=jerk_or_none,
+        jerk=jerk if has_jerk_limit else None,
     )
 
 

@@ -285,11 +285,7 @@ class FmtSearch:
             pairs = candidates(neighbours_of[node][waiting[neighbours_of[node]]])
             connections = directed(pairs)
             if not self._known.keys() >= set(connections):
-                neighbours_ahead = []
-                for _, next_node in heapq.nsmallest(_FRONT_NODES, heap):
-                    neighbours_ahead.append(neighbours_of[next_node])
-                next_samples = np.concatenate(neighbours_ahead)
-                next_samples = np.unique(next_samples[waiting[next_samples]])
+                next_samples = self._waiting_around_front(heap, waiting)
                 self._test([*connections, *directed(candidates(next_samples))])
             front[node] = np.inf
             heapq.heappop(heap)
@@ -310,6 +306,14 @@ class FmtSearch:
         while rows[-1] != root:
             rows.append(int(parent[rows[-1]]))
         return rows[::-1], count - int(waiting.sum()) - 1
+
+    def _waiting_around_front(self, heap: list[tuple[float, int]], waiting: np.ndarray) -> np.ndarray:
+        """Return the samples outside of the tree near the next nodes of the front; `heap`: (cost, node) of the front."""
+        neighbours_of_front = []
+        for _, node in heapq.nsmallest(_FRONT_NODES, heap):
+            neighbours_of_front.append(self._near[node])
+        samples = np.concatenate(neighbours_of_front)
+        return np.unique(samples[waiting[samples]])
 
     def _test(self, pairs: list[tuple[int, int]]) -> None:
         """Test the connections (from, to) between samples that have not been tested yet, each once."""

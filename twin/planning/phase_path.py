@@ -107,12 +107,7 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
         angles, tip = guide.start(T_tool_frame)
     rcm = protocol.rcm
     if rcm is not None:
-        missed = spatial.point_to_line(rcm, tip, rotation(angles, protocol.rotation) @ n_tool)
-        if missed > protocol.tolerances.rcm:
-            raise ProtocolError(
-                f"{protocol.name}: rcm_mm is the RCM from the start, but the shaft at '{protocol.start}' misses this "
-                f"RCM by {missed / MM:.3f} mm (allowed: {protocol.tolerances.rcm / MM:g} mm)"
-            )
+        _require_rcm(protocol, rcm, tip, rotation(angles, protocol.rotation) @ n_tool)
     paths: list[PhasePath] = []
     for phase in protocol.phases:
         shaft = rotation(angles, protocol.rotation) @ n_tool
@@ -159,14 +154,8 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
             waypoint=end.waypoint,
             extra_joints=(),
         )
-        try:
-            if guide is not None:
-                path = guide.along(path)
-        except ProtocolError as error:
-            turn_hint = hint(path, phase.name, protocol.waypoints.get(end.waypoint or ""))
-            if turn_hint:
-                raise ProtocolError(f"{error}{turn_hint}") from error
-            raise
+        if guide is not None:
+            path = _guided(path, guide, protocol)
         paths.append(path)
         # the mechanism may end beside the pose that was prescribed: the next phase begins where it is
         angles = path.angles1
@@ -175,6 +164,27 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
         if phase.leaves():
             rcm = None
     return tuple(paths)
+
+
+def _guided(path: PhasePath, guide: Guide, protocol: Protocol) -> PhasePath:
+    """Return a phase with the motion of the mechanism; an error names long turns, which may be its cause."""
+    try:
+        return guide.along(path)
+    except ProtocolError as error:
+        turn_hint = hint(path, path.phase.name, protocol.waypoints.get(path.waypoint or ""))
+        if turn_hint:
+            raise ProtocolError(f"{error}{turn_hint}") from error
+        raise
+
+
+def _require_rcm(protocol: Protocol, rcm: Array, tip: Array, shaft: Array) -> None:
+    """Raise `ProtocolError` if the shaft (3,) through the tip (3,) misses the RCM (3,) that is there from the start."""
+    missed = spatial.point_to_line(rcm, tip, shaft)
+    if missed > protocol.tolerances.rcm:
+        raise ProtocolError(
+            f"{protocol.name}: rcm_mm is the RCM from the start, but the shaft at '{protocol.start}' misses this "
+            f"RCM by {missed / MM:.3f} mm (allowed: {protocol.tolerances.rcm / MM:g} mm)"
+        )
 
 
 def _require_length(protocol: Protocol, begin: Begin, end: End) -> None:

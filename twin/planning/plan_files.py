@@ -23,7 +23,7 @@ from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, display_unit
 from twin.model.scene import Scene
-from twin.planning.protocol import Limits, Protocol
+from twin.planning.protocol import Limits, Protocol, TrajectoryTolerances
 
 SCENE = "scene.toml"
 
@@ -189,9 +189,8 @@ def _protocol(name: str, robot: RobotSamples, end: float, scene: Scene) -> dict[
         title = "At rest"
         start = "rest"
         limits = next(iter(source.limits.values()))
-        rest_values = {}
-        for (joint, _), value in zip(robot.joints, robot.q[0], strict=True):
-            rest_values[joint] = float(value)
+        names = [joint for joint, _ in robot.joints]
+        rest_values = dict(zip(names, robot.q[0].tolist(), strict=True))
         note = f"where {name} was avoided in the plan"
         waypoints["rest"] = {
             "label": "at rest",
@@ -218,16 +217,7 @@ def _protocol(name: str, robot: RobotSamples, end: float, scene: Scene) -> dict[
         table["trocar_mm"] = trocars[""]
     elif trocars:
         table["trocars_mm"] = trocars
-    tolerances = source.tolerances
-    table["tolerances"] = {
-        "rcm_mm": _number(tolerances.rcm / MM),
-        "rcm_alarm_mm": _number(tolerances.rcm_alarm / MM),
-        "straightness_mm": _number(tolerances.straightness / MM),
-        "waypoint_mm": _number(tolerances.waypoint / MM),
-        "waypoint_deg": _number(tolerances.waypoint_angle / DEG),
-        "provenance": tolerances.provenance,
-        "note": tolerances.note,
-    }
+    table["tolerances"] = _tolerances(source.tolerances)
     return {**table, "limits": {"samples": _limits(limits)}, "waypoints": waypoints, "phases": phases}
 
 
@@ -238,6 +228,19 @@ def _joints(values: Mapping[str, float], is_angle: Mapping[str, bool]) -> dict[s
         unit, factor = display_unit(is_angle[joint])
         table[f"{joint}_{unit}"] = _number(value / factor)
     return {"joints": table}
+
+
+def _tolerances(tolerances: TrajectoryTolerances) -> dict[str, Any]:
+    """Return the table of tolerances."""
+    return {
+        "rcm_mm": _number(tolerances.rcm / MM),
+        "rcm_alarm_mm": _number(tolerances.rcm_alarm / MM),
+        "straightness_mm": _number(tolerances.straightness / MM),
+        "waypoint_mm": _number(tolerances.waypoint / MM),
+        "waypoint_deg": _number(tolerances.waypoint_angle / DEG),
+        "provenance": tolerances.provenance,
+        "note": tolerances.note,
+    }
 
 
 def _limits(limits: Limits) -> dict[str, Any]:

@@ -126,10 +126,8 @@ def _passes(m: int) -> tuple[Kernel, Kernel]:
     )
 
     bounds = (ca.copysign(1, q) - p * x) / q
-    lines = []
-    for bound in (*ca.vertsplit(bounds), limit):
-        lines.append((bound, ca.SX(0)))
-    largest_y, _ = _least(lines)
+    constant_lines = [(bound, ca.SX(0)) for bound in (*ca.vertsplit(bounds), limit)]
+    largest_y, _ = _least(constant_lines)
     y = ca.fmax(largest_y, 0)
     excess = ca.mmax(ca.fabs(p * x + q * y)) - 1
     step = ca.Function("step", [*arguments, limit, x], [y, excess])

@@ -115,7 +115,7 @@ class WorldFeed:
             self.surfaces[deformable.name] = FieldSurface(mesh.triangles, mesh.color_rgba[:3])
             self._signals.append(deformable.signal)
         self._signals.append(ORGAN_FREED.of(organ.name))
-        marks = [_OCTAHEDRON_FACES + len(_OCTAHEDRON) * cell for cell in range(len(organ.held))]
+        marks = [_OCTAHEDRON_FACES + len(_OCTAHEDRON) * cell for cell in range(len(organ.pinned_nodes))]
         self.surfaces[self._bed] = FieldSurface(np.concatenate(marks), _BED_COLOR)
         self._shown = b""
 
@@ -132,7 +132,7 @@ class WorldFeed:
         world = self._world()
         name = self._organ.name
         nodes = world.signals[ORGAN_NODES.of(name)].reshape(-1, 3)
-        cells = nodes[self._organ.held]
+        cells = nodes[self._organ.pinned_nodes]
         attached = world.signals[ORGAN_FREED.of(name)] < 0.5
         # The octahedron of a cell that is free shrinks to a point: the triangles of a surface never change.
         marks = cells[:, None] + attached[:, None, None] * _OCTAHEDRON

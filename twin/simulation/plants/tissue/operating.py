@@ -200,8 +200,8 @@ class Operating(Tissues):
         for tissue in tissues:
             if tissue.name in procedure.spare:
                 self._spared.append(tissue)
-        self._energy = np.zeros(len(self._organ.held))
-        self._freed = np.zeros(len(self._organ.held))
+        self._energy = np.zeros(len(self._organ.pinned_nodes))
+        self._freed = np.zeros(len(self._organ.pinned_nodes))
         self._tubes: list[Tube] = []
         self._roots: list[Array | None] = []
         for vessel in vessels:
@@ -415,7 +415,7 @@ class Operating(Tissues):
 
     def _burn(self, tip: Array, tool: ToolTable) -> None:
         """Heat the cell of the bed nearest to the tip; free the cell when its energy reaches the procedure's limit."""
-        nodes = self.organs.nodes[self._organ.name][self._organ.held]
+        nodes = self.organs.nodes[self._organ.name][self._organ.pinned_nodes]
         distances = np.linalg.norm(nodes - tip, axis=1)
         distances[self._freed > 0.5] = np.inf
         cell = int(np.argmin(distances))
@@ -423,7 +423,7 @@ class Operating(Tissues):
             self._energy[cell] += (tool.power_w or 0.0) * self.period
             if self._energy[cell] >= self._procedure.bed_j:
                 self._freed[cell] = 1.0
-                self._hold.let_go(int(self._organ.held[cell]))
+                self._hold.let_go(int(self._organ.pinned_nodes[cell]))
 
     def _release_torn(self, k: int, instrument: OperatingRobot) -> None:
         """Release a point that has slipped out of the jaws."""

@@ -167,8 +167,8 @@ class ProcedureReferee(Block):
         self._t_shown: float | None = None
         self._t_cut = np.inf
         self._cuts = [np.zeros(vessel.segments) for vessel in scene.vessels]
-        self.freed = np.zeros(len(organ.held), bool)
-        self.energy = np.zeros(len(organ.held))
+        self.freed = np.zeros(len(organ.pinned_nodes), bool)
+        self.energy = np.zeros(len(organ.pinned_nodes))
         self.out = np.inf
         self.removed = False
         self._t_removed: float | None = None  # the first time; the organ may have been put back since

@@ -217,7 +217,7 @@ class ProcedureSurgeon(Block):
     def _bed(self) -> Array:
         """Return the cells (n, 3) of the bed as they are now."""
         nodes = self._now[ORGAN_NODES.of(self._organ.name)].reshape(-1, 3)
-        return nodes[self._organ.held]
+        return nodes[self._organ.pinned_nodes]
 
     def _inwards(self, robot: str, p: Array) -> Array:
         """Return the direction (3,) of a robot's shaft, from the port to the tip at p (3,), in the World."""
