@@ -26,16 +26,16 @@ from twin.core import spatial
 from twin.core.errors import CancelledError, DescriptionError, ProtocolError, TwinError
 from twin.core.findings import verdict
 from twin.model.body import Frame
-from twin.model.joined import joined, owners
+from twin.model.combined_arms import joined, owners
 from twin.model.scene import Place, load_scene
 from twin.model.transmission import Actuator, Transmission
 from twin.planning.arm_distances import ArmDistances, Nearest
+from twin.planning.chebyshev_path import line
 from twin.planning.obstacle_avoidance import around
 from twin.planning.plan import plan as plan_
 from twin.planning.plan_files import RobotSamples, props_files, protocol_files, write_plan_scene
 from twin.planning.priority import Behind, beside
 from twin.planning.protocol import load_protocol
-from twin.planning.smooth import line
 from twin.planning.timing import time_path
 from twin.planning.trajectory import without_equations
 from twin.reference import ReferenceModel

@@ -12,7 +12,7 @@ from pxr import Sdf
 
 from made import mechanisms, transmissions, two_trocars
 from made.pages import PAGES, ROOT
-from twin.model.joined import joined
+from twin.model.combined_arms import joined
 from twin.model.mechanism import WORLD
 from twin.reference import ReferenceModel
 from twin.usd.write import write_stage

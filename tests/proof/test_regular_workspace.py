@@ -17,9 +17,9 @@ from twin.core.errors import TwinError
 from twin.formula import variant_choice
 from twin.proof import intervals, krawczyk
 from twin.proof.formula_boxes import FormulaBoxes
+from twin.proof.frame_motion import ToolBox
 from twin.proof.interval_pose import IntervalPose, identity
 from twin.proof.loops import ClosingConditions
-from twin.proof.moved_frame import ToolBox
 from twin.proof.regular_workspace import BoxJudge, cover
 
 CORNERS = np.array([0.39, 0.30, 0.16]), np.array([0.43, 0.34, 0.20])

@@ -13,11 +13,11 @@ from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.model.mechanism import Mechanism
 from twin.proof import intervals
+from twin.proof.frame_motion import ToolBox
 from twin.proof.interval_pose import IntervalPose
 from twin.proof.loops import ClosingConditions
 from twin.proof.motion.linkage import Linkage
 from twin.proof.motion.taylor import TaylorModel, constant
-from twin.proof.moved_frame import ToolBox
 from twin.proof.rigid_frame import rigid_frame
 
 

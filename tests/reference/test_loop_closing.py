@@ -11,8 +11,8 @@ import twin
 from made.mechanisms import four_bar
 from twin.core.errors import AssemblyError
 from twin.core.units import MM
-from twin.model.joined import joined
-from twin.planning.smooth import line
+from twin.model.combined_arms import joined
+from twin.planning.chebyshev_path import line
 from twin.reference import ReferenceModel
 from twin.reference.assembly import settle
 from twin.reference.collision_pairs import CollisionPairs

@@ -292,7 +292,7 @@ def signals(vsrs, **changes):
     rows |= {"pa10.holds": zero - 1, "lapbot.holds": zero, "lapbot.lifted": np.tile([0, 0, 0.02], (100, 1))}
     up = np.where(t > 8, 0.17, 0.0)[:, None, None] * np.array([0, 0.3, 1.0])
     rows["gallbladder.nodes"] = (gallbladder.nodes[None] + up).reshape(100, -1)
-    rows["gallbladder.energy"] = 20.0 * np.repeat((t > 7)[:, None], len(gallbladder.held), axis=1)
+    rows["gallbladder.energy"] = 20.0 * np.repeat((t > 7)[:, None], len(gallbladder.pinned_nodes), axis=1)
     rows["gallbladder.freed"] = rows["gallbladder.energy"] / 20
     rows |= {"liver.depth": zero, "cystic_duct.seen": zero + 1}
     rows |= {f"{v.name}.cut": np.zeros((100, v.segments)) for v in vsrs.vessels}

@@ -87,7 +87,7 @@ class _Arm:
 
     def exceeded_limits(self, phase: int) -> str:
         """Return a text that names the limits exceeded at the start of a phase; "" if none is exceeded."""
-        from twin.planning.feasible import Anchor, margins_at, violation
+        from twin.planning.feasibility import Anchor, margins_at, violation
 
         row = self.row_of(phase)
         # the working mode is that of the phase that ends here
@@ -103,7 +103,7 @@ class _Arm:
         T_world_tool (k, 4, 4) of this arm (other tests use T_base_tool), and the joint values q (k, m) of all arms up
         to this arm. The values of this arm are the last columns of q.
         """
-        from twin.planning.feasible import Anchor
+        from twin.planning.feasibility import Anchor
         from twin.planning.free_phase import limits_satisfied
 
         row = self.row_of(phase)
@@ -221,7 +221,7 @@ class _Plan:
 
         Later arms are not in the space; the robots of the scene that are not planned are obstacles.
         """
-        from twin.model.joined import joined, owners
+        from twin.model.combined_arms import joined, owners
         from twin.reference import ReferenceModel
         from twin.reference.joint_space import JointSpace
 

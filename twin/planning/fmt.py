@@ -308,7 +308,7 @@ class FmtSearch:
         return rows[::-1], count - int(waiting.sum()) - 1
 
     def _waiting_around_front(self, heap: list[tuple[float, int]], waiting: np.ndarray) -> np.ndarray:
-        """Return the samples outside of the tree near the next nodes of the front; `heap`: (cost, node) of the front."""
+        """Return the samples outside of the tree near the next nodes of the front; `heap`: (cost, node) of each."""
         neighbours_of_front = []
         for _, node in heapq.nsmallest(_FRONT_NODES, heap):
             neighbours_of_front.append(self._near[node])

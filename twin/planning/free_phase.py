@@ -9,7 +9,7 @@ import numpy as np
 from twin.core.errors import ProtocolError, TwinError
 from twin.core.spatial import Array
 from twin.core.units import ROUNDING
-from twin.planning.feasible import Anchor, margins_at, violation
+from twin.planning.feasibility import Anchor, margins_at, violation
 from twin.planning.path import Path
 from twin.planning.protocol import Free
 from twin.planning.rounds import SearchRound, SearchRounds

@@ -18,13 +18,13 @@ from twin.core import spatial
 from twin.core.errors import AssemblyError, ProtocolError, unknown
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, display_unit
+from twin.planning.chebyshev_path import ChebyshevPath, fit, line
 from twin.planning.free_phase import Progress, Searched, free_path
 from twin.planning.path import Path
 from twin.planning.phase_path import PhasePath
 from twin.planning.protocol import DIRECTIONS, Auxiliary, Free, Protocol, Samples
 from twin.planning.protocol.course import Motion, angles_of, rotation
 from twin.planning.sampled_phase import sampled_phase
-from twin.planning.smooth import ChebyshevPath, fit, line
 from twin.planning.trajectory import Carrier, PathKinematics
 
 _STATIONS = 33

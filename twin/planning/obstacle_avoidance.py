@@ -11,11 +11,11 @@ import numpy as np
 
 from twin.core.errors import CancelledError, ProtocolError
 from twin.core.spatial import Array
+from twin.planning.chebyshev_path import ChebyshevPath, fit, line
 from twin.planning.costs import Cost, length, total
 from twin.planning.fmt import FmtSearch, SearchTree
-from twin.planning.nearest import nearest_free
+from twin.planning.nearest_free import nearest_free
 from twin.planning.rounds import SearchRound
-from twin.planning.smooth import ChebyshevPath, fit, line
 from twin.planning.space import Space
 
 _ROUNDS = ((0.15, 60), (0.4, 200), (1.0, 600))

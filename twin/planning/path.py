@@ -10,7 +10,8 @@ from twin.core.spatial import Array
 class Path(Interface):
     """Coordinates q (n,) as a smooth function of a parameter s from 0 to 1, which is not time.
 
-    `smooth.line` is a straight path, `smooth.ChebyshevPath` a series (phases given by poses, curves around obstacles).
+    `chebyshev_path.line` is a straight path, `chebyshev_path.ChebyshevPath` a series (phases given by poses, curves
+    around obstacles).
     `timing.time_path` computes the timing of a path, `Space.free_along` tests it for collisions.
     """
 

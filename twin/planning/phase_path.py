@@ -11,13 +11,13 @@ from twin.core import spatial
 from twin.core.errors import ProtocolError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
+from twin.planning.chebyshev_path import fit
+from twin.planning.long_turns import hint
 from twin.planning.path import Path
 from twin.planning.protocol import Phase, Protocol, trocar_of
 from twin.planning.protocol.course import Course, Motion, rotation
 from twin.planning.protocol.phase import Begin, End, pose_of
-from twin.planning.smooth import fit
 from twin.planning.trajectory import PathKinematics
-from twin.planning.turns import hint
 
 _NO_LENGTH = 1e-9
 """Change in m and rad below which a phase counts as having no length."""

@@ -14,8 +14,9 @@ from twin.core.spatial import Array
 from twin.planning.check import check, rcm_error
 from twin.planning.clearance_finding import clearance
 from twin.planning.demands import demands, timed
-from twin.planning.feasible import pose_margins, require_feasible
+from twin.planning.feasibility import pose_margins, require_feasible
 from twin.planning.free_phase import Progress, Searched
+from twin.planning.long_turns import hint, long_turns
 from twin.planning.mechanism_path import MechanismFollower, with_auxiliary, with_free_paths
 from twin.planning.path import Path
 from twin.planning.phase_path import PhasePath, build
@@ -25,7 +26,6 @@ from twin.planning.rounds import SearchRounds
 from twin.planning.sampled_phase import SampledPhase
 from twin.planning.timing import Timing
 from twin.planning.trajectory import PathKinematics, PhaseCurve, PhaseSpan, Trajectory
-from twin.planning.turns import hint, long_turns
 
 _PROBES = 9
 """Number of poses per phase for which `plan` tests whether the robot has enough degrees of freedom."""

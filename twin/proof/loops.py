@@ -17,10 +17,10 @@ from twin.core.spatial import Array
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.proof import intervals
+from twin.proof.frame_motion import MovedFrame, ToolBox, moved_frame
 from twin.proof.frame_paths import FramePath, FramePaths
 from twin.proof.interval_pose import cross
 from twin.proof.intervals import Certainty, Intervals
-from twin.proof.moved_frame import MovedFrame, ToolBox, moved_frame
 
 _ROWS = {"spherical": 3, "revolute": 5, "cylindrical": 4, "prismatic": 5, "fixed": 6, "free": 0}
 """Number of closing conditions of each type."""

@@ -12,12 +12,12 @@ from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.proof import interval_pose, intervals, krawczyk
+from twin.proof.frame_motion import ToolBox
 from twin.proof.interval_pose import IntervalPose
 from twin.proof.intervals import Certainty, Intervals
 from twin.proof.krawczyk import Solutions
 from twin.proof.limits import LinearLimit
 from twin.proof.loops import ClosingConditions, Closure, are_lengths, independent_rows
-from twin.proof.moved_frame import ToolBox
 from twin.proof.rigid_frame import rigid_frame
 
 BATCH = 2048

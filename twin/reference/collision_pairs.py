@@ -73,8 +73,8 @@ class CollisionPairs:
             obstacles: the obstacles.
             clearance: required distance in m. For two bodies of the mechanism, at most half of their distance in the
                 rest poses is required.
-            arms: name of the arm of each body, for a mechanism made by `twin.model.joined`. Two bodies of different
-                arms must have the full clearance, even if they are nearer in the rest poses.
+            arms: name of the arm of each body, for a mechanism made by `twin.model.combined_arms`. Two bodies of
+                different arms must have the full clearance, even if they are nearer in the rest poses.
         """
         self._tree = model.tree
         self._clearance = clearance

@@ -102,7 +102,7 @@ class JointSpace:
             clearance: required distance in m between bodies; see the class.
             keep: additional test of states; None: all states are allowed.
             around: function that returns the obstacles, called at first use; None: there are none.
-            arms: name of the arm of each body, for a mechanism made by `twin.model.joined`; see `joined.owners`.
+            arms: name of the arm of each body, for a mechanism made by `twin.model.combined_arms`; see its `owners`.
         """
         self._make = make
         self.clearance = clearance

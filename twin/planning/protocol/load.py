@@ -16,7 +16,7 @@ from twin.core.units import DEG, MM
 from twin.planning.protocol.model import Limits, PatientPlace, Protocol, TrajectoryTolerances
 from twin.planning.protocol.phase import PhaseTable, Walk
 from twin.planning.protocol.phases.insertion import InsertionTable
-from twin.planning.protocol.plausible import plausible
+from twin.planning.protocol.plausibility import plausible
 from twin.planning.protocol.tables import LimitsTable, PatientTable, ProtocolTable, TolerancesTable, WaypointTable
 from twin.planning.protocol.waypoint import Waypoint, joint_values
 from twin.schema import error_at, load_toml

@@ -20,10 +20,10 @@ from twin.core.errors import StageError
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.core.units import DEG
-from twin.model.following import Following, following
 from twin.model.inertia import Inertia
 from twin.model.joint import FREE_AXES, Drive, Joint
 from twin.model.mechanism import EARTH, Coupling, Mechanism
+from twin.model.mimic_joints import Following, following
 from twin.model.transmission import Actuator, joint_gains
 from twin.usd import gf
 from twin.usd.scan import DIRECTIONS, TURNS

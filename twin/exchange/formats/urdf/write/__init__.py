@@ -25,10 +25,10 @@ from twin.exchange.write.meshes import SCALE, mesh_file, write_meshes
 from twin.exchange.write.order import Order
 from twin.exchange.write.xml_text import gains, numbers, srgb, write_xml
 from twin.model.body import Body, Material
-from twin.model.following import Following, following
 from twin.model.inertia import Inertia
 from twin.model.joint import Drive, Joint
 from twin.model.mechanism import EARTH, Coupling, Mechanism
+from twin.model.mimic_joints import Following, following
 from twin.usd.write.spanning import spanning
 
 SMALL = Inertia(1e-6, np.zeros(3), 1e-9 * np.eye(3))

@@ -20,9 +20,9 @@ from twin.exchange.formats.urdf.write import write_urdf
 from twin.exchange.formats.usd.audit.physics import stage_physics
 from twin.exchange.formats.usd.write import write_usd
 from twin.exchange.read import read
-from twin.model.following import following
 from twin.model.joint import Joint
 from twin.model.mechanism import Coupling
+from twin.model.mimic_joints import following
 
 ENDS = (-1.0, 1.0)
 BANDS = (Coupling("second", ("b", "c"), (1.0, 1.0)), Coupling("first", ("a", "b"), (1.0, 2.0)))

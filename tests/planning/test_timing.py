@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from twin.core import spatial
 from twin.core.errors import ProtocolError, TimingError
 from twin.planning import toppra_solver
+from twin.planning.chebyshev_path import fit, line
 from twin.planning.phase_path import build
 from twin.planning.protocol import (
     Insertion,
@@ -23,7 +24,6 @@ from twin.planning.protocol import (
     Waypoint,
 )
 from twin.planning.protocol.course import rotation
-from twin.planning.smooth import fit, line
 from twin.planning.timing import time_path
 
 SPEED, ACCELERATION = np.full(6, 0.1), np.full(6, 0.5)
