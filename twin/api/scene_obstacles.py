@@ -36,8 +36,8 @@ def obstacles_in_world(scene: Scene, names: Sequence[str], load: Callable[[str],
     """Return the bodies of the props and of the other robots of a scene, with poses in the world frame.
 
     `names` are the names of the planned robots, which are not obstacles. In the result, `Obstacle.touches` lists the
-    bodies of planned robots that may touch the obstacle, named as in `twin.model.combined_arms`. `load` returns the robot of a
-    given name.
+    bodies of planned robots that may touch the obstacle, named as in `twin.model.combined_arms`. `load` returns the
+    robot of a given name.
     """
     prefixes = {}
     for name in names:
