@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 import warnings
+import weakref
 from pathlib import Path
 
 import pytest
@@ -281,6 +282,28 @@ def test_temporary_folder_of_a_killed_process_goes_and_others_stay(tmp_path, mon
         settle(tmp_path)
         assert {str(p) for p in tmp_path.iterdir()} == {mine, str(tmp_path / ".twin-settings")}
     assert [p.name for p in tmp_path.iterdir()] == [".twin-settings"]
+
+
+def test_a_temporary_folder_that_another_process_removes_at_once_is_made_again(tmp_path, monkeypatch):
+    """The first folder is forgotten: at the end of the program, nobody warns that it was not cleaned up."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    removed = []
+
+    def register_late(folder):
+        if not removed:
+            removed.append(folder)
+            folder.rmdir()
+
+    monkeypatch.setattr(unfinished, "register", register_late)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        scratch = Scratch()
+        assert Path(scratch.name).is_dir()
+        assert [Path(scratch.name)] != removed
+        scratch.cleanup()
+        finalizers = [f for f in weakref.finalize._registry if f.alive and f.peek()[0] is scratch]
+        assert finalizers == []
+    assert list(tmp_path.iterdir()) == []
 
 
 KILLED = """

@@ -144,6 +144,8 @@ class Scratch(tempfile.TemporaryDirectory):
 
     def __init__(self) -> None:
         def make() -> str:
+            if hasattr(self, "name"):  # another process removed the folder before it was locked
+                super(Scratch, self).cleanup()
             super(Scratch, self).__init__(_SUFFIX, UNFINISHED)
             return self.name
 
