@@ -15,7 +15,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 
 from twin.exchange.formats.glb.write import glb_bytes
 from twin.exchange.formats.usdz.write import package, write_usdz
-from twin.exchange.write.clip import Between, Clip
+from twin.exchange.write.clip import Clip, InterpolationErrors
 
 pytestmark = pytest.mark.witness
 
@@ -32,7 +32,8 @@ def clip() -> Clip:
     links = {b: np.stack([s[0][b] for s in states]) for b in states[0][0]}
     joints = {j: np.array([s[1][j] for s in states]) for j in states[0][1]}
     active = ("crank_joint",)
-    return Clip("swing", "Swing", times, links, joints, active, (("all", 0.0, 1.2),), RATE, Between(0.0, 0.0, 0.0))
+    errors = InterpolationErrors(0.0, 0.0, 0.0)
+    return Clip("swing", "Swing", times, links, joints, active, (("all", 0.0, 1.2),), RATE, errors)
 
 
 # -- GLB: a defect edits the document and what its accessors hold ----------------------------------------
