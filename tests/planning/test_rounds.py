@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from api.test_multi_robot_plan import Robot, protocol_of
 from made import reports
 from made.arm import arm, post, space_of
-from planning.test_together import Robot, protocol_of
 from twin.core.result import TextTable, as_json
 from twin.planning.costs import COSTS
 from twin.planning.plan import plan

@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from api.test_multi_robot_plan import Robot, motorised, protocol_of
 from made import protocols
-from planning.test_together import Robot, motorised, protocol_of
 from twin.analysis.mutation import units
 from twin.core import spatial
 from twin.core.errors import DescriptionError, ProtocolError
