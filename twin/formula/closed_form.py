@@ -58,8 +58,8 @@ class ClosedForm:
         values = self.values
 
         def evaluate(q_values: Array, qd_values: Array) -> Terms:
-            results = [np.array(result, float) for result in function(q_values, qd_values, values)]
-            M, C, g, M_rate, derivatives = results
+            results = function(q_values, qd_values, values)
+            M, C, g, M_rate, derivatives = map(_array, results)
             M_entries = joint_count * joint_count
             M_by_parameters = derivatives[:M_entries].reshape(joint_count, joint_count, parameter_count, order="F")
             return Terms(
@@ -72,6 +72,11 @@ class ClosedForm:
             )
 
         return evaluate
+
+
+def _array(result: object) -> Array:
+    """Return a result of CasADi, always a matrix, as an array of floats."""
+    return np.array(result, float)
 
 
 @dataclass(frozen=True)

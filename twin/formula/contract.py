@@ -205,7 +205,10 @@ class Formula:
     @property
     def scalars(self) -> dict[str, dict[str, str]]:
         """Symbols of the scalars by kind ("passive", "reach", "measure", "aspect") and name, in order."""
-        symbols_of_measures = {measure.name: measure.symbol for measure in self.measures}
+        symbols_of_measures = {}
+        for measure in self.measures:
+            symbols_of_measures[measure.name] = measure.symbol
+        # an aspect has no name of its own: its symbol stands for both
         symbols_of_aspects = [aspect.symbol for aspect in self.aspects]
         return {
             "passive": dict(zip(self.passive, self.passive, strict=True)),
@@ -283,6 +286,7 @@ def arguments(function: Rows) -> tuple[list[str], list[str]]:
 
 def unread(formula: Formula, variants_in_use: Mapping[str, str]) -> list[str]:
     """Return the parameters that no equation uses in the chosen variants."""
+    # the length scale of the formula may be the only reader of a length
     functions = [formula.characteristic_length]
     for equation in formula.equations:
         variant = variants_in_use.get(equation.name, equation.default)
@@ -291,8 +295,11 @@ def unread(formula: Formula, variants_in_use: Mapping[str, str]) -> list[str]:
     for function in functions:
         required, optional = arguments(function)
         used.update(required, optional)
-    names = [parameter.name for parameter in formula.parameters]
-    return [name for name in names if name not in used]
+    unread_names = []
+    for parameter in formula.parameters:
+        if parameter.name not in used:
+            unread_names.append(parameter.name)
+    return unread_names
 
 
 def _check_coordinates(formula: Formula, fail: Callable[[str], None]) -> None:

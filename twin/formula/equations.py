@@ -305,14 +305,21 @@ def _names(expression: ast.expr | None) -> list[str]:
     entries = [expression]
     if isinstance(expression, ast.Tuple):
         entries = list(expression.elts)
-    return [getattr(entry, "id", "") for entry in entries]
+    names = []
+    for entry in entries:
+        # only a plain name has an `id`; x[0] and x.y have none
+        names.append(getattr(entry, "id", ""))
+    return names
 
 
 def _changed(base: Rows, change: Rows) -> FunctionType:
     """Return `base` with the rows of `change`, as a function whose line numbers are those of the file."""
     if not isinstance(base, FunctionType) or base.__closure__ or not isinstance(change, FunctionType):
         raise KinematicsError(f"{change!r} changes {base!r}: both must be functions at the top level of one file")
-    body = [row.node for row in _merged(base, change)]
+    body = []
+    for row in _merged(base, change):
+        body.append(row.node)
+    # a copy: the tree of a file is cached and stays that of the text
     node = copy.copy(definition(change))
     node.args = _arguments(base, node, body)
     node.body = body
@@ -343,8 +350,13 @@ def _arguments(base: FunctionType, change: ast.FunctionDef, body: Sequence[ast.s
     for argument in change.args.args:
         if argument.arg not in assigned_names:
             needed_names.append(argument.arg)
-    existing_names = {argument.arg for argument in arguments.kwonlyargs}
-    added_arguments = [ast.arg(name) for name in needed_names if name not in existing_names]
+    existing_names = set()
+    for argument in arguments.kwonlyargs:
+        existing_names.add(argument.arg)
+    added_arguments = []
+    for name in needed_names:
+        if name not in existing_names:
+            added_arguments.append(ast.arg(name))
     no_defaults: list[ast.expr | None] = [None] * len(added_arguments)
     arguments.kwonlyargs = [*arguments.kwonlyargs, *added_arguments]
     arguments.kw_defaults = [*arguments.kw_defaults, *no_defaults]

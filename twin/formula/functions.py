@@ -10,8 +10,10 @@ from twin.formula.scalar import Scalar, Value
 def if_else(condition: Value, yes: Value, no: Value) -> Value:
     """Return `yes` where the condition is true, else `no`, entry by entry; both values are always computed."""
     values = (condition, yes, no)
-    if any(isinstance(value, np.ndarray | list | tuple) for value in values):
-        arrays = [np.asarray(value, dtype=object) for value in values]
+    if any(map(_has_entries, values)):
+        arrays = []
+        for value in values:
+            arrays.append(np.asarray(value, dtype=object))
         conditions, yeses, noes = np.broadcast_arrays(*arrays)
         selected = np.full(conditions.shape, None, dtype=object)
         for i in np.ndindex(selected.shape):
@@ -22,6 +24,11 @@ def if_else(condition: Value, yes: Value, no: Value) -> Value:
     if condition:
         return yes
     return no
+
+
+def _has_entries(value: Value) -> bool:
+    """Return whether a value is an array or a sequence, not a single number or symbol."""
+    return isinstance(value, np.ndarray | list | tuple)
 
 
 def rotation_x(angle: Value) -> np.ndarray:

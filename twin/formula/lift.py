@@ -149,7 +149,9 @@ def _elementwise(ufunc: np.ufunc) -> Callable[..., Value]:
             return _on_numbers(ufunc, args, kwargs)
         if ufunc in _COMPARE:
             kwargs["dtype"] = object  # otherwise the result would have to be True or False
-        boxed = [_boxed(arg, kind) for arg in args]
+        boxed = []
+        for arg in args:
+            boxed.append(_boxed(arg, kind))
         return ufunc(*boxed, **kwargs)
 
     call.__name__ = ufunc.__name__
@@ -276,7 +278,9 @@ def _without(matrix: np.ndarray, i: int, j: int) -> np.ndarray:
     return np.delete(without_row, j, axis=1)
 
 
-_ARRAY_MAKERS = {name: _filled_later(getattr(np, name)) for name in _MAKE}
+_ARRAY_MAKERS: dict[str, Callable[..., np.ndarray]] = {}
+for _name in _MAKE:
+    _ARRAY_MAKERS[_name] = _filled_later(getattr(np, _name))
 _LINALG = _LiftedModule(np.linalg, det=_det, inv=_inv, pinv=_pinv, solve=_solve)
 _NUMPY = _LiftedModule(
     np,

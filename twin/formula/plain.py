@@ -75,7 +75,10 @@ def plain_formula(
     argument_names = _names_of_arguments(functions)
     coordinates = _coordinates({*joint_names, *parameter_names}, argument_names)
     symbol_names = [*coordinates.names, *parameter_names]
-    unread = [parameter for parameter in parameter_names if parameter not in argument_names]
+    unread = []
+    for parameter_name in parameter_names:
+        if parameter_name not in argument_names:
+            unread.append(parameter_name)
 
     def rows(kind: str, points: Sequence[str] = ()) -> _Rows | None:
         """Return the function of a kind, which may use the named points; None if the module does not have it."""
@@ -129,7 +132,11 @@ def _active_joints(joints: Sequence[tuple[str, bool]]) -> tuple[ActiveJoint, ...
 
 def _present(rows: Sequence[_Rows | None]) -> list[_Rows]:
     """Return the functions that the file has."""
-    return [row for row in rows if row is not None]
+    present_rows = []
+    for row in rows:
+        if row is not None:
+            present_rows.append(row)
+    return present_rows
 
 
 def _equations(

@@ -38,7 +38,9 @@ def compile_formula(
     """
     check_formula(formula)
     chosen = variant_choice.choose(formula, variants)
-    values = {parameter.name: float(parameter.value) for parameter in formula.parameters}
+    values = {}
+    for parameter in formula.parameters:
+        values[parameter.name] = float(parameter.value)
     for name, value in (parameters or {}).items():
         if name not in values:
             raise KinematicsError(f"formula '{formula.name}': {unknown('parameter', name, values)}")

@@ -66,9 +66,10 @@ class Iteration:
         self.state = joint_count if by_joints else 16
         self.unknowns = joint_count if by_joints else 6
         unknown_count = self.unknowns
-        counts = [tasks.count(kind, joint_count) for kind, _ in kinds]
+        counts = []
         self.rows = 0
         for kind, rows in kinds:
+            counts.append(tasks.count(kind, joint_count))
             self.rows += joint_count if kind == "joints" else len(rows)
 
         # The memory is what one call hands to the next: state, cost, squared residual of the task, mu, factor of mu,
@@ -136,7 +137,9 @@ class Iteration:
         state = ca.SX.sym("at", self.state)
         step = ca.SX.sym("by", self.unknowns)
         T, q = program.around(state, step * step_scale)
-        counts = [tasks.count(kind, len(program.order)) for kind, _ in kinds]
+        counts = []
+        for kind, _ in kinds:
+            counts.append(tasks.count(kind, len(program.order)))
         terms = ca.vertsplit(numbers, [0, *np.cumsum(counts)])
         residuals: list[ca.SX] = []
         for (kind, rows), arguments in zip(kinds, terms, strict=True):

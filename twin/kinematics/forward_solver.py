@@ -111,7 +111,8 @@ def branches(kin: Compiled, q: Array) -> list[Array]:
     if not assemblies:
         return []
     scores = _score(kin, np.array(assemblies))
-    return [assemblies[i] for i in np.argsort(-scores, kind="stable")]
+    best_first = np.argsort(-scores, kind="stable")
+    return [assemblies[i] for i in best_first]
 
 
 def _from_seed(kin: Compiled, q: Array, seed: Array) -> Array:
@@ -129,7 +130,10 @@ def _from_seed(kin: Compiled, q: Array, seed: Array) -> Array:
     if error <= FORWARD_TOL and (signs == seed_signs).all():
         return T
     if kin.formula.branches is not None:  # the straight path of q from the seed may leave the workspace
-        same_branch = [T for T in branches(kin, q) if _has_signs(kin, T, seed_signs)]
+        same_branch = []
+        for T_branch in branches(kin, q):
+            if _has_signs(kin, T_branch, seed_signs):
+                same_branch.append(T_branch)
         if same_branch:
             return min(same_branch, key=lambda T: _distance(T, seed, kin.characteristic_length))
     cause = "Newton's method does not converge"

@@ -73,7 +73,11 @@ class Margins:
         self._close = _CLOSE
         if error > ROUNDING:
             self._close = max(_CLOSE, np.sqrt(error / _LEVER))
-        self._passive = {name: passive[name] for name in formula.passive if name in passive}
+        # in the order of the formula, in which the compiled function takes them
+        self._passive: dict[str, bool] = {}
+        for name in formula.passive:
+            if name in passive:
+                self._passive[name] = passive[name]
         self._points = tuple(name for name in formula.points if name in points)
 
         names: list[str] = []
@@ -104,7 +108,10 @@ class Margins:
         for equation in formula.equations:
             for output in equation.outputs:
                 equation_of[output] = equation.name
-        self.equations = tuple(equation_of.get(symbol, "") for symbol in symbols)
+        equations = []
+        for symbol in symbols:
+            equations.append(equation_of.get(symbol, ""))
+        self.equations = tuple(equations)
 
     def values(self, states: States, length_factor: float = 1.0) -> Array:
         """Return the values (k, columns) at k states, with all lengths of robot and states times `length_factor`."""
@@ -159,7 +166,8 @@ class Margins:
         """Return the r reach margins (k, r) in m of the equations, at k poses out of reach of the mechanism."""
         with np.errstate(all="ignore"):
             margins = self._kin.reach(Ts_base_tool)
-        return np.stack([margins[name] for name in self._kin.formula.reach], axis=1)
+        columns = [margins[name] for name in self._kin.formula.reach]
+        return np.stack(columns, axis=1)
 
     def fails(self, states: States) -> Array:
         """Return the largest absolute entry (k,) of each inverse Jacobian; infinite for an unreachable state.

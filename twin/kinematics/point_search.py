@@ -336,7 +336,7 @@ class PointSolver(PointFunctions):
             along_axis = np.allclose(trocar[3:6], self.search.axis, rtol=0, atol=_SAME_AXIS)
             if in_origin and along_axis:
                 return tip[None, :3], trocar[None, :3]
-        axis = ", ".join(f"{v:g}" for v in self.search.axis)
+        axis = ", ".join(map("{:g}".format, self.search.axis))
         raise KinematicsError(
             f"{self.kin.formula.name}: method='points' solves only Tip(p) + Trocar(c, axis=({axis})), with the tip in "
             "the origin of the tool frame and a free depth; use method='joints' for other tasks."

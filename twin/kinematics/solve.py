@@ -236,7 +236,9 @@ def descend(
         joint_weights = np.where(kin.auxiliary, 0.0, joint_scale)
     numbers: list[Array] = []
     weights: list[Array] = []
+    kinds = []
     for term in task.terms:
+        kinds.append((term.kind, term.rows))
         row_weights = joint_weights
         if term.kind != "joints":
             row_weights = np.where(is_length(term), 1 / scale, 1.0)
@@ -244,8 +246,9 @@ def descend(
         weights.append(term.weight * row_weights)
     inputs = np.concatenate([*numbers, *weights, step_scale, joint_scale, low, high])
 
-    kinds = tuple((term.kind, term.rows) for term in task.terms)
-    end, residual, steps_tried = iteration(kin.program, kinds).run(start_values, inputs, _GOAL * TOLERANCE, history)
+    # a tuple: compiled iterations are cached by robot and kinds
+    compiled_iteration = iteration(kin.program, tuple(kinds))
+    end, residual, steps_tried = compiled_iteration.run(start_values, inputs, _GOAL * TOLERANCE, history)
     if kin.closed_forward:
         return Descent(kin.program.forward.one(end), end, residual, steps_tried)
     q = kin.program.inverse.one(end)[:-1]

@@ -249,6 +249,7 @@ class Bench:
         """For each part of the validator, fast parts first, yield the most severe new finding, or None without one."""
         if fault.robot is not None:
             robot = fault.robot(folder)
+            # the motion stays that of the correct equations: only the validator sees the faulty ones
             case = self.case(kinematics=robot.kinematics(parameters={}), paths=robot.path_kinematics())
             yield self._new_finding(judge(case, parts=_EQUATIONS))
             yield self._new_finding(judge(case, parts=PARTS, known=Known(measured=self.measured)))
@@ -270,7 +271,9 @@ class Bench:
         case = self.case(cad=robot.cad, paths=robot.path_kinematics())
         yield self._new_finding(judge(case, parts=_PROTOCOL | _EQUATIONS))
         # masses of the correct robot: the parts are the same, only their positions differ
-        inertias = {body.name: body.inertia for body in self.weighed.bodies}
+        inertias = {}
+        for body in self.weighed.bodies:
+            inertias[body.name] = body.inertia
         bodies = []
         for body in mechanism.bodies:
             bodies.append(replace(body, inertia=inertias.get(body.name)))
@@ -299,6 +302,7 @@ class Bench:
         yield self._most_severe(protocol.findings)
         if slow and protocol.findings:
             return  # a motion at such a low speed would take hours to check
+        # the trocars of the mechanism are where the protocol states them, also where it states them wrongly
         robot = self.robot.bound(protocol)
         case = self.case(
             protocol=protocol,
@@ -334,6 +338,7 @@ class Bench:
         with contextlib.suppress(TwinError):
             if fault.robot is not None:
                 faulty_kin = fault.robot(_subfolder(folder)).kinematics(parameters={})
+                # a fixed seed: the verdict on a fault does not depend on how many faults came before it
                 return same_equations(self.kin, faulty_kin, self.trajectory, np.random.default_rng(1))
             if fault.mechanism is not None:
                 return same_motion(self.robot.mechanism, fault.mechanism(), self.trajectory)

@@ -33,8 +33,12 @@ def faults(mechanism: Mechanism, rng: np.random.Generator, count: int) -> Iterat
 
 def _with_joints(mechanism: Mechanism, *replacements: Joint) -> Mechanism:
     """Return the mechanism with these joints instead of its joints of the same names."""
-    by_name = {joint.name: joint for joint in replacements}
-    joints = [by_name.get(joint.name, joint) for joint in mechanism.joints]
+    replacement_of = {}
+    for joint in replacements:
+        replacement_of[joint.name] = joint
+    joints = []
+    for joint in mechanism.joints:
+        joints.append(replacement_of.get(joint.name, joint))
     return replace(mechanism, joints=tuple(joints))
 
 
@@ -77,7 +81,11 @@ def _turned_frame(mechanism: Mechanism, rng: np.random.Generator) -> NamedFault:
 
 def _wrong_axis(mechanism: Mechanism, rng: np.random.Generator) -> NamedFault:
     """Let a joint move about, or along, another axis of its frame."""
-    single_axis_joints = [joint for joint in mechanism.joints if len(joint.free_axes) == 1]
+    # a ball turns about all axes of its frame: another axis would change nothing
+    single_axis_joints = []
+    for joint in mechanism.joints:
+        if len(joint.free_axes) == 1:
+            single_axis_joints.append(joint)
     joint = random_item(single_axis_joints, rng)
     T_exchange = spatial.pose(np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]))  # the old x axis becomes the z axis
     motion = "turns about" if joint.is_angle else "slides along"
@@ -96,7 +104,10 @@ def _swapped_bodies(mechanism: Mechanism, rng: np.random.Generator) -> NamedFaul
     groups: dict[str, list[Joint]] = {}
     for joint in mechanism.joints:
         groups.setdefault(joint.type, []).append(joint)
-    exchangeable_groups = [group for group in groups.values() if len(group) > 1]
+    exchangeable_groups = []
+    for joints in groups.values():
+        if len(joints) > 1:
+            exchangeable_groups.append(joints)
     group = random_item(exchangeable_groups, rng)
     i, j = rng.permutation(len(group))[:2]
     first = group[i]
@@ -112,7 +123,10 @@ def _swapped_bodies(mechanism: Mechanism, rng: np.random.Generator) -> NamedFaul
 
 def _wrong_limit(mechanism: Mechanism, rng: np.random.Generator) -> NamedFault:
     """Give limits in another unit, mirror or shift them; without limits, move a joint frame."""
-    limited_joints = [joint for joint in mechanism.active if joint.limits is not None]
+    limited_joints = []
+    for joint in mechanism.active:
+        if joint.limits is not None:
+            limited_joints.append(joint)
     if not limited_joints:
         return _moved_frame(mechanism, rng)
     joint = random_item(limited_joints, rng)
@@ -129,6 +143,7 @@ def _wrong_limit(mechanism: Mechanism, rng: np.random.Generator) -> NamedFault:
     text, limits = random_item(changes, rng)
     if np.allclose(limits, joint.limits):  # symmetric limits do not change when mirrored
         text, limits = shift
+    # soft limits outside the faulty ones would be a second fault
     soft = None
     if joint.soft_limits is not None:
         soft = limits

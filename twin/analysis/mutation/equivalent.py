@@ -61,6 +61,7 @@ def same_equations(kin: Kinematics, kin_faulty: Kinematics, trajectory: Trajecto
         for values, values_faulty in zip(_values(kin, Ts, q), _values(kin_faulty, Ts, q), strict=True):
             finite = np.isfinite(values)
             finite_faulty = np.isfinite(values_faulty)
+            # a pose that only one of two formulas can reach is an effect, although no number differs
             if values.shape != values_faulty.shape or not np.array_equal(finite, finite_faulty):
                 return ""
             if finite.any():
@@ -69,7 +70,7 @@ def same_equations(kin: Kinematics, kin_faulty: Kinematics, trajectory: Trajecto
                 if difference > _SAME * (1 + size):
                     return ""
             count += int(finite.sum())
-    if not count:
+    if not count:  # nothing was compared, which proves nothing
         return ""
     return f"{count} numbers at {_POSES} poses are equal"
 
@@ -92,7 +93,10 @@ class MatrixKinematics:
 
     def __init__(self, mechanism: Mechanism) -> None:
         self.mechanism = mechanism
-        self.active = {joint.name: i for i, joint in enumerate(mechanism.active)}
+        # {active joint: its index in q}
+        self.active: dict[str, int] = {}
+        for i, active_joint in enumerate(mechanism.active):
+            self.active[active_joint.name] = i
         # {passive joint: (free axis, index in x) of each of its coordinates}
         self.index: dict[str, list[tuple[int, int]]] = {}
         # {ball joint: its rotation at rest, from which its three coordinates are measured}
@@ -184,6 +188,7 @@ def same_motion(mechanism: Mechanism, mechanism_faulty: Mechanism, trajectory: T
     for body in mechanism.bodies:
         if body.meshes:
             visible.append(body.name)
+    # the tool counts also without a mesh, because the protocol moves it
     visible.append(mechanism.frame(mechanism.tool).body)
     kinematics = MatrixKinematics(mechanism)
     kinematics_faulty = MatrixKinematics(mechanism_faulty)
@@ -262,4 +267,7 @@ def same_protocol(protocol: Protocol, protocol_faulty: Protocol) -> str:
 
 def _numbers(protocol: Protocol) -> dict[str, float]:
     """Return {name of a number of a protocol: its value}."""
-    return {parameter.name: parameter.value for parameter in protocol.parameters()}
+    numbers = {}
+    for parameter in protocol.parameters():
+        numbers[parameter.name] = parameter.value
+    return numbers

@@ -29,6 +29,7 @@ def faults(
 ) -> Iterator[SeededFault]:
     """Yield faults of a trajectory; `planner` plans a protocol with the sample time of the trajectory."""
     kinds = list(KINDS)
+    # without an RCM, nothing prescribes where the shaft passes
     if not _rcm_phases(trajectory):
         kinds.remove("RCM")
         kinds.remove("shaft")
@@ -39,7 +40,11 @@ def faults(
 
 def _rcm_phases(trajectory: Trajectory) -> list[PhaseSpan]:
     """Return the phases in which the shaft passes through an RCM."""
-    return [phase for phase in trajectory.phases if phase.rcm is not None]
+    rcm_phases = []
+    for phase in trajectory.phases:
+        if phase.rcm is not None:
+            rcm_phases.append(phase)
+    return rcm_phases
 
 
 def _with_scaled_time(trajectory: Trajectory, factor: float) -> Trajectory:
@@ -167,7 +172,10 @@ def _start_in_motion(trajectory: Trajectory, rng: np.random.Generator) -> NamedF
 
 def _without_beginning(values_of_name: Mapping[str, Array], cut: int) -> dict[str, Array]:
     """Return {name: its values (k,)} without the first `cut` values."""
-    return {name: values[cut:] for name, values in values_of_name.items()}
+    shortened = {}
+    for name, values in values_of_name.items():
+        shortened[name] = values[cut:]
+    return shortened
 
 
 def _planned_too_fast(protocol: Protocol, planner: Planner, rng: np.random.Generator) -> NamedFault:
@@ -175,7 +183,9 @@ def _planned_too_fast(protocol: Protocol, planner: Planner, rng: np.random.Gener
     factor = float(rng.uniform(1.15, 2.0))
     limits = {}
     for kind, limit in protocol.limits.items():
-        scaled = {name: factor * getattr(limit, name) for name in _SCALED}
+        scaled = {}
+        for name in _SCALED:
+            scaled[name] = factor * getattr(limit, name)
         limits[kind] = replace(limit, **scaled)
     return f"planned with limits multiplied by {factor:.2f}", lambda: planner(replace(protocol, limits=limits))
 

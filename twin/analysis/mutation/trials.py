@@ -57,7 +57,10 @@ def selftest(
             outcomes = _judged(bench, families, count=count, seed=seed, share=0, progress=progress)
         progress("wait for the other process", 1.0)
         outcomes |= second_process.result()
-    in_order = [outcomes[i] for i in sorted(outcomes)]
+    # in the order of seeding, as if one process had judged all faults
+    in_order = []
+    for i in sorted(outcomes):
+        in_order.append(outcomes[i])
     return Score(
         bench.robot.name,
         protocol=bench.protocol.name,
@@ -117,7 +120,11 @@ def shared_out(count: int, shares: Mapping[Family, int]) -> dict[Family, int]:
         numbers[adjusted] += step
         remainders[adjusted] -= step
         total += step
-    return {family: number for family, number in numbers.items() if number}
+    nonzero_numbers: dict[Family, int] = {}
+    for family, number in numbers.items():
+        if number:
+            nonzero_numbers[family] = number
+    return nonzero_numbers
 
 
 def _faults(family: Family, bench: Bench, rng: np.random.Generator, count: int) -> Iterator[SeededFault]:

@@ -102,7 +102,10 @@ def _waypoint(document: Any, rng: np.random.Generator, key: str, least: float, f
         return None
     waypoint_name = random_item(candidates, rng)
     values = waypoints[waypoint_name][key]
-    waypoints[waypoint_name][key] = [_scaled(value, factor) for value in values]
+    scaled_values = []
+    for value in values:
+        scaled_values.append(_scaled(value, factor))
+    waypoints[waypoint_name][key] = scaled_values
     quantity = key.partition("_")[0]
     return f"{quantity} of waypoint '{waypoint_name}' in {unit}"
 
@@ -154,7 +157,10 @@ def _trocar(document: Any, rng: np.random.Generator) -> str | None:
     table, key, what = places[0]
     if named_trocars:
         table, key, what = random_item(places, rng)
-    table[key] = [_scaled(value, 1e-3) for value in table[key]]
+    position = []
+    for value in table[key]:
+        position.append(_scaled(value, 1e-3))
+    table[key] = position
     return f"{what} in metres"
 
 

@@ -85,7 +85,11 @@ def _connecting_joints(stage: Usd.Stage, kind: type = UsdPhysics.Joint) -> list[
 
 def _bodies(stage: Usd.Stage) -> list[Usd.Prim]:
     """Return all rigid bodies."""
-    return [prim for prim in stage.Traverse() if prim.HasAPI(UsdPhysics.RigidBodyAPI)]
+    bodies = []
+    for prim in stage.Traverse():
+        if prim.HasAPI(UsdPhysics.RigidBodyAPI):
+            bodies.append(prim)
+    return bodies
 
 
 def _joint_frame_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
@@ -236,6 +240,7 @@ def _loop_joint_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
         return f"{name} false", lambda s: _set_value(s, name, False)
 
     def drop(spoiled_stage: Usd.Stage) -> None:
+        # an opinion that remains in another layer would leave a prim at this path
         for layer in spoiled_stage.GetUsedLayers():
             spec = layer.GetPrimAtPath(path)
             if spec is not None:
@@ -291,7 +296,9 @@ def _quaternion_order_fault(stage: Usd.Stage, rng: np.random.Generator) -> Named
     for joint in _connecting_joints(stage):
         for side in (0, 1):
             rotation = joint.GetAttribute(f"physics:localRot{side}")
-            magnitudes = {round(abs(x), 4) for x in _components(rotation.Get())}
+            magnitudes = set()
+            for component in _components(rotation.Get()):
+                magnitudes.add(round(abs(component), 4))
             # With fewer different magnitudes, another order can give the same rotation.
             if len(magnitudes) > 2:
                 paths.append(str(rotation.GetPath()))
@@ -308,7 +315,10 @@ def _quaternion_order_fault(stage: Usd.Stage, rng: np.random.Generator) -> Named
 
 def _mesh_fault(stage: Usd.Stage, rng: np.random.Generator) -> NamedEdit:
     """Give a mesh in millimetres, or turn it inside out."""
-    meshes = [prim for prim in stage.Traverse() if prim.IsA(UsdGeom.Mesh)]
+    meshes = []
+    for prim in stage.Traverse():
+        if prim.IsA(UsdGeom.Mesh):
+            meshes.append(prim)
     path = str(random_item(meshes, rng).GetPath())
     if rng.integers(2):
         name = f"{path}.points"

@@ -41,7 +41,9 @@ def bounds_of(mechanism: Mechanism, gaps: Sequence[tuple[str, str, float]] = ())
     `gaps` are (lower joint, upper joint, minimum distance in m) for pairs of joints on one rail.
     """
     eye = np.eye(len(mechanism.active))
-    index = {joint.name: i for i, joint in enumerate(mechanism.active)}
+    index = {}
+    for i, joint in enumerate(mechanism.active):
+        index[joint.name] = i
     bounds: list[Bound] = []
     for joint in mechanism.active:
         bounds += _of_range(joint.name, ("lower", "upper"), eye[index[joint.name]], joint.limits)

@@ -125,7 +125,10 @@ class LoopEquations:
                 for side in ("parent", "child"):
                     self.errors[joint.name, side] = ca.SX.sym(f"e_{joint.name}_{side}", 6)
         self.q = ca.SX.sym("q", len(mechanism.active))
-        self._active = {joint.name: i for i, joint in enumerate(mechanism.active)}
+        # {active joint: its index in q}
+        self._active: dict[str, int] = {}
+        for i, joint in enumerate(mechanism.active):
+            self._active[joint.name] = i
 
         self.passive: list[Passive] = []
         for joint in mechanism.tree:
@@ -134,7 +137,9 @@ class LoopEquations:
             state = ca.SX.sym(joint.name, STATES[joint.type])
             step = ca.SX.sym(f"d_{joint.name}", STEPS[joint.type])
             self.passive.append(Passive(joint, state, step))
-        self._passive = {passive.name: passive for passive in self.passive}
+        self._passive: dict[str, Passive] = {}
+        for passive in self.passive:
+            self._passive[passive.name] = passive
         self.states = _stack(passive.state for passive in self.passive)
         self.steps = _stack(passive.step for passive in self.passive)
 

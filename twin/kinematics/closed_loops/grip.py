@@ -290,7 +290,11 @@ class _Walk:
 
 def _is_like_any(gradient: Array, others: Sequence[Array]) -> bool:
     """Return whether a gradient (n,) is nearly one of some others."""
-    return any(np.abs(gradient - known_gradient).max() < _ALIKE for known_gradient in others)
+    for known_gradient in others:
+        difference = np.abs(gradient - known_gradient)
+        if difference.max() < _ALIKE:
+            return True
+    return False
 
 
 def _towards(G: Array, motion: Array) -> np.ndarray:

@@ -85,9 +85,16 @@ def _pivot(entries: dict, values: Array, rows: list[int], columns: list[int]) ->
             large = abs(values[i, j]) >= _PIVOT * largest_entry
             if (i, j) not in entries or not large:
                 continue
-            in_row = [c for c in columns if (i, c) in entries]
-            in_column = [r for r in rows if (r, j) in entries]
-            fill_ins = (len(in_row) - 1) * (len(in_column) - 1)
+            in_row = 0
+            for c in columns:
+                if (i, c) in entries:
+                    in_row += 1
+            in_column = 0
+            for r in rows:
+                if (r, j) in entries:
+                    in_column += 1
+            # Elimination with this pivot links every other entry of its row with every other one of its column.
+            fill_ins = (in_row - 1) * (in_column - 1)
             # Of pivots with equal fill-ins, the relatively largest is the most stable.
             candidate = (fill_ins, -abs(values[i, j]) / largest_entry)
             best_cost, best_pivot = min((best_cost, best_pivot), (candidate, (i, j)))
@@ -134,7 +141,11 @@ def least_squares(J: ca.SX, b: ca.SX, pattern: np.ndarray) -> ca.SX:
         for i in range(j + 1, count):
             if (i, j) in lower:
                 right_side[j] = right_side[j] - lower[i, j] * right_side[i]
-    return ca.vertcat(*[right_side[order.index(i)] for i in range(count)])
+    # `right_side` has the order of elimination; the caller's order is that of the unknowns
+    solution = []
+    for i in range(count):
+        solution.append(right_side[order.index(i)])
+    return ca.vertcat(*solution)
 
 
 def _normal_matrix(J: ca.SX, pattern: np.ndarray, linked: np.ndarray, order: list[int]) -> dict[tuple[int, int], ca.SX]:
@@ -158,7 +169,7 @@ def _least_filling(linked: np.ndarray) -> list[int]:
     remaining = list(range(len(linked)))
     order: list[int] = []
     while remaining:
-        neighbour_counts = [int(linked[i, remaining].sum()) for i in remaining]
+        neighbour_counts = linked[np.ix_(remaining, remaining)].sum(axis=1).tolist()
         least = remaining[neighbour_counts.index(min(neighbour_counts))]
         remaining.remove(least)
         order.append(least)

@@ -132,7 +132,9 @@ class Linearizer:
         """Return a compiled function of q, u and further inputs; its outputs are stacked in one matrix."""
         e = self._equations
         symbols = {"q": e.q, "u": e.states, **further_inputs}
-        inputs = {key: symbol.numel() for key, symbol in symbols.items()}
+        inputs = {}
+        for key, symbol in symbols.items():
+            inputs[key] = symbol.numel()
         stacked = ca.densify(ca.vec(rows.T))
         function = ca.Function(name, list(symbols.values()), [stacked], {"cse": True})
         stage = Stage(function, tuple(inputs), ("seen",))
