@@ -234,7 +234,9 @@ def _properties_text(pair: SidePair, properties: Properties) -> Iterator[Part]:
     yield from _one_sided_text(properties.rows)
     stated = [row for row in properties.rows if row.stated]
     if stated:
-        table_rows = [(row.kind, row.where, row.first, row.second) for row in stated]
+        table_rows = []
+        for row in stated:
+            table_rows.append((row.kind, row.where, row.first, row.second))
         yield TextTable(("differs", "of", pair.first.label, pair.second.label), table_rows)
         for row in stated:
             for text in _edit_texts(row.edits, together=row.together):
@@ -244,7 +246,10 @@ def _properties_text(pair: SidePair, properties: Properties) -> Iterator[Part]:
 def _unedited_text(pair: SidePair) -> Iterator[str]:
     """Yield for each side whose numbers cannot be edits the reason, if an item has no edit of it."""
     for side in (pair.first, pair.second):
-        has_unedited = any(item.moves_geometry and not _has_edit_of(item, side) for item in pair.items)
+        has_unedited = False
+        for item in pair.items:
+            if item.moves_geometry and not _has_edit_of(item, side):
+                has_unedited = True
         reason = why_not_edited(side)
         if has_unedited and reason:
             yield f"  no edits of {side.label}: {reason}."
@@ -362,10 +367,13 @@ def _edit_texts(edits: Sequence[NumberEdit], *, together: bool = False) -> list[
     separator = "; and " if together else "; or "
     sentences = []
     for edits_of_side in _by_side(edits).values():
+        texts = []
         for edit in edits_of_side:
+            # what stands in the way of an edit is no alternative to the others: it gets a sentence of its own
             if edit.obstacle:
                 sentences.append(f"{edit.text()}.")
-        texts = [edit.text() for edit in edits_of_side if not edit.obstacle]
+            else:
+                texts.append(edit.text())
         if not texts:
             continue
         if not together:

@@ -31,7 +31,9 @@ def constraints(side: RobotSide, axes: Sequence[Axis]) -> tuple[Array, Array]:
 
     For all states that the couplings allow, ratios @ q = totals, in m and rad.
     """
-    index = {axis.name: i for i, axis in enumerate(axes)}
+    index = {}
+    for i, axis in enumerate(axes):
+        index[axis.name] = i
     ratios = []
     totals = []
     for coupling in side.couplings:

@@ -42,8 +42,8 @@ def differing_places(problem: Problem) -> list[tuple[PlaceDifference, ...]]:
     """
     explanations: list[tuple[PlaceDifference, ...]] = []
     for places in _explanations(problem):
-        has_difference = any(not _is_within_tolerance(problem, place) for place in places)
-        if has_difference:
+        differing = [place for place in places if not _is_within_tolerance(problem, place)]
+        if differing:
             explanations.append(places)
     return explanations
 

@@ -54,6 +54,7 @@ def with_edits(
             continue
         other_tools = moved_tools
         if item.kind == "tool frame":
+            # after an edit, this tool must agree; the others may stay moved
             joint = problem.second.index(item.joint)
             other_tools = [tool for tool in moved_tools if tool != joint]
         edits: list[NumberEdit] = []
@@ -159,7 +160,8 @@ def _names(case: EditCase, item: ComparedItem) -> set[str]:
             for frame, (group, _) in side.frames.items():
                 if group == axis.child:
                     names.add(frame)
-    return {plain(name) for name in names if name}
+    names.discard("")  # an item about no single link has this one
+    return set(map(plain, names))
 
 
 def _without(problem: Problem, unknowns: Unknowns, item: ComparedItem) -> Unknowns | None:
@@ -222,7 +224,10 @@ def _edits(
     # frames of inner links that agree as well, and a round number, make an edit likelier
     ranked.sort(key=lambda pair: (pair[0], len(pair[1].new)))
     # a value that changes less than its text shows is no edit
-    changes = [edit for _, edit in ranked if edit.old != edit.new]
+    changes = []
+    for _, edit in ranked:
+        if edit.old != edit.new:
+            changes.append(edit)
     return changes[:_MOST]
 
 

@@ -170,7 +170,9 @@ class StatedEvidence:
             assert zero is not None
             return self._distance(index, values[:, 6 + index] - zero)[:, None]
         if evidence.kind == "tool":
-            frame_rows = [self._frame_rows(gap, motions) for gap in self._frames_on(index)]
+            frame_rows = []
+            for gap in self._frames_on(index):
+                frame_rows.append(self._frame_rows(gap, motions))
             return np.concatenate(frame_rows, axis=1)
         return self._inertia_rows(index, motions)
 
@@ -182,6 +184,7 @@ class StatedEvidence:
         assert second is not None
         R = motions[:, group, :3, :3]
         centre = R @ first.p_body_com + motions[:, group, :3, 3] - second.p_body_com
+        # relative, so that the tensors of a finger and of a base weigh alike
         size = max(float(np.linalg.norm(second.I_com)), _SMALLEST_TENSOR)
         tensor = (R @ first.I_com @ np.swapaxes(R, 1, 2) - second.I_com) / size
         return np.concatenate([centre, tensor.reshape(len(motions), 9)], axis=1)

@@ -214,7 +214,8 @@ class _XmlNumbers:
     def _titles(self) -> list[str]:
         """Return the elements around a number as they are told, without the root."""
         inside_root = self._open[1:]
-        return [element.title for element in inside_root[-_TITLES:]]
+        nearest = inside_root[-_TITLES:]
+        return [element.title for element in nearest]
 
     def _names(self) -> tuple[str, ...]:
         """Return the plain names of the nearest elements, or of the joints that they refer to."""

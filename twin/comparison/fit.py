@@ -135,7 +135,9 @@ class Problem:
         self.tolerance = tolerance
         self.axes = [first.axes[i] for i in matching.pairs]
         self.count = len(self.axes)
-        ends = [_JointEnds(axis.parent, axis.child, axis.closing) for axis in self.axes]
+        ends = []
+        for axis in self.axes:
+            ends.append(_JointEnds(axis.parent, axis.child, axis.closing))
         self.order, self.below = _tree(tuple(ends))
         self.points, self.directions = _lines(self.axes)
         self.target_points, self.target_directions = _lines(second.axes)
@@ -514,7 +516,10 @@ def _tree(joints: tuple[_JointEnds, ...]) -> tuple[list[int], list[list[int]]]:
             pending.append(i)
     while pending:
         # all at once: the joints of one level stay in the order of the side
-        ready = [i for i in pending if joints[i].parent in reached]
+        ready = []
+        for i in pending:
+            if joints[i].parent in reached:
+                ready.append(i)
         if not ready:
             break
         for i in ready:

@@ -143,7 +143,11 @@ def _displacement(
     axis = parent[:3, :3] @ problem.directions[joint]
     below = problem.below[joint]
     while below:
-        children = [k for k in below if not _deviates(problem, k, deviating)]
+        # a joint with a free place says nothing about where the joint above it stands
+        children = []
+        for k in below:
+            if not _deviates(problem, k, deviating):
+                children.append(k)
         if kind == "prismatic":
             displacement = _slide(problem, parent, axis, children)
         else:

@@ -76,7 +76,8 @@ def gaps_of(problem: Problem, motions: Array, *, inner: bool = True) -> list[Fra
         gaps.append(_gap(problem, motions, name, joint, (group, T), partner))
     # a tool whose name both sides have is among the frames; others are compared also if their link has such frames
     named = problem.second.tool in problem.first.frames or problem.first.tool in problem.second.frames
-    if not guessed and not (named and any(gap.leaf for gap in gaps)):
+    has_leaf_frame = any(gap.leaf for gap in gaps)
+    if not guessed and not (named and has_leaf_frame):
         tool = _tools(problem, motions, carrier)
         if tool is not None and (inner or tool.leaf):
             gaps.append(tool)

@@ -60,7 +60,11 @@ def _points(axes: Sequence[Axis]) -> Array:
 
 def _on_base(side: RobotSide) -> list[Axis]:
     """Return the joints of the tree that start at the base."""
-    return [axis for axis in side.tree if axis.parent == 0]
+    on_base = []
+    for axis in side.tree:
+        if axis.parent == 0:
+            on_base.append(axis)
+    return on_base
 
 
 def _coincides_unmoved(hinges: Sequence[Axis], goal: Array, along: Array) -> bool:

@@ -177,9 +177,10 @@ class NeighbourLines:
 
     def _of_three(self, rule: JointNeighbours) -> frozenset[int]:
         """Return what changes a joint with those before and behind it, as in `Unknowns.deviating`."""
-        axes = (rule.before, rule.joint, rule.behind)
-        turned_axes = {self.count + joint for joint in axes}
-        return frozenset({rule.joint, rule.behind} | turned_axes)
+        changing = {rule.joint, rule.behind}
+        for joint in (rule.before, rule.joint, rule.behind):
+            changing.add(self.count + joint)  # its axis alone is turned
+        return frozenset(changing)
 
     def allows(self, signs: Array, deviating: tuple[int, ...]) -> bool:
         """Return whether a set of signs is possible if these joints deviate."""

@@ -134,7 +134,10 @@ def _names(problem: Problem, matching: Matching) -> list[ComparedItem]:
     for axis, partner in zip(problem.axes, problem.second.axes, strict=True):
         partners[axis.name] = partner.name
     # of the joints that motors of both sides drive, with the names of the second side
-    driven_by_first = [partners[name] for name in problem.first.order if name in partners]
+    driven_by_first = []
+    for name in problem.first.order:
+        if name in partners:
+            driven_by_first.append(partners[name])
     order_of_second = [name for name in problem.second.order if name in driven_by_first]
     order_of_first = [name for name in driven_by_first if name in order_of_second]
     if order_of_first != order_of_second:
@@ -156,9 +159,11 @@ def _drives(problem: Problem) -> list[ComparedItem]:
             continue
         driven = problem.second if partner.active else problem.first
         passive = problem.first if partner.active else problem.second
-        parts = [part.name for part in (*axis.joined, *partner.joined)]
+        parts = (*axis.joined, *partner.joined)
+        part_names = [part.name for part in parts]
         text = (
-            f"motors of {driven.label} drive joint '{partner.name}' ({', '.join(parts)}), none of {passive.label} does"
+            f"motors of {driven.label} drive joint '{partner.name}' ({', '.join(part_names)}), "
+            f"none of {passive.label} does"
         )
         items_of_drives.append(ComparedItem("order", partner.name, text))
     return items_of_drives
@@ -210,7 +215,11 @@ def _tools(problem: Problem, unknowns: Unknowns) -> list[ComparedItem]:
             moved_frames.setdefault(gap.joint, []).append(gap)
     items_of_tools = []
     for joint, frames in moved_frames.items():
-        names = ", ".join([f"'{gap.name}'" for gap in frames])
+        quoted_names = []
+        for gap in frames:
+            quoted_names.append(f"'{gap.name}'")
+        names = ", ".join(quoted_names)
+        # the frames of one link move together: the first shows how far
         gap = frames[0]
         shift = gap.T[:3, 3]
         turn = spatial.log_so3(gap.T[:3, :3])

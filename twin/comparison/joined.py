@@ -86,7 +86,7 @@ def _with_merged(
     # by name: each replacement changes the indices
     replacements: list[tuple[list[str], Axis]] = []
     for parts in chosen:
-        part_names = [axis.name for axis in _axes_of(side, parts.indices)]
+        part_names = [side.axes[i].name for i in parts.indices]
         replacements.append((part_names, parts.merged))
     for part_names, merged_joint in replacements:
         if kind == "revolute":
@@ -106,12 +106,20 @@ def _missing_count(side: RobotSide, other_side: RobotSide, kind: str) -> int:
 
 def _of_kind(side: RobotSide, kind: str) -> list[int]:
     """Return the indices of the joints of a type."""
-    return [i for i, axis in enumerate(side.axes) if axis.kind == kind]
+    indices = []
+    for i, axis in enumerate(side.axes):
+        if axis.kind == kind:
+            indices.append(i)
+    return indices
 
 
 def _closing(side: RobotSide, kind: str) -> list[int]:
     """Return the indices of the joints of a type that close loops."""
-    return [i for i in _of_kind(side, kind) if side.axes[i].closing]
+    indices = []
+    for i, axis in enumerate(side.axes):
+        if axis.kind == kind and axis.closing:
+            indices.append(i)
+    return indices
 
 
 def _replaced(side: RobotSide, parts: Sequence[str], merged_joint: Axis) -> RobotSide:
@@ -121,7 +129,9 @@ def _replaced(side: RobotSide, parts: Sequence[str], merged_joint: Axis) -> Robo
     last = side.axes[indices[-1]]
     # points that close a loop may name their two links in either order
     child = last.child
-    inner_groups = [side.axes[i].child for i in indices[:-1]]
+    inner_groups = []
+    for i in indices[:-1]:
+        inner_groups.append(side.axes[i].child)
     if merged_joint.closing:
         child = first.child
         inner_groups = []
@@ -206,6 +216,7 @@ def _chains(side: RobotSide, length: int) -> Iterator[tuple[int, ...]]:
             if inner in carrying or inner not in behind:
                 break
             chain.append(behind[inner])
+        # a coupled hinge follows others: a ball in its place would be free
         is_coupled = any(side.axes[i].name in coupled for i in chain)
         if len(chain) == length and not is_coupled:
             yield tuple(chain)

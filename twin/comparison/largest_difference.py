@@ -104,12 +104,15 @@ def _overlap(first: tuple[float, float] | None, second: tuple[float, float] | No
 
     The first number is larger than the second if they do not overlap.
     """
-    stated = [limits for limits in (first, second) if limits is not None]
     low = -half
     high = half
-    if stated:
-        low = max(limits[0] for limits in stated)
-        high = min(limits[1] for limits in stated)
+    if first is not None and second is not None:
+        low = max(first[0], second[0])
+        high = min(first[1], second[1])
+    elif first is not None:
+        low, high = first
+    elif second is not None:
+        low, high = second
     if not np.isfinite(low):
         low = min(-half, high - half)
     if not np.isfinite(high):
@@ -186,5 +189,7 @@ def _difference_of(problem: Problem, unknowns: Unknowns, tool: FrameGap, states:
     worst_state = int(np.argmax(distances + _TIE * angles))
     q = dict(zip(problem.second.joint_names, states[worst_state].tolist(), strict=True))
     names_of_first = [axis.name for axis in problem.axes]
-    q_first = dict(zip(names_of_first, (unknowns.signs * states[worst_state] + unknowns.zeros).tolist(), strict=True))
+    # the same posture in the conventions of the first side
+    values_of_first = unknowns.signs * states[worst_state] + unknowns.zeros
+    q_first = dict(zip(names_of_first, values_of_first.tolist(), strict=True))
     return ToolDifference(tool.name, float(distances[worst_state]), float(angles[worst_state]), q, q_first, len(states))

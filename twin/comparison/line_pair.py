@@ -8,7 +8,7 @@ from twin.comparison.common_posture import in_common_posture
 from twin.comparison.differing_places import differing_places, place_items
 from twin.comparison.edits import with_edits
 from twin.comparison.fit import ANGLE_PER_LENGTH, FitSolution, Problem
-from twin.comparison.items import items
+from twin.comparison.items import ComparedItem, items
 from twin.comparison.joined import joined
 from twin.comparison.largest_difference import largest_difference
 from twin.comparison.link_motions import PlaceDifference
@@ -91,8 +91,13 @@ def _of_links(
         differences = (differences[0].with_edits(loop_edits(sides, problem, explanations)),)
     others = []
     for places in explanations[1 : 1 + _TIES]:
-        others.append(tuple(item.text for item in place_items(problem, places)))
+        others.append(_texts(place_items(problem, places)))
     return SidePair(problem.first, problem.second, "disagree", differences, tuple(others), None, None, problem, None)
+
+
+def _texts(of_items: Sequence[ComparedItem]) -> tuple[str, ...]:
+    """Return the texts of items."""
+    return tuple(item.text for item in of_items)
 
 
 def _of_solutions(
@@ -106,10 +111,11 @@ def _of_solutions(
         kinematics = "disagree"
     if not items_of_best:
         kinematics = "agree"
-    told = tuple(item.text for item in items_of_best)
+    told = _texts(items_of_best)
     ties: list[tuple[str, ...]] = []
     for other in solutions[1:]:
-        texts = tuple(item.text for item in items(problem, matching, other))
+        texts = _texts(items(problem, matching, other))
+        # solutions that differ only in numbers below the digits of a text are told once
         if texts not in ties and texts != told:
             ties.append(texts)
     largest = largest_difference(problem, best)

@@ -172,7 +172,8 @@ class LinkMotions:
 
     def places_agree(self, T: Array, places: Sequence[JointPlace]) -> bool:
         """Return whether the kept places agree within the tolerance."""
-        return max(self.misfit(T, joint, where) for joint, where in places) <= 1.0
+        misfits = [self.misfit(T, joint, where) for joint, where in places]
+        return max(misfits) <= 1.0
 
     def together(self) -> Array:
         """Return the motions (groups, 4, 4) that bring all places together, in the sense of least squares."""
@@ -198,7 +199,9 @@ class LinkMotions:
         T = self.solved(remaining, np.ones(len(remaining)).tolist(), start)
         if not self.places_agree(T, remaining):
             return None
-        differences = [self._difference(T, joint, where) for joint, where in left_out]
+        differences = []
+        for joint, where in left_out:
+            differences.append(self._difference(T, joint, where))
         return tuple(differences)
 
     def _difference(self, T: Array, joint: int, where: Where) -> PlaceDifference:

@@ -21,7 +21,7 @@ from twin.comparison.openings import openings
 from twin.comparison.paths import short
 from twin.comparison.recut import recut
 from twin.comparison.rereading import EditGoal, attribute_edits
-from twin.comparison.side import RobotSide, plain
+from twin.comparison.side import Axis, RobotSide, plain
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 
@@ -63,7 +63,7 @@ def closing_edits(sides: tuple[RobotSide, RobotSide], problem: Problem, joint: i
     `sides` are the sides as they were read, and `joint` closes the loop.
     """
     axes = (problem.axes[joint], problem.second.axes[joint])
-    opened = [axis.opened[0] > problem.tolerance or axis.opened[1] > problem.angle_tolerance for axis in axes]
+    opened = [_is_open(problem, axis) for axis in axes]
     if sum(opened) != 1:  # open on both sides: neither says where the loop closes
         return []
     edited = opened.index(True)
@@ -79,8 +79,9 @@ def closing_edits(sides: tuple[RobotSide, RobotSide], problem: Problem, joint: i
         return openings(side.mechanism, poses)
 
     def agrees(side: RobotSide) -> bool:
+        # an edit that closes this loop may open another
         for axis in side.axes:
-            if axis.opened[0] > problem.tolerance or axis.opened[1] > problem.angle_tolerance:
+            if _is_open(problem, axis):
                 return False
         return links_agree(side)
 
@@ -94,6 +95,12 @@ def closing_edits(sides: tuple[RobotSide, RobotSide], problem: Problem, joint: i
             if edit not in edits:
                 edits.append(edit)
     return edits
+
+
+def _is_open(problem: Problem, axis: Axis) -> bool:
+    """Return whether a joint that closes a loop is open by more than the tolerance in m or rad."""
+    distance, angle = axis.opened
+    return distance > problem.tolerance or angle > problem.angle_tolerance
 
 
 def _bodies_of(side: RobotSide, weld: str) -> tuple[str, ...]:

@@ -73,7 +73,10 @@ def _same_names(of_first: Sequence[str], of_second: Sequence[str]) -> list[int] 
 def _without_prefix(names: Sequence[str]) -> list[str]:
     """Return names without their common beginning, but with its digits: it is the name or the maker of the robot."""
     common = common_beginning(names).rstrip("0123456789")
-    return [name.removeprefix(common) for name in names]
+    bare_names = []
+    for name in names:
+        bare_names.append(name.removeprefix(common))
+    return bare_names
 
 
 def pairs_by_links(first: RobotSide, second: RobotSide) -> list[int] | None:
@@ -234,7 +237,11 @@ def _other_type(first: RobotSide, second: RobotSide) -> str | None:
 
 def _structure(side: RobotSide) -> list[tuple[str, int, int]]:
     """Return for each joint its type and the groups of links that it connects."""
-    return [(axis.kind, axis.parent, axis.child) for axis in side.axes]
+    structure = []
+    for axis in side.axes:
+        # groups are numbered from the base outwards: equal numbers are equal places in the tree
+        structure.append((axis.kind, axis.parent, axis.child))
+    return structure
 
 
 def _shared_names(side: RobotSide, other_side: RobotSide) -> tuple[list[str], list[str]]:

@@ -102,7 +102,10 @@ def from_mechanism(
 def _moving(mechanism: Mechanism, only: Collection[str], label: str) -> set[str]:
     """Return the names of the joints that move in the comparison."""
     # a floating robot is compared with one on a stand: where its base is says nothing about its kinematics
-    names = {joint.name for joint in mechanism.joints if joint.type not in ("fixed", "free")}
+    names = set()
+    for joint in mechanism.joints:
+        if joint.type not in ("fixed", "free"):
+            names.add(joint.name)
     if not only:
         return names
     chosen = set()
@@ -163,7 +166,9 @@ def _groups(mechanism: Mechanism, moving: Collection[str]) -> dict[str, int]:
     # without the numbers of the welded groups
     kept_groups = sorted(set(group_of.values()))
     number = dict(zip(kept_groups, range(len(kept_groups)), strict=True))
-    return {body: number[group] for body, group in group_of.items()}
+    for body, group in group_of.items():
+        group_of[body] = number[group]
+    return group_of
 
 
 def _axes(
@@ -268,7 +273,9 @@ def _couplings(
         follower = _follower(mechanism, list(ratios))
         # a file may state the sum of a coupling in any multiple
         scale = ratios[follower]
-        scaled = {name: ratio / scale for name, ratio in ratios.items()}
+        scaled = {}
+        for name, ratio in ratios.items():
+            scaled[name] = ratio / scale
         rows.append(CouplingRow(follower, scaled, total / scale))
     return tuple(rows)
 

@@ -93,6 +93,7 @@ class MimicError:
         for _, offset in self.moved_hinges:
             if offset > distance:
                 return False
+        # a link may turn about a hinge that does not move
         return all(link.is_within(distance, angle) for link in self.links)
 
     def text(self) -> str:
@@ -261,7 +262,8 @@ class _MatchedSides:
         sign = float(np.sign(leader.direction @ (self.X[:3, :3] @ driver.direction)))
         driver_limits: tuple[float, float] | None = None
         if driver.limits is not None:
-            first, last = sorted(sign * limit for limit in driver.limits)
+            ends_along_leader = (sign * driver.limits[0], sign * driver.limits[1])
+            first, last = sorted(ends_along_leader)
             driver_limits = (first, last)
         ends = _stroke(leader.limits, driver_limits)
         if ends is None:
@@ -343,7 +345,9 @@ class _MatchedSides:
         q[:, self.leader] = stroke
         for i, (ratios, offset) in followed_of(self.coupled).items():
             q[:, i] = q @ ratios + offset
-        return self.coupled.poses(q - np.array([axis.drawn for axis in self.coupled.axes]))
+        # `poses` takes displacements from the posture in which the side is drawn
+        drawn = np.array([axis.drawn for axis in self.coupled.axes])
+        return self.coupled.poses(q - drawn)
 
     def _base(self) -> Array:
         """Return `X` without what no hinge determines: a shift along them."""

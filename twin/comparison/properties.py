@@ -156,7 +156,7 @@ class _PropertyComparison:
         second = self.problem.second.axes[joint]
         of_first = _part_texts(first, self.problem.first)
         of_second = _part_texts(second, self.problem.second)
-        is_free_ball = any(not axis.joined and axis.limits == UNLIMITED for axis in (first, second))
+        is_free_ball = _is_free_ball(first) or _is_free_ball(second)
         for kind in ("limits", "speeds", "efforts"):
             if of_first[kind] == of_second[kind]:
                 continue
@@ -449,9 +449,15 @@ def _point(p: Array) -> str:
     return f"({x:g}, {y:g}, {z:g}) mm"
 
 
+def _is_free_ball(axis: Axis) -> bool:
+    """Return whether a joint that its file writes as one joint is stated to have no limits."""
+    return not axis.joined and axis.limits == UNLIMITED
+
+
 def _moments(tensor: Array) -> str:
     """Return the principal moments of an inertia tensor (3, 3) in kg m2 as text, smallest first."""
-    values = [f"{value:.4g}" for value in np.linalg.eigvalsh(tensor)]
+    # principal moments: a tensor in other axes shows the same three numbers
+    values = map("{:.4g}".format, np.linalg.eigvalsh(tensor))
     return f"moments {', '.join(values)} kg m2"
 
 

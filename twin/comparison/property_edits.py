@@ -76,7 +76,10 @@ class _PropertyEdits:
         for edited in (0, 1):
             side = (self._problem.first, self._problem.second)[edited]
             earlier_edits = self._removed_by.get((row.kind, row.index), ())
-            edits_of_side = [edit for edit in earlier_edits if edit.side == side.label]
+            edits_of_side = []
+            for edit in earlier_edits:
+                if edit.side == side.label:
+                    edits_of_side.append(edit)
             if edits_of_side:
                 edits += edits_of_side
                 continue
@@ -178,4 +181,4 @@ def _names(problem: Problem, row: PropertyRow, edited: int) -> set[str]:
         for i, axis in enumerate(problem.axes):
             if axis.child == row.index and not axis.closing:
                 group = axes[i].child
-    return {plain(body) for body in side.groups[group].bodies}
+    return set(map(plain, side.groups[group].bodies))

@@ -136,7 +136,10 @@ def edits(
     is_tried: Callable[[FileNumber, float], bool] = _never,
 ) -> list[NumberEdit]:
     """Return the edits of one number that reach a goal, the likeliest first; see `edited_sides`."""
-    return [edited.edit for edited in edited_sides(side, names, kind, goal, file, is_tried)]
+    number_edits = []
+    for edited in edited_sides(side, names, kind, goal, file, is_tried):
+        number_edits.append(edited.edit)
+    return number_edits
 
 
 def edited_sides(
@@ -249,7 +252,9 @@ def attribute_edits(
         values = _attribute_values(side, data, own_numbers, goal, before)
         if values is None:
             continue
-        old = " ".join([_written(data, number) for number in own_numbers])
+        # as the file writes them, so that the text of the edit is found in the file
+        written_values = [_written(data, number) for number in own_numbers]
+        old = " ".join(written_values)
         new = " ".join(map(_text, values))
         source = own_numbers[0].file
         edit = NumberEdit(side.label, file(source or str(side.path)), line, what, old, new, confirmed=True)
@@ -261,7 +266,8 @@ def _attribute_values(
     side: RobotSide, data: bytes, attribute_numbers: Sequence[FileNumber], goal: EditGoal, before: Array
 ) -> list[float] | None:
     """Return the values of the numbers of an attribute with which a goal is reached; None if there are none."""
-    values = np.array([_value(data, number) for number in attribute_numbers])
+    numbers_before = [_value(data, number) for number in attribute_numbers]
+    values = np.array(numbers_before)
     J = _attribute_derivatives(side, data, attribute_numbers, values, goal, before)
     if J is None:
         return None

@@ -62,7 +62,9 @@ class RowChanges:
         if not self._noise.accepts(saturated, saturated):
             return None, saturated  # what remains with every joint free is no noise: fewer changes leave more
         # the estimate of the noise may have changed the unit of angles
-        refitted = [self._fit.solved(state.signs, (), state.x) for state in starts]
+        refitted = []
+        for state in starts:
+            refitted.append(self._fit.solved(state.signs, (), state.x))
         return self._explained(refitted, saturated), saturated
 
     def _explained(self, starts: Sequence[RowState], saturated: RowState) -> RowState | None:
@@ -112,7 +114,9 @@ class RowChanges:
         if size == 0:
             yield state
             return
-        derivatives = {change: self._derivatives(state, change) for change in possible}
+        derivatives = {}
+        for change in possible:
+            derivatives[change] = self._derivatives(state, change)
         estimates: list[tuple[float, int, tuple[JointChange, ...]]] = []
         for chosen in combinations(possible, size):
             joints = {change.joint for change in chosen}
@@ -150,7 +154,10 @@ class RowChanges:
         """Return the fit with one more value of the changes held at zero; None if the noise allows none."""
         uncertainties = self._noise.uncertainties(state, saturated)
         # the unknowns of base and tool frame are always fitted
-        values = [k for k in np.flatnonzero(state.free) if k >= FRAME_UNKNOWNS]
+        values = []
+        for k in np.flatnonzero(state.free):
+            if k >= FRAME_UNKNOWNS:
+                values.append(k)
         # first those that are smallest for what the rows say about them
         values.sort(key=lambda k: abs(state.x[k]) / max(uncertainties[k], _NO_DEVIATION))
         for k in values:

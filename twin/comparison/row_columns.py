@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -83,7 +83,7 @@ def joint_values(rows: PoseRows, label: str, side: RobotSide) -> Array:
         TwinError: the joints cannot be matched, or a length stands where the robot has an angle.
     """
     columns = _columns(rows, label, side)
-    axes = {axis.name: axis for axis in side.axes}
+    axes = _axis_of_name(side)
     q = np.full((len(rows.q), len(side.order)), np.nan)
     for i, name in enumerate(side.order):
         if name not in columns:
@@ -112,7 +112,10 @@ def _columns(rows: PoseRows, label: str, side: RobotSide) -> dict[str, int]:
         if side.tool_poses is None or _moves_tool(side, name):
             missing.append(name)
     driven_names = set(map(plain, side.order))
-    extra = [name for name in rows.joints if plain(name) not in driven_names]
+    extra = []
+    for name in rows.joints:
+        if plain(name) not in driven_names:
+            extra.append(name)
     if not missing and not extra:
         columns = {}
         for name in side.order:
@@ -140,10 +143,22 @@ def _require_unit(rows: PoseRows, column: int, label: str, axis: Axis, side: Rob
     raise TwinError(f"{stated}, but {known_kind}. {way_out}")
 
 
+def _axis_of_name(side: RobotSide) -> dict[str, Axis]:
+    """Return {name: joint} of a side."""
+    axis_of_name = {}
+    for axis in side.axes:
+        axis_of_name[axis.name] = axis
+    return axis_of_name
+
+
 def _passive(names: Sequence[str], side: RobotSide) -> list[str]:
     """Return which of the names are joints of the side without a motor."""
     undriven = set(map(plain, side.joint_names)) - set(map(plain, side.order))
-    return [name for name in names if plain(name) in undriven]
+    passive = []
+    for name in names:
+        if plain(name) in undriven:
+            passive.append(name)
+    return passive
 
 
 def _moves_tool(side: RobotSide, name: str) -> bool:
@@ -181,7 +196,7 @@ def require_common_range(rows: PoseRows, q: Array, label: str, side: RobotSide) 
     Raises:
         TwinError: it names the joint, both ranges, and the way out.
     """
-    axes: Mapping[str, Axis] = {axis.name: axis for axis in side.axes}
+    axes = _axis_of_name(side)
     for i, name in enumerate(side.order):
         values = q[:, i]
         if name not in axes or not np.isfinite(values).all():

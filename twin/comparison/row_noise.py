@@ -81,7 +81,10 @@ class RowNoise:
         motion = self.fit.motion
         if not isinstance(motion, ChainMotion):
             return None
-        changes = [JointChange("place", joint) for joint in range(motion.count)]
+        # with every place free, only noise is left of the residual
+        changes = []
+        for joint in range(motion.count):
+            changes.append(JointChange("place", joint))
         x = np.concatenate([state.x, np.zeros(6 * motion.count)])
         saturated = self.fit.solved(state.signs, tuple(changes), x)
         if self.freedoms(saturated) < _FREEDOMS:

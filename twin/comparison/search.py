@@ -120,7 +120,9 @@ def _ordered(problem: Problem, solutions: Sequence[FitSolution]) -> list[FitSolu
             if not gap.leaf and gap.differs(problem):
                 moved_frames += 1
         costs.append(_INNER_FRAME * moved_frames + _NUMBER * _changed_numbers(solution))
-    return [different[k] for k in np.argsort(costs, kind="stable")]
+    # stable: solutions of one cost keep the order of the search
+    cheapest_first = np.argsort(costs, kind="stable")
+    return [different[k] for k in cheapest_first]
 
 
 def _explained(problem: Problem, solutions: Sequence[FitSolution]) -> list[FitSolution]:

@@ -52,7 +52,11 @@ def smallest_deviations(problem: Problem, solution: FitSolution) -> FitSolution:
         if evidence.kind in ("tool", "inertia"):
             of_bodies.append(evidence)
     differing = stated.violated(of_bodies, unknowns)
-    agreeing = [evidence for evidence in of_bodies if evidence not in differing]
+    # what differs anyway must not pull the deviations towards itself
+    agreeing = []
+    for evidence in of_bodies:
+        if evidence not in differing:
+            agreeing.append(evidence)
 
     def residuals_of_agreeing(values: Array, groups: Array) -> Array:
         return stated.residuals_of(agreeing, unknowns.signs, values, groups)

@@ -7,7 +7,9 @@ from twin.comparison.side import Axis, RobotSide
 
 def path_to_tool(side: RobotSide) -> list[Axis]:
     """Return the joints from the base to the tool."""
-    above = {axis.child: axis for axis in side.tree}
+    above = {}
+    for axis in side.tree:
+        above[axis.child] = axis
     group, _ = side.frames[side.tool]
     path = []
     while group in above:
