@@ -16,7 +16,7 @@ from twin import api
 from twin.core import spatial
 from twin.formula import symbolic
 from twin.robots import _authoring, load_formula
-from twin.validation.explain.conventions import ORDERS, conventions, dh_form
+from twin.validation.explain.conventions import ORDERS, _offset, _scalars, conventions, dh_form
 from twin.validation.explain.judged_states import sampled_values
 from twin.validation.explain.rebuilt_functions import Matrix, Rebuilder, of_formula
 from twin.validation.explain.row_deviations import Judge
@@ -103,6 +103,42 @@ def test_sign_and_zero_of_a_joint(sils):
         Judge(formula, None, replace(reference, symbols={**reference.symbols, "rf2": -reference.symbols["rf2"]}))
     )
     assert any(c.kind == "sign" and "rf2" in c.message for c in found)
+
+
+def scalar_messages(sils, symbol, slope, offset):
+    """Return (kind, message) of the conventions of one output that the formula gives as slope * value + offset."""
+    formula, reference = sils
+    stated = reference.symbols[symbol]  # the formula agrees with this value
+    true = (stated - offset) / slope
+    judge = Judge(formula, None, replace(reference, symbols={**reference.symbols, symbol: true}))
+    found = []
+    with np.errstate(all="ignore"):
+        for convention in _scalars(judge):
+            if convention.message.startswith(f"{symbol}:"):
+                found.append((convention.kind, convention.message))
+    return found
+
+
+def test_an_output_in_degrees(sils):
+    text = "rf1: degrees instead of radians"
+    assert scalar_messages(sils, "rf1", 180 / np.pi, 0.0) == [("unit", text)]
+    # The offset is known modulo 2 pi degrees only, so that no size is stated.
+    [(kind, message)] = scalar_messages(sils, "rf1", 180 / np.pi, 20.0)
+    assert kind == "unit"
+    assert message == f"{text} and its zero position differs from the zero position in the mechanism"
+
+
+def test_an_offset_is_in_the_unit_of_the_mechanism():
+    true = np.linspace(0.1, 0.4, 5)
+    offset, after = _offset(1e3 * true + 5.0, true, 1e3, angle=False, tolerance=1e-9)
+    assert offset == pytest.approx(5e-3)
+    assert after <= 1
+    # full turns, in the formula's unit, are lost before the comparison
+    degrees = np.degrees(np.linspace(-2.0, 2.0, 7))
+    recovered = degrees - 2 * np.pi * np.array([3, -1, 0, 2, 5, -4, 1])
+    offset, after = _offset(recovered, np.radians(degrees), 180 / np.pi, angle=True, tolerance=1e-9)
+    assert abs(offset) < 1e-12
+    assert after <= 1
 
 
 def standard(alpha, d, theta, r):

@@ -40,13 +40,14 @@ _DH_PROBE = (0.3, 0.7, 1.1, 0.45)
 """Arguments, in m and rad, that show the form of a Denavit-Hartenberg row: they differ, so that only one order fits."""
 
 _NAMED_RATIOS = (
-    (-1.0, "the opposite sign"),
-    (1e3, "millimetres instead of metres"),
-    (1e-3, "metres instead of millimetres"),
-    (180 / np.pi, "degrees instead of radians"),
-    (np.pi / 180, "radians instead of degrees"),
+    (-1.0, "sign", "the opposite sign"),
+    (1e3, "unit", "millimetres instead of metres"),
+    (1e-3, "unit", "metres instead of millimetres"),
+    (180 / np.pi, "unit", "degrees instead of radians"),
+    (np.pi / 180, "unit", "radians instead of degrees"),
+    (1.0, "offset", ""),
 )
-"""Ratios of a value of the formula and that of the mechanism, and what they say."""
+"""Ratios of a value of the formula and that of the mechanism: (ratio, kind of the convention, what it says)."""
 
 
 def conventions(judge: Judge, general_conventions: Sequence[Convention] | None = None) -> list[Convention]:
@@ -272,7 +273,7 @@ def _scalars(judge: Judge) -> Iterator[Convention]:
     """Yield a convention for rows whose value differs from the mechanism's only by a sign, a unit or a zero offset."""
     reference = judge.reference
     values = formula_values(judge)
-    groups: dict[str, list[tuple[RowPlace, float]]] = {}
+    groups: dict[tuple[str, str], list[tuple[RowPlace, float]]] = {}
     for place in judge.failing():
         true = to_array(reference.symbols[place.symbol], reference.k)
         is_constant = np.ptp(true) < _ROUNDING  # any value is then a constant value with an offset
@@ -281,50 +282,53 @@ def _scalars(judge: Judge) -> Iterator[Convention]:
         angle = reference.kinds[place.symbol] == "angle"
         tolerance = judge.tolerance.angle if angle else judge.tolerance.length
         value = np.asarray(values[place.symbol], float)
-        for slope, text in (*_NAMED_RATIOS, (1.0, "")):
-            middle, after = _offset(value, true[:, 0], slope, angle, tolerance)
+        for slope, kind, ratio_text in _NAMED_RATIOS:
+            offset, after = _offset(value, true[:, 0], slope, angle, tolerance)
             if not after <= 1:  # also for NaN
                 continue
             parts: list[str] = []
-            if text:
-                parts.append(text)
-            if abs(middle) > tolerance:
-                size = f"{middle * 1e3:.6g} mm"
-                if angle:
-                    size = f"{np.degrees(middle):.6g}°"
-                parts.append(f"its zero position differs by {size} from the zero position in the mechanism")
+            if ratio_text:
+                parts.append(ratio_text)
+            if abs(offset) > tolerance:
+                parts.append(_offset_text(offset, slope, angle))
             if parts:
-                groups.setdefault(" and ".join(parts), []).append((place, after))
+                groups.setdefault((kind, " and ".join(parts)), []).append((place, after))
             break
-    for message, rows in groups.items():
+    for (kind, message), rows in groups.items():
         places: list[RowPlace] = []
         largest = 0.0
         for place, after in rows:
             places.append(place)
             largest = max(largest, after)
         symbols = [place.symbol for place in places]
-        kind = "unit"
-        if message.startswith("its zero"):
-            kind = "offset"
-        elif "sign" in message:
-            kind = "sign"
         yield Convention(kind, f"{', '.join(symbols)}: {message}", _names(places), largest)
 
 
+def _offset_text(offset: float, slope: float, angle: bool) -> str:
+    """Return what a message says of an offset in m or rad of a value with another sign or unit."""
+    if angle and abs(slope) != 1:  # full turns of 2 pi are lost, and are no full turns of the formula's unit
+        return "its zero position differs from the zero position in the mechanism"
+    size = f"{offset * 1e3:.6g} mm"
+    if angle:
+        size = f"{np.degrees(offset):.6g}°"
+    return f"its zero position differs by {size} from the zero position in the mechanism"
+
+
 def _offset(value: Array, true: Array, slope: float, angle: bool, tolerance: float) -> tuple[float, float]:
-    """Return (mean of `value` - `slope` * `true`, largest deviation from it / `tolerance`), of values (k,)."""
-    offset = value - slope * true
-    if not angle:
-        middle = float(offset.mean())
-        largest = float(np.abs(offset - middle).max())
-        return middle, largest / tolerance / abs(slope)
-    if abs(slope) == 1:  # full turns do not count; in another unit an angle has no full turn of 2 pi
-        offset = _within_half_turn(offset)
-        middle = float(np.angle(np.mean(np.exp(1j * offset))))
+    """Return (offset, largest deviation from it / `tolerance`) of values (k,) that are `slope` * `true` + offset.
+
+    The offset is in m or rad, also if the formula has another unit. `formula_values` gives an angle up to full turns of
+    2 pi, whatever its unit is; therefore differences of angles are compared without full turns.
+    """
+    difference = value - slope * true  # in the formula's unit
+    if angle:
+        middle = float(np.angle(np.mean(np.exp(1j * difference))))
+        deviations = _within_half_turn(difference - middle)
     else:
-        middle = float(offset.mean())
-    deviations = _within_half_turn(offset - middle)
-    return middle, float(np.abs(deviations).max() / tolerance)
+        middle = float(difference.mean())
+        deviations = difference - middle
+    unit = abs(slope)  # one m or rad in the formula's unit
+    return middle / unit, float(np.abs(deviations).max() / unit / tolerance)
 
 
 def _within_half_turn(angles: Array) -> Array:
