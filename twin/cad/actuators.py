@@ -29,6 +29,7 @@ def transmissions(description: Description, variant: str = "") -> tuple[Transmis
     built = []
     for spec in description.transmission:
         matrix = spec.matrix
+        # A variant may concern some of the transmissions only; the others keep their own matrix.
         if variant in spec.variants:
             matrix = spec.variants[variant].matrix
         built.append(Transmission(spec.name, tuple(spec.joints), tuple(spec.actuators), np.array(matrix, float)))

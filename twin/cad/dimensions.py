@@ -46,6 +46,7 @@ def read_dimensions(path: Path, read: Read = read_bytes) -> tuple[Parameter, ...
             continue
         value = entry.get("value") if isinstance(entry, dict) else None
         if isinstance(value, list) and not all(isinstance(row, list) for row in value):
+            # TOML knows lists only; a tuple tells a vector of three numbers from a table of rows.
             entry = {**entry, "value": tuple(value)}
         try:
             dimension = Dimension.model_validate(entry)

@@ -42,6 +42,7 @@ class Inertia:
         Order and signs of the axes are chosen so that the rotation is nearest to identity. The axes then do not jump
         when a length changes slightly, and the axes of aligned parts are easy to read.
         """
+        # eigh reads one triangle only: the mean with the transpose takes both into account.
         moments, axes = np.linalg.eigh(0.5 * (self.I_com + self.I_com.T))
 
         def alignment(order: tuple[int, ...]) -> float:
@@ -50,6 +51,8 @@ class Inertia:
         best = list(max(permutations(range(3)), key=alignment))
         moments = moments[best]
         ordered = axes[:, best]
+        # An eigenvector has no sign of its own: turned towards its axis of the body, it stays the same from file to
+        # file.
         ordered = ordered * np.where(np.diag(ordered) < 0, -1.0, 1.0)
         if np.linalg.det(ordered) < 0:  # right-handed with the smallest change
             ordered[:, np.argmin(np.diag(ordered))] *= -1

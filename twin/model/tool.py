@@ -59,6 +59,7 @@ class ToolTable(Sourced):
             has_key = getattr(self, key) is not None
             if key in needs and not has_key:
                 raise at("kind", f"a {self.kind} needs `{key}`")
+            # A number without an effect would let its author believe that the simulation uses it.
             if has_key and key not in needs:
                 raise at(key, f"a {self.kind} takes no `{key}`")
         return self

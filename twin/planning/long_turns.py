@@ -26,6 +26,7 @@ def long_turns(course: Course, phase: str, waypoint: Waypoint) -> list[Finding]:
         phase: name of the phase.
         waypoint: the waypoint at the end of the phase; the result is empty if this waypoint has joint values.
     """
+    # A waypoint of joint values has no angles: those in it are zeros, not turns that somebody wrote.
     if waypoint.joints is not None:
         return []
     warnings = []

@@ -54,6 +54,7 @@ def instructions(function: ca.Function) -> list[Instruction]:
         if operation == ca.OP_CONST:
             step = Instruction(number, operation, (), results[0], constant=function.instruction_constant(number))
         elif operation == ca.OP_INPUT:
+            # CasADi gives number and entry of an input where others have operands: they are not places of memory.
             step = Instruction(number, operation, (), results[0], port=(operands[0], operands[1]))
         elif operation == ca.OP_OUTPUT:
             step = Instruction(number, operation, operands, port=(results[0], results[1]))

@@ -46,6 +46,7 @@ def _is_inside(claim: JudgedClaim, state: StateOfFractions, ranges: Mapping[str,
         if not _in_range(value, claim.witness[name], *ranges[name]):
             return False
     for margin in numbers_at(claim.reach, state):
+        # Only a margin of at least its error bound is certain: a state that the loops cannot reach refutes nothing.
         if margin is None or margin.value < Decimal(margin.error):
             return False
     return True
@@ -71,6 +72,7 @@ def _states(
             is_angle, _, _ = ranges[name]
             number = value
             if is_angle:
+                # Half of the remainder is within a quarter turn, where each tangent belongs to one angle only.
                 number = math.tan(math.remainder(value, math.tau) / 2)
             largest = denominator
             if name in parameters:
@@ -83,6 +85,8 @@ def _in_range(value: Fraction, witness_value: float, is_angle: bool, low: float,
     """Return whether a length, or the angle next to `near` with this tangent of its half, is in its range."""
     if not is_angle:
         return low <= value <= high
+    # Of the angles with this tangent, one turn apart, that next to the witness counts: a range may exceed a half
+    # turn.
     difference = math.remainder(2 * math.atan(value) - witness_value, math.tau)
     return low <= witness_value + difference <= high
 

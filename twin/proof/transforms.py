@@ -52,6 +52,7 @@ def _product(a: ExactValue, b: ExactValue) -> ExactValue:
 def _total(terms: Sequence[ExactValue]) -> ExactValue:
     """Return the sum of terms."""
     nonzero_terms = [term for term in terms if not program.is_zero(term.node)]
+    # All terms are zero: any of them is the sum, and no operation is recorded in the program.
     if not nonzero_terms:
         return terms[0]
     result = nonzero_terms[0]

@@ -43,6 +43,7 @@ def _path(loops: ClosingConditions, body: str, T_body_joint: Array) -> JsonObjec
     for joint, sign in route:
         first = joint.T_parent_joint
         second = joint.T_child_joint
+        # Passed from child to parent, a joint is entered by its frame on the child.
         if sign < 0:
             first = joint.T_child_joint
             second = joint.T_parent_joint

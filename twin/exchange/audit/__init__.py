@@ -160,7 +160,10 @@ def _audited(
         compare_shapes(contents)
         # In files with other names, all parts of the mechanism would be missing: compare them with each other.
         files_with_other_names = {content.file for content in contents_with_other_names}
-        contents_with_same_names = [content for content in contents if content.file not in files_with_other_names]
+        contents_with_same_names = []
+        for content in contents:
+            if content.file not in files_with_other_names:
+                contents_with_same_names.append(content)
         compare_physics(contents_with_same_names, expected)
         compare_physics(contents_with_other_names)
         if expected is not None:
@@ -388,6 +391,7 @@ def _read(
         context.models = [file.stem for file in folder_files.files[format.name]]
         with np.errstate(all="ignore"):
             content = guarded(partial(_filled, format, context), path, ledger)
+        # Tracks are read before the files that need their joint values: `audit_formats` has them first.
         if content is not None and content.is_track:
             context.tracks.append(content)
         yield ledger, content

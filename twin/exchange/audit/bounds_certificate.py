@@ -63,6 +63,7 @@ def audit_bounds(data: Mapping[str, Any], ledger: Ledger) -> None:
     ):
         largest = float(row_values.max())
         ledger.row("bound", largest, unit, claimed, where=description)
+        # Written with `not`, so that a difference that is not a number exceeds the bound as well.
         if not largest <= claimed + _ROUNDING:
             text = (
                 f"the {description} differ by {largest:.6g} {unit} at a state, more than the bound {claimed:.6g} {unit}"
@@ -124,7 +125,9 @@ def _evaluated(rows: Sequence[Sequence[Any]], variable_values: Mapping[str, Arra
         elif name == "variable":
             values.append(variable_values[operands[0]])
         else:
-            numbers = [_row_value(values, row_number) for row_number in operands]
+            numbers = []
+            for row_number in operands:
+                numbers.append(_row_value(values, row_number))
             values.append(_OPERATIONS[name](*numbers))
     return values
 
@@ -159,6 +162,7 @@ def _chain(steps: Sequence[Sequence[Any]], variable_values: Mapping[str, Array])
 def _motion(kind: str, value: Array) -> Array:
     """Return the motions (k, 4, 4) of a joint about z, or along z."""
     step = np.zeros((len(value), 4, 4))
+    # By hand, not by the functions of the prover: a mistake in those must not hide here too.
     step[:] = np.eye(4)
     if kind == "slide":
         step[:, 2, 3] = value

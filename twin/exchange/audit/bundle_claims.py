@@ -185,7 +185,10 @@ def _check_same_robot(tracks: Sequence[Content]) -> None:
 
 def _check_assumed(contents: Sequence[Content], tracks: Sequence[Content]) -> None:
     """Report numbers that a stage marks as ASSUMED, but that a track does not list as assumed."""
-    stages = [content for content in contents if content.extra.get("assumed")]
+    stages = []
+    for content in contents:
+        if content.extra.get("assumed"):
+            stages.append(content)
     if not stages:
         return
     stage = stages[0]
@@ -363,12 +366,18 @@ def _check_sentences(text: str, contents: Sequence[Content], ledger: Ledger) -> 
     ):
         expected_lines = _entry_lines(entries)
         stated = _entry_lines(_section(text, title).splitlines())
-        unknown_lines = [line for line in stated if line not in expected_lines]
+        unknown_lines = []
+        for line in stated:
+            if line not in expected_lines:
+                unknown_lines.append(line)
         if unknown_lines:
             first = _clipped(unknown_lines[0])
             message = f"'{title}' has the line '{first}'{_more(unknown_lines)}, which twin does not write."
             ledger.wrong("readme.sentence", message, title)
-        missing = [line for line in expected_lines if line not in stated]
+        missing = []
+        for line in expected_lines:
+            if line not in stated:
+                missing.append(line)
         if missing and (all_needed or not stated):
             message = f"'{title}' lacks the line '{_clipped(missing[0])}'{_more(missing)}."
             ledger.wrong("readme.sentence", message, title)

@@ -111,7 +111,10 @@ def audit_certificate(
             ledger.tool = "Newton's method at random times"
             audit_motion_bounds(data, ledger)
             # A determinant has no value to sample: that it is not 0 shows in the loops, which Newton's method closes.
-            bounds = [bound for bound in data["bounds"] if bound["kind"] != "determinant"]
+            bounds = []
+            for bound in data["bounds"]:
+                if bound["kind"] != "determinant":
+                    bounds.append(bound)
             if samples is None:
                 _judge_limits(str(data["protocol"]), bounds, ledger)
             else:
@@ -145,6 +148,7 @@ def _read(path: Path) -> dict[str, Any]:
         )
     content = dict(data)
     del content["sha256"]
+    # The form without spaces in which `twin prove` took the hash: layout and order of keys of the file do not count.
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
     if hashlib.sha256(text.encode("ascii")).hexdigest() != data["sha256"]:
         raise ValueError("its content does not have the SHA-256 that it states")
@@ -439,6 +443,7 @@ def _root(x: Bounded) -> Bounded | None:
     if number < -Decimal(error):
         return None
     root = max(number, Decimal(0)).sqrt()
+    # Near zero, an error of the number becomes its root in the root; farther away, the derivative bounds it better.
     spread = math.sqrt(2 * error)
     if error < float(number):
         spread = min(spread, error / float(root))

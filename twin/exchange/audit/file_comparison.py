@@ -57,7 +57,10 @@ def references(
     refs = {}
     for name, (times, links) in truth.items():
         refs[name] = Reference(FileClip(name, np.asarray(times, float), links), MECHANISM)
-    tracks = [content for content in contents if content.is_track]
+    tracks = []
+    for content in contents:
+        if content.is_track:
+            tracks.append(content)
     unusable: list[str] = []
     for track in tracks:
         if not track.clips:
@@ -194,7 +197,10 @@ def _compare_clip(content: Content, clip: FileClip, ref: Reference, name: str) -
     """Compare key times, names of links, poses and joint values of a clip with its reference."""
     clip_keys, ref_keys = _compare_times(content.ledger, clip, ref, name)
     _compare_names(content, clip, ref, name)
-    shared = [n for n in ref.clip.links if n in clip.links]
+    shared = []
+    for link in ref.clip.links:
+        if link in clip.links:
+            shared.append(link)
     if not shared or not len(clip_keys):
         return
     _compare_poses(content, clip, ref, name, clip_keys, ref_keys)
@@ -464,7 +470,10 @@ def _report_odd_references(
         if ref.source not in sources or len(wrong) < 2 or len(wrong) < counted:
             continue
         first, *others = wrong
-        shared = [link for link in first.clip.links if link in ref.clip.links]
+        shared = []
+        for link in first.clip.links:
+            if link in ref.clip.links:
+                shared.append(link)
         alike = []
         for row in others:
             if _same_motion(row.clip, first.clip, shared):
@@ -626,7 +635,10 @@ def _begins_with(clip: FileClip, rest_poses: Mapping[str, Array]) -> bool:
 
 def compare_shapes(contents: Sequence[Content]) -> None:
     """Compare the bounding boxes and volumes of the links' meshes, and report differences in each file's ledger."""
-    contents_with_shapes = [content for content in contents if content.shapes]
+    contents_with_shapes = []
+    for content in contents:
+        if content.shapes:
+            contents_with_shapes.append(content)
     contents_with_shapes.sort(key=lambda c: rank(c.format))
     for content in contents_with_shapes[1:]:
         first = contents_with_shapes[0]

@@ -241,6 +241,7 @@ def check_rate(ledger: Ledger, times: Array, stated: float, clip: str) -> None:
         ledger.wrong("tracks.rate", f"clip '{clip}': rate {stated:g} Hz must be above 0.", clip)
         return
     inner = steps
+    # The last key is at the end of the motion, which need not be a multiple of the interval.
     if len(steps) > 1:
         inner = steps[:-1]
     off_rate = np.abs(inner * stated - 1)
@@ -314,6 +315,7 @@ def check_quaternions(
         count = Measured(float(len(flips)), 0.0)
         ledger.add(f"{code}.quaternion_sign", severity, text, where, size=count, when=f"t = {times[key]:.4g} s")
     # q and -q are one rotation: the size of the product alone gives its angle
+    # The clip is for rounding, which lifts the cosine between equal rotations above 1.
     turn = 2 * np.arccos(np.clip(np.abs(dots) / (size[1:] * size[:-1]), 0, 1))
     if len(turn) and np.max(turn) > MAX_STEP:
         key = int(np.argmax(turn))

@@ -25,7 +25,10 @@ def compare_stated(contents: Sequence[Content], robot: str = "") -> None:
     for content in contents:
         names |= dict.fromkeys(content.stated)
     for name in names:
-        stating = [content for content in contents if name in content.stated]
+        stating = []
+        for content in contents:
+            if name in content.stated:
+                stating.append(content)
         stating.sort(key=lambda content: trust(content.format))
         if name == ROBOT and robot:
             _report(name, stating, robot, MECHANISM, "")

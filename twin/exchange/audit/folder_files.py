@@ -80,13 +80,17 @@ def find_files(path: Path) -> FolderFiles:
             syntax = _TEXT.get(file.suffix.lower())
             if syntax is not None:
                 check_size(file, syntax)
+        # Whoever gives a home folder by mistake learns it here, before all of its files are searched.
         if len(files) > MOST_FILES:
             raise TwinError(f"{path} contains more than {MOST_FILES} files: give the folder of one export")
     folders_of_formats: list[Path] = []
     for format, folders in _folders_by_format(files):
         folder_files.files[format.name] = folders
         folders_of_formats += folders
-    single = [file for file in files if not _is_within(file, folders_of_formats)]
+    single = []
+    for file in files:
+        if not _is_within(file, folders_of_formats):
+            single.append(file)
     _group_by_format(folder_files, single, is_single=False)
     if not folder_files.count:
         titles = [format.title for format in audit_formats()]

@@ -185,6 +185,8 @@ def drive_of_motors(motors: Mapping[str, FileMotor], joint: str) -> tuple[float,
     has_motor = False
     for motor in motors.values():
         if motor.row and joint in motor.row:
+            # Virtual work: the motor turns by factor * q, and its effort acts at the joint multiplied by the factor
+            # again.
             factor = motor.row[joint]
             stiffness += factor * factor * (motor.stiffness or 0.0)
             damping += factor * factor * (motor.damping or 0.0)
@@ -388,7 +390,8 @@ class FilePhysics:
         self.collides = with_new_keys(self.collides, links)
         self.assumed = frozenset(renamed(self.assumed, links))
         self.partly_shown = frozenset(renamed(self.partly_shown, links))
-        self.joints[:] = [joint.renamed(links, joints) for joint in self.joints]
+        for number, joint in enumerate(self.joints):
+            self.joints[number] = joint.renamed(links, joints)
         self.frames = _with_renamed_links(self.frames, links)
         self.points = _with_renamed_links(self.points, links)
         if self.fixed_to_world is not None:
@@ -448,7 +451,11 @@ class FilePhysics:
         An unknown link with three or more joints remains.
         If a file states joints by ties (`FileJoint.tied`), all ties between the same two links become one joint.
         """
-        joints = [joint for joint in self.joints if not joint.tied]
+        joints = []
+        for joint in self.joints:
+            if not joint.tied:
+                joints.append(joint)
+        # Files attach a joint of the ground to the world or to the base fixed to it: one of both must be chosen.
         if WORLD not in known_links:
             joints = _onto_base(joints)
         pending: list[str] = []
@@ -525,7 +532,11 @@ class FilePhysics:
 
 def _joints_of(link: str, joints: Collection[FileJoint]) -> list[FileJoint]:
     """Return the joints of a link."""
-    return [joint for joint in joints if link in (joint.parent, joint.child)]
+    joints_of_link = []
+    for joint in joints:
+        if link in (joint.parent, joint.child):
+            joints_of_link.append(joint)
+    return joints_of_link
 
 
 def _next_removed(links: Collection[str], joints: Collection[FileJoint]) -> str | None:
@@ -666,6 +677,7 @@ def meeting_point(lines: Collection[JointLine]) -> Array:
         projector = np.eye(3) - np.outer(line.direction, line.direction)  # onto the plane normal to the line
         A += projector
         b += projector @ line.point
+    # Parallel lines leave A singular; of all nearest points, least squares gives that nearest to the origin.
     solution, *_ = np.linalg.lstsq(A, b, rcond=None)
     return solution
 
@@ -692,6 +704,7 @@ def motion_lines(kind: str, T: Array, axis: int = 2) -> tuple[JointLine, ...]:
     if kind in ("revolute", "prismatic", "cylindrical"):
         axes = axes[axis, None]  # the only axis, as rows (1, 3)
     lines: list[JointLine] = []
+    # Slides before turns: after a turn, the lines of the slides would be rotated by it.
     if kind in ("prismatic", "cylindrical", "free"):
         for direction in axes:
             lines.append(JointLine("slide", point, direction))

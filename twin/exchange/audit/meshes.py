@@ -272,7 +272,9 @@ def _read_obj(path: Path, time: int, size: int) -> tuple[Array, Array]:
             if words[0] == "v":
                 points.append(list(map(float, words[1:4])))
             elif words[0] == "f":
-                corners = [_corner(word, len(points)) for word in words[1:]]
+                corners = []
+                for word in words[1:]:
+                    corners.append(_corner(word, len(points)))
                 for second, third in pairwise(corners[1:]):  # a polygon becomes a fan of triangles
                     faces.append((corners[0], second, third))
     except (OSError, ValueError, IndexError) as error:

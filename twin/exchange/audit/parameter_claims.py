@@ -39,7 +39,10 @@ def compare_parameters(contents: Sequence[Content], robot: str, parameters: Iter
 
     The latter are those of the mechanism of `robot`; stages of other robots are not compared with them.
     """
-    stages = [content for content in contents if content.extra.get(PARAMETERS)]
+    stages = []
+    for content in contents:
+        if content.extra.get(PARAMETERS):
+            stages.append(content)
     for content in contents:
         if not content.is_track:
             continue

@@ -115,7 +115,10 @@ def compare_physics(contents: Sequence[Content], truth: FilePhysics | None = Non
     _check_transmissions(views)
     worst: dict[str, dict[str, tuple[float, str]]] = {}
     for subject, name in _keys(views):
-        stating = [view for view in views if (subject, name) in view.values]
+        stating = []
+        for view in views:
+            if (subject, name) in view.values:
+                stating.append(view)
         if len(stating) > 1:
             _compare_values(subject, name, stating, worst)
     others = "the other files"
@@ -247,7 +250,10 @@ def _check_transmissions(views: Sequence[View]) -> None:
     for view in views:
         if not view.holds(Holds.TRANSMISSIONS) or view.physics.reductions is not None or view.ledger is None:
             continue
-        others = [other for other in views if other is not view]
+        others = []
+        for other in views:
+            if other is not view:
+                others.append(other)
         driven = _driven(view.physics.joints, others)
         if driven:
             sources = _file_names(others)
@@ -289,7 +295,10 @@ def _known_links(views: Sequence[View]) -> set[str]:
             exact_views.append(view)
     if exact_views:
         return set(min(exact_views, key=_source_rank).physics.links)
-    stating = [view for view in views if view.physics.links]
+    stating = []
+    for view in views:
+        if view.physics.links:
+            stating.append(view)
     proper_links = set()
     for link in links:
         if not _is_auxiliary(link, stating):

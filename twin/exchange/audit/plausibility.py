@@ -70,7 +70,10 @@ def check_sense(content: Content, gravity: Sequence[np.ndarray] = ()) -> None:
         is_stated_elsewhere = any(np.linalg.norm(physics.gravity - other) < SAME_GRAVITY for other in gravity)
         _check_gravity(ledger, physics.gravity, is_stated_elsewhere)
     if physics.masses or physics.joints:
-        wrong = [finding for finding in ledger.found[before:] if finding.severity != "info"]
+        wrong = []
+        for finding in ledger.found[before:]:
+            if finding.severity != "info":
+                wrong.append(finding)
         ledger.row("masses, drives, gravity: physically possible", float(len(wrong)), "found", 0.0)
 
 
@@ -88,6 +91,7 @@ def _check_mass(ledger: Ledger, link: str, mass: FileMass) -> None:
         if not np.all(np.isfinite(I)):
             wrong("inertia_impossible", "the inertia is not finite", np.nan, "kg m2", 0.0)
             return
+        # eigvalsh reads one triangle only: a file with an asymmetric tensor is judged by the mean of both.
         moments = np.linalg.eigvalsh((I + I.T) / 2)
         if moments[0] <= 0:
             text = f"the smallest principal moment of inertia is {moments[0]:.4g} kg m2, but must be positive"
@@ -110,6 +114,7 @@ def _check_extent(ledger: Ledger, link: str, mass: FileMass, shape: LinkShape, i
         text = f"link '{link}': {text}; these shapes do not show the whole link."
         ledger.add(f"physics.{code}", "info", text, link, size=Measured(size, limit, unit))
 
+    # `_check_mass` has reported it; every comparison with NaN below would be false, as if the mass fitted.
     if mass.inertia is not None and not np.all(np.isfinite(mass.inertia)):
         return
     size = shape.high - shape.low
@@ -123,6 +128,7 @@ def _check_extent(ledger: Ledger, link: str, mass: FileMass, shape: LinkShape, i
     if mass.inertia is not None and diagonal > 0:
         moments = np.linalg.eigvalsh((mass.inertia + mass.inertia.T) / 2)
         largest = max(moments[2], 0.0)
+        # A mean distance from an axis through the centre of mass: no part of the link is a diagonal away from it.
         gyration = float(np.sqrt(largest / mass.mass))
         if gyration > diagonal:
             text = (
@@ -131,6 +137,7 @@ def _check_extent(ledger: Ledger, link: str, mass: FileMass, shape: LinkShape, i
             )
             wrong("inertia_too_large", text, gyration, "m", diagonal)
     # An open mesh encloses no volume: the mass is compared with that of its bounding box.
+    # At least as thick as a sheet: the box of a flat link would have no volume to divide by.
     box = float(np.prod(np.maximum(size, SHEET)))
     volume = box
     if shape.closed and shape.volume > shape.rounding:

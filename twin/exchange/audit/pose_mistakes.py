@@ -38,7 +38,10 @@ def mistake_behind(file_poses: Mapping[str, Array], expected_poses: Mapping[str,
 
     `file_poses` contains the poses (k, 4, 4) of each link in the file, `expected_poses` those of the reference.
     """
-    names = [name for name in file_poses if name in expected_poses]
+    names = []
+    for name in file_poses:
+        if name in expected_poses:
+            names.append(name)
     if not names:
         return ""
     tested_keys = _tested_keys(file_poses, expected_poses, names)

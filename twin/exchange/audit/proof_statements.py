@@ -157,6 +157,7 @@ def _check_kinds(proof: JsonMapping, ledger: Ledger) -> bool:
 def _check_doubled(key: str, rows: Sequence[JsonMapping], ledger: Ledger) -> None:
     texts = set()
     for row in rows:
+        # In JSON, the order of keys has no meaning: two entries may differ in it and be the same.
         text = json.dumps(row, sort_keys=True)
         if text in texts:
             ledger.wrong("proof.doubled", f"'{key}' in proof.json has an entry twice: {text[:80]}….", key)
@@ -181,6 +182,7 @@ def _check_origin(proof: JsonMapping, folder: Path, contents: Sequence[Content],
         ledger.wrong("proof.robot", f"proof.json is of the robot '{robot}'; its name is {real}.", "robot")
     stated = proof["model_hash"]
     if not _SHA.fullmatch(stated.removeprefix("sha256:")):
+        # Texts of a changed proof.json are quoted in part only: they may be of any length.
         ledger.wrong("proof.model_hash", f"model_hash '{stated[:80]}' is not a sha256 of 64 digits.", "model_hash")
     elif hashes and stated not in hashes:
         real, file = next(iter(hashes.items()))
@@ -222,6 +224,7 @@ def _check_inputs(rows: Sequence[JsonMapping], folder: Path, ledger: Ledger) -> 
             ledger.wrong("proof.input", text, name)
             continue
         file = (folder / name).resolve()
+        # A name such as ../../x must not make the audit read files outside of the folder.
         if not file.is_relative_to(folder.resolve()) or not file.is_file():
             absent.append(name)
         elif hashlib.sha256(file.read_bytes()).hexdigest() != digits:
@@ -264,7 +267,10 @@ def _check_clips(rows: Sequence[JsonMapping], contents: Sequence[Content], ledge
         for key in _CLIP_NUMBERS:
             if not _is_number(row.get(key)):
                 ledger.wrong("proof.clip", f"clip '{name}' in proof.json has no number '{key}'.", key)
-        limits = [limit for _, _, _, limit in _BUDGETS if limit in row]
+        limits = []
+        for _, _, _, limit in _BUDGETS:
+            if limit in row:
+                limits.append(limit)
         if len(limits) not in (0, len(_BUDGETS)):
             text = f"clip '{name}' in proof.json has {', '.join(limits)}, but not all limits."
             ledger.wrong("proof.clip", text, "budget")
@@ -273,6 +279,7 @@ def _check_clips(rows: Sequence[JsonMapping], contents: Sequence[Content], ledge
 
 
 def _is_number(value: Any) -> bool:
+    # Python counts a bool as an int; true in JSON is not a number. Python's JSON may also hold NaN and Infinity.
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
@@ -491,6 +498,7 @@ def _named(where: str) -> list[str]:
 def _is_time(when: str, last: float) -> bool:
     """Return whether a moment is a time from 0 to `last` in s, rounded to four digits."""
     time = _TIME.fullmatch(when)
+    # Four digits lie at most 5e-4 of the time above it.
     return time is not None and 0.0 <= float(time[1]) <= last * (1 + 1e-3)
 
 
@@ -518,6 +526,7 @@ def _check_verdict(proof: JsonMapping, ledger: Ledger) -> None:
     """Report a verdict other than that of the findings, and checks that disagree although no finding does."""
     verdicts = set()
     for row in proof["findings"]:
+        # `_check_rows` has reported an unknown severity: it says nothing about the verdict.
         verdicts.add(_SEVERITIES.get(str(row.get("severity")), "agree"))
     expected = "agree"
     if "unchecked" in verdicts:

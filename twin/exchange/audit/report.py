@@ -92,7 +92,10 @@ class AuditReport(Result):
         if self.verdict == "disagree":
             return "FAIL: files are invalid or inconsistent with each other; see the findings"
         if self.verdict == "unchecked":
-            causes = [finding for finding in self.findings if finding.severity == "error"]
+            causes = []
+            for finding in self.findings:
+                if finding.severity == "error":
+                    causes.append(finding)
             text = f"UNCHECKED: {causes[0].message}"
             if len(causes) > 1:
                 text += f" And {len(causes) - 1} more, see the findings."
@@ -358,6 +361,7 @@ def guarded(read: Callable[[Path, Ledger], Read], path: Path, ledger: Ledger) ->
     except OSError as error:
         ledger.add("file.unreadable", "error", f"the file cannot be read: {error.strerror or error}.")
     except _STRANGE as error:
+        # The message of an exception may quote the whole file.
         text = f"the file is malformed: {type(error).__name__}, {str(error)[:120]}."
         ledger.add("file.malformed", "error", text)
     return None

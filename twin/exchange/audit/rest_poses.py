@@ -76,8 +76,13 @@ def _misfit(joint: FileJoint, links: Mapping[str, Array]) -> tuple[float | None,
     T = poses.inverse(zero) @ links[joint.child]
     R = T[:, :3, :3]
     to_child = poses.inverse(joint.T)
-    lines = [line.transformed(to_child) for line in joint.motions]
-    turns = [line for line in lines if line.kind == "turn"]
+    lines = []
+    for line in joint.motions:
+        lines.append(line.transformed(to_child))
+    turns = []
+    for line in lines:
+        if line.kind == "turn":
+            turns.append(line)
     # Two or more turns allow most rotations: nothing can be said of the angle.
     angle = 0.0
     if len(turns) == 1:

@@ -184,7 +184,10 @@ def _motion_of_robot(contents: Sequence[Content], protocol: str, T_world_base: A
     for name, ref in references(contents, {}).items():
         if protocol and _is_motion_of(name, protocol):
             return SceneRobot(T_world_base, ref.clip.times, ref.clip.links)
-    contents_at_rest = [content for content in contents if content.links and content.rest]
+    contents_at_rest = []
+    for content in contents:
+        if content.links and content.rest:
+            contents_at_rest.append(content)
     contents_at_rest.sort(key=lambda c: not kind_holds(c.format, Holds.ALL_MOTIONS))
     links = {}
     if contents_at_rest and not protocol:
@@ -260,12 +263,15 @@ def _check_filters(path: Path, ledger: Ledger) -> None:
         targets = set(UsdPhysics.FilteredPairsAPI(prim).GetFilteredPairsRel().GetForwardedTargets())
         for group in sorted({target.GetParentPath() for target in targets}):
             shapes = _colliders(stage.GetPrimAtPath(group))
-            kept = [shape for shape in shapes if shape not in targets]
-            if kept and any(shape in targets for shape in shapes):
+            unfiltered = []
+            for shape in shapes:
+                if shape not in targets:
+                    unfiltered.append(shape)
+            if unfiltered and any(shape in targets for shape in shapes):
                 place = str(prim.GetPath())
                 text = (
-                    f"{place} collides with {kept[0].name}, but not with the other shapes of {group.name}: they are "
-                    "left out of collisions together, as the two touch by design."
+                    f"{place} collides with {unfiltered[0].name}, but not with the other shapes of {group.name}: "
+                    "they are left out of collisions together, as the two touch by design."
                 )
                 advice = "add the shape to physics:filteredPairs"
                 ledger.add("scene.filter", "warning", text, place, suggestion=advice)
@@ -302,7 +308,9 @@ def deviation(stage: Path, robots: Mapping[str, SceneRobot]) -> tuple[float, str
         keys = sorted({0, len(robot.times) // 2, last})
         if not robot.links:
             return np.inf, f"link poses in the files of {name}", ""
-        codes = [Usd.TimeCode(float(robot.times[key] * rate)) for key in keys]
+        codes = []
+        for key in keys:
+            codes.append(Usd.TimeCode(float(robot.times[key] * rate)))
         for link, poses in robot.links.items():
             prim = opened.GetPrimAtPath(root.AppendChild(name).AppendChild(link))
             if not prim:

@@ -60,12 +60,18 @@ def compare_states(content: Content, truth: FilePhysics, states: SampledStates) 
     pair = max(pairs, key=lambda p: p.cosine)
     ledger.row(f"angles {kind}", pair.cosine, "1", ANGLE_TOL, where=pair.names, against=MECHANISM)
     ledger.placed = True
-    wrong = [pair for pair in pairs if pair.share > 1]
+    wrong = []
+    for pair in pairs:
+        if pair.share > 1:
+            wrong.append(pair)
     if not wrong:
         _take_names(content, assignment, truth, states)
         return
     # Joints on one rigid part differ whatever the zero positions are: the geometry of the part is another one.
-    rigid = [pair for pair in wrong if pair.rigid]
+    rigid = []
+    for pair in wrong:
+        if pair.rigid:
+            rigid.append(pair)
     if by_name or rigid:
         reported = rigid or wrong
         reported.sort(key=lambda p: (p.separation, -p.share))
@@ -91,7 +97,10 @@ def _take_names(content: Content, assignment: Mapping[str, str], truth: FilePhys
     links = place_links(physics, joint_values(states, assignment), states.count)
     bodies = _bodies_of_links(links, truth, states)
     if len(bodies) < len(truth.links):
-        lacking = [body for body in truth.links if body not in bodies.values()]
+        lacking = []
+        for body in truth.links:
+            if body not in bodies.values():
+                lacking.append(body)
         others_text = ""
         if len(lacking) > 1:
             others_text = f" and {len(lacking) - 1} more"

@@ -81,4 +81,5 @@ def read(
     if dh is not None and dh != DhOptions() and "table" not in format.takes:
         raise SourceError(f"{path}: --dh and the units are for a table of Denavit-Hartenberg parameters: omit them")
     options = Options(closures, root, guarded, xacro or XacroSettings(), dh or DhOptions())
+    # Imported only here: the parsers of other formats (pxr, MuJoCo, CAD) take seconds to load.
     return format.module("read").read(path, options)

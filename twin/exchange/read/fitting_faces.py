@@ -63,6 +63,7 @@ class Round:
         offset = corners - self.face.point
         radial = offset - (offset @ self.face.direction)[..., None] * self.face.direction
         on_face = np.all(np.abs(np.linalg.norm(radial, axis=-1) - self.face.radius) < _APART, axis=1)
+        # Not normalised: by their area, slivers with inexact normals count less.
         normal = np.cross(corners[on_face, 1] - corners[on_face, 0], corners[on_face, 2] - corners[on_face, 0])
         outwards = np.sum(normal * radial[on_face].mean(axis=1))
         return int(np.sign(outwards))
@@ -172,6 +173,7 @@ def same_axis(first: Round, second: Round, tolerances: tuple[float, float] = _ON
 
     `tolerances` are a distance in m and an angle in rad.
     """
+    # A sphere has no direction: its centre alone says where it is.
     if not np.any(first.face.direction):
         return float(np.linalg.norm(first.face.point - second.face.point)) < tolerances[0]
     tilt = float(np.linalg.norm(np.cross(first.face.direction, second.face.direction)))
@@ -253,6 +255,7 @@ def shared(first: Round, second: Round) -> tuple[float, float]:
     axis = first.face.direction
     offset = float((second.face.point - first.face.point) @ axis)
     start, end = second.reach
+    # CAD programs choose the direction of a cylinder's axis freely.
     if not second.face.direction @ axis > 0:
         start, end = -end, -start
     return max(first.reach[0], offset + start), min(first.reach[1], offset + end)

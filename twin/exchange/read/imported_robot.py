@@ -154,6 +154,7 @@ def unique_identifiers(
     for key, name in names_in_file:
         plain_name = identifier(name)
         free = plain_name
+        # With its kind, as "arm_joint", which tells readers more than a number.
         if free in used_names:
             free = f"{plain_name}_{kind}"
         number = 1
@@ -179,6 +180,7 @@ def warning(code: str, message: str, where: str) -> Finding:
 def rpy(angles: Array) -> Array:
     """Return R = Rz(yaw) Ry(pitch) Rx(roll), (3, 3), for angles (roll, pitch, yaw) in rad."""
     ex, ey, ez = np.eye(3)
+    # The order of URDF and SDF: roll, pitch and yaw about the fixed axes x, y, z, one after the other.
     return spatial.exp_so3(angles[2] * ez) @ spatial.exp_so3(angles[1] * ey) @ spatial.exp_so3(angles[0] * ex)
 
 
@@ -266,6 +268,7 @@ def assemble(
     if not joints:
         raise NoMechanismError(f"{path}: the file has no joints, so there is no mechanism")
     try:
+        # First without rest poses, which are computed along the tree of the mechanism.
         bare = Mechanism(identifier(name), base, tuple(bodies), tuple(joints), tuple(frames), source=path.name)
         mechanism = replace(bare, rest=rest_poses(bare, start), couplings=tuple(couplings))
         mechanism = with_tool_frame(mechanism, findings)

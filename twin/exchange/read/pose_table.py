@@ -116,6 +116,7 @@ def _rows(path: Path, text: str) -> list[tuple[int, list[str]]]:
     for number, line in enumerate(text.splitlines(), 1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
+        # From the headings alone: in the rows of a table with semicolons, a comma may be the decimal sign.
         if not separator:
             separator = ","
             for candidate in ("\t", ";"):

@@ -99,6 +99,7 @@ def propose(parts: Mapping[str, Sequence[Part]], pairs: Sequence[Pair], base: st
         bodies = _next_bodies(fits, reached)
         joining = fits.pop(bodies)
         parent, child = bodies
+        # From the base outwards: the parent is the body that the base reaches first.
         if _order(child, reached) < _order(parent, reached):
             parent, child = child, parent
         for body in (parent, child):
@@ -142,6 +143,7 @@ def _kinds(pairs: list[Pair]) -> tuple[list[tuple[JointType | None, Pair, str]],
         else:
             axes.append(pair)
     axes.sort(key=lambda p: (p.near, p.clearance, -p.overlap))
+    # A ball in a socket already allows all turns: pins of the same two bodies can only be its stops or bolts.
     if joints:
         return joints, axes
     first, *others = axes
@@ -164,6 +166,7 @@ def _kinds(pairs: list[Pair]) -> tuple[list[tuple[JointType | None, Pair, str]],
         )
         return [("fixed", first, text)], unused + _near_fits(pins, first)
     if len(pins) > 1:
+        # The direction of a long fit is measured best: an error at its ends turns it least.
         longest = max(pins, key=lambda p: (not p.near, p.overlap))
         text = f"{len(pins)} fits have parallel axes: a slide on rails, or bolted parts. The longest: {longest.radii}."
         return [("prismatic", longest, text)], unused + _near_fits(pins, longest)

@@ -51,6 +51,7 @@ def _loaded(path: Path) -> tuple[Mesh, list[Finding]]:
         return load_mesh(path, "m", None, apply_up_axis=False)
     resolved = path.resolve()
     status = resolved.stat()
+    # With time and size: a file may be written anew while robots with its mesh are compared.
     key = (resolved, status.st_mtime_ns, status.st_size)
     if key not in cache:
         cache[key] = load_mesh(path, "m", None, apply_up_axis=False)
@@ -68,6 +69,7 @@ def primitive(kind: str, size: Sequence[float]) -> tuple[Array, np.ndarray]:
     if kind == "box":
         solid = creation.box(size)
     elif kind == "cylinder":
+        # 48 sides: the radius is at most 0.2 % too small between two corners (1 - cos of half a side's angle).
         solid = creation.cylinder(size[0], size[1], sections=48)
     elif kind == "capsule":
         solid = creation.capsule(size[1], size[0], count=[24, 24])
@@ -198,6 +200,7 @@ def find_file(uri: str, beside: Path) -> Path | None:
     candidates = []
     if scheme == "file" or not separator:
         candidates.append(Path(address))
+    # In a package, descriptions and meshes are in folders beside each other, such as urdf/ and meshes/.
     folders = [beside, *list(beside.resolve().parents)[:4]]
     # The whole name in all folders first: without the name of the package, a file of another package may be found.
     for name in names:

@@ -161,6 +161,7 @@ def _near(model: ReferenceModel, home: Assembly) -> tuple[dict[str, float], dict
         for step in (_STEP[joint.type], -_STEP[joint.type]):
             q = home.q.copy()
             q[number] += step
+            # A joint at its upper limit can still move back: the second step is the negative one.
             if not low <= q[number] <= high:
                 continue
             try:

@@ -17,6 +17,7 @@ def toml(value: Any) -> str:
 
     Keys whose value is None are omitted, because TOML has no null value.
     """
+    # Before numbers: a bool is an int in Python, and would be written as 1.0.
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):  # a JSON string; TOML requires one more character to be escaped

@@ -123,6 +123,7 @@ class Xml:
     def axis(self, where: str, what: str, text: str | None, default: Sequence[float]) -> Array:
         """Return a direction (3,) parsed from a text; raise `SourceError` if the direction is a zero vector."""
         axis = self.numbers(where, what, text, 3, default)
+        # Exporters write rounding errors such as 1e-17 for zero: normalised, they would be an axis in any direction.
         if not np.abs(axis).max() > 1e-9:
             self.fail(where, f"{what}: the axis has length 0")
         return axis
@@ -171,6 +172,7 @@ def _repaired(data: bytes) -> tuple[bytes, list[str]]:
     if undeclared and root:
         declarations = b""
         for prefix in undeclared:
+            # A namespace of its own for each prefix: elements of two programs must not become the same.
             declarations += b' xmlns:%s="undeclared:%s"' % (prefix, prefix)
         data = data[: root.end()] + declarations + data[root.end() :]
         names = b", ".join(undeclared).decode()

@@ -70,6 +70,7 @@ class InterpolationErrors:
     def numbers(self) -> dict[str, float]:
         """Return {name in exported files: error in m or rad}, rounded to six significant digits."""
         return {
+            # Digits beyond the sixth differ between processors; the files are the same everywhere.
             "between_position": float(f"{self.position:.6g}"),
             "between_rotation": float(f"{self.rotation:.6g}"),
             "joint_gap": float(f"{self.joint_gap:.6g}"),
@@ -230,6 +231,7 @@ def key_rows(count: int, stride: int) -> Index:
     """Return the indices of the keys among `count` samples: every stride-th, and the last."""
     rows = np.arange(0, count, stride)
     last = count - 1
+    # A key twice at one time would be an interval without a duration, which players reject.
     if rows[-1] == last:
         return rows
     return np.append(rows, last)
@@ -318,6 +320,7 @@ def measure_between(
 def draw(times: Array, Ts: Array, keys: Index, blend: Callable[[Array, Array, Array], Array]) -> Array:
     """Return the poses (k, 4, 4) that a player shows at times (k,), interpolated between the poses `Ts[keys]`."""
     after_each = np.searchsorted(keys, np.arange(len(times)), side="right")
+    # Of the last key, no interval begins: its sample belongs to the last interval.
     before = np.clip(after_each - 1, 0, max(len(keys) - 2, 0))
     after = np.minimum(before + 1, len(keys) - 1)
     start = times[keys[before]]

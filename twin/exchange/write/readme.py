@@ -56,6 +56,7 @@ def _motions(order: Order) -> Iterator[str]:
         yield "- none"
     for clip in order.clips:
         budget = clip.budget
+        # Linear interpolation errs with the square of the time between keys: twice the time, four times the error.
         measured = "measured with every second sample left out; with all samples the error is about a quarter of this"
         if budget is not None:
             measured = (
@@ -92,4 +93,6 @@ def _wrapped(lines: Sequence[str]) -> Iterator[str]:
         indent = ""
         if line.startswith("- "):
             indent = "  "
+        # For an empty line, `wrap` returns nothing; long words are paths and names, which must stay whole to be
+        # copied.
         yield from textwrap.wrap(line, _WIDTH, subsequent_indent=indent, break_long_words=False) or [""]

@@ -43,6 +43,7 @@ def sampled_clip(mechanism: Mechanism, stage: Path) -> Clip | None:
     name = stage.stem.removeprefix(f"{mechanism.name}_")
     if name == mechanism.name:
         name = "motion"
+    # The median, because the last interval may be shorter, as the motion ends between two samples.
     interval = float(np.median(np.diff(times)))
     return Clip(
         name,

@@ -42,6 +42,8 @@ class Pieces:
     @property
     def counts(self) -> Array:
         """(N,) number of pieces of the level in a phase."""
+        # A power of two times a small integer is exact in double precision, so that borders of all levels meet
+        # exactly.
         return FIRST * 2.0**self.level
 
     @property
@@ -67,6 +69,7 @@ class Pieces:
         """Return the pieces, of which those of the mask `which` (N,) are halved."""
         count = np.where(which, 2, 1)
         old = np.repeat(np.arange(len(self)), count)
+        # A halved piece occurs twice in a row; only its second occurrence equals the entry before.
         second = np.concatenate([[False], old[1:] == old[:-1]])
         new = self.some(old)
         halves = which[old]

@@ -37,6 +37,7 @@ class Timeline:
         """Return the pose (k + 1, 4, 4) of a joint's frame in the world."""
         if end.body:
             return self.poses[end.body] @ end.T_body_joint
+        # UsdPhysics attaches a joint to the world where it names no body: that frame is the same at all times.
         return np.broadcast_to(end.T_body_joint, (len(self.labels), 4, 4))
 
 

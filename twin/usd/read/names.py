@@ -12,6 +12,7 @@ def identifier(name: str) -> str:
     CamelCase is split by underscores, so that FrontLeftLeg and frontleftleg remain different; a name that does not
     begin with a letter gets the prefix "n_"; an empty name becomes "n".
     """
+    # First the words are split: in lower case, no border between them is left.
     name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name)
     name = re.sub(r"[^a-z0-9_]+", "_", name.lower()).strip("_")
     if not name:

@@ -27,6 +27,8 @@ def describe(layer: Sdf.Layer, name: str, end_time_code: float = 0.0) -> None:
     """Set default prim, up axis, units, frame rate and time range of a layer."""
     stage = Usd.Stage.Open(layer)
     layer.defaultPrim = name
+    # USD takes axis and units from the root layer of a stage alone; each layer has them, as it may be opened by
+    # itself.
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdPhysics.SetStageKilogramsPerUnit(stage, 1.0)

@@ -64,10 +64,12 @@ def _by_priority(mechanism: Mechanism) -> list[Joint]:
         needed.update(coupling.joints)
 
     def priority(joint: Joint) -> int:
+        # Engines with reduced coordinates have those of the tree alone, and drives and couplings act on coordinates.
         if joint.name in needed:
             return -1
         return _KEPT[joint.type]
 
+    # `sorted` is stable: joints of one priority stay in the order of the file.
     return sorted(mechanism.joints, key=priority)
 
 

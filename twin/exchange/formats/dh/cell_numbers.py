@@ -62,6 +62,7 @@ def _exponent(match: re.Match[str]) -> str:
 
 def plain_text(text: str) -> str:
     """Return a text without the marks of LaTeX and Markdown, with ASCII signs and the names of Greek letters."""
+    # Before NFKC, which turns the superscripts of 10⁻³ into the digits of another number, 10-3.
     text = _SUPERSCRIPT.sub(_exponent, text)
     text = text.translate(_SUBSCRIPTS)
     for letter, name in _GREEK.items():
@@ -112,6 +113,7 @@ def cell_number(text: str, may_have_coordinate: bool) -> CellNumber | None:
     """
     expression = plain_text(text)
     if may_have_coordinate:
+        # Once only: a cell with two coordinates is a number of no convention, and is left for the parser to refuse.
         expression = COORDINATE.sub(" COORDINATE ", expression, count=1)
     unit = ""
     unit_match = re.search(r"(?<=[\d.)\s])\s*(mm|cm|m|deg|degrees|rad|°)$", expression) or re.search("°", expression)
@@ -130,10 +132,12 @@ def cell_number(text: str, may_have_coordinate: bool) -> CellNumber | None:
         values: list[float] = []
         for coordinate in ("0", "1", "2"):
             with_coordinate = expression.replace("COORDINATE", coordinate).strip()
+            # Parsed, but never run: a table is a file of somebody else.
             values.append(_evaluate(ast.parse(with_coordinate, mode="eval").body))
         factor = values[1] - values[0]
         if values[2] - values[1] != factor:
             return None
+        # The factor is a difference of numbers with a constant such as pi / 2, and has their rounding.
         return CellNumber(values[0], unit, of_pi, round(factor, 9))
     except (SyntaxError, ValueError, ZeroDivisionError, OverflowError, RecursionError, MemoryError):
         return None

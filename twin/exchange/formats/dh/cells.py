@@ -86,6 +86,7 @@ def read_cells(path: Path) -> Cells:
                 f"{path}:{line}: the row has {len(row)} cells ({' | '.join(row)[:80]}), but there are {len(headings)} "
                 f"headings ({' | '.join(headings)[:120]}): write all cells"
             )
+        # Not strict: the fault of the row is told only once the headings show that this is a table of parameters.
         cells.rows.append(TableRow(line, dict(zip(headings, row, strict=False))))
     return _with_checked_count(path, cells)
 
@@ -176,11 +177,13 @@ _RULES = re.compile(
 
 def _lines_of_latex(text: str) -> list[tuple[int, list[str]]]:
     """Return (line, cells) of the rows of the first table with at least three columns."""
+    # Comments of LaTeX begin with %, but \% is a sign of the text; the line ends stay, for the numbers of lines.
     text = re.sub(r"(?<!\\)%.*", "", text)
     for match in _ENVIRONMENT.finditer(text):
         line = text.count("\n", 0, match.start(2)) + 1
         rows: list[tuple[int, list[str]]] = []
         body = match[2]
+        # Matrices of amsmath have no argument: braces behind their name belong to the first cell.
         if match[1] not in ("bmatrix", "pmatrix", "matrix"):
             body = _without_arguments(body)
             line += match[2].count("\n") - body.count("\n")
@@ -243,6 +246,7 @@ def _cells_of_toml(path: Path, text: str) -> Cells:
     for index, row in enumerate(rows):
         line = row_starts[index] if index < len(row_starts) else 1
         for key, value in row.items():
+            # bool is a kind of int in Python: `true` would be read as 1.
             if isinstance(value, bool) or not isinstance(value, str | int | float):
                 where = _line_of(lines, line, key)
                 raise SourceError(f"{path}:{where}: {key} = {str(value)[:60]} is not a number or a text")

@@ -198,6 +198,7 @@ def _function(unit: str) -> str:
 
 def _in_quotes(text: str) -> str:
     """Return a text of another person as a part of a string in Python code, without quotes and backslashes."""
+    # A file name with quotes could end the string of the written formula.py, and the rest of it would run as code.
     return re.sub(r'["\\]', "_", one_line(text))
 
 

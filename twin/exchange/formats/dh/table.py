@@ -439,6 +439,7 @@ class _Reader:
             if last is not None and index <= last:
                 why = f"the coordinate {name} stands after {before}, but the rows are read from the base to the tool"
                 self.fail(row.line, f"{why}. Put the rows in the order of the joints, or number the coordinates anew")
+            # Fixed joints may be counted too: each of them may take one number.
             if last is not None and index > last + fixed + 1:
                 self.fail(
                     row.line, f"the row of a joint is missing: {name} follows {before}. Write a row for each joint"
@@ -556,6 +557,8 @@ class _Reader:
         if column == "d" and plain_text(text) == "-" and "beta" in self.columns:
             return ZERO
         number = self._number(column, text)
+        # A factor would be a gear or a reversed axis: the joint has its own coordinate, and limits and units belong
+        # to that.
         if number is not None and number.factor not in (0.0, 1.0):
             why = f"{column} = '{text}': the coordinate has the factor {number.factor:g}, but must have 1"
             self.fail(row.line, f"{why}. Turn the axis, or write a table of the joints without their gears")
@@ -593,6 +596,7 @@ def _split_heading(heading: str) -> tuple[str, str, bool]:
     previous_index = re.search(r"(?<=.)\(?[ijkn]-1\)?$", text)
     if previous_index:
         return text[: previous_index.start()], unit, True
+    # Before an index is cut off: the last letter of "min" or "link" looks like one.
     if text in _known_headings():
         return text, unit, False
     return re.sub(r"(?<=.)\(?[ijkn]\)?$", "", text), unit, False

@@ -67,6 +67,7 @@ def _inner_messages(name: str) -> list[str]:
     waiting = [name]
     while waiting:
         for line in DEFINITIONS[waiting.pop(0)].splitlines():
+            # An array needs the definition of its elements, which stands under the name without brackets.
             kind = line.split()[0].removesuffix("[]")
             if kind in DEFINITIONS and kind not in messages:
                 messages.append(kind)

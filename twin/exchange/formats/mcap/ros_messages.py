@@ -36,6 +36,7 @@ def _vector(values: ArrayLike) -> JsonObject:
 
 
 def _quaternion(R: Array) -> JsonObject:
+    # geometry_msgs has w last, the quaternions of this project have it first.
     w, x, y, z = spatial.quat_from_matrix_wxyz(R).tolist()
     return {"x": x, "y": y, "z": z, "w": w}
 
@@ -48,6 +49,7 @@ def pose_stamped(t: float, frame: str, T: Array) -> JsonObject:
 
 def joint_state(t: float, names: Sequence[str], q: Array, speeds: Array | None = None) -> JsonObject:
     """Return sensor_msgs/JointState of joint values q (n,) in rad or m; speeds (n,) in rad/s or m/s, None: unknown."""
+    # sensor_msgs/JointState: "leave the array associated with it empty" of what is not known; zeros would be a claim.
     velocity = [] if speeds is None else np.asarray(speeds, float).tolist()
     position = np.asarray(q, float).tolist()
     return {"header": header(t), "name": list(names), "position": position, "velocity": velocity, "effort": []}

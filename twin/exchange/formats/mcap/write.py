@@ -83,6 +83,7 @@ def write_mcap(
             schema_id = writer.register_schema(schema["title"], "jsonschema", json.dumps(schema).encode())
             channels[topic] = writer.register_channel(topic, "json", schema_id)
         for sample, time in enumerate(nanoseconds):
+            # From the rounded time: rounded by themselves, the nanoseconds could become a full second.
             sec, nsec = divmod(time, _NANOSECONDS)
             stamp = {"sec": sec, "nsec": nsec}
             transforms = []

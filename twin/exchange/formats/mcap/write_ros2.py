@@ -60,6 +60,7 @@ def write_ros2_mcap(
         writer = writer_module.Writer(file)
         schemas = {}
         for kind, _ in topics.values():
+            # Several topics have one kind of message; its definition stands in the file once.
             if kind not in schemas:
                 schemas[kind] = writer.register_msgdef(full_name(kind), full_text(kind))
         for sample, seconds in enumerate(np.asarray(t).tolist()):
@@ -87,6 +88,7 @@ def _topics(
 
     topics["/tf"] = ("tf2_msgs/TFMessage", transforms)
     for robot, values in joints.items():
+        # In capitals, as the da Vinci Research Kit names its arms (PSM1, MTMR): its programs find these topics.
         topics[f"/{robot.upper()}/measured_js"] = ("sensor_msgs/JointState", _joint_states(t, values))
     for name, hand in hands.items():
         topics[f"/{name}/measured_cp"] = ("geometry_msgs/PoseStamped", _poses(t, hand.poses))

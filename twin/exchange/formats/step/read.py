@@ -105,6 +105,7 @@ def read_skeleton(path: Path) -> Skeleton:
     bodies_without_joint = set(parts) - {base}
     for proposal in proposals:
         bodies_without_joint -= {proposal.parent, proposal.child}
+        # Also a fit that is only near: later the description is measured on these faces, and would be reported there.
         if proposal.misses or proposal.pair.near:
             findings.append(_inexact_fit(proposal))
     for pair in unused:
@@ -232,6 +233,8 @@ def _is_one_node(parts: Iterable[Part], level: int) -> bool:
     """Return whether all parts are below the same node of a level of the assembly."""
     nodes = set()
     for part in parts:
+        # A part directly at this level is a body itself: one level deeper, it would be lost among the parts of
+        # others.
         if len(part.chain) <= level + 1:
             return False
         nodes.add(part.chain[level])
@@ -299,6 +302,7 @@ def describe(skeleton: Skeleton, name: str, source: str) -> str:
     for body in skeleton.parts:
         if body == skeleton.base:
             continue
+        # The skeleton must load before its first joint is named: every body hangs on the base until then.
         lines += table("[[joint]]", name=f"hold_{body}", type="fixed", parent=skeleton.base, child=body)
         lines += [f"on_parent = {origin}", f"on_child = {origin}"]
     # The tool of a STEP file is not known; the user moves it from the middle of the outermost body.

@@ -24,9 +24,11 @@ def _is_object(file: Path) -> bool:
 
     A file that names the schema, but is not JSON, is a damaged track.
     """
+    # track.schema.json, which an export has beside its tracks, names the schema too, and has no motion.
     if file.name.endswith(".schema.json"):
         return False
     data = file.read_bytes()
+    # A search of bytes first: to parse every large JSON file of other programs in a folder would take long.
     if f'"{_SCHEMA}"'.encode() not in data:
         return False
     try:

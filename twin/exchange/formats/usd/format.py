@@ -20,6 +20,8 @@ def without_sublayers(stages: Sequence[Path]) -> list[Path]:
     named: set[Path] = set()
     naming: set[Path] = set()
     for stage in stages:
+        # Only text is searched: binary layers are compressed, and USD's parser runs later, guarded in another
+        # process.
         if stage.suffix != ".usda":
             continue
         try:
@@ -29,6 +31,7 @@ def without_sublayers(stages: Sequence[Path]) -> list[Path]:
         for target in _SUBLAYER.findall(text):
             named.add((stage.parent / target).resolve())
             naming.add(stage.resolve())
+    # <robot>.usda is a sublayer of the stages of its motions, and with its own sublayers a stage for users too.
     return [s for s in stages if s.resolve() not in named or s.resolve() in naming]
 
 

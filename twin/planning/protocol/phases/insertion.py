@@ -24,6 +24,7 @@ class InsertionTable(PhaseTable):
     def follow(self, walk: Walk) -> None:
         """Check that no RCM is registered, and register one; if `to` is given, set it as the end of the phase."""
         walk.outside(self.type)
+        # A guess among several trocars would put the RCM in another place than the author meant.
         if self.trocar is None and len(walk.trocars) > 1:
             text = f"[trocars_mm] has {', '.join(walk.trocars)}: name the trocar of this insertion"
             raise walk.wrong("type", f'{text}, with trocar = "NAME"')
@@ -52,4 +53,5 @@ class Insertion(Phase):
 
     def end_after(self, at: Begin) -> End:
         """Return the state at the end: the tip has moved along the shaft; the RCM is the tip's initial position."""
+        # The RCM is registered where the phase begins: there the depth is zero, whatever it was before.
         return End(at.angles, at.tip + self.depth * at.shaft, at.tip, self.to, "enforced", self.depth, depth0=0.0)

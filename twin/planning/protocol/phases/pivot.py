@@ -61,6 +61,8 @@ class Pivot(Phase):
             raise at.refuse("no RCM is registered yet; add an insertion before this pivot")
         if self.rcm == "monitored":
             angles, tip = at.pose(self.to)
+            # The shaft may pass beside the RCM: the depth is that from the point of the shaft's line nearest to the
+            # RCM.
             depth = float((tip - at.rcm) @ rotation(angles, at.order) @ at.n_tool_shaft)
             return End(angles, tip, at.rcm, self.to, self.rcm, depth)
         angles = at.waypoints[self.to].angles
@@ -68,6 +70,7 @@ class Pivot(Phase):
         if depth is None:
             raise at.refuse(f"waypoint '{self.to}' has no depth")
         missed = spatial.point_to_line(at.rcm, at.tip, at.shaft)
+        # An enforced pivot puts the shaft through the RCM from its first instant: a shaft beside it would jump there.
         if at.mode == "monitored" and missed > at.tolerance:
             raise at.refuse(
                 f"the shaft must pass through the RCM, but after a monitored pivot the shaft is {missed / MM:.3f} mm "

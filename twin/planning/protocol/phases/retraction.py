@@ -61,6 +61,7 @@ class Retraction(Phase):
         mode: RcmMode = "monitored"
         if spatial.point_to_line(at.rcm, at.tip, at.shaft) <= at.tolerance:
             mode = "enforced"
+        # Relative to the tip, not to the RCM: a shaft that passes beside the RCM must not move sideways.
         tip = at.tip + (self.depth - at.depth) * at.shaft
         return End(at.angles, tip, at.rcm, None, mode, self.depth)
 

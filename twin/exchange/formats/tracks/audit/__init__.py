@@ -116,6 +116,7 @@ def read_csv(path: Path, ledger: Ledger) -> Content:
 def _columns(links: list[str], joints: list[str], kinds: list[str]) -> list[str]:
     """Return the names of the columns of a CSV track with these links and joints."""
     columns = ["time_s"]
+    # Not strict: where types are missing, the columns do not match, which is reported with their names.
     for joint, kind in zip(joints, kinds, strict=False):
         unit = "rad" if kind == "revolute" else "m"
         columns.append(f"{joint}_{unit}")
@@ -163,6 +164,7 @@ def _content(data: JsonObject, kind: str, ledger: Ledger) -> Content:
     _state_facts(content, data, name)
     content.physics = _physics(data, links, joints)
     short_entries = dict(data)
+    # The clip has the long lists; left here, they would be compared as entries of the header.
     for key in ("poses", "positions", "times"):
         short_entries.pop(key, None)
     content.extra["data"] = short_entries

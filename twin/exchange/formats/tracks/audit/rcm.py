@@ -79,7 +79,7 @@ def check_rcm(data: JsonObject, clip: FileClip, local: Array, ledger: Ledger) ->
     where = ""
     when = ""
     for rcm_phase in rcm_phases:
-        # The frame on the shaft is not stated: it is the one whose axis rcm_phases nearest to the RCM.
+        # The frame on the shaft is not stated: it is the one whose axis passes nearest to the RCM.
         distances = rcm_phase.distances_to_axes(rcm_phase.point)
         frame = min(distances, key=lambda name: float(distances[name].max()))
         key = int(np.argmax(distances[frame]))
@@ -87,6 +87,7 @@ def check_rcm(data: JsonObject, clip: FileClip, local: Array, ledger: Ledger) ->
         moment = f"t = {rcm_phase.times[key]:.4g} s"
         if _reports_other_center(rcm_phase, missed, centers, moment, ledger) or rcm_phase.enforced is False:
             continue
+        # Tracks of earlier versions do not state the mode: so far from the shaft, an RCM can only have been monitored.
         if missed > SHAFT and rcm_phase.enforced is None:
             text = (
                 f"phase '{rcm_phase.name}': the shaft (axis of '{frame}') misses the RCM by {missed * 1e3:.4g} mm; the "

@@ -48,5 +48,6 @@ def _differences(place: str, stated: Any, expected: Any) -> Iterator[str]:
                 yield f"'{inner}' is not in it"
             else:
                 yield from _differences(inner, stated[key], expected[key])
+    # In Python, True equals 1; in JSON Schema, `true` and 1 are different.
     elif stated != expected or isinstance(stated, bool) != isinstance(expected, bool):
         yield f"'{place}' is {str(stated)[:40]!r}, not {str(expected)[:40]!r}"

@@ -53,6 +53,7 @@ def check_package(folder: Path, ledger: Ledger) -> Content | None:
 def _read_json(file: Path, folder: Path, ledger: Ledger) -> JsonObject | None:
     name = file.relative_to(folder).as_posix()
     try:
+        # Editors on Windows write a byte order mark, which Unity ignores.
         data = json.loads(file.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError, ValueError, RecursionError) as error:
         ledger.add("unity.json", "error", f"{name} cannot be read: {str(error)[:120]}.", name)
@@ -85,6 +86,7 @@ def _imported_assets(folder: Path) -> Iterator[Path]:
     """Yield the files and folders that Unity imports. Hidden paths, `*~` and `*.tmp` are skipped."""
     for path in sorted(folder.rglob("*")):
         parts = path.relative_to(folder).parts
+        # Unity's manual, "Special folder names": these are left out of the import, so that they need no .meta files.
         is_hidden = any(part.endswith("~") or part.startswith(".") for part in parts)
         if not is_hidden and path.suffix != ".tmp":
             yield path
@@ -148,6 +150,7 @@ def _check_assemblies(folder: Path, assets: list[Path], guids: dict[str, Path], 
     # References to assemblies of other packages, whose names begin with another word, cannot be checked here.
     package_words = {name.split(".")[0] for name in names}
     for name, reference in references:
+        # The editor writes references by name or by the GUID of the .asmdef, as its "Use GUIDs" says.
         if reference.startswith("GUID:"):
             missing = reference.removeprefix("GUID:") not in guids
         else:

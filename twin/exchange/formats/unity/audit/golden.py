@@ -64,6 +64,7 @@ def check_golden(path: Path, name: str, ledger: Ledger) -> None:
             continue
         for key, error in rows.items():
             worst = max(worst, error)
+            # Written with `not`: a difference that is not a number is no agreement.
             if not error <= TOL:
                 text = f"golden vectors in {name}: '{key}' is {error:.4g} from the value computed from its inputs."
                 ledger.wrong("unity.golden", text, name, size=Measured(error, TOL))
@@ -89,6 +90,7 @@ class _Vectors:
         seven = np.array(self.track["poses"], float).reshape(len(self.times), links, 7)
         self.T = poses.from_seven(seven)
         T_world_place = poses.from_seven(np.array(data["place"], float))
+        # The robot is scaled about its own place in the room, as the user does: the scale acts before the placement.
         scale = np.diag([data["scale"]] * 3 + [1.0])
         self.worlds = {}
         for short, importer in _IMPORTERS.items():
@@ -230,6 +232,7 @@ def _rotation_difference(first: Array, second: Array) -> float:
     """Return the maximum difference between components of quaternions (k, 4); signs of quaternions are ignored."""
     if first.shape != second.shape:
         return np.inf
+    # q and -q are one rotation, and each program chooses the sign by itself.
     same_sign = np.abs(first - second).max(axis=1)
     opposite_sign = np.abs(first + second).max(axis=1)
     return float(np.minimum(same_sign, opposite_sign).max(initial=0.0))

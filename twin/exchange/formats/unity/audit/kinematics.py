@@ -73,6 +73,7 @@ def read_classes(folder: Path, ledger: Ledger) -> Content | None:
     files = sorted((folder / ROBOTS).glob("*.cs"))
     for file in files:
         name = file.relative_to(folder).as_posix()
+        # The hashes are of lines with \n: a checkout on Windows must not count as a change.
         text = file.read_text(encoding="utf-8", errors="replace").replace("\r\n", "\n")
         _check_parts(name, text, ledger)
         _check_namespace(name, text, ledger)
@@ -186,6 +187,8 @@ def _check_meta(folder: Path, name: str, ledger: Ledger) -> None:
         difference = meta_difference(meta.read_bytes(), (PACKAGE / alike).read_bytes(), own_guid=True)
         if difference:
             ledger.wrong("unity.shipped", f"{path}.meta {difference}.", f"{path}.meta")
+        # Unity's GUIDs have 32 digits, as MD5 has. Of the path, it is the same in each export, so that scenes keep
+        # their links.
         expected = hashlib.md5(f"{_PACKAGE}/{path}".encode(), usedforsecurity=False).hexdigest()
         if f"guid: {expected}\n" not in meta.read_text(encoding="utf-8", errors="replace").replace("\r\n", "\n"):
             text = (
@@ -223,6 +226,7 @@ def _content(text: str, ledger: Ledger) -> Content:
             masses[link] = FileMass(float(mass))
     content.physics = FilePhysics(links, masses, joints=joints, frames=frames, complete=True)
     content.facts = {"units": "m", "up_axis": "Z", "handedness": "right"}
+    # The checks below pair entries by their numbers, which a table of another size would shift.
     if _check_sizes(tables, ledger):
         home = _numbers(tables["homeJoints"]).tolist()
         content.physics.home_posture = dict(zip(_words(tables["joints"]), home, strict=True))
@@ -239,6 +243,7 @@ def _joints(tables: Mapping[str, list[str]], links: tuple[str, ...]) -> list[Fil
     parents = _numbers(tables["jointParents"]).astype(int)
     children = _numbers(tables["jointChildren"]).astype(int)
     active = _numbers(tables["jointActive"]).astype(int)
+    # Python would take a negative number from the end of the list, and so another link.
     if min(*parents, *children, 0) < 0:
         raise ValueError("the number of a link is negative")
     frames = _numbers(tables["jointFrames"]).reshape(len(names), 2, 12)
@@ -247,6 +252,7 @@ def _joints(tables: Mapping[str, list[str]], links: tuple[str, ...]) -> list[Fil
     joints = []
     for number, name in enumerate(names):
         T_parent_joint = _pose(frames[number, 0])
+        # At zero coordinates, the joint's frames on both links coincide.
         T_parent_child = T_parent_joint @ poses.inverse(_pose(frames[number, 1]))
         drive = FileDrive()
         if kinds[number] in _SINGLE:

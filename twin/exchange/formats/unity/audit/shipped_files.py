@@ -72,12 +72,14 @@ def _difference(file: Path, shipped: Path) -> str:
     """Return how a file differs from the shipped one; "" if it does not."""
     if not file.is_file():
         return "is missing; twin has this file"
+    # Git on Windows changes line ends on checkout, which changes nothing that Unity reads.
     content = file.read_bytes().replace(b"\r\n", b"\n")
     expected = shipped.read_bytes().replace(b"\r\n", b"\n")
     if shipped.suffix == ".meta":
         return meta_difference(content, expected)
     if content == expected:
         return ""
+    # An entry says more than a line; where only the layout differs, the line is reported below.
     if shipped.suffix in (".json", ".asmdef"):
         difference = _entry_difference(content, expected)
         if difference:

@@ -72,6 +72,7 @@ def source(model: DeviceModel) -> str:
 
     text = _TEMPLATE.read_text(encoding="utf-8")
     values = _mechanism_values(model, loops) | _joint_values(mechanism) | equations
+    # A robot without loops has no such fields: the compiler of C# would warn of private fields that nothing uses.
     values["NEWTON_FIELDS"] = ""
     if newton_lines:
         values["NEWTON_FIELDS"] = (

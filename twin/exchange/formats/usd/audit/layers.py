@@ -74,6 +74,7 @@ def missing_physics(stage: Usd.Stage) -> str:
     marked = any(prim.GetAttribute("twin:kind") for prim in stage.TraverseAll())
     if marked:
         empty = [layer.GetDisplayName() for layer in stage.GetUsedLayers() if not layer.rootPrims and layer != root]
+        # The anonymous session layer of an opened stage is empty as well, and belongs to no file.
         named = [name for name in empty if not name.startswith("session")]
         cause = f": layer {named[0]} is empty" if named else ""
         return f"the stage has frames and points of a robot, but no link with physics{cause}."
