@@ -798,7 +798,7 @@ def test_a_notice_says_whose_python_is_run(run, tmp_path, caplog):
     shutil.copytree(
         ROOT / "docs/examples/hexapod", folder, ignore=shutil.ignore_patterns("usd", "__pycache__", "*parts.py")
     )
-    robots._said.clear()
+    robots._logged_paths.clear()
     assert run("info", folder).code == 0
     assert [r.message for r in caplog.records] == [f"running the Python code in {folder / 'formula.py'}"]
     caplog.clear()

@@ -207,7 +207,7 @@ def test_the_device_is_named_and_answers_alike(monkeypatch):
     by_processor = validate_samples("davinci_ecm", 3000)
     card = ProcessorAsGpu()
     monkeypatch.setattr(gpu, "found", lambda: (card, ""))
-    monkeypatch.setattr(kernel_module, "_MANY", 1)
+    monkeypatch.setattr(kernel_module, "_FEWEST_GPU_SAMPLES", 1)
     by_card = validate_samples("davinci_ecm", 3000, device="gpu")
     assert by_card.device == card.name
     assert by_processor.device == "processor"
@@ -228,7 +228,7 @@ def test_the_command_tells_findings_and_verdict(tmp_path, capsys):
 def test_the_command_takes_the_device_of_the_environment(tmp_path, capsys, monkeypatch):
     card = ProcessorAsGpu()
     monkeypatch.setattr(gpu, "found", lambda: (card, ""))
-    monkeypatch.setattr(kernel_module, "_MANY", 1)
+    monkeypatch.setattr(kernel_module, "_FEWEST_GPU_SAMPLES", 1)
     command = ["validate", "davinci_ecm", "--samples", "100", "--json", "--out", str(tmp_path)]
     for choice, device in (("cpu", "processor"), ("gpu", card.name)):
         monkeypatch.setenv("TWIN_DEVICE", choice)
