@@ -19,7 +19,7 @@ import pytest
 from made.lanes import thinned
 from twin.cli import main
 from twin.core import atomic, unfinished
-from twin.core.atomic import Scratch, atomic_folder, require_writable, settle, settle_all
+from twin.core.atomic import Scratch, atomic_folder, require_writable, settle, settle_all, write_text
 from twin.core.errors import OutputError
 
 
@@ -34,6 +34,13 @@ def register(tmp_path_factory, monkeypatch):
 def _tree(folder: Path) -> dict[str, str]:
     """Everything below a folder, hidden files too."""
     return {str(p.relative_to(folder)): p.read_text() if p.is_file() else "" for p in folder.rglob("*")}
+
+
+def test_a_text_below_a_file_is_an_output_error_that_names_it(tmp_path):
+    (tmp_path / "file").write_text("old")
+    with pytest.raises(OutputError, match=r"file/report\.xml: cannot be written"):
+        write_text(tmp_path / "file/report.xml", "new")
+    assert (tmp_path / "file").read_text() == "old"
 
 
 def test_atomic_folder_moves_all_files(tmp_path):
