@@ -188,6 +188,8 @@ def test_moments_of_a_box_and_of_an_open_one():
     R = T[:3, :3]
     assert R.T @ about @ R / m.volume == pytest.approx(np.diag([0.01, 0.04, 0.16]) / 12, abs=1e-12)
     assert solid_moments.of_meshes([Mesh("open", vertices, box.faces[1:])]) is None
+    empty = Mesh("empty", np.zeros((0, 3)), np.zeros((0, 3), np.int32))
+    assert solid_moments.of_meshes([Mesh("box", vertices, box.faces), empty]) is None
     assert solid_moments.moments(vertices, box.faces[:, ::-1]).volume == pytest.approx(-0.008)
     assert Inertia(1.0, np.zeros(3), solid_moments.tensor(about)).violations() == []
 

@@ -16,12 +16,12 @@ _SECOND = (np.ones((4, 4)) + np.eye(4)) / 20.0
 
 @dataclass(frozen=True)
 class Moments:
-    """Moments of a solid about the origin, for density 1 (after `scaled`: for a density in kg/m3).
+    """Moments of a solid about the origin, for density 1; after `scaled`, for a density in kg/m3.
 
     Attributes:
-        volume: volume in m3; negative if the faces are oriented inwards.
-        first: (3,) in m4, first moment.
-        second: (3, 3) in m5, second moments: the integral of x x^T.
+        volume: volume in m3, after `scaled` the mass in kg; negative if the faces are oriented inwards.
+        first: (3,) in m4, after `scaled` in kg m: first moment.
+        second: (3, 3) in m5, after `scaled` in kg m2: second moments, the integral of x x^T.
     """
 
     volume: float
@@ -41,7 +41,7 @@ def moments(vertices: Array, triangles: np.ndarray) -> Moments:
 
     Args:
         vertices: (n, 3) in m.
-        triangles: (m, 3) vertex indices, counter-clockwise seen from outside.
+        triangles: (m, 3) vertex indices, m at least 1, counter-clockwise seen from outside.
     """
     corners = np.asarray(vertices, float)[np.asarray(triangles)]
     # sum about the mean corner, because rounding errors are large far from the origin
@@ -62,8 +62,13 @@ def tensor(second: Array) -> Array:
 
 
 def closed(triangles: np.ndarray) -> bool:
-    """Return whether every edge is used once in each direction, so that the mesh encloses a volume."""
+    """Return whether every edge is used equally often in each direction, so that the faces enclose volumes.
+
+    Solids that touch along an edge use it several times in each direction. A mesh without triangles is not closed.
+    """
     t = np.asarray(triangles, np.int64)
+    if not len(t):
+        return False
     edges = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
     # one number for each directed edge: sorted, the numbers of all edges and of all reversed edges must be the same
     count = int(edges.max(initial=0)) + 1
@@ -76,7 +81,7 @@ def of_meshes(meshes: Iterable[Mesh], density: Callable[[Mesh], float | None] = 
     """Return the moments of several closed meshes together.
 
     `density` returns the density of a mesh in kg/m3; default: 1. The result is None if the volume is not positive, a
-    mesh is open, or a mesh has no density.
+    mesh is open or empty, or a mesh has no density.
     """
     total = Moments(0.0, np.zeros(3), np.zeros((3, 3)))
     for mesh in meshes:
