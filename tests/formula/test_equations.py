@@ -149,6 +149,24 @@ def test_a_variant_of_what_is_no_equation_and_a_name_given_twice_are_refused(mod
         module('@equation("forward", "again", gives="q", name="two")\ndef bad(y):\n    return y\n')
 
 
+@pytest.mark.parametrize("name", ["near", "corrected"])
+def test_a_second_variant_of_the_same_name_is_refused(module, name):
+    with pytest.raises(KinematicsError, match=f"two variants of equation 'two' are named '{name}'"):
+        module(
+            f"""
+        @equation.variant("near", of=two, why="first")
+        def first(q):
+            q = -q
+            return q
+
+        @equation.variant("{name}", of=two, why="second")
+        def second(q):
+            q = 2 * q
+            return q
+        """
+        )
+
+
 @pytest.mark.parametrize("robot", names())
 def test_rows_that_equal_what_they_change_are_not_repeated(robot):
     """A variant of a built-in robot states what differs, no more."""

@@ -68,9 +68,12 @@ class Equations:
             title: inputs and outputs in words, "ball -> carriages".
             gives: symbols that the function returns, in order: a sequence, or a text with spaces between the symbols.
             source: document and equation number.
-            variant: name of this variant.
+            variant: name of this variant; not used for a helper, whose first variant is "corrected".
             name: name of the equation; default: the name of the function.
             why: reason why this variant is correct; only needed if there are other variants.
+
+        Raises:
+            KinematicsError: an equation of this name is already registered (raised by the decorator).
         """
         if isinstance(gives, str):
             gives = gives.split()
@@ -118,8 +121,9 @@ class Equations:
             why: the change in this variant, and its reason.
 
         Raises:
-            KinematicsError: `of` is not an equation of this file. The file is parsed when the variant is first used;
-                only then, an error with file and line is raised for a row that does not exist in `of`.
+            KinematicsError: `of` is not an equation of this file, or the equation already has a variant of this name.
+                The file is parsed when the variant is first used; only then, an error with file and line is raised for
+                a row that does not exist in `of`.
         """
         place = self._place_of(of)
         if place is None:
@@ -127,6 +131,10 @@ class Equations:
 
         def register(function: Rows) -> Variant:
             equation = self._registered[place]
+            if name in equation.variants:
+                raise KinematicsError(
+                    f"two variants of equation '{equation.name}' are named '{name}': give the second another name"
+                )
             variant = Variant(of, function)
             variants = {**equation.variants, name: variant}
             reasons = {**equation.reasons, name: why}
