@@ -284,6 +284,11 @@ def test_a_limit_that_is_not_finite_is_reported_once(tmp_path):
         ("tool_frame", [0, 0, 0, 0, 0, 0, {}], "entry 6 is '{}', expected a number"),
         ("poses", [0, 0, 0, 0, 0, "x", 1] * 2, "entry 5 is 'x', expected a number"),
         ("times", [[0], [1, 2]], "is not a flat list"),
+        ("times", [[0], [1]], "is not a flat list"),
+        ("times", 5, "is '5', expected a flat list of numbers"),
+        ("joint_lower", [None], "entry 0 is 'null', expected a number"),
+        ("joint_lower", [True], "entry 0 is 'true', expected a number"),
+        ("tool_frame", ["0.5", None], "entry 0 is '0.5', expected a number"),
     ],
 )
 def test_what_is_no_number_in_a_track_is_named(tmp_path, key, value, fault):
@@ -293,6 +298,22 @@ def test_what_is_no_number_in_a_track_is_named(tmp_path, key, value, fault):
         tracks.read_json(path, Ledger("a.json"))
     assert f"'{key}'" in str(raised.value)
     assert fault in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("tool_frame", [float("nan"), 0, 0, 0, 0, 0, 1]),
+        ("phase_rcm", [float("inf")]),
+        ("phase_has_rcm", [float("nan")]),
+    ],
+)
+def test_a_pose_of_the_tool_and_an_rcm_that_are_not_finite_are_reported(tmp_path, key, value):
+    path = tmp_path / "a.json"
+    path.write_text(json.dumps(_track_of_two_keys(**{key: value})))
+    ledger = Ledger("a.json")
+    tracks.read_json(path, ledger)
+    assert f"{key} contains numbers that are not finite." in [finding.message for finding in ledger.found]
 
 
 @pytest.mark.parametrize(

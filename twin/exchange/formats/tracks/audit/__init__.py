@@ -25,7 +25,7 @@ from twin.exchange.audit.mechanism_data import TOOL, FileDrive, FileFrame, FileJ
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.reader_context import Context
 from twin.exchange.audit.report import Ledger, Measured, ReadError
-from twin.exchange.formats.tracks.audit.number_lists import entry_numbers, flat_numbers
+from twin.exchange.formats.tracks.audit.number_lists import entry_numbers, flat_numbers, report_not_finite
 from twin.exchange.formats.tracks.audit.rcm import check_rcm
 from twin.exchange.formats.tracks.audit.schema_file import check_schema
 
@@ -162,7 +162,7 @@ def _content(data: JsonObject, kind: str, ledger: Ledger) -> Content:
     units = data.get("length_unit", "?")
     content.facts = {"units": units, **_frame_facts(data), "protocol": name}
     _state_facts(content, data, name)
-    content.physics = _physics(data, links, joints)
+    content.physics = _physics(data, links, joints, ledger)
     short_entries = dict(data)
     # The clip has the long lists; left here, they would be compared as entries of the header.
     for key in ("poses", "positions", "times"):
@@ -259,8 +259,7 @@ def _names(data: JsonObject, key: str) -> list[str]:
 def _numbers(data: JsonObject, key: str, ledger: Ledger) -> Array:
     """Return a flat list (k,) of numbers; report numbers that are not finite."""
     numbers = flat_numbers(data, key)
-    if not np.all(np.isfinite(numbers)):
-        ledger.wrong("tracks.finite", f"{key} contains numbers that are not finite.", key)
+    report_not_finite(numbers, key, ledger)
     return numbers
 
 
@@ -360,8 +359,10 @@ def _report_violation(
     ledger.wrong("tracks.limits", text, joint, size=size, when=moment, suggestion=advice)
 
 
-def _physics(data: JsonObject, links: list[str], joints: list[str]) -> FilePhysics:
+def _physics(data: JsonObject, links: list[str], joints: list[str], ledger: Ledger) -> FilePhysics:
     """Return the mechanism data of a track; entries that are missing or too short are skipped.
+
+    A pose of the tool that is not finite is reported, because it is read only here.
 
     Raises:
         ReadError: limits or poses of frames are no flat lists of numbers.
@@ -389,6 +390,7 @@ def _physics(data: JsonObject, links: list[str], joints: list[str]) -> FilePhysi
         if names:
             physics.fully_listed = frozenset({"frame"})
     tool = entry_numbers(data, "tool_frame")
+    report_not_finite(tool, "tool_frame", ledger)
     if tool.shape == (7,):
         physics.frames[TOOL] = FileFrame(str(data.get("tool_link", "")), poses.from_seven(tool))
     return physics

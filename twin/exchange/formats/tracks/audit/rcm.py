@@ -18,7 +18,7 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.file_content import FileClip
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import POSITION_TOL, Ledger, Measured, quantity, um
-from twin.exchange.formats.tracks.audit.number_lists import entry_numbers
+from twin.exchange.formats.tracks.audit.number_lists import entry_numbers, report_not_finite
 
 SHAFT = 5e-3
 """Distance in m from the shaft axis up to which an RCM counts as enforced, if the file does not state its mode."""
@@ -135,6 +135,9 @@ def _rcm_phases(data: JsonObject, clip: FileClip, local: Array, ledger: Ledger) 
     """Return the phases with an RCM and a shaft axis; None, with a finding, if the data do not fit together."""
     has_rcm = entry_numbers(data, "phase_has_rcm").ravel()
     points = entry_numbers(data, "phase_rcm").ravel()
+    report_not_finite(has_rcm, "phase_has_rcm", ledger)
+    report_not_finite(points, "phase_rcm", ledger)
+    # the caller reports starts, ends and poses of frames that are not finite
     start = entry_numbers(data, "phase_start").ravel()
     end = entry_numbers(data, "phase_end").ravel()
     names = data.get("frame_names", [])
