@@ -12,12 +12,13 @@ import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
 
 from made import bundle as base
+from twin.core.findings import Finding
 from twin.exchange.audit import audit
 from twin.exchange.audit.file_comparison import Reference, compare_clips
 from twin.exchange.audit.file_content import Content, FileClip
 from twin.exchange.audit.mechanism_data import FileJoint, FilePhysics, motion_lines
 from twin.exchange.audit.physics_comparison import compare_physics
-from twin.exchange.audit.poses import pose
+from twin.exchange.audit.poses import about, pose
 from twin.exchange.audit.report import Ledger
 from twin.exchange.audit.scene_folder import audit_scene
 from twin.exchange.formats.unity.audit import check_package
@@ -222,11 +223,20 @@ def test_a_class_in_another_namespace_is_named(name, found, tmp_path):
 # ------------------------------------------------------------------------------------------------------- scenes
 
 
-def scene(folder: Path, *, protocol: str = "swing", x: float = 0.5, unit: str = "m", filtered: int = 2) -> set[str]:
-    """Return the codes of an audit of a scene of one robot at x = 0.5 m, with a prop of two shapes."""
+def audited_scene(
+    folder: Path,
+    *,
+    protocol: str = "swing",
+    x: float = 0.5,
+    R: np.ndarray | None = None,
+    unit: str = "m",
+    filtered: int = 2,
+    hand_x: float = 0.0,
+) -> list[Finding]:
+    """Return the findings of an audit of a scene of one robot at x = 0.5 m, with a prop of two shapes."""
     (folder / "arm").mkdir()
     (folder / "usd").mkdir()
-    base_pose = pose(p=[x, 0, 0]).tolist()
+    base_pose = pose(R, [x, 0, 0]).tolist()
     robot = {"name": "arm", "folder": "arm", "protocol": protocol, "T_world_base": base_pose}
     (folder / "scene.json").write_text(json.dumps({"robots": [robot]}))
     lines = (
@@ -240,6 +250,7 @@ def scene(folder: Path, *, protocol: str = "swing", x: float = 0.5, unit: str = 
     stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/scene").GetPrim())
     UsdGeom.Xform.Define(stage, "/scene/arm").AddTranslateOp().Set(Gf.Vec3d(0.5, 0, 0))
     hand = UsdGeom.Xform.Define(stage, "/scene/arm/hand").GetPrim()
+    UsdGeom.Xform.Define(stage, "/scene/arm/wrist")
     UsdGeom.Xform.Define(stage, "/scene/patient")
     shapes = []
     for name in ("chest", "legs"):
@@ -248,9 +259,15 @@ def scene(folder: Path, *, protocol: str = "swing", x: float = 0.5, unit: str = 
     pairs = UsdPhysics.FilteredPairsAPI.Apply(hand).CreateFilteredPairsRel()
     pairs.SetTargets([shape.GetPath() for shape in shapes[:filtered]])
     stage.GetRootLayer().Save()
-    clip = FileClip("swing", np.arange(2.0), {"hand": np.tile(np.eye(4), (2, 1, 1))})
+    still = np.tile(np.eye(4), (2, 1, 1))
+    hand_poses = still.copy()
+    hand_poses[0, 0, 3] = hand_x
+    clip = FileClip("swing", np.arange(2.0), {"hand": hand_poses, "wrist": still})
     _, ledgers = audit_scene(folder, lambda _: ([Content(Ledger("t.json"), "tracks", clips=[clip])], []))
-    return {f.code for ledger in ledgers for f in ledger.found if f.code.startswith("scene.")}
+    findings = []
+    for ledger in ledgers:
+        findings += [finding for finding in ledger.found if finding.code.startswith("scene.")]
+    return findings
 
 
 @pytest.mark.parametrize(
@@ -264,4 +281,30 @@ def scene(folder: Path, *, protocol: str = "swing", x: float = 0.5, unit: str = 
     ],
 )
 def test_what_a_scene_states_is_compared_with_its_stage_and_its_robots(change, codes, tmp_path):
-    assert scene(tmp_path, **change) == codes
+    assert {finding.code for finding in audited_scene(tmp_path, **change)} == codes
+
+
+def test_a_pose_that_is_not_a_number_is_found_though_the_next_link_is_right(tmp_path):
+    (finding,) = audited_scene(tmp_path, hand_x=np.nan)
+    assert finding.code == "scene.link"
+    assert finding.where.endswith("arm/hand")
+    assert "not finite" in finding.message
+
+
+def test_a_turned_base_is_measured_by_its_angle(tmp_path):
+    findings = {finding.code: finding for finding in audited_scene(tmp_path, R=about([0, 0, 1], 0.5))}
+    turned = findings["scene.base"]
+    assert turned.unit == "deg"
+    assert turned.size == pytest.approx(np.degrees(0.5))
+
+
+@pytest.mark.parametrize("place", [(2, 2, -1.0), (3, 0, 1.0), (0, 3, float("inf"))])
+def test_a_base_that_is_mirrored_projected_or_infinitely_far_is_no_pose(tmp_path, place):
+    row, column, value = place
+    T = np.eye(4)
+    T[row, column] = value
+    (tmp_path / "arm").mkdir()
+    robot = {"name": "arm", "folder": "arm", "protocol": "", "T_world_base": T.tolist()}
+    (tmp_path / "scene.json").write_text(json.dumps({"robots": [robot]}))
+    _, (ledger,) = audit_scene(tmp_path, lambda _: ([], []))
+    assert [finding.code for finding in ledger.found] == ["scene.pose"]

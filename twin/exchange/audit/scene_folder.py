@@ -34,6 +34,9 @@ _LISTED = re.compile(r"One folder for each robot[^\n]*\n +(?P<names>[\w, ]+)\.\n
 REACH = 0.1
 """Distance in m between a link's origin and the other points at which deviations are measured, to include rotations."""
 
+_POSE_ROUNDING = 1e-9
+"""Maximum deviation of the entries of a pose in scene.json, which are written with all digits of a double."""
+
 Audited = tuple[list[Content], list[Ledger]]
 
 
@@ -152,10 +155,13 @@ def _check_readme(file: Path, robots: Collection[str], ledger: Ledger) -> None:
 
 
 def _is_pose(T: Array) -> bool:
-    if T.shape != (4, 4):
+    """Return whether T is (4, 4), finite, a rotation without reflection, and has the last row (0, 0, 0, 1)."""
+    if T.shape != (4, 4) or not np.isfinite(T).all():
         return False
     R = T[:3, :3]
-    return np.allclose(R @ R.T, np.eye(3), atol=1e-9)
+    is_orthonormal = np.allclose(R @ R.T, np.eye(3), rtol=0.0, atol=_POSE_ROUNDING)
+    has_last_row = np.allclose(T[3], [0.0, 0.0, 0.0, 1.0], rtol=0.0, atol=_POSE_ROUNDING)
+    return is_orthonormal and bool(np.linalg.det(R) > 0) and has_last_row
 
 
 def _objects(folder: Path, ledger: Ledger) -> dict[str, Array]:
@@ -168,9 +174,9 @@ def _objects(folder: Path, ledger: Ledger) -> dict[str, Array]:
     except (ValueError, KeyError, TypeError) as error:
         ledger.add("scene.objects", "error", f"the list of objects is malformed: {type(error).__name__}, {error}.")
         return {}
-    for T in objects.values():
-        if not np.isfinite(T).all():
-            ledger.add("scene.objects", "error", "a pose in the list of objects is not finite.")
+    for name, poses in objects.items():
+        if not _is_pose(poses[0]):
+            ledger.add("scene.objects", "error", f"object '{name}': T_world_object is not a pose (4, 4).", name)
             return {}
     return objects
 
@@ -223,7 +229,9 @@ def _compare_stage(robots: Mapping[str, SceneRobot], path: Path, ledger: Ledger)
     ledger.row(check, worst, "m", POSITION_TOL, where=where, when=when)
     if not worst <= POSITION_TOL:
         text = f"{where}: missing."
-        if np.isfinite(worst):
+        if np.isnan(worst):
+            text = f"{where}: its pose in the stage or in the robot's files is not finite."
+        elif np.isfinite(worst):
             text = f"{where}: the pose differs from the robot's files by {quantity(worst, 'm')}."
         ledger.wrong("scene.link", text, where, size=Measured(worst, POSITION_TOL, "m"), when=when)
 
@@ -247,6 +255,8 @@ def _check_bases(path: Path, robots: Mapping[str, SceneRobot], ledger: Ledger) -
                 f"{np.degrees(turn):.4g} deg from that in the stage."
             )
             size = Measured(distance, POSITION_TOL, "m")
+            if distance <= POSITION_TOL:  # only the rotation is wrong
+                size = Measured(float(np.degrees(turn)), float(np.degrees(ROTATION_TOL)), "deg")
             advice = f"correct T_world_base in {SCENE}, or the transform of the robot in the stage"
             ledger.wrong("scene.base", text, name, size=size, suggestion=advice)
 
@@ -291,8 +301,9 @@ def _colliders(group: Usd.Prim) -> list[Sdf.Path]:
 def deviation(stage: Path, robots: Mapping[str, SceneRobot]) -> tuple[float, str, str]:
     """Return the maximum deviation of a scene's stage from the robots' files: (deviation in m, robot and link, time).
 
-    Deviations are measured at the first, middle and last key, at each link's origin and at points 0.1 m from the
-    origin. The deviation is infinite if the stage lacks a link, or if a robot's files have no link poses.
+    Deviations are measured at the first, middle and last key, at each link's origin and at points `REACH` from the
+    origin. The deviation is infinite if the stage lacks a link, or if a robot's files have no link poses. It is NaN if
+    a pose is not finite.
     """
     opened = Usd.Stage.Open(str(stage))
     opened.Reload()  # USD keeps layers in memory, but the file may have changed
@@ -319,8 +330,11 @@ def deviation(stage: Path, robots: Mapping[str, SceneRobot]) -> tuple[float, str
                 difference = T - robot.T_world_base @ poses[k]
                 shift = corners @ difference[:3, :3].T + difference[:3, 3]
                 distance = float(np.linalg.norm(shift, axis=1).max())
-                if not distance < worst:
+                moment = f"t = {robot.times[k]:.3f} s"
+                if not np.isfinite(distance):  # no later deviation may replace it
+                    return np.nan, f"{name}/{link}", moment
+                if distance >= worst:
                     worst = distance
                     where = f"{name}/{link}"
-                    when = f"t = {robot.times[k]:.3f} s"
+                    when = moment
     return worst, where, when
