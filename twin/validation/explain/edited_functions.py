@@ -24,6 +24,9 @@ _SAME_RESIDUALS = 1e-7
 """Relative difference of residuals, also at perturbed values, below which two edited rows count as the same
 function."""
 
+_ZERO = 1e-3
+"""Residual, in units of the tolerance, below which a row agrees but for rounding, which is about 1e-6 of them."""
+
 
 @dataclass
 class _SameFunction:
@@ -133,9 +136,12 @@ def _same(a: dict[RowKey, Array], b: dict[RowKey, Array]) -> bool:
             return False
         x = a[row][has_value]
         y = b[row][has_value]
-        size = float(np.abs(x).max(initial=0.0))
-        if size == 0:
+        x_is_zero = np.abs(x).max(initial=0.0) < _ZERO
+        y_is_zero = np.abs(y).max(initial=0.0) < _ZERO
+        if x_is_zero and y_is_zero:
             continue
+        if x_is_zero or y_is_zero:  # a row that agrees everywhere has other solutions than one that does not
+            return False
         # The largest entry gives the factor with the smallest rounding.
         largest = int(np.argmax(np.abs(x)))
         factor = y[largest] / x[largest]
@@ -183,8 +189,12 @@ def _sorted(node: ast.AST) -> str:
     for child in ast.iter_child_nodes(node):
         if not isinstance(child, ast.expr_context):  # whether a name is read or assigned does not matter
             parts.append(_sorted(child))
-    attribute = getattr(node, "attr", "")
-    return f"{type(node).__name__}{attribute}({', '.join(parts)})"
+    name = ""
+    if isinstance(node, ast.Attribute):
+        name = node.attr
+    elif isinstance(node, ast.keyword | ast.arg):  # of a call, or of a lambda
+        name = node.arg or ""  # None for "**arguments"
+    return f"{type(node).__name__}{name}({', '.join(parts)})"
 
 
 def _sum(node: ast.AST, sign: str) -> list[str]:

@@ -1,0 +1,46 @@
+"""Edited functions: which edits count as readings of one repair."""
+
+from __future__ import annotations
+
+import ast
+
+import numpy as np
+import pytest
+
+from twin.validation.explain.edited_functions import _same, _sorted
+
+ROW = ("equation", 0, 0)
+OTHER_ROW = ("equation", 1, 0)
+RESIDUAL = np.array([[1.0], [-2.0], [0.5]])
+NO_RESIDUAL = np.zeros((3, 1))
+
+
+def canonical_text(expression):
+    return _sorted(ast.parse(expression).body[0])
+
+
+def test_rows_that_differ_by_a_factor_are_the_same():
+    assert _same({ROW: RESIDUAL}, {ROW: -3 * RESIDUAL})
+    assert not _same({ROW: RESIDUAL}, {ROW: RESIDUAL + 1})
+
+
+def test_a_row_that_is_zero_is_only_the_same_as_another_zero_row():
+    zero = {ROW: RESIDUAL, OTHER_ROW: NO_RESIDUAL}
+    not_zero = {ROW: RESIDUAL, OTHER_ROW: RESIDUAL}
+    assert _same(zero, zero)
+    assert _same(zero, {ROW: RESIDUAL, OTHER_ROW: NO_RESIDUAL + 1e-7})  # rounding
+    assert not _same(zero, not_zero)
+    assert not _same(not_zero, zero)
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [("f(x=1)", "f(y=1)"), ("f(x=1)", "f(1)"), ("f(**x)", "f(x=x)"), ("lambda a: 1", "lambda b: 1"), ("a.b", "a.c")],
+)
+def test_names_of_arguments_and_attributes_are_in_the_canonical_text(first, second):
+    assert canonical_text(first) != canonical_text(second)
+    assert canonical_text(first) == canonical_text(first)
+
+
+def test_operands_of_sums_and_products_have_no_order():
+    assert canonical_text("a*b + c - d") == canonical_text("-d + c + b*a")
