@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 import twin
+from twin.comparison.xacro_lines import obstacle
 
 LEG = """<link name="{p}_a"/>
 <joint name="{p}_1" type="revolute"><parent link="base"/><child link="{p}_a"/>
@@ -54,3 +57,25 @@ def test_a_line_with_an_expression_has_no_edit(tmp_path: Path) -> None:
     assert named["l_1"] == ("0.9", True, "")
     # beside effort="1", which is no expression
     assert named["r_1"] == ("", False, "line 8 holds an expression")
+
+
+@pytest.mark.parametrize(
+    ("text", "what", "old", "reason"),
+    [
+        ('<origin xyz="0.3 ${a} 0"/>', "joint 'j' origin xyz[0]", "0.3", ""),
+        ('<origin xyz="0.3 ${a} 0"/>', "joint 'j' origin xyz[1]", "0.3", "line 1 holds an expression"),
+        ('<origin xyz="0.3 1${a} 0"/>', "joint 'j' origin xyz[1]", "1", "line 1 holds an expression"),
+        ('<origin xyz="0.3 0.2 0"/>', "joint 'j' origin xyz", "0.3 0.2 0", ""),
+        ('<origin xyz="0.3 0.2 0"/>', "joint 'j' origin xyz[1]", "0.3", "line 1 does not state it"),
+        # the attribute of another element of the line
+        ('<origin rpy="1 2 3"/><axis xyz="0 0 1"/>', "joint 'j' origin xyz[2]", "1", "line 1 does not state it"),
+        # the element began in the line before
+        ('xyz="0 0 0.3"/><axis xyz="0 0 1"/>', "joint 'j' origin xyz[2]", "0.3", ""),
+        ('xyz="0 0 0.3"/><axis xyz="0 0 1"/>', "joint 'j' origin xyz[2]", "1", "line 1 does not state it"),
+    ],
+)
+def test_a_line_states_the_number_at_its_index(tmp_path: Path, text: str, what: str, old: str, reason: str) -> None:
+    xacro = tmp_path / "a.xacro"
+    xacro.write_text(text)
+    places = {"joint/j/origin": (str(xacro), 1)}
+    assert obstacle(places, str(xacro), 1, what, old) == reason

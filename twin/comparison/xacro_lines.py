@@ -9,6 +9,9 @@ from pathlib import Path
 _EXPRESSION = re.compile(r"\$\{[^}]*\}|\$\([^)]*\)")
 """An expression of a xacro: "${...}", or "$(...)"."""
 
+_INDEX = re.compile(r"\[(\d+)\]$")
+"""Index of the edited number among those of its attribute, at the end of the name of a number: "origin xyz[2]"."""
+
 _ROUNDING = 1e-11
 """Relative difference of two texts of one number: the old text of an edit has twelve digits."""
 
@@ -23,7 +26,8 @@ def obstacle(places: Mapping[str, tuple[str, int]], file: str, line: int, what: 
             another, inner element: "joint/shoulder", "joint/shoulder/origin".
         file: the xacro file.
         line: number of the edited line.
-        what: ends with element and attribute, as "origin xyz[2]".
+        what: ends with element and attribute, and the index of the first of the numbers `old` if it is not 0, as
+            "origin xyz[2]".
         old: the stated numbers, with spaces between them.
     """
     names: dict[tuple[str, str], set[str]] = {}
@@ -42,44 +46,51 @@ def obstacle(places: Mapping[str, tuple[str, int]], file: str, line: int, what: 
         text = Path(file).read_text(encoding="utf-8").splitlines()[line - 1]
     except (OSError, UnicodeDecodeError, IndexError):
         return f"line {line} cannot be read"
-    text = _attribute(text, what)
-    if _states(_EXPRESSION.sub(" $ ", text), old.split()):
+    index = 0
+    match = _INDEX.search(what)
+    if match is not None:
+        index = int(match.group(1))
+    text = _attribute(text, _INDEX.sub("", what))
+    # An expression becomes a word that is no number, also where digits or a sign stand beside it, as in "1${a}".
+    if _states(_EXPRESSION.sub("$", text), old.split(), index):
         return ""
     if _EXPRESSION.search(text):
         return f"line {line} holds an expression"
     return f"line {line} does not state it"
 
 
-def _attribute(text: str, what: str) -> str:
-    """Return the value of the attribute in a line; the whole line if it does not have the attribute."""
-    name, _, _ = what.partition("[")
+def _attribute(text: str, name: str) -> str:
+    """Return the value of the attribute in a line; "" if the line does not have it.
+
+    `name` ends with element and attribute, as "origin xyz".
+    """
     words = name.split()
-    if len(words) < 2:
-        return text
+    if len(words) < 2:  # a number of the robot itself, of which no place is known
+        return ""
     element = re.escape(words[-2])
     attribute = re.escape(words[-1])
-    # an element can begin in a line before
-    for pattern in (rf"<{element}\b[^<>]*?\s{attribute}", rf"\b{attribute}"):
-        match = re.search(pattern + r"\s*=\s*([\"'])(.*?)\1", text)
-        if match is not None:
-            return match.group(2)
-    return text
+    value = rf"\s{attribute}\s*=\s*([\"'])(.*?)\1"
+    match = re.search(rf"<{element}\b[^<>]*?{value}", text)
+    if match is None:
+        # The element can begin in a line before: then the attribute stands before any other element of this line.
+        end_of_element, _, _ = text.partition("<")
+        match = re.search(value, f" {end_of_element}")
+    if match is None:
+        return ""
+    return match.group(2)
 
 
-def _states(text: str, numbers: list[str]) -> bool:
-    """Return whether a text has these numbers, one after another."""
+def _states(text: str, numbers: list[str], index: int) -> bool:
+    """Return whether a text has these numbers, one after another, from the word `index` on."""
     values: list[float | None] = []
-    for word in re.split(r"[\s\"',]+", text):
+    for word in re.split(r"[\s,]+", text.strip()):
         try:
             values.append(float(word))
         except ValueError:
             values.append(None)
     stated = list(map(float, numbers))
-    has_stated = False
-    for start in range(len(values) - len(stated) + 1):
-        window = values[start : start + len(stated)]
-        has_stated = has_stated or _are_same(window, stated)
-    return has_stated
+    window = values[index : index + len(stated)]
+    return len(window) == len(stated) and _are_same(window, stated)
 
 
 def _are_same(values: list[float | None], stated: list[float]) -> bool:
