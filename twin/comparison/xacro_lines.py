@@ -51,7 +51,7 @@ def obstacle(places: Mapping[str, tuple[str, int]], file: str, line: int, what: 
     if match is not None:
         index = int(match.group(1))
     text = _attribute(text, _INDEX.sub("", what))
-    # An expression becomes a word that is no number, also where digits or a sign stand beside it, as in "1${a}".
+    # An expression becomes a word that is not a number, also where digits or a sign stand beside it, as in "1${a}".
     if _states(_EXPRESSION.sub("$", text), old.split(), index):
         return ""
     if _EXPRESSION.search(text):

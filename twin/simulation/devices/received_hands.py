@@ -6,6 +6,7 @@ The owner of a network connection or web page passes states to `give`; the origi
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -32,6 +33,9 @@ _LEAP = 1000
 
 After a larger gap, states are rejected until the device has been silent."""
 
+_NUMBERS = 2**32
+"""Number of different sequence numbers: they have 32 bits, and begin again at 0."""
+
 
 @dataclass(frozen=True)
 class HandState:
@@ -40,7 +44,7 @@ class HandState:
     Attributes:
         hand: 0 right, 1 left.
         clutch, camera: whether the clutch pedal and the camera pedal are pressed.
-        number: sequence number, increased by one per state.
+        number: sequence number, increased by one per state; 0 follows 2**32 - 1.
         pose: (4, 4) pose W of the handle in {H}, the frame of the handles.
         grip: angle of the gripper in rad.
     """
@@ -90,26 +94,26 @@ class ReceivedHands(Block):
         self.hands = tuple(hands)
         self.patience = patience
         self.moving = tuple(moving)
-        self._new: list[HandState] = []
+        self._arrived: deque[HandState] = deque()  # filled by another thread
         self._last: list[HandState | None] = [None, None]
-        self._heard = [-math.inf, -math.inf]
+        self._arrival_times = [-math.inf, -math.inf]  # in s, of the last state of each hand
         self._lost = [0, 0]
         self._ignored = 0
         self._scale = scale
-        self._left = False
+        self._is_disconnected = False  # whether `leave` was called since the last tick
         self._haptics = True
         self._settings = dict(settings or {})
         self.outputs = self._signals(0.0)
 
     def give(self, state: HandState) -> None:
         """Accept a new state of one hand; the state is used in the next tick."""
-        self._new.append(state)
+        self._arrived.append(state)
 
     def leave(self) -> None:
         """Disconnect the hands: they are silent in the next tick, even if new states arrive."""
-        self._new.clear()
-        self._heard = [-math.inf, -math.inf]
-        self._left = True
+        self._arrived.clear()
+        self._arrival_times = [-math.inf, -math.inf]
+        self._is_disconnected = True
 
     def rescale(self, scale: float) -> None:
         """Set the motion scale from the next tick on; ignore and count a value that is not finite and positive."""
@@ -134,14 +138,15 @@ class ReceivedHands(Block):
 
     @property
     def heard(self) -> int:
-        """Smallest of the last received sequence numbers of the hands that move robots; -1 until all have sent one."""
-        numbers = []
+        """Earliest of the last received sequence numbers of the hands that move robots; -1 until all have sent one."""
+        earliest = -1
         for hand in self.moving:
             last = self._last[hand]
             if last is None:
                 return -1
-            numbers.append(last.number)
-        return min(numbers)
+            if earliest < 0 or _gap(earliest, last.number) < 0:
+                earliest = last.number
+        return earliest
 
     def any_silent(self, t: float) -> bool:
         """Return whether a hand that moves a robot is silent at time t in s."""
@@ -149,18 +154,20 @@ class ReceivedHands(Block):
 
     def silent(self, hand: int, t: float) -> bool:
         """Return whether a hand has been silent for longer than `patience`, at time t in s."""
-        return t - self._heard[hand] > self.patience
+        return t - self._arrival_times[hand] > self.patience
 
     def step(self, signals: Signals, t: float, dt: float) -> dict[str, ArrayLike]:
         """Use the states that arrived since the last tick."""
-        # Another thread may call `give` meanwhile: its state goes to the new list, and waits for the next tick.
-        new = self._new
-        self._new = []
-        for state in new:
+        # Another thread may call `give` meanwhile: a state beyond the present number waits for the next tick.
+        for _ in range(len(self._arrived)):
+            try:
+                state = self._arrived.popleft()
+            except IndexError:  # another thread has called `leave`
+                break
             self._accept(state, t)
         values = self._signals(t)
-        if self._left:
-            self._left = False
+        if self._is_disconnected:
+            self._is_disconnected = False
             values[DEVICE_SILENT.of(self.device)] = 1.0
         return values
 
@@ -169,9 +176,8 @@ class ReceivedHands(Block):
         hand = state.hand
         last = self._last[hand]
         # after `leave`, another sender starts with its own number
-        if last is not None and self._heard[hand] > -math.inf:
-            # sequence numbers have 32 bits, and begin again at 0
-            gap = (state.number - last.number + 2**31) % 2**32 - 2**31
+        if last is not None and self._arrival_times[hand] > -math.inf:
+            gap = _gap(last.number, state.number)
             in_order = 0 < gap <= _LEAP
             if not in_order and not self.silent(hand, t):
                 self._ignored += 1
@@ -179,7 +185,7 @@ class ReceivedHands(Block):
             if in_order:
                 self._lost[hand] += gap - 1
         self._last[hand] = state
-        self._heard[hand] = t
+        self._arrival_times[hand] = t
 
     def _signals(self, t: float) -> dict[str, ArrayLike]:
         values: dict[str, ArrayLike] = {}
@@ -204,3 +210,9 @@ class ReceivedHands(Block):
         values[DEVICE_SCALE.of(self.device)] = self._scale
         values[DEVICE_IGNORED.of(self.device)] = float(self._ignored)
         return values
+
+
+def _gap(earlier: int, later: int) -> int:
+    """Return by how many states the sequence number `later` follows `earlier`; negative if it comes before."""
+    half = _NUMBERS // 2
+    return (later - earlier + half) % _NUMBERS - half
