@@ -31,7 +31,7 @@ from twin.ui.session.movable_robot import MovableRobot, MoveResult
 from twin.ui.session.readings import read
 from twin.ui.session.timeline import Clock, Playback, protocols_of
 from twin.ui.viewer import readout
-from twin.ui.viewer.design_panel import differs, refused
+from twin.ui.viewer.design_panel import SHOWN_POINTS, point_step, refusal_html, residual_html
 from twin.ui.viewer.panels import LEAST_SPAN, curves
 
 ROBOTS = one_of_a_kind()
@@ -203,6 +203,29 @@ def test_a_parameter_that_is_wrong_shows(sils):
     with pytest.raises(KinematicsError):
         sils.change(parameters={"no_such": 1.0})
     assert sils.kin.parameters[name] == pytest.approx(value + 0.6 * MM)
+
+
+def test_a_parameter_is_reset_or_stays_changed_where_that_fails(sils, monkeypatch):
+    published = sils.kin.parameters["l_p"]
+    sils.change(parameters={"l_p": published + 0.6 * MM})
+    with monkeypatch.context() as broken:
+        broken.setattr(sils, "_compiled", raised)
+        with pytest.raises(KinematicsError, match="no compiler"):
+            sils.reset_parameter("l_p")
+    assert sils.parameters == {"l_p": pytest.approx(published + 0.6 * MM)}
+    sils.reset_parameter("l_p")
+    assert (sils.parameters, sils.kin.parameters["l_p"]) == ({}, published)
+    with pytest.raises(KinematicsError, match="no_such"):
+        sils.reset_parameter("no_such")
+
+
+def raised(robot):
+    raise KinematicsError("no compiler")
+
+
+@pytest.mark.parametrize("count", [0, 1, SHOWN_POINTS, SHOWN_POINTS + 1, 2 * SHOWN_POINTS - 1])
+def test_no_more_workspace_points_are_shown_than_stated(count):
+    assert len(range(0, count, point_step(count))) <= SHOWN_POINTS
 
 
 def test_a_mechanism_that_is_redesigned_leaves_its_equations(sils):
@@ -455,7 +478,7 @@ def test_every_residual_is_told_in_its_own_unit(any_movable):
         assert readout.amount(found) == ("14.324°" if joint.is_angle else "250.000 mm")
         reading = replace(read(any_movable), residual=found, incomparable="")
         assert readout.amount(found) in readout.table(reading)
-        assert readout.amount(found) in differs(reading)
+        assert readout.amount(found) in residual_html(reading)
         state = measured(reading, None)
         assert (state["residual_m"] is None, state["residual_rad"] is None) == (joint.is_angle, not joint.is_angle)
     assert measured(SimpleNamespace(gap=0.0, residual=found, incomparable="", rcm_error=None, depth=None), 0.5)[
@@ -492,7 +515,7 @@ def test_another_assembly_is_not_a_disagreement(sils, rng):
     assert "white-space:nowrap" in table, "a value and its unit are on one line"
     assert "not comparable: different assembly modes" in table
     assert "DISAGREE" not in table
-    assert differs(reading).startswith("not comparable")
+    assert residual_html(reading).startswith("not comparable")
     assert measured(reading, None)["scope"] == reading.incomparable
     sils.change(parameters={"l_p": sils.kin.parameters["l_p"] + 0.6 * MM})  # what is wrong stays wrong there
     assert not read(sils).agrees
@@ -501,9 +524,9 @@ def test_another_assembly_is_not_a_disagreement(sils, rng):
 
 def test_design_b_that_cannot_take_the_pose_says_so(sils):
     T = home(sils).assembly.T_base_tool.copy()
-    assert refused(sils.move_tool(T)) == ""
+    assert refusal_html(sils.move_tool(T)) == ""
     T[0, 3] += 2.0
-    text = refused(sils.move_tool(T))
+    text = refusal_html(sils.move_tool(T))
     assert "Design B cannot reach the pose of design A" in text
     assert "out of reach" in text
 

@@ -359,16 +359,16 @@ def test_two_designs_stand_beside_each_other(sils):
     sils.tab("Design")
     before = sils.shot()
     sils.page.get_by_role("button", name="Keep this design as B").click()
-    until(lambda: front.panels.design._other_nodes is not None, "design B")
+    until(lambda: front.panels.design._design_b_nodes is not None, "design B")
     front.ask("design", lambda: movable.change(parameters={"l_p": movable.kin.parameters["l_p"] + 2 * MM}))
     front.ask("tool", lambda: movable.move_tool(movable.assembly.T_base_tool))
     until(lambda: sils.page.locator("text=B (orange)").count() > 0, "the table of both")
-    other = front.panels.design._other
+    other = front.panels.design._design_b
     until(lambda: np.abs(other.assembly.q - movable.assembly.q).max() > 1e-6, "different joints for one tool pose")
     until(lambda: sils.differs(before) > 0.005, "design B in the picture")
     l_p = movable.robot.kinematics().parameters["l_p"]
     front.ask("design", lambda: (movable.change(parameters={"l_p": l_p}),
-                                 front.panels.design._show_other(False)))  # fmt: skip
+                                 front.panels.design._show_design_b(False)))  # fmt: skip
     until(lambda: not movable.edited, "the robot's own equations")
 
 

@@ -413,6 +413,17 @@ class MovableRobot:
                 self.parameters = old_parameters
                 raise
 
+    def reset_parameter(self, name: str) -> None:
+        """Set a parameter of the equations to its published value.
+
+        Raises:
+            KinematicsError: the parameter does not exist, or the equations cannot be compiled; nothing is changed.
+        """
+        published = self.robot.kinematics().parameters
+        if name not in published:
+            raise KinematicsError(unknown("parameter", name, published))
+        self.change(parameters={name: published[name]})
+
     def redesign(self, mechanism: Mechanism) -> None:
         """Replace the mechanism by a different design, at the present joint values.
 

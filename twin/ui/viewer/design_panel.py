@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from html import escape
+from typing import Any
 
 import numpy as np
 import viser
@@ -19,7 +22,7 @@ from twin.ui.viewer import readout
 from twin.ui.viewer.front import Front, ShownRobot
 from twin.ui.viewer.robot_nodes import ORANGE, RobotNodes
 
-_SHOWN = 60_000
+SHOWN_POINTS = 60_000
 """Maximum number of workspace points sent to a browser."""
 
 _DISPLAYED = {"mm": (MM, "mm"), "m": (MM, "mm"), "deg": (DEG, "°"), "rad": (DEG, "°")}
@@ -37,13 +40,18 @@ class DesignPanel:
         self.gui = front.server.gui
         self._tab = tab
         self._handles: list = []
-        self._other: MovableRobot | None = None
-        self._other_nodes: RobotNodes | None = None
+        self._design_b: MovableRobot | None = None
+        self._design_b_nodes: RobotNodes | None = None
+        # set when the panel is built; the last two only for a robot with equations
+        self._show_b: viser.GuiCheckboxHandle
+        self._comparison: viser.GuiHtmlHandle
+        self._progress: Any  # viser does not export the class of progress bars
+        self._reached: viser.GuiMarkdownHandle
         self._cloud = Cloud()
         self._points: list[np.ndarray] = []
         self._condition: list[np.ndarray] = []
         self._draw_time = 0.0
-        self._of = ""
+        self._cloud_robot = ""  # name of the robot whose workspace is computed
         self.rebuild()
         front.after_frame.append(self._poll)
 
@@ -56,7 +64,7 @@ class DesignPanel:
         for handle in self._handles:
             handle.remove()
         self._handles = []
-        robot, gui = self.front.active, self.gui
+        robot = self.front.active
         with self._tab:
             if robot.movable.kin is not None:
                 self._equations(robot)
@@ -64,8 +72,6 @@ class DesignPanel:
             self._compare(robot)
             if robot.movable.kin is not None:
                 self._workspace(robot)
-            self._note = gui.add_html("")
-            self._handles.append(self._note)
 
     # -- equations ------------------------------------------------------------------------------------
 
@@ -78,8 +84,8 @@ class DesignPanel:
             for name, choices in movable.kin.choices.items():
                 if len(choices) < 2:
                     continue
-                buttons = gui.add_dropdown(name, choices, initial_value=movable.kin.variants[name])
-                buttons.on_update(self._chooser(robot, name, buttons))
+                dropdown = gui.add_dropdown(name, choices, initial_value=movable.kin.variants[name])
+                dropdown.on_update(self._chooser(robot, name, dropdown))
             names = []
             for name, value in movable.kin.parameters.items():
                 if isinstance(value, float) and np.isfinite(value):
@@ -108,35 +114,34 @@ class DesignPanel:
             scale, _ = _DISPLAYED.get(units.get(name, ""), (1.0, ""))
             value = number.value * scale
 
-            def go() -> None:
+            def apply() -> None:
                 movable.change(parameters={name: value})
-                self._again(robot)
+                self._retry_tool_pose(robot)
 
-            self._wish(go)
+            self._queue(apply)
 
         def undo(_: object) -> None:
-            def go() -> None:
-                movable.parameters.pop(which.value, None)
-                movable.change()
+            def apply() -> None:
+                movable.reset_parameter(which.value)
                 choose()
-                self._again(robot)
+                self._retry_tool_pose(robot)
 
-            self._wish(go)
+            self._queue(apply)
 
         choose()
         which.on_update(choose)
         number.on_update(change)
         reset.on_click(undo)
 
-    def _chooser(self, robot: ShownRobot, name: str, buttons: viser.GuiDropdownHandle):
+    def _chooser(self, robot: ShownRobot, name: str, dropdown: viser.GuiDropdownHandle):
         def chosen(event: viser.GuiEvent) -> None:
-            value = buttons.value
+            value = dropdown.value
 
-            def go() -> None:
+            def apply() -> None:
                 robot.movable.change(variants={name: value})
-                self._again(robot)
+                self._retry_tool_pose(robot)
 
-            self._wish(go)
+            self._queue(apply)
 
         return chosen
 
@@ -165,7 +170,7 @@ class DesignPanel:
                 return
             distance, value = by_title[which.value], number.value * MM
 
-            def go() -> None:
+            def apply() -> None:
                 try:
                     movable.redesign(with_distance(movable.robot.mechanism, distance.joint, distance.other, value))
                 except AssemblyError as error:
@@ -175,16 +180,16 @@ class DesignPanel:
                 self.front.rebuilt(robot)
                 self.front.panels.ghost(True)  # the ghost shows the unedited mechanism
 
-            self._wish(go)
+            self._queue(apply)
 
         def undo(_: object) -> None:
-            def go() -> None:
+            def apply() -> None:
                 movable.redesign(movable.robot.mechanism)
                 choose()
                 self.front.rebuilt(robot)
                 self.front.panels.ghost(False)
 
-            self._wish(go)
+            self._queue(apply)
 
         choose()
         which.on_update(choose)
@@ -199,41 +204,42 @@ class DesignPanel:
         self._handles.append(folder)
         with folder:
             keep = gui.add_button("Keep this design as B")
-            self._beside = gui.add_checkbox("also show B", False, disabled=self._other is None)
-            self._table = gui.add_html("")
+            self._show_b = gui.add_checkbox("also show B", False, disabled=self._design_b is None)
+            self._comparison = gui.add_html("")
 
         def kept(_: object) -> None:
-            def go() -> None:
+            def apply() -> None:
                 design_b = MovableRobot(robot.movable.robot)
                 if design_b.kin is not None:
                     design_b.change(robot.movable.variants, robot.movable.parameters)
                 if robot.movable.mechanism is not robot.movable.robot.mechanism:
                     design_b.redesign(robot.movable.mechanism)
                 design_b.move_joints(robot.movable.assembly.q)
-                self._other = design_b
-                self._beside.disabled = False
-                self._beside.value = True
-                self._show_other(True)
+                self._design_b = design_b
+                self._show_b.disabled = False
+                self._show_b.value = True
+                self._show_design_b(True)
 
-            self._wish(go)
+            self._queue(apply)
 
         keep.on_click(kept)
-        self._beside.on_update(lambda e: e.client and self._wish(lambda: self._show_other(self._beside.value)))
+        self._show_b.on_update(lambda e: e.client and self._queue(lambda: self._show_design_b(self._show_b.value)))
 
-    def _show_other(self, visible: bool) -> None:
+    def _show_design_b(self, visible: bool) -> None:
         robot = self.front.active
-        if self._other_nodes is not None:
-            self._other_nodes.remove()
-            self._other_nodes = None
-        if visible and self._other is not None:
-            self._other_nodes = RobotNodes(
-                self.front.server, "/design_b", self._other.mechanism, self._other.assembly.link_poses, ghost=ORANGE
+        if self._design_b_nodes is not None:
+            self._design_b_nodes.remove()
+            self._design_b_nodes = None
+        if visible and self._design_b is not None:
+            link_poses = self._design_b.assembly.link_poses
+            self._design_b_nodes = RobotNodes(
+                self.front.server, "/design_b", self._design_b.mechanism, link_poses, ghost=ORANGE
             )
             box = self.front.nodes[robot.name].box
             aside = spatial.pose(p=[0.0, 1.15 * robot.scale * float(box[1, 1] - box[0, 1]), 0.0])
-            self._other_nodes.place(aside @ robot.T_world_base, robot.scale)
+            self._design_b_nodes.place(aside @ robot.T_world_base, robot.scale)
 
-    def other_poses(self, robot: ShownRobot) -> dict[str, Array] | None:
+    def unedited_poses(self, robot: ShownRobot) -> dict[str, Array] | None:
         """Return the link poses of the unedited mechanism at the present joint values, for a ghost.
 
         None if the mechanism is not edited, or if the unedited mechanism cannot be assembled at these joint values.
@@ -247,19 +253,19 @@ class DesignPanel:
 
     def show(self, reading: RobotReading) -> None:
         """Show the readings of both designs in a table; design B is moved to the tool pose of design A."""
-        if self._other is None or self._other_nodes is None:
+        if self._design_b is None or self._design_b_nodes is None:
             return
         movable = self.front.active.movable
         goal = movable.requested_pose
         if goal is None:
             goal = movable.assembly.T_base_tool
-        move_to_goal = self._other.move_tool(goal)
-        self._other_nodes.write(self._other.assembly.link_poses)
-        reading_b = read(self._other)
+        move_to_goal = self._design_b.move_tool(goal)
+        self._design_b_nodes.write(self._design_b.assembly.link_poses)
+        reading_b = read(self._design_b)
         rows = [
             ("", "A (active)", "B (orange)"),
             ("condition", _condition(reading), _condition(reading_b)),
-            ("differs by", differs(reading), differs(reading_b)),
+            ("differs by", residual_html(reading), residual_html(reading_b)),
         ]
         for limit, limit_b in zip(reading.limits, reading_b.limits, strict=True):
             value = f"{limit.value:.3f} {limit.unit}"
@@ -269,7 +275,8 @@ class DesignPanel:
         for row in rows:
             cells = "".join(f"<td style='padding:0 .6em 0 0'>{cell}</td>" for cell in row)
             html += f"<tr>{cells}</tr>"
-        self._table.content = f"<table style='font-size:12px;margin:0 .8em'>{html}</table>{refused(move_to_goal)}"
+        table = f"<table style='font-size:12px;margin:0 .8em'>{html}</table>"
+        self._comparison.content = table + refusal_html(move_to_goal)
 
     # -- workspace ------------------------------------------------------------------------------------
 
@@ -289,12 +296,12 @@ class DesignPanel:
             begin = gui.add_button("Compute workspace")
             stop = gui.add_button("Hide workspace")
             self._progress = gui.add_progress_bar(0.0)
-            self._found = gui.add_markdown("")
+            self._reached = gui.add_markdown("")
 
-        def go() -> None:
+        def compute() -> None:
             self._points = []
             self._condition = []
-            self._of = robot.name
+            self._cloud_robot = robot.name
             number = int(count.value.replace(" ", ""))
             job = job_of(robot.movable, robot.source, edge.value * MM, number)
             self._cloud.start(job)
@@ -302,17 +309,17 @@ class DesignPanel:
         def hide() -> None:
             self._cloud.cancel()
             self.front.server.scene.remove_by_name(f"/{robot.name}/workspace")
-            self._found.content = ""
+            self._reached.content = ""
 
-        begin.on_click(lambda _: self._wish(go))
-        stop.on_click(lambda _: self._wish(hide))
+        begin.on_click(lambda _: self._queue(compute))
+        stop.on_click(lambda _: self._queue(hide))
 
     def _poll(self) -> None:
         chunk: WorkspaceChunk | None = self._cloud.poll()
         if chunk is None:
             return
         if chunk.error:
-            self._found.content = f"<span style='color:#d62f2f'>{chunk.error}</span>"
+            self._reached.content = f"<span style='color:#d62f2f'>{chunk.error}</span>"
             return
         self._points.append(chunk.points)
         self._condition.append(chunk.condition)
@@ -323,19 +330,23 @@ class DesignPanel:
         points = np.concatenate(self._points)
         condition = np.concatenate(self._condition)
         self._progress.value = 100.0 * chunk.evaluated / chunk.count
-        self._found.content = f"{_grouped(chunk.evaluated)} poses, **{_grouped(len(points))}** reachable"
+        self._reached.content = f"{_grouped(chunk.evaluated)} poses, **{_grouped(len(points))}** reachable"
         if not len(points):
             return
-        point_step = slice(None, None, max(1, len(points) // _SHOWN))
+        step = point_step(len(points))
         self.front.server.scene.add_point_cloud(
-            f"/{self._of}/workspace", points[point_step], conditioned(condition[point_step]), point_size=0.002,
-            point_shape="circle", precision="float32",
-        )  # fmt: skip
+            f"/{self._cloud_robot}/workspace",
+            points[::step],
+            condition_colors(condition[::step]),
+            point_size=0.002,
+            point_shape="circle",
+            precision="float32",
+        )
 
-    def _wish(self, go) -> None:
-        self.front.ask("design", go)
+    def _queue(self, change: Callable[[], object]) -> None:
+        self.front.ask("design", change)
 
-    def _again(self, robot: ShownRobot) -> None:
+    def _retry_tool_pose(self, robot: ShownRobot) -> None:
         """Move the robot to the last requested tool pose again, because the equations have changed."""
         goal = robot.movable.requested_pose
         if goal is None:
@@ -344,12 +355,17 @@ class DesignPanel:
         self.front.rebuilt(robot)
 
 
+def point_step(count: int) -> int:
+    """Return the step between the workspace points that are shown, so that at most `SHOWN_POINTS` of `count` are."""
+    return max(1, math.ceil(count / SHOWN_POINTS))
+
+
 def _grouped(number: int) -> str:
     """Return a number with a space between groups of three digits."""
     return f"{number:,}".replace(",", " ")
 
 
-def differs(reading: RobotReading) -> str:
+def residual_html(reading: RobotReading) -> str:
     """Return a text on the largest difference between equations and mechanism: value with unit, and quantity."""
     if reading.residual is None:
         return "-"
@@ -365,7 +381,7 @@ def _condition(reading: RobotReading) -> str:
     return f"{reading.condition:.2f}"
 
 
-def refused(move_to_goal: MoveResult) -> str:
+def refusal_html(move_to_goal: MoveResult) -> str:
     """Return an HTML text on why design B cannot reach the pose of design A; "" if it can."""
     if move_to_goal.good:
         return ""
@@ -373,7 +389,7 @@ def refused(move_to_goal: MoveResult) -> str:
     return f"<div style='color:#d62f2f;font-size:12px;margin:.4em .8em' data-b-refused>{escape(text)}</div>"
 
 
-def conditioned(condition: np.ndarray) -> np.ndarray:
+def condition_colors(condition: np.ndarray) -> np.ndarray:
     """Return colours (m, 3), 0 to 255, for condition numbers (m,): green up to 3, red from 100, logarithmic between."""
     logarithm = np.log10(np.maximum(condition, 1e-9))
     # 0 at a condition number of 3, 1 at 100

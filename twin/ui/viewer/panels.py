@@ -353,7 +353,7 @@ class Panels:
         If the mechanism is edited, the ghost is the unedited mechanism at the same joint values. Otherwise, the ghost
         is the mechanism at the requested tool pose.
         """
-        ghost_poses = self.design.other_poses(robot)
+        ghost_poses = self.design.unedited_poses(robot)
         if ghost_poses is not None:
             return ghost_poses
         movable = robot.movable
