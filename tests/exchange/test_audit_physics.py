@@ -170,6 +170,30 @@ def test_two_tied_points_are_a_pin_and_one_is_a_ball():
     assert [j.kind for j in FilePhysics(joints=[one]).joints_between({"a", "b"})] == ["spherical"]
 
 
+@pytest.mark.parametrize(
+    ("points", "kind"),
+    [
+        ([(0, 0, 0), (0, 0, 1e-4)], "spherical"),
+        ([(0, 0, 0), (0, 0, 0.1), (0, 0, 0.1)], "revolute"),
+        ([(0, 0, 0.1), (0, 0, 0), (0, 0, 0.2)], "revolute"),
+        ([(0, 0, 0), (0, 0, 0.1), (0.05, 0, 0.05)], "fixed"),
+    ],
+)
+def test_tied_points_in_a_place_are_a_ball_and_on_a_line_a_pin(points, kind):
+    tied = []
+    for point in points:
+        tied.append((np.array(point, float), np.array([1.0, 0.0, 0.0]) + point))
+    joint = FileJoint(("p",), "a", "b", tied=tuple(tied))
+    assert joint.kind == kind
+    for link in ("a", "b"):
+        point, direction = joint.end(link)
+        assert np.array_equal(point, tied[0][0 if link == "a" else 1])
+        if kind == "spherical":
+            assert direction is None
+        else:
+            assert np.allclose(direction, [0, 0, 1])
+
+
 @pytest.mark.parametrize("order", [("usda", "tracks"), ("tracks", "mjcf")])
 def test_a_table_may_hold_a_ball_as_three_numbers(order):
     T = pose(p=[0.1, 0, 0])

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from typing import TypeVar
 
 import numpy as np
@@ -29,7 +30,9 @@ _HELPER = 1e-4
 """Largest mass of a link that a format needs only to split a joint or to close a loop, as a part of the mass of all."""
 
 _APART = 1e-3
-"""Minimum distance in m between two tied points of a hinge: nearer points let it tilt like a ball joint."""
+"""Minimum distance in m between two tied points of a hinge: nearer points let it tilt like a ball joint.
+
+Also the minimum distance of a third point from the axis of the hinge that fixes the joint."""
 
 WORLD = "world"
 """Name of the base in many files, and of the fixed body that every MJCF has."""
@@ -249,9 +252,10 @@ class FileJoint:
             points = []
             for on_parent, on_child in self.tied:
                 points.append(on_parent if at_parent else on_child)
-            if len(points) < 2:
+            if self.kind == "spherical":
                 return points[0], None
-            return points[0], sign * unit(points[1] - points[0])
+            first, second = _ends_of_ties(self.tied)
+            return points[0], sign * unit(points[second] - points[first])
         if self.T is None or not self.motions:
             return None
         turns, _ = _turns_and_slides(self.motions)
@@ -613,17 +617,29 @@ def _chained(first: FileJoint, second: FileJoint) -> FileJoint:
 
 
 def _kind_of_ties(tied: tuple[tuple[Array, Array], ...]) -> str:
-    """Return the kind of a joint of tied points: one point is a ball, two are a hinge, three or more are fixed."""
-    first, _ = tied[0]
-    distant_points = 0
-    for point, _ in tied[1:]:
-        if np.linalg.norm(point - first) > _APART:
-            distant_points += 1
-    if distant_points == 0:
+    """Return the kind of a joint of tied points: points in one place are a ball, on one line a hinge, others fixed."""
+    first, second = _ends_of_ties(tied)
+    origin, _ = tied[first]
+    end, _ = tied[second]
+    if not np.linalg.norm(end - origin) > _APART:
         return "spherical"
-    if distant_points == 1:
-        return "revolute"
-    return "fixed"
+    axis = unit(end - origin)
+    for point, _ in tied:
+        if np.linalg.norm(np.cross(axis, point - origin)) > _APART:
+            return "fixed"
+    return "revolute"
+
+
+def _ends_of_ties(tied: tuple[tuple[Array, Array], ...]) -> tuple[int, int]:
+    """Return the indices of the two tied points that are farthest apart, the lower one first; (0, 0) of one point."""
+    ends = (0, 0)
+    largest = -1.0
+    for first, second in combinations(range(len(tied)), 2):
+        distance = float(np.linalg.norm(tied[second][0] - tied[first][0]))
+        if distance > largest:
+            ends = (first, second)
+            largest = distance
+    return ends
 
 
 _KINDS = {(0, 0): "fixed", (1, 0): "revolute", (0, 1): "prismatic", (3, 3): "free"}
