@@ -248,6 +248,7 @@ def _shapes(
             meshes[body].append(Mesh(name, vertices, solid.triangles, solid.color_rgba, finish))
             if not with_mass:
                 continue
+            # A mesh file has no finer triangles.
             exact = fine.get(id(solid), solid)
             mass = _part_inertia(
                 description, solid.name, into(body_frames[body], exact.vertices), exact.triangles, findings

@@ -136,6 +136,8 @@ def _check_count(path: Path, root: Element) -> None:
         for element in geometry.iter():
             letters += len(element.text or "")
         name = geometry.get("id")
+        # Of geometries with one id, the largest counts: which of them pycollada takes is not known before it has read
+        # them.
         weights[name] = max(letters // 2 + 1, weights.get(name, 0))
     scenes = [element for element in root.iter() if _tag(element) in ("node", "visual_scene")]
     if len(scenes) > _MOST_NODES:

@@ -171,6 +171,7 @@ class LimitSpec(Sourced):
     @field_validator("limits", mode="before")
     @classmethod
     def _has_a_unit(cls, limits: object) -> object:
+        # Before pydantic's own check, whose message would only say that "none" is expected.
         if isinstance(limits, list):
             raise at((), "the unit is missing: write limits_deg or limits_mm")
         return limits
@@ -307,6 +308,7 @@ class ActuatorSpec(Sourced):
     @property
     def limits(self) -> tuple[float, float] | None:
         """Minimum and maximum coordinate of the motor in deg or mm; None if unlimited."""
+        # `_one_unit` has refused the one that is not of this kind.
         return self.limits_deg or self.limits_mm
 
     @property
@@ -435,6 +437,7 @@ def load(path: Path, read: Read = read_bytes) -> Description:
         DescriptionError: the file is malformed; the message gives file, line, key, value and allowed values.
     """
     description = load_toml(path, Description, read)
+    # Commands find a robot by the names of its folder and file.
     if description.name != path.stem:
         raise error_at(path, ("name",), f"'{description.name}' must be equal to the file name '{path.stem}'")
     return description

@@ -82,6 +82,7 @@ def find(body: str, name: str, spec: Feature, parts: Sequence[Part], tolerance: 
     candidates = _candidates(label, spec, parts, near_point)
     best = _nearest(label, spec, candidates, tolerance)
     direction = best.face.direction
+    # CAD programs choose the sign of a face's axis freely: that of the description counts.
     if spec.direction is not None and direction @ np.array(spec.direction) < 0:
         direction = -direction
     return MeasuredFeature(name, best.face, direction, best.part)

@@ -113,6 +113,7 @@ def moved(
         T_parent_joint = drawn_frames.on_parent(joint.name, joint.parent)
         T_child_joint = drawn_frames.on_child(joint.name, joint.child)
         joints.append(replace(joint, T_parent_joint=T_parent_joint, T_child_joint=T_child_joint))
+    # Meshes and masses belong to the frames as drawn; with moved faces, they would stand beside their joints.
     bodies = [replace(body, meshes=(), inertia=None) for body in mechanism.bodies]
     return replace(
         mechanism,
@@ -149,4 +150,5 @@ def _body(
         if joint.child == body:
             _, on_child = joint_frames[joint.name]
             return on_child
+    # A body that is the child of no joint, as the base: its frame is that of the drawing.
     return np.eye(4)

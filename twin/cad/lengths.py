@@ -72,6 +72,7 @@ def pair(first: MeasuredFeature, second: MeasuredFeature) -> tuple[float, float]
     cosine = abs(float(first.direction @ second.direction))
     angle = float(np.arctan2(sine, cosine))
     if kinds == {"plane", "cylinder"}:
+        # The axis must lie along the plane: a distance of an axis that meets the plane is undefined.
         if not cosine < _ALIGNED:
             return angle, np.nan
         plane = first if first.face.kind == "plane" else second

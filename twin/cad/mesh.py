@@ -104,6 +104,7 @@ def load_mesh(
             )
         )
     r, g, b, *alpha = color
+    # With any density: only an open surface has no inertia.
     if inertia(vertices, triangles, 1.0) is None:
         findings.append(open_mesh(path.stem))
     return Mesh(path.stem, vertices, triangles, (r, g, b, alpha[0] if alpha else 1.0)), findings

@@ -110,6 +110,7 @@ def noise(description: Description, measured: Faces, findings: Sequence[Finding]
     from scipy.optimize import nnls  # takes longer to import than most commands need for the rest
 
     # The squares of the gaps are sums of the two variances, each times the squares for noise of one unit.
+    # Variances cannot be negative: with the plain least squares, one of the two could come out below zero.
     variances, _ = nnls(effect / scale[:, None], _squares(gaps) / scale)
     position, direction = np.sqrt(variances) * _UNIT_NOISE
     largest = float(np.linalg.norm(gaps[:, :3], axis=1).max())

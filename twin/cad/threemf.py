@@ -76,6 +76,7 @@ def _check_count(path: Path, root: ElementTree.Element, objects: dict[str | None
     totals: dict[str | None, int] = {}
 
     def total(number: str | None, depth: int = 0) -> int:
+        # Before any mesh is read: a few lines of nested components can ask for billions of triangles.
         if depth > limits.depth:
             over(path, "3MF", "depth of its objects so far", depth, limits.depth)
         if number not in objects or number in expanding:

@@ -33,6 +33,7 @@ def joined(arms: Mapping[str, tuple[Mechanism, Array]]) -> Mechanism:
             for mesh in body.meshes:
                 meshes.append(replace(mesh, name=_own(arm, mesh.name)))
             bodies.append(replace(body, name=_own(arm, body.name), meshes=tuple(meshes)))
+        # The base of an arm keeps its own frame: where the arm stands is a joint, as for a robot on a mount.
         joints.append(Joint(_own(arm, "stand"), "fixed", WORLD, _own(arm, mechanism.base), T_world_base))
         for joint in mechanism.joints:
             mating = [_own(arm, name) for name in joint.mating]

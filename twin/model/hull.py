@@ -15,6 +15,7 @@ def flat(vertices: Array) -> bool:
     """Return whether vertices (n, 3) are in one plane, so that they have no convex hull."""
     if len(vertices) < 4:  # three points are always in a plane
         return True
+    # Singular values are extents along the shape's own axes: a flat shape may stand obliquely to x, y, z.
     extents = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
     return bool(extents[2] <= _FLAT_RATIO * extents[0])
 

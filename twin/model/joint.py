@@ -115,6 +115,7 @@ class Joint:
         T = self.relative(T_base_parent, T_base_child)
         excess = np.full(T.shape[:-2], -np.inf)
         if self.cone is not None:
+            # Not by the arc cosine of z, which loses half of the digits at a small tilt.
             tilt = np.arctan2(np.linalg.norm(T[..., :2, 2], axis=-1), T[..., 2, 2])
             excess = np.maximum(excess, tilt - self.cone)
         if self.limits is not None and len(self.free_axes) == 1:

@@ -39,6 +39,7 @@ def distances(mechanism: Mechanism) -> list[Distance]:
     distances_of_pairs = []
     for first, second in combinations(mechanism.joints, 2):
         shared = _shared(first, second)
+        # Two joints between the same two bodies have two distances: to change that on one body would tear the other.
         if len(shared) == 1:
             between = _on(first, shared[0])[:3, 3] - _on(second, shared[0])[:3, 3]
             length = float(np.linalg.norm(between))

@@ -317,6 +317,7 @@ class Mechanism:
                 lengths.append(length)
         if not lengths:
             return None
+        # The median: one long base or rail says little about the size of the links.
         return float(np.median(lengths))
 
     @cached_property
@@ -470,6 +471,7 @@ class Mechanism:
         The sliding joint is on the trocar's body, or on a body that revolute joints connect to it (a gimbal ring).
         """
         bodies = [self.joint(self.trocar_named(name)).child]
+        # The list grows while it is read, so that rings on rings of a gimbal are searched too.
         for body in bodies:
             for joint in self.joints:
                 ends = (joint.parent, joint.child)
@@ -504,6 +506,7 @@ def _names(items: Iterable[Body] | Iterable[Joint]) -> set[str]:
 
 def _check(mechanism: Mechanism) -> None:
     """Raise `MechanismError` for the first inconsistency of a mechanism."""
+    # Names first: the checks below find the parts by their names, and name them in their messages.
     _check_names(mechanism)
     _check_size(mechanism)
     _check_joints(mechanism)

@@ -58,6 +58,7 @@ def following(mechanism: Mechanism, among: Container[str]) -> dict[str, Followin
             shift = coupling.total / first_ratio
         if after in following_of:
             continue  # both are known already: the coupling is a condition between their leaders
+        # A follower of a follower gets the leader's leader, as formats forbid chains of mimic joints.
         previous = following_of.setdefault(before, _leading(before))
         follower = Following(after, previous.leader, step * previous.multiplier, step * previous.offset + shift)
         following_of[after] = follower

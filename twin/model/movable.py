@@ -94,6 +94,7 @@ def together(objects: Sequence[Movable], name: str = "objects") -> Mechanism:
 
 def _ring(radius: float, wire: float) -> tuple[Array, np.ndarray]:
     """Return vertices and triangles of a torus about z, with the radius of the wire's centre line and of the wire."""
+    # Without the end: a full turn is the first point of the wire again.
     angles = np.arange(_ACROSS) * (2 * np.pi / _ACROSS)
     vertices = _turned(radius + wire * np.cos(angles), wire * np.sin(angles))
     halves = _cells(_ACROSS, _ACROSS)

@@ -38,6 +38,7 @@ class Surface:
         vertices, triangles = _merged(vertices, triangles)
         _require_closed(name, vertices, triangles)
         content = volume(vertices, triangles)
+        # After the check that it is closed: an open surface has no volume that could tell its orientation.
         if content <= 0:
             raise TwinError(
                 f"surface '{name}' is inverted: its volume is {content * 1e6:.3g} cm3, because its triangles are "

@@ -68,6 +68,7 @@ def require_feasible(path: PhasePath, kinematics: PathKinematics, frame: str, pr
                 low = middle
         where = f"from {100 * high:.1f} % of the phase on"
     cause, name, margin = _first_negative(margins, first)
+    # argmin would choose NaN, a margin that is not known, as the smallest.
     known_margin = np.where(np.isnan(margin), 0.0, margin)
     worst = int(np.argmin(known_margin))
     text = _cause(kinematics, cause, name, float(-margin[worst]))

@@ -146,6 +146,7 @@ class FmtSearch:
         x = self._q * self.space.weights
         edges = np.ptp(self._box, axis=1)[self._moving] * self.space.weights[self._moving]
         free_fraction = max(self._free, 1) / max(self._drawn, 1)
+        # Theorem 4.1 has the volume of the free space; the share of free samples estimates it.
         volume = free_fraction * float(np.prod(edges))
         radius = _radius(len(x), int(self._moving.sum()), volume)
         self._near = neighbours(x, radius)
@@ -229,6 +230,8 @@ class FmtSearch:
             drawn_count += size
             self._drawn += size
             block = block[self._useful(block)]
+            # A fast test may err here: the connections of a sample are tested too, and the path over its whole
+            # length.
             free = block[self.space.free(block, exact=False)]
             self._free += len(free)
             self._q = np.concatenate([self._q, free[:missing]])

@@ -31,6 +31,7 @@ def limits_satisfied(kinematics: PathKinematics, anchor: Anchor) -> Keep:
         margins = margins_at(kinematics, Ts, q, anchor)
         is_allowed = np.ones(len(q), bool)
         for margin in margins.values():
+            # So that NaN, an unknown margin, is not allowed either.
             is_allowed &= margin >= -ROUNDING
         return is_allowed
 

@@ -124,6 +124,7 @@ def _near(q: Array, planned: Array, loops: LoopSolver) -> Array:
         if joint.name in auxiliary:
             q_near[:, i] = planned[:, i]
         elif joint.is_angle:
+            # The inverse returns angles within one turn; a plan may have turned further.
             turns = np.round((planned[:, i] - q_near[:, i]) / (2 * np.pi))
             q_near[:, i] += 2 * np.pi * turns
     return q_near

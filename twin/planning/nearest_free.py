@@ -24,6 +24,7 @@ def nearest_free(space: Space, q: Array, seed: int = 0) -> Array | None:
     inside = np.clip(q, lower, upper)
     if space.free(inside[None])[0]:
         return inside
+    # Small boxes first: in a large one, few samples would be near the configuration.
     for half_edge in _HALF_EDGES:
         offsets = rng.uniform(-half_edge, half_edge, (_SAMPLES, len(q))) * (upper - lower)
         samples = np.clip(inside + offsets, lower, upper)

@@ -102,6 +102,7 @@ def around(
     reached = (0, 0)
     attempts = []
     count = 0
+    # A joint that neither must move nor moves the tool would only add a dimension to the search.
     resting = (start == goal) & ~space.leads
     for extension, count in _ROUNDS:
         box = _box(space, start, goal, extension, resting)

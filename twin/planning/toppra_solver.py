@@ -31,6 +31,7 @@ class _Path:
     def __init__(self, grid: Array, first: Array, second: Array) -> None:
         self.path_interval = np.array([grid[0], grid[-1]])
         self.dof = first.shape[1]
+        # Limits of speed and acceleration need the derivatives only: the values of the path may be anything.
         self._tables = (np.zeros_like(first), first, second)
 
     def __call__(self, s: Array, order: int = 0) -> Array:
@@ -51,6 +52,7 @@ def fastest(grid: Array, first: Array, second: Array, speed: Array) -> Array:
             constraint.JointVelocityConstraint(np.array([-1.0, 1.0]) * speed[:, None]),
             constraint.JointAccelerationConstraint(
                 np.tile([-1.0, 1.0], (len(first), 1)),
+                # As in `topp`: the limits hold at both ends of each interval, not at its beginning alone.
                 discretization_scheme=constraint.DiscretizationType.Interpolation,
             ),
         ]

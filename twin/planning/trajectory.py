@@ -110,6 +110,7 @@ def motors_of(mechanism: Mechanism) -> MotorLimits:
         revolute.append(actuator.is_angle)
     if not names:
         return NO_MOTORS
+    # Unit joint values give the columns of the matrix from joints to motors.
     motors_of_joints = mechanism.motors(np.eye(len(mechanism.active))).T
     ranges = np.array(limits, float)
     return MotorLimits(
@@ -226,6 +227,7 @@ def without_equations(
         auxiliary[name] = drawn_value
     return PathKinematics(
         joint_names=tuple(order),
+        # Without equations, no pose has a known solution: phases follow the mechanism instead, see `takes`.
         inverse=lambda Ts: np.full((len(Ts), len(order)), np.nan),
         reach=lambda Ts: {},
         singularity=lambda Ts, q: {},

@@ -124,6 +124,7 @@ def _check_between(content: Content, shapes: Mapping[str, LinkShape], joints: Se
         stated = content.extra["data"].get(key)
         if not isinstance(stated, int | float) or (key == "joint_gap" and not joints):
             continue
+        # Linear interpolation errs with the square of the time between keys: half the time, a quarter of the error.
         estimate = halved_error / 4
         low = stated < estimate / TOO_GOOD and estimate > floor
         high = stated > TOO_BAD * max(estimate, floor)
@@ -201,6 +202,7 @@ def _check_assumed(contents: Sequence[Content], tracks: Sequence[Content]) -> No
             listed.add(head(str(line)))
         lacking = []
         for name in stage.extra["assumed"]:
+            # Tracks have one line for all dimensions of the drawing, which affect only the appearance of parts.
             if name not in listed and not name.startswith("drawing."):
                 lacking.append(name)
         if lacking:
@@ -301,6 +303,7 @@ def check_readme(contents: Sequence[Content], read: Collection[str], path: Path,
     _check_motions(text, contents, ledger)
     _check_list(text, contents, ledger)
     check_numbers(text, contents, ledger)
+    # The sentences change from version to version: those of another version are not judged by the present ones.
     if f"Written by twin {__version__} " in text:
         _check_sentences(text, contents, ledger)
         _check_title(text, contents, ledger)
@@ -522,6 +525,7 @@ def _check_list(text: str, contents: Sequence[Content], ledger: Ledger) -> None:
     if not protocols:
         compare_assumed(sorted(stated), ledger.file, contents)
         return
+    # "- none" stands there where nothing is assumed.
     stated.discard("none")
     for lacking, source in ((sorted(listed - stated), "README.txt"), (sorted(stated - listed), "the tracks")):
         if lacking:

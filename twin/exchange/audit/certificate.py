@@ -191,6 +191,7 @@ def _judge(data: Mapping[str, Any], ledger: Ledger) -> None:
                 states_within_reach[claim_number] += 1
                 for zero, error in zeros:
                     largest[claim_number] = max(largest[claim_number], abs(float(zero)))
+                    # Farther from zero than its rounding error can put it: no more digits would make it zero.
                     if abs(zero) > Decimal(error):
                         wrong[claim_number] = max(wrong.get(claim_number, zero), zero, key=abs)
     for claim_number, claim in enumerate(claims):
@@ -305,6 +306,7 @@ def _depends(rows: Sequence[Sequence[Any]], result: int) -> bool:
         row_number = waiting.pop()
         if row_number in visited_rows:
             continue
+        # Rows share operands: without this, the search would take a time exponential in their depth.
         visited_rows.add(row_number)
         if rows[row_number][0] in ("input", "cosine", "sine"):
             return True
@@ -402,6 +404,7 @@ def _values(
 
 def _result(name: str, operands: Sequence[Any]) -> Number:
     """Return the result of an operation; None if it is not defined."""
+    # Before the test for None: the branch that is not taken may be undefined, as a root of a negative number is.
     if name == "choose":
         condition, first, second = operands
         if condition is None:
@@ -451,6 +454,7 @@ def _root(x: Bounded) -> Bounded | None:
 
 
 def _angle(cosine: Bounded, sine: Bounded) -> Bounded:
+    # Decimals have no arc tangent; that of the processor has a bound of its own.
     return Decimal(math.atan2(sine[0], cosine[0])), _ANGLE
 
 

@@ -75,6 +75,7 @@ def references(
         if kind_holds(content.format, Holds.REPEATED_MOTION):
             repeating_files.add(content.file)
     stated_names |= dict.fromkeys(unusable)
+    # By rank, so that the reference does not depend on the names of the files.
     for content in sorted(contents, key=lambda c: rank(c.format)):
         sources = {ref.source for ref in refs.values()}
         if content.file in repeating_files and sources - repeating_files:
@@ -289,6 +290,7 @@ def _compare_poses(
         message += f": {reason}." if reason else "."
         if link in beginnings:
             message += f" The deviation begins here, at {beginnings[link]}."
+        # A position is reported before a rotation; one that is not finite compares as smaller than any tolerance.
         if difference.distance > POSITION_TOL or not np.isfinite(difference.distance):
             size = um(difference.distance, POSITION_TOL)
             key = difference.distance_key
@@ -313,6 +315,7 @@ def _beginnings(content: Content, wrong: Collection[str], compared: Collection[s
     for link in wrong:
         joint_names: list[str] = []
         ancestor = link
+        # The count of names ends the walk in a file whose joints form a cycle.
         while ancestor in above and len(joint_names) <= len(above):
             joint = above[ancestor]
             joint_names.extend(joint.names)
@@ -661,6 +664,7 @@ def _compare_shape(content: Content, link: str, expected: LinkShape, source: str
     low = np.abs(shape.low - expected.low).max()
     high = np.abs(shape.high - expected.high).max()
     difference = float(max(low, high))
+    # Vertices in single precision are rounded relative to the size of the shape.
     if difference > BOX_TOL + 1e-6 * expected.diagonal:
         text = (
             f"the bounding box of the meshes of link '{link}' differs by {difference * 1e3:.4g} mm from {source}. "

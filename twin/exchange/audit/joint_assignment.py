@@ -32,6 +32,7 @@ def joint_assignments(physics: FilePhysics, truth: FilePhysics) -> list[dict[str
     for steps, assignment in enumerate(_by_structure(physics, truth)):
         if assignment:
             assignments.append(assignment)
+        # Symmetric robots have many assignments by structure: a search of all could take forever.
         if len(assignments) == _MAX_ASSIGNMENTS or steps == _MAX_STEPS:
             break
     return assignments

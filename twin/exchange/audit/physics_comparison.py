@@ -269,6 +269,7 @@ def _driven(joints: Sequence[FileJoint], views: Sequence[View]) -> set[str]:
     """Return the names of the joints with one coordinate that one of the files states as driven."""
     driven = set()
     for joint in joints:
+        # A transmission acts on one coordinate: joints in parts, such as balls, have none.
         if len(joint.names) != 1 or len(joint.motions) != 1:
             continue
         name = joint.names[0]

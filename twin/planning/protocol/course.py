@@ -99,6 +99,7 @@ class Course:
     def moved(self, R: Array, p: Array, p1: Array, p2: Array, w1: Array, w2: Array) -> Motion:
         """Return the motion for rotations R (k, 3, 3), tip positions p (k, 3) and their derivatives; see `Motion`."""
         arm = R @ self.T_tool_frame[:3, 3]  # from the tool's origin to the moved frame's origin, in base
+        # The twist is that of the tool frame's origin, which lies `arm` behind the tip.
         twists = np.concatenate([p1 - np.cross(w1, arm), w1], axis=1)
         return Motion(spatial.pose(R, p - arm), p, p1, p2, w1, w2, twists)
 

@@ -40,6 +40,7 @@ def joint_values(values_by_key: Mapping[str, float]) -> tuple[dict[str, float], 
     joints = {}
     angle_joints = []
     for key, value in values_by_key.items():
+        # Names of joints contain underscores too: the unit stands behind the last one.
         joint, unit = key.rsplit("_", 1)
         if unit == "deg":
             joints[joint] = value * DEG
