@@ -37,6 +37,8 @@ def entry_numbers(data: JsonObject, key: str) -> Array:
     value = data.get(key)
     if value is None:
         return np.zeros(0)
+    if isinstance(value, np.ndarray):  # of a CSV, whose numbers were read as such
+        return np.asarray(value, float)
     # NumPy would convert "0.5", null and true to numbers, which other readers refuse or read as 0.
     if not isinstance(value, list) or not _has_only_numbers(value):
         raise ReadError(_fault(key, value))
