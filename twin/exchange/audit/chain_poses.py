@@ -81,9 +81,10 @@ def chain_end(steps: Sequence[ChainStep], values: Sequence[Array | None], count:
 def solve_chain(steps: Sequence[ChainStep], known_values: Sequence[Array | None], goal: Array) -> list[Array | None]:
     """Compute the joint values (k,), in rad or m, for which the end of a chain has the poses `goal` (k, 4, 4).
 
-    Joint values that are None in `known_values` are computed with Gauss-Newton for all keys at once. Keys that do not
-    converge are restarted from the solution of a neighbouring key. If a goal cannot be reached, the best result is
-    returned. The later comparison of poses detects the remaining error.
+    Joint values that are None in `known_values` are computed with Gauss-Newton for all keys at once, from zero. Keys
+    that do not converge are restarted, by turns from the solution of the nearest key that converged and from values of
+    `_START_VALUES`. If a goal cannot be reached, the best result is returned. The later comparison of poses detects the
+    remaining error.
     """
     count = len(goal)
     free_steps = []
@@ -101,9 +102,7 @@ def solve_chain(steps: Sequence[ChainStep], known_values: Sequence[Array | None]
             break
         solved = np.flatnonzero(~unsolved)
         if len(solved) and attempt % 2 == 0:  # start from the nearest solved key, because a motion is continuous
-            following = np.searchsorted(solved, np.flatnonzero(unsolved))
-            nearest = solved[np.clip(following, 0, len(solved) - 1)]
-            begin = q[:, nearest]
+            begin = q[:, nearest_keys(solved, np.flatnonzero(unsolved))]
         else:
             begin = np.zeros((len(free_steps), int(unsolved.sum())))
             start = next(starts, None)
@@ -121,6 +120,18 @@ def solve_chain(steps: Sequence[ChainStep], known_values: Sequence[Array | None]
     for row, number in enumerate(free_steps):
         joint_values[number] = q[row]
     return joint_values
+
+
+def nearest_keys(solved: Array, keys: Array) -> Array:
+    """Return for each of the indices `keys` (m,) the nearest of the increasing indices `solved` (k,), k at least 1.
+
+    Of two that are equally near, the earlier one is returned.
+    """
+    following = np.searchsorted(solved, keys)
+    later = solved[np.minimum(following, len(solved) - 1)]
+    earlier = solved[np.maximum(following - 1, 0)]
+    is_later_nearer = np.abs(later - keys) < np.abs(earlier - keys)
+    return np.where(is_later_nearer, later, earlier)
 
 
 def _descend(
