@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import contextmanager
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,7 +19,7 @@ from twin.ui.session.timeline import Clock, Playback, prepare
 from twin.ui.viewer import view_export
 from twin.ui.viewer.front import ShownRobot
 from twin.ui.viewer.page import open_page
-from twin.ui.viewer.panels import curves
+from twin.ui.viewer.panels import curves, plotted_samples
 from twin.ui.viewer.server import serve
 
 
@@ -184,6 +185,35 @@ def test_curves_have_names_units_and_values():
     np.testing.assert_allclose(values[1], playback.qd[:, 1] / MM)
     assert curves(playback, "tip", [], [])[0] == ["x [mm]", "y [mm]", "z [mm]"]
     assert np.nanmax(curves(playback, "RCM error", [], [])[1]) < 0.01  # µm
+
+
+def test_a_plot_has_at_most_400_points_and_none_where_a_curve_has_no_value():
+    values = np.arange(2 * 799.0).reshape(2, 799)
+    samples = plotted_samples(values)
+    assert len(samples) == 400
+    assert samples[[0, -1]].tolist() == [0, 798]
+    values[1, :700] = np.nan
+    assert plotted_samples(values).tolist() == list(range(700, 799))
+    assert not len(plotted_samples(np.full((1, 5), np.nan)))
+
+
+def test_without_a_registered_rcm_the_page_shows_a_text_and_no_curve(two):
+    robot = two.active
+    planned = robot.playback
+    playback = prepare(robot.name, None)
+    try:
+        robot.playback = replace(playback, rcm_error=np.full(len(playback.t), np.nan))
+        panels = two.panels
+        panels._what.value = "RCM error"
+        panels._draw_curves(force=True)
+        assert panels._plot is None
+        assert panels._legend.content == "no RCM is registered in this protocol"
+        robot.playback = playback
+        panels._draw_curves()
+        assert panels._plot is not None
+        assert "shaft to RCM" in panels._legend.content
+    finally:
+        robot.playback = planned
 
 
 def test_points_of_the_equations_are_drawn_with_their_error_enlarged():

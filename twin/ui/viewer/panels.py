@@ -11,7 +11,8 @@ import viser
 from viser import uplot
 
 from twin.core.errors import AssemblyError, TwinError
-from twin.core.spatial import Array
+from twin.core.sampling import spread
+from twin.core.spatial import Array, Index
 from twin.core.units import DEG, MM
 from twin.ui.session.readings import RobotReading
 from twin.ui.session.timeline import SPEEDS, Playback, protocols_of
@@ -257,9 +258,7 @@ class Panels:
             self._state.content = "_not planned yet_"
         self._phases.content = ""
         self._legend.content = ""
-        if self._plot is not None:
-            self._plot.remove()
-            self._plot = None
+        self._remove_plot()
         if self._time is not None and all(b.playback is None for b in self.front.robots):
             self._time.remove()
             self._time = None
@@ -401,6 +400,11 @@ class Panels:
         self._draw_curves()
         self.design.show(reading)
 
+    def _remove_plot(self) -> None:
+        if self._plot is not None:
+            self._plot.remove()
+            self._plot = None
+
     def _draw_curves(self, force: bool = False) -> None:
         """Draw the chosen curves of the protocol, with a vertical line at the clock's time."""
         playback = self.front.active.playback
@@ -412,11 +416,14 @@ class Panels:
             joints.append(joint.name)
             angles.append(joint.is_angle)
         names, values = curves(playback, self._what.value, joints, angles)
-        step = max(1, len(playback.t) // _POINTS)
-        t = playback.t[::step]
-        rows = values[:, ::step]
+        chosen = plotted_samples(values)
+        if not len(chosen):
+            self._remove_plot()
+            self._legend.content = "no RCM is registered in this protocol"
+            return
+        t = playback.t[chosen]
+        rows = values[:, chosen]
         k = int(np.argmin(np.abs(t - self.front.clock.time)))
-        rows = np.where(np.isfinite(rows), rows, 0.0)  # the plot cannot show NaN
         low = float(rows.min())
         high = float(rows.max())
         clock_time = np.full(len(t), low)  # a separate curve that is a vertical line at the clock's time
@@ -426,8 +433,7 @@ class Panels:
         if self._plot is not None and not force and key == self._plotted:
             self._plot.data = data
             return
-        if self._plot is not None:
-            self._plot.remove()
+        self._remove_plot()
         series = [uplot.Series(label="t")]
         for i, name in enumerate(names):
             color = PALETTE[i % len(PALETTE)]
@@ -473,6 +479,16 @@ def curves(playback: Playback, what: str, joints: list[str], angles: list[bool])
         names.append(f"{joint} [{unit}{per}]")
         scales.append(DEG if is_angle else MM)
     return names, (values / np.array(scales)).T
+
+
+def plotted_samples(values: Array) -> Index:
+    """Return the indices of the samples of curves (m, k) that are plotted, at most `_POINTS`; none if all are left out.
+
+    Samples without a value, as those of the RCM error while no RCM is registered, are left out.
+    """
+    has_values = np.isfinite(values).all(axis=0)
+    samples = np.flatnonzero(has_values)
+    return samples[spread(len(samples), _POINTS)]
 
 
 def _unit_of(distance: float) -> tuple[str, float]:
