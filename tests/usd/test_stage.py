@@ -378,6 +378,9 @@ def test_continuous_signs():
             r"rotates by 97\.4 deg .* Sample the motion more often",
         ),
         ({"joint_values": {"elbow": np.zeros(3)}}, "one coordinate for each sample"),
+        ({"times_s": np.append(np.arange(30.0), np.inf)}, "times are not finite at sample 30 of 31"),
+        ({"link_poses": {"crank": np.full((31, 4, 4), np.nan)}}, "poses of body 'crank' are not finite at sample 0 of"),
+        ({"joint_values": {"elbow": np.append(np.zeros(30), np.nan)}}, "values of joint 'elbow' are not finite at"),
     ],
 )
 def test_a_bad_motion_is_refused(change, match, tmp_path):

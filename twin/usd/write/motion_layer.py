@@ -32,7 +32,7 @@ class BakedMotion:
 
     Attributes:
         name: identifier of the protocol.
-        times_s: times (k,) in s, increasing from 0.
+        times_s: times (k,) in s, increasing; the first is not negative, and later than 0 if the motion begins later.
         link_poses: {body: T_world_body (k, 4, 4)}; bodies not listed stay at rest.
         joint_values: {name: coordinate (k,) in m or rad} of joints with one coordinate; other joints get no samples.
         trocars: {name: position (3,) in m, in base} of trocars during the motion; trocars not listed are as in the
@@ -61,8 +61,8 @@ def write_motion(mechanism: Mechanism, folder: Path, motion: BakedMotion) -> Mot
     """Write a baked motion to the folder of the robot's layers.
 
     Raises:
-        StageError: times do not increase, an array has the wrong length, a body is unknown, or a body rotates by more
-            than 90 degrees between samples.
+        StageError: times do not increase, an array has the wrong length, a body is unknown, a number is NaN or
+            infinite, or a body rotates by more than 90 degrees between samples.
         MechanismError: a joint is unknown.
     """
     codes = _time_codes(motion)
@@ -108,11 +108,23 @@ def _time_codes(motion: BakedMotion) -> Array:
     is_increasing = times.ndim == 1 and len(times) > 0 and bool(np.all(np.diff(times) > 0))
     if not is_increasing or times[0] < 0:
         raise StageError(f"motion '{motion.name}': times (k,) in s must increase, and the first must not be negative")
+    _require_finite(motion, "times", times)
     codes = times * TIME_CODES_PER_SECOND
     # Multiples of 1/60 s are not exact in binary: round time codes that are nearly whole numbers.
     nearest_whole = np.round(codes)
     is_nearly_whole = np.abs(codes - nearest_whole) < _NEARLY_WHOLE
     return np.where(is_nearly_whole, nearest_whole, codes)
+
+
+def _require_finite(motion: BakedMotion, numbers: str, values: Array) -> None:
+    """Raise `StageError` if one of the values (k, ...) is NaN or infinite; `numbers` says what they are."""
+    is_finite = np.isfinite(values).reshape(len(values), -1).all(axis=1)
+    if not is_finite.all():
+        sample = int(np.argmin(is_finite))
+        raise StageError(
+            f"motion '{motion.name}': {numbers} are not finite at sample {sample} of {len(values)}; a stage can play "
+            "only numbers"
+        )
 
 
 def _pose_samples(mechanism: Mechanism, motion: BakedMotion, layer: Sdf.Layer):
@@ -123,6 +135,8 @@ def _pose_samples(mechanism: Mechanism, motion: BakedMotion, layer: Sdf.Layer):
         Ts = np.asarray(link_poses, float)
         if Ts.shape != (len(motion.times_s), 4, 4):
             raise StageError(f"motion '{motion.name}', body '{name}': shape of poses {Ts.shape}, expected (k, 4, 4)")
+        # NaN would also pass the comparison of rotations below
+        _require_finite(motion, f"poses of body '{name}'", Ts)
         R = Ts[:, :3, :3]
         turns = np.swapaxes(R[:-1], 1, 2) @ R[1:]
         steps = spatial.rotation_angle(turns)
@@ -150,6 +164,7 @@ def _state_samples(mechanism: Mechanism, motion: BakedMotion, layer: Sdf.Layer):
                 f"motion '{motion.name}', joint '{name}' ({joint.type}): values have shape {values.shape}; "
                 f"expected ({len(motion.times_s)},), one coordinate for each sample"
             )
+        _require_finite(motion, f"values of joint '{name}'", values)
         place = f"/{mechanism.name}/joints/{name}.state:{drive_kind(joint)}:physics:position"
         unit = DEG if joint.is_angle else 1.0
         yield _attribute(layer, place, Sdf.ValueTypeNames.Float), (values / unit).tolist()
