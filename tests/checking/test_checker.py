@@ -15,6 +15,7 @@ import pytest
 import yaml
 
 from made.repository import ARM, FAULTS, faulty, repository
+from twin.checking import descriptions
 from twin.checking.baseline import read_baseline, write_baseline
 from twin.checking.check_finding import CheckFinding, numbered
 from twin.checking.check_result import FolderCheck
@@ -433,6 +434,21 @@ def test_an_excluded_folder_is_not_searched_and_a_negation_keeps_a_file(tmp_path
     assert names == ["arm_description/urdf/old/arm.urdf"]
     with pytest.raises(SourceError, match="--exclude '!': not a pattern"):
         walk(tmp_path, ["!"])
+
+
+def test_excluded_files_do_not_count(tmp_path, monkeypatch):
+    repository(tmp_path)
+    for number in range(20):
+        (tmp_path / f"{number}.log").touch()
+    monkeypatch.setattr(descriptions, "_MOST", 15)
+    with pytest.raises(SourceError, match="more than 15 files"):
+        walk(tmp_path)
+    assert len(walk(tmp_path, ["*.log"]).descriptions) == 1
+
+
+def test_a_folder_with_packages_that_does_not_exist_is_named(tmp_path):
+    with pytest.raises(SourceError, match="gone: there is no such folder"):
+        walk(tmp_path, packages=[tmp_path / "gone"])
 
 
 def test_links_that_form_a_loop_and_lead_nowhere(tmp_path):

@@ -81,7 +81,8 @@ def walk(folder: Path, exclude: Sequence[str] = (), packages: Sequence[Path] = (
     folder; `packages` are further folders with packages.
 
     Raises:
-        SourceError: the folder does not exist, is not a folder, or has too many files; or a pattern has no meaning.
+        SourceError: the folder or one of `packages` does not exist, is not a folder or cannot be read; the folder has
+            too many files, without excluded ones; or a pattern has no meaning.
     """
     if not folder.exists():
         raise SourceError(f"{folder}: the folder does not exist")
@@ -105,23 +106,36 @@ def walk(folder: Path, exclude: Sequence[str] = (), packages: Sequence[Path] = (
                 searched.append(name)
                 tree.packages.setdefault(name, []).append(current / name)
         folders[:] = searched  # `os.walk` goes on into the folders that remain in this list
-        count += len(searched) + len(files)
+        included: list[str] = []
+        for name in sorted(files):
+            if not excluded.match_file(_relative(current / name, folder)):
+                included.append(name)
+        count += len(searched) + len(included)
         if count > _MOST:
             raise SourceError(f"{folder}: more than {_MOST:,} files; check its folders one by one, or use --exclude")
         if "cad" in searched and _is_robot_folder(current):
             tree.descriptions.append(DescriptionFile(current, _relative(current, folder), "folder"))
-        for name in sorted(files):
-            relative = _relative(current / name, folder)
-            if not excluded.match_file(relative):
-                _add_file(tree, current / name, relative)
+        for name in included:
+            _add_file(tree, current / name, _relative(current / name, folder))
     for package_folder in packages:
-        place = package_folder.resolve()
-        tree.packages.setdefault(place.name, []).append(place)
-        for inner in place.iterdir():
-            if inner.is_dir():
-                tree.packages.setdefault(inner.name, []).append(inner)
+        _add_packages(tree, package_folder)
     tree.descriptions.sort(key=lambda description: description.name)
     return tree
+
+
+def _add_packages(tree: FolderContent, package_folder: Path) -> None:
+    """Add a folder and its subfolders to the packages of the tree."""
+    place = package_folder.resolve()
+    if not place.is_dir():
+        raise SourceError(f"{package_folder}: there is no such folder; give a folder that contains packages")
+    try:
+        inner_places = list(place.iterdir())
+    except OSError as error:
+        raise SourceError(f"{package_folder}: cannot be read ({error.strerror or error})") from error
+    tree.packages.setdefault(place.name, []).append(place)
+    for inner in inner_places:
+        if inner.is_dir():
+            tree.packages.setdefault(inner.name, []).append(inner)
 
 
 def _add_file(tree: FolderContent, path: Path, name: str) -> None:
