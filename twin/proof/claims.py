@@ -24,6 +24,8 @@ Status = Literal["proved", "refuted", "unproved"]
 ROUNDING = 1e-6
 """Largest real value in m that can be a rounding error: near a singularity, an error of 1e-16 becomes its root."""
 
+_ROUNDING_TEXT = f"{ROUNDING:.0e}".replace("e-0", "e-")
+
 ENOUGH = 8
 """Number of states with an exact zero that a proof needs."""
 
@@ -126,7 +128,7 @@ def judged(
         share: share of the exact values that are zero at other states, if it is known; None: that at these.
     """
     at_states = _Numbers.of(numbers, inside)
-    sizes = at_states.largest
+    sizes = at_states.largest.copy()
     # nothing is claimed where the equations say that the mechanism is out of reach
     sizes[~inside] = 0
     undefined = int(np.isnan(sizes).sum())
@@ -142,7 +144,7 @@ def judged(
         undefined=undefined,
         largest=float(sizes[worst]),
         degree=at_states.degree,
-        roots=len(at_states.roots),
+        root_count=len(at_states.roots),
         # with roots, an exact value may be not zero only because a root has its other sign in the field
         misses_zeros=has_roots and _misses_zeros(is_zero, at_states.known, sides, share),
     )
@@ -193,7 +195,7 @@ class _Evidence:
         undefined: number of states within reach where a value is undefined.
         largest: the largest real value.
         degree: bound of the degree of each number, as `Degree.zeros`.
-        roots: number of roots in the numbers.
+        root_count: number of roots in the numbers.
         misses_zeros: whether no zeros are on one side of a condition, although chance would have put one there.
     """
 
@@ -204,7 +206,7 @@ class _Evidence:
     undefined: int
     largest: float
     degree: int
-    roots: int
+    root_count: int
     misses_zeros: bool
 
     @property
@@ -215,12 +217,12 @@ class _Evidence:
     @property
     def is_unclear(self) -> bool:
         """Whether a real value is too large for rounding, while roots leave the exact values open."""
-        return self.roots > 0 and self.largest > _ROUNDING_OF_ROOTS
+        return self.root_count > 0 and self.largest > _ROUNDING_OF_ROOTS
 
     @property
     def is_different(self) -> bool:
         """Whether exact values are not zero, or may not be."""
-        if self.roots:
+        if self.root_count:
             return self.misses_zeros or self.is_unclear
         return self.zeros < self.exact
 
@@ -229,7 +231,7 @@ class _Evidence:
         """Whether few states have all roots in the field, so that others may decide."""
         has_few = self.zeros < ENOUGH or _LARGEST_LOG_ODDS <= self.log_odds < 0
         # where many exact values are known and none is zero, luck is no reason
-        return self.roots > 0 and has_few and (self.zeros > 0 or self.exact < _EXPECTED_WITH_ZERO)
+        return self.root_count > 0 and has_few and (self.zeros > 0 or self.exact < _EXPECTED_WITH_ZERO)
 
     def verdict(self, reasons: Sequence[str]) -> tuple[Status, str]:
         """Return the status of the claim, and why it is not proved.
@@ -245,17 +247,20 @@ class _Evidence:
                 f"a value is undefined, or has no real form, at {self.undefined} of {self.within} states within reach"
             )
             return "unproved", reason
-        if not self.roots and self.zeros < self.exact:
+        if not self.root_count and self.zeros < self.exact:
             reason = (
-                f"{self.exact - self.zeros} of {self.exact} exact values are not zero: a difference below 1e-6, at "
-                "some states at least"
+                f"{self.exact - self.zeros} of {self.exact} exact values are not zero: a difference below "
+                f"{_ROUNDING_TEXT}, at some states at least"
             )
             return "unproved", reason
         if self.is_unclear:
             reason = f"a value is {self.largest:.1g}: rounding, or roots with other signs; the exact values do not tell"
             return "unproved", reason
         if self.misses_zeros:
-            reason = "the exact values are not zero where a condition has one of its answers: a difference below 1e-6"
+            reason = (
+                "the exact values are not zero where a condition has one of its answers: a difference below "
+                f"{_ROUNDING_TEXT}"
+            )
             return "unproved", reason
         if self.zeros >= ENOUGH and self.log_odds < _LARGEST_LOG_ODDS:
             return "proved", ""
@@ -264,19 +269,22 @@ class _Evidence:
     def _shortage(self, reasons: Sequence[str]) -> str:
         """Return why too few exact values are zero for a proof, of those that are known at some states within reach."""
         if self.zeros >= ENOUGH and self.log_odds < 0:
-            return "the odds of chance are not below 1e-12; draw more states"
+            return f"the odds of chance are not below 1e{_LARGEST_LOG_ODDS:.0f}; draw more states"
         if self.zeros >= ENOUGH:
             chance = min(1.0, self.degree / STEPS)
             return (
                 f"{self.zeros} of {self.exact} exact values are zero, but the odds of chance have no bound: with "
-                f"{self.roots} roots, each of which doubles it, the probability of a zero by chance is only known to "
-                f"be below {chance:.2g}, and all roots exist at {self.exact} of {self.drawn} drawn states"
+                f"{self.root_count} roots, each of which doubles it, the probability of a zero by chance is only "
+                f"known to be below {chance:.2g}, and all roots exist at {self.exact} of {self.drawn} drawn states"
             )
         if not self.exact and reasons:
             return "no exact form: " + ", ".join(reasons)
         if self.exact < ENOUGH:
             return f"only {self.exact} of {self.within} states have roots in the field; draw more states"
-        return "the exact values are not zero: a difference below 1e-6, or roots with other signs"
+        subject = "the exact values are not zero"
+        if self.zeros:
+            subject = f"only {self.zeros} of {self.exact} exact values are zero"
+        return f"{subject}: a difference below {_ROUNDING_TEXT}, or roots with other signs"
 
 
 def _real_state(state: Mapping[str, Array], place: int) -> dict[str, float]:
