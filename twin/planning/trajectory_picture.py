@@ -18,6 +18,9 @@ _HEIGHT = 28
 _POINTS = 240
 """Largest number of points of a curve."""
 
+_ROUNDING = 1e-6
+"""Range in mm or degrees that can be a rounding error of a joint that does not move."""
+
 
 def html_of(title: str, facts: str, names: Sequence[str], qs: Array, qds: Array, angles: Sequence[bool]) -> str:
     """Return a table of joints in mm and degrees, below a title and facts.
@@ -46,12 +49,12 @@ def _row(tag: str, cells: Sequence[str]) -> str:
 
 
 def _curve(values: Array) -> str:
-    """Return a curve as SVG that fills its picture; a constant value is a line in the middle."""
+    """Return values (k,) in mm or degrees as an SVG picture; without a range, the line is in the middle."""
     chosen = values[spread(len(values), _POINTS)]
     low = chosen.min()
     span = np.ptp(chosen)
     heights = np.full(len(chosen), 0.5)
-    if span > 0:
+    if span > _ROUNDING:
         heights = (chosen - low) / span
     columns = np.linspace(0, _WIDTH, len(chosen))
     rows = (1 - heights) * (_HEIGHT - 2) + 1  # a margin of 1 pixel: half of the line is beside the curve
