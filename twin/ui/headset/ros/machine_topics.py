@@ -122,6 +122,11 @@ class MachineTopics(TopicTable):
                 return "the machine does not answer"
             self._goal = self.master.tool(state.wanted).copy()
         self.master.lead(self._goal, opening)
+        if self.master.held:
+            return (
+                "the jaws do not move while the machine holds the tool's goal as out of reach: send one within the "
+                "limits of its joints"
+            )
         return ""
 
     def _take(self, client: str) -> str:
