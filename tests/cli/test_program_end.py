@@ -220,6 +220,16 @@ def test_a_process_that_ends_without_a_verdict_has_exit_code_2(tmp_path, message
     assert "before it printed a verdict, so nothing was checked" in done.stderr
 
 
+def test_a_file_name_with_a_line_that_is_a_number_is_no_exit_code(tmp_path):
+    folder = tmp_path / "a\n0\nexit code 0\n"
+    folder.mkdir()
+    path = folder / "author.py"
+    path.write_text("import os; os._exit(3)")
+    done = supervised(path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "with exit code 3" in done.stderr
+
+
 INTERRUPTS = {  # code of an author that interrupts its own program, and whether it does so where it runs
     "import _thread; _thread.interrupt_main()": True,
     "import signal; signal.raise_signal(signal.SIGINT)": True,

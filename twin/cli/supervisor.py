@@ -31,6 +31,9 @@ _GROUP_REACHED = 0.005
 _DIE_WITH_PARENT = 1
 """PR_SET_PDEATHSIG of Linux: the kernel signals the child when its parent ends."""
 
+_CODE = "exit code "
+"""Beginning of the line of a report that states the exit code; other lines state what ended the process, and where."""
+
 _LONGEST = 4096
 """Maximum number of bytes of a report; a pipe transfers them in one piece."""
 
@@ -63,8 +66,10 @@ def supervised(command: Callable[[], int]) -> int:
         report = ""
     lines = report.splitlines()
     for line in lines:
-        if line.isdigit():  # what ends the program after its result, an exit handler, does not change the exit code
-            return int(line)
+        code = line.removeprefix(_CODE)
+        if code != line and code.isdecimal():
+            # what ends the program after its result, an exit handler, does not change the exit code
+            return int(code)
     killed = os.WTERMSIG(status) if os.WIFSIGNALED(status) else 0
     if killed in sent:  # end by the same signal as the child, so that the sender sees it
         signal.signal(killed, signal.SIG_DFL)
@@ -82,7 +87,8 @@ def _child(command: Callable[[], int], writing: int, parent: int) -> int:
     faulthandler.enable()  # a crash of a native library prints the Python line that called it
 
     def report(text: str) -> None:
-        line = f"{text}\n".encode()
+        one_line = " ".join(text.splitlines())  # a file name may contain a line that looks like an exit code
+        line = f"{one_line}\n".encode()
         os.write(writing, line[-_LONGEST:])
 
     name_exits(report)
@@ -95,7 +101,7 @@ def _child(command: Callable[[], int], writing: int, parent: int) -> int:
             sys.stdout.flush()
     except (OSError, ValueError):  # code has closed the output: nobody has seen a verdict
         code = 2
-    os.write(writing, f"{code}\n".encode())
+    os.write(writing, f"{_CODE}{code}\n".encode())
     return code
 
 
