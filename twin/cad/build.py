@@ -91,6 +91,10 @@ def fingerprint(description_path: Path, description: Description | None = None, 
     """Return one hash of all files in `inputs`.
 
     `read` returns the bytes of a TOML or STEP file; by default, it reads the file from disk.
+
+    Raises:
+        CadError: a file cannot be read.
+        DescriptionError: the TOML file is malformed.
     """
     read = read or Once()
     description = description or load(description_path, read)
@@ -110,7 +114,9 @@ def fingerprint(description_path: Path, description: Description | None = None, 
 
 
 def read_props(description_path: Path) -> Mechanism:
-    """Return the props (fixed objects) of a scene, without masses, from cad/<scene>/<props>.toml.
+    """Return the props (fixed objects) of a scene from cad/<scene>/<props>.toml, without masses of their shapes.
+
+    A mass that the file states is kept.
 
     Raises:
         TwinError: see `read_mechanism`.
@@ -230,7 +236,9 @@ def _shapes(
     with_mass: bool,
     findings: list[Finding],
 ) -> tuple[dict[str, list[Mesh]], dict[str, Inertia]]:
-    """Return the meshes and, if requested, the inertia of each body, both in the body frame.
+    """Return the meshes and the inertias of the bodies, both in the body frame.
+
+    A body has the inertia that its description states; otherwise, if `with_mass`, that of its shapes.
 
     `fine` maps `id(part)` to the same part with finer triangles, from which masses are computed. Findings on meshes and
     masses are added to `findings`.

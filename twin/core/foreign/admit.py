@@ -103,7 +103,11 @@ def _look_at_usd(path: Path) -> None:
 
 
 def _check_ply(path: Path) -> None:
-    """Raise an error if the header states more rows (vertices, faces) than the limit, or does not end."""
+    """Raise an error if the header states more rows (vertices, faces) than the limit, or is longer than the limit.
+
+    The conditions on words are those of the reader, trimesh: only a line that it takes for an element counts. A header
+    that ends with the file is left to the reader, which rejects the file.
+    """
     check_size(path, "PLY")
     with path.open("rb") as file:
         head = file.read(_MOST_HEADER + 1)

@@ -1,4 +1,4 @@
-"""Write numbers and colours for MJCF and URDF."""
+"""Text of XML files, and of the numbers and colours in MJCF and URDF."""
 
 from __future__ import annotations
 
@@ -9,11 +9,14 @@ from xml.etree import ElementTree as ET
 from twin.core import units
 
 DECIMALS = 12
-"""Number of decimals of values in m and rad; rounding makes the file independent of the processor."""
+"""Largest number of decimals, and of significant digits, of values in m and rad.
+
+Rounding makes the file independent of the processor.
+"""
 
 
 def numbers(values: Iterable[float]) -> str:
-    """Return numbers as text, separated by spaces, rounded to `DECIMALS`."""
+    """Return numbers as text, separated by spaces, with at most `DECIMALS` decimals and significant digits."""
     words = []
     for value in values:
         shortened = round(float(value), DECIMALS) + 0.0  # adding 0.0 removes a negative zero

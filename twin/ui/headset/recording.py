@@ -156,6 +156,7 @@ class StreamRecording:
     def finish(self) -> Callable[[], None]:
         """End the recording; return a function that writes the file, for use in any thread.
 
+        Without frames there is nothing to play: the function writes no file, and documents and requests are dropped.
         The returned function raises `OutputError` if the file cannot be written.
         """
         was_running = self.running

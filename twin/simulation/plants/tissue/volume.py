@@ -7,7 +7,7 @@ import numpy as np
 from twin.core.spatial import Array, Index
 
 _TOGETHER = 256
-"""Number of triangles whose products are computed together."""
+"""Smallest number of triangles of which a part consists; the largest is twice as many, less one."""
 
 
 class Volume:
@@ -17,6 +17,7 @@ class Volume:
     """
 
     def __init__(self, weights: Array, triangles: Index) -> None:
+        """Compute the polynomial from weights (c, n) of n nodes in c corners, and the corners (f, 3) of triangles."""
         n = weights.shape[1]
         sums = np.zeros((n, n * n))
         # in parts, because the products of all triangles at once would take much memory
