@@ -61,6 +61,7 @@ def _explanations(problem: Problem) -> list[tuple[PlaceDifference, ...]]:
     start = links.together()
     on_one_link: list[list[JointPlace]] = []
     for i, kind in enumerate(problem.kinds):
+        # a free joint does not tie its links to each other: it has no place
         if kind != "free":
             on_one_link += [[JointPlace(i, "parent")], [JointPlace(i, "child")]]
     by_one = _explained(links, on_one_link, start)
@@ -77,6 +78,7 @@ def _explanations(problem: Problem) -> list[tuple[PlaceDifference, ...]]:
         places += [JointPlace(i, "parent"), JointPlace(i, "child"), JointPlace(i, "both")]
     two_joints: list[list[JointPlace]] = []
     for first_place, second_place in combinations(places, 2):
+        # two places of one joint are its place on both links, which was tried
         if first_place.joint != second_place.joint:
             two_joints.append([first_place, second_place])
     return _simplest(_explained(links, two_joints, start))

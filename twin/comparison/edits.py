@@ -93,6 +93,7 @@ def _common_edits(
         return [[], []]
     edits_of_sides = []
     for edited in (0, 1):
+        # without any convention, so that an edit must remove all items
         case = EditCase(problem, matching, problem.start, edited, ())
         edits = _edits(case, statements_of_sides[edited], placed=False)
         # To read a text again for each of its numbers takes long. Where numbers of it are statements, these were tried,
@@ -168,7 +169,7 @@ def _without(problem: Problem, unknowns: Unknowns, item: ComparedItem) -> Unknow
     """Return the unknowns without the change of an item; None if no number of a file is that change."""
     if item.kind == "base frame":
         return replace(unknowns, base=np.zeros(6))
-    if item.kind == "tool frame":
+    if item.kind == "tool frame":  # no unknown stands for a tool
         return unknowns
     if item.kind not in ("zero", "sign", "link"):
         return None

@@ -191,7 +191,11 @@ class StatedEvidence:
 
     def _frames_on(self, joint: int) -> list[FrameGap]:
         """Return the compared frames of the leaf link on a joint."""
-        return [gap for gap in self.frames if gap.joint == joint]
+        on_joint = []
+        for gap in self.frames:
+            if gap.joint == joint:
+                on_joint.append(gap)
+        return on_joint
 
     def _frame_rows(self, gap: FrameGap, motions: Array) -> Array:
         """Return (k, 12) of the difference of a frame of both sides."""
@@ -270,6 +274,7 @@ class StatedEvidence:
             return bool(abs(rows[0]) <= 2 * LIMIT)
         if evidence.kind == "tool":
             Ts = rows.reshape(-1, 3, 4)
+            # the rows are those of T - 1
             turns = spatial.rotation_angle(Ts[:, :, :3] + np.eye(3))
             shifts = np.linalg.norm(Ts[:, :, 3], axis=1)
             return bool(shifts.max() <= problem.tolerance and turns.max() <= problem.angle_tolerance)

@@ -258,6 +258,7 @@ class EvidenceSearch:
         for direction in _fewest_first(along):
             is_fixed = False
             for evidence, J in zip(pieces, along, strict=True):
+                # a fit with evidence is the same for all directions: what failed fails again
                 if evidence in impossible or not _is_open(J[:, direction]):
                     continue
                 if self._fit_with(choice, evidence, directions, J):

@@ -44,7 +44,11 @@ class _Element:
 
     def all_of(self, tag: str) -> list[_Element]:
         """Return the children with a tag."""
-        return [child for child in self.children if child.tag == tag]
+        with_tag = []
+        for child in self.children:
+            if child.tag == tag:
+                with_tag.append(child)
+        return with_tag
 
 
 def statements(side: RobotSide) -> Sequence[NumberStatement | CellStatement]:

@@ -55,7 +55,7 @@ def _start(problem: Problem, signs: Array, deviating: tuple[int, ...], aligned: 
     deviations = np.zeros((len(deviating), 6))
     for i in problem.order:
         axis = problem.axes[i]
-        if axis.closing:
+        if axis.closing:  # the joints of the tree already place both of its links
             continue
         parent = groups[axis.parent]
         if i in deviating:
@@ -111,14 +111,14 @@ def _placed_on_target(problem: Problem, joint: int, parent: Array, signs: Array)
     point, direction = problem.line(parent, joint, signs)
     target = problem.target_directions[joint]
     turn = _turn(direction, target)
-    if kind == "spherical":
+    if kind == "spherical":  # a ball is a point without a direction
         turn = np.zeros(3)
     # to the nearest point of the target line
     to_line = problem.target_points[joint] - point
     shift = to_line - target * (to_line @ target)
     if kind == "spherical":
         shift = to_line
-    if kind == "prismatic":
+    if kind == "prismatic":  # only the direction of a slide counts, wherever its line is
         shift = np.zeros(3)
     R = spatial.exp_so3(turn)
     placed = spatial.pose(R, point - R @ point + shift) @ parent
@@ -195,6 +195,7 @@ def _slide(problem: Problem, T: Array, axis: Array, children: Sequence[int]) -> 
     square_part = 0.0
     linear_part = 0.0
     for k in children:
+        # the direction of a slide, all that it has, is the same after a shift
         if problem.kinds[k] not in TURNING and problem.kinds[k] != "spherical":
             continue
         point = T[:3, :3] @ problem.points[k] + T[:3, 3]

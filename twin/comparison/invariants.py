@@ -110,8 +110,9 @@ class JointNeighbours:
 
     def is_possible(self, signs: tuple[float, float, float]) -> bool:
         """Return whether the lines can coincide with these signs of the three joints."""
-        if not self.turns:
+        if not self.turns:  # no displacement of a slide changes the angle between the normals
             return abs(self._angle(signs)) <= self.angle_limit
+        # nor does a turn move the feet along the joint
         feet = self._feet()
         if feet is None or self.foot_limit is None:
             return True
@@ -239,7 +240,7 @@ def neighbour_lines(problem: Problem) -> NeighbourLines:
         if i is None or axis.closing:
             continue
         kinds = (problem.kinds[i], axis.kind)
-        if "spherical" in kinds or "free" in kinds:
+        if "spherical" in kinds or "free" in kinds:  # they have no line
             continue
         first = _invariants(problem.points, problem.directions, i, k)
         second = _invariants(problem.target_points, problem.target_directions, i, k)
@@ -277,10 +278,12 @@ def _between(problem: Problem, before: int, joint: int, behind: int) -> JointNei
             normals.append(normal)
             sines.append(sine)
         sides.append((normals[0], normals[1]))
+    # normals of crossing lines, and of parallel ones, are defined in different ways: they cannot be compared
     if sides[0][0].signed != sides[1][0].signed or sides[0][1].signed != sides[1][1].signed:
         return None
     ends_turn = problem.kinds[before] in TURNING and problem.kinds[behind] in TURNING
     foot_limit = None
+    # `common_normal` divides by the square of the sine: so much less accurate are feet than lines
     if ends_turn and min(sines) > STEEP:
         foot_limit = FOOT * problem.tolerance / min(sines) ** 2
     angle_limit = np.inf

@@ -238,6 +238,7 @@ def _links(problem: Problem, unknowns: Unknowns) -> list[ComparedItem]:
     items_of_links = []
     for k, deviating in enumerate(unknowns.deviating):
         assert unknowns.deviations is not None
+        # an axis that alone is turned has the number of its joint plus `count`
         i = deviating % problem.count
         values = unknowns.deviations[k]
         axis = problem.axes[i]

@@ -52,6 +52,7 @@ def joined(side: RobotSide, other_side: RobotSide, tolerance: float) -> RobotSid
         tolerance: distance in m up to which lines meet in a point.
     """
     joined_side = side
+    # balls first: a hinge of a ball is no part of a cylinder
     for kind, parts_of in (("spherical", _balls), ("cylindrical", _cylinders), ("revolute", _closing_hinges)):
         joined_side = _with_merged(joined_side, other_side, kind, list(parts_of(joined_side, tolerance)), tolerance)
     reread_parts = side.reread
@@ -134,7 +135,7 @@ def _replaced(side: RobotSide, parts: Sequence[str], merged_joint: Axis) -> Robo
         inner_groups.append(side.axes[i].child)
     if merged_joint.closing:
         child = first.child
-        inner_groups = []
+        inner_groups = []  # points that close a loop have no links between them
     merged_joint = replace(merged_joint, parent=first.parent, child=child)
     axes = []
     for i, axis in enumerate(side.axes):

@@ -219,11 +219,13 @@ class LinkMotions:
                 direction = -direction
             across = np.cross(target, direction)
             sine = float(np.linalg.norm(across))
-            if sine > 0.0:
+            if sine > 0.0:  # parallel directions have no axis of a turn
                 turn = np.arctan2(sine, target @ direction) * across / sine
+            # a line has no place along itself
             shift = shift - target * (shift @ target)
         if kind == "prismatic":
             shift = np.zeros(3)  # a slide has no place by itself, but its two links have one across it
+        # on one link alone, the difference from the other link counts as well, see `_shared`
         if kind in ONE_COORDINATE and where != "both":
             other_group = axis.parent if where == "child" else axis.child
             offset = point - self._point(T, joint, other_group)[0]

@@ -82,6 +82,10 @@ def from_mechanism(
     for joint in mechanism.joints:
         if joint.drive is not None and joint.drive.max_effort is not None:
             stated_efforts[joint.name] = joint.drive.max_effort
+    driven_names = []
+    for joint in mechanism.active:
+        if joint.name in moving:
+            driven_names.append(joint.name)
     return RobotSide(
         label=label,
         name=mechanism.name,
@@ -91,7 +95,7 @@ def from_mechanism(
         tool=mechanism.tool,
         guessed_tool=guessed_tool,
         couplings=_couplings(mechanism, moving, coordinates),
-        order=tuple(joint.name for joint in mechanism.active if joint.name in moving),
+        order=tuple(driven_names),
         path=path,
         notes=tuple(notes),
         efforts=stated_efforts,

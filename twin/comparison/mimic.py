@@ -153,6 +153,7 @@ def mimic_error(linkage: RobotSide, coupled: RobotSide) -> MimicError | None:
     leaders = _leaders(coupled)
     if not linkage.looped or coupled.looped or not coupled.couplings or len(leaders) != 1:
         return None
+    # the links are matched and compared in one plane, in which only parallel hinges move them
     if {axis.kind for axis in (*linkage.tree, *coupled.tree)} != {"revolute"}:
         return None
     pins: list[Axis] = []

@@ -21,7 +21,7 @@ _TURN_Z = 5
 def opened(joint: Joint, poses: Mapping[str, Array]) -> tuple[float, float]:
     """Return by how much the two frames of a joint are apart in what it does not let move, in m and rad."""
     shift, T_gap = _opening(joint, poses)
-    angle = 0.0
+    angle = 0.0  # a ball lets turn about all axes
     if _TURN_X not in joint.free_axes:
         angle = float(np.arctan2(np.linalg.norm(T_gap[:2, 2]), T_gap[2, 2]))  # of the two axes z
         if _TURN_Z not in joint.free_axes:

@@ -63,6 +63,7 @@ def compare_poses(first: RobotSide, second: RobotSide, table: RobotSide, toleran
     rows = table.sampled()
     compared = compare_rows(rows, table.label, robot, tolerance)
     fit = compared.fit
+    # both sides stand at the joint values of one row
     largest = ToolDifference(robot.tool, fit.distance, fit.angle, compared.q, compared.q, fit.rows)
     beside_tool = tuple(axis.name for axis in joints_beside_tool(robot))
     if compared.identified is None:
@@ -95,8 +96,10 @@ def _moved_frames(
 
     `T_rows` (rows, 4, 4) are the poses of the side `table`.
     """
+    # the robot's own poses, since T_row = base T_robot tool
     T_robot = spatial.inverse(fit.base) @ T_rows @ spatial.inverse(fit.tool)
     same = np.eye(4)
+    # a moved frame is the same in all rows: the first row gives it
     base = T_rows[0] @ spatial.inverse(T_robot[0])
     tool = spatial.inverse(T_robot[0]) @ T_rows[0]
     # the fewest moved frames first

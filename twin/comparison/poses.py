@@ -118,6 +118,7 @@ def compare_rows(rows: PoseRows, label: str, side: RobotSide, tolerance: float) 
         if closed.mean() < _CLOSED:
             text = f"{side.label}: its loops close at only {int(closed.sum())} of the {len(T)} states of {label}"
             raise TwinError(f"{text}. Correct the joint values, or the links of the loops")
+        # at the others, the robot has no pose to compare
         rows = rows.chosen(closed)
         q = q[closed]
         motion = FixedMotion(T[closed])
@@ -165,6 +166,7 @@ def _compared(
     uncertainty = _uncertainty(motion, explained, noise.uncertainties(explained, saturated))
     pose_fit = replace(pose_fit, uncertainty=uncertainty)
     identified = _identified(motion, explained, label)
+    # no place is known better than the noise of the rows allows
     return PoseComparison(pose_fit, q_worst, identified, max(tolerance, _NEEDED * uncertainty))
 
 
@@ -205,6 +207,7 @@ def _identified(motion: ChainMotion, state: RowState, label: str) -> RobotSide:
         zero = zeros.get(axis.name, 0.0)
         point = W_joint[:3, :3] @ axis.point + W_joint[:3, 3]
         direction = sign * (W_joint[:3, :3] @ axis.direction)
+        # rows of poses state neither limits nor speeds
         axes.append(replace(axis, point=point, direction=direction, limits=None, max_speed=None))
         moves[axis.child] = W_joint @ joint_motion(axis, np.array([zero]))[0]
     frames = {}

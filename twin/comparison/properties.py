@@ -357,10 +357,15 @@ def _coupled(problem: Problem, solution: FitSolution) -> _CoupledSides:
     return _CoupledSides(first, second, order)
 
 
+def _followers(side: RobotSide) -> set[str]:
+    """Return the names of the joints that a coupling lets follow others."""
+    return {coupling.follower for coupling in side.couplings}
+
+
 def _follower_order(problem: Problem) -> list[int]:
     """Return the joints: those that follow in the second side, then those that follow in the first, then all others."""
-    first_followers = {coupling.follower for coupling in problem.first.couplings}
-    second_followers = {coupling.follower for coupling in problem.second.couplings}
+    first_followers = _followers(problem.first)
+    second_followers = _followers(problem.second)
     order = []
     for i, axis in enumerate(problem.second.axes):
         if axis.name in second_followers:

@@ -175,7 +175,7 @@ def _names(problem: Problem, row: PropertyRow, edited: int) -> set[str]:
     axes = (problem.axes, problem.second.axes)[edited]
     if row.kind not in OF_BODIES:
         return {plain(axes[row.index].name)}
-    group = row.index
+    group = row.index  # of the first side, whichever side is edited
     if edited == 1:
         group = 0
         for i, axis in enumerate(problem.axes):

@@ -103,7 +103,10 @@ def _columns(rows: PoseRows, label: str, side: RobotSide) -> dict[str, int]:
     """
     column_of_name = _column_of_name(rows)
     driving = _driving(side)
-    driving_joints = [name for name in side.order if name in driving]
+    driving_joints = []
+    for name in side.order:
+        if name in driving:
+            driving_joints.append(name)
     missing = []
     for name in driving_joints:
         if plain(name) in column_of_name:

@@ -180,6 +180,7 @@ class RowFit:
     def best_start(self, T: Array, signs: Array) -> Array:
         """Return the start with the smallest sum of absolute residuals for poses T (k, 4, 4) of the robot's tool."""
         starts = list(self._starts(T))
+        # absolute, not squared: rows of a joint in another place must not outweigh those that fit
         sums = []
         for start in starts:
             r = self.residual(start, signs, ())
@@ -188,7 +189,7 @@ class RowFit:
 
     def _starts(self, T: Array) -> Iterator[Array]:
         """Yield values (12,) of base and tool frame to begin with, for poses T (k, 4, 4) of the robot's tool."""
-        yield np.zeros(FRAME_UNKNOWNS)
+        yield np.zeros(FRAME_UNKNOWNS)  # frames that are not moved
         if self.rows.rotations:
             yield _from_relative_motions(T, self.rows.T)
             return

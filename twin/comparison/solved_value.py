@@ -76,6 +76,7 @@ def solved_values(case: EditCase, statement: Statement, columns: Sequence[int], 
 def _reaches(case: EditCase, statement: Statement, columns: Sequence[int], before: Array) -> bool:
     """Return whether all that remains depends on these numbers: what another value does not move, it cannot remove."""
     values = np.array(statement.values)
+    # different changes: equal ones of two numbers could cancel each other
     values[columns] += _PROBE * np.arange(1, len(columns) + 1)
     side = statement.applied(case.side, values)
     if side is None:
@@ -100,6 +101,7 @@ def _starts(
             r = case.residual(side)
             if np.linalg.norm(r) < np.linalg.norm(before):
                 better.append((float(np.linalg.norm(r)), candidate, r))
+    # by the norm alone: arrays have no order
     better.sort(key=lambda entry: entry[0])
     for _, candidate, r in better[:_BETTER_STARTS]:
         yield candidate, r

@@ -81,6 +81,7 @@ class NumberStatement:
         length = float(np.linalg.norm(values))
         if not length > _SHORTEST:  # true also for NaN
             return None
+        # files state directions of any length
         direction = T_base_link[:3, :3] @ (np.asarray(values, float) / length)
         axes = []
         for axis in side.axes:
@@ -98,6 +99,7 @@ class NumberStatement:
                 return None
             return spatial.pose(old.T @ new)
         shift = np.asarray(values, float) - np.asarray(self.values, float)
+        # the numbers are along the axes of the parent, the step is along those of the link
         if self.R_parent_link is not None:
             shift = self.R_parent_link.T @ shift
         return spatial.pose(p=shift)
@@ -161,6 +163,7 @@ class PlaceStatement:
         R_parent_link = self.turn.rotation(values[3:])
         if turned is None or R_parent_link is None:
             return None
+        # the link has turned: the same shift is along other axes of it
         return replace(self.shift, R_parent_link=R_parent_link).applied(turned, values[:3])
 
 

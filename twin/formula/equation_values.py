@@ -181,6 +181,7 @@ def _outputs(formula: Formula, equation: Equation, function: Rows, symbols: Mapp
             unknowns[name] = ca.SX.sym(name)
     values_of_arguments = {**symbols, **unknowns}
     suggestions = ()
+    # a name that does not exist likely means a parameter that no equation reads
     if not values_of_arguments.keys() >= set(required):
         suggestions = unread(formula, {})
     values = call(function, values_of_arguments, what, suggestions)

@@ -138,7 +138,7 @@ class PlainRows(ABC):
                 text = ", ".join(differences)
                 raise self.error(f"{self.name}() returns names that differ from the {expected}: {text}")
             return [value[name] for name in names]
-        if self.name == "forward":
+        if self.name == "forward":  # a pose is one output, though it may be a list of rows
             return [value]
         values = list(value) if isinstance(value, tuple | list) else split(value)
         if values is None:

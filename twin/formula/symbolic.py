@@ -40,6 +40,7 @@ def norm(v: SX) -> SX:
 def unit(v: SX) -> SX:
     """Return v / |v|, and 0 for v = 0."""
     squared = ca.sumsqr(v)
+    # never 0: both branches of the last condition are evaluated and differentiated
     length = ca.sqrt(ca.if_else(squared > 0, squared, 1))
     return ca.if_else(squared > 0, v / length, 0 * v)
 

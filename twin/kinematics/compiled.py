@@ -288,7 +288,7 @@ class Compiled(ABC):
         if not names:  # without an inverse equation, the states would be solved for nothing
             return {}
         values = self.program.group[kind].many(self._states(Ts, qs))
-        return {name: values[:, i] for i, name in enumerate(names)}
+        return dict(zip(names, values.T, strict=True))
 
     def _states(self, Ts: ArrayLike | None, qs: ArrayLike | None) -> Array:
         """Return the input of the compiled functions: poses (k, 16), or joints (k, n)."""
