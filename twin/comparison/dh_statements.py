@@ -55,34 +55,47 @@ class CellStatement:
         return self.parameter in ("alpha", "theta", "beta", "gamma")
 
     def applied(self, side: RobotSide, values: Sequence[float] | Array) -> RobotSide | None:
-        """Return the side with another value here; None if the side has no such row."""
+        """Return the side with another value of this parameter, in the unit of the table; None if it has no such row.
+
+        `values` has this one value. A change of the row moves its joint and all that follows it by a motion in the base
+        frame: T_before_joint moves what the part before the joint places, T_after_joint what the whole row places.
+        """
         entry = side.frames.get(self.row.link)
         if entry is None:
             return None
+        _, T_base_link = entry
         changed = {**self.row.values, self.parameter: float(values[0]) * self.unit}
-        before, behind = self._parts(self.row.values)
-        new_before, new_behind = self._parts(changed)
-        T_base_link = entry[1]
+        before, after = self._parts(self.row.values)
+        new_before, new_after = self._parts(changed)
         T_joint = self._joint_motion(side)
-        T_base_parent = T_base_link @ spatial.inverse(before @ T_joint @ behind)
-        # the joint itself is moved by what stands before it, all that is behind it by the whole row
-        W_joint = T_base_parent @ new_before @ spatial.inverse(T_base_parent @ before)
-        W_link = T_base_parent @ new_before @ T_joint @ new_behind @ spatial.inverse(T_base_link)
+        T_base_parent = T_base_link @ spatial.inverse(before @ T_joint @ after)
+        T_before_joint = T_base_parent @ new_before @ spatial.inverse(T_base_parent @ before)
+        T_after_joint = T_base_parent @ new_before @ T_joint @ new_after @ spatial.inverse(T_base_link)
         axes = []
         for axis in side.axes:
             if axis.name in self.row.joints_below:
-                axis = _moved(axis, W_link)
+                axis = _moved(axis, T_after_joint)
             elif axis.name == self.row.joint:
-                axis = _moved(axis, W_joint)
+                axis = _moved(axis, T_before_joint)
             axes.append(axis)
         frames = {}
         for name, (group, T) in side.frames.items():
-            frames[name] = (group, W_link @ T if name in self.row.frames_below else T)
+            if name in self.row.frames_below:
+                T = T_after_joint @ T
+            frames[name] = (group, T)
         return replace(side, axes=tuple(axes), frames=frames)
 
     def moves(self, axis: Axis) -> bool:
         """Return whether another value moves the line of a joint of the side."""
-        return axis.name == self.row.joint or axis.name in self.row.joints_below
+        if axis.name in self.row.joints_below:
+            return True
+        return axis.name == self.row.joint and self._is_before_joint()
+
+    def _is_before_joint(self) -> bool:
+        """Return whether the parameter stands before the motion of the row's joint, and so moves the line of it."""
+        motions = _MOTIONS[self.row.convention]
+        parameters_before = [motion.split()[-1] for motion in motions[: motions.index("q")]]
+        return self.parameter in parameters_before
 
     def _joint_motion(self, side: RobotSide) -> Array:
         """Return the motion (4, 4) of the joint of the row at the drawn state."""
@@ -96,17 +109,17 @@ class CellStatement:
     def _parts(self, values: Mapping[str, float]) -> tuple[Array, Array]:
         """Return the constant motions (4, 4) of the row before and after that of its joint."""
         parts = [np.eye(4), np.eye(4)]
-        behind = 0
+        part = 0  # that before the joint
         for motion in _MOTIONS[self.row.convention]:
             if motion == "q":
-                behind = 1
+                part = 1
                 continue
             kind, parameter = motion.split()
             vector = values.get(parameter, 0.0) * np.eye(3)["xyz".index(kind[1])]
             step = spatial.pose(p=vector)
             if kind[0] == "R":
                 step = spatial.pose(spatial.exp_so3(vector))
-            parts[behind] = parts[behind] @ step
+            parts[part] = parts[part] @ step
         return parts[0], parts[1]
 
 
