@@ -49,7 +49,7 @@ _STRIDE = 4
 """Number of samples between two keys of an exported motion: 4 samples of 5 ms (`run.SAMPLE`) give 50 keys per s."""
 
 _PEDAL_SIGNALS = ("clutch", "camera", "scale")
-"""Signals of the pedals in the written files."""
+"""Signals of the device of the pedals in the written files: its pedals, and the motion scale."""
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,11 @@ class ConsoleSession(Result):
     """Measures of a session at a console.
 
     Attributes:
+        scene: the scene with the console and its robots.
         source: the replayed file; "" for a new simulation.
         seed: random seed of a simulated surgeon; None: a person.
         task: the task; None: no task.
+        ran: what was simulated: the kept signals, ticks and forces, and the difference of a replay from its recording.
         arms: {name of a place: arm} of all robots that the console moves.
         lost: sentence that says what is missing at the end of a truncated file; "" if the file is complete.
         recorded: content of the session file of a simulated surgeon; None for a replayed file.
@@ -107,7 +109,7 @@ class ConsoleSession(Result):
             return "The machine followed its model"
         if self.outcome is not None:
             return self.outcome.success
-        return "All targets were touched"
+        return "Nothing disagrees"  # a session without a task
 
     @property
     def t(self) -> Array:
@@ -147,7 +149,7 @@ class ConsoleSession(Result):
 
     @property
     def findings(self) -> Sequence[Finding]:
-        """Findings: the replay differs from the recording, the file is truncated, or a target was not touched."""
+        """Findings on the replay, a truncated file, an idle session, the task, the machines, and missing libraries."""
         findings: list[Finding] = []
         difference = self.ran.difference
         if difference is not None:

@@ -57,8 +57,8 @@ def with_distance(mechanism: Mechanism, joint: str, other: str, distance: float)
     loop (`Assembly.worst_gap`). A shift along the axis of a prismatic joint only changes the joint's zero position.
 
     Raises:
-        MechanismError: a joint is unknown, the joints share no body or two bodies, the origins coincide, or the
-            distance is not positive.
+        MechanismError: a joint is unknown, the joints are the same, share no body or two bodies, the origins coincide,
+            or the distance is not positive.
     """
     first = mechanism.joint(joint)
     second = mechanism.joint(other)

@@ -99,11 +99,12 @@ class LoopEquations:
         mechanism: the mechanism with these loops.
         q: active joints (n,), in the order of `Mechanism.active`.
         passive: the passive joints, whose coordinates are the unknowns.
-        residual: (m,) offsets in m and misalignments in rad times `LENGTH_SCALE`; couplings last.
+        residual: (m,) offsets in m and misalignments times `LENGTH_SCALE`; couplings last. A misalignment is the sine
+            of an angle, which is the angle in rad as far as it is small.
         jacobian: (m, steps) derivative of the residual with respect to the steps of all unknowns, joint by joint.
         row_names: for each row, the name of the loop joint or coupling to which the row belongs.
-        offset, tilt: norm of the offsets of all loops in m; norm of the misalignments of all loops in rad, in which
-            an inverted joint counts as 1 rad.
+        offset, tilt: norm of the offsets of all loops in m; norm of the misalignments of all loops, in which an
+            inverted joint counts as 1.
         T_base_tool: (4, 4) pose of the tool.
         errors: symbols or expressions (6,) of the error of a joint frame, by (joint, "parent" or "child"), in the
             frame's own axes: shift in m, then rotation in rad. The equations are accurate to second order in the
@@ -265,9 +266,10 @@ class LoopEquations:
         return q, states
 
     def _misfit(self, joint: Joint, stepping: bool) -> tuple[ca.SX, ca.SX, ca.SX]:
-        """Return (offset in m, misalignment in rad, cosine of the misalignment angle) of a loop joint.
+        """Return (offset in m, misalignment, cosine of the misalignment angle) of a loop joint.
 
-        Only the locked directions of the joint are counted.
+        The misalignment contains sines about axes, which are angles in rad as far as these are small. Only the locked
+        directions of the joint are counted.
         """
         chain_parent, chain_child, common = self._sides(joint)
         gap = self._origin(chain_child, stepping) - self._origin(chain_parent, stepping)

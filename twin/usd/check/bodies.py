@@ -70,12 +70,12 @@ _MASS = Kind("stage.mass", "disagreement", "author a positive physics:mass")
 
 
 def check_bodies(scene: RawStage) -> Iterator[Finding]:
-    """Yield findings on masses, inertias and nesting of each rigid body."""
+    """Yield findings on nesting, size, mass and inertia of each rigid body, and on the quaternions of all prims."""
     weighed = any(_has_mass(prim) for prim in scene.bodies.values())
     for path, prim in scene.bodies.items():
         yield from _check_nesting(scene, path, prim)
         box = _bounds(scene, prim)
-        yield from _check_size(path, box)
+        yield from _check_size(scene, path, box)
         yield from _check_mass(scene, path, prim, box, weighed)
     for prim in scene.prims:
         yield from _check_quaternions(prim)
@@ -108,12 +108,15 @@ def _bounds(scene: RawStage, body: Usd.Prim) -> tuple[Array, Array] | None:
     return stacked.min(axis=0), stacked.max(axis=0)
 
 
-def _check_size(path: str, box: tuple[Array, Array] | None) -> Iterator[Finding]:
+def _check_size(scene: RawStage, path: str, box: tuple[Array, Array] | None) -> Iterator[Finding]:
     if box is None:
         return
     diagonal = float(np.linalg.norm(box[1] - box[0]))
     if diagonal > LARGEST:
-        text = f"body {path} seems to be in millimetres, but the stage is in metres; diagonal of the body's meshes"
+        reason = f"is too large for the stage's unit of {scene.meters:g} m"
+        if scene.meters == 1:
+            reason = "seems to be in millimetres, but the stage is in metres"
+        text = f"body {path} {reason}; diagonal of the body's meshes"
         yield _SIZE(path, text, Quantity(diagonal, "m"), LARGEST)
 
 
@@ -273,7 +276,7 @@ def _check_winding(scene: RawStage, path: str, points: Array, triangles: np.ndar
 
 
 def _is_closed(triangles: np.ndarray) -> bool:
-    """Return whether each directed edge has exactly one opposite edge, so that the sign of the volume is defined."""
+    """Return whether each directed edge occurs as often as its opposite, so that the sign of the volume is defined."""
     a, b, c = triangles.astype(np.int64).T
     start = np.concatenate([a, b, c])
     end = np.concatenate([b, c, a])
