@@ -96,6 +96,7 @@ class Bend:
         displacements = self.nodes - self.nodes[0]
         U, S, Vt = np.linalg.svd(displacements.reshape(len(displacements), -1), full_matrices=False)
         needed = 0
+        # By the nodes, not by the singular values: one node may have most of a small component.
         while np.abs((U[:, needed:] * S[needed:]) @ Vt[needed:]).max(initial=0.0) > _LARGEST_ERROR:
             needed += 1
         by_node = Vt[:needed].reshape(needed, displacements.shape[1], 3)

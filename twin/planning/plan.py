@@ -140,6 +140,7 @@ def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: fl
         require_feasible(path, kinematics, protocol.frame, protocol.name)
     except ProtocolError as error:
         turn_hint = hint(path, path.phase.name, protocol.waypoints.get(path.waypoint or ""))
+        # An angle copied with the wrong full turn is a frequent reason why a phase cannot be carried out.
         if turn_hint:
             raise ProtocolError(f"{error}{turn_hint}") from error
         raise

@@ -58,6 +58,7 @@ class SampledPhase(PhasePath):
         """
         count = max(int(np.ceil(self.duration / dt - _ROUNDED_STEPS)), 1)
         t = dt * np.arange(count + 1, dtype=np.float64)
+        # The last multiple of dt may lie after the given samples: there, the last values hold.
         q = self.values(np.minimum(t, self.duration))
         Ts = self.carry(q)
         Ts_frame = Ts @ self.T_tool_frame
@@ -171,6 +172,7 @@ def between(t: Array, q: Array) -> Callable[[Array], Array]:
     secants = steps / np.diff(t)[:, None]
     before = secants[:-1]
     after = secants[1:]
+    # Hyman's condition: a cubic stays monotonic if no slope exceeds three times the smaller of the secants beside it.
     most = 3 * np.minimum(np.abs(before), np.abs(after))
     inner = np.clip(slopes[1:-1], -most, most)
     same_way = (before * after > 0) & (inner * after > 0)

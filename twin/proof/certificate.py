@@ -66,5 +66,6 @@ def digest(data: Mapping[str, object]) -> str:
     """Return the SHA-256 of a certificate's content without its own entry `sha256`."""
     content = dict(data)
     content.pop("sha256", None)
+    # In one fixed form, so that the hash does not depend on the layout of the file or the order of its keys.
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
     return hashlib.sha256(text.encode("ascii")).hexdigest()

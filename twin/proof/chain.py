@@ -55,6 +55,8 @@ def _steps(mechanism: Mechanism, joints: Mapping[str, Operand]) -> Iterator[Trig
             yield _motion(mechanism, joint, joints[joint.name])
             before = np.eye(4)
             radius = np.zeros((4, 4))
+        # Frames between two joints are multiplied as numbers: as sums of waves, each product would multiply their
+        # terms.
         before, radius = _product(before, radius, on_child.inverse())
     on_body = rigid_frame(tool.T_body_frame, f"{mechanism.name}: frame {mechanism.tool}")
     before, radius = _product(before, radius, on_body)

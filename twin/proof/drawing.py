@@ -116,6 +116,7 @@ class Drawing:
 
     def _in_plane(self, x: float, y: float, what: str) -> tuple[ExactValue, ExactValue]:
         """Return a point of a plane, given by its coordinates, or by its distance and direction from the origin."""
+        # A drawing may give a point by radius and direction: then its coordinates are not decimals.
         if self._exact_length(x) is None or self._exact_length(y) is None:
             distance = decimal(math.hypot(x, y), LENGTH_TOLERANCE)
             direction = self._exact_angle(math.atan2(y, x))

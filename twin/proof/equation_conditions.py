@@ -62,6 +62,7 @@ class EquationConditions:
             margins_of_reach.append(results["reach"])
         if "joints" in results:
             must_be_finite.append(results["joints"])
+        # From joint values, the state gives the pose first; the inverse equations are then taken at this pose.
         elif formula.has("inverse"):
             inverse_side = formula_side.from_pose(formula, variants, coordinates=False, measures=measures)
             inverse_results, inverse_conditions = expressions_and_conditions(
@@ -97,6 +98,7 @@ class EquationConditions:
         results, reach = self.values(state)
         is_finite = np.isfinite(results.full())
         margins = reach.full()
+        # A comparison with NaN is false: margins that are not numbers are judged by themselves below.
         with np.errstate(invalid="ignore"):
             is_beyond = (margins < 0).any(axis=0)
         if any(condition.undefined for condition in self._conditions):

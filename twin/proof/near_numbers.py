@@ -41,6 +41,7 @@ def near_length(value: float, lengths: Mapping[str, float]) -> str:
     tolerance = _last_digit(millimetres)
     if not tolerance:
         return ""
+    # Parts of parameters first: they say where a number comes from.
     for name, length in lengths.items():
         part = _part(millimetres, 1e3 * length, tolerance)
         if part is None:

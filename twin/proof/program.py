@@ -58,6 +58,7 @@ def operation(name: str, *operands: ProgramStep | None) -> ProgramStep | None:
         if operand is None:
             return None
         known_operands.append(operand)
+    # Most entries of poses are 0 or 1: operations with these would only make certificates longer.
     if name in ("add", "multiply"):
         first, second = known_operands
         for factor, remaining_operand in ((first, second), (second, first)):

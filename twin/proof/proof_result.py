@@ -97,6 +97,7 @@ def near_in_equations(formula: Formula, variants: Mapping[str, str]) -> dict[str
             lengths[parameter.name] = float(parameter.value)
     for name, length in lengths.items():
         other_lengths = dict(lengths)
+        # Each parameter is a part of itself, which would say nothing.
         del other_lengths[name]
         near[f"parameter {name}, {1e3 * length:.12g} mm"] = near_length(length, other_lengths)
     if formula.has("inverse"):

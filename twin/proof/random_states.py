@@ -159,6 +159,7 @@ def _set_parameters(
         if parameter.unit not in ANGULAR:
             number = values.constant(value, states)
             if proof_states.formulas:
+                # Without the constant, so that formulas keep the name of the parameter instead of its value.
                 number = replace(number, form=forms.variable(name), constant=None)
             proof_states.parameters[name] = number
             if exact_number(value) is None:

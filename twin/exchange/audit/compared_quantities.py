@@ -94,6 +94,7 @@ def _tensor(a: Array, b: Array) -> float:
     of the moments about any axis, relative to the moment about this axis: a slender link has a small one about its
     length. Rounding to six digits turns its axes and so changes the small moment more, by `_SLENDER`.
     """
+    # Two tensors of zeros are equal: they must not divide by zero.
     largest = max(np.abs(a).max(), np.abs(b).max(), 1e-300)
     by_entry = float(np.abs(a - b).max() / largest)
     return max(by_entry, _SLENDER * _moments_apart(a, b))
@@ -139,6 +140,7 @@ def _line(a: tuple[Array, Array | None], b: tuple[Array, Array | None]) -> float
 def _place(a: Array, b: Array) -> float:
     """Return the larger of the distance in m and of a tenth of the angle in rad between two poses."""
     angle = float(poses.angle(a[:3, :3], b[:3, :3]))
+    # The angle counts by the way of a point 0.1 m from the origin, about the size of a link.
     return max(_distance(a[:3, 3], b[:3, 3]), 0.1 * angle)
 
 

@@ -108,6 +108,7 @@ def compare_physics(contents: Sequence[Content], truth: FilePhysics | None = Non
             views.append(view)
     if truth is not None:
         views.append(View(MECHANISM, _MECHANISM_FORMAT, None, truth))
+    # By trust, because the first file of a group of equal ones is its reference.
     views.sort(key=_trust)
     if len(views) < 2:
         return
@@ -795,6 +796,8 @@ def _groups(key: tuple[str, str], rule: ComparisonRule, views: Sequence[View]) -
     groups: list[list[View]] = []
     for view in views:
         for group in groups:
+            # With the first of the group: along a chain of neighbours, files farther apart than the tolerance would
+            # agree.
             if rule.difference(group[0].values[key], view.values[key]) <= rule.tolerance:
                 group.append(view)
                 break

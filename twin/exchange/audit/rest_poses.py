@@ -105,6 +105,7 @@ def _unturned_point(turns: Sequence[JointLine]) -> Array | None:
     """Return a point (3,) in m that turns do not move, because it is on all of their lines; None without one."""
     if not turns:
         return np.zeros(3)
+    # First the point as the file states it: the meeting point of parallel turns is an arbitrary one.
     for point in (turns[0].point, meeting_point(turns)):
         distances = []
         for line in turns:

@@ -111,6 +111,7 @@ def _robots(folder: Path, ledger: Ledger) -> Iterator[tuple[str, str, Array, Pat
         except (ValueError, TypeError):
             T = np.zeros(0)
         path = folder / folder_name
+        # A base that is no pose would make every link of the robot a finding of its own.
         if not _is_pose(T):
             ledger.add("scene.pose", "error", f"robot '{name}': T_world_base is not a pose (4, 4).", name)
         elif not os.path.isdir(path) or not path.resolve().is_relative_to(folder.resolve()):  # noqa: PTH112 - any name
@@ -159,6 +160,7 @@ def _is_pose(T: Array) -> bool:
     if T.shape != (4, 4) or not np.isfinite(T).all():
         return False
     R = T[:3, :3]
+    # A reflection is orthonormal too; only its determinant tells.
     is_orthonormal = np.allclose(R @ R.T, np.eye(3), rtol=0.0, atol=_POSE_ROUNDING)
     has_last_row = np.allclose(T[3], [0.0, 0.0, 0.0, 1.0], rtol=0.0, atol=_POSE_ROUNDING)
     return is_orthonormal and bool(np.linalg.det(R) > 0) and has_last_row

@@ -55,8 +55,10 @@ class TimedPhase:
         segment = np.clip(np.searchsorted(self.grid, s, side="right") - 1, 0, len(spans) - 1)
         fraction = (s - self.grid[segment]) / (self.grid[segment + 1] - self.grid[segment])
         rate = np.sqrt(np.maximum(squares[segment] + fraction * (squares[segment + 1] - squares[segment]), 0.0))
+        # At the start of a phase both rates are 0, and so is the way: the quotient must be the time 0.
         total = np.maximum(rate + self.rates[segment], 1e-300)
         times = self.start + ends[segment] + 2 * (s - self.grid[segment]) / total
+        # A moving average delays the motion by half of its window.
         return times + self.smoothing / 2
 
 

@@ -165,6 +165,7 @@ def _check_state(joint: RawJoint, line: Timeline, q: Array) -> Iterator[Finding]
         rest_state = attribute.Get()
     if rest_state is None:
         distance_from_zero = float(_difference(joint, q[:1], np.zeros(1))[0])
+        # Joints outside of the articulation have no start state: simulators take theirs from the poses of the bodies.
         if not joint.excluded and distance_from_zero > STATE_TOL:
             yield _STATE_MISSING(
                 joint.path,

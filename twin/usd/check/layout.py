@@ -178,6 +178,7 @@ def _check_reset(scene: RawStage, prim: Usd.Prim) -> Iterator[Finding]:
     reset = UsdGeom.Xformable(prim).GetResetXformStack()
     if reset and prim.GetParent() and not prim.GetParent().IsPseudoRoot():
         parent = scene.raw_transform(prim.GetParent())
+        # Below a parent without a transform, the reset changes nothing.
         if not np.allclose(parent, np.eye(4), atol=1e-9):
             yield _XFORM_RESET(
                 path, f"{path} resets the transform stack, so it does not move with its parent, which has a transform"

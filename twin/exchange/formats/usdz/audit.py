@@ -44,6 +44,7 @@ def _check_purposes(path: Path, ledger: Ledger) -> None:
     stage = Usd.Stage.Open(str(path))
     for prim in stage.Traverse():
         purpose = UsdGeom.Imageable(prim).ComputePurpose() if prim.IsA(UsdGeom.Mesh) else UsdGeom.Tokens.default_
+        # UsdGeomImageable: geometry of these two purposes is shown on demand only, unlike "default" and "render".
         if purpose in (UsdGeom.Tokens.guide, UsdGeom.Tokens.proxy):
             place = str(prim.GetPath())
             text = f"mesh {place} has the purpose {purpose}: AR viewers do not show it."
@@ -65,6 +66,7 @@ def _opens(path: Path, ledger: Ledger) -> bool:
     if broken:
         ledger.add("usdz.archive", "error", f"the checksum of '{broken}' in the archive is wrong.", broken)
         return False
+    # USDZ specification: the first file is the default layer, which readers open without a look at the others.
     first = entries[0].filename if entries else "nothing"
     if not _is_layer(first):
         ledger.add("usdz.first", "error", f"the first file in the archive is {first}, but must be a USD layer.", first)

@@ -144,6 +144,7 @@ class _Sdf:
             if mount is None:
                 base = root
             else:
+                # First, so that it is in the tree: a loop of the model must not be closed at its mount.
                 mechanism_joints.insert(0, mount)
                 is_grounded = True
         bodies: list[Body] = []
@@ -330,6 +331,7 @@ class _Sdf:
             length = float(np.linalg.norm(values[3:]))
             if not length > _SHORTEST_QUATERNION:
                 self.xml.fail(where, f"pose: the quaternion {x:g} {y:g} {z:g} {w:g} has length 0")
+            # Normalised, because the few digits of a file leave a length that is not exactly 1.
             return spatial.pose(spatial.matrix_from_quat_wxyz(np.array([w, x, y, z]) / length), values[:3])
         if notation != "euler_rpy":
             self.xml.fail(where, f"pose: rotation_format '{notation}' is unknown: use euler_rpy or quat_xyzw")
@@ -437,6 +439,7 @@ class _Sdf:
         values["limits"] = limits(self.path, low, high, name, self.findings)
         speed = self.xml.number(where, "velocity", axis.findtext("limit/velocity"), 0.0)
         effort = self.xml.number(where, "effort", axis.findtext("limit/effort"), 0.0)
+        # SDF: a negative speed or effort is not enforced; 0, as templates have it, would lock the joint.
         if 0 < speed < _UNLIMITED:
             values["max_speed"] = speed
         if 0 < effort < _UNLIMITED:
@@ -461,6 +464,7 @@ class _Sdf:
         if element is None:
             return None
         T_link_com = self._pose(element, where)
+        # The defaults of the SDF specification: a mass of 1 kg, and 1 kg m2 about each axis.
         tensor = self.xml.tensor(where, lambda key: element.findtext(f"inertia/{key}"), np.eye(3))
         mass = self.xml.number(where, "mass", element.findtext("mass"), 1.0)
         R = T_link_com[:3, :3]

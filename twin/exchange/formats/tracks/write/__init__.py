@@ -92,6 +92,7 @@ def track(
         "robot": mechanism.name,
         "protocol": clip.name,
         "title": clip.title,
+        # Of the mechanism as in the CAD: trocars differ between protocols, and all motions of a robot have one hash.
         "model_hash": model_hash(cad_mechanism or mechanism),
         "frame": "z-up right-handed",
         "length_unit": "m",

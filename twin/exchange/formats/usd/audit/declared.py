@@ -72,6 +72,7 @@ def is_ours(stage: Usd.Stage) -> bool:
     root = stage.GetDefaultPrim()
     if not root:
         return False
+    # Any mark will do: that another one is missing is a finding, and no reason to check less.
     if root.GetAttribute("twin:base") or root.GetCustomDataByKey("twin"):
         return True
     return any(prim.GetAttribute("twin:active") for prim in stage.Traverse())
@@ -198,6 +199,7 @@ def _check_marks(root: Usd.Prim, physics: FilePhysics, frames: set[str], ledger:
         ledger.wrong("usd.mark", text, "twin:tool", suggestion="export the stage again")
     physx = root.GetAttribute("physxArticulation:enabledSelfCollisions").Get()
     newton = root.GetAttribute("newton:selfCollisionEnabled").Get()
+    # Each engine reads its own attribute only: if they differ, one robot behaves in two ways.
     if physx != newton:
         text = (
             f"self collisions are {_word(physx)} in physxArticulation:enabledSelfCollisions, and {_word(newton)} in "
@@ -291,6 +293,7 @@ _SCHEMAS = (
 def _check_schemas(stage: Usd.Stage, ledger: Ledger) -> None:
     """Report prims that state properties of a schema that they do not apply: engines ignore what they state."""
     for prim in stage.Traverse(Usd.TraverseInstanceProxies()):
+        # As authored: usd-core does not register the schemas of PhysX and Newton, and leaves them out elsewhere.
         applied = set(map(str, prim.GetPrimTypeInfo().GetAppliedAPISchemas()))
         lacking: dict[str, str] = {}
         for prop in prim.GetAuthoredProperties():
@@ -322,6 +325,7 @@ def _check_joints(stage: Usd.Stage, ledger: Ledger) -> None:
             text = f"joint '{name}' declares no {' and no '.join(missing)} of its state."
             ledger.wrong("usd.state", text, name, suggestion="export the stage again")
             continue
+        # Both are stored in single precision, which has about seven digits.
         if abs(position - newton) > 1e-5 * max(1.0, abs(position)):
             text = f"joint '{name}' is at {position:g} in its state, but at {newton:g} for Newton."
             ledger.wrong("usd.state", text, name, size=Measured(newton, position), suggestion="export the stage again")
