@@ -20,10 +20,10 @@ from made import dialects
 from made.by_pinocchio import by_pinocchio
 from twin.core import spatial
 from twin.core.errors import SourceError
+from twin.core.identifiers import identifier
 from twin.exchange.read import read
 from twin.exchange.read.imported_robot import rest_poses
 from twin.exchange.xacro import settings
-from twin.usd.read.names import identifier
 
 COUNT = 4
 """Robots of each format in the default suite."""

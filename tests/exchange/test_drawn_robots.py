@@ -20,6 +20,7 @@ from made import drawn_robots
 from made.by_pinocchio import by_pinocchio
 from twin.cad.build import read_mechanism
 from twin.core import spatial
+from twin.core.identifiers import identifier
 from twin.exchange.audit import audit
 from twin.exchange.formats import audit_formats
 from twin.exchange.formats.glb.write import write_glb
@@ -30,7 +31,6 @@ from twin.exchange.read import read
 from twin.exchange.read.loop_closing import close
 from twin.exchange.read.robot_folder import write_folder
 from twin.reference import ReferenceModel
-from twin.usd.read.names import identifier
 
 COUNT = int(os.environ.get("TWIN_DRAWN", "5"))
 

@@ -14,10 +14,10 @@ from twin.checking.file_verdict import JudgeJob
 from twin.checking.file_verdict import judge as judge_file
 from twin.core import spatial
 from twin.core.errors import SourceError
+from twin.core.identifiers import identifier
 from twin.exchange.read import read
 from twin.exchange.read.imported_robot import rest_poses
 from twin.exchange.xacro import XacroSettings
-from twin.usd.read.names import identifier
 
 EXACT = 1e-9
 """Maximum difference of poses, in m and 1."""

@@ -141,9 +141,9 @@ def new(
         >>> twin.load(made.folder).joints
         ('q',)
     """
+    from twin.core.identifiers import identifier
     from twin.exchange.read import format_of
     from twin.exchange.read.robot_folder import require_free
-    from twin.usd.read.names import identifier
 
     path = Path(source)
     if name is not None and identifier(name) != name:

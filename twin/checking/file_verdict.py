@@ -25,10 +25,10 @@ from twin.core.errors import (
     UnsupportedError,
 )
 from twin.core.foreign.text import parse_xml
+from twin.core.identifiers import identifier
 from twin.exchange.read.imported_robot import Imported
 from twin.exchange.xacro import Expanded, XacroSettings, expand, is_xacro
 from twin.model.mechanism import Mechanism
-from twin.usd.read.names import identifier
 
 Status = Literal["judged", "no robot", "incomplete", "unsupported", "unjudged", "part"]
 

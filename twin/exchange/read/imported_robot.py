@@ -13,13 +13,13 @@ import numpy as np
 from twin.core import spatial
 from twin.core.errors import MechanismError, NoMechanismError, SourceError
 from twin.core.findings import Finding, finding
+from twin.core.identifiers import identifier, unique
 from twin.core.spatial import Array
 from twin.exchange.xacro import XacroSettings
 from twin.model.body import Body, Frame
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint
 from twin.model.mechanism import EARTH, Coupling, Mechanism
-from twin.usd.read.names import identifier, unique
 from twin.usd.read.tool import with_tool
 
 

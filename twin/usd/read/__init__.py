@@ -1,6 +1,5 @@
 """Read a UsdPhysics stage as a mechanism: a stage that twin wrote, or one from other software.
 
-    names       conversion of names to identifiers
     bodies      meshes, colours, masses, named frames and points
     joints      joints, limits, drives, the base
     motors      actuators and transmissions of a stage that twin wrote
@@ -22,6 +21,7 @@ from pxr import Sdf, Tf, Usd, UsdGeom, UsdPhysics
 from twin.core import spatial
 from twin.core.errors import MechanismError, StageError
 from twin.core.findings import Finding, info
+from twin.core.identifiers import identifier, unique
 from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.model.body import Body, Frame, Point
@@ -30,7 +30,6 @@ from twin.model.mechanism import EARTH, WORLD, Coupling, Mechanism
 from twin.usd.read.bodies import bake_scale, below, original_name, read_inertia, read_marks, read_meshes, shows_all
 from twin.usd.read.joints import Selection, convert, select
 from twin.usd.read.motors import read_motors, sorted_rows
-from twin.usd.read.names import identifier, unique
 from twin.usd.read.tool import with_tool
 from twin.usd.scan import RawStage, said
 

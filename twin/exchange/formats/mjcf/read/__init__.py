@@ -20,6 +20,7 @@ from twin.core import spatial
 from twin.core.errors import SourceError, UnsupportedError
 from twin.core.foreign.admit import admit
 from twin.core.foreign.budget import check_size, read_bytes
+from twin.core.identifiers import identifier
 from twin.core.spatial import Array
 from twin.exchange.formats.mjcf.read.geoms import read_geoms
 from twin.exchange.formats.mjcf.read.motors import fixed_tendon, read_motors
@@ -38,7 +39,6 @@ from twin.model.body import TOOL, Body, Frame, Point
 from twin.model.inertia import Inertia
 from twin.model.joint import Drive, Joint, JointType
 from twin.model.mechanism import Coupling
-from twin.usd.read.names import identifier
 
 _ATTRIBUTE = re.compile(r"""([\w:]+)\s*=\s*["']([^"']*)["']""")
 

@@ -7,11 +7,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from twin.core import spatial
+from twin.core.identifiers import unique
 from twin.core.spatial import Array
 from twin.exchange.read.imported_robot import Findings
 from twin.exchange.read.shapes import placed_mesh, primitive
 from twin.model.body import Mesh
-from twin.usd.read.names import unique
 
 _SHAPES = {"BOX": "box", "CYLINDER": "cylinder", "SPHERE": "sphere", "CAPSULE": "capsule", "ELLIPSOID": "ellipsoid"}
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin.core.identifiers import identifier
 from twin.exchange.read.imported_robot import Findings, unique_identifiers
 from twin.model.transmission import CONDITION, Actuator, Coordinate, Transmission, condition
-from twin.usd.read.names import identifier
 
 Name = Callable[[str, int], str]
 """Function (kind, number) that returns the name of an object of the model."""

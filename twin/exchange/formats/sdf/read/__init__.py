@@ -13,6 +13,7 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.errors import MechanismError, NoMechanismError, SourceError, UnsupportedError, unknown
+from twin.core.identifiers import identifier
 from twin.core.spatial import Array
 from twin.exchange.formats.sdf.read.flat_model import robot_of
 from twin.exchange.read.imported_robot import (
@@ -42,7 +43,6 @@ from twin.model.body import Body, Frame, Mesh
 from twin.model.inertia import Inertia
 from twin.model.joint import Joint, JointType
 from twin.model.mechanism import EARTH, WORLD, Coupling, Mechanism
-from twin.usd.read.names import identifier
 
 TYPES: dict[str, JointType] = {
     "revolute": "revolute",

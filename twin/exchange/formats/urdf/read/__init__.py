@@ -17,6 +17,7 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.errors import NoMechanismError, SourceError, unknown
+from twin.core.identifiers import identifier
 from twin.core.spatial import Array
 from twin.exchange.formats.urdf.read.bounds import JointBounds, read_bounds
 from twin.exchange.formats.urdf.read.closures import Closures, read_closures
@@ -41,7 +42,6 @@ from twin.model.inertia import Inertia
 from twin.model.joint import Joint, JointType
 from twin.model.mechanism import WORLD, Coupling
 from twin.model.transmission import Actuator, Transmission
-from twin.usd.read.names import identifier
 
 TYPES: dict[str, JointType] = {
     "revolute": "revolute",

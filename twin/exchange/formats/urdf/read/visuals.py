@@ -8,6 +8,7 @@ import numpy as np
 
 from twin.core import spatial
 from twin.core.errors import unknown
+from twin.core.identifiers import identifier
 from twin.core.spatial import Array
 from twin.exchange.read.imported_robot import Findings, rpy
 from twin.exchange.read.shapes import (
@@ -22,7 +23,6 @@ from twin.exchange.read.shapes import (
 )
 from twin.exchange.read.xml_file import Xml
 from twin.model.body import Mesh
-from twin.usd.read.names import identifier
 
 
 def origin(xml: Xml, element: Element, where: str) -> Array:

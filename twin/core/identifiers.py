@@ -1,4 +1,4 @@
-"""Convert names of a stage to identifiers [a-z][a-z0-9_]*."""
+"""Convert the names in a robot file of any format to identifiers [a-z][a-z0-9_]*."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from collections.abc import Iterable
 
 
 def identifier(name: str) -> str:
-    """Return a name in lower case, with all characters except letters, digits and _ replaced by _.
+    """Return a name in lower case, with all characters except a to z, digits and _ replaced by _.
 
-    CamelCase is split by underscores, so that FrontLeftLeg and frontleftleg remain different; a name that does not
-    begin with a letter gets the prefix "n_"; an empty name becomes "n".
+    Several such characters in a row become one _, and every _ at the beginning and at the end is removed. CamelCase is
+    split by underscores, so that FrontLeftLeg and frontleftleg remain different. A name that does not begin with a
+    letter then gets the prefix "n_"; a name of which nothing remains becomes "n".
     """
     # First the words are split: in lower case, no border between them is left.
     name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name)
