@@ -43,7 +43,8 @@ def validate(
     Args:
         robot: a robot with CAD and equations, its name or its folder.
         trajectory: the planned trajectory; None: `validate` plans it.
-        protocol: the protocol of the trajectory; default: the robot's default protocol.
+        protocol: the protocol of the trajectory; default: the one that a given trajectory names, else the robot's
+            default protocol.
         variants: variants of the equations to judge; the motion is always planned with the robot's own variants.
         tolerances: maximum deviations; default: tolerances of exact geometry, increased by the placement precision of
             the CAD.
@@ -109,7 +110,7 @@ def validate(
     return replace(report, commands=commands(robot.files, kin, protocol or planned_protocol.name, tolerances))
 
 
-_PLACEMENT_FACTOR = 10
+PLACEMENT_FACTOR = 10
 """Ratio of the accuracy of a CAD to the precision of its placements: errors add up along a chain of parts."""
 
 
@@ -117,7 +118,7 @@ def _tolerances_of(robot: Robot) -> Tolerances:
     """Return the tolerances of exact geometry, increased by the placement precision of the robot's CAD."""
     from twin.validation.residual_rows import Tolerances
 
-    accuracy = _PLACEMENT_FACTOR * robot.cad.placement_loss
+    accuracy = PLACEMENT_FACTOR * robot.cad.placement_loss
     return Tolerances().widened(accuracy, robot.mechanism.link_length)
 
 
@@ -147,7 +148,8 @@ def explain(
     Args:
         robot: a robot with CAD (or a stage) and equations, its name or its folder.
         variants: variants of the equations to explain; default: the robot's own.
-        tolerance: accuracy of the CAD in m; default: ten times the placement precision of the CAD.
+        tolerance: accuracy of the CAD in m; default: ten times the placement precision of the CAD; for a stage,
+            the tolerance of positions in a stage.
         seconds: time limit in s of processor time of the search for edits, numbers and conventions.
         prove: whether repairs are proved, as by `prove`; repairs that are proved to be one function are merged.
         progress: see `Progress`.
@@ -170,12 +172,14 @@ def explain(
     robot = loaded(robot)
     formula = robot.formula  # read first, so that errors of the formula are raised before the CAD is read
     progress("read CAD", 0.0)
-    if tolerance is None:
-        tolerance = _PLACEMENT_FACTOR * robot.cad.placement_loss
-    tolerances = Tolerances().widened(tolerance, robot.mechanism.link_length)
     cad = None
     if robot.files is not None:
         cad = robot.cad
+    if tolerance is None:
+        tolerance = Tolerances().stage_position  # a stage has frames in single precision
+        if cad is not None:
+            tolerance = PLACEMENT_FACTOR * cad.placement_loss
+    tolerances = Tolerances().widened(tolerance, robot.mechanism.link_length)
     prover = None
     if prove:
         # Loaded by name: without it, nothing of a proof is reached from here.

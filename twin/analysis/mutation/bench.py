@@ -1,7 +1,8 @@
 """Prepare a correct robot, and check single seeded faults with the validator, fast parts first.
 
-A fault counts as caught if a part of the validator reports a new finding, one that is not reported for the correct
-robot. If the fast parts do not catch a fault, all parts check the fault before it counts as missed.
+A fault is caught if a part of the validator reports a new finding, one that is not reported for the correct robot; if
+this finding is only a warning, the fault is warned. A fault that no fast part catches is checked by all parts before it
+counts as missed, unless it has no effect: then it is equivalent.
 """
 
 from __future__ import annotations
@@ -20,11 +21,12 @@ import numpy as np
 
 from twin.analysis.mutation.equivalent import same_equations, same_motion, same_protocol, same_samples, same_stage
 from twin.analysis.mutation.fault import Detection, SeededFault, State
+from twin.api.equation_checks import PLACEMENT_FACTOR
 from twin.api.robot import Robot
 from twin.cad.build import CadModel, read_mechanism
 from twin.core.errors import TwinError
 from twin.core.findings import SEVERITIES, Finding
-from twin.core.findings import error as unchecked
+from twin.core.findings import error as error_finding
 from twin.core.spatial import Array
 from twin.exchange.formats.usd.write import bake, baked_times, write_usd
 from twin.model.mechanism import Mechanism
@@ -50,9 +52,6 @@ _STAGE: frozenset[Part] = frozenset(("stage",))
 _MOTION: frozenset[Part] = frozenset(("motion",))
 """Single parts of the validator, which run before all parts do."""
 
-_LOSSES = 10
-"""Errors of joint frames by placements in single precision that may add up: the factor that `validate` uses."""
-
 
 class Bench:
     """A correct robot, a motion of it with coarse samples, and a stage with this motion in a separate folder.
@@ -70,7 +69,9 @@ class Bench:
     """
 
     def __init__(self, robot: Robot, protocol: str | None, folder: Path) -> None:
-        """Prepare the correct robot (no seeded fault): plan its motion, compute masses, build the stage, validate it.
+        """Prepare the correct robot (no seeded fault): plan its motion, compute masses and build the stage.
+
+        The robot is validated at the first use of `correct_report`.
 
         Raises:
             TwinError: the robot has no equations or CAD, or its protocol cannot be carried out.
@@ -90,7 +91,8 @@ class Bench:
         still_folder.mkdir()
         self.still_stage = write_usd(self.weighed, (), still_folder)[0]
         self.cad: CadModel = replace(self.robot.cad, mechanism=self.robot.mechanism)
-        self.tolerances = Tolerances().widened(_LOSSES * self.cad.placement_loss, self.cad.mechanism.link_length)
+        accuracy = PLACEMENT_FACTOR * self.cad.placement_loss  # as in `validate`
+        self.tolerances = Tolerances().widened(accuracy, self.cad.mechanism.link_length)
 
     def _file_of(self, robot: Robot, protocol: str | None) -> Path:
         """Return the file of the protocol; `protocol` is its name or file, None for the default one."""
@@ -197,7 +199,7 @@ class Bench:
             except TwinError as error:
                 # an error of twin's own names the fault: it is as good as a finding
                 kind = type(error).__name__.removesuffix("Error").lower()
-                finding = unchecked(f"error.{kind}", "", str(error))
+                finding = error_finding(f"error.{kind}", "", str(error))
         code = ""
         where = ""
         state: State
@@ -233,20 +235,26 @@ class Bench:
         """
         warning = None
         reason = None
-        for finding in self._part_findings(fault, folder):
+        faulty_stage = None
+        if fault.stage is not None:
+            faulty_stage = self._spoiled_stage(fault.stage, folder)
+        for finding in self._part_findings(fault, folder, faulty_stage):
             if finding is not None and finding.severity != "warning":
                 return finding, ""
             if warning is not None:
                 break
             warning = finding
             if warning is None and reason is None:
-                reason = self._equivalence(fault, folder)
+                reason = self._equivalence(fault, folder, faulty_stage)
                 if reason:
                     break
         return warning, reason or ""
 
-    def _part_findings(self, fault: SeededFault, folder: Path) -> Iterator[Finding | None]:
-        """For each part of the validator, fast parts first, yield the most severe new finding, or None without one."""
+    def _part_findings(self, fault: SeededFault, folder: Path, faulty_stage: Path | None) -> Iterator[Finding | None]:
+        """For each part of the validator, fast parts first, yield the most severe new finding, or None without one.
+
+        `faulty_stage` is the root layer of the stage with the fault; None if the fault is not one of a stage.
+        """
         if fault.robot is not None:
             robot = fault.robot(folder)
             # the motion stays that of the correct equations: only the validator sees the faulty ones
@@ -255,8 +263,8 @@ class Bench:
             yield self._new_finding(judge(case, parts=PARTS, known=Known(measured=self.measured)))
         elif fault.mechanism is not None:
             yield from self._of_mechanism(fault.mechanism(), folder)
-        elif fault.stage is not None:
-            yield from self._of_stage(fault.stage, folder)
+        elif faulty_stage is not None:
+            yield from self._of_stage(faulty_stage)
         elif fault.protocol is not None:
             yield from self._of_protocol(fault.protocol(folder), slow=fault.kind in ("speed", "turning"))
         elif fault.trajectory is not None:
@@ -283,12 +291,16 @@ class Bench:
         yield self._new_finding(judge(replace(case, stage=root), parts=_PROTOCOL | _EQUATIONS | _STAGE))
         yield self._new_finding(judge(replace(case, stage=root)))
 
-    def _of_stage(self, spoil: Callable[[Path], None], folder: Path) -> Iterator[Finding | None]:
-        """Yield the new findings on a copy of the stage that `spoil` has changed, then on its motion."""
+    def _spoiled_stage(self, spoil: Callable[[Path], None], folder: Path) -> Path:
+        """Copy the stage into a folder, change the copy with `spoil`, and return the path of its root layer."""
         stage_folder = folder / "stage"
         shutil.copytree(self.stage.parent, stage_folder)
         spoil(stage_folder)
-        case = self.case(stage=stage_folder / self.stage.name)
+        return stage_folder / self.stage.name
+
+    def _of_stage(self, faulty_stage: Path) -> Iterator[Finding | None]:
+        """Yield the new findings on a stage with a fault, then on its motion."""
+        case = self.case(stage=faulty_stage)
         # the stage changes no equation: their comparison is taken over, without what it found
         series = dict(self.equations_comparison.series)
         unchanged_comparison = replace(self.equations_comparison, residuals=[], findings=[], facts={}, series=series)
@@ -332,8 +344,11 @@ class Bench:
                 most_severe = finding
         return most_severe
 
-    def _equivalence(self, fault: SeededFault, folder: Path) -> str:
-        """Return the reason why a missed fault has no effect; "" if the fault has an effect."""
+    def _equivalence(self, fault: SeededFault, folder: Path, faulty_stage: Path | None) -> str:
+        """Return the reason why a missed fault has no effect; "" if the fault has an effect.
+
+        For `faulty_stage` see `_part_findings`.
+        """
         # what cannot be computed with the fault has an effect
         with contextlib.suppress(TwinError):
             if fault.robot is not None:
@@ -342,8 +357,8 @@ class Bench:
                 return same_equations(self.kin, faulty_kin, self.trajectory, np.random.default_rng(1))
             if fault.mechanism is not None:
                 return same_motion(self.robot.mechanism, fault.mechanism(), self.trajectory)
-            if fault.stage is not None:
-                faulty_case = self.case(stage=folder / "stage" / self.stage.name)
+            if faulty_stage is not None:
+                faulty_case = self.case(stage=faulty_stage)
                 return same_stage(self.case().written or self.stage, faulty_case.written or faulty_case.stage)
             if fault.protocol is not None:
                 return same_protocol(self.protocol, fault.protocol(_subfolder(folder)))
