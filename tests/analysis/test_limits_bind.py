@@ -15,6 +15,7 @@ from twin.analysis import joint_samples, search
 from twin.analysis import workspace as reach
 from twin.analysis.declared_limits import beyond_limits
 from twin.core import spatial
+from twin.core.errors import AssemblyError
 from twin.kinematics.closed_loops import LoopSolver
 from twin.kinematics.closed_loops.passive_limits import PassiveCheck
 from twin.planning.check import check
@@ -287,3 +288,12 @@ def test_a_tolerance_budget_names_the_limits_that_a_state_exceeds(name):
         assert (over > ROUNDED) == (when in told), (when, over)
         inside += over <= ROUNDED
     assert 0 < inside < len(states)
+
+
+def test_a_state_whose_loops_stay_open_is_refused_by_name():
+    robot = bound("sils")
+    solver = LoopSolver(robot.mechanism)
+    home = robot.mechanism.posture("insertion")
+    states = [("home", home), ("torn", home + np.eye(len(home))[0])]
+    with pytest.raises(AssemblyError, match="state torn: the loops cannot be closed"):
+        list(beyond_limits(robot, solver, states))

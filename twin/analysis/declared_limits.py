@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from twin.api.robot import Robot
+from twin.core.errors import AssemblyError
 from twin.core.findings import Finding, Kind
 from twin.core.quantity import moved
 from twin.core.spatial import Array
@@ -34,6 +35,9 @@ def beyond_limits(robot: Robot, solver: LoopSolver, states: Sequence[tuple[str, 
         robot: the robot.
         solver: the loop solver of its mechanism.
         states: name and active joints q (n,) in m or rad of each state.
+
+    Raises:
+        AssemblyError: the loops cannot be closed at a state: its passive joints have no positions.
     """
     mechanism = robot.mechanism
     bounds = bounds_of(mechanism, robot.gaps)
@@ -43,7 +47,11 @@ def beyond_limits(robot: Robot, solver: LoopSolver, states: Sequence[tuple[str, 
             rotary.add(driven.name)
     qs = np.array([q for _, q in states])
     # all states at once: closing the loops one by one would take longer than all else here
-    links = solver.link_poses(qs, solver.forward_many(qs).states)
+    closed_states = solver.forward_many(qs)
+    for (state, _), T_base_tool in zip(states, closed_states.Ts_base_tool, strict=True):
+        if not np.isfinite(T_base_tool).all():
+            raise AssemblyError(f"state {state}: the loops cannot be closed, so that no limits can be checked")
+    links = solver.link_poses(qs, closed_states.states)
     for state_number, (state, q) in enumerate(states):
         for bound in bounds:
             excess = -bound.slack(q)

@@ -107,7 +107,7 @@ def _import(path: Path, trial: bool, read: Read) -> ModuleType:
                 f"forbids. Inspect the file, then omit --no-code or {NO_CODE}; `twin audit` and USD stages need no "
                 "equations."
             )
-        if not trial and path not in _logged_paths:  # warn once before code of an untrusted folder runs
+        if not trial and path not in _logged_paths:  # logged once, before code of an untrusted folder runs
             _logged_paths.add(path)
             logging.getLogger(__name__).info("running the Python code in %s", path)
     spec = importlib.util.spec_from_file_location(name, path)

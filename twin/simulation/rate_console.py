@@ -84,4 +84,7 @@ def _require_fixed(scene: Scene, name: str, camera: CameraTable, mechanism: Mech
 
 
 PICTURE = np.diag([1.0, -1.0, -1.0, 1.0])
-"""Rotation from a camera's frame (z along the view, y down) to the frame of its picture (y up, z out of it)."""
+"""Pose (4, 4) of a picture's frame (y up, z out of it) in its camera's frame (z along the view, y down).
+
+It is a rotation: the two frames have one origin.
+"""
