@@ -31,7 +31,6 @@ from twin.simulation import contact_scene
 from twin.simulation.contact_scene import WireCourse
 from twin.simulation.devices.surgeon_hands import Eye, Seat
 from twin.simulation.plants.contact import Contact, Solid
-from twin.simulation.plants.contact.gripper import grip_frame
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.guide.arm_paths import Ways, _stations
 from twin.simulation.tasks.guide.guiding_referee import STEPS, GuidingReferee
@@ -82,16 +81,6 @@ def test_the_opening_is_beside_the_line_to_the_remote_centres_and_panels_are_con
     radii = np.linalg.norm(corners, axis=1)
     np.testing.assert_allclose(radii, np.where(radii < 76.5 * MM, 75 * MM, 78 * MM), atol=0.01 * MM)
     assert corners[corners[:, 2] > 0.055, 1].min() > -1e-6  # half of the lid is cut away
-
-
-@pytest.mark.parametrize("name", ["raven_left", "davinci_psm"])
-def test_the_frame_of_the_closed_jaws_points_along_them(name):
-    mechanism = twin.load(name).mechanism
-    T = grip_frame(mechanism)
-    along = {"raven_left": [1, 0, 0], "davinci_psm": [0, 0, 1]}[name]  # in the tool frame
-    assert spatial.is_pose(T, 1e-9)
-    np.testing.assert_allclose(T[:3, 2], along, atol=0.15)
-    assert T[:3, 3] @ along == pytest.approx(10 * MM, abs=0.5 * MM)
 
 
 def test_contacts_of_an_object_with_named_parts_are_written():

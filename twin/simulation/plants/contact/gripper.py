@@ -21,6 +21,9 @@ from twin.reference import ReferenceModel
 _TURN = 0.1
 """Difference in rad between two values of the jaw's joint; the axes of the jaws are computed from the poses at both."""
 
+_STILL = 1e-6
+"""Angle in rad below which a link does not turn with the jaw's joint."""
+
 
 @dataclass(frozen=True)
 class GripperJaw:
@@ -83,25 +86,26 @@ class Gripper:
         self.T_hand_tool = tool.T_body_frame
         names = [joint.name for joint in mechanism.active]
         links = [self.hand]
-        inward: list[tuple[int, Joint]] = []
-        for joint in _inward(robot, mechanism, tool.body):
+        wrist_joints: list[tuple[int, Joint]] = []
+        for joint in _wrist_joints(robot, mechanism, tool.body):
             links.append(mechanism.body(joint.parent))
-            inward.append((names.index(joint.name), joint))
+            wrist_joints.append((names.index(joint.name), joint))
         self.links = tuple(links)
         self.jaw = -1
         self.jaws: tuple[GripperJaw, ...] = ()
         if mechanism.auxiliary:
             self.jaw = names.index(mechanism.auxiliary[0].name)
-            self.jaws = _jaws(mechanism, tool.body, self.jaw)
+            self.jaws = jaws_of(mechanism, tool.body, self.jaw)
         self._kin = kin
         self._q = np.zeros(len(names))
         self._tool = np.zeros(16)
-        outward = (T_world_base, spatial.inverse(tool.T_body_frame))
-        chain = _chain(outward, inward, len(names))
+        T_tool_hand = spatial.inverse(tool.T_body_frame)
+        chain = _chain(T_world_base, T_tool_hand, wrist_joints, len(names))
+        # Both functions read and write these arrays in place, so that a tick allocates nothing.
         if kin.closed_forward:
             self._tool, self._forward = attach(kin.program.forward.function, self._q)
-        found, self._place = attach(chain, self._tool, self._q)
-        self._found = found.reshape(len(self.links), 12)
+        link_values, self._compute_links = attach(chain, self._tool, self._q)
+        self._link_rows = link_values.reshape(len(self.links), 12)
 
     def place(self, q: Array) -> Array:
         """Return the poses of `links` in the World at joint values q (n,), as one row (12,) per link.
@@ -115,8 +119,8 @@ class Gripper:
             # The last pose is the start of the search, except in the first call, where there is none.
             start = self._tool.reshape(4, 4) if self._tool.any() else None
             self._tool[...] = self._kin.forward(q, start).ravel()
-        self._place()
-        return self._found
+        self._compute_links()
+        return self._link_rows
 
     def poses(self, q: Array) -> list[Array]:
         """Return T_world_link (4, 4) of each of `links` at joint values q (n,)."""
@@ -126,18 +130,17 @@ class Gripper:
         return poses
 
 
-def _chain(outward: tuple[Array, Array], inward: Sequence[tuple[int, Joint]], n: int) -> ca.Function:
+def _chain(T_world_base: Array, T_tool_hand: Array, wrist_joints: Sequence[tuple[int, Joint]], n: int) -> ca.Function:
     """Return the function (T_base_tool (16), q (n)) -> positions and rotations (12 for each link) in the World.
 
-    `outward`: (T_world_base, T_tool_hand). `inward`: (index in q, joint) of each joint, from the hand towards the base.
+    `wrist_joints`: (index in q, joint) of each joint between the links, from the hand towards the base.
     """
     tool = ca.SX.sym("tool", 16)
     q = ca.SX.sym("q", n)
-    T_world_base, T_tool_hand = outward
     T = ca.DM(T_world_base) @ ca.reshape(tool, 4, 4).T @ ca.DM(T_tool_hand)
     # CasADi stores columns: the transpose gives the rotation row by row.
     values = [T[:3, 3], ca.vec(T[:3, :3].T)]
-    for index, joint in inward:
+    for index, joint in wrist_joints:
         c = ca.cos(q[index])
         s = ca.sin(q[index])
         rotated_back = ca.blockcat([[c, s, 0, 0], [-s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
@@ -147,8 +150,12 @@ def _chain(outward: tuple[Array, Array], inward: Sequence[tuple[int, Joint]], n:
     return ca.Function("links", [tool, q], [ca.densify(ca.vertcat(*values))])
 
 
-def _inward(robot: str, mechanism: Mechanism, body: str) -> list[Joint]:
-    """Return the joints from the tool to the shaft (see `Gripper.links`), beginning with the joint of the tool."""
+def _wrist_joints(robot: str, mechanism: Mechanism, body: str) -> list[Joint]:
+    """Return the joints from the tool to the shaft (see `Gripper.links`), beginning with the joint of the tool.
+
+    Raises:
+        WorldError: one of them is passive or not revolute.
+    """
     path = mechanism.path(body)
     first = len(path)
     for i, joint in enumerate(path):
@@ -164,7 +171,7 @@ def _inward(robot: str, mechanism: Mechanism, body: str) -> list[Joint]:
     return list(reversed(wrist))
 
 
-def _jaws(mechanism: Mechanism, hand: str, index: int) -> tuple[GripperJaw, ...]:
+def jaws_of(mechanism: Mechanism, hand: str, index: int) -> tuple[GripperJaw, ...]:
     """Return the links that the jaw's joint turns relative to the hand, from two solutions of the reference model."""
     model = ReferenceModel(mechanism)
     q = np.zeros(len(mechanism.active))
@@ -182,44 +189,13 @@ def _jaws(mechanism: Mechanism, hand: str, index: int) -> tuple[GripperJaw, ...]
         D = T_hand_open @ spatial.inverse(T_hand_closed)
         rotation = spatial.log_so3(D[:3, :3])
         angle = float(np.linalg.norm(rotation))
-        if angle < 1e-6 or jaw_joint not in _carrying(mechanism, body.name):
+        if angle < _STILL or jaw_joint not in _carrying(mechanism, body.name):
             continue
         # the points of the axis do not move; their equation has rank 2, and its shortest solution is taken
         solution = np.linalg.lstsq(np.eye(3) - D[:3, :3], D[:3, 3], rcond=None)
         point = np.asarray(solution[0], float)
         jaws.append(GripperJaw(body, rotation / angle, point, angle / _TURN, T_hand_closed))
     return tuple(jaws)
-
-
-def grip_frame(mechanism: Mechanism) -> Array:
-    """Return the pose (4, 4) of the frame of the closed jaws in the tool frame, measured on the meshes of the jaws.
-
-    The origin is between the tips of the jaws, z points out of the jaws, and the jaws close along y.
-
-    Raises:
-        WorldError: the robot has no jaws.
-    """
-    tool = mechanism.frame(mechanism.tool)
-    jaws: tuple[GripperJaw, ...] = ()
-    if mechanism.auxiliary:
-        names = [joint.name for joint in mechanism.active]
-        jaws = _jaws(mechanism, tool.body, names.index(mechanism.auxiliary[0].name))
-    if not jaws:
-        raise WorldError(f"'{mechanism.name}' has no jaws that turn by an auxiliary joint")
-    tips = []
-    for jaw in jaws:
-        vertices = np.concatenate([part.vertices for part in jaw.body.meshes])
-        in_hand = vertices @ jaw.T_hand_jaw[:3, :3].T + jaw.T_hand_jaw[:3, 3]
-        from_axis = in_hand - jaw.point
-        from_axis -= np.outer(from_axis @ jaw.axis, jaw.axis)
-        farthest = np.argmax(np.linalg.norm(from_axis, axis=1))
-        tips.append(from_axis[farthest])
-    tip = np.mean(tips, axis=0)
-    z = tip / np.linalg.norm(tip)
-    x = jaws[0].axis
-    R_hand_grip = np.column_stack([x, np.cross(z, x), z])
-    T_hand_grip = spatial.pose(R_hand_grip, jaws[0].point + tip)
-    return spatial.inverse(tool.T_body_frame) @ T_hand_grip
 
 
 def _carrying(mechanism: Mechanism, body: str) -> set[str]:

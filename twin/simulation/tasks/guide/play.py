@@ -14,7 +14,7 @@ from twin.model.task import ConsoleTask, required_goal
 from twin.simulation import contact_scene
 from twin.simulation.devices.surgeon_hands import Seat, SurgeonHands
 from twin.simulation.operating_scene import plain
-from twin.simulation.plants.contact.gripper import grip_frame
+from twin.simulation.plants.contact.grip_frame import grip_frame
 from twin.simulation.session.task_play import ArmPath, Play, TaskOutcome
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.guide.arm_paths import Ways
