@@ -23,7 +23,10 @@ _NEWTON_STEPS = 12
 """Maximum number of steps of Newton's method, which doubles the number of correct digits in each near the solution."""
 
 POSE_TOL = 1e-6
-"""Maximum norm of the difference between a pose and the pose rebuilt from its coordinates."""
+"""Maximum norm of the difference between a pose and the pose rebuilt from its coordinates.
+
+The norm is over all 16 entries: positions in m and entries of the rotation count alike, 1 µm as much as 1 µrad.
+"""
 
 
 class NewtonResults(NamedTuple):
@@ -107,7 +110,7 @@ class Program:
         """
         T = symbolic.unflat(self._state, 4, 4)
         T_rebuilt = equation_values.to_pose(self.formula, self._symbols)
-        misfit = _length(ca.vec(T_rebuilt - T))
+        misfit = _norm(ca.vec(T_rebuilt - T))
         return Evaluator("inverse", self._state, ca.vertcat(self._q, misfit))
 
     @cached_property
@@ -124,7 +127,7 @@ class Program:
         for stage in ("inverse", "forward"):
             symbols = equation_values.run(self.formula, self.variants, symbols, stage)
         q = self._joints(symbols)
-        misfit = _length(ca.vec(equation_values.to_pose(self.formula, symbols) - T))
+        misfit = _norm(ca.vec(equation_values.to_pose(self.formula, symbols) - T))
         return Evaluator("inverse_of_parameters", z, ca.vertcat(q, misfit))
 
     @cached_property
@@ -144,7 +147,8 @@ class Program:
     def inverse_jacobian(self) -> Evaluator:
         """Function of the pose (16,) that returns the derivative (n, 6) of q with respect to a twist of the tool.
 
-        The formula has inverse equations: the state is a pose.
+        The twist is that of `symbolic.retract`: in base axes, at the tool origin, linear columns first. The formula has
+        inverse equations: the state is a pose.
         """
         xi = ca.SX.sym("xi", 6)
         T = symbolic.retract(symbolic.unflat(self._state, 4, 4), xi)
@@ -160,7 +164,10 @@ class Program:
 
     @cached_property
     def forward_jacobian(self) -> Evaluator:
-        """Function of q (n) that returns the Jacobian (6, n): the tool's twist per rate of q, linear rows first."""
+        """Function of q (n) that returns the Jacobian (6, n): the tool's twist per rate of q, linear rows first.
+
+        The twist is in base axes, at the tool origin.
+        """
         q, T = self._forward()
         joint_count = len(self.order)
         R = T[0:3, 0:3]
@@ -220,9 +227,9 @@ class Program:
                 "max_iter": _NEWTON_STEPS,
             },
         )
-        travel = _length(ca.vertcat(xi[:3] / self.length, xi[3:]))
+        travel = _norm(ca.vertcat(xi[:3] / self.length, xi[3:]))
         aspects = self.group["aspect"].function(symbolic.flat(T))
-        results = ca.vertcat(symbolic.flat(T), _length(joint_errors), travel, aspects)
+        results = ca.vertcat(symbolic.flat(T), _norm(joint_errors), travel, aspects)
         results_function = ca.Function("answer", [xi, q_and_start], [results])
         numbers_in = ca.MX.sym("z", joint_count + 16)
         solution = finder(x0=ca.DM.zeros(6), p=numbers_in)["x"]
@@ -276,16 +283,17 @@ class Program:
                 symbols |= zip(symbol, ca.vertsplit(p), strict=True)
         return symbols
 
-    def around(self, state: ca.SX, step: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """Return pose (4, 4) and joints (n) after a step from a state, as expressions of both.
+    def around(self, iterate: ca.SX, step: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """Return pose (4, 4) and joints (n) after a step from an iterate of a search, as expressions of both.
 
-        With a forward equation, the state is q (n,), and the step is added to q. Otherwise the state is a pose (16,),
-        and the step is a twist (6,).
+        With forward equations, the iterate is q (n,), and the step is added to q. Otherwise the iterate is a pose
+        (16,), and the step is a twist (6,) of `symbolic.retract`. A formula with both has q as iterate here, though
+        the state of its compiled functions is the pose.
         """
         if self.has_forward:
-            q = state + step
+            q = iterate + step
             return ca.SX(self._after_joints(q)[POSE_SYMBOL]), q
-        T = symbolic.retract(symbolic.unflat(state, 4, 4), step)
+        T = symbolic.retract(symbolic.unflat(iterate, 4, 4), step)
         return T, self.joints_at(T)
 
     def joints_at(self, T: ca.SX) -> ca.SX:
@@ -354,6 +362,6 @@ def _by_name(names: Iterable[str], column: ca.SX) -> dict[str, Value]:
     return symbols
 
 
-def _length(v: ca.SX) -> ca.SX:
+def _norm(v: ca.SX) -> ca.SX:
     """Return the Euclidean norm of v; NaN if an entry is NaN (a maximum norm with fmax would ignore NaN)."""
     return ca.sqrt(ca.sumsqr(v))

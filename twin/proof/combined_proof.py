@@ -20,15 +20,18 @@ _NAMED_CONDITIONS = 3
 
 
 def for_all_parameters(published: Proof, general: Proof) -> Proof:
-    """Return the proof with the claims that hold for other values of the parameters as well.
+    """Return one proof from two attempts: of each claim, the verdict for arbitrary parameters where it says more.
+
+    The general claim counts if it is proved, or if both are unproved and it has at least as many exact zeros. Else the
+    published claim counts.
 
     Args:
         published: the proof with the published parameters.
         general: the proof with arbitrary values of some of them.
 
     Returns:
-        a proof for arbitrary values; but for the published ones alone if a claim is only proved for these, or if none
-        is proved for the others.
+        a proof that states arbitrary values of the parameters; it states the published values alone if a claim is only
+        proved for these, or if no claim is proved for arbitrary ones.
     """
     claims = []
     is_special = False  # whether a claim is only proved for the published parameters
@@ -47,7 +50,10 @@ def for_all_parameters(published: Proof, general: Proof) -> Proof:
 
 
 def with_rooted_states(proof: Proof, with_all_roots: Proof) -> Proof:
-    """Return the proof with the claims that need states where all roots exist, taken from one at such states."""
+    """Return the proof with the claims that lack states taken from an attempt at states where all roots exist.
+
+    The other claim counts if the claim needs more states, and the other is proved, refuted or has more exact zeros.
+    """
     claims = []
     for claim, rooted_claim in zip(proof.claims, with_all_roots.claims, strict=True):
         is_better = rooted_claim.status != "unproved" or rooted_claim.zeros > claim.zeros
@@ -58,8 +64,12 @@ def with_rooted_states(proof: Proof, with_all_roots: Proof) -> Proof:
     return replace(proof, claims=tuple(claims))
 
 
-def without_contradicted(proof: Proof, other_states: Proof) -> Proof:
-    """Return the proof without the proofs of claims that are wrong, or not exactly zero, at other states."""
+def demote_contradicted(proof: Proof, other_states: Proof) -> Proof:
+    """Return the proof after its claims were judged at other states; no claim gets a better status by this.
+
+    A claim that is refuted there is refuted, whatever its status was. A proved claim whose values there are undefined,
+    or may not be exactly zero, is unproved, for the reason that the other claim states. All other claims stay.
+    """
     claims = []
     for claim, other_claim in zip(proof.claims, other_states.claims, strict=True):
         if other_claim.status == "refuted":
@@ -71,11 +81,12 @@ def without_contradicted(proof: Proof, other_states: Proof) -> Proof:
     return replace(proof, claims=tuple(claims))
 
 
-def with_signs(claims: Iterable[JudgedClaim], rare: Sequence[Mapping[str, float]]) -> tuple[JudgedClaim, ...]:
-    """Return the claims without the proofs that are wrong with the signs of their roots, by however little.
+def demote_wrong_signs(claims: Iterable[JudgedClaim], rare: Sequence[Mapping[str, float]]) -> tuple[JudgedClaim, ...]:
+    """Return the claims; a proved claim is unproved if, with the signs of its roots, a value is certainly not zero.
 
-    They are judged where exact values were not zero, and at states where conditions have rare answers: some of `rare`,
-    each {random number: its value}.
+    In the field of the proof a root has no sign, and a rounded value hides a difference below 1e-6. The values are
+    computed with more digits at the states where exact values were not zero, and at some of `rare`: states where
+    conditions have rare answers, each {random number: its value}.
     """
     # at most `_PRECISE_STATES` of them, spread over all conditions: numbers of 60 digits are slow
     chosen = rare[:: 1 + len(rare) // _PRECISE_STATES]

@@ -12,7 +12,7 @@ from twin.proof import field, formula_side, values
 from twin.proof.attempt import within_reach
 from twin.proof.branch_report import examined_conditions, states_one_by_one
 from twin.proof.claims import JudgedClaim, judged, unclaimed
-from twin.proof.combined_proof import with_signs
+from twin.proof.combined_proof import demote_wrong_signs
 from twin.proof.formula_side import Outputs
 from twin.proof.prove import REPEATS_PER_STATE, STATES
 from twin.proof.random_states import ProofStates, random_states
@@ -63,7 +63,7 @@ def equal_outputs(
                 if nearby_claim.status == "refuted" or nearby_claim.different or nearby_claim.undefined:
                     claims[i] = nearby_claim
             rare += states_of_report
-    return with_signs(claims, rare)
+    return demote_wrong_signs(claims, rare)
 
 
 def _compared(

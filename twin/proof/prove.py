@@ -172,7 +172,7 @@ class _ProofRun:
         proof = self._judged_near(proof, self._even_states(proof.ranges))
         self.progress("the signs of roots", 0.98)
         rare = states_one_by_one(report.states)
-        proof = replace(proof, claims=combined_proof.with_signs(proof.claims, rare))
+        proof = replace(proof, claims=combined_proof.demote_wrong_signs(proof.claims, rare))
         return combined_proof.with_conditions(proof, report)
 
     def _with_published_parameters(self) -> _JudgedAttempt:
@@ -346,7 +346,7 @@ class _ProofRun:
             if claim.status == "proved" and claim.roots:
                 shares[claim.name] = claim.share
         other_states = self._attempt(proof.drawn, count, near=near, zero_shares=shares).proof
-        return combined_proof.without_contradicted(proof, other_states)
+        return combined_proof.demote_contradicted(proof, other_states)
 
 
 def _root_groups(proof: Proof, attempt: Attempt) -> list[RootGroup]:
