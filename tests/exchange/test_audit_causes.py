@@ -308,3 +308,13 @@ def test_a_base_that_is_mirrored_projected_or_infinitely_far_is_no_pose(tmp_path
     (tmp_path / "scene.json").write_text(json.dumps({"robots": [robot]}))
     _, (ledger,) = audit_scene(tmp_path, lambda _: ([], []))
     assert [finding.code for finding in ledger.found] == ["scene.pose"]
+
+
+def test_a_robot_that_is_named_as_the_group_of_objects_is_refused(tmp_path):
+    (tmp_path / "arm").mkdir()
+    robot = {"name": "objects", "folder": "arm", "protocol": "", "T_world_base": np.eye(4).tolist()}
+    ring = {"name": "ring", "T_world_object": np.eye(4).tolist()}
+    (tmp_path / "scene.json").write_text(json.dumps({"robots": [robot], "objects": [ring]}))
+    _, (ledger,) = audit_scene(tmp_path, lambda _: ([], []))
+    assert [finding.code for finding in ledger.found] == ["scene.objects"]
+    assert "a robot is named 'objects'" in ledger.found[0].message

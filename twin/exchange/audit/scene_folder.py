@@ -34,6 +34,9 @@ _LISTED = re.compile(r"One folder for each robot[^\n]*\n +(?P<names>[\w, ]+)\.\n
 REACH = 0.1
 """Distance in m between a link's origin and the other points at which deviations are measured, to include rotations."""
 
+_OBJECTS = "objects"
+"""Name of the prim of a scene's stages that contains the movable objects, beside those of the robots."""
+
 _POSE_ROUNDING = 1e-9
 """Maximum deviation of the entries of a pose in scene.json, which are written with all digits of a double."""
 
@@ -69,28 +72,36 @@ def audit_scene(folder: Path, audited: Callable[[Path], Audited]) -> Audited:
         robots[name] = _motion_of_robot(robot_contents, protocol, T)
         contents += robot_contents
         for robot_ledger in robot_ledgers:
-            robot_ledger.file = f"{name}/{robot_ledger.file}"
-            checks = []
-            for check in robot_ledger.checks:
-                checks.append(replace(check, file=f"{name}/{check.file}"))
-            robot_ledger.checks = checks
-            findings = []
-            for finding in robot_ledger.found:
-                findings.append(replace(finding, where=f"{name}/{finding.where}"))
-            robot_ledger.found = findings
+            _prefix(robot_ledger, name)
         ledgers += robot_ledgers
     ledger.row("robots", float(len(robots)), "found")
     if not ledger.found:  # else robots are missing, which is reported
         _check_readme(folder / "README.txt", robots, ledger)
     if robots:
         objects = _objects(folder, ledger)
-        if objects:
-            robots["objects"] = SceneRobot(np.eye(4), np.zeros(1), objects)
+        if objects and _OBJECTS in robots:
+            text = f"a robot is named '{_OBJECTS}', as is the group of movable objects in the stages."
+            ledger.add("scene.objects", "error", text, _OBJECTS, suggestion="give the robot another name")
+        elif objects:
+            robots[_OBJECTS] = SceneRobot(np.eye(4), np.zeros(1), objects)
             ledger.row("objects", float(len(objects)), "found")
         for stage in sorted((folder / "usd").glob("*.usda")):
             ledgers.append(_audit_stage(stage, robots))
     ledgers += audit_deformables(folder)
     return contents, ledgers
+
+
+def _prefix(ledger: Ledger, name: str) -> None:
+    """Put the name of a robot before the file names in a ledger, in its checks and in its findings."""
+    ledger.file = f"{name}/{ledger.file}"
+    checks = []
+    for check in ledger.checks:
+        checks.append(replace(check, file=f"{name}/{check.file}"))
+    ledger.checks = checks
+    findings = []
+    for finding in ledger.found:
+        findings.append(replace(finding, where=f"{name}/{finding.where}"))
+    ledger.found = findings
 
 
 def _robots(folder: Path, ledger: Ledger) -> Iterator[tuple[str, str, Array, Path]]:
