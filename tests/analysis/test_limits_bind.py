@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
 import twin
@@ -14,6 +15,7 @@ from made.lanes import contrasting, robots
 from twin.analysis import joint_samples, search
 from twin.analysis import workspace as reach
 from twin.analysis.declared_limits import beyond_limits
+from twin.analysis.pose_grid import PoseGrid
 from twin.core import spatial
 from twin.core.errors import AssemblyError
 from twin.kinematics.closed_loops import LoopSolver
@@ -160,6 +162,79 @@ def platform(P, R):
         M[:, row, i] = np.sum(side * ways[i], axis=1)
         M[:, row, j] = -np.sum(side * ways[j], axis=1)
     return np.linalg.det(M)
+
+
+def _drawn_near(rng, T, count, shift, turn):
+    """Return poses (count, 4, 4) whose positions differ from T by up to `shift` (3,) in m, and rotations by `turn`."""
+    Ts = np.repeat(T[None], count, axis=0)
+    Ts[:, :3, 3] += rng.uniform(-1, 1, (count, 3)) * shift
+    turns = Rotation.from_rotvec(rng.uniform(-turn, turn, (count, 3))).as_matrix()
+    Ts[:, :3, :3] = turns @ Ts[:, :3, :3]
+    return Ts
+
+
+def _ambiguous_pose(robot):
+    """Return a pose whose joint values belong to a second pose, at which Newton's method closes the loops first."""
+    T = reach.centre(robot).copy()
+    T[:3, 3] = 0.1183, 0.1412, 0.0301
+    return T
+
+
+def _inside_by_reference(robot, T, q):
+    """Return whether the reference model assumes pose T (4, 4) at q (n,) within all limits, as SILS is assembled."""
+    reference = robot.reference()
+    assembly = reference.solve(q, seed=reference.solve_pose(T))
+    assert np.abs(assembly.T_base_tool - T).max() < 1e-8
+    links = {name: pose[None] for name, pose in assembly.link_poses.items()}
+    over, _ = excess(robot.mechanism, links, q[None])
+    home = reach.centre(robot)
+    side = np.sign(platform(T[None, :3, 3], T[:3, :3])[0])
+    side_at_home = np.sign(platform(home[None, :3, 3], home[:3, :3])[0])
+    return over <= ROUNDED and side == side_at_home
+
+
+def _closes_elsewhere(robot, T, q):
+    """Return whether the loops close at another pose than T (4, 4) from the rest poses."""
+    found = robot.loops.forward_many(q[None]).Ts_base_tool[0]
+    return not np.abs(found - T).max() < 1e-6
+
+
+def test_a_pose_alone_is_judged_in_its_own_assembly():
+    robot = twin.load("sils")
+    T = _ambiguous_pose(robot)
+    q = robot.inverse(T)
+    assert _closes_elsewhere(robot, T, q)
+    assert _inside_by_reference(robot, T, q)
+    assert robot.passive_check.kept(q[None], T[None])[0]
+    grid = PoseGrid(T[:3, 3], 1e-3, (1, 1, 1), T[:3, :3])
+    assert reach.workspace(robot, grid).reached.all()
+    margins = robot.passive_check.margins(q[None], T[None])
+    for distance, _ in margins.values():
+        assert distance[0] > 0
+
+
+@pytest.mark.slow
+def test_poses_one_by_one_are_judged_as_by_the_reference_model():
+    robot = twin.load("sils")
+    rng = np.random.default_rng(5)
+    near = _drawn_near(rng, _ambiguous_pose(robot), 1000, np.full(3, 0.04), 0.1)
+    far = _drawn_near(rng, reach.centre(robot), 4000, np.array([0.3, 0.3, 0.15]), 0.5)
+    elsewhere = 0
+    inside = 0
+    for drawn in (near, far):
+        q = robot.kinematics().inverse_many(drawn)
+        reached = (np.isfinite(q) & (q >= LOW) & (q <= HIGH)).all(axis=1) & (drawn[:, 0, 3] > 0)
+        rows = np.flatnonzero(reached)[:100]
+        assert len(rows) == 100
+        for row in rows:
+            expected = _inside_by_reference(robot, drawn[row], q[row])
+            kept = robot.passive_check.kept(q[row : row + 1], drawn[row : row + 1])[0]
+            assert kept == expected, drawn[row]
+            if expected:
+                inside += 1
+                elsewhere += _closes_elsewhere(robot, drawn[row], q[row])
+    assert elsewhere > 10
+    assert 20 < inside < 180
 
 
 def test_the_workspace_of_sils_is_that_of_plain_geometry():

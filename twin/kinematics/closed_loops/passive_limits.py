@@ -19,6 +19,7 @@ from twin.codegen import Kernel, Stage
 from twin.core.spatial import Array
 from twin.core.units import ROUNDING
 from twin.kinematics.closed_loops.equations import LENGTH_SCALE, LoopEquations
+from twin.kinematics.closed_loops.held_tool import HeldTool
 from twin.kinematics.closed_loops.solver import LoopSolver
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
@@ -172,11 +173,36 @@ class PassiveCheck:
         """Return (loop unknowns (k, m), (k,) bool: whether the tool is at Ts (k, 4, 4)) at active joints q (k, n).
 
         Joint values can belong to several tool poses. Where the loops close at another pose than the given one, they
-        are closed again, starting from the unknowns of the nearest pose that is placed.
+        are closed again from the unknowns of the nearest pose that is placed. If there is none, or if this fails, they
+        are closed from the unknowns with the tool held at the pose, which depend on no other pose.
         """
         solved = self._solver.forward_many(q)
         states = solved.states
         placed = _same(solved.Ts_base_tool, Ts)
+        self._place_from_neighbours(q, Ts, states, placed)
+        open_poses = np.flatnonzero(~placed)
+        if not len(open_poses) or not states.shape[1]:
+            return states, placed
+
+        seeds = self._held_tool.states(q[open_poses], Ts[open_poses])
+        solved_again = self._solver.forward_many(q[open_poses], seeds)
+        is_placed = _same(solved_again.Ts_base_tool, Ts[open_poses])
+        closed = open_poses[is_placed]
+        states[closed] = solved_again.states[is_placed]
+        placed[closed] = True
+        if len(closed):  # they are neighbours of those still open
+            self._place_from_neighbours(q, Ts, states, placed)
+        return states, placed
+
+    @cached_property
+    def _held_tool(self) -> HeldTool:
+        return HeldTool(self._solver)
+
+    def _place_from_neighbours(self, q: Array, Ts: Array, states: Array, placed: np.ndarray) -> None:
+        """Close the loops at poses that are not placed, from the nearest placed pose, as long as this places a pose.
+
+        The loop unknowns `states` (k, m) and `placed` (k,) are changed; for the arguments see `placed`.
+        """
         places = _places(Ts)
         tried_seeds = np.full(len(q), -1)
         while placed.any() and not placed.all():
@@ -196,7 +222,6 @@ class PassiveCheck:
             closed = open_poses[is_placed]
             states[closed] = solved_again.states[is_placed]
             placed[closed] = True
-        return states, placed
 
 
 def _places(Ts: Array) -> Array:
