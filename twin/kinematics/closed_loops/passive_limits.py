@@ -19,7 +19,6 @@ from twin.codegen import Kernel, Stage
 from twin.core.spatial import Array
 from twin.core.units import ROUNDING
 from twin.kinematics.closed_loops.equations import LENGTH_SCALE, LoopEquations
-from twin.kinematics.closed_loops.held_tool import HeldTool
 from twin.kinematics.closed_loops.solver import LoopSolver
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
@@ -184,7 +183,7 @@ class PassiveCheck:
         if not len(open_poses) or not states.shape[1]:
             return states, placed
 
-        seeds = self._held_tool.states(q[open_poses], Ts[open_poses])
+        seeds = self._solver.seeds_at(q[open_poses], Ts[open_poses])
         solved_again = self._solver.forward_many(q[open_poses], seeds)
         is_placed = _same(solved_again.Ts_base_tool, Ts[open_poses])
         closed = open_poses[is_placed]
@@ -193,10 +192,6 @@ class PassiveCheck:
         if len(closed):  # they are neighbours of those still open
             self._place_from_neighbours(q, Ts, states, placed)
         return states, placed
-
-    @cached_property
-    def _held_tool(self) -> HeldTool:
-        return HeldTool(self._solver)
 
     def _place_from_neighbours(self, q: Array, Ts: Array, states: Array, placed: np.ndarray) -> None:
         """Close the loops at poses that are not placed, from the nearest placed pose, as long as this places a pose.

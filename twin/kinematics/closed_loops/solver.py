@@ -22,7 +22,7 @@ from twin.core.errors import AssemblyError, MechanismError
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.kinematics.closed_loops import linear
-from twin.kinematics.closed_loops.equations import LoopEquations, stepped
+from twin.kinematics.closed_loops.equations import LENGTH_SCALE, LoopEquations, stepped
 from twin.kinematics.closed_loops.structure import EquationBlock, blocks
 from twin.model.mechanism import Mechanism
 
@@ -38,6 +38,9 @@ _STRIDE = 0.6
 
 _STEPS = 30
 """Maximum number of Newton's steps for a block."""
+
+_LAST_OF_SEEDS = 1e-5
+"""Step size (m, rad) below which the iteration for seeds ends, see `LoopSolver.seeds_at`; they need not be exact."""
 
 _WALK = (8, 64)
 """Numbers of steps from the rest poses to a state that Newton's method does not find directly, tried in this order."""
@@ -228,6 +231,19 @@ class LoopSolver:
         Ts[~(self._are_closed(gaps) & finite)] = np.nan
         return ClosedStates(Ts, np.ascontiguousarray(states.T), *gaps)
 
+    def seeds_at(self, qs: Array, Ts: Array) -> Array:
+        """Return loop unknowns (k, m) near those at active joints qs (k, n) and tool poses Ts (k, 4, 4).
+
+        Joint values can belong to several tool poses: from the rest poses, Newton's method may close the loops at
+        another one, although the determinants of the blocks have the signs of the rest poses there, too. Here the tool
+        is held at the pose, by least squares: the limbs do not depend on each other, and the rest poses are far less
+        often too far away. The results close the loops only approximately, and may be in another assembly mode: they
+        are seeds of `forward_many`, which checks its results.
+        """
+        rows = Ts[:, :3].reshape(-1, 12)
+        (states,) = self._held(np.ascontiguousarray(qs.T), np.ascontiguousarray(rows.T))
+        return np.ascontiguousarray(states.T)
+
     def _rows(self, states: Array, count: int) -> Array:
         """Return loop unknowns (k, m) as an array.
 
@@ -301,9 +317,20 @@ class LoopSolver:
 
     @cached_property
     def _cold(self) -> Kernel:
+        return Kernel([self._home_stage, *self.stages], {"q": len(self.q)}, _RESULTS)
+
+    @cached_property
+    def _held(self) -> Kernel:
+        states = [passive.state for passive in self.equations.passive]
+        stacked = ca.densify(self.equations.states)
+        end = Stage(ca.Function("stacked", states, [stacked]), tuple(self._keys), ("states",))
+        stages = [self._home_stage, held_tool_stage(self.equations), end]
+        return Kernel(stages, {"q": len(self.q), "tool": 12}, ["states"])
+
+    @property
+    def _home_stage(self) -> Stage:
         home = [ca.SX(state) for state in self.home]
-        home_stage = Stage(ca.Function("drawn", [], home), (), tuple(self._keys))
-        return Kernel([home_stage, *self.stages], {"q": len(self.q)}, _RESULTS)
+        return Stage(ca.Function("drawn", [], home), (), tuple(self._keys))
 
     @cached_property
     def _warm(self) -> Kernel:
@@ -394,6 +421,37 @@ def newton_stage(
     outputs = [ca.densify(result) for result in results.values()]
     function = ca.Function(f"block{number}", list(arguments.values()), outputs, {"cse": True})
     return Stage(function, tuple(arguments), tuple(results), _STEPS, _LAST, reciprocals=True)
+
+
+def held_tool_stage(e: LoopEquations) -> Stage:
+    """Return the stage that closes the loops with the tool held at a pose, by Gauss-Newton steps.
+
+    Its input "tool" (12,) holds the first three rows of T_base_tool, row by row.
+    """
+    rows = ca.SX.sym("tool", 12)
+    T_goal = ca.reshape(rows, 4, 3).T  # CasADi stacks columns
+    frame = e.mechanism.frame(e.mechanism.tool)
+    T_stepping = e.pose(frame.body, frame.T_body_frame, stepping=True)
+    residual = ca.vertcat(e.residual, _pose_misfit(e.T_base_tool, T_goal))
+    derivative = ca.jacobian(_pose_misfit(T_stepping, T_goal), e.steps)
+    J = ca.vertcat(e.jacobian, ca.substitute(derivative, e.steps, 0))
+    pattern = np.array(ca.DM(J.sparsity(), 1).full(), bool)
+    step = linear.least_squares(J, -residual, pattern)
+    size = linear.largest(step)
+    states = stepped(e.passive, step * ca.fmin(1, _STRIDE / size))
+
+    results = {**states, "error": size}
+    outputs = [ca.densify(result) for result in results.values()]
+    arguments = [e.q, rows, *(passive.state for passive in e.passive)]
+    function = ca.Function("held", arguments, outputs, {"cse": True})
+    return Stage(function, ("q", "tool", *states), tuple(results), _STEPS, _LAST_OF_SEEDS)
+
+
+def _pose_misfit(T: ca.SX, T_goal: ca.SX) -> ca.SX:
+    """Return the difference (12,) of two poses in m, that of rotations times `LENGTH_SCALE`."""
+    shift = T[:3, 3] - T_goal[:3, 3]
+    turn = ca.vec(T[:3, :3] - T_goal[:3, :3])
+    return ca.vertcat(shift, LENGTH_SCALE * turn)
 
 
 def end_stage(equations: LoopEquations, signs: Mapping[str, float], arguments: Mapping[str, ca.SX]) -> Stage:
