@@ -92,21 +92,22 @@ class Expression:
         self._span = site.source.span(node)
         self._size = _size(shift.value[:, 0])
         self._sizes: dict[ast.expr, float] = {}
+        self._tables: dict[ast.expr, Array] = {}  # of `values_after`
 
-    def one(self, required: Array) -> Iterator[Edit]:
+    def single_edits(self, required: Array) -> Iterator[Edit]:
         """Yield single edits after which the expression has the values `required` (k,)."""
         singles, values = self.singles
         for i in self._equal(values, required, self._size):
             yield singles[i]
 
-    def composed(self, required: Array) -> Iterator[Edit]:
+    def composed_edits(self, required: Array) -> Iterator[Edit]:
         """Yield edits that add a term or a factor, a root, a square or a sign to a part of the expression."""
         atoms: list[Atom] | None = None
         for part in self.parts:
             if self.deadline.passed:
                 return
-            needed = self.needed(part, (), required)
-            values = self.value((), self.span_of(part))
+            needed = self.values_required_of(part, (), required)
+            values = self.present_value(part)
             if needed is None or values is None:
                 continue
             shift = Flat(self.k, self.scopes)
@@ -118,28 +119,28 @@ class Expression:
             texts = written(self.site.source, self.site.statement, part, self.site.parents, shift, atoms)
             yield from islice(texts, _MOST_WRITTEN)
 
-    def two(self, required: Array) -> Iterator[tuple[Edit, Edit]]:
+    def edit_pairs(self, required: Array) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of edits after which the expression has the values `required` (k,).
 
         For each edit and each largest part beside it, the value that this part must then have is computed; the edits of
         the part that give this value are looked up.
         """
         singles, _ = self.singles
-        singles_within: dict[ast.expr, NDArray[np.intp]] = {}
+        indices_of_part: dict[ast.expr, NDArray[np.intp]] = {}
         for part in self.parts:
-            singles_within[part] = self.singles_within(part)
+            indices_of_part[part] = self.singles_within(part)
         yielded: set[tuple[int, int]] = set()
         for i, first in enumerate(singles):
             for part in self.beside(first):
                 if self.deadline.passed:
                     return
-                inside = singles_within[part]
+                inside = indices_of_part[part]
                 if not len(inside):
                     continue
-                needed = self.needed(part, (first,), required)
+                needed = self.values_required_of(part, (first,), required)
                 if needed is None:
                     continue
-                values = self.values_after(part, singles, inside)
+                values = self.values_after(part)
                 fitting = inside[self._equal(values, needed, self._size_of(part))]
                 for j in fitting.tolist():
                     pair = (min(i, j), max(i, j))
@@ -166,7 +167,7 @@ class Expression:
         for node in expressions(self.node, self.site.parents):
             if self.deadline.passed:
                 break
-            if self.value((), self.span_of(node)) is not None:
+            if self.present_value(node) is not None:
                 scalars.append(node)
         return scalars
 
@@ -187,7 +188,7 @@ class Expression:
                     continue
             todo += ast.iter_child_nodes(node)
 
-    def needed(self, part: ast.expr, change: Sequence[Edit], required: Array) -> Array | None:
+    def values_required_of(self, part: ast.expr, change: Sequence[Edit], required: Array) -> Array | None:
         """Return the values (k,) of a part with which the expression after `change` has the values `required`.
 
         Operations with an inverse are inverted; for others, Newton's method is used. None if it finds no values.
@@ -199,7 +200,7 @@ class Expression:
         source = self.site.source
         hole = source.edit_of(self.site.statement, span, _HOLE, "required")
         code = expression_code(apply(source.data, [*change, hole], *self._span))
-        values = self.value((), span)
+        values = self.present_value(part)
         if code is None or values is None:
             return None
         valued = self.valued_poses
@@ -226,7 +227,7 @@ class Expression:
         return None
 
     def _inverted(self, part: ast.expr, change: Sequence[Edit], required: Array) -> Array | None:
-        """Return what `needed` does, by inverse operations; None if there is one without an inverse."""
+        """Return what `values_required_of` does, by inverse operations; None if there is one without an inverse."""
         nodes: list[ast.AST] = [part]
         while nodes[-1] is not self.node:
             nodes.append(self.site.parents[nodes[-1]])
@@ -234,7 +235,7 @@ class Expression:
         for child, node in zip(reversed(nodes[:-1]), reversed(nodes[1:]), strict=True):
             if not isinstance(node, ast.expr) or not isinstance(child, ast.expr):
                 return None
-            inner = inverse(node, child, values, lambda part: self.value(change, self.span_of(part)))
+            inner = inverse(node, child, values, lambda operand: self.value(change, self.span_of(operand)))
             if inner is None or not np.isfinite(inner[self.valued_poses]).all():
                 return None
             values = inner
@@ -257,9 +258,11 @@ class Expression:
                     values.append(value)
         return edits_with_value, np.array(values).reshape(len(edits_with_value), self.k)
 
-    def values_after(self, part: ast.expr, singles: Sequence[Edit], inside: NDArray[np.intp]) -> Array:
-        """Return the values (edits, k) of a part after each of some `singles`, of the indices `inside`; NaN if none."""
+    def values_after(self, part: ast.expr) -> Array:
+        """Return the values (edits, k) of a part after each edit of `singles_within` the part; NaN if none."""
         if part not in self._tables:
+            singles, _ = self.singles
+            inside = self.singles_within(part)
             span = self.span_of(part)
             values = np.full((len(inside), self.k), np.nan)
             for row, i in enumerate(inside):
@@ -271,14 +274,10 @@ class Expression:
             self._tables[part] = values
         return self._tables[part]
 
-    @cached_property
-    def _tables(self) -> dict[ast.expr, Array]:
-        return {}
-
     def _size_of(self, part: ast.expr) -> float:
         """Return the largest absolute value of a part before edits."""
         if part not in self._sizes:
-            self._sizes[part] = _size(self.value((), self.span_of(part)))
+            self._sizes[part] = _size(self.present_value(part))
         return self._sizes[part]
 
     def _equal(self, values: Array, required: Array, size: float) -> NDArray[np.intp]:
@@ -315,6 +314,7 @@ class Expression:
             if hole is not None:
                 scope[_HOLE] = scalar_form(scope)(hole[n * each : (n + 1) * each])
             values = _scalar(code, scope, each)
+            scope.pop(_HOLE, None)
             if values is None:
                 return None
             parts.append(values)

@@ -106,7 +106,7 @@ class RequiredPairs:
     def in_one(self, rows: Sequence[RowKey], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of edits that both are in one expression."""
         for expression, required in self._required_of_one(rows, deadline):
-            yield from expression.two(required)
+            yield from expression.edit_pairs(required)
 
     def in_one_with_term(self, rows: Sequence[RowKey], deadline: Deadline) -> Iterator[tuple[Edit, Edit]]:
         """Yield pairs of an edit, and a missing term or factor in the same expression."""
@@ -573,12 +573,12 @@ class RequiredPairs:
     def _texts(self, scalar: LargestScalar, shift: Shift, deadline: Deadline) -> Iterator[Edit]:
         """Yield single edits of an expression that shift its values."""
         expression = Expression(scalar.site, scalar.node, shift, deadline)
-        return islice(expression.one(_required_values(shift)), _MOST_TEXTS)
+        return islice(expression.single_edits(_required_values(shift)), _MOST_TEXTS)
 
     def _composed(self, scalar: LargestScalar, shift: Shift, deadline: Deadline) -> Iterator[Edit]:
         """Yield edits of an expression that shift its values by a term or factor."""
         expression = Expression(scalar.site, scalar.node, shift, deadline)
-        return islice(expression.composed(_required_values(shift)), _MOST_TEXTS)
+        return islice(expression.composed_edits(_required_values(shift)), _MOST_TEXTS)
 
     def _residuals(
         self,

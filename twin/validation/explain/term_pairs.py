@@ -50,11 +50,11 @@ def _in_the_same_part(
         inside = expression.singles_within(part)
         if not len(inside):
             continue
-        needed = expression.needed(part, (), required)
+        needed = expression.values_required_of(part, (), required)
         if needed is None:
             continue
         edits = [singles[i] for i in inside]
-        after_edits = expression.values_after(part, singles, inside)[:, valued]
+        after_edits = expression.values_after(part)[:, valued]
         if _takes_term(expression, part):
             missing_terms = needed[valued] - after_edits
             for edit, values in _likely(edits, missing_terms, products):
@@ -125,7 +125,7 @@ def _in_another_part(
         for part in expression.beside(edit):
             if expression.deadline.passed:
                 return
-            needed = expression.needed(part, (edit,), required)
+            needed = expression.values_required_of(part, (edit,), required)
             if needed is not None:
                 edits_with_needs.setdefault(part, []).append((edit, needed))
     for part, with_needs in edits_with_needs.items():
