@@ -26,7 +26,7 @@ from twin.planning import phase_path as paths
 from twin.planning.protocol import load_protocol
 from twin.simulation.scene_play import Actor as Playing
 from twin.simulation.scene_play import _port, trocars_of
-from twin.ui.headset.playback import trocars as told
+from twin.ui.headset.state_entries import trocar_entries
 from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.patient import patient_of
 from twin.ui.session.readings import read
@@ -388,7 +388,7 @@ def test_both_trocars_are_drawn_and_sent_where_the_protocol_has_them(robot, fold
         front.scenery.trail(False)
         front.scenery.follow()
         assert not any(h.visible for h in (*balls.values(), *lines.values()))
-        sent = told(actor.movable, playback, 0.0)
+        sent = trocar_entries(actor.movable, playback, 0.0)
         assert [t["name"] for t in sent] == list(made.MOVED)
         assert all(t["error_m"] < 1e-9 for t in sent)
         np.testing.assert_allclose([t["at"] for t in sent], list(made.MOVED.values()), atol=1e-8)

@@ -25,7 +25,7 @@ from twin.core import spatial
 from twin.core.errors import KinematicsError, MechanismError, TwinError
 from twin.core.units import MM
 from twin.model.joint_distance import kinematic_distances, with_distance
-from twin.ui.headset.playback import measured
+from twin.ui.headset.state_entries import reading_entries
 from twin.ui.session.display_meshes import CREASE, behind, creased, looks
 from twin.ui.session.movable_robot import MovableRobot, MoveResult
 from twin.ui.session.readings import read
@@ -479,9 +479,9 @@ def test_every_residual_is_told_in_its_own_unit(any_movable):
         reading = replace(read(any_movable), residual=found, incomparable="")
         assert readout.amount(found) in readout.table(reading)
         assert readout.amount(found) in residual_html(reading)
-        state = measured(reading, None)
+        state = reading_entries(reading, None)
         assert (state["residual_m"] is None, state["residual_rad"] is None) == (joint.is_angle, not joint.is_angle)
-    assert measured(SimpleNamespace(gap=0.0, residual=found, incomparable="", rcm_error=None, depth=None), 0.5)[
+    assert reading_entries(SimpleNamespace(gap=0.0, residual=found, incomparable="", rcm_error=None, depth=None), 0.5)[
         "residual_m"
     ] == pytest.approx(0.5)
 
@@ -516,7 +516,7 @@ def test_another_assembly_is_not_a_disagreement(sils, rng):
     assert "not comparable: different assembly modes" in table
     assert "DISAGREE" not in table
     assert residual_html(reading).startswith("not comparable")
-    assert measured(reading, None)["scope"] == reading.incomparable
+    assert reading_entries(reading, None)["scope"] == reading.incomparable
     sils.change(parameters={"l_p": sils.kin.parameters["l_p"] + 0.6 * MM})  # what is wrong stays wrong there
     assert not read(sils).agrees
     assert "DISAGREE" in readout.table(read(sils))

@@ -35,9 +35,16 @@ from twin.ui.headset.client_messages import (
     WorkspaceMessage,
 )
 from twin.ui.headset.ghost import Ghost
-from twin.ui.headset.playback import DisplayedState, StreamedPlayback, apart, measured, path, trocars
 from twin.ui.headset.reachable_points import ReachablePoints
 from twin.ui.headset.solver_thread import SolverThread
+from twin.ui.headset.state_entries import (
+    DisplayedState,
+    StreamedPlayback,
+    ghost_to_tool_distance,
+    path_document,
+    reading_entries,
+    trocar_entries,
+)
 from twin.ui.session import readings
 from twin.ui.session.driven_machine import DrivenMachine
 from twin.ui.session.movable_robot import UNDOS, MovableRobot, MoveResult, start_of
@@ -561,14 +568,14 @@ class LiveRobot:
                 self._failure(f"{playback.protocol}: {track}")
                 return
             self._track = track
-            self.send(path(track))
+            self.send(path_document(track))
             self.planned()
 
         self._worker.ask("plan", job, done)
 
     def welcome(self) -> list[JsonObject]:
         """Return the documents for a new client: tip path and workspace."""
-        return [path(self._track), *self._reach.sent]
+        return [path_document(self._track), *self._reach.sent]
 
     def state(self) -> JsonObject:
         """Return the robot's part of the document `state`."""
@@ -583,8 +590,8 @@ class LiveRobot:
             if self._sample is not None:
                 phase = playback.phase(self.clip_time)
         shown = self._shown
-        distance_to_ghost = apart(shown, self.links, self.description["tool"])
-        trocar_entries = trocars(self.movable, playback, self.clock.time)
+        distance_to_ghost = ghost_to_tool_distance(shown, self.links, self.description["tool"])
+        trocars = trocar_entries(self.movable, playback, self.clock.time)
         return {
             "time": self.clip_time,
             "duration": self.duration,
@@ -594,9 +601,9 @@ class LiveRobot:
             "planning": self._wanted if self._planner is not None else None,
             "holder": self.holder,
             "reason": shown.reason or self._failed or self._machine_problem or None,
-            **measured(self._reading, distance_to_ghost),
-            "rcm": trocar_entries[0]["at"] if trocar_entries else None,
-            "trocars": trocar_entries,
+            **reading_entries(self._reading, distance_to_ghost),
+            "rcm": trocars[0]["at"] if trocars else None,
+            "trocars": trocars,
             "variant": self._ghost.name,
             "distances": [[index, value] for index, value in sorted(self._distances.values.items())],
             "workspace": self._reach.on,

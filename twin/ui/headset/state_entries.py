@@ -1,4 +1,4 @@
-"""Convert samples and data of a protocol to the format of the stream: link poses, tip path, trocars."""
+"""The document `path` of the stream, and the entries of its document `state`: trocars, readings, ghost."""
 
 from __future__ import annotations
 
@@ -44,27 +44,31 @@ class StreamedPlayback:
     poses: Array
 
 
-def path(track: StreamedPlayback | None) -> JsonObject:
-    """Return the document `path`: the protocol's name and its tip path in m; without a protocol, no points."""
+def path_document(track: StreamedPlayback | None) -> JsonObject:
+    """Return the document `path`: the protocol's name and its tip path; without a protocol, no points.
+
+    The points are x y z in m, in base, one after another in a flat list.
+    """
     if track is None:
         return {"type": "path", "protocol": None, "points": []}
-    # below, rounded to 0.001 mm, which is finer than any display shows
     tip = track.playback.tip
     rows = spread(len(tip), PATH_POINTS)
-    return {"type": "path", "protocol": track.playback.protocol, "points": np.round(tip[rows], 6).ravel().tolist()}
+    points = np.round(tip[rows], 6)  # to 0.001 mm, which is finer than any display shows
+    return {"type": "path", "protocol": track.playback.protocol, "points": points.ravel().tolist()}
 
 
-def number(value: float | None) -> float | None:
+def json_number(value: float | None) -> float | None:
     """Return a number for JSON; None if it is not finite."""
     if value is None or not np.isfinite(value):
         return None
     return float(f"{value:.9g}")
 
 
-def trocars(movable: MovableRobot, playback: Playback | None, time: float) -> list[JsonObject]:
+def trocar_entries(movable: MovableRobot, playback: Playback | None, time: float) -> list[JsonObject]:
     """Return the entry `trocars` of the document `state`: for each trocar, its name, position, error and depth (in m).
 
-    The error is the distance from the trocar to the shaft axis. The depth is the insertion depth of the tip.
+    The position is in base. The error is the distance from the trocar to the shaft axis. The depth is the insertion
+    depth of the tip.
     """
     if playback is None:
         return []
@@ -73,15 +77,15 @@ def trocars(movable: MovableRobot, playback: Playback | None, time: float) -> li
         entries.append(
             {
                 "name": trocar.name,
-                "at": [number(coordinate) for coordinate in trocar.place],
-                "error_m": number(trocar.error),
-                "depth_m": number(trocar.depth),
+                "at": [json_number(coordinate) for coordinate in trocar.place],
+                "error_m": json_number(trocar.error),
+                "depth_m": json_number(trocar.depth),
             }
         )
     return entries
 
 
-def apart(shown: DisplayedState, links: tuple[str, ...], tool: JsonMapping) -> float | None:
+def ghost_to_tool_distance(shown: DisplayedState, links: tuple[str, ...], tool: JsonMapping) -> float | None:
     """Return the distance in m between the ghost's origin and the tool's origin; None without a ghost."""
     if shown.ghost is None:
         return None
@@ -89,15 +93,15 @@ def apart(shown: DisplayedState, links: tuple[str, ...], tool: JsonMapping) -> f
     return float(np.linalg.norm(T[:3, 3] - shown.ghost[:3]))
 
 
-def measured(reading: RobotReading | None, ghost: float | None) -> JsonObject:
-    """Return the readings for the document `state`; `ghost`: distance in m between ghost and tool, None: no ghost.
+def reading_entries(reading: RobotReading | None, ghost_distance: float | None) -> JsonObject:
+    """Return the readings for the document `state`; `ghost_distance` is that of `ghost_to_tool_distance`.
 
-    With a ghost, the residual in the document is `ghost`. Without a ghost, the residual is the largest difference, a
-    length or an angle, between equations and mechanism.
+    With a ghost, the residual in the document is `ghost_distance`. Without a ghost, the residual is the largest
+    difference, a length or an angle, between equations and mechanism.
     """
     content: JsonObject = {
         "gap_m": None,
-        "residual_m": number(ghost),
+        "residual_m": json_number(ghost_distance),
         "residual_rad": None,
         "scope": None,
         "rcm_error_m": None,
@@ -105,13 +109,13 @@ def measured(reading: RobotReading | None, ghost: float | None) -> JsonObject:
     }
     if reading is None:
         return content
-    content["gap_m"] = number(reading.gap)
-    content["rcm_error_m"] = number(reading.rcm_error)
-    content["depth_m"] = number(reading.depth)
-    if ghost is not None:
+    content["gap_m"] = json_number(reading.gap)
+    content["rcm_error_m"] = json_number(reading.rcm_error)
+    content["depth_m"] = json_number(reading.depth)
+    if ghost_distance is not None:
         return content
     content["scope"] = reading.incomparable or None
     residual = reading.residual
     if residual is not None:
-        content["residual_rad" if residual.is_angle else "residual_m"] = number(residual.size)
+        content["residual_rad" if residual.is_angle else "residual_m"] = json_number(residual.size)
     return content
