@@ -252,8 +252,9 @@ class FileJoint:
             points = []
             for on_parent, on_child in self.tied:
                 points.append(on_parent if at_parent else on_child)
-            if self.kind == "spherical":
+            if len(points) < 2:
                 return points[0], None
+            # Also of two points that nearly meet: the place of the ball is then compared across the line, as of a pin.
             first, second = _ends_of_ties(self.tied)
             return points[0], sign * unit(points[second] - points[first])
         if self.T is None or not self.motions:
