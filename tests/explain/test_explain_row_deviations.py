@@ -26,7 +26,7 @@ def test_each_element_of_a_return_is_judged_although_another_has_no_value(tmp_pa
 @pytest.mark.slow
 def test_a_row_is_repaired_although_a_later_statement_has_no_value(tmp_path):
     right = "sqrt(R[0, 2] ** 2 + R[1, 2] ** 2), R[2, 2])"
-    second = ("atan2(left[1, 0], left[0, 0])", "atan2(left[1, 0], q6[0, 0])")
+    second = ("atan2(R_yaw[1, 0], R_yaw[0, 0])", "atan2(R_yaw[1, 0], q6[0, 0])")
     case, formula = misprinted("pa10", right, right.replace("R[2, 2]", "R[2, 1]"), tmp_path, second)
     assert seeds.outcome(case, formula, tmp_path, 4.0) == "rank 1"
 

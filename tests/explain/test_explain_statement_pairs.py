@@ -22,8 +22,8 @@ OUTER = (
 )
 WRIST = (
     "pa10",
-    ("R04.T @ T_base_tool", "R04.T @ left"),
-    ("atan2(left[1, 0], left[0, 0])", "atan2(left[0, 0], left[1, 0])"),
+    ("R04.T @ T_base_tool", "R04.T @ R_yaw"),
+    ("atan2(R_yaw[1, 0], R_yaw[0, 0])", "atan2(R_yaw[0, 0], R_yaw[1, 0])"),
 )
 
 

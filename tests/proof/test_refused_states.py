@@ -90,7 +90,7 @@ def test_right_guards_are_compared_with_the_mechanism():
 
 @pytest.mark.slow
 def test_a_negative_margin_where_the_mechanism_can_be_assembled_is_open():
-    proof = proof_of("lapbot", "margins", "left = r7 - norm_2", "left = r7 / 2 - norm_2")
+    proof = proof_of("lapbot", "margins", "rest = r7 - norm_2", "rest = r7 / 2 - norm_2")
     claim = claim_of(proof)
     assert claim.status == "unproved"
     assert "a margin of the equations is negative, or not a number, at q1 = " in claim.reason

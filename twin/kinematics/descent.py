@@ -52,6 +52,12 @@ Kinds = tuple[tuple[str, tuple[int, ...]], ...]
 """(kind, rows) of each term of a task."""
 
 
+def _moved_pose(x: ca.SX, twist: ca.SX) -> ca.SX:
+    """Return a pose (16,) after a twist (6,)."""
+    T = symbolic.unflat(x, 4, 4)
+    return symbolic.flat(symbolic.retract(T, twist))
+
+
 class Iteration:
     """Compiled iteration for a robot and kinds of terms; the state is q (n,) or, without a forward equation, T (16,).
 
@@ -94,8 +100,7 @@ class Iteration:
         if by_joints:
             x_new = ca.fmin(ca.fmax(x + step * step_scale, low), high)
         else:
-            T = symbolic.unflat(x, 4, 4)
-            x_new = symbolic.flat(symbolic.retract(T, step * step_scale))
+            x_new = _moved_pose(x, step * step_scale)
 
         inputs = arguments[self.memory :]
         function = self._residual(program, kinds, inputs, input_sizes)

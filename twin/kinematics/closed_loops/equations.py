@@ -80,6 +80,18 @@ def stepped(passive: Iterable[Passive], step: ca.SX) -> dict[str, ca.SX]:
     return states
 
 
+def _unknown_joints(mechanism: Mechanism) -> list[Passive]:
+    """Return the passive joints of a mechanism's tree, with symbols for their states and steps."""
+    joints: list[Passive] = []
+    for joint in mechanism.tree:
+        if joint.active or joint.type == "fixed":
+            continue
+        state = ca.SX.sym(joint.name, STATES[joint.type])
+        step = ca.SX.sym(f"d_{joint.name}", STEPS[joint.type])
+        joints.append(Passive(joint, state, step))
+    return joints
+
+
 Chain = list[Any]
 """A chain from a body to a frame: fixed poses (4, 4), moving joints, and frame errors."""
 
@@ -131,13 +143,7 @@ class LoopEquations:
         for i, joint in enumerate(mechanism.active):
             self._active[joint.name] = i
 
-        self.passive: list[Passive] = []
-        for joint in mechanism.tree:
-            if joint.active or joint.type == "fixed":
-                continue
-            state = ca.SX.sym(joint.name, STATES[joint.type])
-            step = ca.SX.sym(f"d_{joint.name}", STEPS[joint.type])
-            self.passive.append(Passive(joint, state, step))
+        self.passive = _unknown_joints(mechanism)
         self._passive: dict[str, Passive] = {}
         for passive in self.passive:
             self._passive[passive.name] = passive

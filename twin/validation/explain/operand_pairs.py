@@ -73,6 +73,8 @@ def operand_pairs(
                     yield from _of_groups(site, (first, second), firsts, seconds, scope, residuals_after, end)
             if end.passed:
                 return
+        if not isinstance(node, ast.expr | ast.stmt):  # the clause `for` of a comprehension: it has no sign of its own
+            continue
         for operand in operands:
             for edit in _beside(source, node, operand, operands, edits):
                 for firsts in groups(operand):
