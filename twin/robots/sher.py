@@ -52,8 +52,8 @@ def _legs(r_x, r_y, r_z, r_b, r_p, heights):
     rho = r_b - r_p
     r = vertcat(r_x, r_y, r_z)
     legs = []
-    for azimuth, height in zip(_AZIMUTHS, heights, strict=True):
-        legs.append(r - vertcat(rho * cos(azimuth), rho * sin(azimuth), height))
+    for a, height in zip(_AZIMUTHS, heights, strict=True):
+        legs.append(r - vertcat(rho * cos(a), rho * sin(a), height))
     return legs
 
 
@@ -250,9 +250,9 @@ def points(T_base_tool, psi, r_x, r_y, r_z, th1, th2, al, AB, CD, DA, AQ, QR, ph
 def passive_joints(r_x, r_y, r_z, q1, q2, q3, r_b, r_p, th1, th2, al, AB, CD, DA, AQ, QR, phi1, y_AR):
     """Return the angles of cross and rod for both rods of each leg, then of the pins of the tilt linkage."""
     angles = []
-    for azimuth, leg in zip(_AZIMUTHS, _legs(r_x, r_y, r_z, r_b, r_p, (q1, q2, q3)), strict=True):
-        outwards = cos(azimuth) * leg[0] + sin(azimuth) * leg[1]
-        along = -sin(azimuth) * leg[0] + cos(azimuth) * leg[1]
+    for a, leg in zip(_AZIMUTHS, _legs(r_x, r_y, r_z, r_b, r_p, (q1, q2, q3)), strict=True):
+        outwards = cos(a) * leg[0] + sin(a) * leg[1]
+        along = -sin(a) * leg[0] + cos(a) * leg[1]
         # both rods of a leg are parallel
         angles += 2 * [atan2(outwards, leg[2]), atan2(-along, hypot(outwards, leg[2]))]
     p = _in_plane(th1, th2, al, AB, CD, DA, AQ, QR, phi1, y_AR)
@@ -268,8 +268,8 @@ def margins(r_x, r_y, r_z, q1, q2, q3, r_b, r_p, l, th1, al, AB, BC, CD, DA, AQ,
     """Return margins of reach in m of rods, four-bar, slider-crank (below 0: no solution), singularity measures."""
     rho = r_b - r_p
     lateral = []
-    for azimuth in _AZIMUTHS:
-        lateral.append(l - hypot(r_x - rho * cos(azimuth), r_y - rho * sin(azimuth)))
+    for a in _AZIMUTHS:
+        lateral.append(l - hypot(r_x - rho * cos(a), r_y - rho * sin(a)))
     legs = _legs(r_x, r_y, r_z, r_b, r_p, (q1, q2, q3))
     volume = dot(legs[0], cross(legs[1], legs[2])) / l**3
     BD = sqrt(AB**2 + DA**2 - 2 * AB * DA * cos(phi1 - th1))
