@@ -13,19 +13,26 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
 
 from made import bundle as base
 from twin.core.findings import Finding
+from twin.core.version import __version__
 from twin.exchange.audit import audit
+from twin.exchange.audit.bundle_claims import check_claims, check_readme
 from twin.exchange.audit.file_comparison import Reference, compare_clips
 from twin.exchange.audit.file_content import Content, FileClip
 from twin.exchange.audit.mechanism_data import FileJoint, FilePhysics, motion_lines
 from twin.exchange.audit.physics_comparison import compare_physics
 from twin.exchange.audit.poses import about, pose
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.report import Ledger, ReadError
 from twin.exchange.audit.scene_folder import audit_scene
+from twin.exchange.formats.mjcf.audit.claims import counts_from_home
+from twin.exchange.formats.mjcf.audit.model_checks import check_model
+from twin.exchange.formats.mjcf.audit.mujoco_file import read_mujoco
+from twin.exchange.formats.tracks.audit import read_csv
 from twin.exchange.formats.unity.audit import check_package
 from twin.exchange.formats.unity.audit.kinematics import ROBOTS, read_classes
 from twin.exchange.formats.unity.audit.shipped_files import PACKAGE
 from twin.exchange.formats.urdf.audit import Urdf
 from twin.exchange.formats.usd.audit import _check_cones
+from twin.exchange.formats.usd.audit.declared import _check_range
 from twin.exchange.formats.usd.audit.physics import stage_physics
 
 
@@ -318,3 +325,126 @@ def test_a_robot_that_is_named_as_the_group_of_objects_is_refused(tmp_path):
     _, (ledger,) = audit_scene(tmp_path, lambda _: ([], []))
     assert [finding.code for finding in ledger.found] == ["scene.objects"]
     assert "a robot is named 'objects'" in ledger.found[0].message
+
+
+# --------------------------------------------------------------------------------- tables, names of files, README.txt
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        (",", ";", "semicolons separate the columns"),
+        (".", ",", "a number with a decimal comma counts as two"),
+        (".", "x", "is not a number"),
+    ],
+)
+def test_a_table_that_a_spreadsheet_saved_is_told_with_its_line(old, new, expected, good, tmp_path):
+    lines = (good / "tracks/swing.csv").read_text().split("\n")
+    header = next(i for i, line in enumerate(lines) if not line.startswith("#"))
+    changed = [line.replace(old, new) for line in lines[header:]]
+    if old != ",":
+        changed[0] = lines[header]  # names of columns
+    (tmp_path / "swing.csv").write_text("\n".join(lines[:header] + changed))
+    with pytest.raises(ReadError, match=expected) as error:
+        read_csv(tmp_path / "swing.csv", Ledger("swing.csv"))
+    assert f"swing.csv, line {header + (1 if old == ',' else 2)}" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("protocols", "wrong"),
+    [
+        ({"t/a.json": "a", "t/b.json": "b"}, []),
+        ({"t/a.json": "b", "t/b.json": "a"}, ["t/a.json", "t/b.json"]),
+        ({"t/renamed.json": "a", "t/b.json": "b"}, []),
+        ({"t/a.json": "b", "u/b.json": "a"}, []),
+    ],
+)
+def test_tracks_with_the_names_of_each_other_are_told(protocols, wrong):
+    tracks = []
+    for file, protocol in protocols.items():
+        tracks.append(Content(Ledger(file), "tracks", extra={"data": {"protocol": protocol}}))
+    check_claims(tracks)
+    told = []
+    for track in tracks:
+        told += [finding.where for finding in track.ledger.found if finding.code == "claims.protocol"]
+    assert told == [f"{file}: protocol" for file in wrong]
+
+
+@pytest.mark.parametrize(
+    ("motion", "finding"), [("far", "the cones of port"), ("near", "the cones of port"), ("far", "")]
+)
+def test_a_readme_is_compared_with_the_names_and_comments_of_its_files(motion, finding, tmp_path):
+    """The trocars of a file are those of the motion in its name; a finding in a comment is in the README too."""
+    (tmp_path / "arm_far.xml").write_text("<mujoco><!-- arm.xml: the format cannot hold the cones of port --></mujoco>")
+    (tmp_path / "arm.xml").write_text("<mujoco/>")
+    findings = f"- arm.xml: the format cannot hold {finding}\n" if finding else "- none\n"
+    text = (
+        f"arm: an arm\n===========\n\nWritten by twin {__version__} from: a test\n\nWhat is where\n-------------\n"
+        f"arm_far.xml  the same with the trocars of {motion}\n\nFindings of the export\n"
+        f"----------------------\n{findings}"
+    )
+    (tmp_path / "README.txt").write_text(text)
+    ledger = Ledger("README.txt")
+    check_readme([Content(Ledger("arm_far.xml"), "mjcf")], ["arm_far.xml"], tmp_path / "README.txt", ledger)
+    told = [f.message for f in ledger.found if "the trocars of" in f.message]
+    assert len(told) == (motion != "far")
+    lacking = [f.message for f in ledger.found if "lacks a finding" in f.message]
+    assert len(lacking) == (not finding)
+
+
+# --------------------------------------------------------------------------------------- controls, couplings, sublayers
+
+
+@pytest.mark.parametrize(
+    ("comment", "range_", "found"),
+    [
+        (True, "-1.5 0.5", 0),
+        (True, "-1 1", 1),  # counts from zero
+        (True, "-0.5 0.5", 1),  # too narrow
+        (False, "-1 1", 0),
+        (False, "-0.5 0.5", 0),
+    ],
+)
+def test_a_control_range_counts_from_home_where_the_file_says_so(comment, range_, found, tmp_path):
+    claim = "<!-- A control is the displacement of its joint from home, in m or rad. -->" if comment else ""
+    joint = '<joint name="q" type="hinge" ref="0.5" range="-1 1"/>'
+    drive = f'<general name="q" joint="q" gainprm="9" biastype="affine" biasprm="0 -9 -1" ctrlrange="{range_}"/>'
+    path = tmp_path / "arm.xml"
+    path.write_text(
+        f'<mujoco><compiler angle="radian"/><worldbody><body>{joint}<geom size="0.1"/></body></worldbody>'
+        f"<actuator>{claim}{drive}</actuator></mujoco>"
+    )
+    ledger = Ledger("arm.xml")
+    check_model(read_mujoco(path, ledger).model, ledger, counts_from_home(path.read_text()))
+    assert len([f for f in ledger.found if f.code == "mjcf.control"]) == found
+
+
+@pytest.mark.parametrize(("yaml", "excused"), [("closed_loop: []\ntype: []\nname_mot: []\n", False), ("", True)])
+def test_only_a_urdf_without_a_closure_yaml_cannot_hold_a_coupling_of_three_joints(yaml, excused, tmp_path):
+    file = tmp_path / "arm.urdf"
+    file.write_text('<robot name="arm"><link name="base"/></robot>')
+    if yaml:
+        (tmp_path / "arm.yaml").write_text(yaml)
+    physics = Urdf(file, Ledger("arm.urdf")).content.physics
+    assert physics is not None
+    assert physics.couples_pairs is excused
+
+
+@pytest.mark.parametrize(("sublayers", "hidden"), [(("robot", "motion"), True), (("motion", "robot"), False)])
+def test_a_layer_of_a_motion_below_that_of_the_robot_is_named(sublayers, hidden, tmp_path):
+    for name in ("robot", "motion"):
+        stage = Usd.Stage.CreateNew(str(tmp_path / f"{name}.usda"))
+        translate = UsdGeom.Xform.Define(stage, "/arm").AddTranslateOp()
+        if name == "robot":
+            translate.Set(Gf.Vec3d(0, 0, 0))
+        else:
+            translate.Set(Gf.Vec3d(1, 0, 0), 1.0)
+        stage.GetRootLayer().Save()
+    stage = Usd.Stage.CreateNew(str(tmp_path / "played.usda"))
+    stage.GetRootLayer().subLayerPaths = [f"./{name}.usda" for name in sublayers]
+    stage.SetEndTimeCode(1.0)
+    ledger = Ledger("played.usda")
+    _check_range(stage, np.array([] if hidden else [0.0, 1.0]), ledger)
+    told = [finding.message for finding in ledger.found]
+    assert len(told) == hidden
+    assert not hidden or "motion.usda has time samples of /arm.xformOp:translate" in told[0]

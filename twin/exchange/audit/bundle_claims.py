@@ -74,6 +74,7 @@ def check_claims(contents: Sequence[Content]) -> None:
     _check_moved_frames(contents, tracks)
     _check_assumed(contents, tracks)
     _check_same_robot(tracks)
+    _check_stems(tracks)
 
 
 def _protocol(track: Content) -> str:
@@ -182,6 +183,25 @@ def _check_same_robot(tracks: Sequence[Content]) -> None:
             if not _equal(value, expected):
                 text = f"'{key}' is {_short(value)}; in {first.file} it is {_short(expected)}."
                 content.ledger.wrong("claims.robot", text, key)
+
+
+def _check_stems(tracks: Sequence[Content]) -> None:
+    """Report a track whose file has the name of the protocol of another track in its folder.
+
+    A name that is no protocol says nothing: files may be renamed in any other way.
+    """
+    protocols: dict[Path, set[str]] = {}
+    for track in tracks:
+        protocols.setdefault(Path(track.file).parent, set()).add(_protocol(track))
+    for track in tracks:
+        path = Path(track.file)
+        protocol = _protocol(track)
+        if path.stem != protocol and path.stem in protocols[path.parent]:
+            text = (
+                f"protocol is '{protocol}', but the file is named for protocol '{path.stem}', which another file has."
+            )
+            advice = f"name the file {protocol}{path.suffix}"
+            track.ledger.wrong("claims.protocol", text, "protocol", suggestion=advice)
 
 
 def _check_assumed(contents: Sequence[Content], tracks: Sequence[Content]) -> None:
@@ -332,11 +352,29 @@ _LEFT_OUT = re.compile(
 """What a file cannot hold of which joints, motors, frames or points."""
 
 
+_COMMENT = re.compile(r"<!-- (?P<finding>\S+: .*?)\.? -->")
+
+
+def _left_out_in_comments(folder: Path, contents: Sequence[Content]) -> list[str]:
+    """Return the findings in comments of the files that say which values of which names a file cannot hold."""
+    findings: dict[str, None] = {}  # a dict, for the order
+    for content in contents:
+        file = folder / Path(content.file).name
+        if file.suffix not in (".xml", ".urdf") or not file.is_file():
+            continue
+        for comment in _COMMENT.finditer(file.read_text("utf-8", errors="replace")):
+            if _LEFT_OUT.fullmatch(comment["finding"]):
+                findings[comment["finding"]] = None
+    return list(findings)
+
+
 def _check_export_findings(text: str, folder: Path, contents: Sequence[Content], ledger: Ledger) -> None:
-    """Report findings of the export in README.txt about files or names that are not there."""
+    """Report findings of the export in README.txt about files or names that are not there, and missing findings."""
     names = named_parts(contents)
+    lines: set[str] = set()
     for entry in re.split(r"^- ", _section(text, "Findings of the export"), flags=re.MULTILINE)[1:]:
         line = _plain(entry)
+        lines.add(line.removesuffix("."))
         file = line.split(": ", 1)[0]
         if " cannot " in line and not (folder / file).is_file():
             message = f"a finding of the export in README.txt names no file of the folder: '{_clipped(line)}'."
@@ -350,6 +388,10 @@ def _check_export_findings(text: str, folder: Path, contents: Sequence[Content],
                 unknown_names.append(name)
         if unknown_names and has_all_names(contents):
             message = f"a finding of the export names '{unknown_names[0]}', which no file has: '{_clipped(line)}'."
+            ledger.wrong("readme.finding", message, "Findings of the export")
+    for finding in _left_out_in_comments(folder, contents):
+        if finding not in lines:
+            message = f"README.txt lacks a finding of the export that a comment of the file states: '{finding}'."
             ledger.wrong("readme.finding", message, "Findings of the export")
 
 
@@ -417,6 +459,13 @@ def _check_listed(folder: Path, raw: str, contents: Sequence[Content], read: Col
             elif _is_audited(file) and f"{folder_prefix}{file}" not in read:
                 message = f"README.txt lists '{file}', which no reader of the audit recognises."
                 ledger.wrong("readme.file", message, file)
+        with_trocars = re.search(r"the same with the trocars of (\w+)", description)
+        if with_trocars is not None and not Path(name).stem.endswith(f"_{with_trocars[1]}"):
+            message = (
+                f"README.txt states that '{name}' has the trocars of '{with_trocars[1]}', but the file is named for "
+                "another motion."
+            )
+            ledger.wrong("readme.file", message, name)
         playing = re.search(r"playing (\w+)", description)
         if playing is None or not motions:
             continue

@@ -245,7 +245,8 @@ class _ChannelReader:
             count, width = values.shape
             text = (
                 f"clip '{self.clip}': {self.path} of '{self.label}' has {count} values of {width} numbers for "
-                f"{len(times)} keys."
+                f"{len(times)} keys; interpolation {mode} needs {expected} values of {PATHS[self.path]}: "
+                f"{values_per_key} for each key."
             )
             ledger.wrong("gltf.samples", text, self.label, size=Measured(float(count), float(expected)))
             return None

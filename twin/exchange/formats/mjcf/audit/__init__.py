@@ -20,7 +20,7 @@ from twin.exchange.audit.file_content import Content, FileClip
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.reader_context import Context, played
 from twin.exchange.audit.report import Ledger
-from twin.exchange.formats.mjcf.audit.claims import check_claims, home_coordinates
+from twin.exchange.formats.mjcf.audit.claims import check_claims, counts_from_home, home_coordinates
 from twin.exchange.formats.mjcf.audit.declared_fields import further_declarations
 from twin.exchange.formats.mjcf.audit.model_checks import balance_at_keyframe, check_limits, check_model
 from twin.exchange.formats.mjcf.audit.mujoco_file import MujocoFile, read_mujoco
@@ -86,11 +86,11 @@ def content_of(file: MujocoFile, ledger: Ledger) -> Content:
 
 def check_file(file: MujocoFile, content: Content, ledger: Ledger) -> None:
     """Report the faults that an MJCF file shows by itself: in its model, and against the claims of its comments."""
-    check_model(file.model, ledger)
+    text = file.path.read_text("utf-8", errors="replace")
+    check_model(file.model, ledger, counts_from_home(text))
     # The controls at home hold the weights that the robot states. The weight of a mass that the file only assumes is
     # not among them, so that nothing can be said about controls that hold the robot.
     is_weighed = content.physics is None or not content.physics.assumed
-    text = file.path.read_text("utf-8", errors="replace")
     check_claims(text, file.model, balance_at_keyframe(file.model), is_weighed, ledger)
 
 

@@ -100,6 +100,11 @@ def check_claims(text: str, model: mujoco.MjModel, balance: Balance | None, weig
             _check_holding(model, balance, ledger)
 
 
+def counts_from_home(text: str) -> bool:
+    """Return whether a comment of a file states that its controls are displacements from home."""
+    return _OF_JOINTS.search(text) is not None
+
+
 def home_coordinates(text: str, model: mujoco.MjModel) -> dict[str, float] | None:
     """Return {joint: coordinate in m or rad at home} of the joints with one coordinate; None without such a claim.
 

@@ -54,8 +54,11 @@ def opening(model: mujoco.MjModel, equality: str, gap: float) -> str:
     return f"{gap:.4g} m or rad"
 
 
-def check_model(model: mujoco.MjModel, ledger: Ledger) -> None:
-    """Report faults of actuators, names, colliders, solver parameters and keyframes."""
+def check_model(model: mujoco.MjModel, ledger: Ledger, from_home: bool = False) -> None:
+    """Report faults of actuators, names, colliders, solver parameters and keyframes.
+
+    `from_home` is whether the file states that its controls are displacements from home over the whole range.
+    """
     data = mujoco.MjData(model)
     names: dict[str, int] = {}
     for joint in range(model.njnt):
@@ -71,7 +74,7 @@ def check_model(model: mujoco.MjModel, ledger: Ledger) -> None:
             advice = "let the actuator drive the joint of the same name, or rename the actuator"
             ledger.wrong("mjcf.actuator", text, name, suggestion=advice)
     for actuator in range(model.nu):
-        _check_servo(model, actuator, ledger)
+        _check_servo(model, actuator, from_home, ledger)
         _check_ranges(model, actuator, ledger)
     _check_names(model, ledger)
     _check_colliders(model, ledger)
@@ -108,7 +111,7 @@ def check_limits(
             ledger.wrong("mjcf.limits", text, joint, size=difference)
 
 
-def _check_servo(model: mujoco.MjModel, actuator: int, ledger: Ledger) -> None:
+def _check_servo(model: mujoco.MjModel, actuator: int, from_home: bool, ledger: Ledger) -> None:
     """Report a position servo whose control is no position: force = gain * control - stiffness * coordinate + ...
 
     The control is the coordinate, or the displacement of the coordinate from `ref`.
@@ -133,6 +136,9 @@ def _check_servo(model: mujoco.MjModel, actuator: int, ledger: Ledger) -> None:
         return
     range_, at_home, kind = moved_range
     lowest, highest = np.sort(model.actuator_ctrlrange[actuator] / gear)
+    if from_home:
+        _check_range_from_home(name, (float(lowest), float(highest)), range_ - at_home, kind, ledger)
+        return
     excesses = []
     for start in (0.0, at_home):
         low, high = range_ - start
@@ -146,6 +152,20 @@ def _check_servo(model: mujoco.MjModel, actuator: int, ledger: Ledger) -> None:
         )
         advice = f"write ctrlrange = range of the {kind} - its value at home"
         ledger.wrong("mjcf.control", text, name, size=excess, suggestion=advice)
+
+
+def _check_range_from_home(name: str, stated: tuple[float, float], expected: Array, kind: str, ledger: Ledger) -> None:
+    """Report a control range `stated` that is not the range `expected` (2,) of what is moved, counted from home."""
+    difference = float(np.abs(np.subtract(stated, expected)).max())
+    if difference <= ROUNDING_TOL * max(1.0, float(np.abs(expected).max())):
+        return
+    low, high = expected
+    text = (
+        f"actuator '{name}': ctrlrange is {stated[0]:.6g} .. {stated[1]:.6g}, but the range of its {kind} relative to "
+        f"home, from which a comment of the file counts controls, is {low:.6g} .. {high:.6g}."
+    )
+    advice = f"write ctrlrange = range of the {kind} - its value at home"
+    ledger.wrong("mjcf.control", text, name, size=difference, suggestion=advice)
 
 
 def _check_ranges(model: mujoco.MjModel, actuator: int, ledger: Ledger) -> None:

@@ -82,10 +82,12 @@ def read_csv(path: Path, ledger: Ledger) -> Content:
     except UnicodeDecodeError as error:
         raise ReadError("the file is not text") from error
     data: JsonObject = {}
+    line_count = len(lines)
     while lines and lines[0].startswith("#"):
         key, colon, value = lines.pop(0).lstrip("# ").partition(":")
         if colon:
             data[key.strip()] = _header_value(value.strip())
+    lines_of_head = line_count - len(lines)
     rows = list(csv.reader(io.StringIO("\n".join(lines))))
     if not is_track(data) or len(rows) < 2:
         raise ReadError(
@@ -95,13 +97,11 @@ def read_csv(path: Path, ledger: Ledger) -> Content:
     try:
         numbers = np.array(body, float)
     except ValueError as error:
-        text = f"a line does not consist of {len(header)} numbers: {str(error)[:80]}"
-        raise ReadError(text) from error
-    if numbers.shape[1] != len(header) or header[0] != "time_s":
-        raise ReadError(
-            f"the line of column names has {len(header)} columns, the first '{header[0]}'; the lines of numbers have "
-            f"{numbers.shape[1]} columns. The counts must be equal, and the first column must be time_s"
-        )
+        raise ReadError(_fault_of_lines(path.name, header, body, lines_of_head + 1)) from error
+    if numbers.shape[1] != len(header):
+        raise ReadError(_fault_of_lines(path.name, header, body, lines_of_head + 1))
+    if header[0] != "time_s":
+        raise ReadError(f"the first column is '{header[0]}', but must be time_s")
     links = _names(data, "links")
     joints = _names(data, "joints")
     kinds = _names(data, "joint_types")
@@ -111,6 +111,32 @@ def read_csv(path: Path, ledger: Ledger) -> Content:
     data["positions"] = numbers[:, 1:joints_end].ravel()
     data["poses"] = numbers[:, joints_end:].ravel()
     return _content(data, "csv", ledger)
+
+
+def _fault_of_lines(file: str, header: list[str], body: list[list[str]], header_line: int) -> str:
+    """Return the fault of the first line of numbers in `body` that is no line of numbers for the columns `header`.
+
+    `header_line` is the number of the line with the column names in the file, counted from 1.
+    """
+    if any(";" in column for column in header):
+        return (
+            f"{file}, line {header_line}: semicolons separate the columns, as a spreadsheet of a language with decimal "
+            "commas saves them. Save the table with commas between the columns and decimal points"
+        )
+    for number, row in enumerate(body, header_line + 1):
+        if len(row) != len(header):
+            text = f"{file}, line {number} has {len(row)} entries, expected {len(header)}"
+            if len(row) > len(header):
+                text += "; a number with a decimal comma counts as two: write decimal points"
+            return text
+        for column, entry in zip(header, row, strict=True):
+            try:
+                float(entry)
+            except ValueError:
+                return (
+                    f"{file}, line {number}: '{entry[:40]}' in column '{column}' is not a number; write decimal points"
+                )
+    return f"{file}: the lines below line {header_line} are no numbers"
 
 
 def _columns(links: list[str], joints: list[str], kinds: list[str]) -> list[str]:

@@ -145,7 +145,7 @@ class Urdf:
         closure_file = path.with_suffix(".yaml")
         self.closures = self._read_closures(closure_file, joints, driven)
         self._check_order(closure_file.name, _driven_in_order(root))
-        self.content.physics = self._physics(masses, driven)
+        self.content.physics = self._physics(masses, driven, closure_file.is_file())
         self.content.physics.robot = root.get("name", "")
         self.content.physics.assumed = assumed_masses(path)
         self.content.physics.partly_shown = partly_shown(path) | _partly_read(root)
@@ -201,7 +201,7 @@ class Urdf:
         )
         self._ledger.wrong("urdf.driven_order", text, order[start], suggestion="export the URDF and its YAML together")
 
-    def _physics(self, masses: dict[str, FileMass], driven: Collection[str]) -> FilePhysics:
+    def _physics(self, masses: dict[str, FileMass], driven: Collection[str], has_closure_file: bool) -> FilePhysics:
         loop_ends: set[str] = set()
         for first, second, _ in self.closures.pairs:
             loop_ends.update((first, second))
@@ -223,7 +223,7 @@ class Urdf:
             couplings |= dict(self.closures.couplings)
         physics.couplings = couplings
         physics.home = self.closures.home or None
-        physics.couples_pairs = self.closures.couplings is None  # a mimic couples two joints
+        physics.couples_pairs = not has_closure_file  # a mimic couples two joints; the YAML any number
         return physics
 
     def _check_home(self, name: str) -> None:

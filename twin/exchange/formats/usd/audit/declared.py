@@ -589,10 +589,34 @@ def _plain(color: Iterable[float]) -> str:
     return " ".join(map("{:.4g}".format, map(float, color)))
 
 
+def _hidden_samples(stage: Usd.Stage) -> str:
+    """Return the first attribute whose time samples a default of a stronger layer hides, as text; "" without one."""
+    for prim in stage.Traverse():
+        for attribute in prim.GetAuthoredAttributes():
+            if attribute.GetNumTimeSamples():
+                continue
+            stronger = ""  # the strongest layer with a default value
+            for spec in attribute.GetPropertyStack():
+                file = spec.layer.GetDisplayName()
+                if stronger and spec.layer.GetNumTimeSamplesForPath(spec.path):
+                    return (
+                        f"no link moves: {file} has time samples of {attribute.GetPath()}, but the value in "
+                        f"{stronger}, a stronger layer, hides them."
+                    )
+                if not stronger and spec.HasDefaultValue():
+                    stronger = file
+    return ""
+
+
 def _check_range(stage: Usd.Stage, codes: Array, ledger: Ledger) -> None:
     """Report a time range that is not that of the samples."""
     first = stage.GetStartTimeCode()
     last = stage.GetEndTimeCode()
+    hidden = "" if len(codes) else _hidden_samples(stage)
+    if last > first and hidden:
+        advice = "list the layer of the motion above the layer of the robot in the sublayers"
+        ledger.wrong("usd.range", hidden, "subLayers", suggestion=advice)
+        return
     if last > first and not len(codes):
         text = (
             f"startTimeCode .. endTimeCode is {first:g} .. {last:g}, but no link has time samples: the layer of the "
