@@ -18,7 +18,9 @@ from twin.exchange.audit import audit
 from twin.exchange.audit.bundle_claims import check_claims, check_readme
 from twin.exchange.audit.file_comparison import Reference, compare_clips
 from twin.exchange.audit.file_content import Content, FileClip
-from twin.exchange.audit.mechanism_data import FileJoint, FilePhysics, motion_lines
+from twin.exchange.audit.file_joints import FileJoint
+from twin.exchange.audit.mechanism_data import FilePhysics
+from twin.exchange.audit.motion_lines import motion_lines
 from twin.exchange.audit.physics_comparison import compare_physics
 from twin.exchange.audit.poses import about, pose
 from twin.exchange.audit.report import Ledger, ReadError

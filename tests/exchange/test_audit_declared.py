@@ -16,7 +16,8 @@ from made.bundle import grave, write_good
 from twin.core.provenance import Parameter
 from twin.exchange.audit import audit
 from twin.exchange.audit.file_content import Content
-from twin.exchange.audit.mechanism_data import FileMotor, FilePhysics
+from twin.exchange.audit.file_drives import FileMotor
+from twin.exchange.audit.mechanism_data import FilePhysics
 from twin.exchange.audit.parameter_claims import PARAMETERS, compare_assumed, compare_parameters
 from twin.exchange.audit.reader_context import Context
 from twin.exchange.audit.readme_numbers import check_numbers

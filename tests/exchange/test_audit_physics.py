@@ -12,7 +12,10 @@ import pytest
 from twin.exchange.audit import audit
 from twin.exchange.audit.colors import color_difference, linear
 from twin.exchange.audit.file_content import Content
-from twin.exchange.audit.mechanism_data import FileDrive, FileJoint, FilePhysics, motion_lines
+from twin.exchange.audit.file_drives import FileDrive
+from twin.exchange.audit.file_joints import FileJoint
+from twin.exchange.audit.mechanism_data import FilePhysics
+from twin.exchange.audit.motion_lines import motion_lines
 from twin.exchange.audit.physics_comparison import compare_physics
 from twin.exchange.audit.poses import about, inverse, pose
 from twin.exchange.audit.report import Ledger

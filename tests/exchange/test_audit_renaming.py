@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from twin.exchange.audit.file_content import Content, FileClip, LinkShape
-from twin.exchange.audit.mechanism_data import FileFrame, FileJoint, FileMass, FileMotor, FilePhysics
+from twin.exchange.audit.file_drives import FileMotor
+from twin.exchange.audit.file_joints import FileJoint
+from twin.exchange.audit.mechanism_data import FileFrame, FileMass, FilePhysics
 from twin.exchange.audit.report import Ledger
 
 LINKS = {"old link": "link", "old base": "base"}

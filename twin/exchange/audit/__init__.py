@@ -3,7 +3,8 @@
 poses                 quaternions and matrices, implemented independently of the writers
 file_content          the common result of the readers: clips of link poses in the world frame
 reader_context        what a reader may know beside its file; readers are the modules `audit` in twin.exchange.formats
-mechanism_data        the mechanism data of a file, in one form for all formats
+mechanism_data        the mechanism data of a file, in one form for all formats; file_joints: of a joint
+joint_merging         join the parts into which a format splits a joint
 file_statements       compare what files state about themselves: names, titles, rates
 plausibility          find physically impossible data in one file
 file_comparison       compare the pose of every link at every key between files

@@ -12,9 +12,10 @@ from typing import Any
 from twin.core.json_types import JsonMapping
 from twin.core.version import __version__
 from twin.exchange.audit.file_content import Content, LinkShape
+from twin.exchange.audit.file_joints import FileJoint
 from twin.exchange.audit.file_statements import ROBOT
 from twin.exchange.audit.interpolation_error import errors_at_every_second_key
-from twin.exchange.audit.mechanism_data import FileJoint, FilePhysics
+from twin.exchange.audit.mechanism_data import FilePhysics
 from twin.exchange.audit.named_parts import has_all_names, named_parts
 from twin.exchange.audit.parameter_claims import compare_assumed
 from twin.exchange.audit.readme_numbers import check_numbers

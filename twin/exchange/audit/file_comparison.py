@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.exchange.audit.file_content import Content, FileClip, LinkShape, largest
+from twin.exchange.audit.file_joints import FileJoint
 from twin.exchange.audit.file_statements import ROBOT
 from twin.exchange.audit.interpolation_error import midway
-from twin.exchange.audit.mechanism_data import FileJoint
 from twin.exchange.audit.pose_mistakes import mistake_behind
 from twin.exchange.audit.poses import Array, angle
 from twin.exchange.audit.report import (

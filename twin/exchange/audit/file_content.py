@@ -13,7 +13,8 @@ import numpy as np
 
 from twin.core.json_types import JsonObject
 from twin.exchange.audit.colors import Rgba
-from twin.exchange.audit.mechanism_data import FilePhysics, renamed, with_new_keys
+from twin.exchange.audit.mechanism_data import FilePhysics
+from twin.exchange.audit.new_names import renamed, with_new_keys
 from twin.exchange.audit.poses import Array, angle
 from twin.exchange.audit.report import Ledger, Measured
 from twin.exchange.format import Holds

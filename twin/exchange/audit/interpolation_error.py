@@ -14,7 +14,7 @@ import numpy as np
 
 from twin.exchange.audit import poses
 from twin.exchange.audit.file_content import FileClip, LinkShape
-from twin.exchange.audit.mechanism_data import FileJoint
+from twin.exchange.audit.file_joints import FileJoint
 from twin.exchange.audit.poses import Array
 
 _MIDDLE_TOL = 1e-6

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from twin.exchange.audit.mechanism_data import FileJoint, FilePhysics
+from twin.exchange.audit.file_joints import FileJoint
+from twin.exchange.audit.mechanism_data import FilePhysics
 
 _MAX_ASSIGNMENTS = 64
 """Maximum number of assignments of a file's joints to those of the mechanism that are compared."""

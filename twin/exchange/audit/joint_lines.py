@@ -11,8 +11,10 @@ from itertools import combinations
 
 import numpy as np
 
+from twin.exchange.audit.file_joints import FileJoint
 from twin.exchange.audit.joint_assignment import ONE_COORDINATE, base_link, rigid_parts, single_joints
-from twin.exchange.audit.mechanism_data import FileJoint, FilePhysics, JointLine
+from twin.exchange.audit.mechanism_data import FilePhysics
+from twin.exchange.audit.motion_lines import JointLine
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import MECHANISM, quantity
 from twin.exchange.audit.sampled_states import SampledStates

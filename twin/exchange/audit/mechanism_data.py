@@ -1,57 +1,22 @@
-"""Mechanism data of a file (links, joints, frames, gravity) in a common form for all formats.
-
-A joint has a pose and lines, both in the parent's frame. The pose is the pose of the child at zero coordinates. The
-child moves along or about the lines. Some formats split a joint into parts: a ball joint into three hinges with
-auxiliary links, or a loop closure into two ties. A tie is a pair of coinciding points. `joints_between` joins the
-parts, so that joints of different formats can be compared.
-"""
+"""Mechanism data of a file (links, joints, frames, gravity) in a common form for all formats."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
-from itertools import combinations
-from typing import TypeVar
+from dataclasses import dataclass, field
 
-import numpy as np
-
-from twin.exchange.audit import poses
+from twin.exchange.audit.file_drives import FileMotor
+from twin.exchange.audit.file_joints import WORLD, FileJoint
+from twin.exchange.audit.joint_merging import joints_of, merged_joints
+from twin.exchange.audit.new_names import renamed, with_new_keys
 from twin.exchange.audit.poses import Array
-
-_Value = TypeVar("_Value")
-
-_SAME = 1e-5
-"""Tolerance in m and in components of unit vectors, within which lines coincide or meet in a point."""
-
-_SPANNING = 1e-3
-"""Volume that three unit vectors must span to be in no common plane: in a plane, they cannot turn a body everywhere."""
 
 _HELPER = 1e-4
 """Largest mass of a link that a format needs only to split a joint or to close a loop, as a part of the mass of all."""
 
-_APART = 1e-3
-"""Minimum distance in m between two tied points of a hinge: nearer points let it tilt like a ball joint.
-
-Also the minimum distance of a third point from the axis of the hinge that fixes the joint."""
-
-WORLD = "world"
-"""Name of the base in many files, and of the fixed body that every MJCF has."""
 
 TOOL = "(tool)"
 """Name of the tool frame for all formats, because tracks do not state its name."""
-
-
-def renamed(names: Collection[str], new_names: Mapping[str, str]) -> tuple[str, ...]:
-    """Return names after renaming by {old: new}; other names stay."""
-    return tuple(new_names.get(name, name) for name in names)
-
-
-def with_new_keys(values: Mapping[str, _Value], new_names: Mapping[str, str]) -> dict[str, _Value]:
-    """Return values by name after renaming by {old: new}; other names stay."""
-    renamed_values = {}
-    for name, value in values.items():
-        renamed_values[new_names.get(name, name)] = value
-    return renamed_values
 
 
 @dataclass(frozen=True)
@@ -69,225 +34,8 @@ class FileMass:
     inertia: Array | None = None
 
 
-@dataclass(frozen=True)
-class JointLine:
-    """Line of a joint's motion, in the frame of the joint's parent: the child turns about it, or slides along it.
-
-    Attributes:
-        kind: "turn" or "slide".
-        point: point (3,) on the line in m.
-        direction: unit vector (3,).
-    """
-
-    kind: str
-    point: Array
-    direction: Array
-
-    def transformed(self, T: Array, sign: float = 1.0) -> JointLine:
-        """Return the line transformed by the pose T (4, 4), with its direction multiplied by `sign`."""
-        return JointLine(self.kind, T[:3, :3] @ self.point + T[:3, 3], sign * T[:3, :3] @ self.direction)
-
-    def motion(self, q: Array | float) -> Array:
-        """Return the motion (..., 4, 4) of the child, in the parent's frame, for q (...) in m or rad."""
-        if self.kind == "slide":
-            return poses.pose(None, np.multiply.outer(q, self.direction))
-        T_at_point = poses.pose(None, self.point)
-        return T_at_point @ poses.pose(poses.about(self.direction, q)) @ poses.inverse(T_at_point)
-
-
-@dataclass(frozen=True)
-class FileDrive:
-    """Limits and drive of a joint; None: the file does not state the value.
-
-    Attributes:
-        limits: (lower, upper) in m or rad; infinite without a limit.
-        driven: whether an actuator moves the joint.
-        stiffness: stiffness of the position drive in N/m or N m/rad.
-        damping: damping of the position drive in N s/m or N m s/rad.
-        effort: maximum effort in N or N m.
-        speed: maximum speed in m/s or rad/s.
-        passive: (stiffness, damping, friction, inertia) of springs, dampers, dry friction and rotors at the joint
-            itself, in SI units.
-        law: "force" if the drive's gains give a force, "acceleration" if they give an acceleration.
-        breaks: force in N at which the joint breaks; infinite if it never breaks.
-        cone: half angles in rad of the cone of a ball joint, about the two directions across its axis; infinite without
-            a cone.
-        cone_axis: unit vector (3,) of the axis of this cone, in the frame of the parent; None without a cone.
-        soft: range (lower, upper) in m or rad in which a safety controller keeps the joint; the limits without one.
-        acceleration: maximum acceleration in m/s2 or rad/s2.
-        jerk: maximum jerk in m/s3 or rad/s3.
-        control: range (lower, upper) in m or rad of the positions that a control can ask for; the limits where a format
-            does not restrict it.
-    """
-
-    limits: tuple[float, float] | None = None
-    driven: bool | None = None
-    stiffness: float | None = None
-    damping: float | None = None
-    effort: float | None = None
-    speed: float | None = None
-    passive: tuple[float, float, float, float] | None = None
-    law: str | None = None
-    breaks: float | None = None
-    cone: tuple[float, float] | None = None
-    cone_axis: Array | None = None
-    soft: tuple[float, float] | None = None
-    control: tuple[float, float] | None = None
-    acceleration: float | None = None
-    jerk: float | None = None
-
-
 EMPTY = (0.0, 0.0, 0.0, 0.0, 0.0)
 """`FilePhysics.medium` where nothing slows the robot down."""
-
-FREE_JOINT = (0.0, 0.0, 0.0, 0.0)
-"""`FileDrive.passive` of a joint without spring, damper, friction and rotor."""
-
-
-@dataclass(frozen=True)
-class FileMotor:
-    """A motor with a transmission to joints; SI units, on the motor's side. None: the file does not state the value.
-
-    Attributes:
-        row: {joint: factor}; the motor's coordinate is the sum of factor times joint coordinate.
-        kind: "angle" or "length", the kind of the motor's coordinate.
-        limits: (lower, upper) in m or rad; infinite without a limit.
-        effort: maximum effort in N or N m; infinite without a limit.
-        speed: maximum speed in m/s or rad/s; infinite without a limit.
-        inertia: inertia of the rotor in kg m2, or its mass in kg; 0 without a rotor.
-        stiffness: stiffness of the position drive in N/m or N m/rad; 0 without a drive.
-        damping: damping of the position drive in N s/m or N m s/rad; 0 without a drive.
-        law: what the gains give, as in `FileDrive`.
-    """
-
-    row: Mapping[str, float] | None = None
-    kind: str | None = None
-    limits: tuple[float, float] | None = None
-    effort: float | None = None
-    speed: float | None = None
-    inertia: float | None = None
-    stiffness: float | None = None
-    damping: float | None = None
-    law: str | None = None
-
-    def renamed(self, joints: Mapping[str, str]) -> FileMotor:
-        """Return the motor after renaming joints by {old: new}."""
-        if self.row is None:
-            return self
-        return replace(self, row=with_new_keys(self.row, joints))
-
-
-def drive_of_motors(motors: Mapping[str, FileMotor], joint: str) -> tuple[float, float] | None:
-    """Return (stiffness, damping) at a joint due to the drives of its motors; None if no motor moves the joint.
-
-    All other joints are assumed to be fixed. Each motor contributes its stiffness and damping, both multiplied by the
-    square of the motor's factor for the joint.
-    """
-    stiffness = 0.0
-    damping = 0.0
-    has_motor = False
-    for motor in motors.values():
-        if motor.row and joint in motor.row:
-            # Virtual work: the motor turns by factor * q, and its effort acts at the joint multiplied by the factor
-            # again.
-            factor = motor.row[joint]
-            stiffness += factor * factor * (motor.stiffness or 0.0)
-            damping += factor * factor * (motor.damping or 0.0)
-            has_motor = True
-    if not has_motor:
-        return None
-    return stiffness, damping
-
-
-@dataclass(frozen=True)
-class FileJoint:
-    """A joint between two links.
-
-    Attributes:
-        names: names of the joint's parts in the file; usually one.
-        parent, child: names of the two links; "" if not stated.
-        T: pose T_parent_child (4, 4) at zero coordinates; None if not stated.
-        motions: lines along or about which the joint moves, in the parent's frame, from the parent outwards.
-        drive: limits and drive of the joint.
-        tied: for each tie, (point in the parent's frame, same point in the child's frame), both (3,) in m; empty
-            unless the file states the joint only by ties (MJCF connect).
-        stated_kind: kind of the joint, if the file states a kind but no axis (tracks, GLB); else "".
-    """
-
-    names: tuple[str, ...]
-    parent: str
-    child: str
-    T: Array | None = None
-    motions: tuple[JointLine, ...] = ()
-    drive: FileDrive = FileDrive()
-    tied: tuple[tuple[Array, Array], ...] = ()
-    stated_kind: str = ""
-
-    def renamed(self, links: Mapping[str, str], joints: Mapping[str, str]) -> FileJoint:
-        """Return the joint after renaming links and joints by {old: new}."""
-        parent, child = renamed((self.parent, self.child), links)
-        return replace(self, names=renamed(self.names, joints), parent=parent, child=child)
-
-    @property
-    def kind(self) -> str:
-        """Fixed, revolute, prismatic, cylindrical, spherical, free, "chain of ..." (other motions), or "" (unknown)."""
-        if self.stated_kind:
-            return self.stated_kind
-        if self.tied:
-            return _kind_of_ties(self.tied)
-        if self.T is None:
-            return ""
-        return _kind(self.motions)
-
-    def end(self, link: str) -> tuple[Array, Array | None] | None:
-        """Return (point (3,) in m, direction (3,) or None for a ball) of the joint in the frame of one of its links.
-
-        Return None if the file does not state the position of the joint. Files may exchange parent and child; therefore
-        the direction is reversed if the child's name comes before the parent's in alphabetical order. The direction of
-        a tie has no defined sign.
-        """
-        sign = 1.0 if self.parent < self.child else -1.0
-        at_parent = link == self.parent
-        if self.tied:
-            points = []
-            for on_parent, on_child in self.tied:
-                points.append(on_parent if at_parent else on_child)
-            if len(points) < 2:
-                return points[0], None
-            # Also of two points that nearly meet: the place of the ball is then compared across the line, as of a pin.
-            first, second = _ends_of_ties(self.tied)
-            return points[0], sign * unit(points[second] - points[first])
-        if self.T is None or not self.motions:
-            return None
-        turns, _ = _turns_and_slides(self.motions)
-        if self.kind == "spherical":
-            center = meeting_point(turns)
-            if not at_parent:
-                center = _moved(center, poses.inverse(self.T))
-            return center, None
-        line = self.motions[-1]
-        if turns:
-            # In a cylindrical joint, both lines are the same; the axis of a turn has a place, that of a slide has none.
-            line = turns[-1]
-        if link == self.child:
-            line = line.transformed(poses.inverse(self.T))
-        return line.point, sign * line.direction
-
-    def reversed(self) -> FileJoint:
-        """Return the joint with parent and child exchanged; the signs of its coordinates do not change."""
-        tied = []
-        for on_parent, on_child in self.tied:
-            tied.append((on_child, on_parent))
-        drive = replace(self.drive, cone_axis=None)  # it is known in the frame of the other link
-        exchanged = replace(self, parent=self.child, child=self.parent, tied=tuple(tied), drive=drive)
-        if self.T is None:
-            return exchanged
-        T_child_parent = poses.inverse(self.T)
-        motions = []
-        for line in reversed(self.motions):
-            # Seen from the child, the parent moves the other way: the same coordinate needs the opposite direction.
-            motions.append(line.transformed(T_child_parent, -1.0))
-        return replace(exchanged, T=T_child_parent, motions=tuple(motions))
 
 
 @dataclass(frozen=True)
@@ -449,48 +197,8 @@ class FilePhysics:
         return frozenset(immobile_links & set(known_links)) - {WORLD}
 
     def joints_between(self, known_links: Collection[str]) -> list[FileJoint]:
-        """Return the joints between known links.
-
-        An unknown link with two joints is removed, and its two joints become one joint; if the pose of one of them is
-        not stated, both are removed with the link. An unknown link with one joint is removed together with the joint.
-        An unknown link with three or more joints remains.
-        If a file states joints by ties (`FileJoint.tied`), all ties between the same two links become one joint.
-        """
-        joints = []
-        for joint in self.joints:
-            if not joint.tied:
-                joints.append(joint)
-        # Files attach a joint of the ground to the world or to the base fixed to it: one of both must be chosen.
-        if WORLD not in known_links:
-            joints = _onto_base(joints)
-        pending: list[str] = []
-        for joint in joints:
-            for link in (joint.parent, joint.child):
-                if link and link not in known_links and link not in pending:
-                    pending.append(link)
-        while pending:
-            link = _next_removed(pending, joints)
-            if link is None:
-                break
-            pending.remove(link)
-            joints = _without(link, joints)
-        return joints + self._joined_ties()
-
-    def _joined_ties(self) -> list[FileJoint]:
-        """Return one joint for all ties between the same two links."""
-        ties: dict[tuple[str, str], list[FileJoint]] = {}
-        for joint in self.joints:
-            if joint.tied:
-                ties.setdefault((joint.parent, joint.child), []).append(joint)
-        joined = []
-        for group in ties.values():
-            names: list[str] = []
-            points: list[tuple[Array, Array]] = []
-            for joint in group:
-                names += joint.names
-                points += joint.tied
-            joined.append(replace(group[0], names=tuple(names), tied=tuple(points)))
-        return joined
+        """Return the joints between known links, with the parts of a joint as one, as `merged_joints`."""
+        return merged_joints(self.joints, known_links)
 
     def added_joints(self, known_links: Collection[str]) -> list[FileJoint]:
         """Return the movable joints of unknown links that are heavier than a helper and have no other joint.
@@ -513,7 +221,7 @@ class FilePhysics:
         loads: list[str] = []
         if self.complete and self.joints:
             for link in self.links:
-                if link not in known_links and not _joints_of(link, self.joints):
+                if link not in known_links and not joints_of(link, self.joints):
                     loads.append(link)
         for link, joint in self._of_heavy_ends(known_links).items():
             if joint.kind == "fixed":
@@ -529,203 +237,7 @@ class FilePhysics:
         for link, mass in self.masses.items():
             if link in known_links or not mass.mass > _HELPER * total_mass:
                 continue
-            joints = _joints_of(link, self.joints)
+            joints = joints_of(link, self.joints)
             if len(joints) == 1:
                 end_joints[link] = joints[0]
         return end_joints
-
-
-def _joints_of(link: str, joints: Collection[FileJoint]) -> list[FileJoint]:
-    """Return the joints of a link."""
-    joints_of_link = []
-    for joint in joints:
-        if link in (joint.parent, joint.child):
-            joints_of_link.append(joint)
-    return joints_of_link
-
-
-def _next_removed(links: Collection[str], joints: Collection[FileJoint]) -> str | None:
-    """Return the first of the links with at most two joints; None if there is none."""
-    for link in links:
-        if len(_joints_of(link, joints)) <= 2:
-            return link
-    return None
-
-
-def _without(link: str, joints: list[FileJoint]) -> list[FileJoint]:
-    """Return joints without a link: if two joints have it, they become one, with the motions of both.
-
-    Two joints, of which one has no stated pose, cannot become one: both are left out.
-    """
-    joined: list[FileJoint] = []
-    others: list[FileJoint] = []
-    for joint in joints:
-        if link in (joint.parent, joint.child):
-            joined.append(joint)
-        else:
-            others.append(joint)
-    if len(joined) != 2:
-        return others
-    first, second = joined
-    if first.T is None or second.T is None:
-        return others
-    if first.child != link:
-        first = first.reversed()
-    if second.parent != link:
-        second = second.reversed()
-    return [*others, _chained(first, second)]
-
-
-def _onto_base(joints: list[FileJoint]) -> list[FileJoint]:
-    """Return joints on the link that is fixed to the world instead of on the world; others are unchanged."""
-    mount = _mount(joints)
-    if mount is None:
-        return joints
-    base = mount.reversed()
-    mounted_joints = []
-    for joint in joints:
-        if joint is mount:
-            continue
-        if joint.parent == WORLD and joint.T is not None:
-            mounted_joints.append(_chained(base, joint))
-        else:
-            mounted_joints.append(joint)
-    return mounted_joints
-
-
-def _mount(joints: list[FileJoint]) -> FileJoint | None:
-    """Return the first joint that fixes a link to the world; None if there is none."""
-    for joint in joints:
-        if joint.parent == WORLD and joint.kind == "fixed" and joint.T is not None:
-            return joint
-    return None
-
-
-def _chained(first: FileJoint, second: FileJoint) -> FileJoint:
-    """Return two joints as one; it has the drive of the one that moves, and none if both or neither do."""
-    assert first.T is not None
-    assert second.T is not None
-    drive = FileDrive()
-    if first.motions and not second.motions:
-        drive = first.drive
-    elif second.motions and not first.motions:
-        drive = replace(second.drive, cone_axis=None)  # the parent is another one
-    motions = list(first.motions)
-    for line in second.motions:
-        motions.append(line.transformed(first.T))
-    names = first.names + second.names
-    return FileJoint(names, first.parent, second.child, first.T @ second.T, tuple(motions), drive)
-
-
-def _kind_of_ties(tied: tuple[tuple[Array, Array], ...]) -> str:
-    """Return the kind of a joint of tied points: points in one place are a ball, on one line a hinge, others fixed."""
-    first, second = _ends_of_ties(tied)
-    origin, _ = tied[first]
-    end, _ = tied[second]
-    if not np.linalg.norm(end - origin) > _APART:
-        return "spherical"
-    axis = unit(end - origin)
-    for point, _ in tied:
-        if np.linalg.norm(np.cross(axis, point - origin)) > _APART:
-            return "fixed"
-    return "revolute"
-
-
-def _ends_of_ties(tied: tuple[tuple[Array, Array], ...]) -> tuple[int, int]:
-    """Return the indices of the two tied points that are farthest apart, the lower one first; (0, 0) of one point."""
-    ends = (0, 0)
-    largest = -1.0
-    for first, second in combinations(range(len(tied)), 2):
-        distance = float(np.linalg.norm(tied[second][0] - tied[first][0]))
-        if distance > largest:
-            ends = (first, second)
-            largest = distance
-    return ends
-
-
-_KINDS = {(0, 0): "fixed", (1, 0): "revolute", (0, 1): "prismatic", (3, 3): "free"}
-"""Kinds of joints that the numbers of their turns and slides determine."""
-
-
-def _kind(motions: tuple[JointLine, ...]) -> str:
-    turns, slides = _turns_and_slides(motions)
-    count = (len(turns), len(slides))
-    if count in _KINDS:
-        return _KINDS[count]
-    if count == (1, 1):
-        sine = np.linalg.norm(np.cross(turns[0].direction, slides[0].direction))
-        if sine < _SAME:
-            return "cylindrical"
-    if count == (3, 0) and _meet(turns):
-        return "spherical"
-    return f"chain of {len(turns)} turns and {len(slides)} slides"
-
-
-def _turns_and_slides(motions: tuple[JointLine, ...]) -> tuple[list[JointLine], list[JointLine]]:
-    turns = []
-    slides = []
-    for line in motions:
-        if line.kind == "turn":
-            turns.append(line)
-        else:
-            slides.append(line)
-    return turns, slides
-
-
-def _meet(turns: list[JointLine]) -> bool:
-    """Return whether three lines, which are not in one plane, meet in a point."""
-    directions = [line.direction for line in turns]
-    if not abs(np.linalg.det(directions)) > _SPANNING:
-        return False
-    point = meeting_point(turns)
-    for line in turns:
-        moment = np.cross(line.direction, point - line.point)
-        if not np.linalg.norm(moment) < _SAME:
-            return False
-    return True
-
-
-def meeting_point(lines: Collection[JointLine]) -> Array:
-    """Return the point (3,) in m with the minimum sum of squared distances from the lines."""
-    # normal equations of the sum of |P (x - p)|^2, with the projector P across each line and a point p on it
-    A = np.zeros((3, 3))
-    b = np.zeros(3)
-    for line in lines:
-        projector = np.eye(3) - np.outer(line.direction, line.direction)  # onto the plane normal to the line
-        A += projector
-        b += projector @ line.point
-    # Parallel lines leave A singular; of all nearest points, least squares gives that nearest to the origin.
-    solution, *_ = np.linalg.lstsq(A, b, rcond=None)
-    return solution
-
-
-def _moved(p: Array, T: Array) -> Array:
-    return T[:3, :3] @ p + T[:3, 3]
-
-
-def unit(v: Array) -> Array:
-    """Return the unit vector of v (3,); a zero vector is unchanged."""
-    size = float(np.linalg.norm(v))
-    if size > 0:
-        return v / size
-    return v
-
-
-def motion_lines(kind: str, T: Array, axis: int = 2) -> tuple[JointLine, ...]:
-    """Return the lines along or about which a joint moves, in the parent's frame; () if `kind` has no lines.
-
-    T (4, 4) is the pose T_parent_joint of the joint's frame; `axis` 0, 1 or 2 is the x, y or z axis of this frame.
-    """
-    point = T[:3, 3]
-    axes = T[:3, :3].T
-    if kind in ("revolute", "prismatic", "cylindrical"):
-        axes = axes[axis, None]  # the only axis, as rows (1, 3)
-    lines: list[JointLine] = []
-    # Slides before turns: after a turn, the lines of the slides would be rotated by it.
-    if kind in ("prismatic", "cylindrical", "free"):
-        for direction in axes:
-            lines.append(JointLine("slide", point, direction))
-    if kind in ("revolute", "cylindrical", "spherical", "free"):
-        for direction in axes:
-            lines.append(JointLine("turn", point, direction))
-    return tuple(lines)

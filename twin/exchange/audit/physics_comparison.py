@@ -18,7 +18,8 @@ from twin.core.json_types import JsonMapping
 from twin.exchange.audit.colors import Rgba
 from twin.exchange.audit.compared_quantities import NOTHING, QUANTITIES, WORDS, ComparisonRule, difference_text
 from twin.exchange.audit.file_content import Content, LinkShape
-from twin.exchange.audit.mechanism_data import TOOL, WORLD, FileJoint, FilePhysics
+from twin.exchange.audit.file_joints import WORLD, FileJoint
+from twin.exchange.audit.mechanism_data import TOOL, FilePhysics
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import MECHANISM, Ledger, Measured
 from twin.exchange.format import Holds

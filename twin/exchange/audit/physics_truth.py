@@ -8,18 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin.exchange.audit import poses
-from twin.exchange.audit.mechanism_data import (
-    EMPTY,
-    FREE_JOINT,
-    FileDrive,
-    FileFrame,
-    FileJoint,
-    FileMass,
-    FileMotor,
-    FilePhysics,
-    drive_of_motors,
-    motion_lines,
-)
+from twin.exchange.audit.file_drives import FREE_JOINT, FileDrive, FileMotor, drive_of_motors
+from twin.exchange.audit.file_joints import FileJoint
+from twin.exchange.audit.mechanism_data import EMPTY, FileFrame, FileMass, FilePhysics
+from twin.exchange.audit.motion_lines import motion_lines
 
 if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from twin.exchange.audit.file_content import Content, LinkShape
-from twin.exchange.audit.mechanism_data import FileDrive, FileMass
+from twin.exchange.audit.file_drives import FileDrive
+from twin.exchange.audit.mechanism_data import FileMass
 from twin.exchange.audit.report import Ledger, Measured, quantity
 
 DENSEST = 23_000.0

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from twin.exchange.audit.file_content import Content
-from twin.exchange.audit.mechanism_data import FileMotor
+from twin.exchange.audit.file_drives import FileMotor
 from twin.exchange.audit.report import Ledger, Measured
 
 _BUDGETS = re.compile(

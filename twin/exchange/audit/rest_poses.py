@@ -8,8 +8,10 @@ import numpy as np
 
 from twin.exchange.audit import poses
 from twin.exchange.audit.file_content import Content
+from twin.exchange.audit.file_joints import FileJoint
 from twin.exchange.audit.joint_lines import ANGLE_TOL, LINE_TOL, or_infinite
-from twin.exchange.audit.mechanism_data import FileJoint, FilePhysics, JointLine, meeting_point
+from twin.exchange.audit.mechanism_data import FilePhysics
+from twin.exchange.audit.motion_lines import JointLine, meeting_point
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import MECHANISM, ROTATION_TOL, quantity
 from twin.exchange.audit.state_comparison import same_names

@@ -8,8 +8,9 @@ from pathlib import Path
 from twin.core.foreign.admit import admit
 from twin.exchange.audit import poses
 from twin.exchange.audit.file_content import Content, check_poses
+from twin.exchange.audit.file_joints import FileJoint
 from twin.exchange.audit.file_statements import ROBOT
-from twin.exchange.audit.mechanism_data import FileFrame, FileJoint, FileMass, FilePhysics
+from twin.exchange.audit.mechanism_data import FileFrame, FileMass, FilePhysics
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.reader_context import Context
 from twin.exchange.audit.report import Ledger

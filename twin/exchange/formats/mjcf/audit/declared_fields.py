@@ -13,7 +13,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from twin.exchange.audit.mechanism_data import WORLD
+from twin.exchange.audit.file_joints import WORLD
 
 _SAME = 1e-12
 """Relative difference of equal numbers."""

@@ -9,17 +9,10 @@ import mujoco
 import numpy as np
 
 from twin.exchange.audit import poses
-from twin.exchange.audit.mechanism_data import (
-    EMPTY,
-    FileDrive,
-    FileFrame,
-    FileJoint,
-    FileMass,
-    FileMotor,
-    FilePhysics,
-    JointLine,
-    drive_of_motors,
-)
+from twin.exchange.audit.file_drives import FileDrive, FileMotor, drive_of_motors
+from twin.exchange.audit.file_joints import FileJoint
+from twin.exchange.audit.mechanism_data import EMPTY, FileFrame, FileMass, FilePhysics
+from twin.exchange.audit.motion_lines import JointLine
 from twin.exchange.audit.poses import Array
 
 MARK = "frame_"

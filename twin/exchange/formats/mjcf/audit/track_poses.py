@@ -10,7 +10,7 @@ import numpy as np
 from twin.exchange.audit import poses
 from twin.exchange.audit.chain_poses import ChainStep, solve_chain
 from twin.exchange.audit.file_content import FileClip
-from twin.exchange.audit.mechanism_data import WORLD
+from twin.exchange.audit.file_joints import WORLD
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, um
 from twin.exchange.formats.mjcf.audit.model_checks import gap_of, opening

@@ -20,8 +20,10 @@ from twin.core.foreign.admit import admit
 from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
 from twin.exchange.audit.file_content import Content, FileClip, check_poses, check_quaternions, check_rate, check_times
+from twin.exchange.audit.file_drives import FileDrive
+from twin.exchange.audit.file_joints import FileJoint
 from twin.exchange.audit.file_statements import ROBOT
-from twin.exchange.audit.mechanism_data import TOOL, FileDrive, FileFrame, FileJoint, FilePhysics
+from twin.exchange.audit.mechanism_data import TOOL, FileFrame, FilePhysics
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.reader_context import Context
 from twin.exchange.audit.report import Ledger, Measured, ReadError

@@ -20,18 +20,12 @@ from twin.exchange.audit.chain_poses import ChainStep, chain_end, solve_chain
 from twin.exchange.audit.colors import Palette, Rgba, linear
 from twin.exchange.audit.comment_statements import assumed_masses, partly_shown
 from twin.exchange.audit.file_content import Content, FileClip, LinkShape
-from twin.exchange.audit.mechanism_data import (
-    FileDrive,
-    FileJoint,
-    FileMass,
-    FileMotor,
-    FilePhysics,
-    JointLine,
-    motion_lines,
-    unit,
-)
+from twin.exchange.audit.file_drives import FileDrive, FileMotor
+from twin.exchange.audit.file_joints import FileJoint
+from twin.exchange.audit.mechanism_data import FileMass, FilePhysics
 from twin.exchange.audit.mesh_files import mesh_path, named_mesh, placed_shape
 from twin.exchange.audit.meshes import joined
+from twin.exchange.audit.motion_lines import JointLine, motion_lines, unit
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.reader_context import Context, played
 from twin.exchange.audit.report import Ledger, Measured, ReadError

@@ -18,7 +18,8 @@ import numpy as np
 from twin.core.foreign.text import read_text
 from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
-from twin.exchange.audit.mechanism_data import FileJoint, motion_lines
+from twin.exchange.audit.file_joints import FileJoint
+from twin.exchange.audit.motion_lines import motion_lines
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, quantity
 

@@ -15,7 +15,8 @@ from pxr import Gf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdShade
 
 from twin.core.provenance import EARLIER
 from twin.core.units import SI
-from twin.exchange.audit.mechanism_data import FileDrive, FilePhysics
+from twin.exchange.audit.file_drives import FileDrive
+from twin.exchange.audit.mechanism_data import FilePhysics
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured
 

@@ -16,7 +16,9 @@ from pxr import Usd, UsdPhysics
 
 from twin.core import format
 from twin.exchange.audit import poses
-from twin.exchange.audit.mechanism_data import WORLD, FileJoint, FilePhysics, JointLine
+from twin.exchange.audit.file_joints import WORLD, FileJoint
+from twin.exchange.audit.mechanism_data import FilePhysics
+from twin.exchange.audit.motion_lines import JointLine
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured
 

@@ -9,17 +9,10 @@ import numpy as np
 from pxr import Usd, UsdGeom, UsdPhysics
 
 from twin.exchange.audit import poses
-from twin.exchange.audit.mechanism_data import (
-    EMPTY,
-    FREE_JOINT,
-    FileDrive,
-    FileFrame,
-    FileJoint,
-    FileMass,
-    FileMotor,
-    FilePhysics,
-    motion_lines,
-)
+from twin.exchange.audit.file_drives import FREE_JOINT, FileDrive, FileMotor
+from twin.exchange.audit.file_joints import FileJoint
+from twin.exchange.audit.mechanism_data import EMPTY, FileFrame, FileMass, FilePhysics
+from twin.exchange.audit.motion_lines import motion_lines
 from twin.exchange.audit.poses import Array
 from twin.exchange.formats.usd.audit.declared import further_declarations, is_ours
 from twin.exchange.formats.usd.audit.joint_gaps import AXES, SIX, is_locked, is_stated, joint_ends
