@@ -42,7 +42,7 @@ def running():
     server = Server(arm)
     said: list[str] = []
     stop = threading.Event()
-    thread = threading.Thread(target=server.run, kwargs={"said": said.append, "ends": stop.is_set})
+    thread = threading.Thread(target=server.run, kwargs={"tell": said.append, "ends": stop.is_set})
     thread.start()
     yield server, said
     stop.set()
