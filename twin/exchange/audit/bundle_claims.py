@@ -356,12 +356,18 @@ _LEFT_OUT = re.compile(
 _COMMENT = re.compile(r"<!-- (?P<finding>\S+: .*?)\.? -->")
 
 
+def _begins_as_xml(file: Path) -> bool:
+    """Return whether the first byte of a file is that of an XML tag; tracks and binary files have no such comments."""
+    with file.open("rb") as stream:
+        return stream.read(1) == b"<"
+
+
 def _left_out_in_comments(folder: Path, contents: Sequence[Content]) -> list[str]:
     """Return the findings in comments of the files that say which values of which names a file cannot hold."""
     findings: dict[str, None] = {}  # a dict, for the order
     for content in contents:
         file = folder / Path(content.file).name
-        if file.suffix not in (".xml", ".urdf") or not file.is_file():
+        if not file.is_file() or not _begins_as_xml(file):
             continue
         for comment in _COMMENT.finditer(file.read_text("utf-8", errors="replace")):
             if _LEFT_OUT.fullmatch(comment["finding"]):
