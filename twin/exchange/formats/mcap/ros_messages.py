@@ -49,7 +49,7 @@ def pose_stamped(t: float, frame: str, T: Array) -> JsonObject:
 
 def joint_state(t: float, names: Sequence[str], q: Array, speeds: Array | None = None) -> JsonObject:
     """Return sensor_msgs/JointState of joint values q (n,) in rad or m; speeds (n,) in rad/s or m/s, None: unknown."""
-    # sensor_msgs/JointState: "leave the array associated with it empty" of what is not known; zeros would be a claim.
+    # sensor_msgs/JointState: the array of what is not known is left empty; zeros would be a claim.
     velocity = [] if speeds is None else np.asarray(speeds, float).tolist()
     position = np.asarray(q, float).tolist()
     return {"header": header(t), "name": list(names), "position": position, "velocity": velocity, "effort": []}

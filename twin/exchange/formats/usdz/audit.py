@@ -44,7 +44,7 @@ def _check_purposes(path: Path, ledger: Ledger) -> None:
     stage = Usd.Stage.Open(str(path))
     for prim in stage.Traverse():
         purpose = UsdGeom.Imageable(prim).ComputePurpose() if prim.IsA(UsdGeom.Mesh) else UsdGeom.Tokens.default_
-        # UsdGeomImageable: geometry of these two purposes is shown on demand only, unlike "default" and "render".
+        # UsdGeomImageable: a guide helps who edits, a proxy stands for heavier geometry; neither is the picture itself.
         if purpose in (UsdGeom.Tokens.guide, UsdGeom.Tokens.proxy):
             place = str(prim.GetPath())
             text = f"mesh {place} has the purpose {purpose}: AR viewers do not show it."
