@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import json
 import math
 import re
@@ -357,9 +358,11 @@ _COMMENT = re.compile(r"<!-- (?P<finding>\S+: .*?)\.? -->")
 
 
 def _begins_as_xml(file: Path) -> bool:
-    """Return whether the first byte of a file is that of an XML tag; tracks and binary files have no such comments."""
+    """Return whether a file begins with an XML tag; tracks and binary files have no such comments."""
     with file.open("rb") as stream:
-        return stream.read(1) == b"<"
+        begin = stream.read(100)
+    # an editor may have written a byte order mark or blank lines before the first tag
+    return begin.removeprefix(codecs.BOM_UTF8).lstrip().startswith(b"<")
 
 
 def _left_out_in_comments(folder: Path, contents: Sequence[Content]) -> list[str]:
