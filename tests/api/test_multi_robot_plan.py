@@ -40,7 +40,6 @@ from twin.planning.timing import time_path
 from twin.planning.trajectory import without_equations
 from twin.reference import ReferenceModel
 from twin.reference.clearance import Clearance, Shape, distance_between
-from twin.reference.clearance_certificate import Certificate
 from twin.reference.follower import Follower
 from twin.ui.report import together_figures
 from twin.ui.report.scene_figures import RobotPhases
@@ -318,7 +317,7 @@ def test_a_plan_tells_the_distance_between_the_arms_from_that_inside_an_arm_and_
     assert set(said) == {"between_arms", "inside_arm"}, "there are no props"
     inside = said["inside_arm"]
     assert len({name.split("_")[0] for name in inside["bodies"]}) == 1
-    assert plan.phases[0].certificate.found == min(n.certificate.found for n in plan.phases[0].nearest_pairs.values())
+    assert plan.phases[0].certificate.found == min(n.found for n in plan.phases[0].nearest_pairs.values())
     assert between["phase"] in {p.name for p in plan.phases}
     assert all("between_arms" in p["clearances"] for p in plan.content()["phases"])
     found = [f for f in plan.findings if f.code == "clearance.between_arms"]
@@ -355,9 +354,11 @@ def test_a_phase_shorter_than_the_steps_of_the_distances_keeps_its_nearest_bodie
     apart_ = ArmDistances(
         np.array([0.0, 1.0, 2.0]), {("a", "b"): Clearance(np.full(3, 0.1), (("a/x", "b/y"),) * 3, ())}
     )
-    near = Nearest(Certificate(0.2, 0.3, ("a_x", "b_z"), 0.5), 1.45)
-    assert near.among(apart_, 1.4, 1.5) is near
-    assert near.among(apart_, 1.4, 2.0).certificate.found == 0.1
+    near = Nearest(0.2, 0.3, ("a_x", "b_z"), 1.45)
+    assert near.or_nearer(apart_, 1.4, 1.5) is near
+    assert near.or_nearer(apart_, 1.4, 2.0) == Nearest(0.1, 0.1, ("a_x", "b_y"), 2.0)
+    with pytest.raises(ValueError, match=r"no time from 1\.4 s to 1\.5 s"):
+        apart_.least(1.4, 1.5)
 
 
 def test_every_pair_of_a_scene_is_drawn():

@@ -280,11 +280,10 @@ class _Plan:
             ProtocolError: no path was found.
             TimingError: no timing within the limits was found.
         """
-        from twin.planning.arm_distances import distances, nearest_at
+        from twin.planning.arm_distances import distances_between_arms, nearest_at
         from twin.planning.arm_group import trajectories
         from twin.planning.group_result import CommonPhase, PlannedTogether
         from twin.planning.plan_files import PhaseTimes, RobotSamples
-        from twin.reference.clearance_certificate import nearest
 
         paths: list[Path] = []
         rounds: list[Mapping[str, SearchRounds]] = []
@@ -309,7 +308,7 @@ class _Plan:
             checked[arm.name] = trajectory.findings
 
         self.progress("distances between the arms", 0.0)
-        arm_distances = distances(_placed(self.arms), q, longest.t, self.check)
+        arm_distances = distances_between_arms(_placed(self.arms), q, longest.t, self.check)
         q_all = np.column_stack(list(q.values()))
         phases = []
         for phase, span in enumerate(longest.phases):
@@ -320,12 +319,10 @@ class _Plan:
                     nearest_pairs[kind] = nearest_at(certificate, paths[phase], q_all[rows], longest.t[rows])
             # the distances over time are sampled more densely, and may have seen a nearer moment
             if "between_arms" in nearest_pairs:
-                nearest_pairs["between_arms"] = nearest_pairs["between_arms"].among(arm_distances, span.t0, span.t1)
-            nearest_of_all = nearest(pair.certificate for pair in nearest_pairs.values())
+                proven_pair = nearest_pairs["between_arms"]
+                nearest_pairs["between_arms"] = proven_pair.or_nearer(arm_distances, span.t0, span.t1)
             name = self._phase_names(phase)
-            phases.append(
-                CommonPhase(name, span.t0, span.t1, nearest_of_all, nearest_pairs, span.solver or "", rounds[phase])
-            )
+            phases.append(CommonPhase(name, span.t0, span.t1, nearest_pairs, span.solver or "", rounds[phase]))
 
         robots = {}
         for arm, trajectory in zip(self.arms, trajectories_of_arms, strict=True):

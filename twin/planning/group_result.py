@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
+
 from twin.core.findings import Finding, by_severity
 from twin.core.result import Part, Result, TextTable, as_json
 from twin.core.spatial import Array
@@ -34,7 +36,6 @@ class CommonPhase:
     Attributes:
         name: names of the phases of the arms, joined.
         t0, t1: times in s at the start and at the end of the phase.
-        certificate: minimum distance along the whole phase, over all tested pairs of bodies (arms and scene).
         nearest_pairs: minimum distance for each kind of pair in `KINDS` (two different arms, one arm, arm and scene);
             kinds without bodies to test are missing.
         solver: solver of the timing: "passes" or "toppra".
@@ -46,10 +47,18 @@ class CommonPhase:
     name: str
     t0: float
     t1: float
-    certificate: PathCertificate
     nearest_pairs: Mapping[str, Nearest]
     solver: str
     rounds: Mapping[str, SearchRounds] = field(default_factory=dict)
+
+    @property
+    def certificate(self) -> PathCertificate:
+        """Minimum distance along the whole phase, over all tested pairs of bodies; infinite if no pair is tested."""
+        every_kind = [Nearest(np.inf, np.inf, ("", ""), self.t0), *self.nearest_pairs.values()]
+        smallest = min(every_kind, key=lambda nearest: nearest.found)
+        # the proven bound and the smallest distance may be those of different kinds
+        proven = min(nearest.proven for nearest in every_kind)
+        return replace(smallest, proven=proven)
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data; the keys of quantities end with the unit."""
@@ -59,13 +68,14 @@ class CommonPhase:
         rounds_of_arms = {}
         for arm, rounds in self.rounds.items():
             rounds_of_arms[arm] = rounds.as_dict()
+        certificate = self.certificate
         return {
             "name": self.name,
             "t0_s": self.t0,
             "t1_s": self.t1,
-            "proven_mm": self.certificate.proven / MM,
-            "found_mm": self.certificate.found / MM,
-            "bodies": list(self.certificate.bodies),
+            "proven_mm": certificate.proven / MM,
+            "found_mm": certificate.found / MM,
+            "bodies": list(certificate.bodies),
             "clearances": clearances,
             "solver": self.solver,
             "rounds": rounds_of_arms,
@@ -130,7 +140,7 @@ class PlannedTogether(Result):
         nearest_of_kind = {}
         for phase in self.phases:
             for kind, nearest in phase.nearest_pairs.items():
-                if kind in nearest_of_kind and nearest_of_kind[kind][0].certificate.found <= nearest.certificate.found:
+                if kind in nearest_of_kind and nearest_of_kind[kind][0].found <= nearest.found:
                     continue
                 nearest_of_kind[kind] = (nearest, phase.name)
         return {kind: nearest_of_kind[kind] for kind in KINDS if kind in nearest_of_kind}  # in the order of the kinds
@@ -165,10 +175,9 @@ class PlannedTogether(Result):
         yield ""
         rows = []
         for kind, (nearest, phase_name) in self.nearest_pairs.items():
-            certificate = nearest.certificate
-            smallest = f"{certificate.found / MM:.2f}"
-            proven = f"{certificate.proven / MM:.2f}"
-            bodies = " and ".join(certificate.bodies)
+            smallest = f"{nearest.found / MM:.2f}"
+            proven = f"{nearest.proven / MM:.2f}"
+            bodies = " and ".join(nearest.bodies)
             rows.append((KINDS[kind], smallest, proven, f"{nearest.t:.3f}", phase_name, bodies))
         yield TextTable(("minimum clearance", "found mm", "proven mm", "at s", "phase", "nearest bodies"), rows)
         yield f"  required: {self.required / MM:g} mm"
@@ -197,9 +206,8 @@ def _between_arms(phase: CommonPhase, who: str) -> list[Finding]:
     nearest = phase.nearest_pairs.get("between_arms")
     if nearest is None:
         return []
-    certificate = nearest.certificate
     text = (
-        f"{who} keep at least {certificate.proven / MM:.2f} mm from each other (proven); the smallest distance found "
-        f"is {certificate.found / MM:.2f} mm, between {' and '.join(certificate.bodies)}, at {nearest.t:.3f} s"
+        f"{who} keep at least {nearest.proven / MM:.2f} mm from each other (proven); the smallest distance found "
+        f"is {nearest.found / MM:.2f} mm, between {' and '.join(nearest.bodies)}, at {nearest.t:.3f} s"
     )
-    return [Finding("clearance.between_arms", "info", text, phase.name, size=certificate.proven / MM, unit="mm")]
+    return [Finding("clearance.between_arms", "info", text, phase.name, size=nearest.proven / MM, unit="mm")]

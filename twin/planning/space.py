@@ -23,12 +23,7 @@ class PathCertificate(Interface):
 
     @property
     def found(self) -> float:
-        """Smallest distance in m at the tested values of s."""
-        ...
-
-    @property
-    def s(self) -> float:
-        """Value of s at which the distance is `found`."""
+        """Smallest distance in m at the tested states of the path."""
         ...
 
     @property
