@@ -10,7 +10,8 @@ import pytest
 import twin
 from twin.api.scene_obstacles import obstacles_in_base
 from twin.core.errors import ProtocolError, TwinError
-from twin.planning.protocol import Auxiliary, Free, Home, Insertion, Joints, Positioning, Samples, Waypoint, avoiding
+from twin.planning.protocol import Auxiliary, Free, Home, Insertion, Joints, Positioning, Samples, Waypoint
+from twin.planning.protocol.avoiding import avoiding
 
 
 @pytest.mark.parametrize("name", ["sils", "pa10", "davinci_psm"])

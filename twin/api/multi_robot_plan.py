@@ -152,7 +152,7 @@ def plan_together(
         TimingError: no timing within the limits was found.
     """
     from twin.planning.plan_files import props_files
-    from twin.planning.protocol import avoiding
+    from twin.planning.protocol.avoiding import avoiding
 
     if not 0 < clearance < float("inf"):
         raise ProtocolError(f"the clearance is {clearance:g} m; give a finite number above 0")

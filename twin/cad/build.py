@@ -16,12 +16,11 @@ import numpy as np
 from twin.cad import features, frames, mesh, references
 from twin.cad.actuators import actuators, transmissions
 from twin.cad.description import BodySpec, CouplingSpec, Description, JointSpec, LimitSpec, MassSpec, load
-from twin.cad.dimensions import read_dimensions
 from twin.cad.features import MeasuredFeature
 from twin.cad.frames import DrawnFrames, into
 from twin.cad.meeting import meetings
 from twin.cad.noise import CAUSE, Noise, noise
-from twin.cad.parameters import parameters
+from twin.cad.parameters import parameters, read_dimensions
 from twin.cad.step import MASS_ANGLE, MASS_TOLERANCE, PROP_TOLERANCE, VISUAL_TOLERANCE, Part, StepModel, read_step
 from twin.core.errors import CadError, unknown
 from twin.core.findings import Finding, info, warning

@@ -15,9 +15,8 @@ from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.model.scene import Scene
 from twin.planning.arm_distances import ArmDistances, Nearest
-from twin.planning.clearance_finding import clearance
 from twin.planning.plan_files import SCENE, RobotSamples, protocol_files, write_plan_scene
-from twin.planning.plan_result import searches
+from twin.planning.plan_result import clearance_findings, searches
 from twin.planning.rounds import SearchRounds
 from twin.planning.space import PathCertificate
 
@@ -119,7 +118,7 @@ class PlannedTogether(Result):
         findings = []
         for phase in self.phases:
             findings += _between_arms(phase, arms)
-            findings += clearance(phase.certificate, phase.name, arms, self.scene.name)
+            findings += clearance_findings(phase.certificate, phase.name, arms, self.scene.name)
         for name, checked in self.checked.items():
             for finding in checked:
                 findings.append(replace(finding, message=f"{name}: {finding.message}"))

@@ -12,7 +12,6 @@ from twin.core.errors import ProtocolError, TimingError
 from twin.core.findings import Finding
 from twin.core.spatial import Array
 from twin.planning.check import check, rcm_error
-from twin.planning.clearance_finding import clearance
 from twin.planning.demands import demands, timed
 from twin.planning.feasibility import pose_margins, require_feasible
 from twin.planning.free_phase import Progress, Searched
@@ -20,6 +19,7 @@ from twin.planning.long_turns import hint, long_turns
 from twin.planning.mechanism_path import MechanismFollower, with_auxiliary, with_free_paths
 from twin.planning.path import Path
 from twin.planning.phase_path import PhasePath, build
+from twin.planning.plan_result import clearance_findings
 from twin.planning.protocol import Free, Protocol, Samples
 from twin.planning.protocol.course import Motion
 from twin.planning.rounds import SearchRounds
@@ -128,7 +128,7 @@ def _certified(phase: Free, kinematics: PathKinematics, joints: Path) -> list[Fi
         return np.ones(len(q), bool)
 
     certificate = kinematics.space(phase.scene, phase.clearance, keep).certify(joints)
-    return clearance(certificate, phase.name, scene=phase.scene)
+    return clearance_findings(certificate, phase.name, scene=phase.scene)
 
 
 def _leg(path: PhasePath, protocol: Protocol, kinematics: PathKinematics, dt: float) -> tuple[Leg, list[Finding]]:

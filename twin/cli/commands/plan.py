@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     from twin.cli import show
     from twin.core import assets
     from twin.planning.plan_result import FILES, Planned
-    from twin.planning.protocol import avoiding
+    from twin.planning.protocol.avoiding import avoiding
 
     if args.avoid is None:
         for name, value, usual in (("--clearance-mm", args.clearance_mm, _CLEARANCE), ("--seed", args.seed, 0)):

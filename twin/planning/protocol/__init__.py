@@ -15,7 +15,6 @@ retraction, the instrument is in the patient from the start: the shaft already p
 phase registers it as the RCM.
 """
 
-from twin.planning.protocol.avoiding import avoiding as avoiding
 from twin.planning.protocol.course import RcmMode as RcmMode
 from twin.planning.protocol.course import RotationOrder as RotationOrder
 from twin.planning.protocol.load import load_protocol as load_protocol
