@@ -29,8 +29,9 @@ from twin.analysis.error_propagation import ErrorPropagation, Spread
 from twin.analysis.pose_grid import PoseGrid
 from twin.analysis.workspace_result import volume_error
 from twin.api.imported_file import imported_file
-from twin.api.robot import Robot, RobotSource
-from twin.api.robot_source import robot_source
+from twin.api.name_or_path import name_or_path
+from twin.api.robot import Robot
+from twin.api.robot_source import RobotSource
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.provenance import Parameter
@@ -202,7 +203,7 @@ def planar_arm(limits=(-2.0, 2.0)) -> Mechanism:
 
 
 def bare(mechanism: Mechanism) -> twin.Robot:
-    return Robot(RobotSource(None, Path("arm.usda")), None, changed=mechanism)
+    return Robot(RobotSource(stage=Path("arm.usda")), given_mechanism=mechanism)
 
 
 def test_a_mechanism_without_equations_goes_through_its_joints(robots):
@@ -541,7 +542,7 @@ def test_sweep_refuses(arguments, message, tmp_path, capsys):
         (lambda: twin.load("sils", parameters={"l_p": 0.13}), "the parameters l_p"),
         (lambda: twin.load("sils").with_timing("toppra"), "the timing 'toppra'"),
         (lambda: replace(twin.load("pa10"), inverse_by="points"), "the inverse by points"),
-        (lambda: Robot(RobotSource(None, Path("arm.usda"), "wrist"), None), "the option tool of twin.load"),
+        (lambda: Robot(RobotSource(stage=Path("arm.usda"), tool="wrist")), "the option tool of twin.load"),
         (lambda: _table(dh="modified", units="m,rad"), "the option dh of twin.load, the option units of twin.load"),
         (lambda: _table(tool="wrist"), "the option tool of twin.load"),
         (lambda: _table(xacro=XacroSettings({"prefix": "left_"})), "the option xacro of twin.load"),
@@ -569,14 +570,14 @@ def _table(tool=None, xacro=None, dh=None, units=None):
     """Return a robot of a table whose content is not read: only its options are."""
     table = Path(__file__).parents[1] / "data/dh/error_empty.csv"
     described = imported_file(table, tool, xacro, dh, units)
-    return Robot(RobotSource(None, None, tool, described), None)
+    return Robot(RobotSource(described=described))
 
 
 def test_processes_load_the_folder_and_not_the_built_in_robot_of_its_name(tmp_path):
     (tmp_path / "cad").mkdir()
     (tmp_path / "cad/sils.toml").write_text("")
-    assert robot_source(twin.load(tmp_path)) == str(tmp_path)
-    assert robot_source(twin.load("sils")) == "sils"
+    assert name_or_path(twin.load(tmp_path)) == str(tmp_path)
+    assert name_or_path(twin.load("sils")) == "sils"
 
 
 def test_parquet_without_pyarrow_says_how_to_get_it(monkeypatch):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from made.lanes import one_of_a_kind
 from twin.api.facts import LINES, info
-from twin.api.robot import load
+from twin.api.robot_loading import load
 from twin.cli import show
 from twin.core.findings import disagreement
 from twin.core.result import TextTable

@@ -17,7 +17,8 @@ from twin.analysis.error_propagation import ErrorPropagation, Spread
 from twin.analysis.pose_grid import PoseGrid
 from twin.analysis.workspace import centre, shared_bounds
 from twin.analysis.workspace_result import volume_error
-from twin.api.robot import Robot, load
+from twin.api.robot import Robot
+from twin.api.robot_loading import load
 from twin.core import spatial
 from twin.core.compute_device import Choice, computing_on
 from twin.core.errors import TwinError, unknown

@@ -13,8 +13,9 @@ from twin.analysis.pose_grid import PoseGrid
 from twin.analysis.workspace import UnreachedError, box, centre
 from twin.analysis.workspace import workspace as over_grid
 from twin.analysis.workspace_result import Workspace
-from twin.api.robot import Progress, Robot, loaded, silent
-from twin.api.robot_source import robot_source
+from twin.api.name_or_path import name_or_path
+from twin.api.robot import Progress, Robot, silent
+from twin.api.robot_loading import loaded
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.core.units import MM
@@ -68,7 +69,7 @@ def workspace(
     scheduler = processes.get("scheduler")
     source = ""
     if scheduler:
-        source = processes.get("source") or robot_source(robot)
+        source = processes.get("source") or name_or_path(robot)
     robot = loaded(robot)
     if protocol or robot.mechanism.trocars:
         robot = robot.bound(robot.protocol(protocol))

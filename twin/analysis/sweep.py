@@ -13,8 +13,9 @@ import numpy as np
 from twin.analysis import design, table
 from twin.analysis.cluster import HERE, DeviceProcesses, cluster, each, require_keys
 from twin.analysis.workspace import limited_passive_joints
-from twin.api.robot import Progress, Robot, loaded, silent
-from twin.api.robot_source import robot_source
+from twin.api.name_or_path import name_or_path
+from twin.api.robot import Progress, Robot, silent
+from twin.api.robot_loading import loaded
 from twin.core.errors import TwinError
 from twin.core.findings import Finding
 from twin.core.json_types import JsonObject
@@ -171,7 +172,7 @@ def sweep(
         3
     """
     require_keys("sweep", processes, DeviceProcesses)
-    source = processes.get("source") or robot_source(robot)
+    source = processes.get("source") or name_or_path(robot)
     if isinstance(vary, str):
         vary = [vary]
     robot = loaded(robot)

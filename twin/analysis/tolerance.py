@@ -20,7 +20,8 @@ from twin.analysis.error_propagation import (
 )
 from twin.analysis.tightening import COST, Tightening, least_cost
 from twin.api.protocol_plan import plan
-from twin.api.robot import Progress, Robot, loaded, silent
+from twin.api.robot import Progress, Robot, silent
+from twin.api.robot_loading import loaded
 from twin.core import compute_device
 from twin.core.compute_device import PROCESSOR
 from twin.core.findings import Finding, Verdict, disagreement

@@ -18,7 +18,8 @@ from twin.analysis import measure
 from twin.analysis.cluster import each
 from twin.analysis.pose_grid import PoseGrid
 from twin.analysis.workspace_result import COLUMNS, Workspace
-from twin.api.robot import Robot, load
+from twin.api.robot import Robot
+from twin.api.robot_loading import load
 from twin.core import compute_device
 from twin.core.compute_device import Choice
 from twin.core.errors import KinematicsError, TwinError

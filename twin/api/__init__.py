@@ -42,13 +42,15 @@ if TYPE_CHECKING:
     )
     from twin.api.published_tables import study as study
     from twin.api.robot import (
-        STAGE_SUFFIXES as STAGE_SUFFIXES,
         Progress as Progress,
         Robot as Robot,
+    )
+    from twin.api.robot_folder import new as new
+    from twin.api.robot_loading import (
+        STAGE_SUFFIXES as STAGE_SUFFIXES,
         load as load,
         names as names,
     )
-    from twin.api.robot_folder import new as new
     from twin.api.scene_loading import load_scene as load_scene
     from twin.api.simulation_runs import (
         operate as operate,
@@ -70,8 +72,9 @@ _NAMES_BY_MODULE = {
     "protocol_plan": ("check_plan", "plan"),
     "published_equations": ("console", "equations_of_motion"),
     "published_tables": ("study",),
-    "robot": ("STAGE_SUFFIXES", "Progress", "Robot", "load", "names"),
+    "robot": ("Progress", "Robot"),
     "robot_folder": ("new",),
+    "robot_loading": ("STAGE_SUFFIXES", "load", "names"),
     "scene_loading": ("load_scene",),
     "simulation_runs": ("operate", "play", "world"),
     "stage_check": ("check_build",),

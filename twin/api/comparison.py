@@ -13,9 +13,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twin.api.robot import STAGE_SUFFIXES, Progress, Robot, RobotSource, load, names, silent
+from twin.api.robot import Progress, Robot, silent
+from twin.api.robot_loading import load, names
+from twin.api.robot_source import RobotSource
 from twin.core import spatial
 from twin.core.errors import AssemblyError, TwinError, unknown
+from twin.core.foreign.budget import STAGE_SUFFIXES
 from twin.core.quantity import moved
 from twin.core.spatial import Array
 
@@ -277,7 +280,7 @@ def _reread_stage(
         return None
 
     def read_copy(copy: Path) -> RobotSide:
-        return _robot_side(Robot(RobotSource(None, copy, None), None, None, {}), label, only)
+        return _robot_side(Robot(RobotSource(stage=copy)), label, only)
 
     return _Mirror(path, data, path.suffix, read_copy, mirrors).read
 

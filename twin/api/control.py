@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from twin.api.protocol_plan import plan
-from twin.api.robot import Progress, Robot, loaded, silent
+from twin.api.robot import Progress, Robot, silent
+from twin.api.robot_loading import loaded
 from twin.core.errors import TwinError
 
 if TYPE_CHECKING:

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin.api.protocol_plan import plan
-from twin.api.robot import Progress, Robot, loaded, silent
+from twin.api.robot import Progress, Robot, silent
+from twin.api.robot_loading import loaded
 from twin.core.errors import AssemblyError, TwinError, unknown
 from twin.core.units import UM
 

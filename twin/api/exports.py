@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin.api.protocol_plan import plan
-from twin.api.robot import Progress, Robot, loaded, names, silent
+from twin.api.robot import Progress, Robot, silent
+from twin.api.robot_loading import loaded, names
 from twin.core import assets
 from twin.core.errors import ProtocolError, TwinError
 from twin.core.sampling import spread

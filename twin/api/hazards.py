@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin.api.machine import machine_parts
-from twin.api.robot import Progress, Robot, load, silent
-from twin.api.robot_source import robot_source
+from twin.api.name_or_path import name_or_path
+from twin.api.robot import Progress, Robot, silent
+from twin.api.robot_loading import load
 from twin.core.errors import OutputError, TwinError
 from twin.core.json_types import JsonObject
 from twin.core.processors import usable
@@ -97,7 +98,7 @@ def hazards(
     from twin.simulation.hazards.campaign import load as load_campaign
     from twin.simulation.hazards.summary import Hazards
 
-    filed_source = robot_source(robot)
+    filed_source = name_or_path(robot)
     parts = software.parts(robot)
     path = campaign_file(robot, campaign)
     plan = load_campaign(path, parts.places)

@@ -6,7 +6,8 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING
 
-from twin.api.robot import Robot, load
+from twin.api.robot import Robot
+from twin.api.robot_loading import load
 from twin.core import assets
 from twin.core.errors import DeviceError, TwinError, unknown
 from twin.core.processes import Apart

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twin.api.robot import Progress, Robot, loaded, silent
+from twin.api.robot import Progress, Robot, silent
+from twin.api.robot_loading import loaded
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, by_severity, verdict
 from twin.core.json_types import JsonObject

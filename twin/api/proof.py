@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twin.api.robot import Progress, Robot, loaded, silent
+from twin.api.robot import Progress, Robot, silent
+from twin.api.robot_loading import loaded
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, by_severity, disagreement, error, info, warning
 from twin.core.format import ROUNDING

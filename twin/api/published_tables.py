@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twin.api.robot import Robot, loaded
+from twin.api.robot import Robot
+from twin.api.robot_loading import loaded
 from twin.core import assets
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, by_severity

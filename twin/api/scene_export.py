@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from twin.api.exports import export
-from twin.api.robot import Progress, Robot, load, silent
+from twin.api.robot import Progress, Robot, silent
+from twin.api.robot_loading import load
 from twin.api.scene_parts import anatomy_of, props_of
 from twin.core import assets
 from twin.core.findings import Finding, by_severity, disagreement

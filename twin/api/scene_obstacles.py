@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from twin.api.robot_loading import load
 from twin.api.scene_loading import load_scene, place_of
 from twin.core import spatial
 from twin.core.spatial import Array
@@ -15,7 +16,10 @@ if TYPE_CHECKING:
 
 
 def obstacles_in_base(
-    scene: str, robot: str, load: Callable[[str], Any], poses: Mapping[str, Mapping[str, Array]] | None = None
+    scene: str,
+    robot: str,
+    load: Callable[[str], Any] = load,
+    poses: Mapping[str, Mapping[str, Array]] | None = None,
 ) -> list[Obstacle]:
     """Return the bodies of the props and of the other robots of a scene, with poses in one robot's base frame.
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
-from twin.api.robot import Robot, load
+from twin.api.robot import Robot
+from twin.api.robot_loading import load
 
 if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism

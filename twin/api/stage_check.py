@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import ClassVar
 
 from twin.api import exports
-from twin.api.robot import Progress, Robot, loaded, silent
+from twin.api.robot import Progress, Robot, silent
+from twin.api.robot_loading import loaded
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
 from twin.core.findings import Finding, disagreement

@@ -483,7 +483,7 @@ def _of_audit(job: JudgeJob) -> Iterator[CheckFinding]:
 
 def _robot_folder(job: JudgeJob) -> JudgedFile:
     """Return the findings on a robot folder of twin: whether its description and its CAD can be read."""
-    from twin.api.robot import load
+    from twin.api.robot_loading import load
 
     description = job.description
     try:

@@ -6,6 +6,7 @@ robot are in several folders. `RobotFiles` has the same attributes for both kind
 
 from __future__ import annotations
 
+import hashlib
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -101,6 +102,14 @@ class RobotFiles:
         if name not in paths_by_name:
             raise TwinError(f"{self.name}: {unknown('protocol', name, paths_by_name)}")
         return paths_by_name[name]
+
+    def hashes(self) -> dict[str, str]:
+        """Return {name of a file: SHA-256 of its bytes} of the equations, the description and the STEP files."""
+        hashes = {}
+        for path in (self.formula, self.description, *sorted(self.cad.glob("*.step"))):
+            if path.is_file():
+                hashes[path.name] = hashlib.sha256(path.read_bytes()).hexdigest()
+        return hashes
 
 
 def equations(files: RobotFiles | None, name: str) -> Path:

@@ -13,7 +13,7 @@ from twin.analysis.mutation import cad, formula, trajectory_faults, units, usd
 from twin.analysis.mutation.bench import Bench
 from twin.analysis.mutation.fault import FAMILIES, Detection, Family, SeededFault
 from twin.analysis.mutation.score import Score
-from twin.api.robot import load
+from twin.api.robot_loading import load
 from twin.core.atomic import Scratch
 from twin.core.errors import TwinError
 from twin.core.jobs import Call

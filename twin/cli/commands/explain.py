@@ -30,7 +30,7 @@ def arguments(command: Command) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print the explanation; the exit code is 0 for agreement, 1 for a disagreement, 2 if the check was impossible."""
     from twin.api.equation_checks import explain
-    from twin.api.robot import load
+    from twin.api.robot_loading import load
     from twin.cli import show
     from twin.cli.option_values import stated_variants
 

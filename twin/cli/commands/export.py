@@ -44,7 +44,7 @@ def arguments(command: Command) -> None:
 def run(args: argparse.Namespace) -> int:
     """Write the export folder, audit it and print the files; the exit code is 1 if the audit finds a difference."""
     from twin.api.exports import export
-    from twin.api.robot import load
+    from twin.api.robot_loading import load
     from twin.cli import show
     from twin.core import assets
     from twin.exchange.write.bundle import chosen_formats

@@ -47,7 +47,7 @@ def arguments(command: Command) -> None:
 def run(args: argparse.Namespace) -> int:
     """Print the claims; the exit code is 0 if all are proved, 1 if one is refuted, 2 if one is not proved."""
     from twin.api.proof import prove
-    from twin.api.robot import load
+    from twin.api.robot_loading import load
     from twin.cli import show
     from twin.cli.option_values import protocols, stated_variants
 
@@ -110,7 +110,7 @@ def _workspace(robot: Robot, args: argparse.Namespace) -> int:
 def _bounds(robot: Robot, args: argparse.Namespace) -> int:
     """Print by how much equations and mechanism can differ at any joint values."""
     from twin.api.chain_bounds import chain_bounds, mechanism_bounds
-    from twin.api.robot import load
+    from twin.api.robot_loading import load
     from twin.cli import show
     from twin.cli.option_values import stated_variants
 

@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
     """Validate the equations on the chosen protocols and variants; write a report for each."""
     from twin.api.equation_checks import validate
     from twin.api.protocol_plan import plan
-    from twin.api.robot import load
+    from twin.api.robot_loading import load
     from twin.cli import reports, show
     from twin.cli.fix_search import FixSearch
     from twin.cli.option_values import protocols, variants_of_each

@@ -10,7 +10,7 @@ import time
 from multiprocessing.connection import Connection
 
 from twin.api.machine import machine_parts
-from twin.api.robot import load
+from twin.api.robot_loading import load
 from twin.core.errors import TwinError
 from twin.simulation.machine.machine_link import Address, MachineLink
 from twin.simulation.machine.machine_master import MachineMaster
