@@ -30,8 +30,8 @@ from twin.model.combined_arms import joined, owners
 from twin.model.scene import Place, load_scene
 from twin.model.transmission import Actuator, Transmission
 from twin.planning.arm_distances import ArmDistances, Nearest
-from twin.planning.chebyshev_path import line
 from twin.planning.obstacle_avoidance import around
+from twin.planning.path import line
 from twin.planning.plan import plan as plan_
 from twin.planning.plan_files import RobotSamples, props_files, protocol_files, write_plan_scene
 from twin.planning.priority import Behind, beside

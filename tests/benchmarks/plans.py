@@ -35,8 +35,8 @@ from twin.core.errors import TwinError
 from twin.core.units import MM
 from twin.model.body import Body, Mesh
 from twin.model.scene import load_scene
-from twin.planning.chebyshev_path import line
 from twin.planning.obstacle_avoidance import around
+from twin.planning.path import line
 from twin.planning.timing import time_path
 from twin.reference import ReferenceModel
 from twin.reference.collision_pairs import Obstacle

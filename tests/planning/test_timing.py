@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from twin.core import spatial
 from twin.core.errors import ProtocolError, TimingError
 from twin.planning import toppra_solver
-from twin.planning.chebyshev_path import fit, line
+from twin.planning.path import fit, line
 from twin.planning.phase_path import build
 from twin.planning.protocol import (
     Insertion,

@@ -18,9 +18,9 @@ from twin.core.units import MM
 from twin.model.body import Body, Frame, Mesh
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
-from twin.planning.chebyshev_path import line
 from twin.planning.fmt import FmtSearch
 from twin.planning.obstacle_avoidance import around
+from twin.planning.path import line
 from twin.reference import ReferenceModel
 from twin.reference.clearance import Shape
 from twin.reference.collision_pairs import CollisionPairs

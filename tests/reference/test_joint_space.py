@@ -18,13 +18,13 @@ from twin.core import spatial
 from twin.core.errors import CancelledError, DescriptionError, ProtocolError
 from twin.core.units import MM
 from twin.model.body import Body
-from twin.planning.chebyshev_path import line
 from twin.planning.costs import COSTS
-from twin.planning.nearest_free import nearest_free
 from twin.planning.obstacle_avoidance import NoPathError, around, rounded
+from twin.planning.path import line
 from twin.planning.plan import plan
 from twin.planning.protocol import load_protocol
 from twin.planning.rounds import UNITS
+from twin.planning.space import nearest_free
 from twin.reference import ReferenceModel
 from twin.reference.collision_pairs import Obstacle
 from twin.reference.follower import Follower

@@ -12,7 +12,7 @@ from made.mechanisms import four_bar
 from twin.core.errors import AssemblyError
 from twin.core.units import MM
 from twin.model.combined_arms import joined
-from twin.planning.chebyshev_path import line
+from twin.planning.path import line
 from twin.reference import ReferenceModel
 from twin.reference.assembly import settle
 from twin.reference.collision_pairs import CollisionPairs

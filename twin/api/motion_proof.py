@@ -302,7 +302,7 @@ def timed_path(
 
 def _timed_phase(name: str, span: PhaseSpan, protocol: Protocol) -> TimedPhase:
     """Return one phase of a trajectory, with the limits of its type."""
-    from twin.planning.chebyshev_path import ChebyshevPath
+    from twin.planning.path import ChebyshevPath
     from twin.proof.motion.path import TimedPhase
 
     if span.curve is None:

@@ -9,12 +9,11 @@ import numpy as np
 
 from twin.core.errors import AssemblyError, ProtocolError, TimingError
 from twin.core.spatial import Array
-from twin.planning.chebyshev_path import line
 from twin.planning.check import check
 from twin.planning.demands import demands, timed
 from twin.planning.feasibility import require_feasible
 from twin.planning.mechanism_path import MechanismFollower
-from twin.planning.path import Path
+from twin.planning.path import Path, line
 from twin.planning.phase_path import PhasePath, build
 from twin.planning.plan import Leg, assemble, sampled
 from twin.planning.protocol import Free, Protocol

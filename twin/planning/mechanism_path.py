@@ -18,9 +18,8 @@ from twin.core import spatial
 from twin.core.errors import AssemblyError, ProtocolError, unknown
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, display_unit
-from twin.planning.chebyshev_path import ChebyshevPath, fit, line
 from twin.planning.free_phase import Progress, Searched, free_path
-from twin.planning.path import Path
+from twin.planning.path import ChebyshevPath, Path, fit, line
 from twin.planning.phase_path import PhasePath
 from twin.planning.protocol import DIRECTIONS, Auxiliary, Free, Protocol, Samples
 from twin.planning.protocol.course import Motion, angles_of, rotation
@@ -183,7 +182,7 @@ class MechanismFollower:
             self.q = course(np.ones(1))[0]
             return carried_path
         directions = ~self._free()
-        if path.rcm is None and phase.places:
+        if path.rcm is None and phase.is_positioning:
             directions = self._directions(lever)
 
         def solved(s: Array) -> tuple[Array, Array, Array]:

@@ -11,12 +11,11 @@ import numpy as np
 
 from twin.core.errors import CancelledError, ProtocolError
 from twin.core.spatial import Array
-from twin.planning.chebyshev_path import ChebyshevPath, fit, line
 from twin.planning.costs import Cost, length, total
 from twin.planning.fmt import FmtSearch, SearchTree
-from twin.planning.nearest_free import nearest_free
+from twin.planning.path import ChebyshevPath, fit, line
 from twin.planning.rounds import SearchRound
-from twin.planning.space import Space
+from twin.planning.space import Space, nearest_free
 
 _ROUNDS = ((0.15, 60), (0.4, 200), (1.0, 600))
 """Searches, in order: (extension of the box beyond start and goal, divided by the joint ranges; number of samples)."""

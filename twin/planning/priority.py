@@ -18,11 +18,10 @@ import numpy as np
 from twin.core.spatial import Array
 from twin.core.units import MM, ROUNDING
 from twin.model.mechanism import Mechanism
-from twin.planning.chebyshev_path import line
 from twin.planning.costs import Cost, length
 from twin.planning.fmt import SearchTree
 from twin.planning.obstacle_avoidance import around
-from twin.planning.path import Path
+from twin.planning.path import Path, line
 from twin.planning.rounds import SearchRound
 from twin.planning.space import PathCertificate, Space
 
