@@ -22,7 +22,10 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from twin.core.units import MM
-from twin.planning.protocol.phase import Begin, End, Phase, PhaseTable, Walk
+from twin.planning.protocol.phase import Phase, PhaseEnd, PhaseStart
+from twin.planning.protocol.phase_table import PhaseTable
+from twin.planning.protocol.protocol_file import ProtocolFile
+from twin.planning.protocol.protocol_state import ProtocolState
 from twin.schema import Positive
 
 
@@ -34,10 +37,10 @@ class LiftTable(PhaseTable):
 
     rank: ClassVar[int] = 90
 
-    def follow(self, walk: Walk) -> None:
-        walk.outside(self.type)
+    def advance(self, state: ProtocolState) -> None:
+        state.require_no_rcm(self.type)
 
-    def phase(self, walk: Walk) -> "Lift":
+    def phase(self, protocol_file: ProtocolFile) -> "Lift":
         return Lift(self.name, self.height_mm * MM)
 
 
@@ -46,8 +49,8 @@ class Lift(Phase):
     height: float
     type: ClassVar[str] = "lift"
 
-    def end_after(self, at: Begin) -> End:
-        return End(at.angles, at.tip + [0, 0, self.height], at.rcm)
+    def end_after(self, start: PhaseStart) -> PhaseEnd:
+        return PhaseEnd(start.angles, start.tip + [0, 0, self.height], start.rcm)
 '''
 
 USE = """

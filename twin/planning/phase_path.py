@@ -11,12 +11,11 @@ from twin.core import spatial
 from twin.core.errors import ProtocolError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.planning.chebyshev_path import fit
 from twin.planning.long_turns import hint
-from twin.planning.path import Path
+from twin.planning.path import Path, fit
 from twin.planning.protocol import Phase, Protocol, trocar_of
 from twin.planning.protocol.course import Course, Motion, rotation
-from twin.planning.protocol.phase import Begin, End, pose_of
+from twin.planning.protocol.phase import PhaseEnd, PhaseStart
 from twin.planning.trajectory import PathKinematics
 
 _NO_LENGTH = 1e-9
@@ -102,12 +101,13 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
     """
     n_tool = T_tool_frame[:3, :3] @ protocol.shaft_axis
     if guide is None:
-        angles, tip = pose_of(protocol.waypoints, protocol.start, protocol.name)
+        angles, tip = protocol.waypoints[protocol.start].require_pose(protocol.name)
     else:
         angles, tip = guide.start(T_tool_frame)
     rcm = protocol.rcm
     if rcm is not None:
         _require_rcm(protocol, rcm, tip, rotation(angles, protocol.rotation) @ n_tool)
+    rcm_mode = None
     paths: list[PhasePath] = []
     for phase in protocol.phases:
         shaft = rotation(angles, protocol.rotation) @ n_tool
@@ -115,10 +115,8 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
         depth = np.nan
         if rcm is not None:
             depth = float((tip - rcm) @ shaft)
-        last_mode = None
-        if paths:
-            last_mode = paths[-1].rcm_mode
-        begin = Begin(
+        start = PhaseStart(
+            protocol=protocol.name,
             where=_where(protocol, phase),
             waypoints=protocol.waypoints,
             order=protocol.rotation,
@@ -129,15 +127,15 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
             tip=tip,
             shaft=shaft,
             rcm=rcm,
+            rcm_mode=rcm_mode,
             depth=depth,
-            mode=last_mode,
         )
-        end = phase.end_after(begin)
+        end = phase.end_after(start)
         if phase.has_length:
-            _require_length(protocol, begin, end)
-        depth0 = begin.depth
-        if end.depth0 is not None:
-            depth0 = end.depth0
+            _require_length(protocol, start, end)
+        start_depth = depth
+        if phase.registers_rcm:  # where the phase begins: the depth there is zero, whatever it was before
+            start_depth = 0.0
         path = PhasePath(
             T_tool_frame=np.asarray(T_tool_frame, float),
             n_tool_shaft=n_tool,
@@ -147,9 +145,9 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
             tip0=tip,
             tip1=end.tip,
             rcm=end.rcm,
-            rcm_mode=end.mode,
-            depth0=depth0,
-            depth1=end.depth1,
+            rcm_mode=end.rcm_mode,
+            depth0=start_depth,
+            depth1=end.depth,
             phase=phase,
             waypoint=end.waypoint,
             extra_joints=(),
@@ -160,8 +158,9 @@ def build(protocol: Protocol, T_tool_frame: Array, guide: Guide | None = None) -
         # the mechanism may end beside the pose that was prescribed: the next phase begins where it is
         angles = path.angles1
         tip = path.tip1
+        rcm_mode = path.rcm_mode
         rcm = end.rcm
-        if phase.leaves():
+        if phase.releases_rcm():
             rcm = None
     return tuple(paths)
 
@@ -187,20 +186,20 @@ def _require_rcm(protocol: Protocol, rcm: Array, tip: Array, shaft: Array) -> No
         )
 
 
-def _require_length(protocol: Protocol, begin: Begin, end: End) -> None:
+def _require_length(protocol: Protocol, start: PhaseStart, end: PhaseEnd) -> None:
     """Raise `ProtocolError` if a phase ends with the pose at which it begins.
 
     The pose at a waypoint with joint values is not known here.
     """
     if end.waypoint is not None and protocol.waypoints[end.waypoint].joints is not None:
         return
-    same_tip = np.linalg.norm(end.tip - begin.tip) < _NO_LENGTH
-    same_angles = np.linalg.norm(end.angles - begin.angles) < _NO_LENGTH
+    same_tip = np.linalg.norm(end.tip - start.tip) < _NO_LENGTH
+    same_angles = np.linalg.norm(end.angles - start.angles) < _NO_LENGTH
     if same_tip and same_angles:
-        x, y, z = (begin.tip / MM).tolist()
-        a, b, c = (begin.angles / DEG).tolist()
+        x, y, z = (start.tip / MM).tolist()
+        a, b, c = (start.angles / DEG).tolist()
         place = f"({x:.3f}, {y:.3f}, {z:.3f}) mm, ({a:.3f}, {b:.3f}, {c:.3f}) deg"
-        raise begin.refuse(f"the phase has no length: it is at {place}; remove it")
+        raise start.error(f"the phase has no length: it is at {place}; remove it")
 
 
 def _in_trocar(protocol: Protocol, phase: Phase, rcm: Array | None, tip: Array, shaft: Array) -> Array | None:
@@ -213,7 +212,7 @@ def _in_trocar(protocol: Protocol, phase: Phase, rcm: Array | None, tip: Array, 
         return rcm
     trocar = protocol.trocars[name]
     allowed = protocol.tolerances.rcm
-    if phase.registers:
+    if phase.registers_rcm:
         missed = float(np.linalg.norm(trocar - tip))
         what = f"tip is {missed / MM:.3f} mm from"
     else:

@@ -14,9 +14,11 @@ from twin.core.foreign.once import Read
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
 from twin.planning.protocol.model import Limits, PatientPlace, Protocol, TrajectoryTolerances
-from twin.planning.protocol.phase import PhaseTable, Walk
+from twin.planning.protocol.phase_table import PhaseTable
 from twin.planning.protocol.phases.insertion import InsertionTable
 from twin.planning.protocol.plausibility import plausible
+from twin.planning.protocol.protocol_file import ProtocolFile
+from twin.planning.protocol.protocol_state import ProtocolState
 from twin.planning.protocol.tables import LimitsTable, PatientTable, ProtocolTable, TolerancesTable, WaypointTable
 from twin.planning.protocol.waypoint import Waypoint, joint_values
 from twin.schema import error_at, load_toml
@@ -47,13 +49,22 @@ def load_protocol(path: str | Path, read: Read = read_bytes, folder: Path | None
         raise error_at(path, ("shaft_axis",), f"the vector is not a unit vector: {hint}")
     if folder is None:
         folder = Path(path).parent
-    walk = _walked(table, path, folder, read)
+    protocol_file = ProtocolFile(
+        path=path,
+        waypoints=table.waypoints,
+        trocars=tuple(table.trocars_mm),
+        home=table.home or table.start,
+        folder=folder,
+        reader=read,
+    )
+    _check_waypoints(table, protocol_file)
+    used_waypoints = _check_phases(table, protocol_file)
     waypoints = {}
     for name, waypoint_table in table.waypoints.items():
         waypoints[name] = _waypoint(name, waypoint_table)
     phases = []
-    for place, phase_table in enumerate(table.phases):
-        phases.append(walk.read(place, phase_table))
+    for index, phase_table in enumerate(table.phases):
+        phases.append(phase_table.phase(protocol_file.at_phase(index)))
     rcm = None
     if table.rcm_mm is not None:
         rcm = np.array(table.rcm_mm) * MM
@@ -82,7 +93,7 @@ def load_protocol(path: str | Path, read: Read = read_bytes, folder: Path | None
         patient=patient,
         no_patient=table.no_patient or "",
         timing=table.timing,
-        findings=tuple(_warnings(table, walk.used, str(path))),
+        findings=tuple(_warnings(table, used_waypoints, str(path))),
     )
 
 
@@ -157,38 +168,48 @@ def _patient(table: PatientTable) -> PatientPlace:
     )
 
 
-def _walked(table: ProtocolTable, path: str | Path, folder: Path, read: Read) -> Walk:
-    """Return the state after all phases, each checked against the phases before it."""
-    home = table.home or table.start
-    inside = table.rcm_mm is not None
-    walk = Walk(path, table.waypoints, tuple(table.trocars_mm), table.start, home, inside, folder, read)
+def _check_waypoints(table: ProtocolTable, protocol_file: ProtocolFile) -> None:
+    """Check the keys of each waypoint, and that the robot can start and end at the waypoints named for it.
+
+    Raises:
+        DescriptionError: a waypoint has too few or too many keys; or the first waypoint or `home` has no pose.
+    """
     for name, waypoint_table in table.waypoints.items():
         keys = [waypoint_table.position_mm, waypoint_table.depth_mm, waypoint_table.joints]
         if keys.count(None) != 2:
-            raise error_at(
-                path,
+            raise protocol_file.error(
                 ("waypoints", name),
                 "give exactly one of position_mm (a pose of the moved frame), depth_mm (an orientation about the RCM) "
                 "and joints (values of driven joints)",
             )
         if waypoint_table.joints is None and waypoint_table.angles_deg is None:
-            raise error_at(path, ("waypoints", name), "also give angles_deg")
+            raise protocol_file.error(("waypoints", name), "also give angles_deg")
         if waypoint_table.joints is not None and waypoint_table.angles_deg is not None:
-            raise error_at(path, ("waypoints", name), "the joints set the orientation: remove angles_deg")
+            raise protocol_file.error(("waypoints", name), "the joints set the orientation: remove angles_deg")
         if waypoint_table.joints is not None:
-            walk.once(waypoint_table.joints, ("waypoints", name, "joints"))
-    walk.target(table.start, ("start",), "the start", "position_mm", "joints")
+            protocol_file.require_distinct_joints(waypoint_table.joints, ("waypoints", name, "joints"))
+    protocol_file.require_waypoint(table.start, "start", "the start", "position_mm", "joints")
     if table.home is not None:
-        walk.target(table.home, ("home",), "home", "position_mm", "joints")
+        protocol_file.require_waypoint(table.home, "home", "home", "position_mm", "joints")
+
+
+def _check_phases(table: ProtocolTable, protocol_file: ProtocolFile) -> set[str]:
+    """Check each phase against those before it; return the names of the waypoints that they use.
+
+    Raises:
+        DescriptionError: two phases have the same name, a phase has no limits or cannot follow the phases before it.
+    """
+    state = ProtocolState(protocol_file, table.start, has_rcm=table.rcm_mm is not None)
     names = set[str]()
-    for place, phase in enumerate(table.phases):
+    for index, phase in enumerate(table.phases):
+        state.begin_phase(index)
         if phase.name in names:
-            raise error_at(path, ("phases", place, "name"), f"two phases are named '{phase.name}'")
+            raise state.protocol_file.error("name", f"two phases are named '{phase.name}'")
         names.add(phase.name)
         if phase.kind() not in table.limits:
-            raise error_at(path, ("phases", place, "type"), f"limits are missing: add [limits.{phase.kind()}]")
-        walk.follow(place, phase)
-    return walk
+            raise state.protocol_file.error("type", f"limits are missing: add [limits.{phase.kind()}]")
+        phase.advance(state)
+    return state.used_waypoints
 
 
 def _warnings(table: ProtocolTable, used_waypoints: set[str], path: str) -> list[Finding]:
@@ -212,7 +233,7 @@ def _warnings(table: ProtocolTable, used_waypoints: set[str], path: str) -> list
             last_inside = phase
             is_inserted |= isinstance(phase, InsertionTable)
     # an instrument that is in the patient from the start, may stay there
-    if is_inserted and table.rcm_mm is None and last_inside is not None and not last_inside.leaves():
+    if is_inserted and table.rcm_mm is None and last_inside is not None and not last_inside.releases_rcm():
         warnings.append(
             warning(
                 "protocol.ends_inside",

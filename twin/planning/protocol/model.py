@@ -132,7 +132,7 @@ class Protocol:
             trocar = trocar_of(phase)
             if trocar:
                 return self.trocars[trocar]
-            if phase.registers:
+            if phase.registers_rcm:
                 waypoint = self.waypoints.get(name)
                 if waypoint is None:
                     return None

@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from twin.planning.protocol.course import RotationOrder
 from twin.planning.protocol.model import Direction, Solver
-from twin.planning.protocol.phase import JointValue, PhaseTable
+from twin.planning.protocol.phase_table import JointKey, PhaseTable
 from twin.planning.protocol.phases import TABLES
 from twin.schema import Identifier, NotNegative, Origin, Positive, Table, Vector, at
 
@@ -22,7 +22,7 @@ class WaypointTable(Table):
     position_mm: Vector | None = None
     depth_mm: NotNegative | None = None
     joints: Annotated[
-        dict[JointValue, float] | None,
+        dict[JointKey, float] | None,
         Field(description="values of driven joints, as in a posture: NAME_deg or NAME_mm; other joints are as drawn"),
     ] = None
     label: str = ""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from twin.core.errors import ProtocolError
 from twin.core.provenance import Provenance
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
@@ -33,6 +34,19 @@ class Waypoint:
     note: str
     joints: Mapping[str, float] | None = None
     angle_joints: frozenset[str] = frozenset()
+
+    def require_pose(self, protocol: str) -> tuple[Array, Array]:
+        """Return angles (3,) in rad and position (3,) in m.
+
+        Raises:
+            ProtocolError: the waypoint has no position; the message begins with the name of the protocol.
+        """
+        if self.position is not None:
+            return self.angles, self.position
+        text = "no position"
+        if self.joints is not None:
+            text = "joint values, which require the mechanism"
+        raise ProtocolError(f"{protocol}: waypoint '{self.name}' has {text}")
 
 
 def joint_values(values_by_key: Mapping[str, float]) -> tuple[dict[str, float], frozenset[str]]:

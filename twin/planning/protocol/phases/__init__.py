@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from pkgutil import iter_modules
 
-from twin.planning.protocol.phase import PhaseTable
+from twin.planning.protocol.phase_table import PhaseTable
 
 for _module in iter_modules(__path__):
     import_module(f"{__name__}.{_module.name}")

@@ -6,7 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from twin.planning.protocol.phase import Begin, End, JointValue, Phase, PhaseTable, Walk
+from twin.planning.protocol.phase import Phase, PhaseEnd, PhaseStart
+from twin.planning.protocol.phase_table import JointKey, PhaseTable
+from twin.planning.protocol.protocol_file import ProtocolFile
+from twin.planning.protocol.protocol_state import ProtocolState
 from twin.planning.protocol.waypoint import joint_values
 
 
@@ -17,16 +20,16 @@ class AuxiliaryTable(PhaseTable):
     """
 
     type: Literal["auxiliary"]
-    joints: dict[JointValue, float]
+    joints: dict[JointKey, float]
 
     rank: ClassVar[int] = 2
 
-    def follow(self, walk: Walk) -> None:
+    def advance(self, state: ProtocolState) -> None:
         """Check the joints; the phase ends at the waypoint where it begins."""
-        walk.once(self.joints)
-        walk.stays = True
+        state.protocol_file.require_distinct_joints(self.joints, "joints")
+        state.end_at_start()
 
-    def phase(self, walk: Walk) -> Auxiliary:
+    def phase(self, protocol_file: ProtocolFile) -> Auxiliary:
         """Return the phase that this table describes, in SI units."""
         return Auxiliary(self.name, *joint_values(self.joints))
 
@@ -43,9 +46,9 @@ class Auxiliary(Phase):
     type: ClassVar[str] = "auxiliary"
     has_length: ClassVar[bool] = False
 
-    def end_after(self, at: Begin) -> End:
+    def end_after(self, start: PhaseStart) -> PhaseEnd:
         """Return the unchanged pose of the tool."""
-        mode = None
-        if at.rcm is not None:
-            mode = at.mode
-        return End(at.angles, at.tip, at.rcm, None, mode, at.depth)
+        rcm_mode = None
+        if start.rcm is not None:
+            rcm_mode = start.rcm_mode
+        return PhaseEnd(start.angles, start.tip, start.rcm, rcm_mode=rcm_mode, depth=start.depth)

@@ -14,7 +14,10 @@ from twin.core.provenance import Parameter
 from twin.core.spatial import Array
 from twin.core.units import MM
 from twin.planning.protocol.course import Course, Motion, rotation
-from twin.planning.protocol.phase import Begin, End, Phase, PhaseTable, Trocar, Walk
+from twin.planning.protocol.phase import Phase, PhaseEnd, PhaseStart
+from twin.planning.protocol.phase_table import PhaseTable, TrocarName
+from twin.planning.protocol.protocol_file import ProtocolFile
+from twin.planning.protocol.protocol_state import ProtocolState
 from twin.schema import Vector, at
 
 _NO_RADIUS = 1e-9
@@ -28,7 +31,7 @@ class CircleTable(PhaseTable):
     centre_mm: Vector
     normal: Vector = (0.0, 0.0, 1.0)
     turns: Annotated[int, Field(ge=1, le=1000)] = 1
-    trocar: Trocar = None
+    trocar: TrocarName = None
 
     rank: ClassVar[int] = 5
     in_patient: ClassVar[bool] = True
@@ -39,12 +42,12 @@ class CircleTable(PhaseTable):
             raise at("normal", "the axis of a circle must not be zero")
         return self
 
-    def follow(self, walk: Walk) -> None:
+    def advance(self, state: ProtocolState) -> None:
         """Register the trocar, if named; the phase ends at the waypoint where it begins."""
-        walk.through(self.trocar)
-        walk.stays = True
+        state.register_trocar(self.trocar)
+        state.end_at_start()
 
-    def phase(self, walk: Walk) -> Circle:
+    def phase(self, protocol_file: ProtocolFile) -> Circle:
         """Return the phase that this table describes, in SI units."""
         normal = np.array(self.normal, float)
         normal /= np.abs(normal).max()  # squares of very small or large numbers are 0 or infinite
@@ -67,16 +70,20 @@ class Circle(Phase):
     type: ClassVar[str] = "circle"
     has_length: ClassVar[bool] = False
 
-    def end_after(self, at: Begin) -> End:
+    def end_after(self, start: PhaseStart) -> PhaseEnd:
         """Return the state at the end of the phase, which is the state at its start."""
-        if np.linalg.norm(np.cross(at.tip - self.centre, self.normal)) < _NO_RADIUS:
-            raise at.refuse("the tip begins on the axis of the circle: the radius is 0; change centre_mm or the start")
-        if at.rcm is None:
-            return End(at.angles, at.tip, None)
-        missed = spatial.point_to_line(at.rcm, at.tip, at.shaft)
-        if missed > at.tolerance:
-            raise at.refuse(f"the shaft begins {missed / MM:.3f} mm beside the RCM (allowed: {at.tolerance / MM:g} mm)")
-        return End(at.angles, at.tip, at.rcm, None, "enforced", at.depth)
+        if np.linalg.norm(np.cross(start.tip - self.centre, self.normal)) < _NO_RADIUS:
+            raise start.error(
+                "the tip begins on the axis of the circle: the radius is 0; change centre_mm or the start"
+            )
+        if start.rcm is None:
+            return PhaseEnd(start.angles, start.tip, None)
+        missed = spatial.point_to_line(start.rcm, start.tip, start.shaft)
+        if missed > start.tolerance:
+            raise start.error(
+                f"the shaft begins {missed / MM:.3f} mm beside the RCM (allowed: {start.tolerance / MM:g} mm)"
+            )
+        return PhaseEnd(start.angles, start.tip, start.rcm, rcm_mode="enforced", depth=start.depth)
 
     def motion(self, course: Course, s: Array) -> Motion:
         """Return the motion at s (k,); the tool rotates minimally from the initial to the current shaft direction."""

@@ -10,7 +10,10 @@ from pydantic import Field, model_validator
 
 from twin.core.provenance import Parameter
 from twin.core.units import MM
-from twin.planning.protocol.phase import PhaseTable, Reaching, Walk
+from twin.planning.protocol.phase import WaypointPhase
+from twin.planning.protocol.phase_table import PhaseTable
+from twin.planning.protocol.protocol_file import ProtocolFile
+from twin.planning.protocol.protocol_state import ProtocolState
 from twin.schema import Identifier, NotNegative, Positive, at
 
 ETA = (0.1, 0.5)
@@ -75,12 +78,12 @@ class FreeTable(PhaseTable):
             eta2 = self.eta2
         return eta1, eta2
 
-    def follow(self, walk: Walk) -> None:
+    def advance(self, state: ProtocolState) -> None:
         """Check that no RCM is registered, and set the waypoint `to` as the end of the phase."""
-        walk.outside(self.type)
-        walk.go(self.to, "a free motion", "position_mm", "joints")
+        state.require_no_rcm(self.type)
+        state.end_at(self.to, "a free motion", "position_mm", "joints")
 
-    def phase(self, walk: Walk) -> Free:
+    def phase(self, protocol_file: ProtocolFile) -> Free:
         """Return the phase that this table describes, in SI units."""
         clearance = self.clearance_mm * MM
         scene = self.scene or ""
@@ -88,7 +91,7 @@ class FreeTable(PhaseTable):
 
 
 @dataclass(frozen=True)
-class Free(Reaching):
+class Free(WaypointPhase):
     """Move the driven joints to the waypoint `to`, with a `clearance` in m to obstacles and between the robot's bodies.
 
     `seed` is the seed of the random search. `scene` is the name or path of the scene with the obstacles, or "" for the

@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from twin.planning.protocol.phase import PhaseTable, Reaching, Walk
+from twin.planning.protocol.phase import WaypointPhase
+from twin.planning.protocol.phase_table import PhaseTable
+from twin.planning.protocol.protocol_file import ProtocolFile
+from twin.planning.protocol.protocol_state import ProtocolState
 
 
 class HomeTable(PhaseTable):
@@ -15,20 +18,20 @@ class HomeTable(PhaseTable):
 
     rank: ClassVar[int] = 7
 
-    def follow(self, walk: Walk) -> None:
+    def advance(self, state: ProtocolState) -> None:
         """Set the home waypoint as the end of the phase."""
-        walk.outside(self.type)
-        walk.go(walk.home, "home", key="type")
+        state.require_no_rcm(self.type)
+        state.end_at(state.protocol_file.home, "home", key="type")
 
-    def phase(self, walk: Walk) -> Home:
+    def phase(self, protocol_file: ProtocolFile) -> Home:
         """Return the phase that this table describes, in SI units."""
-        return Home(self.name, walk.home)
+        return Home(self.name, protocol_file.home)
 
 
 @dataclass(frozen=True)
-class Home(Reaching):
+class Home(WaypointPhase):
     """Move to the home waypoint `to` on a straight line, or in joint space if the waypoint has joint values."""
 
     type: ClassVar[str] = "home"
-    places: ClassVar[bool] = True
+    is_positioning: ClassVar[bool] = True
     by_joints: ClassVar[bool] = True

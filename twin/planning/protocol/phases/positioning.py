@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from twin.planning.protocol.phase import PhaseTable, Reaching, Walk
+from twin.planning.protocol.phase import WaypointPhase
+from twin.planning.protocol.phase_table import PhaseTable
+from twin.planning.protocol.protocol_file import ProtocolFile
+from twin.planning.protocol.protocol_state import ProtocolState
 from twin.schema import Identifier
 
 
@@ -17,19 +20,19 @@ class PositioningTable(PhaseTable):
 
     rank: ClassVar[int] = 0
 
-    def follow(self, walk: Walk) -> None:
+    def advance(self, state: ProtocolState) -> None:
         """Check that no RCM is registered and that the waypoint `to` has a position; end the phase at `to`."""
-        walk.outside(self.type)
-        walk.go(self.to, "a positioning", "position_mm")
+        state.require_no_rcm(self.type)
+        state.end_at(self.to, "a positioning", "position_mm")
 
-    def phase(self, walk: Walk) -> Positioning:
+    def phase(self, protocol_file: ProtocolFile) -> Positioning:
         """Return the phase that this table describes, in SI units."""
         return Positioning(self.name, self.to)
 
 
 @dataclass(frozen=True)
-class Positioning(Reaching):
+class Positioning(WaypointPhase):
     """Move straight to the waypoint `to`."""
 
     type: ClassVar[str] = "positioning"
-    places: ClassVar[bool] = True
+    is_positioning: ClassVar[bool] = True

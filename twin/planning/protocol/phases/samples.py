@@ -12,7 +12,10 @@ from pydantic import Field
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM
-from twin.planning.protocol.phase import Begin, End, Phase, PhaseTable, Walk
+from twin.planning.protocol.phase import Phase, PhaseEnd, PhaseStart
+from twin.planning.protocol.phase_table import PhaseTable
+from twin.planning.protocol.protocol_file import ProtocolFile
+from twin.planning.protocol.protocol_state import ProtocolState
 from twin.schema import Identifier, NotNegative
 
 _TIME = "t_s"
@@ -40,21 +43,20 @@ class SamplesTable(PhaseTable):
 
     rank: ClassVar[int] = 9
 
-    def follow(self, walk: Walk) -> None:
+    def advance(self, state: ProtocolState) -> None:
         """Check that no RCM is registered; if `to` is given, end the phase there and check that it has joint values."""
-        walk.outside(self.type)
+        state.require_no_rcm(self.type)
         if self.to is not None:
-            walk.go(self.to, "a motion by samples", "joints")
+            state.end_at(self.to, "a motion by samples", "joints")
 
-    def phase(self, walk: Walk) -> Samples:
+    def phase(self, protocol_file: ProtocolFile) -> Samples:
         """Return the phase that this table describes, in SI units."""
-        path = walk.beside(self.file)
         try:
-            names, rows = _table(walk.text(path, "CSV"))
+            names, rows = _table(protocol_file.read_text(self.file, "CSV"))
         except (OSError, ValueError, csv.Error) as error:
-            raise walk.wrong("file", f"{path.name} is no table of samples: {error}") from error
+            raise protocol_file.error("file", f"{self.file} is no table of samples: {error}") from error
         except TwinError as error:  # the file is too large
-            raise walk.wrong("file", str(error)) from error
+            raise protocol_file.error("file", str(error)) from error
         t = rows[:, 0]
         begin = t[0]
         if self.from_s is not None:
@@ -63,19 +65,19 @@ class SamplesTable(PhaseTable):
         if self.to_s is not None:
             end = self.to_s
         is_used = (t >= begin - _ROUNDING) & (t <= end + _ROUNDING)
-        span = f"{path.name} has samples from {t[0]:g} to {t[-1]:g} s"
+        span = f"{self.file} has samples from {t[0]:g} to {t[-1]:g} s"
         for key, bound in (("from_s", begin), ("to_s", end)):
             if not t[0] - _ROUNDING <= bound <= t[-1] + _ROUNDING:
-                raise walk.wrong(key, f"{span}, none at {bound:g} s")
+                raise protocol_file.error(key, f"{span}, none at {bound:g} s")
             distances = np.abs(t - bound)
             if distances.min() > _ROUNDING:
                 first, second = t[np.sort(np.argsort(distances)[:2])]
-                raise walk.wrong(
+                raise protocol_file.error(
                     key,
-                    f"{path.name} has no sample at {bound:g} s; the nearest ones: {first:g}, {second:g} s",
+                    f"{self.file} has no sample at {bound:g} s; the nearest ones: {first:g}, {second:g} s",
                 )
         if is_used.sum() < 2:
-            raise walk.wrong("from_s", f"{span}, but fewer than two of them are from {begin:g} to {end:g} s")
+            raise protocol_file.error("from_s", f"{span}, but fewer than two of them are from {begin:g} to {end:g} s")
         used_rows = rows[is_used]
         joints = []
         angles = []
@@ -149,8 +151,9 @@ class Samples(Phase):
     by_joints: ClassVar[bool] = True
     has_length: ClassVar[bool] = False
 
-    def end_after(self, at: Begin) -> End:
+    def end_after(self, start: PhaseStart) -> PhaseEnd:
         """Return the state at the end: the waypoint, if there is one; the pose follows from the mechanism."""
         if not self.to:
-            return End(at.angles, at.tip, at.rcm)
-        return End(*at.pose(self.to), at.rcm, self.to)
+            return PhaseEnd(start.angles, start.tip, start.rcm)
+        angles, tip = start.pose_at(self.to)
+        return PhaseEnd(angles, tip, start.rcm, self.to)
