@@ -1,361 +1,142 @@
-"""The quantities by which files are compared, of links, joints, frames and motors: differences, tolerances, texts."""
+"""The quantities by which files are compared, of links, joints, frames and motors: differences, tolerances, texts.
+
+A new quantity is one entry of `QUANTITIES`, and one call of `View.state` in `physics_comparison`.
+"""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from twin.core.findings import Severity
-from twin.exchange.audit import poses
+from twin.exchange.audit import value_differences as differences
 from twin.exchange.audit.colors import color_difference
-from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import quantity
 
-
-def _number(a: float, b: float) -> float:
-    """Return the difference of two numbers, relative to the larger one."""
-    if a == b:  # also two infinite limits
-        return 0.0
-    if not (np.isfinite(a) and np.isfinite(b)):
-        return np.inf
-    return abs(a - b) / max(abs(a), abs(b))
-
-
-def _row(a: Mapping[str, float], b: Mapping[str, float]) -> float:
-    """Return the relative difference between two mappings {joint: factor}; a missing joint has the factor 0."""
-    joints = dict.fromkeys((*a, *b))
-    factors = np.zeros((len(joints), 2))
-    for i, joint in enumerate(joints):
-        factors[i] = (a.get(joint, 0.0), b.get(joint, 0.0))
-    size = float(np.linalg.norm(factors, axis=0).max(initial=0.0))
-    if not size:
-        return 0.0
-    difference = factors[:, 0] - factors[:, 1]
-    return float(np.linalg.norm(difference)) / size
-
-
-def _coordinates(a: Mapping[str, float], b: Mapping[str, float]) -> float:
-    """Return the largest difference of two mappings {joint: coordinate}; infinite if they have other joints."""
-    if a.keys() != b.keys():
-        return np.inf
-    largest = 0.0
-    for joint in a:
-        largest = max(largest, abs(a[joint] - b[joint]))
-    return largest
-
-
-def _word(a: Any, b: Any) -> float:
-    """Return 0 if two values are equal, else 1: words have no distance."""
-    return float(a != b)
-
-
-def _name(a: str, b: str) -> float:
-    """Return 0 if two names are equal in letters and digits: formats allow different other characters."""
-    return _word(re.sub(r"\W", "_", a), re.sub(r"\W", "_", b))
-
-
-def _ends(a: tuple[float, float], b: tuple[float, float]) -> float:
-    """Return the larger difference of two limits; limits above 1 m or 1 rad differ by their ratio."""
-    differences = []
-    for x, y in zip(a, b, strict=True):
-        if x == y:  # two infinite limits: their difference is not a number
-            differences.append(0.0)
-            continue
-        smaller = min(abs(x), abs(y))
-        differences.append(abs(x - y) / max(1.0, smaller))
-    return max(differences)
-
-
-def _passive(a: Sequence[float], b: Sequence[float]) -> float:
-    """Return the largest difference of two entries, each in its own unit."""
-    return float(np.abs(np.subtract(a, b)).max())
-
-
-def _distance(a: Array | float, b: Array | float) -> float:
-    return float(np.linalg.norm(np.subtract(a, b)))
-
-
-def _ratios(a: Array, b: Array) -> float:
-    """Return the distance between the ratios of two couplings; infinite if they couple other numbers of joints."""
-    if a.shape != b.shape:
-        return np.inf
-    return _distance(a, b)
-
-
-def _tensor(a: Array, b: Array) -> float:
-    """Return the larger of two differences of tensors of inertia (3, 3).
-
-    The first is that of two entries, relative to the largest entry: products of inertia are small. The second is that
-    of the moments about any axis, relative to the moment about this axis: a slender link has a small one about its
-    length. Rounding to six digits turns its axes and so changes the small moment more, by `_SLENDER`.
-    """
-    # Two tensors of zeros are equal: they must not divide by zero.
-    largest = max(np.abs(a).max(), np.abs(b).max(), 1e-300)
-    by_entry = float(np.abs(a - b).max() / largest)
-    return max(by_entry, _SLENDER * _moments_apart(a, b))
-
-
-def _moments_apart(a: Array, b: Array) -> float:
-    """Return the largest relative difference of the moments about an axis; 0 if the first tensor has none about some.
-
-    With a = L L', it is the largest eigenvalue of L^-1 (b - a) L'^-1, by size.
-    """
-    try:
-        L = np.linalg.cholesky((a + a.T) / 2)
-    except np.linalg.LinAlgError:  # not positive: reported by itself
-        return 0.0
-    inverse = np.linalg.inv(L)
-    scaled = inverse @ (b - a) @ inverse.T
-    return float(np.abs(np.linalg.eigvalsh((scaled + scaled.T) / 2)).max())
-
-
-def _direction(a: Array, b: Array) -> float:
-    return min(_distance(a, b), float(np.linalg.norm(a + b)))
-
-
-def _sense(a: tuple[Array, bool], b: tuple[Array, bool]) -> float:
-    """Return the distance between two unit vectors; their sign is ignored if one of the files states no sign."""
-    first, first_signed = a
-    second, second_signed = b
-    if first_signed and second_signed:
-        return _distance(first, second)
-    return _direction(first, second)
-
-
-def _line(a: tuple[Array, Array | None], b: tuple[Array, Array | None]) -> float:
-    """Return the distance in m from b's point to line a; if a or b has no direction, the distance of their points."""
-    point, direction = a
-    other_point, other_direction = b
-    shift = other_point - point
-    if direction is None or other_direction is None:
-        return float(np.linalg.norm(shift))
-    return float(np.linalg.norm(np.cross(direction, shift)))
-
-
-def _place(a: Array, b: Array) -> float:
-    """Return the larger of the distance in m and of a tenth of the angle in rad between two poses."""
-    angle = float(poses.angle(a[:3, :3], b[:3, :3]))
-    # The angle counts by the way of a point 0.1 m from the origin, about the size of a link.
-    return max(_distance(a[:3, 3], b[:3, 3]), 0.1 * angle)
-
-
-def _surface(a: Array, b: Array) -> float:
-    """Return the Hausdorff distance in m between the points of two meshes.
-
-    Return 0 if fewer than 70 % of the points of a mesh coincide with points of the other (20 % if both have as many
-    points): the meshes then have different triangles, and only `compare_shapes` compares them, by bounding box and
-    volume.
-    """
-    if a.shape == b.shape and np.array_equal(a, b):
-        return 0.0
-    to_b = _nearest(a, b)
-    to_a = _nearest(b, a)
-    coinciding = min(np.mean(to_b < ALIKE), np.mean(to_a < ALIKE))
-    least_coinciding = 0.2 if len(a) == len(b) else 0.7
-    if coinciding < least_coinciding:
-        return 0.0
-    return float(max(to_b.max(), to_a.max()))
-
-
-def _nearest(points: Array, others: Array) -> Array:
-    """Return the distances (n,) in m of points (n, 3) from the nearest of the other points (m, 3)."""
-    # A tree that is neither balanced nor compact is built several times faster, and is asked only once.
-    tree = KDTree(others, balanced_tree=False, compact_nodes=False)
-    distances, _ = tree.query(points)
-    return distances
-
-
-ALIKE = 3e-6
-"""Distance in m below which two points count as equal, despite rounding to 0.001 mm and to single precision."""
-
+NOTHING = "nothing"
+"""Text of further declarations where a file has none."""
 
 SHARE = 5e-4
 """Part of a link's surface that may have another colour: rounding of points changes areas by less than 1e-5 of it.
 
 The heads of its screws are some thousandths of a link's surface, and a colour that is wrong there is seen."""
 
-_SLENDER = 2e-3
-"""Weight of a relative difference about any axis: at the tolerance 1e-5 of an inertia it is 0.5 %."""
-
-NOTHING = "nothing"
-"""Text of further declarations where a file has none."""
-
 
 @dataclass(frozen=True)
-class ComparisonRule:
-    """One compared quantity.
+class FoundDifference:
+    """The value of a quantity in a file that is not the right one.
 
     Attributes:
-        difference: function that returns the difference between two values.
-        tolerance: maximum difference between equal values.
-        unit: unit of the values, and of the difference if `relative` is False.
-        relative: whether `difference` returns a relative difference; messages then show the ratio.
-        severity: severity of a difference: a "warning" where the motion stays the same, or authors may choose.
-        usual: the right value if any source states it, whatever the others state; None if there is no such value.
-        by_majority: whether a difference is reported only if the mechanism, or two sources, state the other value.
-        is_check: whether reports list the comparison as a check. A proof.json that was written before a quantity was
-            compared lacks its check, which is a finding; where only differences count, none is listed.
+        subject: what has the quantity, such as "joint 'q1'".
+        words: the quantity in words.
+        rule: its rule.
+        own: the value in the file.
+        right: the right value.
+        size: the difference of the two, as the rule measures it.
+        others: the files with the right value, as text.
     """
 
-    difference: Callable[[Any, Any], float]
-    tolerance: float
-    unit: str = ""
-    relative: bool = False
-    severity: Severity = "disagreement"
-    by_majority: bool = False
-    usual: str | None = None
-    is_check: bool = True
-
-    @property
-    def unit_of_difference(self) -> str:
-        """Unit of what `difference` returns; "" for a relative difference."""
-        if self.relative:
-            return ""
-        return self.unit
+    subject: str
+    words: str
+    rule: ComparisonRule
+    own: Any
+    right: Any
+    size: float
+    others: str
 
 
-QUANTITIES: Mapping[str, ComparisonRule] = {
-    "weighed": ComparisonRule(_word, 0.0),
-    "mass": ComparisonRule(_number, 1e-5, "kg", True),
-    "mass centre": ComparisonRule(_distance, 2e-6, "m"),
-    "inertia": ComparisonRule(_tensor, 1e-5, "", True),
-    "existence": ComparisonRule(_word, 0.0),
-    "name": ComparisonRule(_word, 0.0),
-    "kind": ComparisonRule(_word, 0.0),
-    "links": ComparisonRule(_word, 0.0),
-    "place": ComparisonRule(_line, 2e-6, "m"),
-    "axis": ComparisonRule(_sense, 1e-5),
-    "pose": ComparisonRule(_place, 5e-6, "m"),
-    "zero": ComparisonRule(_place, 5e-6, "m"),
-    "limits": ComparisonRule(_ends, 1e-5, "m or rad"),
-    "soft limits": ComparisonRule(_ends, 1e-5, "m or rad"),
-    "cone": ComparisonRule(_ends, 1e-5, "rad"),
-    "axis of its cone": ComparisonRule(_direction, 1e-5),
-    "driven": ComparisonRule(_word, 0.0),
-    "stiffness": ComparisonRule(_number, 1e-5, "N/m or N m/rad", True),
-    "damping": ComparisonRule(_number, 1e-5, "N s/m or N m s/rad", True),
-    "largest effort": ComparisonRule(_number, 1e-5, "N or N m", True),
-    "largest speed": ComparisonRule(_number, 1e-5, "m/s or rad/s", True),
-    "largest acceleration": ComparisonRule(_number, 1e-5, "m/s2 or rad/s2", True),
-    "largest jerk": ComparisonRule(_number, 1e-5, "m/s3 or rad/s3", True),
-    "frame pose": ComparisonRule(_place, 2e-6, "m"),
-    "point": ComparisonRule(_distance, 2e-6, "m"),
-    "link": ComparisonRule(_word, 0.0),
-    "shown": ComparisonRule(_word, 0.0),
-    "collides": ComparisonRule(_word, 0.0, is_check=False),
-    "surface": ComparisonRule(_surface, ALIKE, "m"),
-    "closed": ComparisonRule(_word, 0.0),
-    "colours": ComparisonRule(color_difference, SHARE),
-    "finish": ComparisonRule(color_difference, SHARE, severity="warning"),
-    "gravity": ComparisonRule(_distance, 1e-3, "m/s2"),
-    "medium": ComparisonRule(_passive, 1e-9, "(kg/m3, Pa s, wind in m/s)"),
-    "collisions of its own links": ComparisonRule(_word, 0.0),
-    "held": ComparisonRule(_word, 0.0),
-    "ratios": ComparisonRule(_ratios, 1e-5),
-    "sum": ComparisonRule(_distance, 1e-6, "m or rad"),
-    "opening": ComparisonRule(_distance, 1e-7, "m or rad"),
-    "passive": ComparisonRule(_passive, 1e-9),
-    "law": ComparisonRule(_word, 0.0),
-    "breaks": ComparisonRule(_number, 1e-5, "N", True),
-    "weightless": ComparisonRule(_distance, 1e-9),
-    "reduction": ComparisonRule(_number, 1e-6, "", True),
-    "row": ComparisonRule(_row, 1e-6, "", True),
-    "robot": ComparisonRule(_name, 0.0, severity="warning", by_majority=True),
-    "name of the tool": ComparisonRule(_word, 0.0),
-    "coordinates": ComparisonRule(_coordinates, 1e-5, "m or rad", severity="warning"),
-    "home coordinates": ComparisonRule(_coordinates, 1e-5, "m or rad", severity="warning", is_check=False),
-    "home": ComparisonRule(_distance, 1e-5, "m or rad", severity="warning", is_check=False),
-    "range of control": ComparisonRule(_ends, 1e-5, "m or rad", severity="warning"),
-    "further declarations": ComparisonRule(_word, 0.0, usual=NOTHING),
-    "declarations of contact or look": ComparisonRule(_word, 0.0, severity="warning", usual=NOTHING),
-    "settings of single programs": ComparisonRule(_word, 0.0, severity="warning", usual=NOTHING),
-    "rotor inertia": ComparisonRule(_number, 1e-5, "kg m2 or kg", True),
-}
-"""Rule of comparison for each quantity of links, joints, frames, couplings, motors and the world."""
+Message = Callable[[FoundDifference], str]
 
 
-def difference_text(
-    subject: str, name: str, rule: ComparisonRule, own_value: Any, right_value: Any, others: str
-) -> str:
-    """Return the finding that a file has the value `own_value`, and not the `right_value` of the files `others`."""
-    if name == "existence":
-        if own_value:
-            return f"{subject} is in this file, but not in {others}."
-        return f"{subject} is missing; it is in {others}."
-    if name in _SAID:
-        phrases = _SAID[name]
-        return f"{subject} {phrases[bool(own_value)]}; in {others} it {phrases[bool(right_value)]}."
-    word = WORDS.get(name, name)
-    if rule.relative and isinstance(own_value, int | float):
-        ratio = f" (x {own_value / right_value:.4g})" if right_value else ""
-        own_text = f"{own_value:.6g} {rule.unit}".rstrip()
-        right_text = f"{right_value:.6g} {rule.unit}".rstrip()
-        return f"{subject}: {word} is {own_text}; in {others} it is {right_text}{ratio}."
-    difference = rule.difference(own_value, right_value)
-    if name == "opening":
+def _both_values(found: FoundDifference) -> str:
+    right_text = f"{_plain(found.right)} {found.rule.unit}".rstrip()
+    return f"{found.subject}: {found.words} is {_plain(found.own)}; in {found.others} it is {right_text}."
+
+
+def _ratio(found: FoundDifference) -> str:
+    """Return the message of two numbers, with their ratio."""
+    ratio = f" (x {found.own / found.right:.4g})" if found.right else ""
+    own_text = f"{found.own:.6g} {found.rule.unit}".rstrip()
+    right_text = f"{found.right:.6g} {found.rule.unit}".rstrip()
+    return f"{found.subject}: {found.words} is {own_text}; in {found.others} it is {right_text}{ratio}."
+
+
+def _existence(found: FoundDifference) -> str:
+    if found.own:
+        return f"{found.subject} is in this file, but not in {found.others}."
+    return f"{found.subject} is missing; it is in {found.others}."
+
+
+def _either(false: str, true: str) -> Message:
+    """Return the message of a value that is False or True, with the predicates for both."""
+    phrases = (false, true)
+
+    def message(found: FoundDifference) -> str:
+        own_phrase = phrases[bool(found.own)]
+        right_phrase = phrases[bool(found.right)]
+        return f"{found.subject} {own_phrase}; in {found.others} it {right_phrase}."
+
+    return message
+
+
+def _length(found: FoundDifference) -> str:
+    return f"{found.subject}: {found.words} differs by {quantity(found.size, 'm')} from {found.others}."
+
+
+def _shift_and_angle(found: FoundDifference) -> str:
+    """Return the message of two poses: by which distance, angle or both they differ more than the tolerance."""
+    shift, angle = differences.shift_and_angle(found.right, found.own)
+    parts = []
+    if shift > found.rule.tolerance:
+        parts.append(quantity(shift, "m"))
+    if differences.ANGLE_ARM * angle > found.rule.tolerance:
+        parts.append(f"{math.degrees(angle):.4g} deg")
+    size = " and ".join(parts) or quantity(found.size, "m")  # not finite: none of the two exceeds the tolerance
+    return f"{found.subject}: {found.words} differs by {size} from {found.others}."
+
+
+def _surface(found: FoundDifference) -> str:
+    return f"{found.subject}: a point of its mesh is {quantity(found.size, 'm')} from the mesh of {found.others}."
+
+
+def _share_of_surface(what: str) -> Message:
+    """Return the message of the share of a link's surface that has another look."""
+
+    def message(found: FoundDifference) -> str:
+        return f"{found.subject}: {100 * found.size:.3g} % of its surface has {what} in {found.others}."
+
+    return message
+
+
+def _inertia(found: FoundDifference) -> str:
+    """Return the message of two tensors: by how much entries differ, or else the moments about one axis."""
+    by_entry = differences.entry_difference(found.right, found.own)
+    by_moment = differences.moment_difference(found.right, found.own)
+    if differences.SLENDER_WEIGHT * by_moment > by_entry:
         return (
-            f"{subject} open by {quantity(own_value, 'm')} if 1 g pulls at them, by the parameters of the solver; in "
-            f"{others} by {quantity(right_value, 'm')}."
+            f"{found.subject}: moment of inertia about one axis differs from {found.others} by {100 * by_moment:.3g} %."
         )
-    if name in ("mass centre", "place", "frame pose", "point", "pose", "zero"):
-        return f"{subject}: {word} differs by {quantity(difference, 'm')} from {others}."
-    if name == "surface":
-        return f"{subject}: a point of its mesh is {quantity(difference, 'm')} from the mesh of {others}."
-    if name == "colours":
-        return f"{subject}: {100 * difference:.3g} % of its surface has a different colour in {others}."
-    if name == "finish":
-        return f"{subject}: {100 * difference:.3g} % of its surface has another metallic or roughness in {others}."
-    if name == "inertia":
-        return f"{subject}: inertia differs from {others} by {100 * difference:.3g} %."
-    if name == "axis":
-        return f"{subject}: axis is {_vector(own_value[0])}; in {others} it is {_vector(right_value[0])}."
-    right_text = f"{_plain(right_value)} {rule.unit}".rstrip()
-    return f"{subject}: {word} is {_plain(own_value)}; in {others} it is {right_text}."
+    return f"{found.subject}: inertia differs from {found.others} by {100 * by_entry:.3g} %."
 
 
-_SAID = {
-    "closed": ("has an open mesh", "has closed meshes"),
-    "collides": ("has a mesh whose collider is disabled", "collides"),
-    "driven": ("is passive", "is driven"),
-    "shown": ("has no mesh", "has a mesh"),
-    "weighed": ("has no mass", "has a mass"),
-}
+def _axis(found: FoundDifference) -> str:
+    own_direction, _ = found.own
+    right_direction, _ = found.right
+    own_text = _vector(own_direction)
+    return f"{found.subject}: {found.words} is {own_text}; in {found.others} it is {_vector(right_direction)}."
 
-WORDS = {
-    "frame pose": "pose of the frame on its link",
-    "pose": "relative pose of the two links",
-    "zero": "relative pose of the two links at zero",
-    "place": "axis or centre of the joint",
-    "link": "link of the frame",
-    "largest effort": "maximum effort",
-    "largest speed": "maximum speed",
-    "largest acceleration": "maximum acceleration",
-    "largest jerk": "maximum jerk",
-    "robot": "name of the robot",
-    "finish": "metallic and roughness",
-    "held": "bodies fixed to the world",
-    "shown": "presence of a mesh",
-    "weighed": "presence of a mass",
-    "closed": "closed or open meshes",
-    "driven": "driven or passive",
-    "existence": "presence in the file",
-    "row": "joint factors of the transmission",
-    "opening": "opening of the loops if 1 g pulls at them",
-    "point": "position of the point on its link",
-    "home": "coordinate at home",
-    "home coordinates": "coordinates",
-    "reduction": "reduction of its transmission",
-    "passive": "stiffness, damping, friction and inertia of the joint itself",
-    "law": "quantity that the gains of the drive give",
-    "breaks": "force at which the joint breaks",
-    "weightless": "share of its weight that is compensated",
-}
-"""Words for the names of quantities that are not words themselves."""
+
+def _opening(found: FoundDifference) -> str:
+    own_text = f"{found.own:.4g} {found.rule.unit}"
+    right_text = f"{found.right:.4g} {found.rule.unit}"
+    return (
+        f"{found.subject} open by {own_text} if 1 g pulls at them, by the parameters of the solver; in {found.others} "
+        f"by {right_text}."
+    )
 
 
 def _vector(components: Iterable[float]) -> str:
@@ -380,3 +161,169 @@ def _plain(value: Any) -> str:
             return f"({', '.join(numbers)})"
         return ", ".join(map(str, value)) or "nothing"
     return str(value)
+
+
+@dataclass(frozen=True)
+class ComparisonRule:
+    """One compared quantity.
+
+    Attributes:
+        difference: function that returns the difference between two values.
+        tolerance: maximum difference between equal values.
+        unit: unit of the values, and of the difference if `relative` is False.
+        relative: whether `difference` returns a relative difference.
+        severity: severity of a difference: a "warning" where the motion stays the same, or authors may choose.
+        by_majority: whether a difference is reported only if the mechanism, or two sources, state the other value.
+        usual: the right value if any source states it, whatever the others state; None if there is no such value.
+        is_check: whether reports list the comparison as a check. A proof.json that was written before a quantity was
+            compared lacks its check, which is a finding; where only differences count, none is listed.
+        words: the quantity as text; "": its name is words.
+        message: function that returns the text of a finding.
+    """
+
+    difference: Callable[[Any, Any], float]
+    tolerance: float
+    unit: str = ""
+    relative: bool = False
+    severity: Severity = "disagreement"
+    by_majority: bool = False
+    usual: str | None = None
+    is_check: bool = True
+    words: str = ""
+    message: Message = _both_values
+
+    @property
+    def unit_of_difference(self) -> str:
+        """Unit of what `difference` returns; "" for a relative difference."""
+        if self.relative:
+            return ""
+        return self.unit
+
+
+def _same(words: str = "", message: Message = _both_values, **options: Any) -> ComparisonRule:
+    """Return the rule of values that are equal or not: words, names, truth values."""
+    return ComparisonRule(differences.word_difference, 0.0, words=words, message=message, **options)
+
+
+def _number(unit: str, words: str = "", tolerance: float = 1e-5) -> ComparisonRule:
+    """Return the rule of numbers whose relative difference counts; 1e-5 is above the rounding to six digits."""
+    return ComparisonRule(differences.number_difference, tolerance, unit, True, words=words, message=_ratio)
+
+
+def _position(words: str = "", difference: Callable[[Any, Any], float] = differences.distance) -> ComparisonRule:
+    """Return the rule of positions: two are rounded to 0.001 mm in each coordinate."""
+    return ComparisonRule(difference, 2e-6, "m", words=words, message=_length)
+
+
+def _pose(words: str, tolerance: float) -> ComparisonRule:
+    return ComparisonRule(differences.pose_difference, tolerance, "m", words=words, message=_shift_and_angle)
+
+
+_HAS_MASS = _either("has no mass", "has a mass")
+_HAS_MESH = _either("has no mesh", "has a mesh")
+_IS_DRIVEN = _either("is passive", "is driven")
+_COLLIDES = _either("has a mesh whose collider is disabled", "collides")
+_IS_CLOSED = _either("has an open mesh", "has closed meshes")
+_JOINT_ITSELF = "stiffness, damping, friction and inertia of the joint itself"
+_RANGE = "m or rad"
+
+QUANTITIES: Mapping[str, ComparisonRule] = {
+    # Of links: True or False, numbers, (3,), (3, 3).
+    "weighed": _same("presence of a mass", _HAS_MASS),
+    "mass": _number("kg"),
+    "mass centre": _position(),
+    "inertia": ComparisonRule(differences.inertia_difference, 1e-5, "", True, message=_inertia),
+    # Of everything: True or False.
+    "existence": _same("presence in the file", _existence),
+    # Of joints: name; kind as `FileJoint.kind`; tuple of the names of its links, in alphabetical order.
+    "name": _same(),
+    "kind": _same(),
+    "links": _same(),
+    # Of a joint on one link: (point (3,), direction (3,) or None); (direction (3,), whether its sign counts).
+    "place": _position("axis or centre of the joint", differences.line_difference),
+    "axis": ComparisonRule(differences.axis_difference, 1e-5, message=_axis),
+    # Poses (4, 4) of the second link in the first: of a fixed joint; of another at its coordinate 0.
+    "pose": _pose("relative pose of the two links", 5e-6),
+    "zero": _pose("relative pose of the two links at zero", 5e-6),
+    # Of joints and motors, as `FileDrive` and `FileMotor` state them.
+    "limits": ComparisonRule(differences.limit_difference, 1e-5, _RANGE),
+    "soft limits": ComparisonRule(differences.limit_difference, 1e-5, _RANGE),
+    "cone": ComparisonRule(differences.limit_difference, 1e-5, "rad"),
+    "axis of its cone": ComparisonRule(differences.direction_difference, 1e-5),
+    "driven": _same("driven or passive", _IS_DRIVEN),
+    "stiffness": _number("N/m or N m/rad"),
+    "damping": _number("N s/m or N m s/rad"),
+    "largest effort": _number("N or N m", "maximum effort"),
+    "largest speed": _number("m/s or rad/s", "maximum speed"),
+    "largest acceleration": _number("m/s2 or rad/s2", "maximum acceleration"),
+    "largest jerk": _number("m/s3 or rad/s3", "maximum jerk"),
+    # Of frames and points: pose (4, 4) or position (3,) on the link; name of the link.
+    "frame pose": _pose("pose of the frame on its link", 2e-6),
+    "point": _position("position of the point on its link"),
+    "link": _same("link of the frame"),
+    # Of the meshes of links: True or False; points (n, 3); {colour: share of the surface}.
+    "shown": _same("presence of a mesh", _HAS_MESH),
+    "collides": _same("", _COLLIDES, is_check=False),
+    "surface": ComparisonRule(differences.surface_difference, differences.ALIKE, "m", message=_surface),
+    "closed": _same("closed or open meshes", _IS_CLOSED),
+    "colours": ComparisonRule(color_difference, SHARE, message=_share_of_surface("a different colour")),
+    "finish": ComparisonRule(
+        color_difference,
+        SHARE,
+        severity="warning",
+        words="metallic and roughness",
+        message=_share_of_surface("another metallic or roughness"),
+    ),
+    # Of the world, as `FilePhysics` states them; "held" is the tuple of `FilePhysics.immobile_links`.
+    "gravity": ComparisonRule(differences.distance, 1e-3, "m/s2"),
+    "medium": ComparisonRule(differences.largest_difference, 1e-9, "(kg/m3, Pa s, wind in m/s)"),
+    "collisions of its own links": _same(),
+    "held": _same("bodies fixed to the world"),
+    # Of couplings in reduced row echelon form: ratios (n,) of the joints, and their constant.
+    "ratios": ComparisonRule(differences.ratio_difference, 1e-5),
+    "sum": ComparisonRule(differences.distance, 1e-6, _RANGE),
+    # Of the loops: twin writes parameters by which they open by 0.1 um or urad at most.
+    "opening": ComparisonRule(
+        differences.distance, 1e-7, _RANGE, words="opening of the loops if 1 g pulls at them", message=_opening
+    ),
+    # Further ones of joints, links and motors, as `FileDrive`, `FilePhysics` and `FileMotor` state them.
+    "passive": ComparisonRule(differences.largest_difference, 1e-9, words=_JOINT_ITSELF),
+    "law": _same("quantity that the gains of the drive give"),
+    "breaks": _number("N", "force at which the joint breaks"),
+    "weightless": ComparisonRule(differences.distance, 1e-9, words="share of its weight that is compensated"),
+    "reduction": _number("", "reduction of its transmission", tolerance=1e-6),
+    "row": ComparisonRule(differences.row_difference, 1e-6, "", True, words="joint factors of the transmission"),
+    # Of the robot and its postures: names, {joint: coordinate}, a coordinate.
+    "robot": ComparisonRule(
+        differences.name_difference, 0.0, severity="warning", by_majority=True, words="name of the robot"
+    ),
+    "name of the tool": _same(),
+    "coordinates": ComparisonRule(differences.coordinate_difference, 1e-5, _RANGE, severity="warning"),
+    "home coordinates": ComparisonRule(
+        differences.coordinate_difference, 1e-5, _RANGE, severity="warning", is_check=False, words="coordinates"
+    ),
+    "home": ComparisonRule(
+        differences.distance, 1e-5, _RANGE, severity="warning", is_check=False, words="coordinate at home"
+    ),
+    "range of control": ComparisonRule(differences.limit_difference, 1e-5, _RANGE, severity="warning"),
+    # Of what formats declare beside all others: text.
+    "further declarations": _same(usual=NOTHING),
+    "declarations of contact or look": _same(severity="warning", usual=NOTHING),
+    "settings of single programs": _same(severity="warning", usual=NOTHING),
+    "rotor inertia": _number("kg m2 or kg"),
+}
+"""Rule of comparison for each quantity of links, joints, frames, couplings, motors and the world."""
+
+
+def words_of(name: str) -> str:
+    """Return a quantity of `QUANTITIES` in words."""
+    return QUANTITIES[name].words or name
+
+
+def difference_text(subject: str, name: str, own: Any, right: Any, size: float, others: str) -> str:
+    """Return the finding that a file has the value `own`, and not the value `right` of the files `others`.
+
+    `size` is the difference of the right value and the own one, by the rule of the quantity `name`.
+    """
+    rule = QUANTITIES[name]
+    return rule.message(FoundDifference(subject, words_of(name), rule, own, right, size, others))

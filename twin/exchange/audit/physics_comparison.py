@@ -16,7 +16,7 @@ import numpy as np
 
 from twin.core.json_types import JsonMapping
 from twin.exchange.audit.colors import Rgba
-from twin.exchange.audit.compared_quantities import NOTHING, QUANTITIES, WORDS, ComparisonRule, difference_text
+from twin.exchange.audit.compared_quantities import NOTHING, QUANTITIES, ComparisonRule, difference_text, words_of
 from twin.exchange.audit.file_content import Content, LinkShape
 from twin.exchange.audit.file_joints import WORLD, FileJoint
 from twin.exchange.audit.mechanism_data import TOOL, FilePhysics
@@ -132,7 +132,7 @@ def compare_physics(contents: Sequence[Content], truth: FilePhysics | None = Non
             continue
         for name, (difference, subject) in worst.get(view.file, {}).items():
             rule = QUANTITIES[name]
-            check = f"{WORDS.get(name, name)} against {others}"
+            check = f"{words_of(name)} against {others}"
             finite = min(difference, 1e300)  # JSON has no infinity
             fits = True if rule.severity == "warning" else None  # a warning is no disagreement
             unit = rule.unit_of_difference
@@ -778,7 +778,7 @@ def _compare_values(
         if view in right_group or view.ledger is None:
             continue
         others = _file_names(right_group)
-        text = difference_text(subject, name, rule, view.values[key], reference.values[key], others)
+        text = difference_text(subject, name, view.values[key], reference.values[key], difference, others)
         if len(_families(right_group)) == 1 and not reference.is_mechanism:
             text += " One of the two statements is wrong."
         advice = "find out which file is wrong: `twin audit --robot NAME` compares every file with the mechanism"
