@@ -20,6 +20,7 @@ from twin.planning.space import PathCertificate
 from twin.planning.trajectory import Trajectory
 
 FILES = ("trajectory.csv", "trajectory.json")
+"""Names of the files that `Planned.write` makes: the samples, and the content without them."""
 
 
 @dataclass(frozen=True)
@@ -149,18 +150,19 @@ def _cost(value: float, unit: str) -> str:
     return quantity(value, unit)
 
 
-def _write_csv(trajectory: Trajectory, path: Path, revolute: Sequence[bool] = ()) -> None:
-    """Write one row per sample, with units in the header: joints, their rates, tool position and quaternion.
+def _write_csv(trajectory: Trajectory, path: Path, angles: Sequence[bool]) -> None:
+    """Write one row per sample, with units in the header.
+
+    Its columns: time; joints, their rates and accelerations; position of the tool and quaternion, real part first.
 
     Args:
         trajectory: the trajectory.
         path: the file.
-        revolute: (n,) whether each joint is an angle in rad; empty: all joints are lengths.
+        angles: (n,) whether each driven joint is an angle in rad; else it is a length in m.
     """
-    revolute = revolute or [False] * len(trajectory.joint_names)
     units = []
     factors = []
-    for is_angle in revolute:
+    for is_angle in angles:
         unit, factor = display_unit(is_angle)
         units.append(unit)
         factors.append(factor)
