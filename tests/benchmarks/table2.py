@@ -30,7 +30,7 @@ from twin.core import spatial
 from twin.core.units import MM
 from twin.planning.costs import total
 from twin.planning.fmt import FmtSearch
-from twin.planning.set_point import BANDWIDTH, EDGE_TIME, set_point_cost
+from twin.planning.published_cost import BANDWIDTH, EDGE_TIME, published_cost
 from twin.reference import ReferenceModel, inertia
 from twin.simulation.dynamics.arm import arm
 from twin.simulation.machine import settings
@@ -119,7 +119,7 @@ def compare_plants(space, plant, model, box, count=60):
     low, high = box.T
     a = rng.uniform(low, high, (count, len(low)))
     b = np.clip(a + 0.5 * (high - low) * rng.uniform(-1, 1, a.shape), low, high)
-    cost = set_point_cost(space.mechanism, space.limits, (0.0, 1.0))(a, b)
+    cost = published_cost(space.mechanism, space.limits, (0.0, 1.0))(a, b)
     simulated = np.array([squares(model, plant.tracked(np.array(ends))) for ends in zip(a, b, strict=True)])
     print(
         f"integral of |tip acceleration|^2 of {count} edges, arm with constant gains over linear plant: median "
@@ -129,7 +129,7 @@ def compare_plants(space, plant, model, box, count=60):
 
 def table(seeds, space, start, goal, box, plant, judge):
     """Print Table 2 beside the paper's."""
-    cost = set_point_cost(space.mechanism, space.limits)
+    cost = published_cost(space.mechanism, space.limits)
     FmtSearch(space, start, goal, box, np.random.default_rng(99), cost).path(100)  # loads grids, which a space keeps
     print(
         "samples  planning s        tracking s      waypoints       cost          success %     (brackets: the paper)"
@@ -179,10 +179,10 @@ def figure7(name, space, start, goal, box, plant, judge):
     model = judge.model
     motions = {"user": by_hand(robot, start, goal)}
     for label, eta in (("eta = (1, 0): length", (1.0, 0.0)), ("eta = (0, 1): acceleration", (0.0, 1.0))):
-        cost = set_point_cost(space.mechanism, space.limits, eta)
+        cost = published_cost(space.mechanism, space.limits, eta)
         corners = FmtSearch(space, start, goal, box, np.random.default_rng(0), cost).path(500)
         motions[label] = plant.tracked(corners)
-        lengths = set_point_cost(space.mechanism, space.limits, (1.0, 0.0))
+        lengths = published_cost(space.mechanism, space.limits, (1.0, 0.0))
         print(
             f"{label}: {len(corners)} waypoints, length {total(lengths, corners):.3f} (each joint's range counts as 1)"
         )

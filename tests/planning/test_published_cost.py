@@ -16,12 +16,12 @@ from twin.exchange.formats.mjcf.write import mjcf_text
 from twin.planning.costs import COSTS, length_and_stops, total
 from twin.planning.fmt import FmtSearch
 from twin.planning.protocol.phases.free import FreeTable
-from twin.planning.set_point import (
+from twin.planning.published_cost import (
     BANDWIDTH,
     EDGE_TIME,
     REMAINING,
     normalised_length,
-    set_point_cost,
+    published_cost,
     squared_acceleration,
 )
 from twin.reference import inertia
@@ -140,7 +140,7 @@ def test_the_raven_moves_like_that_under_the_efforts_of_a_controller_in_mujoco()
     expected = np.array([squares(raven.moved(*ends), STEP) for ends in zip(a, b, strict=True)])
     np.testing.assert_allclose(found, expected, rtol=0.01)
     published = 0.1 * np.linalg.norm((b - a) / np.ptp(raven.limits, axis=1), axis=1) + 0.5 * expected
-    assert spearmanr(set_point_cost(raven.arm.mechanism, raven.limits)(a, b), published).statistic > 0.95
+    assert spearmanr(published_cost(raven.arm.mechanism, raven.limits)(a, b), published).statistic > 0.95
     weights = np.where([joint.is_angle for joint in raven.arm.mechanism.active], 0.1, 1.0)
     assert spearmanr(length_and_stops(weights)(a, b), published).statistic < 0.9, "the other cost is another one"
 
@@ -156,7 +156,7 @@ def test_more_waypoints_lower_the_acceleration_and_leave_the_length():
     a, b = drawn(mechanism.limits, 1, 0.5, seed=3)
     halves = np.array([a[0], (a[0] + b[0]) / 2, b[0]])
     for eta, ratio in (((1.0, 0.0), 1.0), ((0.0, 1.0), 0.5)):
-        cost = set_point_cost(mechanism, mechanism.limits, eta)
+        cost = published_cost(mechanism, mechanism.limits, eta)
         whole = total(cost, np.array([a[0], b[0]]))
         assert total(cost, halves) == pytest.approx(ratio * whole, rel=0.2)
 
@@ -164,7 +164,7 @@ def test_more_waypoints_lower_the_acceleration_and_leave_the_length():
 def test_a_search_by_the_weights_finds_what_they_ask_for():
     space = space_of(arm(), post(0.52, 0))
     start, goal = np.array([-1.1, 0.2, 0.1]), np.array([1.1, 0.2, 0.1])
-    costs = {eta: set_point_cost(space.mechanism, space.limits, eta) for eta in ((1.0, 0.0), (0.0, 1.0))}
+    costs = {eta: published_cost(space.mechanism, space.limits, eta) for eta in ((1.0, 0.0), (0.0, 1.0))}
     paths = {}
     for eta, cost in costs.items():
         search = FmtSearch(space, start, goal, space.limits, np.random.default_rng(1), cost)
@@ -198,4 +198,4 @@ def test_weights_belong_to_the_published_cost():
 def test_the_cost_of_a_protocol_is_that_with_the_papers_weights():
     space = space_of(arm())
     a, b = drawn(space.limits, 5, 0.5)
-    np.testing.assert_array_equal(COSTS["published"](space)(a, b), set_point_cost(space.mechanism, space.limits)(a, b))
+    np.testing.assert_array_equal(COSTS["published"](space)(a, b), published_cost(space.mechanism, space.limits)(a, b))

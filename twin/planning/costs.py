@@ -7,7 +7,7 @@ acceleration a along its weighted length l in joint space, and then the same dec
 `stops` grows: it does not converge as the number of samples grows.
 
 `published` is the cost of the Raven paper, eq. (1): eta_1 c(path) + eta_2 (integral of |tip acceleration|^2 dt), along
-the motion of a plant under PD control (`twin.planning.set_point`). `length_and_stops` has its form and its weights
+the motion of a plant under PD control (`twin.planning.published_cost`). `length_and_stops` has its form and its weights
 but ranks connections differently (docs/derivations.md).
 
 The cost for clearance is a length in which parts of a path near other bodies count more: at a distance d from the
@@ -94,9 +94,9 @@ def clearance(space: Space) -> Cost:
 
 def published(space: Space) -> Cost:
     """Return eq. (1) of the Raven paper with the weights of its Table 2 as a cost; for an arm without loops only."""
-    from twin.planning.set_point import set_point_cost  # imports casadi and the compiler, which load slowly
+    from twin.planning.published_cost import published_cost  # imports casadi and the compiler, which load slowly
 
-    return set_point_cost(space.mechanism, space.limits)
+    return published_cost(space.mechanism, space.limits)
 
 
 COSTS: Mapping[str, Callable[[Space], Cost]] = MappingProxyType(

@@ -84,9 +84,9 @@ def free_path(
         space = kinematics.space(phase.scene, phase.clearance, limits_satisfied(kinematics, anchor))
         cost = None
         if phase.cost == "published":
-            from twin.planning.set_point import set_point_cost
+            from twin.planning.published_cost import published_cost
 
-            cost = set_point_cost(space.mechanism, space.limits, phase.eta)
+            cost = published_cost(space.mechanism, space.limits, phase.eta)
         elif phase.cost != "length":  # the default of `around`, which then leaves out useless samples
             cost = COSTS[phase.cost](space)
         path = around(

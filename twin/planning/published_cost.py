@@ -1,4 +1,4 @@
-"""Cost of the Raven paper's planner, eq. (1): arc length and the integral of the squared tip acceleration of an edge.
+"""The cost that the Raven paper publishes, eq. (1): arc length and integral of the squared tip acceleration of an edge.
 
 Between two waypoints of the paper's planner, a simulated robot under PD control moves from rest at a to b. The paper
 prints neither gains nor a time law. Here the set point of the controller is b from the start of the edge, and the
@@ -127,7 +127,10 @@ def squared_acceleration(mechanism: Mechanism) -> Callable[[Array, Array], Array
 
 
 def normalised_length(limits: Array) -> Callable[[Array, Array], Array]:
-    """Return a function of a (k, n) and b (k, n): Euclidean lengths (k,) where each joint's range counts as 1."""
+    """Return a function of a (k, n) and b (k, n): Euclidean lengths (k,) where each joint's range counts as 1.
+
+    `limits` (n, 2) are those of the driven joints in m or rad, and finite.
+    """
     spans = np.ptp(np.asarray(limits, float), axis=1)
     spans = np.where(spans > 0, spans, 1.0)  # a joint without a range does not move
 
@@ -137,12 +140,13 @@ def normalised_length(limits: Array) -> Callable[[Array, Array], Array]:
     return lengths
 
 
-def set_point_cost(mechanism: Mechanism, limits: Array, eta: tuple[float, float] = ETA) -> Callable[..., Array]:
+def published_cost(mechanism: Mechanism, limits: Array, eta: tuple[float, float] = ETA) -> Callable[..., Array]:
     """Return eq. (1) of the Raven paper as a cost of straight connections from a (k, n) to b (k, n).
 
     Args:
         mechanism: the arm; it has no loops.
-        limits: (n, 2) limits of the driven joints; the paper normalises joint positions to the range 0 to 1.
+        limits: (n, 2) limits of the driven joints in m or rad, finite; the paper normalises joint positions to the
+            range 0 to 1.
         eta: weights of the length, and of the integral in m2/s3.
 
     Raises:
