@@ -24,7 +24,7 @@ from twin.kinematics import (
     compile_formula,
     solve,
 )
-from twin.kinematics.solve import descend
+from twin.kinematics.solve import descend, seeds
 from twin.robots import load_formula
 
 TIP_TOL = 1e-10  # m
@@ -228,6 +228,16 @@ def test_limits_are_respected_or_named(arm):
     np.testing.assert_allclose(solve(arm, Pose(near), seed=q, limits=tight).q, q + 0.04, atol=1e-8)
 
 
+def test_random_starts_are_within_limits_on_one_side_only(arm):
+    limits = np.tile([-np.inf, np.inf], (6, 1))
+    limits[0] = [4.0, np.inf]
+    limits[1] = [-np.inf, -5.0]
+    limits[2] = [-0.5, np.inf]
+    random_starts = np.array(list(seeds(arm, 0, 30, limits))[len(ARM.seeds) :])
+    assert np.all((random_starts >= limits[:, 0]) & (random_starts <= limits[:, 1]))
+    assert np.abs(random_starts[:, 3:]).max() <= np.pi
+
+
 def test_posture_weight_chooses_among_many(arm):
     """A light pull towards a posture decides what the task leaves free, and costs little of the task."""
     q = np.array(ARM.seeds[0])
@@ -296,6 +306,7 @@ def test_bad_tasks_are_refused(arm):
         (lambda: 0 * Tip([0, 0, 0]), "weight must be positive"),
         (lambda: solve(arm, Joints([0.0])), "1 values for 6 joints"),
         (lambda: solve(arm, Tip([0, 0, 0]), seed=[1, 2]), "seed must be"),
+        (lambda: solve(arm, Tip([0, 0, 0]), seed=[0, np.nan, 0, 0, 0, 0]), "seed is not finite: .*'q2': nan"),
         (lambda: solve(arm, Tip([0, 0, 0]), limits=[[1, 0]]), "limits must be"),
         (lambda: solve(arm, Tip([0, 0, 0]), length_scale=0), "must be positive"),
         (lambda: arm.jacobian(), "give poses"),

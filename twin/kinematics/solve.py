@@ -27,10 +27,11 @@ TOLERANCE = 1e-10
 _LIMIT_TOL = 1e-9
 """Excess over a joint limit in m or rad that is ignored as a rounding error."""
 
-
 _FIRST_SPREAD = 0.2
+"""Largest turn in rad of the first random poses about each axis, from a seed."""
+
 _SPREAD_GROWTH = 0.8
-"""Largest turn in rad of the first random poses about each axis, from a seed, and its growth up to the last ones."""
+"""By how much this turn in rad grows up to the last random poses."""
 
 _LARGEST_SHIFT = 2
 """Largest shift of a random pose along each axis, in characteristic lengths, for a spread of 1."""
@@ -96,7 +97,8 @@ def solve(
         branch).
 
     Raises:
-        KinematicsError: no solution is found from any start; `best` is the best `Solution`.
+        KinematicsError: no solution is found from any start, then `best` is the best `Solution`. Without `best`: there
+            is no start, seed, limits or `length_scale` are malformed, or the task does not determine the joints.
     """
     kin.need_six_joints()
     bounds = _bounds(kin, limits)
@@ -166,7 +168,8 @@ def seeds(kin: Compiled, rng: int, starts: int, bounds: Array | None = None) -> 
     """Yield starting states: q (n,) if there is a forward equation, else poses (4, 4).
 
     The seeds of the formula come first, then random states. Random poses are near the seeds; random joint values are
-    within the limits (without limits: within ±180 deg or ±1 m).
+    within the limits `bounds` (n, 2). Without a limit, they are within ±180 deg or ±1 m, or, where the other limit is
+    positive (lower) or negative (upper), within this distance of it.
     """
     homes: list[Array] = []
     for seed in kin.formula.seeds[:starts]:
@@ -195,10 +198,10 @@ def _random_joints(kin: Compiled, generator: np.random.Generator, count: int, bo
         bounds = _bounds(kin, None)
     reach = np.where(kin.revolute, np.pi, 1.0)
     low, high = bounds.T
-    low = np.where(np.isfinite(low), low, -reach)
-    high = np.where(np.isfinite(high), high, reach)
+    lowest = np.where(np.isfinite(low), low, np.minimum(-reach, high - reach))
+    highest = np.where(np.isfinite(high), high, np.maximum(reach, low + reach))
     for _ in range(count):
-        yield generator.uniform(low, high)
+        yield generator.uniform(lowest, highest)
 
 
 def descend(
@@ -211,7 +214,16 @@ def descend(
 ) -> Descent:
     """Run one descent from a reachable state; return its result even if the descent does not converge.
 
-    The residual of the task at the start and after each step is appended to `history`.
+    Args:
+        kin: compiled equations of the robot.
+        task: the task.
+        start: q (n,) if there is a forward equation, else a pose (4, 4).
+        bounds: (n, 2) limits of the joints in m or rad; None: no limits.
+        length_scale: see `solve`.
+        history: the residual of the task at the start and after each step is appended to it.
+
+    Raises:
+        KinematicsError: `length_scale` is not positive, or a task of joint values has another number of joints.
     """
     scale = kin.characteristic_length if length_scale is None else float(length_scale)
     if not scale > 0:
@@ -267,13 +279,19 @@ def _from_formula(kin: Compiled, seed: Array) -> Array:
 
 
 def _state(kin: Compiled, seed: ArrayLike) -> Array:
-    """Convert a seed, q (n,) or pose (4, 4), to a state: q if there is a forward equation, else a pose."""
+    """Convert a seed, q (n,) or pose (4, 4), to a state: q if there is a forward equation, else a pose.
+
+    Raises:
+        KinematicsError: the seed is not finite, has another shape, or is a pose that is not rigid or out of reach.
+    """
     seed = np.asarray(seed, float)
     if seed.shape == (4, 4):
         if not spatial.is_pose(seed, 1e-6):
             raise KinematicsError("the seed is not a rigid pose (4, 4).")
         return kin.inverse(seed) if kin.closed_forward else seed
     if seed.shape == (len(kin.joints),):
+        if not np.isfinite(seed).all():
+            raise KinematicsError(f"the seed is not finite: {dict(zip(kin.joints, seed.tolist(), strict=True))}.")
         return seed if kin.closed_forward else kin.forward(seed)
     raise KinematicsError(f"a seed must be q ({len(kin.joints)},) or a pose (4, 4), not {seed.shape}.")
 
