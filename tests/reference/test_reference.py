@@ -350,6 +350,31 @@ def test_motions_of_the_wrong_form_are_refused(sils_model, q, message):
         sils_model.run(q)
 
 
+@pytest.mark.parametrize(
+    ("q", "message"),
+    [
+        (np.zeros((3, 5)), r"q has shape \(3, 5\); expected \(k, 6\) for q1, q2, q3, q4, q5, q6"),
+        (np.zeros((0, 6)), r"q has no rows"),
+        (np.array([[0.1] * 6, [0.1, 0.1, np.nan, 0, 0, 0]]), r"q is not finite at row 1"),
+    ],
+)
+def test_rows_of_the_wrong_form_are_refused(sils_model, q, message):
+    with pytest.raises(MechanismError, match=message):
+        sils_model.solve_many(q)
+
+
+def test_a_row_at_which_a_loop_stays_open_is_named():
+    """Two driven slides, welded: at different values, nothing can give."""
+    joints = (
+        Joint("lead", "prismatic", "base", "a", active=True),
+        Joint("follow", "prismatic", "base", "b", spatial.pose(p=[0.5, 0, 0]), active=True),
+        Joint("weld", "fixed", "a", "b", spatial.pose(p=[0.5, 0, 0])),
+    )
+    model = ReferenceModel(mechanism(*joints, tool="b"))
+    with pytest.raises(AssemblyError, match=r"at row 1: .*loops do not close"):
+        model.solve_many(np.array([[0.0, 0.0], [0.0, 0.01]]))
+
+
 @pytest.mark.parametrize("T", [np.full((4, 4), np.nan), np.diag([1.0, 1, -1, 1]), np.eye(3), np.stack([np.eye(4)] * 2)])
 def test_poses_of_the_wrong_form_are_refused(sils_model, T):
     with pytest.raises(MechanismError, match=r"the tool pose is not a rigid \(4, 4\) pose"):
@@ -525,6 +550,18 @@ def test_a_pose_out_of_reach_is_refused_with_the_distance_of_the_tool_from_it():
     planar = ReferenceModel(mechanism(*z, tool="n", T_tool=spatial.pose(p=[0.2, 0, 0])))
     with pytest.raises(AssemblyError, match=r"out of reach, largest loop gap 0 mm, tool 50 mm from its target"):
         planar.run_poses(spatial.pose(p=[1.05, 0, 0])[None], near=np.zeros((1, 4)))
+
+
+def test_a_pose_that_only_the_rotation_of_the_tool_misses_is_refused_with_the_angle():
+    """A slide along z, driven beside another one: the tool cannot turn."""
+    slides = (
+        Joint("a", "prismatic", "base", "k", active=True),
+        Joint("b", "prismatic", "k", "l", active=True),
+    )
+    sliding = ReferenceModel(mechanism(*slides, tool="l"))
+    tilted = spatial.pose(spatial.exp_so3([0.0, 0.0, np.pi / 6]), [0, 0, 0.1])
+    with pytest.raises(AssemblyError, match=r"tool \S+ mm and 30 deg from its target"):
+        sliding.run_poses(tilted[None], near=np.array([[0.05, 0.05]]))
 
 
 def test_a_weld_that_is_upside_down_is_not_closed():

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from twin.core import spatial
 from twin.core.errors import AssemblyError, MechanismError
 from twin.core.spatial import Array, Index
-from twin.core.units import MM
+from twin.core.units import DEG, MM
 from twin.model.mechanism import Mechanism
 from twin.reference import loop_rates, mobility
 from twin.reference.loops import LENGTH_SCALE
@@ -114,6 +114,7 @@ class ReferenceModel:
 
         Raises:
             AssemblyError: the loops cannot be closed at a sample; the message names the sample.
+            MechanismError: q has another shape, no samples, or a value that is not finite.
         """
         q = checked_joint_motion(self.mechanism, q)
         states = solved_along(self._continuation, q, self._start(seed), progress)
@@ -144,8 +145,9 @@ class ReferenceModel:
 
         Raises:
             AssemblyError: the loops cannot be closed at a row; the message names the row.
+            MechanismError: q has another shape, no rows, or a value that is not finite.
         """
-        q = np.asarray(q, float)
+        q = checked_joint_motion(self.mechanism, q, "row")
         start = self._start(seed)
         stride = np.where(self.tree.are_angles, _INDEPENDENT_TURN, _INDEPENDENT_SLIDE)
         blocks = []
@@ -160,7 +162,7 @@ class ReferenceModel:
                     raise AssemblyError(f"at row {first + i}: {error}", error.best, error.gap) from error
             blocks.append(X)
         states = np.concatenate(blocks)
-        return self._closed(self.collect(states))
+        return self._closed(self.collect(states), item="row")
 
     def _in_steps(self, start: Array, goal: Array, stride: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return (states (k, nq) at active joint values `goal` (k, n), (k,) bool: whether each was reached).
@@ -180,7 +182,8 @@ class ReferenceModel:
             steady = self._continuation.jumps(X, new) < MODE_JUMP
             is_reached &= np.logical_and(converged, steady)
             X = new
-        return X, is_reached
+        closed = self._continuation.misfits(X, goal) < GAP_TOLERANCE
+        return X, np.logical_and(is_reached, closed)
 
     def run_poses(
         self,
@@ -193,6 +196,10 @@ class ReferenceModel:
 
         If the mechanism is `redundant` or has auxiliary joints, a pose has many solutions. If `near` (k, n) is given,
         the solution with the smallest motion from these active joint values is returned.
+
+        Raises:
+            AssemblyError: no assembly has its tool at one of the poses; the message names the sample.
+            MechanismError: the poses have another shape, are none, or are not rigid.
         """
         Ts = np.asarray(Ts_base_tool, float)
         if Ts.ndim != 3 or not len(Ts) or not spatial.is_pose(Ts, _RIGID):
@@ -286,28 +293,31 @@ class ReferenceModel:
 
     # -- what the solutions above share ---------------------------------------------------------------
 
-    def _closed(self, run: SolvedSamples, Ts: Array | None = None) -> SolvedSamples:
+    def _closed(self, run: SolvedSamples, Ts: Array | None = None, item: str = "sample") -> SolvedSamples:
         """Return the run; raise `AssemblyError` at the first sample whose misfit is above `GAP_TOLERANCE`.
 
         The misfit of a sample is the largest of its loop gaps in m; with poses Ts (k, 4, 4), also of the shift in m and
-        the rotation in rad of the tool from its pose.
+        the rotation in rad of the tool from its pose. `item` is the word for a sample in the message.
         """
         misfit = run.gaps[..., 0].max(axis=1, initial=0.0)
+        shifts = np.zeros(len(misfit))
+        turns = np.zeros(len(misfit))
         if Ts is not None:
-            shift = np.linalg.norm(run.Ts_base_tool[:, :3, 3] - Ts[:, :3, 3], axis=1)
-            misfit = np.maximum(misfit, shift)
-            turn = np.swapaxes(run.Ts_base_tool[:, :3, :3], 1, 2) @ Ts[:, :3, :3]
-            misfit = np.maximum(misfit, spatial.rotation_angle(turn))
-        is_closed = misfit < GAP_TOLERANCE
+            shifts = np.linalg.norm(run.Ts_base_tool[:, :3, 3] - Ts[:, :3, 3], axis=1)
+            R_target = np.swapaxes(run.Ts_base_tool[:, :3, :3], 1, 2) @ Ts[:, :3, :3]
+            turns = spatial.rotation_angle(R_target)
+        is_closed = np.maximum.reduce([misfit, shifts, turns]) < GAP_TOLERANCE
         if is_closed.all():
             return run
         k = int(np.argmin(is_closed))
         best = self.state(run.x[k])
         deviation = f"largest loop gap {best.worst_gap / MM:.3g} mm"
         if Ts is not None:
-            shift = np.linalg.norm(best.T_base_tool[:3, 3] - Ts[k, :3, 3])
-            deviation += f", tool {shift / MM:.3g} mm from its target"
-        text = f"at sample {k}: {self.mechanism.name}: out of reach, {deviation}"
+            deviation += f", tool {shifts[k] / MM:.3g} mm"
+            if turns[k] >= GAP_TOLERANCE:
+                deviation += f" and {turns[k] / DEG:.3g} deg"
+            deviation += " from its target"
+        text = f"at {item} {k}: {self.mechanism.name}: out of reach, {deviation}"
         raise AssemblyError(text, best, best.worst_gap)
 
     def _start(self, seed: Assembly | None) -> Array:
@@ -343,21 +353,21 @@ def checked_joint_values(mechanism: Mechanism, q: Array) -> Array:
     return q
 
 
-def checked_joint_motion(mechanism: Mechanism, q: Array) -> Array:
+def checked_joint_motion(mechanism: Mechanism, q: Array, item: str = "sample") -> Array:
     """Check active joint values q in m or rad along a motion, and return them as an array (k, n).
 
     Raises:
-        MechanismError: q has the wrong shape or is not finite; the message names the sample.
+        MechanismError: q has the wrong shape, no samples, or is not finite; the message names the sample, by `item`.
     """
     q = np.asarray(q, float)
     names = [joint.name for joint in mechanism.active]
     if q.ndim != 2 or q.shape[1] != len(names):
         raise MechanismError(f"q has shape {q.shape}; expected (k, {len(names)}) for {', '.join(names)}")
     if not len(q):
-        raise MechanismError("q has no samples")
+        raise MechanismError(f"q has no {item}s")
     finite = np.isfinite(q).all(axis=1)
     if not finite.all():
         k = int(np.argmin(finite))
         values = dict(zip(names, q[k].tolist(), strict=True))
-        raise MechanismError(f"q is not finite at sample {k}: {values}")
+        raise MechanismError(f"q is not finite at {item} {k}: {values}")
     return q
