@@ -39,7 +39,16 @@ def linkage(
     provenance: Provenance,
     source: str,
 ) -> tuple[Parameter, ...]:
-    """Return the lengths of a linkage as parameters; the arguments are vectors (y, z) in the pitch plane, in mm."""
+    """Return the lengths of a linkage as parameters.
+
+    Args:
+        reach: distance in mm from pivot B to the RCM.
+        crank: vector (y, z) in mm in the pitch plane from the RCM to pin C of the rail, at yaw and pitch 0.
+        second: the same from pivot B to B2 of the yaw link.
+        apart: the same from pin C to C2 of the rail.
+        provenance: provenance of these lengths.
+        source: their source, named in the notes.
+    """
     return (
         mm("reach", reach, provenance, f"{source}: distance from pivot B to the RCM, and length of both couplers"),
         mm("setback", -crank[0], provenance, f"{source}: distance of pin C behind the shaft"),

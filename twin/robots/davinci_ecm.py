@@ -86,7 +86,14 @@ FORMULA = Formula(
             "CITED",
             f"{DVRK}: distance from the insertion origin to the tip; dvrk_model has 383.64",
         ),
-        *linkage(340.4, (-103.001, 286.805), (-162.43, -9.8), (-5.471, 37.452), "CITED", "jhu-dvrk/dvrk_model, ECM"),
+        *linkage(
+            reach=340.4,
+            crank=(-103.001, 286.805),
+            second=(-162.43, -9.8),
+            apart=(-5.471, 37.452),
+            provenance="CITED",
+            source="jhu-dvrk/dvrk_model, ECM",
+        ),
     ),
     joints=active_joints("q1 q2 q3 q4", slides="q3"),
     coordinates=Coordinates(

@@ -27,7 +27,10 @@ _POINTS = (*PINS, *instrument.ENDS)
 
 
 def standard(a, alpha, d, theta):
-    """Return Rz(theta) Tz(d) Tx(a) Rx(alpha), (4, 4): one row of a standard Denavit-Hartenberg table."""
+    """Return Rz(theta) Tz(d) Tx(a) Rx(alpha), (4, 4): one row of a standard Denavit-Hartenberg table.
+
+    The order differs from that of `row`, of a modified table: there alpha, d (along x), theta, r (along z).
+    """
     R = symbolic.rotation_z(theta)
     return symbolic.pose(R @ symbolic.rotation_x(alpha), R @ vertcat(a, 0, d))
 
@@ -107,7 +110,14 @@ FORMULA = Formula(
     source=f"{PAPER}, Table 1; offsets and lengths: {DVRK}",
     parameters=(
         *instrument.parameters(431.8, 416.2, "400006"),
-        *linkage(516.0, (-40.09, 144.54), (-96.0, 0.0), (0.0, -38.08), "CITED", "WPI-AIM/dvrk_dynamics_identification"),
+        *linkage(
+            reach=516.0,
+            crank=(-40.09, 144.54),
+            second=(-96.0, 0.0),
+            apart=(0.0, -38.08),
+            provenance="CITED",
+            source="WPI-AIM/dvrk_dynamics_identification",
+        ),
     ),
     joints=instrument.JOINTS,
     coordinates=ZYX,
