@@ -27,12 +27,7 @@ RESERVED = {"joints", "materials"}
 
 def mesh_paths(mechanism: Mechanism) -> dict[str, str]:
     """Return the prim path of every mesh, by mesh name."""
-    leaves = _leaves(mechanism)
-    paths: dict[str, str] = {}
-    for body in mechanism.bodies:
-        for mesh in body.meshes:
-            paths[mesh.name] = f"/{mechanism.name}/{body.name}/{leaves.take(mesh.name, 'mesh')}"
-    return paths
+    return _named_meshes(mechanism, _leaves(mechanism))
 
 
 def write_geometry(mechanism: Mechanism, path: Path, link_poses: Mapping[str, Array]) -> Path:
@@ -54,17 +49,18 @@ def write_geometry(mechanism: Mechanism, path: Path, link_poses: Mapping[str, Ar
         # rotations below 3e-4 rad are lost (measured, usd-core 26.11).
         xform.AddOrientOp(UsdGeom.XformOp.PrecisionDouble).Set(gf.quatd(T[:3, :3]))
     materials: dict[str, UsdShade.Material] = {}
-    paths = mesh_paths(mechanism)
+    leaves = _leaves(mechanism)
+    paths = _named_meshes(mechanism, leaves)
     for body in mechanism.bodies:
         for mesh in body.meshes:
             prim = _write_mesh(stage, paths[mesh.name], mesh).GetPrim()
-            _name(prim, mesh.name)
+            _store_name(prim, mesh.name)
             material = mechanism.materials[mesh.name]
             if material.name not in materials:
                 place = f"/{mechanism.name}/materials/{material.name}"
                 materials[material.name] = _write_material(stage, place, material)
             UsdShade.MaterialBindingAPI.Apply(prim).Bind(materials[material.name])
-    _write_marks(stage, mechanism)
+    _write_marks(stage, mechanism, leaves)
     return save(layer, path)
 
 
@@ -78,7 +74,16 @@ def _leaves(mechanism: Mechanism) -> Leaves:
     return Leaves(used_names)
 
 
-def _name(prim: Usd.Prim, name: str) -> None:
+def _named_meshes(mechanism: Mechanism, leaves: Leaves) -> dict[str, str]:
+    """Return the prim path of every mesh, by mesh name; their leaf names are taken from `leaves`."""
+    paths: dict[str, str] = {}
+    for body in mechanism.bodies:
+        for mesh in body.meshes:
+            paths[mesh.name] = f"/{mechanism.name}/{body.name}/{leaves.take(mesh.name, 'mesh')}"
+    return paths
+
+
+def _store_name(prim: Usd.Prim, name: str) -> None:
     """Store the mechanism's name of an object in its prim, if the prim has a different leaf name."""
     if prim.GetName() != name:
         attribute = prim.CreateAttribute("twin:name", Sdf.ValueTypeNames.String, True, Sdf.VariabilityUniform)
@@ -112,7 +117,7 @@ def corner_normals(vertices: Array, triangles: np.ndarray, crease: float = CREAS
     """Return unit normals (3 m, 3), one per triangle corner, averaged over faces that meet at angles below `crease`.
 
     Triangles (m, 3) are indices of vertices (n, 3); normals are averaged only over faces that share a vertex. Angles
-    are in rad.
+    are in rad. A GLB has the same normals as the stage.
     """
     triangles = np.asarray(triangles)
     corners = triangles.ravel()
@@ -174,12 +179,11 @@ def _write_material(stage: Usd.Stage, path: str, look: Material) -> UsdShade.Mat
     return material
 
 
-def _write_marks(stage: Usd.Stage, mechanism: Mechanism) -> None:
-    """Write named frames and points as guide prims below their body, in double precision."""
-    leaves = _leaves(mechanism)
-    for body in mechanism.bodies:
-        for mesh in body.meshes:
-            leaves.take(mesh.name, "mesh")
+def _write_marks(stage: Usd.Stage, mechanism: Mechanism, leaves: Leaves) -> None:
+    """Write named frames and points as guide prims below their body, in double precision.
+
+    Their names are taken from `leaves`, from which the meshes already have theirs.
+    """
     for frame in mechanism.frames:
         xform = _write_mark(stage, mechanism, leaves, frame, "frame", frame.T_body_frame[:3, 3])
         orient = xform.AddOrientOp(UsdGeom.XformOp.PrecisionDouble)
@@ -195,7 +199,7 @@ def _write_mark(
     xform = UsdGeom.Xform.Define(stage, f"/{mechanism.name}/{marked.body}/{leaf}")
     xform.CreatePurposeAttr(UsdGeom.Tokens.guide)
     prim = xform.GetPrim()
-    _name(prim, marked.name)
+    _store_name(prim, marked.name)
     prim.CreateAttribute("twin:kind", Sdf.ValueTypeNames.Token, True, Sdf.VariabilityUniform).Set(kind)
     translate = xform.AddTranslateOp(UsdGeom.XformOp.PrecisionDouble)
     translate.Set(gf.vec3d(p_body))
