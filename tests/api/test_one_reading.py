@@ -128,13 +128,13 @@ def test_a_reader_keeps_to_the_limits_and_takes_nothing_to_another_process(tmp_p
 
 def test_equations_are_explained_as_they_ran(folder, tmp_path):
     """A file that is edited meanwhile does not move the lines of what runs."""
-    from twin.formula.equations import definition
+    from twin.formula.variant_rows import function_definition
 
     copy = tmp_path / folder.name
     shutil.copytree(folder, copy)
     formula = twin.load(copy).formula
     function = next(iter(formula.equations[0].variants.values()))
-    line = definition(function).lineno
+    line = function_definition(function).lineno
     (copy / "formula.py").write_text("# other\n" * 5 + (copy / "formula.py").read_text())
-    assert definition(function).lineno == line
+    assert function_definition(function).lineno == line
     assert not (copy / "__pycache__").exists()

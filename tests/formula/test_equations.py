@@ -8,7 +8,7 @@ import textwrap
 import pytest
 
 from twin.core.errors import KinematicsError
-from twin.formula.equations import rows
+from twin.formula.variant_rows import equation_rows
 from twin.robots import load_formula, names
 from twin.validation.explain.function_source import Source
 
@@ -82,11 +82,11 @@ def test_each_row_of_a_variant_is_where_it_stands_in_the_file(changed):
     for name, homes in {"near": "two near near two two", "nearer": "two near near nearer two"}.items():
         f = changed[name]
         source = Source(f)
-        assert [r.home.name for r in rows(f)] == homes.split()
-        for row, s in zip(rows(f), source.statements, strict=True):
+        assert [r.definition.name for r in equation_rows(f)] == homes.split()
+        for row, s in zip(equation_rows(f), source.statements, strict=True):
             line = source.data.decode().splitlines()[s.line - 1].strip()
             assert source.text(s.start, s.end) == line
-            assert row.home.lineno < s.line <= (row.home.end_lineno or 0)
+            assert row.definition.lineno < s.line <= (row.definition.end_lineno or 0)
 
 
 def test_an_argument_that_a_variant_changes_is_changed_before_all_rows(module):
@@ -98,7 +98,7 @@ def test_an_argument_that_a_variant_changes_is_changed_before_all_rows(module):
             return l
         ''')["behind"]
     assert f(3, 5, 1) == (54, 49)
-    assert [r.home.name for r in rows(f)] == ["behind", "two", "two", "two", "two"]
+    assert [r.definition.name for r in equation_rows(f)] == ["behind", "two", "two", "two", "two"]
 
 
 def test_an_error_in_a_row_that_a_variant_leaves_names_its_line(changed):

@@ -33,8 +33,11 @@ that the published equations do not name (angles, margins, measures), and is eva
 POSE_SYMBOL = "T_base_tool"
 """Symbol of the pose (4, 4). A forward flow computes this symbol, or all coordinates."""
 
-Rows = Callable[..., Value]
-"""A function whose argument names are symbols. It returns a CasADi SX, or a tuple of SX in the order of the outputs."""
+SymbolFunction = Callable[..., Value]
+"""A function of symbols, which are the names of its arguments.
+
+It returns a CasADi SX, or a tuple of SX in the order of the outputs.
+"""
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,7 @@ class Equation:
     source: str
     stage: Stage
     outputs: tuple[str, ...]
-    variants: Mapping[str, Rows]
+    variants: Mapping[str, SymbolFunction]
     reasons: Mapping[str, str] = field(default_factory=dict)
     default: str = "corrected"
 
@@ -80,8 +83,8 @@ class Coordinates:
 
     names: tuple[str, ...]
     units: tuple[str, ...]
-    to_pose: Rows
-    from_pose: Rows
+    to_pose: SymbolFunction
+    from_pose: SymbolFunction
 
 
 @dataclass(frozen=True)
@@ -125,7 +128,7 @@ class PointSearch:
     """A published optimisation whose unknowns are points of the arm, not joints: the shaft is given by tip and trocar.
 
     The unknowns are symbols (3,) of inverse equations, in m in the base frame. Once they are known, the remaining
-    inverse equations give the joints. `Rows` below may name the unknowns, `tip`, `trocar` and the parameters.
+    inverse equations give the joints. `SymbolFunction` below may name the unknowns, `tip`, `trocar` and the parameters.
 
     Attributes:
         source: document, and what it leaves open.
@@ -145,10 +148,10 @@ class PointSearch:
     tip: str
     trocar: str
     axis: tuple[float, float, float]
-    residual: Rows
-    between: Rows
-    redundant: Rows
-    places: Rows
+    residual: SymbolFunction
+    between: SymbolFunction
+    redundant: SymbolFunction
+    places: SymbolFunction
 
 
 @dataclass(frozen=True)
@@ -186,7 +189,7 @@ class Formula:
     joints: tuple[ActiveJoint, ...]
     coordinates: Coordinates
     equations: tuple[Equation, ...]
-    characteristic_length: Rows
+    characteristic_length: SymbolFunction
     points: Mapping[str, str | tuple[str, str, str]] = field(default_factory=dict)
     passive: tuple[str, ...] = ()
     reach: Mapping[str, str] = field(default_factory=dict)
@@ -272,7 +275,7 @@ def check_formula(formula: object) -> None:
             fail(f"seed {i} must have {seed_length} finite numbers, found {list(seed)}.")
 
 
-def arguments(function: Rows) -> tuple[list[str], list[str]]:
+def arguments(function: SymbolFunction) -> tuple[list[str], list[str]]:
     """Return (names of the required arguments, names of the optional arguments) of a function of symbols."""
     required = []
     optional = []

@@ -13,7 +13,7 @@ import numpy as np
 
 from twin.core.errors import KinematicsError, no_inverse, unknown
 from twin.core.program_end import ProgramEndError, contained
-from twin.formula.contract import POSE_SYMBOL, Equation, Formula, Rows, Stage, arguments, unread
+from twin.formula.contract import POSE_SYMBOL, Equation, Formula, Stage, SymbolFunction, arguments, unread
 from twin.formula.scalar import Value
 
 _SQUARE = re.compile(r"not square but (\d+)x(\d+)")
@@ -26,7 +26,7 @@ _ROUNDING = 1e-15
 """Magnitude below which entries of an inverse become zero."""
 
 
-def call(function: Rows, symbols: Mapping[str, Value], what: str, suggestions: Sequence[str] = ()) -> Value:
+def call(function: SymbolFunction, symbols: Mapping[str, Value], what: str, suggestions: Sequence[str] = ()) -> Value:
     """Call a function with the symbols that it names as arguments, and return its result.
 
     `what` is the name of the function in messages. If a symbol is missing, the message also suggests names from
@@ -166,7 +166,9 @@ def expression(formula: Formula, symbols: Mapping[str, Value], name: str, what: 
         raise KinematicsError(text) from None
 
 
-def _outputs(formula: Formula, equation: Equation, function: Rows, symbols: Mapping[str, Value]) -> list[Value]:
+def _outputs(
+    formula: Formula, equation: Equation, function: SymbolFunction, symbols: Mapping[str, Value]
+) -> list[Value]:
     """Return the values of an equation's outputs; implicit outputs (see `Equation`) are solved for.
 
     Raises:

@@ -2,25 +2,15 @@
 
 from __future__ import annotations
 
-import ast
-import copy
-import inspect
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
-from pathlib import Path
-from types import FunctionType
+from dataclasses import replace
 from typing import TypeVar, get_args
 
 from twin.core.errors import KinematicsError
-from twin.formula.contract import Equation, Rows, Stage
-from twin.formula.loader import ModuleNames, text_of
-from twin.formula.scalar import Value
+from twin.formula.contract import Equation, Stage, SymbolFunction
+from twin.formula.variant_rows import VariantFunction
 
-_Function = TypeVar("_Function", bound=Rows)
-
-_CHANGES = "_changes"
-"""Attribute of a variant's function: (original function, decorated function that contains the changed rows)."""
+_Function = TypeVar("_Function", bound=SymbolFunction)
 
 
 class Equations:
@@ -107,7 +97,7 @@ class Equations:
 
         return register
 
-    def variant(self, name: str, of: Rows, why: str) -> Callable[[Rows], Variant]:
+    def variant(self, name: str, of: SymbolFunction, why: str) -> Callable[[SymbolFunction], VariantFunction]:
         """Return a decorator that registers a variant of an equation: a function with only the rows that differ.
 
         A row is one assignment. Each row of the variant replaces the row of `of` that assigns the same symbols. If `of`
@@ -129,13 +119,13 @@ class Equations:
         if place is None:
             raise KinematicsError(f"variant '{name}' changes {of!r}, which is not an equation of this file")
 
-        def register(function: Rows) -> Variant:
+        def register(function: SymbolFunction) -> VariantFunction:
             equation = self._registered[place]
             if name in equation.variants:
                 raise KinematicsError(
                     f"two variants of equation '{equation.name}' are named '{name}': give the second another name"
                 )
-            variant = Variant(of, function)
+            variant = VariantFunction(of, function)
             variants = {**equation.variants, name: variant}
             reasons = {**equation.reasons, name: why}
             self._registered[place] = replace(equation, variants=variants, reasons=reasons)
@@ -143,7 +133,7 @@ class Equations:
 
         return register
 
-    def _place_of(self, function: Rows) -> int | None:
+    def _place_of(self, function: SymbolFunction) -> int | None:
         """Return the index of the equation of which the function is a variant; None if there is none."""
         for i, equation in enumerate(self._registered):
             for variant in equation.variants.values():
@@ -154,218 +144,3 @@ class Equations:
     def __iter__(self) -> Iterator[Equation]:
         stages = get_args(Stage)
         return iter(sorted(self._registered, key=lambda equation: stages.index(equation.stage)))
-
-
-class Variant:
-    """The function `base` with the rows changed by the function `change`."""
-
-    def __init__(self, base: Rows, change: Rows) -> None:
-        self.base = base
-        self.change = change
-
-    def __call__(self, *args: Value, **kwargs: Value) -> Value:
-        """Return the outputs of `base`, computed with the changed rows."""
-        return self.__wrapped__(*args, **kwargs)
-
-    @cached_property
-    def __wrapped__(self) -> FunctionType:
-        return _changed(inspect.unwrap(self.base), self.change)
-
-
-@dataclass(frozen=True)
-class EquationRow:
-    """One statement of a function of symbols.
-
-    Attributes:
-        node: the statement.
-        home: function definition that contains the statement: that of the variant, or that of the original function.
-        new: whether a variant adds the row; otherwise, the row is original or replaces an original row.
-    """
-
-    node: ast.stmt
-    home: ast.FunctionDef
-    new: bool = False
-
-
-def rows(function: Rows) -> tuple[EquationRow, ...]:
-    """Return the statements of a function without its docstring; for a variant, the rows after the changes.
-
-    Raises:
-        KinematicsError: the function has no source (a lambda, a built-in, a decorated wrapper).
-    """
-    function = inspect.unwrap(function)
-    if hasattr(function, _CHANGES):
-        base, change = getattr(function, _CHANGES)
-        return _merged(base, change)
-    node = definition(function)
-    body = node.body
-    if body and isinstance(body[0], ast.Expr) and isinstance(body[0].value, ast.Constant):
-        body = body[1:]  # without the docstring
-    return tuple(EquationRow(statement, node) for statement in body)
-
-
-def definition(function: Rows) -> ast.FunctionDef:
-    """Return the syntax tree of a function in its file; for a variant, the tree of the function with the changed rows.
-
-    Raises:
-        KinematicsError: the function has no source (a lambda, a built-in, a decorated wrapper).
-    """
-    plain_function = inspect.unwrap(function)
-    if hasattr(plain_function, _CHANGES):
-        _, change = getattr(plain_function, _CHANGES)
-        plain_function = inspect.unwrap(change)
-    code = getattr(plain_function, "__code__", None)
-    if code is None or not Path(code.co_filename).is_file():
-        raise KinematicsError(f"{function!r} has no source file; the text of an equation must be readable")
-    path = Path(code.co_filename)
-    definitions = _definitions(path, text_of(path, plain_function.__globals__))
-    node = definitions.get((code.co_name, code.co_firstlineno))
-    if node is None:
-        raise KinematicsError(f"{code.co_filename}:{code.co_firstlineno}: '{code.co_name}' is not a plain function")
-    return node
-
-
-@lru_cache(maxsize=64)
-def _definitions(path: Path, data: bytes) -> dict[tuple[str, int], ast.FunctionDef]:
-    """Return the function definitions in a file's text, by name and line of the first decorator or `def`."""
-    definitions = {}
-    unvisited: list[ast.AST] = [ast.parse(data, path)]
-    while unvisited:  # ast.walk would also visit all expressions, which contain no definitions
-        for node in ast.iter_child_nodes(unvisited.pop()):
-            if isinstance(node, ast.stmt | ast.excepthandler | ast.match_case):
-                unvisited.append(node)
-            if isinstance(node, ast.FunctionDef):
-                first_line = node.lineno
-                for decorator in node.decorator_list:
-                    first_line = min(first_line, decorator.lineno)
-                definitions[node.name, first_line] = node
-    return definitions
-
-
-def _merged(base: Rows, change: Rows) -> tuple[EquationRow, ...]:
-    """Return the rows of a function after the changes of a variant.
-
-    Raises:
-        KinematicsError: a statement is not an assignment, or changes only part of a row, or assigns a symbol that the
-            variant does not return; or there is no statement.
-    """
-    path = inspect.unwrap(change).__code__.co_filename
-
-    def fail(node: ast.stmt, text: str) -> KinematicsError:
-        return KinematicsError(f"{path}:{node.lineno}: {change.__name__}() {text}")
-
-    merged = list(rows(base))
-    symbols_of_base: set[str] = set()
-    for row in merged:
-        symbols_of_base.update(assigned(row.node))
-    arguments_of_base = set(inspect.signature(base).parameters)
-    rows_of_change = rows(change)
-    if not rows_of_change:  # Python accepts a docstring as the whole body
-        raise fail(definition(change), "has no rows: assign the symbols that this variant changes, and return them")
-    *changed_rows, last_row = rows_of_change
-    added: list[EquationRow] = []  # rows with symbols that `base` does not have, until their place is known
-    changed: list[str] = []
-    for row in changed_rows:
-        names = set(assigned(row.node))
-        if not names:
-            raise fail(row.node, "is a variant: its rows must be assignments of symbols, as in `q1 = ...`")
-        if not symbols_of_base & names:
-            if arguments_of_base & names:
-                merged[:0] = [*added, row]
-                added = []
-                changed += assigned(row.node)
-            else:
-                added.append(replace(row, new=True))
-            continue
-        places = []
-        for i, existing_row in enumerate(merged):
-            if set(assigned(existing_row.node)) == names:
-                places.append(i)
-        if len(places) != 1:
-            symbols = ", ".join(assigned(row.node))
-            raise fail(
-                row.node,
-                f"changes {symbols}: {len(places)} rows of the equation assign exactly these symbols, not one row",
-            )
-        place = places[0]
-        merged[place : place + 1] = [*added, row]
-        added = []
-        changed += assigned(row.node)
-    last = last_row.node
-    returned = _names(getattr(last, "value", None))
-    if not isinstance(last, ast.Return) or added or sorted(returned) != sorted(changed):
-        raise fail(last, f"must end by returning the symbols that it changes: return {', '.join(changed)}")
-    return tuple(merged)
-
-
-def assigned(node: ast.stmt) -> tuple[str, ...]:
-    """Return the names that a plain assignment assigns; an empty result for any other statement."""
-    if not isinstance(node, ast.Assign) or len(node.targets) != 1:
-        return ()
-    names = _names(node.targets[0])
-    if not all(names):
-        return ()
-    return tuple(names)
-
-
-def _names(expression: ast.expr | None) -> list[str]:
-    """Return the name of each entry of a tuple, or of a single expression; "" for an entry that is not a name."""
-    entries = [expression]
-    if isinstance(expression, ast.Tuple):
-        entries = list(expression.elts)
-    names = []
-    for entry in entries:
-        # only a plain name has an `id`; x[0] and x.y have none
-        names.append(getattr(entry, "id", ""))
-    return names
-
-
-def _changed(base: Rows, change: Rows) -> FunctionType:
-    """Return `base` with the rows of `change`, as a function whose line numbers are those of the file."""
-    if not isinstance(base, FunctionType) or base.__closure__ or not isinstance(change, FunctionType):
-        raise KinematicsError(f"{change!r} changes {base!r}: both must be functions at the top level of one file")
-    body = []
-    for row in _merged(base, change):
-        body.append(row.node)
-    # a copy: the tree of a file is cached and stays that of the text
-    node = copy.copy(definition(change))
-    node.args = _arguments(base, node, body)
-    node.body = body
-    node.decorator_list = []
-    module = ast.fix_missing_locations(ast.Module([node], []))
-    scope: ModuleNames = {}
-    exec(compile(module, base.__code__.co_filename, "exec"), base.__globals__, scope)
-    changed = scope[change.__name__]
-    changed.__defaults__ = base.__defaults__
-    changed.__kwdefaults__ = base.__kwdefaults__
-    changed.__doc__ = change.__doc__
-    setattr(changed, _CHANGES, (base, change))
-    return changed
-
-
-def _arguments(base: FunctionType, change: ast.FunctionDef, body: Sequence[ast.stmt]) -> ast.arguments:
-    """Return the arguments of `base` and, as keyword arguments, the symbols that only the changed rows need."""
-    root: Rows = base
-    while hasattr(root, _CHANGES):
-        root, _ = getattr(root, _CHANGES)
-    arguments = copy.copy(definition(root).args)
-    code = base.__code__
-    assigned_names = set(code.co_varnames)
-    for statement in body:
-        assigned_names.update(assigned(statement))
-    # `base` can itself be a variant with keyword arguments that the function in the file does not have
-    needed_names = list(code.co_varnames[code.co_argcount : code.co_argcount + code.co_kwonlyargcount])
-    for argument in change.args.args:
-        if argument.arg not in assigned_names:
-            needed_names.append(argument.arg)
-    existing_names = set()
-    for argument in arguments.kwonlyargs:
-        existing_names.add(argument.arg)
-    added_arguments = []
-    for name in needed_names:
-        if name not in existing_names:
-            added_arguments.append(ast.arg(name))
-    no_defaults: list[ast.expr | None] = [None] * len(added_arguments)
-    arguments.kwonlyargs = [*arguments.kwonlyargs, *added_arguments]
-    arguments.kw_defaults = [*arguments.kw_defaults, *no_defaults]
-    return arguments

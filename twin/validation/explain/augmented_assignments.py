@@ -15,8 +15,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from twin.core.errors import KinematicsError
-from twin.formula.equations import definition
 from twin.formula.scalar import Value
+from twin.formula.variant_rows import function_definition
 
 _SYMBOLIC = "twin.formula.symbolic"
 
@@ -98,7 +98,7 @@ def rewritten(function: types.FunctionType) -> types.CodeType:
     # Without the attributes of `function`, so that the definition is its own, not that of a function that it decorates.
     bare = types.FunctionType(function.__code__, function.__globals__, function.__name__, None, function.__closure__)
     try:
-        node = definition(bare)
+        node = function_definition(bare)
     except KinematicsError:
         return function.__code__
     if not _has_augmented(node):

@@ -12,8 +12,8 @@ from functools import lru_cache
 from pathlib import Path
 from types import CodeType
 
-from twin.formula.equations import EquationRow, definition, rows
 from twin.formula.loader import text_of
+from twin.formula.variant_rows import EquationRow, equation_rows, function_definition
 from twin.validation.explain import augmented_assignments
 from twin.validation.explain.edit_tidying import tidy
 from twin.validation.explain.tokens import line_starts, span
@@ -90,7 +90,7 @@ class Statement:
 
     `home` is the function definition that contains the statement. `new`: whether only statements in the same definition
     may use the result of the statement. This is true for rows that a variant adds to the rows of another function
-    (`twin.formula.equations`).
+    (`twin.formula.variant_rows`).
     """
 
     index: int
@@ -155,7 +155,7 @@ class Source:
         Raises:
             KinematicsError: the function has no editable source (a lambda, a built-in, a decorated wrapper).
         """
-        body = rows(function)
+        body = equation_rows(function)
         unwrapped = inspect.unwrap(function)
         code = unwrapped.__code__  # type: ignore[attr-defined]
         module_globals = unwrapped.__globals__  # type: ignore[attr-defined]
@@ -163,7 +163,7 @@ class Source:
         self.data = text_of(self.path, module_globals)
         self._starts = line_starts(self.data)
         self._casadi = augmented_assignments.uses_casadi(module_globals)
-        self.node = definition(function)
+        self.node = function_definition(function)
         self.name = self.node.name
         self.arguments = code.co_varnames[: code.co_argcount + code.co_kwonlyargcount]
         statements: list[Statement] = []
@@ -233,8 +233,8 @@ class Source:
             column=node.col_offset,
             reads=frozenset(reads),
             writes=tuple(writes | entries),
-            home=row.home,
-            new=row.new,
+            home=row.definition,
+            new=row.is_added,
         )
 
     def span(self, node: ast.AST) -> tuple[int, int]:
