@@ -59,7 +59,7 @@ def main(seeds: int = 50, first: int = 0) -> int:
     for seed in range(first, first + seeds):
         start = time.process_time()
         found = operate_console(scene, seed=seed)
-        factors.append(found.ran.duration / (time.process_time() - start))
+        factors.append(found.run.duration / (time.process_time() - start))
         if seed == first:
             same = hashlib.sha256(found.recorded or b"").digest() == bytes_of_first
         g = found.outcome.guided
@@ -69,7 +69,7 @@ def main(seeds: int = 50, first: int = 0) -> int:
         print(
             f"seed {seed}: missed {', '.join(g.missed) or 'nothing'}; {g.touches} touches ({g.touching:.2f} s), "
             f"{g.drops} drops, {g.collisions} collisions, {g.time:.1f} s, exact distance {rows[-1][-1]:.2f} mm, "
-            f"{factors[-1]:.1f} times real time {found.ran.missed or ''}",
+            f"{factors[-1]:.1f} times real time {found.run.missed or ''}",
             flush=True,
         )
     a = np.array(rows)

@@ -46,7 +46,7 @@ def main(seeds: int = 50, first: int = 0) -> int:
         if seed == first:
             same = digest(found) == bytes_of_first
         boards.append(board)
-        factors.append(found.ran.duration / took)
+        factors.append(found.run.duration / took)
         print(
             f"seed {seed}: {board.transferred} of {len(board.rings)} rings, {board.dropped} dropped, "
             f"{board.collisions} collisions, {board.time:.1f} s, {factors[-1]:.1f} times real time",

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 import twin
 from twin.core import spatial
 from twin.core.units import DEG, MM
+from twin.model.task import ConsoleTask
 from twin.simulation.controllers.camera import Dragging, HandsToCamera
 from twin.simulation.controllers.jaw import GripToJaw, Jaw
 from twin.simulation.controllers.pedals import Pedals
@@ -14,6 +17,7 @@ from twin.simulation.controllers.reaching import PoseToJoints
 from twin.simulation.controllers.tool_following import FollowingArm, HandToPose
 from twin.simulation.limits import JointLimits
 from twin.simulation.plants.kinematic import Kinematic
+from twin.simulation.tasks.target.task import KIND, Target, Targets
 from twin.simulation.world import Block, Placed, World
 
 T_VIEW_HAND = spatial.pose(spatial.rotation_z(90 * DEG), (0.1, 0, 0))
@@ -122,3 +126,10 @@ def davinci(device):
         ],
         plants=[*(Kinematic(n, q, limits) for n in arms), Kinematic("ecm", at, JointLimits.of(ecm.mechanism))],
     )
+
+
+def with_near_targets(scene):
+    """Return a scene whose only task, "near", takes two seconds: both tips go 5 mm."""
+    points = {"right": np.array([14, 44, 914]) * MM, "left": np.array([-14, 44, 914]) * MM}
+    goal = Targets((Target("there", points),))
+    return replace(scene, tasks={"near": ConsoleTask("near", "5 mm", 1 * MM, 0.1, KIND, goal)})

@@ -245,7 +245,11 @@ def test_the_nearer_of_two_triangles_is_seen_and_a_mesh_behind_the_lens_is_not(g
 
 @pytest.mark.slow
 def test_a_simulated_surgeon_aligns_the_endoscope_with_both_hands(performed):
-    a, start, end = performed.outcome.aligned, performed.ran.kept["ecm.at"][0], performed.ran.kept["ecm.at"][-1]
+    a, start, end = (
+        performed.outcome.aligned,
+        performed.run.recording["ecm.at"][0],
+        performed.run.recording["ecm.at"][-1],
+    )
     assert performed.verdict == "agree"
     assert abs(a.angle) < 0.2 * DEG
     assert abs(a.seen) < 0.2 * DEG
@@ -273,7 +277,7 @@ def test_the_same_seed_gives_the_same_bytes_and_the_replay_too(davinci, performe
     path.write_bytes(performed.recorded)
     assert operate_console(davinci, "camera", seed=1).recorded == performed.recorded
     again = replay_session(path)
-    assert again.ran.difference is None
+    assert again.run.difference is None
     assert again.outcome.aligned == performed.outcome.aligned
     moved = replace(davinci.tasks["camera"].goal, line=0.6)
     changed = replace(davinci, tasks={"camera": replace(davinci.tasks["camera"], goal=moved)})
@@ -289,7 +293,7 @@ def test_a_surgeon_who_gives_up_has_missed_the_task(davinci, monkeypatch):
     assert found.verdict == "disagree"
     assert [f.code for f in found.findings if f.severity == "disagreement"] == ["task.missed"]
     assert found.word == "The endoscope is not aligned"
-    assert found.ran.missed == ("camera",)
+    assert found.run.missed == ("camera",)
     assert abs(found.outcome.aligned.seen - found.outcome.aligned.angle) < 0.05 * DEG  # 10 degrees askew, and measured
 
 

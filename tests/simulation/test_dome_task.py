@@ -389,10 +389,10 @@ def performed(scene):
 
 @pytest.mark.nightly
 def test_a_simulated_surgeon_hands_the_ring_over_and_guides_it(performed, props):
-    found, kept = performed.outcome.guided, performed.ran.kept
+    found, kept = performed.outcome.guided, performed.run.recording
     assert performed.verdict == "agree", performed.findings
     assert performed.word == "The ring was guided along the wire"
-    assert (found.missed, found.exceeded, performed.ran.missed) == ([], [], ())
+    assert (found.missed, found.exceeded, performed.run.missed) == ([], [], ())
     assert 20 < found.time < 60
     holder = kept["ring.holder"][:, 0]
     changes = holder[np.flatnonzero(np.diff(holder)) + 1]
@@ -409,7 +409,7 @@ def test_the_same_seed_gives_the_same_bytes_and_they_replay(scene, performed, tm
     assert hashlib.sha256(again.recorded).digest() == hashlib.sha256(performed.recorded).digest()
     (tmp_path / FILE).write_bytes(again.recorded)
     replayed = replay_session(tmp_path / FILE, scene)
-    assert replayed.ran.difference is None
+    assert replayed.run.difference is None
     assert replayed.outcome.guided == performed.outcome.guided
 
 

@@ -56,8 +56,8 @@ def test_its_session_replays_bit_for_bit_without_the_machine(operated, scene, tm
     path = tmp_path / "hands.session"
     path.write_bytes(operated.recorded)
     again = replay_session(path, scene)
-    assert again.ran.difference is None
-    np.testing.assert_array_equal(again.ran.kept.rows, operated.ran.kept.rows)
+    assert again.run.difference is None
+    np.testing.assert_array_equal(again.run.recording.rows, operated.run.recording.rows)
     assert [s.phase for s in again.training[0].steps] == [s.phase for s in operated.training[0].steps]
     assert again.exit_code == 0
 

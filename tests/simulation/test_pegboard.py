@@ -111,7 +111,7 @@ def test_a_simulated_surgeon_brings_a_ring_with_each_hand(performed):
     assert (board.transferred, board.dropped) == (2, 0)
     assert board.errors == board.collisions
     assert 5 < board.time < 30
-    kept = performed.ran.kept
+    kept = performed.run.recording
     for k, name in enumerate(("ring1", "ring2")):
         holder = kept[f"{name}.holder"][:, 0]
         assert set(holder) == {-1.0, float(k)}
@@ -134,7 +134,7 @@ def test_the_same_seed_gives_the_same_bytes_and_they_replay(davinci, tmp_path):
     (tmp_path / FILE).write_bytes(found.recorded)
     replayed = replay_session(tmp_path / FILE, scene)
     assert replayed.verdict == "agree"
-    assert replayed.ran.difference is None
+    assert replayed.run.difference is None
     assert replayed.outcome.board == found.outcome.board
     other = replace(scene, objects=tuple(replace(o, friction=0.61) for o in scene.objects))
     with pytest.raises(TwinError, match="has changed since this session"):

@@ -441,8 +441,8 @@ def test_command_does_all_stages_and_a_replay_gives_the_same_bytes(tmp_path, cap
     assert main(["session", str(tmp_path / "begin.session")]) == 1  # interrupted: the stages are not done
     assert "the same bytes" in capsys.readouterr().out
     found = replay_procedure(tmp_path / "begin.session")
-    assert found.ran.ticks == CHUNK
-    assert found.ran.difference is None
+    assert found.run.ticks == CHUNK
+    assert found.run.difference is None
 
 
 def test_session_of_another_scene_is_named_before_its_world_is_built(tmp_path, vsrs):

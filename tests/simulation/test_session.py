@@ -1,8 +1,7 @@
-"""Sessions at a console: written second by second, replayed byte for byte, read by other programs."""
+"""Sessions at a console: written second by second, replayed byte for byte."""
 
 from __future__ import annotations
 
-import io
 import json
 import logging
 import re
@@ -17,24 +16,21 @@ import numpy as np
 import pytest
 
 import twin
+from made.consoles import with_near_targets
 from made.scene_text import refused
-from twin.api.console_runs import FILE, operate_console, replay_session
+from twin.api.console_runs import operate_console, replay_session
 from twin.api.scene_parts import members_of
 from twin.cli import main
 from twin.core import spatial
 from twin.core.errors import DescriptionError, OutputError, TwinError, WorldError
 from twin.core.units import DEG, MM
-from twin.exchange.audit import audit
 from twin.model.scene import load_scene
-from twin.model.task import ConsoleTask
-from twin.reference import ReferenceModel
 from twin.simulation.devices.received_hands import HandState
 from twin.simulation.devices.surgeon_hands import Eye, Habits, Seat
 from twin.simulation.session import session_file, session_run
 from twin.simulation.session.session_file import CHUNK, SessionWriter, read_session
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.target.surgeon import ScriptedSurgeon
-from twin.simulation.tasks.target.task import KIND, Target, Targets
 from twin.simulation.world import Signals
 from twin.ui.headset.console_stream import ConsoleStream
 from twin.ui.session.exercise import Exercise
@@ -53,11 +49,7 @@ def setup(theatre, near):
 
 @pytest.fixture(scope="module")
 def near(davinci):
-    """The scene with a task that takes two seconds: both tips go 5 mm."""
-    points = {"right": np.array([14, 44, 914]) * MM, "left": np.array([-14, 44, 914]) * MM}
-    return replace(
-        davinci, tasks={"near": ConsoleTask("near", "5 mm", 1 * MM, 0.1, KIND, Targets((Target("there", points),)))}
-    )
+    return with_near_targets(davinci)
 
 
 @pytest.fixture(scope="module")
@@ -181,8 +173,8 @@ def test_the_task_is_done_in_the_scene(performed):
     (target,) = performed.outcome.touched
     assert target.name == "there"
     assert 1.0 < target.t < 3.0
-    assert [h.robot for h in performed.hands] == ["psm1", "psm2"]
-    for hand, start in zip(performed.hands, ([9.73, 43.01, 916.8], [-9.73, 43.01, 916.8]), strict=True):
+    assert [h.robot for h in performed.arm_measures] == ["psm1", "psm2"]
+    for hand, start in zip(performed.arm_measures, ([9.73, 43.01, 916.8], [-9.73, 43.01, 916.8]), strict=True):
         way = np.linalg.norm(performed.task.goal.targets[0].p_world[hand.hand] / MM - start)
         assert way - 1 < hand.path / MM < 3 * way
         assert 0.5 < hand.economy <= 1
@@ -369,12 +361,12 @@ def test_missing_file_is_named(tmp_path, capsys):
 
 
 def test_a_session_replays_with_the_same_bytes(replayed, performed):
-    assert replayed.ran.difference is None
+    assert replayed.run.difference is None
     assert replayed.verdict == "agree"
-    assert np.array_equal(replayed.ran.kept.rows, performed.ran.kept.rows)
+    assert np.array_equal(replayed.run.recording.rows, performed.run.recording.rows)
     assert replayed.content() == performed.content() | {"replay": "same"}
     assert replayed.word == "The replay gives the same bytes"
-    assert f"the same bytes in all {replayed.ran.ticks} ticks" in "\n".join(
+    assert f"the same bytes in all {replayed.run.ticks} ticks" in "\n".join(
         p for p in replayed.text() if type(p) is str
     )
 
@@ -387,12 +379,12 @@ def test_a_hand_that_was_a_little_elsewhere_is_found_with_signal_and_second(reco
     column = sum(s.size for s in session.head.device[: names.index("right.pose")]) + 3
     changed[500:, column] += 1e-9
     chunks = (session.chunks[0], replace(chunk, device=changed), *session.chunks[2:])
-    ran = session_run.replay(replace(session, chunks=chunks), setup, lambda label, part: None)
-    found = ran.difference
+    run = session_run.replay(replace(session, chunks=chunks), setup, lambda label, part: None)
+    found = run.difference
     assert (found.t0, found.t1) == (1.0, 2.0)
     assert found.signal in ("right.pose", "psm1.goal", "psm1.q", "psm1.command", "psm1.encoder")
     assert 0 < found.size < 1e-6
-    told = replace(replayed, ran=ran)
+    told = replace(replayed, run=run)
     (finding,) = told.findings
     assert (finding.code, finding.severity, finding.when) == ("session.differs", "disagreement", "1 .. 2 s")
     assert told.exit_code == 1
@@ -402,8 +394,8 @@ def test_an_interrupted_session_is_replayed_as_far_as_it_goes(recorded, near, tm
     data = recorded.read_bytes()
     (tmp_path / "cut.session").write_bytes(data[:-50])
     found = replay_session(tmp_path / "cut.session", near)
-    assert found.ran.difference is None
-    assert found.ran.ticks == CHUNK * (len(read_session(recorded).chunks) - 1)
+    assert found.run.difference is None
+    assert found.run.ticks == CHUNK * (len(read_session(recorded).chunks) - 1)
     assert "session.interrupted" in {f.code for f in found.findings if f.severity == "warning"}
 
 
@@ -507,151 +499,6 @@ def test_a_session_ends_at_its_maximum(tmp_path, bare_theatre, monkeypatch, capl
     stream.close()
     assert "its maximum of" in caplog.text
     assert 100 <= len(read_session(tmp_path / "a.session").device) < 150
-
-
-# -- exports --------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def exported(replayed, performed, recorded, tmp_path_factory):
-    """What `twin session --out` writes; here with the file of the surgeon, as `twin operate` does."""
-    folder = tmp_path_factory.mktemp("exported") / "out"
-    with pytest.MonkeyPatch.context() as patch:
-        as_performed = replace(replayed, recorded=performed.recorded)
-        patch.setattr("twin.api.console_runs.replay_session", lambda *args: as_performed)
-        assert main(["session", str(recorded), "--out", str(folder), "--quiet"]) == 0
-    return folder
-
-
-def messages(path, topic):
-    from mcap.reader import make_reader
-
-    with path.open("rb") as file:
-        for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages(topics=[topic]):
-            assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
-            yield schema.name, message.log_time, json.loads(message.data)
-
-
-@pytest.mark.slow
-def test_mcap_has_the_poses_of_the_reference_model(exported, replayed, davinci, theatre):
-    """Read by the reader of the format's authors; every link in the world, without kinematics."""
-    at = messages(exported / "session.mcap", "/tf")
-    states = messages(exported / "session.mcap", "/joint_states")
-    places = {p.name: p for p in davinci.places}
-    models = {n: ReferenceModel(r.mechanism) for n, r in theatre.robots.items()}
-    worst, seen = 0.0, 0
-    for k, ((kind, t, tf), (joint_kind, same, joints)) in enumerate(zip(at, states, strict=True)):
-        assert (kind, joint_kind) == ("foxglove.FrameTransforms", "foxglove.JointStates")
-        assert t == same == k * 20_000_000
-        assert joints["timestamp"] == {"sec": t // 10**9, "nsec": t % 10**9}
-        if k % 40:
-            continue
-        q = {j["name"]: j["position"] for j in joints["joints"]}
-        found = {x["child_frame_id"]: x for x in tf["transforms"]}
-        assert {x["parent_frame_id"] for x in found.values()} == {"world"}
-        for name, model in models.items():
-            own = np.array([q[f"{name}/{j.name}"] for j in theatre.robots[name].mechanism.active])
-            assert np.array_equal(own, replayed.ran.kept[f"{name}.q"][4 * k])
-            for link, T in model.solve(own).link_poses.items():
-                x = found.pop(f"{name}/{link}")
-                R = spatial.matrix_from_quat_wxyz([x["rotation"][c] for c in "wxyz"])
-                off = spatial.pose(R, [x["translation"][c] for c in "xyz"]) - places[name].T_world_base @ T
-                worst, seen = max(worst, float(np.abs(off).max())), seen + 1
-        assert not found
-    assert seen >= 2 * sum(len(r.mechanism.bodies) for r in theatre.robots.values())
-    assert worst < 1e-9
-
-
-@pytest.mark.slow
-def test_mcap_states_its_schemas_and_the_console(exported):
-    from mcap.reader import make_reader
-
-    with (exported / "session.mcap").open("rb") as file:
-        summary = make_reader(file).get_summary()
-    for schema in summary.schemas.values():
-        told = json.loads(schema.data)
-        assert told["title"] == schema.name
-        assert told["type"] == "object"
-    assert {c.topic for c in summary.channels.values()} == {"/tf", "/joint_states", "/console"}
-    said = [m for _, _, m in messages(exported / "session.mcap", "/console")]
-    assert {m["scale"] for m in said} == {0.5}
-    assert max(m["right_grip"] for m in said) == pytest.approx(30 * DEG)
-
-
-@pytest.mark.slow
-def test_messages_of_ros_have_the_numbers_of_the_session(exported, replayed, davinci):
-    from mcap.reader import make_reader
-    from mcap_ros2.decoder import DecoderFactory
-
-    kept = replayed.ran.kept
-    places = {place.name: place for place in davinci.places}
-    counts: dict[str, int] = {}
-    file = io.BytesIO((exported / "session-ros2.mcap").read_bytes())
-    reader = make_reader(file, decoder_factories=[DecoderFactory()])
-    for _, channel, _, told in reader.iter_decoded_messages():
-        topic = channel.topic
-        k = counts.get(topic, 0)
-        counts[topic] = k + 1
-        if topic.endswith("/measured_js"):
-            robot = topic.split("/")[1].lower()
-            assert list(told.position) == kept[f"{robot}.q"][4 * k].tolist()
-            assert told.header.stamp.sec * 10**9 + told.header.stamp.nanosec == k * 20_000_000
-        elif topic == "/MTMR/measured_cp":
-            p = told.pose.position
-            assert [p.x, p.y, p.z] == kept["right.pose"][4 * k].reshape(4, 4)[:3, 3].tolist()
-        elif topic == "/footpedals/clutch":
-            assert told.buttons == [int(kept["pedals.clutch"][4 * k, 0])]
-        elif topic == "/tf" and k % 100 == 0:
-            frames = {transform.child_frame_id: transform.transform for transform in told.transforms}
-            base = frames["psm1/base"].translation
-            assert [base.x, base.y, base.z] == pytest.approx(places["psm1"].T_world_base[:3, 3].tolist())
-    assert set(counts) == {
-        *("/tf", "/MTMR/measured_cp", "/MTML/measured_cp", "/MTMR/gripper/angle", "/MTML/gripper/angle"),
-        *("/footpedals/clutch", "/footpedals/camera", "/console/teleop/scale"),
-        *("/PSM1/measured_js", "/PSM2/measured_js", "/ECM/measured_js"),
-    }
-    assert len(set(counts.values())) == 1
-
-
-@pytest.mark.slow
-def test_csv_has_hands_and_tips(exported, replayed):
-    path = exported / "session.csv"
-    names = path.read_text().splitlines()[0].split(",")
-    rows = np.loadtxt(path, delimiter=",", skiprows=1)
-    assert len(names) == len(set(names)) == rows.shape[1]
-    column = {n: rows[:, i] for i, n in enumerate(names)}
-    assert np.allclose(np.diff(column["t_s"]), 0.02)
-    tip = np.column_stack([column[f"psm1_tip_{a}_m"] for a in "xyz"])
-    assert np.linalg.norm(tip[-1] - replayed.task.goal.targets[0].p_world["right"]) < 1 * MM
-    assert {"right_grip_rad", "psm2_follows", "psm1_q3_m", "psm1_q1_rad", "ecm_q4_rad"} <= set(names)
-
-
-@pytest.mark.slow
-def test_glb_and_tracks_pass_the_audit(exported, davinci):
-    for place in davinci.places:
-        found = audit(exported / place.name)
-        assert found.verdict == "agree", found.findings
-
-
-@pytest.mark.slow
-def test_a_folder_has_page_picture_data_and_motions(exported):
-    assert {p.relative_to(exported).as_posix() for p in exported.rglob("*") if p.is_file()} == {
-        *("session.json", "session.html", "session.png", "session.csv", "session.mcap", "session-ros2.mcap", FILE),
-        *(f"{n}/tracks/session.{suffix}" for n in ("psm1", "psm2", "ecm") for suffix in ("csv", "json")),
-        *("psm1/davinci_psm.glb", "psm2/davinci_psm.glb", "ecm/davinci_ecm.glb"),
-    }
-    page = (exported / "session.html").read_text(encoding="utf-8")
-    assert "session of a simulated surgeon, seed 4" in page
-    assert "<svg" in page
-    assert (exported / "session.png").read_bytes().startswith(b"\x89PNG")
-    assert read_session(exported / FILE).head.seed == 4
-
-
-def test_without_the_extra_the_rest_is_written_and_the_command_says_what_to_install(replayed, monkeypatch):
-    monkeypatch.setattr("twin.api.console_session.find_spec", lambda name: None)
-    (finding,) = replayed.findings
-    assert finding.message == "session.mcap or session-ros2.mcap is not written: pip install 'twin-robotics[mcap]'"
-    assert (finding.severity, replayed.verdict) == ("info", "agree")
 
 
 # -- wrong requests -------------------------------------------------------------------------------------------------

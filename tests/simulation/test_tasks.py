@@ -92,14 +92,14 @@ def test_a_task_and_a_device_of_other_packages_are_played_and_replayed(outside, 
     assert (found.word, found.verdict) == ("The hands were still", "agree")
     assert content["waited_s"] == pytest.approx(0.4, abs=0.05)
     assert "waited 0.4 s" in "".join(part for part in found.text() if isinstance(part, str))
-    kept = found.ran.kept
+    kept = found.run.recording
     clutch = kept["pedals.clutch"][:, 0]
     assert clutch[(kept.t > 0.11) & (kept.t < 0.19)].all()
     assert not clutch[kept.t > 0.21].any()
     file = tmp_path / "a.session"
     file.write_bytes(found.recorded)
     again = replay_session(file, scene)
-    assert again.ran.difference is None
+    assert again.run.difference is None
     assert again.outcome.content() == found.outcome.content()
 
 

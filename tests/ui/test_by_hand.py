@@ -236,8 +236,8 @@ def test_a_session_by_hand_replays_bit_for_bit(scene, robots, tmp_path):
         client.step()
     op.close()
     found = replay_session(path, scene)
-    assert found.ran.difference is None
-    assert found.ran.duration > 1.0
+    assert found.run.difference is None
+    assert found.run.duration > 1.0
     assert main(["session", str(path)]) == 0
 
 

@@ -62,7 +62,7 @@ def test_the_picture_of_the_page_shows_the_angle_and_its_session_is_measured(bro
     assert abs(projected) > 10 * DEG
     found = replay_session(file)
     assert found.task.name == "camera"
-    assert found.ran.difference is None
+    assert found.run.difference is None
     assert found.outcome.aligned.angle == pytest.approx(projected, abs=1e-6)
     assert abs(found.outcome.aligned.seen - projected) < 0.05 * DEG
     assert "task.missed" in [f.code for f in found.findings]

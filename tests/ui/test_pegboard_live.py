@@ -333,7 +333,7 @@ def test_hands_that_do_the_task_end_it_and_the_report_has_the_same_measures(thea
     assert {"held by the right instrument", "held by the left instrument"} <= held
     assert row(live, "Rings transferred") == "2 of 2"
     found = replay_session(tmp_path / "own.session", few)
-    assert found.ran.difference is None
+    assert found.run.difference is None
     assert found.seed is None
     assert [list(r) for r in found.outcome.board.rows()] == board["rows"]
     until(lambda: live.report()[1] or live.report()[2], "the report")
@@ -369,7 +369,7 @@ def test_readers_of_others_find_the_rings_where_they_were(written):
     from pxr import Usd, UsdGeom
 
     found, folder = written
-    kept, keys = found.ran.kept, keys_of(found)
+    kept, keys = found.run.recording, keys_of(found)
     truth = {f"ring{n}": kept[f"ring{n}.pose"].reshape(-1, 4, 4) for n in (1, 2, 3, 4)}
     assert np.linalg.norm(np.ptp(truth["ring1"][:, :3, 3], axis=0)) > 30 * MM
 

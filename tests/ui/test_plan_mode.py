@@ -241,9 +241,9 @@ def test_an_accepted_plan_is_followed_and_its_session_replays_without_planning(c
     monkeypatch.setattr(plan_jobs, "work", None)
     session = read_session(recorder.path)
     setup = Setup(scene, console.console.members, None, props, session.head.condition)
-    ran = sessions.replay(session, setup, lambda what, part: None)
-    assert ran.difference is None
-    assert ran.kept[f"{ARM}.q"][-1] == pytest.approx(console.q)
+    run = sessions.replay(session, setup, lambda what, part: None)
+    assert run.difference is None
+    assert run.recording[f"{ARM}.q"][-1] == pytest.approx(console.q)
 
 
 def test_a_target_at_rest_is_planned_before_the_pedal_is_released(planned):

@@ -193,7 +193,7 @@ def test_session_by_hand_is_replayed_with_the_same_bytes_and_judged(tmp_path, vs
     live.end("test")
     live.close()
     found = replay_procedure(tmp_path / "hands.session", vsrs)
-    assert found.ran.difference is None
+    assert found.run.difference is None
     assert [c.name for c in found.measures.checks if c.done] == ["show", "organs", "vessels"]
     assert found.content()["surgeon"] == "person"
 

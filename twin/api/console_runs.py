@@ -23,7 +23,7 @@ from twin.simulation.machine.machine_link import Address
 from twin.simulation.machine.simulated_machine import Parts
 from twin.simulation.session import training
 from twin.simulation.session.session_file import NAME as FILE
-from twin.simulation.session.session_run import Ran
+from twin.simulation.session.session_run import SessionRun
 from twin.simulation.session.task_play import ArmPath, play_of
 from twin.simulation.session.training import Training
 from twin.simulation.setup import Setup
@@ -77,9 +77,9 @@ def operate_console(
     with Scratch() as folder:
         # the session is recorded as one of a person, so that `twin session` can replay and check it
         file = Path(folder) / FILE
-        ran = session_run.perform(setup, file, seed=seed, scale=scale, mistake=mistake, progress=progress)
+        run = session_run.perform(setup, file, seed=seed, scale=scale, mistake=mistake, progress=progress)
         recorded = file.read_bytes()
-    return _session(setup, robots, ran, "", seed, recorded=recorded)
+    return _session(setup, robots, run, "", seed, recorded=recorded)
 
 
 def operate_machine(
@@ -117,7 +117,7 @@ def operate_machine(
     robots, setup = _setup(scene, None, Condition(haptics=True))
     with Scratch() as folder, machines_of(scene, robots, running) as machines:
         file = Path(folder) / FILE
-        ran = machine_run.train(
+        run = machine_run.train(
             setup,
             machines.parts,
             machines.links,
@@ -128,7 +128,7 @@ def operate_machine(
             progress=progress,
         )
         recorded = file.read_bytes()
-    return _session(setup, robots, ran, "", seed, recorded=recorded, training=_training(setup, ran))
+    return _session(setup, robots, run, "", seed, recorded=recorded, training=_training(setup, run))
 
 
 def machines_of(scene: Scene, robots: Mapping[str, Robot], running: Mapping[str, Address] | None = None) -> Machines:
@@ -196,15 +196,15 @@ def replay_session(
     robots, setup = _setup(chosen_scene, task, head.condition)
     # before the replay: of another scene, it would differ from the first sample on, without the reason
     session_run.require_scene(session, path, setup)
-    ran = session_run.replay(session, setup, progress, _parts_of_machines(chosen_scene, robots))
-    measures_of_machines = _training(setup, ran)
-    return _session(setup, robots, ran, str(path), head.seed, lost=session.lost, training=measures_of_machines)
+    run = session_run.replay(session, setup, progress, _parts_of_machines(chosen_scene, robots))
+    measures_of_machines = _training(setup, run)
+    return _session(setup, robots, run, str(path), head.seed, lost=session.lost, training=measures_of_machines)
 
 
 def _session(
     setup: Setup,
     robots: Mapping[str, Robot],
-    ran: Ran,
+    run: SessionRun,
     source: str,
     seed: int | None,
     *,
@@ -213,17 +213,17 @@ def _session(
     training: Sequence[Training] = (),
 ) -> ConsoleSession:
     """Return the result of a session with the measures of its task."""
-    arms = _arms(setup, robots, ran)
+    arms = _arms(setup, robots, run)
     task = setup.task
     outcome = None
     if task is not None:
-        outcome = play_of(task).outcome(setup, task, ran.kept, arms)
+        outcome = play_of(task).outcome(setup, task, run.recording, arms)
     return ConsoleSession(
-        setup.scene, source, seed, task, ran, arms, lost=lost, recorded=recorded, outcome=outcome, training=training
+        setup.scene, source, seed, task, run, arms, lost=lost, recorded=recorded, outcome=outcome, training=training
     )
 
 
-def _training(setup: Setup, ran: Ran) -> list[Training]:
+def _training(setup: Setup, run: SessionRun) -> list[Training]:
     """Return the measures of the machines of a session."""
     table = setup.scene.trainer
     if table is None:
@@ -231,7 +231,7 @@ def _training(setup: Setup, ran: Ran) -> list[Training]:
     measures_of_machines = []
     for name in table.robots:
         kin = setup.members[name].kin
-        measures_of_machines.append(training.measure(ran.kept, table, name, kin))
+        measures_of_machines.append(training.measure(run.recording, table, name, kin))
     return measures_of_machines
 
 
@@ -255,7 +255,7 @@ def _setup(scene: Scene, task: ConsoleTask | None, condition: Condition | None) 
     return robots, Setup(scene, members, task, props, condition)
 
 
-def _arms(setup: Setup, robots: Mapping[str, Robot], ran: Ran) -> dict[str, ArmPath]:
+def _arms(setup: Setup, robots: Mapping[str, Robot], run: SessionRun) -> dict[str, ArmPath]:
     """Return {name of a place: motion of its robot}, computed from the robots' mechanisms."""
     table = console_scene.console_of(setup.scene)
     hands = console_scene.hands_of(setup.scene)
@@ -264,13 +264,13 @@ def _arms(setup: Setup, robots: Mapping[str, Robot], ran: Ran) -> dict[str, ArmP
         robot = robots[place.name]
         mechanism = robot.mechanism
         # the World records only joint values: the bodies follow from them by the loops of the mechanism
-        q = ran.kept[ROBOT_Q.of(place.name)]
+        q = run.recording[ROBOT_Q.of(place.name)]
         solver = robot.loops
         closed = solver.forward_many(q)
         is_closed = np.isfinite(closed.Ts_base_tool).all(axis=(1, 2))
         if not is_closed.all():
             first_open = int(np.flatnonzero(~is_closed)[0])
-            t = ran.kept.t[first_open]
+            t = run.recording.t[first_open]
             raise AssemblyError(f"{place.name}: its loops cannot be closed at {t:.3f} s of the session")
         links = solver.link_poses(q, closed.states)
         tip = mechanism.tool

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from twin.api.session_files import SessionFiles
 from twin.core.extras import EXTRAS
 from twin.core.findings import Finding, by_severity, disagreement, info, warning
 from twin.core.json_types import JsonObject
@@ -18,38 +18,17 @@ from twin.core.quantity import Quantity, mm
 from twin.core.result import Part, Result, TextTable
 from twin.core.spatial import Array
 from twin.core.units import MM
-from twin.model.mechanism import Mechanism
-from twin.model.movable import together
+from twin.model.console import ConsoleTable
 from twin.model.scene import Scene
 from twin.model.task import ConsoleTask
 from twin.simulation import console_scene
-from twin.simulation.console_scene import PEDALS
-from twin.simulation.session import measures, movement
+from twin.simulation.session import measures
 from twin.simulation.session.forces import ForceMeasures
 from twin.simulation.session.measures import ArmMeasures, ConsoleMeasures
 from twin.simulation.session.session_file import NAME as FILE
-from twin.simulation.session.session_run import Difference, Ran
+from twin.simulation.session.session_run import Difference, SessionRun
 from twin.simulation.session.task_play import ArmPath, TaskOutcome
 from twin.simulation.session.training import Training
-from twin.simulation.world.signal_kinds import (
-    CONSOLE_MODE,
-    HAND_FORCE,
-    HAND_GRIP,
-    HAND_POSE,
-    OBJECT_HOLDER,
-    OBJECT_POSE,
-    ROBOT_DEVIATION,
-    ROBOT_FOLLOWS,
-)
-
-if TYPE_CHECKING:
-    from twin.exchange.write.clip import Clip
-
-_STRIDE = 4
-"""Number of samples between two keys of an exported motion: 4 samples of 5 ms (`run.SAMPLE`) give 50 keys per s."""
-
-_PEDAL_SIGNALS = ("clutch", "camera", "scale")
-"""Signals of the device of the pedals in the written files: its pedals, and the motion scale."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +40,7 @@ class ConsoleSession(Result):
         source: the replayed file; "" for a new simulation.
         seed: random seed of a simulated surgeon; None: a person.
         task: the task; None: no task.
-        ran: what was simulated: the kept signals, ticks and forces, and the difference of a replay from its recording.
+        run: what was simulated: the kept signals, ticks and forces, and the difference of a replay from its recording.
         arms: {name of a place: arm} of all robots that the console moves.
         lost: sentence that says what is missing at the end of a truncated file; "" if the file is complete.
         recorded: content of the session file of a simulated surgeon; None for a replayed file.
@@ -73,7 +52,7 @@ class ConsoleSession(Result):
     source: str
     seed: int | None
     task: ConsoleTask | None
-    ran: Ran
+    run: SessionRun
     arms: Mapping[str, ArmPath]
     lost: str = ""
     recorded: bytes | None = None
@@ -114,33 +93,32 @@ class ConsoleSession(Result):
     @property
     def t(self) -> Array:
         """Times (k,) in s of the samples."""
-        return self.ran.kept.t
+        return self.run.recording.t
 
     @cached_property
-    def hands(self) -> Sequence[ArmMeasures]:
+    def arm_measures(self) -> Sequence[ArmMeasures]:
         """Measures of the motion of every arm that a hand moves."""
-        return measures.of_arms(self.ran.kept, console_scene.console_of(self.scene), self._tips)
+        return measures.of_arms(self.run.recording, self._table, self._tips)
 
     @cached_property
     def console(self) -> ConsoleMeasures:
         """Measures of pedals and camera."""
-        return measures.of_console(self.ran.kept, console_scene.console_of(self.scene), self.camera, self.ran.duration)
+        return measures.of_console(self.run.recording, self._table, self.camera, self.run.duration)
 
     @property
     def forces(self) -> ForceMeasures | None:
         """Measures of the forces on the hands; None for a session without forces."""
-        return self.ran.forces
+        return self.run.forces
 
     @property
     def camera(self) -> str:
         """Name of the robot that holds the camera."""
-        camera = console_scene.console_of(self.scene).camera
-        return self.scene.cameras[camera].robot
+        return self.scene.cameras[self._table.camera].robot
 
     @property
-    def _hands(self) -> Sequence[str]:
-        """Names of the hands that move robots."""
-        return console_scene.console_of(self.scene).hands
+    def _table(self) -> ConsoleTable:
+        """The console as the scene describes it."""
+        return console_scene.console_of(self.scene)
 
     @property
     def _tips(self) -> dict[str, Array]:
@@ -151,7 +129,7 @@ class ConsoleSession(Result):
     def findings(self) -> Sequence[Finding]:
         """Findings on the replay, a truncated file, an idle session, the task, the machines, and missing libraries."""
         findings: list[Finding] = []
-        difference = self.ran.difference
+        difference = self.run.difference
         if difference is not None:
             findings.append(_replay_finding(difference))
         if self.lost:
@@ -175,13 +153,13 @@ class ConsoleSession(Result):
             surgeon = "person"
         replay = None
         if self.source:
-            replay = "same" if self.ran.difference is None else "differs"
+            replay = "same" if self.run.difference is None else "differs"
         task = None
         if self.task is not None:
             task = self.task.name
         condition = None
-        if self.ran.condition is not None:
-            condition = self.ran.condition.model_dump()
+        if self.run.condition is not None:
+            condition = self.run.condition.model_dump()
         forces_on_hands = None
         if self.forces is not None:
             forces_on_hands = {
@@ -195,10 +173,10 @@ class ConsoleSession(Result):
             "surgeon": surgeon,
             "seed": self.seed,
             "replay": replay,
-            "ticks": self.ran.ticks,
+            "ticks": self.run.ticks,
             "duration_s": console.duration,
             "time_s": console.time,
-            "hands": list(map(_hand_content, self.hands)),
+            "hands": list(map(_arm_content, self.arm_measures)),
             "clutches": console.clutches,
             "clutched_s": console.clutched,
             "camera_moves": console.camera_moves,
@@ -227,7 +205,7 @@ class ConsoleSession(Result):
             surgeon = "a person"
         yield f"{self.scene.name} · session of {surgeon}\n"
         header = ("hand", "arm", "path", "movements", "moving", "idle", "economy", "SPARC", "grasps")
-        yield TextTable(header, list(map(_hand_row, self.hands)))
+        yield TextTable(header, list(map(_arm_row, self.arm_measures)))
         yield ""
         yield TextTable((), self._console_rows())
         yield from self._task_text()
@@ -235,8 +213,8 @@ class ConsoleSession(Result):
             yield f"\n  {machine.robot}: machine compared with its model"
             header = ("phase", "duration", "max distance to the model", "max distance to the rehearsed path", "reason")
             yield TextTable(header, list(machine.rows()))
-        if self.source and self.ran.difference is None:
-            yield f"\n  replay: the same bytes in all {self.ran.ticks} ticks"
+        if self.source and self.run.difference is None:
+            yield f"\n  replay: the same bytes in all {self.run.ticks} ticks"
         yield ""
         yield from by_severity(self.findings)
 
@@ -256,13 +234,12 @@ class ConsoleSession(Result):
         ]
         felt = self.forces
         if felt is not None:
-            of_hands = []
-            for hand in self._hands:
-                of_hands.append(f"{hand} {felt.felt[hand]:.1f} s, at most {felt.largest[hand]:.2f} N")
-            text = "; ".join(of_hands)
+            texts = []
+            for hand in self._table.hands:
+                texts.append(f"{hand} {felt.felt[hand]:.1f} s, at most {felt.largest[hand]:.2f} N")
             percent = 100 * felt.on
-            rows.append(("forces on the hands", f"on {percent:.0f} % of the time; {text}"))
-        condition = self.ran.condition
+            rows.append(("forces on the hands", f"on {percent:.0f} % of the time; {'; '.join(texts)}"))
+        condition = self.run.condition
         if condition is not None and condition.participant is not None:
             rows.append(("study", f"participant {condition.participant}, run {condition.run}"))
         return rows
@@ -275,144 +252,10 @@ class ConsoleSession(Result):
             yield from self.outcome.text()
 
     def write(self, folder: Path) -> None:
-        """Write the files of the session: session.csv, motions, and for MCAP session.mcap and session-ros2.mcap.
-
-        The motion of each robot is written to a folder with the robot's name, as GLB and tracks. The motion of movable
-        objects is written to objects/, as GLB, tracks and USD stage. For a simulated surgeon, the session file is
-        written as well.
-        """
-        from twin.exchange.formats.glb.write import write_glb
-        from twin.exchange.formats.tracks.write import write_tracks
-
+        """Write the motions of the session (see `SessionFiles`), and for a simulated surgeon its session file."""
         if self.recorded is not None:
             (folder / FILE).write_bytes(self.recorded)
-        columns = self._columns()
-        body = np.column_stack(list(columns.values()))[::_STRIDE]
-        np.savetxt(folder / "session.csv", body, "%.9g", ",", header=",".join(columns), comments="")
-        for name, arm in self.arms.items():
-            clip = self._clip(name, arm.mechanism, arm.links)
-            (folder / name).mkdir()
-            write_glb(arm.mechanism, [clip], folder / name / f"{arm.mechanism.name}.glb")
-            write_tracks(arm.mechanism, clip, folder / name / "tracks")
-        if self._moved:
-            self._write_objects(folder / "objects")
-        if find_spec("mcap") is not None:
-            self._write_mcap(folder / "session.mcap")
-
-    def _columns(self) -> dict[str, Array]:
-        """Return the columns of the CSV file: {name with unit: values (k,)}."""
-        recording = self.ran.kept
-        columns = {"t_s": self.t, "mode": recording[CONSOLE_MODE.name][:, 0]}
-        for pedal in _PEDAL_SIGNALS:
-            columns[pedal] = recording[f"{PEDALS}.{pedal}"][:, 0]
-        for hand in self._hands:
-            _add_axes(columns, f"{hand}_", _positions(recording[HAND_POSE.of(hand)]), "_m")
-            columns[f"{hand}_grip_rad"] = recording[HAND_GRIP.of(hand)][:, 0]
-            if self.forces is not None:
-                _add_axes(columns, f"{hand}_force_", recording[HAND_FORCE.of(hand)], "_n")
-        for name, arm in self.arms.items():
-            if ROBOT_DEVIATION.of(name) in recording.sizes:
-                columns[f"{name}_deviation_m"] = recording[ROBOT_DEVIATION.of(name)][:, 0]
-            if name in console_scene.hands_of(self.scene):
-                columns[f"{name}_follows"] = recording[ROBOT_FOLLOWS.of(name)][:, 0]
-                _add_axes(columns, f"{name}_tip_", arm.tip, "_m")
-                columns[f"{name}_speed_m_per_s"] = movement.speed(arm.tip, recording.dt)
-            for j, joint in enumerate(arm.mechanism.active):
-                unit = "rad" if joint.is_angle else "m"
-                columns[f"{name}_{joint.name}_{unit}"] = arm.q[:, j]
-        for name in self._moved:
-            _add_axes(columns, f"{name}_", _positions(recording[OBJECT_POSE.of(name)]), "_m")
-            columns[f"{name}_holder"] = recording[OBJECT_HOLDER.of(name)][:, 0]
-        return columns
-
-    @property
-    def _moved(self) -> list[str]:
-        """Names of the movable objects in this session: those of the scene that the World of the task simulates."""
-        signals = self.ran.kept.sizes
-        names = []
-        for movable in self.scene.objects:
-            if OBJECT_POSE.of(movable.name) in signals:
-                names.append(movable.name)
-        return names
-
-    def _write_objects(self, folder: Path) -> None:
-        from twin.exchange.formats.glb.write import write_glb
-        from twin.exchange.formats.tracks.write import write_tracks
-        from twin.exchange.formats.usd.write import write_usd
-
-        moved_names = self._moved
-        objects = [movable for movable in self.scene.objects if movable.name in moved_names]
-        mechanism = together(objects)
-        poses: dict[str, Array] = {}
-        for name in moved_names:
-            poses[name] = self.ran.kept[OBJECT_POSE.of(name)].reshape(-1, 4, 4)
-        # recorded poses are in the world frame, with which the base of the objects coincides
-        poses[mechanism.base] = np.broadcast_to(np.eye(4), (len(self.t), 4, 4))
-        clip = self._clip("objects", mechanism, poses)
-        folder.mkdir()
-        write_glb(mechanism, [clip], folder / "objects.glb")
-        write_tracks(mechanism, clip, folder / "tracks")
-        write_usd(mechanism, [clip], folder / "usd")
-
-    def _clip(self, name: str, mechanism: Mechanism, poses: Mapping[str, Array]) -> Clip:
-        from twin.exchange.write.clip import Clip, extreme_points, key_rows, measure_between, rounded
-        from twin.exchange.write.stage_clip import coordinates
-
-        keys = key_rows(len(self.t), _STRIDE)
-        # the last digits depend on the processor, and the exported files must not
-        links = rounded(poses)
-        at_keys = {link: Ts[keys] for link, Ts in links.items()}
-        reaches = extreme_points(mechanism)
-        return Clip(
-            "session",
-            f"{name} in a session of {self.scene.name}",
-            self.t[keys],
-            at_keys,
-            coordinates(mechanism, at_keys),
-            tuple(joint.name for joint in mechanism.active),
-            (("session", 0.0, float(self.t[-1])),),
-            1 / (_STRIDE * self.ran.kept.dt),
-            measure_between(mechanism, self.t, links, keys, reaches),
-            frame=mechanism.tool,
-            phase_rcm=(None,),
-            trocars=mechanism.trocar_places,
-        )
-
-    def _write_mcap(self, path: Path) -> None:
-        from twin.exchange.formats.mcap.write import write_mcap
-        from twin.exchange.formats.mcap.write_ros2 import HandTrack, write_ros2_mcap
-
-        recording = self.ran.kept
-        links: dict[str, Array] = {}
-        joints: dict[str, Array] = {}
-        for name in self._moved:
-            links[name] = recording[OBJECT_POSE.of(name)].reshape(-1, 4, 4)[::_STRIDE]
-        for name, arm in self.arms.items():
-            for link, Ts in arm.links.items():
-                links[f"{name}/{link}"] = arm.place.T_world_base @ Ts[::_STRIDE]
-            for j, joint in enumerate(arm.mechanism.active):
-                joints[f"{name}/{joint.name}"] = arm.q[::_STRIDE, j]
-        console = {"mode": recording[CONSOLE_MODE.name][::_STRIDE, 0]}
-        for pedal in _PEDAL_SIGNALS:
-            console[pedal] = recording[f"{PEDALS}.{pedal}"][::_STRIDE, 0]
-        for hand in self._hands:
-            console[f"{hand}_grip"] = recording[HAND_GRIP.of(hand)][::_STRIDE, 0]
-        t = self.t[::_STRIDE]
-        write_mcap(path, t, links, joints, console)
-        if find_spec("mcap_ros2") is None:  # a finding says so
-            return
-        joints_of_robots: dict[str, dict[str, Array]] = {}
-        for name, values in joints.items():
-            robot, _, joint = name.partition("/")
-            joints_of_robots.setdefault(robot, {})[joint] = values
-        hands = {}
-        for hand in self._hands:
-            poses = recording[HAND_POSE.of(hand)].reshape(-1, 4, 4)[::_STRIDE]
-            # MTML and MTMR, as the da Vinci Research Kit names its handles in ROS
-            hands[f"MTM{hand[0].upper()}"] = HandTrack(poses, console[f"{hand}_grip"])
-        pedals = {"clutch": console["clutch"], "camera": console["camera"]}
-        ros_path = path.with_name(f"{path.stem}-ros2{path.suffix}")
-        write_ros2_mcap(ros_path, t, links, joints_of_robots, hands, pedals, console["scale"])
+        SessionFiles(self.scene, self.run.recording, self.arms, self.forces is not None).write(folder)
 
 
 def _replay_finding(difference: Difference) -> Finding:
@@ -431,43 +274,32 @@ def _replay_finding(difference: Difference) -> Finding:
     )
 
 
-def _hand_content(hand: ArmMeasures) -> JsonObject:
+def _arm_content(arm: ArmMeasures) -> JsonObject:
     return {
-        "hand": hand.hand,
-        "robot": hand.robot,
-        "path_mm": hand.path / MM,
-        "movements": hand.movements,
-        "moving_s": hand.moving,
-        "idle_s": hand.idle,
-        "economy": hand.economy,
-        "smoothness_sparc": hand.smoothness,
-        "grasps": hand.grasps,
+        "hand": arm.hand,
+        "robot": arm.robot,
+        "path_mm": arm.path / MM,
+        "movements": arm.movements,
+        "moving_s": arm.moving,
+        "idle_s": arm.idle,
+        "economy": arm.economy,
+        "smoothness_sparc": arm.smoothness,
+        "grasps": arm.grasps,
     }
 
 
-def _hand_row(hand: ArmMeasures) -> tuple[str, ...]:
+def _arm_row(arm: ArmMeasures) -> tuple[str, ...]:
     return (
-        hand.hand,
-        hand.robot,
-        str(mm(hand.path)),
-        str(hand.movements),
-        f"{hand.moving:.1f} s",
-        f"{hand.idle:.1f} s",
-        _number(hand.economy),
-        _number(hand.smoothness),
-        str(hand.grasps),
+        arm.hand,
+        arm.robot,
+        str(mm(arm.path)),
+        str(arm.movements),
+        f"{arm.moving:.1f} s",
+        f"{arm.idle:.1f} s",
+        _number(arm.economy),
+        _number(arm.smoothness),
+        str(arm.grasps),
     )
-
-
-def _add_axes(columns: dict[str, Array], prefix: str, vectors: Array, suffix: str) -> None:
-    """Add a column for each axis of vectors (k, 3), named prefix, axis, suffix, as in psm1_tip_x_m."""
-    for i, axis in enumerate("xyz"):
-        columns[f"{prefix}{axis}{suffix}"] = vectors[:, i]
-
-
-def _positions(poses: Array) -> Array:
-    """Return the positions (k, 3) of poses (k, 16)."""
-    return poses.reshape(-1, 4, 4)[:, :3, 3]
 
 
 def _number(value: float) -> str:

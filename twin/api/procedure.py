@@ -23,7 +23,7 @@ from twin.model.task import ConsoleTask
 from twin.model.tissue import Tissue
 from twin.simulation import operating_scene, tissue_scene
 from twin.simulation.session.session_file import NAME, read_session
-from twin.simulation.session.session_run import Ran, task_of
+from twin.simulation.session.session_run import SessionRun, task_of
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.procedure import procedure_checks, procedure_run
 from twin.simulation.tasks.procedure.procedure_checks import ProcedureMeasures
@@ -58,7 +58,7 @@ class ProcedureSession(Result):
     source: str
     seed: int | None
     mistake: str
-    ran: Ran
+    run: SessionRun
     organ: Tissue
     lost: str = ""
     recorded: bytes | None = None
@@ -72,7 +72,7 @@ class ProcedureSession(Result):
             return "All stages are done"
         checks = self.measures.checks
         if self.measures.done or self.verdict != "disagree":  # the procedure itself gives no disagreement
-            if self.ran.difference is not None:
+            if self.run.difference is not None:
                 return "The replay gives different bytes"
             return super().word
         failed = 0
@@ -93,7 +93,7 @@ class ProcedureSession(Result):
     def measures(self) -> ProcedureMeasures:
         """The checks and measures, from the signals of the World."""
         setup = Setup(self.scene, {}, self.task, organs=[self.organ])
-        return procedure_checks.measure(self.ran.kept, setup)
+        return procedure_checks.measure(self.run.recording, setup)
 
     @property
     def findings(self) -> Sequence[Finding]:
@@ -102,7 +102,7 @@ class ProcedureSession(Result):
         for check in self.measures.checks:
             if not check.done:
                 findings.append(disagreement(f"procedure.{check.name}", self.task.name, check.text))
-        difference = self.ran.difference
+        difference = self.run.difference
         if difference is not None:
             text = (
                 "the replay gives other bytes than the recording, first between "
@@ -122,7 +122,7 @@ class ProcedureSession(Result):
             surgeon = "person"
         replay = None
         if self.source:
-            replay = "same" if self.ran.difference is None else "differs"
+            replay = "same" if self.run.difference is None else "differs"
         checks = []
         for check in measures.checks:
             checks.append({"name": check.name, "done": check.done, "t_s": check.t, "text": check.text})
@@ -136,7 +136,7 @@ class ProcedureSession(Result):
             "seed": self.seed,
             "mistake": self.mistake or None,
             "replay": replay,
-            "duration_s": self.ran.duration,
+            "duration_s": self.run.duration,
             "time_s": measures.time,
             "checks": checks,
             "paths_mm": paths_mm,
@@ -144,7 +144,7 @@ class ProcedureSession(Result):
             "energy_j": measures.energy,
             "largest_pull_n": measures.largest_pull,
             "slipped_mm": measures.slipped / MM,
-            "given_up": list(self.ran.missed),
+            "given_up": list(self.run.missed),
         }
 
     def text(self) -> Iterator[Part]:
@@ -170,7 +170,7 @@ class ProcedureSession(Result):
 
     def _measure_rows(self) -> list[tuple[str, str]]:
         measures = self.measures
-        rows = [("time", f"{measures.time:.1f} s of {self.ran.duration:.1f} s")]
+        rows = [("time", f"{measures.time:.1f} s of {self.run.duration:.1f} s")]
         for tool, path in measures.paths.items():
             path_mm = path / MM
             rows.append((f"path of {tool}", f"{path_mm:.0f} mm"))
@@ -181,14 +181,14 @@ class ProcedureSession(Result):
         rows.append(("largest slip in the jaws", f"{slipped_mm:.1f} mm"))
         if self.source:
             replay = "different bytes"
-            if self.ran.difference is None:
+            if self.run.difference is None:
                 replay = "the same bytes"
             rows.append(("replay", replay))
         return rows
 
     def write(self, folder: Path) -> None:
         """Write procedure.csv (the signals that the checks use), and the session file of a simulated surgeon."""
-        recording = self.ran.kept
+        recording = self.run.recording
         procedure = self.procedure
         columns = {"t_s": recording.t, "seen": recording[VESSEL_SEEN.of(procedure.vessel)][:, 0]}
         columns["freed"] = recording[ORGAN_FREED.of(procedure.organ)].sum(axis=1)
@@ -250,10 +250,10 @@ def operate_procedure(
     setup = _setup(scene, chosen)
     with Scratch() as folder:
         path = Path(folder) / NAME
-        ran = procedure_run.perform(setup, path, seed=seed, mistake=mistake, progress=progress)
+        run = procedure_run.perform(setup, path, seed=seed, mistake=mistake, progress=progress)
         recorded = path.read_bytes()
     organ = operating_scene.organ_of(setup)
-    return ProcedureSession(scene, chosen, "", seed, mistake, ran, organ, recorded=recorded)
+    return ProcedureSession(scene, chosen, "", seed, mistake, run, organ, recorded=recorded)
 
 
 def replay_procedure(
@@ -286,9 +286,9 @@ def replay_procedure(
     task = task_of(chosen_scene, session.head.task)
     progress("read CAD", 0.0)
     setup = replace(_setup(chosen_scene, task), props=props_of(chosen_scene), condition=session.head.condition)
-    ran = procedure_run.replay(session, path, setup, progress)
+    run = procedure_run.replay(session, path, setup, progress)
     organ = operating_scene.organ_of(setup)
-    return ProcedureSession(chosen_scene, task, str(path), session.head.seed, "", ran, organ, session.lost)
+    return ProcedureSession(chosen_scene, task, str(path), session.head.seed, "", run, organ, session.lost)
 
 
 def is_procedure(path: str | Path, scene: str | Path | None = None) -> bool:

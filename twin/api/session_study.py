@@ -117,7 +117,7 @@ def _content(path: Path) -> JsonObject:
         path /= "session.json"
     if path.suffix != ".json":
         session = replay_session(path)
-        if session.ran.difference is not None:
+        if session.run.difference is not None:
             raise DescriptionError(f"{path}: its replay differs from the recording; for details: twin session {path}")
         return session.as_dict()
     try:

@@ -17,7 +17,7 @@ from twin.simulation.machine.outbox import Outbox
 from twin.simulation.machine.packet_exchange import Exchange
 from twin.simulation.machine.simulated_machine import Parts
 from twin.simulation.session.session_file import SessionWriter
-from twin.simulation.session.session_run import Keep, Progress, Ran, head_of, kept, seat_of
+from twin.simulation.session.session_run import Keep, Progress, SessionRun, head_of, kept, seat_of
 from twin.simulation.session.tape import Tape
 from twin.simulation.setup import Setup
 
@@ -44,7 +44,7 @@ def train(
     triangles: int = 2,
     scale: float | None = None,
     progress: Progress,
-) -> Ran:
+) -> SessionRun:
     """Simulate a trainee who teleoperates, rehearses and replays, and write the session.
 
     Args:
@@ -95,7 +95,7 @@ def train(
                         raise DeviceError(f"{name}: {link.problem}")
                 progress(trainee.doing, trainee.done)
     forces = keep.forces.measures()
-    return Ran(keep.recording(), keep.ticks, world.dt, condition=setup.condition, forces=forces)
+    return SessionRun(keep.recording(), keep.ticks, world.dt, condition=setup.condition, forces=forces)
 
 
 def ready(name: str, link: MachineLink, patience: float = _HOME) -> None:

@@ -95,11 +95,11 @@ class Difference:
 
 
 @dataclass(frozen=True)
-class Ran:
+class SessionRun:
     """Signals of a session that was performed or replayed.
 
     Attributes:
-        kept: the signals that measures and exports use, one row every `kept.dt` seconds.
+        recording: the signals that measures and exports use, one row every `recording.dt` seconds.
         ticks: number of all ticks.
         dt: duration of a tick in s.
         difference: see `Difference`; None if the replay gave the same bytes, or if there was no replay.
@@ -108,7 +108,7 @@ class Ran:
         forces: measures of the forces on the hands, of all ticks; None: the World has no forces on the hands.
     """
 
-    kept: Recording
+    recording: Recording
     ticks: int
     dt: float
     difference: Difference | None = None
@@ -217,7 +217,7 @@ def perform(
     scale: float | None = None,
     mistake: str = "",
     progress: Progress,
-) -> Ran:
+) -> SessionRun:
     """Simulate a surgeon who performs a task, and write the session; the surgeon does not react to forces.
 
     Args:
@@ -248,7 +248,7 @@ def perform(
             target = int(world.signals[SURGEON_TARGET.name][0])
             i = min(max(target, 0), len(names) - 1)
             progress(names[i], i / len(names))
-    return Ran(
+    return SessionRun(
         keep.recording(),
         keep.ticks,
         world.dt,
@@ -295,7 +295,7 @@ def require_scene(session: Session, path: Path, setup: Setup) -> None:
         )
 
 
-def replay(session: Session, setup: Setup, progress: Progress, parts: Mapping[str, Parts] | None = None) -> Ran:
+def replay(session: Session, setup: Setup, progress: Progress, parts: Mapping[str, Parts] | None = None) -> SessionRun:
     """Replay a session in a new World, and compare all signals of every tick.
 
     Args:
@@ -319,7 +319,7 @@ def replay(session: Session, setup: Setup, progress: Progress, parts: Mapping[st
     return repeat(session, world, tape, Keep(world, kept(world)), progress)
 
 
-def repeat(session: Session, world: World, tape: Tape, keep: Keep, progress: Progress) -> Ran:
+def repeat(session: Session, world: World, tape: Tape, keep: Keep, progress: Progress) -> SessionRun:
     """Step a World by the recorded device to the end of a session; compare the signals of the World with the recording.
 
     Args:
@@ -341,7 +341,7 @@ def repeat(session: Session, world: World, tape: Tape, keep: Keep, progress: Pro
             difference = _difference(t, t1, rows[-1], chunk.last, world)
         t = t1
         progress("replay", keep.ticks / ticks)
-    return Ran(
+    return SessionRun(
         keep.recording(),
         keep.ticks,
         session.head.dt,

@@ -31,7 +31,7 @@ def figure(session: ProcedureSession) -> Figure:
     """Return a figure with one row for each measured value, and a vertical line at the end of each stage."""
     from matplotlib.figure import Figure
 
-    t = session.ran.kept.t
+    t = session.run.recording.t
     rows = _rows(session)
     passed = []
     for check in session.measures.checks:
@@ -84,7 +84,7 @@ class _Measured:
 
 def _rows(session: ProcedureSession) -> list[_Measured]:
     """Return the measured values of a session."""
-    log = session.ran.kept
+    log = session.run.recording
     procedure = session.procedure
     organ = spoken(procedure.organ)
     vessel = spoken(procedure.vessel)

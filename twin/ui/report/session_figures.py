@@ -72,7 +72,7 @@ def figure(session: ConsoleSession) -> Figure:
     base = foot + bands + speeds + 0.75
     height = 5.9 + bands
     tall = height - base - 0.8
-    drawing = sheet(f"{session.scene.name}: session of {session.ran.duration:.1f} s, {operator(session.seed)}", height)
+    drawing = sheet(f"{session.scene.name}: session of {session.run.duration:.1f} s, {operator(session.seed)}", height)
     # in inches: space for the names of the bands; a name of an arm with 8 letters or more needs the larger one
     name_space = 1.2 if longest < 8 else 1.5
     x = name_space / WIDTH
@@ -111,7 +111,7 @@ def _view(ax: Axes, view: int, session: ConsoleSession, arms: list[tuple[str, st
 def _speeds(ax: Axes, session: ConsoleSession, arms: list[tuple[str, str]]) -> None:
     """Draw the speed of each tip over time, and the limit below which a tip is at rest."""
     for color, (_, name) in zip(PALETTE, arms, strict=False):
-        speed = movement.speed(session.arms[name].tip, session.ran.kept.dt) / MM
+        speed = movement.speed(session.arms[name].tip, session.run.recording.dt) / MM
         t, y = thin(session.t, speed, _POINTS)
         ax.plot(t, y, color=color, lw=0.8)
     rest_radius = movement.RESTS / MM
@@ -224,7 +224,7 @@ def _path(ax: Axes, points: Array, **style: Any) -> None:
 
 def _positions(session: ConsoleSession, ring: str) -> Array:
     """Return the positions (k, 3) of a ring in m, in the World."""
-    poses = session.ran.kept[OBJECT_POSE.of(ring)].reshape(-1, 4, 4)
+    poses = session.run.recording[OBJECT_POSE.of(ring)].reshape(-1, 4, 4)
     return poses[:, :3, 3]
 
 
@@ -239,7 +239,7 @@ class _Band:
 
 def _rows(session: ConsoleSession, arms: list[tuple[str, str]]) -> list[_Band]:
     """Return the bands of pedals and states."""
-    log = session.ran.kept
+    log = session.run.recording
     rows = [
         _Band("clutch", log[DEVICE_CLUTCH.of(PEDALS)][:, 0] > 0.5, NEAR),
         _Band("camera", log[DEVICE_CAMERA.of(PEDALS)][:, 0] > 0.5, PALETTE[3]),
@@ -264,7 +264,7 @@ def _rows(session: ConsoleSession, arms: list[tuple[str, str]]) -> list[_Band]:
 
 def _bands(ax: Axes, session: ConsoleSession, arms: list[tuple[str, str]], rows: list[_Band]) -> None:
     """Draw one band over time for each pedal, state and gripper; the gripper's angle is a curve in its band."""
-    log = session.ran.kept
+    log = session.run.recording
     t = session.t
     names = []
     for k, row in enumerate(rows):
@@ -291,8 +291,8 @@ def _bands(ax: Axes, session: ConsoleSession, arms: list[tuple[str, str]], rows:
 
 def _hits(session: ConsoleSession, robot: str) -> np.ndarray:
     """Return (k,) bool: whether a robot's instrument touches a fixed part or the other instrument at each tick."""
-    touches = session.ran.kept[ROBOT_TOUCHES.of(robot)][:, 0] > 0.5
-    meets = session.ran.kept[ROBOT_MEETS.of(robot)][:, 0] > 0.5
+    touches = session.run.recording[ROBOT_TOUCHES.of(robot)][:, 0] > 0.5
+    meets = session.run.recording[ROBOT_MEETS.of(robot)][:, 0] > 0.5
     return touches | meets
 
 
@@ -301,7 +301,7 @@ def _leads(session: ConsoleSession, hand: str) -> np.ndarray:
     names = getattr(console_scene.console_of(session.scene), hand)
     follows = []
     for name in names:
-        follows.append(session.ran.kept[ROBOT_FOLLOWS.of(name)][:, 0] > 0.5)
+        follows.append(session.run.recording[ROBOT_FOLLOWS.of(name)][:, 0] > 0.5)
     return np.any(follows, axis=0)
 
 

@@ -11,7 +11,7 @@ from twin.simulation import console_scene, operating_scene, procedure_scene
 from twin.simulation.devices.recorded import Recorded
 from twin.simulation.session import session_file
 from twin.simulation.session.session_file import Session, SessionWriter
-from twin.simulation.session.session_run import Keep, Progress, Ran, head_of, repeat
+from twin.simulation.session.session_run import Keep, Progress, SessionRun, head_of, repeat
 from twin.simulation.session.tape import Tape
 from twin.simulation.setup import Setup
 from twin.simulation.tasks.procedure.procedure_surgeon import ProcedureSurgeon
@@ -41,7 +41,7 @@ def keep_for(world: World, procedure: ProcedureTable, sample: float = _SAMPLE) -
     return Keep(world, names, sample)
 
 
-def perform(setup: Setup, path: Path, *, seed: int = 0, mistake: Mistake = "", progress: Progress) -> Ran:
+def perform(setup: Setup, path: Path, *, seed: int = 0, mistake: Mistake = "", progress: Progress) -> SessionRun:
     """Simulate a surgeon who performs a procedure, and write the session.
 
     Args:
@@ -70,10 +70,10 @@ def perform(setup: Setup, path: Path, *, seed: int = 0, mistake: Mistake = "", p
             keep.add(rows)
             stage = int(world.signals[SURGEON_STAGE.name][0])
             progress(_STAGES[stage], stage / len(_STAGES))
-    return Ran(keep.recording(), keep.ticks, world.dt, missed=tuple(device.missed))
+    return SessionRun(keep.recording(), keep.ticks, world.dt, missed=tuple(device.missed))
 
 
-def replay(session: Session, path: Path, setup: Setup, progress: Progress) -> Ran:
+def replay(session: Session, path: Path, setup: Setup, progress: Progress) -> SessionRun:
     """Replay a session in a new World, and compare all signals of every tick.
 
     Args:
