@@ -226,7 +226,7 @@ def actors(shot: Shot) -> Iterator[tuple[str, Mechanism, dict[str, Array]]]:
         k = int(np.argmin(np.abs(found.t - shot.time)))
         for name, arm in found.arms.items():
             yield name, arm.mechanism, {n: arm.place.T_world_base @ T[k] for n, T in arm.links.items()}
-        poses = {o.name: found.ran.kept[f"{o.name}.pose"][k].reshape(4, 4) for o in scene.objects}
+        poses = {o.name: found.run.recording[f"{o.name}.pose"][k].reshape(4, 4) for o in scene.objects}
         yield "objects", together(scene.objects), poses | {"objects": np.eye(4)}
     for place in scene.places if scene.plays else ():
         files = twin.load(place.name).files
