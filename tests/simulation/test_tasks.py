@@ -172,6 +172,24 @@ def test_a_device_that_cannot_be_used_is_named(outside, tmp_path, use):
         blocks.blocks(Setup(scene, {}), "devices")
 
 
+OFFERED = {
+    "device": r"there is no device 'nothing'\. Known: pulse\.$",
+    "controller": r"there is no controller 'nothing'\. Known: none\.$",
+    "plant": r"there is no plant 'nothing'\. Known: none\.$",
+    "hazard": r"there is no hazard 'nothing'\. Known: fault\.$",
+}
+
+
+@pytest.mark.parametrize("kind", OFFERED)
+def test_only_what_a_scene_can_name_is_offered_for_an_unknown_name(outside, tmp_path, kind):
+    """The folders also have modules that the World builds by itself, and helpers."""
+    from twin.simulation.setup import Setup
+
+    scene = twin.load_scene(scene_file(tmp_path / "scene", f'[{kind}.a]\nuse = "nothing"\n'))
+    with pytest.raises(TwinError, match=OFFERED[kind]):
+        blocks.hazards(Setup(scene, {})) if kind == "hazard" else blocks.blocks(Setup(scene, {}), f"{kind}s")
+
+
 BROKEN = {
     "wait = wait_task.task:NOTHING": "cannot be imported",
     "wait = json:dumps": "not a twin.model.task.TaskKind",

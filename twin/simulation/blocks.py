@@ -11,8 +11,11 @@ settings.
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Callable
 from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
 from pkgutil import iter_modules
 
 from twin.core.entry_points import entry_points
@@ -64,19 +67,34 @@ def _made(setup: Setup, folder: str) -> list[object]:
 
 
 def _function(folder: str, use: str) -> Callable[..., object]:
-    """Return the function `from_scene` of a file, or of an entry point."""
+    """Return the function `from_scene` of a file, or of an entry point.
+
+    Raises:
+        TwinError: there is no such file or entry point, the file has no such function, or both have the same name.
+    """
     package = f"twin.simulation.{folder}"
     group = f"twin.{folder}"
-    built_in = [module.name for module in iter_modules(import_module(package).__path__)]
+    in_folder = [module.name for module in iter_modules(import_module(package).__path__)]
     others = entry_points(group)
-    for name in sorted(set(built_in) & set(others)):
+    for name in sorted(set(in_folder) & set(others)):
         raise TwinError(f"the entry point '{name}' of {group} has the name of a file of {package}; it needs another")
     if use in others:
         factory = others[use]
-    elif use in built_in:
+    elif use in in_folder:
         factory = getattr(import_module(f"{package}.{use}"), "from_scene", None)
     else:
+        # the folders have modules too that the World builds by itself, and helpers: neither is offered
+        built_in = [name for name in in_folder if _has_function(f"{package}.{name}")]
         raise TwinError(unknown(folder.removesuffix("s"), use, [*built_in, *others]))
     if not callable(factory):
         raise TwinError(f"'{use}' of {folder} cannot be named in a scene: it has no function from_scene")
     return factory
+
+
+def _has_function(module: str) -> bool:
+    """Return whether the source of a module defines `from_scene`; the module, which may need much, is not imported."""
+    spec = find_spec(module)
+    if spec is None or spec.origin is None:
+        return False
+    tree = ast.parse(Path(spec.origin).read_bytes())
+    return any(isinstance(node, ast.FunctionDef) and node.name == "from_scene" for node in tree.body)
