@@ -287,17 +287,17 @@ def _start(bundle: Bundle) -> dict[str, float]:
 
 def _check(stage: Path, scene: Scene, bundles: Mapping[str, Bundle]) -> JsonObject:
     """Return the maximum deviation between the link poses in the scene's USD stage and in the robots' bundles."""
-    from twin.exchange.audit.scene_folder import SceneRobot, deviation
+    from twin.exchange.audit.scene_stage import SceneMotion, largest_deviation
 
-    robots_of_stage: dict[str, SceneRobot] = {}
+    motions: dict[str, SceneMotion] = {}
     for place in scene.places:
         times, links = _keys(bundles[place.name])
-        robots_of_stage[place.name] = SceneRobot(place.T_world_base, times, links)
+        motions[place.name] = SceneMotion(place.T_world_base, times, links)
     if scene.objects:
         poses = {movable.name: movable.T_world_object[None] for movable in scene.objects}
-        robots_of_stage["objects"] = SceneRobot(np.eye(4), np.zeros(1), poses)
-    worst, where, when = deviation(stage, robots_of_stage)
-    return _check_data(worst, where, when)
+        motions["objects"] = SceneMotion(np.eye(4), np.zeros(1), poses)
+    worst = largest_deviation(stage, motions)
+    return _check_data(worst.size, worst.where, worst.when)
 
 
 def _keys(bundle: Bundle) -> tuple[Array, Mapping[str, Array]]:

@@ -14,7 +14,8 @@ proof_hashes          check proof.json of a bundle; proof_statements: what it st
 state_comparison      compare files without motion with the mechanism at sampled_states
 rest_poses            compare the poses of a file at rest with the joints of the mechanism
 pose_mistakes         find a common mistake that explains a difference
-scene_folder          audit an exported scene: the folder of each robot, then the scene's stages against these folders
+scene_folder          audit the folder of an exported scene: its list of robots, and the folder of each
+scene_stage           check a stage of the scene, and compare its links with the files of the robots
 certificate           check a certificate of `twin prove`, without the prover
 """
 
