@@ -20,7 +20,8 @@ from twin.exchange.audit.file_comparison import Reference, _check_missing, _chec
 from twin.exchange.audit.file_content import Content, FileClip
 from twin.exchange.audit.poses import about, pose
 from twin.exchange.audit.proof_hashes import check_proof
-from twin.exchange.audit.proof_statements import _EXPORT_CODES, _repeats, check_statements
+from twin.exchange.audit.proof_statements import check_statements
+from twin.exchange.audit.repeated_checks import _EXPORT_CODES, _repeats
 from twin.exchange.audit.report import Ledger
 from twin.exchange.audit.sampled_states import CLIP
 from twin.exchange.formats.tracks.audit.rcm import check_rcm
