@@ -593,3 +593,66 @@ def test_inputs_that_are_not_beside_others_are_named(proven):
 def test_copies_without_a_defect_are_good(bundle):
     parts = ("tracks", "bars.glb", "bars_ar.usdz", "bars.xml", "bars.urdf", "meshes", "unity")
     assert codes(bundle(lambda folder: None, *parts)) == set()
+
+
+MALFORMED = {
+    "severity of a finding": ("findings", {"severity": ["info"]}, "a known severity"),
+    "code of a finding": ("findings", {"code": ["export.left_out"]}, "lacks its code"),
+    "name of a check": ("checks", {"check": ["mass"]}, "has no 'check'"),
+    "file of a check": ("checks", {"file": {"bars.glb": 1}}, "has no 'file'"),
+    "counterpart of a check": ("checks", {"against": ["the mechanism"], "tool": "twin"}, "has no text 'against'"),
+    "number of digits": ("clips", {"keys": 10**400}, "has no number 'keys'"),
+    "name with a zero byte": ("inputs", {"file": "a\0b"}, ""),
+    "half a character": ("inputs", {"file": "\ud800"}, ""),
+    "long name": ("inputs", {"file": "a" * 5000}, ""),
+    "listed with a zero byte": ("files", {"file": "a\0b"}, "is the name of no file"),
+    "listed with a long name": ("files", {"file": "a" * 5000}, "is the name of no file"),
+}
+
+
+@pytest.mark.parametrize("name", MALFORMED)
+def test_a_malformed_entry_hides_no_later_fault(name, proven):
+    """What is of another type is named, and the statements after it are checked."""
+    folder, contents, checks = proven
+    base.write_proof(folder)
+    file = folder / "proof.json"
+    proof = json.loads(file.read_text().replace(base.OTHER_VERSION, __version__))
+    proof["checks"] += [check.as_dict() for check in checks if check.file != "proof.json"]
+    proof["findings"] = [_finding()]
+    proof["verdict"] = "disagree"
+    key, change, said = MALFORMED[name]
+    proof[key][0].update(change)
+    file.write_text(json.dumps(proof))
+    ledger = Ledger("proof.json")
+    check_proof_clips(proof, contents, ledger)
+    check_statements(check_proof(file, ledger), folder, contents, checks, ledger)
+    messages = [finding.message for finding in ledger.found]
+    assert any(said in message for message in messages), messages
+    assert any("by its findings it is 'agree'" in message for message in messages), messages
+
+
+def test_a_warning_on_a_file_excuses_no_other_file(proven):
+    folder, contents, checks = proven
+    base.write_proof(folder)
+    file = folder / "proof.json"
+    proof = json.loads(file.read_text())
+    row = next(check.as_dict() for check in checks if check.file == "bars.glb")
+    proof["checks"].append({**row, "verdict": "disagree"})
+    told = {}
+    for place in ("bars.glb2: link 'crank'", "bars.glb: link 'crank'", "bars.glb"):
+        proof["findings"] = [_finding(severity="warning", code="physics.finish", where=place)]
+        file.write_text(json.dumps(proof))
+        ledger = Ledger("proof.json")
+        check_statements(check_proof(file, ledger), folder, contents, checks, ledger)
+        told[place] = any("none of its findings does" in finding.message for finding in ledger.found)
+    assert told == {"bars.glb2: link 'crank'": True, "bars.glb: link 'crank'": False, "bars.glb": False}
+
+
+@pytest.mark.parametrize("end", ["\n\nWhat has not been tested\n", "\n", ""])
+def test_findings_at_the_end_of_a_readme_are_compared(end, proven, tmp_path):
+    _, contents, checks = proven
+    (tmp_path / "README.txt").write_text(f"Findings of the export\n{'-' * 22}\n- the mass of crank is unknown{end}")
+    base.write_proof(tmp_path)
+    ledger = Ledger("proof.json")
+    check_statements(check_proof(tmp_path / "proof.json", ledger), tmp_path, contents, checks, ledger)
+    assert any("README.txt has the finding 'the mass of crank is unknown'" in f.message for f in ledger.found)

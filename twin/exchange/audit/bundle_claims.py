@@ -19,6 +19,7 @@ from twin.exchange.audit.interpolation_error import errors_at_every_second_key
 from twin.exchange.audit.mechanism_data import FilePhysics
 from twin.exchange.audit.named_parts import has_all_names, named_parts
 from twin.exchange.audit.parameter_claims import compare_assumed
+from twin.exchange.audit.proof_form import is_number
 from twin.exchange.audit.readme_numbers import check_numbers
 from twin.exchange.audit.report import Ledger, Measured, quantity
 from twin.exchange.conventions import CONVENTIONS, UNTRIED
@@ -643,7 +644,7 @@ def _check_proof_clip(row: JsonMapping, track: Content, ledger: Ledger) -> None:
         ("joint_gap_m", data.get("joint_gap")),
     ):
         stated = row.get(key)
-        if not isinstance(real, int | float) or not isinstance(stated, int | float):
+        if not isinstance(real, int | float) or not is_number(stated):  # `check_statements` reports other values
             continue
         if abs(stated - real) > _STATED_DIGITS * abs(real):
             text = f"clip '{row['protocol']}': {key} is {stated:g}; in {track.file} it is {real:g}."

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from twin.core.json_types import JsonMapping
 from twin.exchange.audit.report import Ledger
@@ -85,9 +85,9 @@ def check_rows(proof: JsonMapping, ledger: Ledger) -> None:
         if fault:
             ledger.wrong("proof.check", f"the check '{name[:80]}' in proof.json {fault}.", "checks")
     for row in proof["findings"]:
-        if not row.get("code") or not row.get("message") or row.get("severity") not in SEVERITIES:
+        if not (_has_text(row, "code") and _has_text(row, "message") and str(row.get("severity")) in SEVERITIES):
             code = str(row.get("code"))
-            text = f"the finding '{code}' in proof.json lacks its code, its message, or a known severity."
+            text = f"the finding '{code[:80]}' in proof.json lacks its code, its message, or a known severity."
             ledger.wrong("proof.finding", text, "findings")
         for key in ("where", "when", "unit", "suggestion", "cause"):
             if not isinstance(row.get(key), str):
@@ -102,7 +102,7 @@ def check_rows(proof: JsonMapping, ledger: Ledger) -> None:
 def _fault_of_check(row: JsonMapping, known_files: set[str]) -> str:
     """Return the fault of a check, as the end of a sentence; "" without a fault."""
     for key in ("check", "file", "tool"):
-        if not isinstance(row.get(key), str) or not row[key]:
+        if not _has_text(row, key):
             return f"has no '{key}'"
     for key in ("version", "unit", "where", "when"):
         if not isinstance(row.get(key), str):
@@ -125,10 +125,20 @@ def _fault_of_check(row: JsonMapping, known_files: set[str]) -> str:
     return ""
 
 
-def is_number(value: Any) -> bool:
+def _has_text(row: JsonMapping, key: str) -> bool:
+    """Return whether a row has an entry that is a text, and not empty."""
+    return isinstance(row.get(key), str) and bool(row[key])
+
+
+def is_number(value: Any) -> TypeGuard[int | float]:
     """Return whether a value of JSON is a finite number."""
     # Python counts a bool as an int; true in JSON is not a number. Python's JSON may also hold NaN and Infinity.
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # a whole number of hundreds of digits
+        return False
 
 
 def is_same_number(first: Any, second: Any) -> bool:

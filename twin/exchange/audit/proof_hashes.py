@@ -79,11 +79,16 @@ def _are_files(rows: object) -> TypeGuard[list[JsonObject]]:
 def _fits(folder: Path, row: JsonObject, ledger: Ledger) -> bool:
     """Report a listed file that is missing, outside the folder or changed; return whether it is none of these."""
     name = row["file"]
-    file = (folder / name).resolve()
+    try:
+        file = (folder / name).resolve()
+        exists = file.is_file()
+    except (OSError, ValueError):  # too long, or with a character that paths cannot have
+        ledger.wrong("proof.file", f"{name[:80]!a}, listed in proof.json, is the name of no file.", "files")
+        return False
     if not file.is_relative_to(folder.resolve()):
         ledger.wrong("proof.file", f"'{name}', listed in proof.json, is outside the folder.", name)
         return False
-    if not file.is_file():
+    if not exists:
         ledger.wrong("proof.missing", f"'{name}' is listed in proof.json, but does not exist.", name)
         return False
     stated = str(row.get("sha256", "")).removeprefix("sha256:")

@@ -92,9 +92,8 @@ def check_inputs(rows: Sequence[JsonMapping], folder: Path, ledger: Ledger) -> N
             text = f"the sha256 of the input '{name}' has not 64 hexadecimal digits."
             ledger.wrong("proof.input", text, name)
             continue
-        file = (folder / name).resolve()
-        # A name such as ../../x must not make the audit read files outside of the folder.
-        if not file.is_relative_to(folder.resolve()) or not file.is_file():
+        file = _file_in(folder, name)
+        if file is None:
             absent.append(name)
         elif hashlib.sha256(file.read_bytes()).hexdigest() != digits:
             ledger.wrong("proof.input", f"the input '{name}' has another sha256 than proof.json states.", name)
@@ -104,6 +103,18 @@ def check_inputs(rows: Sequence[JsonMapping], folder: Path, ledger: Ledger) -> N
         if len(absent) > 1:
             text += ", …"
         ledger.add("proof.inputs_absent", "info", f"{text}.", "inputs")
+
+
+def _file_in(folder: Path, name: str) -> Path | None:
+    """Return a file by its path in a folder; None if it does not exist, is outside, or no file can have this name."""
+    try:
+        file = (folder / name).resolve()
+        # A name such as ../../x must not make the audit read files outside of the folder.
+        if file.is_relative_to(folder.resolve()) and file.is_file():
+            return file
+    except (OSError, ValueError):  # too long, or with a character that paths cannot have
+        return None
+    return None
 
 
 def check_protocols(inputs: Sequence[JsonMapping], clips: Sequence[JsonMapping], ledger: Ledger) -> None:
@@ -152,7 +163,7 @@ def check_budgets(proof: JsonMapping, ledger: Ledger) -> None:
     rows = {}
     for row in proof["checks"]:
         if row.get("tool") == WRITER:
-            rows[(row.get("check"), row.get("file"))] = row
+            rows[str(row.get("check")), str(row.get("file"))] = row
     for clip in proof["clips"]:
         for check, unit, measured, limit in _BUDGETS:
             name = f"clip {clip.get('protocol')}"

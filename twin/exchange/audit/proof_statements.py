@@ -86,7 +86,11 @@ def _check_verdict(proof: JsonMapping, ledger: Ledger) -> None:
 
 
 def _is_warning_on(finding: JsonMapping, file: str) -> bool:
-    return finding.get("severity") == "warning" and str(finding.get("where")).startswith(file)
+    """Return whether a finding is a warning on a file or folder, or on a place or a file in it."""
+    where = str(finding.get("where"))
+    # The next character tells robot.usd from robot.usda.
+    is_on_file = where == file or where.startswith((f"{file}: ", f"{file}/"))
+    return finding.get("severity") == "warning" and is_on_file
 
 
 def _unwrapped(text: str) -> str:
@@ -96,7 +100,7 @@ def _unwrapped(text: str) -> str:
 
 def _check_readme_findings(rows: Sequence[JsonMapping], folder: Path, ledger: Ledger) -> None:
     """Report findings of the export in README.txt that proof.json does not have; it has those of the audit besides."""
-    section = re.search(r"^Findings of the export\n-+\n(.*?)\n\n", readme_text(folder), re.MULTILINE | re.DOTALL)
+    section = re.search(r"^Findings of the export\n-+\n(.*?)(?:\n\n|\Z)", readme_text(folder), re.MULTILINE | re.DOTALL)
     if section is None:
         return
     messages = set()

@@ -27,6 +27,9 @@ _ROUNDING = 1e-12
 _TIME = re.compile(r"t = (\d+(?:\.\d+)?(?:e[+-]?\d+)?) s")
 """Form of the time of a measurement."""
 
+_TIME_ROUNDING = 1e-3
+"""Part by which a time may be above the end of the motions: twice what rounding to four digits adds at most."""
+
 _QUOTED = re.compile(r"'([^']*)'")
 """Name in the place of a measurement, such as q1 in "joint 'q1'"."""
 
@@ -73,7 +76,7 @@ def check_repeated(
             checks_by_key.setdefault((check.check, check.file, check.against), []).append(check)
     stated: set[_CheckKey] = set()
     for row in rows:
-        key = (str(row.get("check")), str(row.get("file")), str(row.get("against", "")))
+        key = _key_of(row)
         stated.add(key)
         same_checks = checks_by_key.get(key, [])
         if not same_checks and row.get("tool") != WRITER and not key[2]:
@@ -95,6 +98,11 @@ def check_repeated(
         if (name, file, against) not in stated and (with_mechanism, file, MECHANISM) not in stated:
             text = f"proof.json lacks the check '{name[:80]}' of '{file}'."
             ledger.wrong("proof.check", text, "checks", suggestion="export again")
+
+
+def _key_of(row: JsonMapping) -> _CheckKey:
+    """Return the key of a check in proof.json; entries that are no texts are of no check of this audit."""
+    return str(row.get("check")), str(row.get("file")), str(row.get("against", ""))
 
 
 def _repeats(row: JsonMapping, check: Check) -> bool:
@@ -157,7 +165,7 @@ def check_places(proof: JsonMapping, contents: Sequence[Content], checks: Iterab
         form = _QUOTED.sub("''", where)
         is_known = names.issuperset(_named(where)) and ("'" not in where or form in forms)
         is_writers = row.get("tool") == WRITER and has_tracks
-        is_repeated = (row.get("check"), row.get("file"), row.get("against")) in repeated
+        is_repeated = _key_of(row) in repeated
         if row.get("against") == _OTHERS:
             is_repeated = is_repeated and has_all_names(contents)
         if not is_known and (is_writers or is_repeated):
@@ -182,8 +190,7 @@ def _named(where: str) -> list[str]:
 def _is_time(when: str, last: float) -> bool:
     """Return whether a moment is a time from 0 to `last` in s, rounded to four digits."""
     time = _TIME.fullmatch(when)
-    # Four digits lie at most 5e-4 of the time above it.
-    return time is not None and 0.0 <= float(time[1]) <= last * (1 + 1e-3)
+    return time is not None and 0.0 <= float(time[1]) <= last * (1 + _TIME_ROUNDING)
 
 
 def check_export_findings(rows: Sequence[JsonMapping], ledger: Ledger) -> None:
