@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from made.ros_client import stamped
-from twin.cli.address import ros_address
 from twin.cli.parser import host_and_port
+from twin.cli.server_address import ros_port_and_url
 from twin.core.errors import DeviceError, TwinError
 from twin.ui.headset.ros.operations import JointState, PoseStamped, checked_message
 
@@ -43,9 +43,9 @@ def test_a_position_of_another_joint_is_refused():
 
 
 def test_addresses_for_ros_clients_can_be_opened():
-    port, url = ros_address(*host_and_port("0"), False)
+    port, url = ros_port_and_url(*host_and_port("0"), False)
     assert url == f"ws://127.0.0.1:{port}"
-    port, url = ros_address(*host_and_port("0.0.0.0:0"), False)
+    port, url = ros_port_and_url(*host_and_port("0.0.0.0:0"), False)
     assert url.startswith("ws://")
     assert "0.0.0.0" not in url  # no address of a computer
     assert host_and_port("[::1]:9090") == ("::1", 9090)
@@ -56,22 +56,22 @@ def test_an_address_that_cannot_be_opened_is_refused_with_the_cause(monkeypatch)
         other.bind(("127.0.0.1", 0))
         other.listen()
         with pytest.raises(TwinError, match="the port is in use; choose another one"):
-            ros_address("127.0.0.1", other.getsockname()[1], False)
+            ros_port_and_url("127.0.0.1", other.getsockname()[1], False)
     with pytest.raises(TwinError, match=r"203\.0\.113\.1:0: the host is not an address of this computer; choose"):
-        ros_address("203.0.113.1", 0, False)
+        ros_port_and_url("203.0.113.1", 0, False)
 
     def reserved(self, address):
         raise PermissionError(errno.EACCES, "Permission denied")
 
     monkeypatch.setattr(socket.socket, "bind", reserved)
     with pytest.raises(TwinError, match=r"127\.0\.0\.1:80: this user may not listen on the port"):
-        ros_address("127.0.0.1", 80, False)
+        ros_port_and_url("127.0.0.1", 80, False)
 
 
 @pytest.mark.skipif(not socket.has_ipv6, reason="this computer has no IPv6")
 def test_addresses_of_ipv6_are_in_brackets():
     try:
-        port, url = ros_address("::1", 0, True)
+        port, url = ros_port_and_url("::1", 0, True)
     except TwinError:
         pytest.skip("IPv6 is switched off")
     assert url == f"wss://[::1]:{port}"

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from twin import api
 from twin.cli import scenes, show
-from twin.cli.address import PageAddress, free_port
+from twin.cli.server_address import PageAddress, free_port
 from twin.core import assets
 from twin.core.errors import TwinError
 from twin.exchange.formats.step.format import FORMAT as STEP
@@ -149,11 +149,11 @@ def _show_page(
     try:
         advice = _ADVICE if content == "robot" else _FACES_ADVICE
         address = PageAddress(args.host, port, False, title, advice)
-        rules = AccessRules(args.host, port, False, address.say)
+        rules = AccessRules(args.host, port, False, address.announce)
         command = shlex.join(("twin", "view", str(args.robot)))
         server = serve(f"twin · {title}", args.host, port, rules, command, content)
         if not rules.needs_token:
-            address.say("")
+            address.announce("")
             if not args.no_browser:  # the browser starts while the CAD is read
                 threading.Thread(target=webbrowser.open, args=(address.url,), daemon=True).start()
         front = opener(server, stopping, not rules.needs_token)

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 from twin import api
 from twin.cli import guided_study, machines, scenes
-from twin.cli.address import PageAddress, free_port, ros_address
+from twin.cli.server_address import PageAddress, free_port, ros_port_and_url
 from twin.core import assets
 from twin.core.errors import TwinError
 
@@ -91,7 +91,7 @@ def _access(args: argparse.Namespace, name: str, port: int, context: ssl.SSLCont
 
     is_https = context is not None
     address = PageAddress(args.host, port, is_https, name, "" if is_https else _ADVICE)
-    return address, AccessRules(args.host, port, is_https, address.say)
+    return address, AccessRules(args.host, port, is_https, address.announce)
 
 
 def _part_server(args: argparse.Namespace, port: int, context: ssl.SSLContext | None) -> guided_study.ServePart:
@@ -373,7 +373,7 @@ async def serve_until_stopped(
                 file=sys.stderr,
             )
         if not rules.needs_token:
-            address.say("")
+            address.announce("")
             if not args.no_browser:
                 # in a thread: some browsers return only when they are closed
                 threading.Thread(target=webbrowser.open, args=(address.url,), daemon=True).start()
@@ -402,7 +402,7 @@ async def _bridge(stream: ConsoleStream, host: str, port: int, context: ssl.SSLC
     from twin.ui.access.rules import AccessRules
 
     is_https = context is not None
-    port, url = ros_address(host, port, is_https)
+    port, url = ros_port_and_url(host, port, is_https)
 
     def announce(token: str) -> None:
         print(f"  rosbridge for the next ROS client, once: {url}/?token={token}", flush=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from twin.cli.address import ros_address
+from twin.cli.server_address import ros_port_and_url
 from twin.core.errors import TwinError
 from twin.core.processes import Apart
 from twin.simulation.machine.machine_link import Address
@@ -31,7 +31,7 @@ class RosProcess:
 
         # in a separate process: clients that send much would delay the ticks of the machine
         host, requested_port = listens
-        port, url = ros_address(host, requested_port, False)
+        port, url = ros_port_and_url(host, requested_port, False)
         if not is_local(host):
             tell("rosbridge is open to the network, without TLS: others in the network can read and change messages")
         self._tell = tell

@@ -31,7 +31,7 @@ def arguments(command: Command) -> None:
 def run(args: argparse.Namespace) -> int:
     """Show the motion of a machine in a page until Ctrl-C."""
     from twin import api
-    from twin.cli.address import free_port
+    from twin.cli.server_address import free_port
 
     if (args.states is None) == (args.packets is None):
         raise TwinError(
