@@ -1,22 +1,41 @@
 """Read exported files of robots and their motions, and report faults. The package shares no code with the writers.
 
+Reading:
+folder_files          find the files of a folder that can be audited
+reader_context        what a reader may know beside its file; readers are the modules `audit` in twin.exchange.formats
 poses                 quaternions and matrices, implemented independently of the writers
 file_content          the common result of the readers: clips of link poses in the world frame
-reader_context        what a reader may know beside its file; readers are the modules `audit` in twin.exchange.formats
-mechanism_data        the mechanism data of a file, in one form for all formats; file_joints: of a joint
-joint_merging         join the parts into which a format splits a joint
-file_statements       compare what files state about themselves: names, titles, rates
-plausibility          find physically impossible data in one file
-file_comparison       compare the pose of every link at every key between files
-physics_comparison    compare joints, drives, masses, frames, surfaces, colours between files and with the mechanism
-bundle_claims         check statements in the files: interpolation errors, assumed numbers, README.txt
-proof_hashes          check proof.json of a bundle; proof_statements: what it states beside the hashes
-state_comparison      compare files without motion with the mechanism at sampled_states
-rest_poses            compare the poses of a file at rest with the joints of the mechanism
-pose_mistakes         find a common mistake that explains a difference
-scene_folder          audit the folder of an exported scene: its list of robots, and the folder of each
-scene_stage           check a stage of the scene, and compare its links with the files of the robots
-certificate           check a certificate of `twin prove`, without the prover
+mechanism_data        the mechanism data of a file, in one form for all formats; file_joints, file_drives: of a joint
+motion_lines          lines along or about which a joint moves; joint_merging: join the parts of a joint in a format
+meshes, mesh_files    triangles of OBJ files, and how a file places them; colors: shares of a link's surface
+xml_root, comment_statements    what XML files have in common
+new_names             rename links and joints where a file has other names than the robot; named_parts: all names
+
+One file:
+plausibility          find physically impossible data
+interpolation_error   estimate the error between keys
+
+Files with each other and with the mechanism:
+file_comparison       the pose of every link at every key
+physics_comparison    joints, drives, masses, frames, surfaces, colours; physics_truth: those of the mechanism
+compared_quantities   rule and message of each quantity; value_differences: how far two values are apart
+file_statements       names, titles and rates that files state about themselves; parameter_claims: their parameters
+state_comparison      files without motion at sampled_states; chain_poses: of chains of joints
+joint_assignment      which joint of a file is which of the mechanism; joint_lines: how they lie to each other
+rest_poses            the poses of a file at rest with the joints of the mechanism
+pose_mistakes         a common mistake that explains a difference
+
+What lies beside the files:
+bundle_claims         statements in README.txt and files: errors between keys, assumed numbers; readme_numbers
+proof_hashes          the hashes of proof.json; proof_statements: the rest, in proof_form, proof_origin, repeated_checks
+
+Scenes and certificates:
+scene_folder          an exported scene: its list of robots, and the folder of each; deformables: its organs
+scene_stage           a stage of the scene, and its links with the files of the robots
+certificate           a certificate of `twin prove`, without the prover: bounds_certificate, motion_certificate,
+                      workspace_certificate
+
+report                checks and findings of an audit
 """
 
 from __future__ import annotations
