@@ -19,7 +19,11 @@ ONE_COORDINATE = ("revolute", "prismatic")
 
 
 def joint_assignments(physics: FilePhysics, truth: FilePhysics) -> list[dict[str, str]]:
-    """Return assignments {joint of the file: joint of the mechanism}: the one by names, else those by structure."""
+    """Return assignments {joint of the file: joint of the mechanism}: the one by names, else those by structure.
+
+    The assignment by names may lack joints; those by structure, at most `_MAX_ASSIGNMENTS`, have all `single_joints` of
+    the file. Return [] if neither names nor structure fit.
+    """
     file_joints = single_joints(physics)
     mechanism_joints = single_joints(truth)
     shared = {}
@@ -65,12 +69,13 @@ def rigid_parts(physics: FilePhysics) -> dict[str, str]:
 
 
 def base_link(physics: FilePhysics) -> str:
-    """Return the link from which the joints lead outwards: one that is held, else the first that is no joint's child.
+    """Return the link from which the joints lead outwards: the first that is held, else the first that is no child.
 
-    Without such links, this is the first link.
+    Without such links, this is the first link; without links, "".
     """
-    for link in physics.fixed_to_world or ():
-        if link in physics.links:
+    held_links = physics.fixed_to_world or ()
+    for link in physics.links:
+        if link in held_links:
             return link
     children = {joint.child for joint in physics.joints}
     for joint in physics.joints:
@@ -102,7 +107,7 @@ def _by_structure(physics: FilePhysics, truth: FilePhysics) -> Iterator[dict[str
         return
 
     def search(edge_number: int, placed: dict[str, str], assignment: dict[str, str]) -> Iterator[dict[str, str]]:
-        """Assign the edges from number k on; `placed` is {part of the file: part of the mechanism}."""
+        """Yield assignments of the edges from `edge_number` on; `placed` is {part of the file: that of the mechanism}."""
         if edge_number == len(edges):
             if set(placed.values()) == set(mechanism_parts.values()):
                 yield dict(assignment)
@@ -125,7 +130,7 @@ def _by_structure(physics: FilePhysics, truth: FilePhysics) -> Iterator[dict[str
 
 
 def _outwards(physics: FilePhysics, part_of_link: Mapping[str, str], start: str) -> list[_Edge]:
-    """Return the joints of a tree from the part `start` outwards."""
+    """Return the joints of a tree from the part `start` outwards: each after the one that leads to its near part."""
     reached = {start}
     edges = []
     singles = single_joints(physics)
