@@ -107,7 +107,7 @@ def _by_structure(physics: FilePhysics, truth: FilePhysics) -> Iterator[dict[str
         return
 
     def search(edge_number: int, placed: dict[str, str], assignment: dict[str, str]) -> Iterator[dict[str, str]]:
-        """Yield assignments of the edges from `edge_number` on; `placed` is {part of the file: that of the mechanism}."""
+        """Yield what assigns the edges from `edge_number` on; `placed` is {part of the file: that of the mechanism}."""
         if edge_number == len(edges):
             if set(placed.values()) == set(mechanism_parts.values()):
                 yield dict(assignment)
