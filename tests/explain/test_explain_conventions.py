@@ -16,7 +16,7 @@ from twin import api
 from twin.core import spatial
 from twin.formula import symbolic
 from twin.robots import _authoring, load_formula
-from twin.validation.explain.conventions import ORDERS, _offset, _scalars, conventions, dh_form
+from twin.validation.explain.conventions import ORDERS, _offset, _scalar_outputs, conventions, dh_form
 from twin.validation.explain.judged_states import sampled_values
 from twin.validation.explain.rebuilt_functions import Matrix, Rebuilder, of_formula
 from twin.validation.explain.row_deviations import Judge
@@ -113,7 +113,7 @@ def scalar_messages(sils, symbol, slope, offset):
     judge = Judge(formula, None, replace(reference, symbols={**reference.symbols, symbol: true}))
     found = []
     with np.errstate(all="ignore"):
-        for convention in _scalars(judge):
+        for convention in _scalar_outputs(judge):
             if convention.message.startswith(f"{symbol}:"):
                 found.append((convention.kind, convention.message))
     return found
@@ -130,13 +130,13 @@ def test_an_output_in_degrees(sils):
 
 def test_an_offset_is_in_the_unit_of_the_mechanism():
     true = np.linspace(0.1, 0.4, 5)
-    offset, after = _offset(1e3 * true + 5.0, true, 1e3, angle=False, tolerance=1e-9)
+    offset, after = _offset(1e3 * true + 5.0, true, 1e3, is_angle=False, tolerance=1e-9)
     assert offset == pytest.approx(5e-3)
     assert after <= 1
     # full turns, in the formula's unit, are lost before the comparison
     degrees = np.degrees(np.linspace(-2.0, 2.0, 7))
     recovered = degrees - 2 * np.pi * np.array([3, -1, 0, 2, 5, -4, 1])
-    offset, after = _offset(recovered, np.radians(degrees), 180 / np.pi, angle=True, tolerance=1e-9)
+    offset, after = _offset(recovered, np.radians(degrees), 180 / np.pi, is_angle=True, tolerance=1e-9)
     assert abs(offset) < 1e-12
     assert after <= 1
 

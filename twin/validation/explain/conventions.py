@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import permutations, product
@@ -50,6 +51,7 @@ _NAMED_RATIOS = (
 """Ratios of a value of the formula and that of the mechanism: (ratio, kind of the convention, what it says)."""
 
 
+@np.errstate(all="ignore")  # a wrong convention may take a root or a quotient that does not exist: it is then NaN
 def conventions(judge: Judge, general_conventions: Sequence[Convention] | None = None) -> list[Convention]:
     """Return the conventions that fix rows, sorted by the number of fixed rows, largest first.
 
@@ -57,46 +59,68 @@ def conventions(judge: Judge, general_conventions: Sequence[Convention] | None =
     """
     if not judge.failing():
         return []
-    with np.errstate(all="ignore"):
-        if general_conventions is None:
-            general_conventions = general(judge)
-        candidates = [*general_conventions, *_scalars(judge)]
-        if not candidates:  # a slow search, so only where nothing simpler was found
-            candidates = list(offsets(judge))
-    return sorted(candidates, key=lambda convention: (-len(convention.rows), convention.after))
+    if general_conventions is None:
+        general_conventions = general(judge)
+    found = [*general_conventions, *_scalar_outputs(judge)]
+    if not found:  # a slow search, so only where nothing simpler was found
+        found = list(offsets(judge))
+    return sorted(found, key=lambda convention: (-len(convention.rows), convention.after))
 
 
+@np.errstate(all="ignore")  # as in `conventions`
 def general(judge: Judge) -> list[Convention]:
     """Return the conventions that are not of single rows: angles, units, axes, frames, Denavit-Hartenberg form."""
-    with np.errstate(all="ignore"):
-        return [*_dh(judge), *_angles_in(judge), *_axes(judge), *_frames(judge), *_euler(judge)]
+    return [
+        *_denavit_hartenberg(judge),
+        *_input_units(judge),
+        *_point_axes(judge),
+        *_pose_frames(judge),
+        *_euler_angles(judge),
+    ]
 
 
-def _cured(judge: Judge, other_judge: Judge) -> tuple[list[RowPlace], float] | None:
-    """Return (rows that are wrong in `judge` and agree in `other_judge`, the worst residual of these rows there).
+@dataclass(frozen=True)
+class _FixedRows:
+    """Wrong rows that agree under another convention.
+
+    Attributes:
+        places: the rows.
+        residual: their largest residual under this convention, in units of the tolerance.
+    """
+
+    places: list[RowPlace]
+    residual: float
+
+    def convention(self, kind: str, message: str) -> Convention:
+        """Return the convention as a result."""
+        return Convention(kind, message, _names(self.places), self.residual)
+
+
+def _fixed_rows(judge: Judge, other_judge: Judge) -> _FixedRows | None:
+    """Return the rows that are wrong in `judge` and agree in `other_judge`, which has another convention.
 
     Return None if there is no such row, or if a row that agrees in `judge` is wrong in `other_judge`.
     """
     failing = judge.failing()
-    worst_by_row: dict[RowKey, float] = {}
+    other_residuals: dict[RowKey, float] = {}
     for place, residual in other_judge.residuals.items():
-        worst_by_row[place.key] = worst(residual)
+        other_residuals[place.key] = worst(residual)
     for place in judge.residuals:
         # Helpers have no printed rows of their own: a convention may change what they pass on.
         if place in failing or judge.step(place.equation).stage == "helper":
             continue
-        if worst_by_row.get(place.key, np.inf) > 1:
+        if other_residuals.get(place.key, np.inf) > 1:
             return None
-    cured: list[RowPlace] = []
+    fixed: list[RowPlace] = []
     largest = 0.0
     for place in failing:
-        after = worst_by_row.get(place.key, np.inf)
-        if after <= 1:
-            cured.append(place)
-            largest = max(largest, after)
-    if not cured:
+        residual = other_residuals.get(place.key, np.inf)
+        if residual <= 1:
+            fixed.append(place)
+            largest = max(largest, residual)
+    if not fixed:
         return None
-    return cured, largest
+    return _FixedRows(fixed, largest)
 
 
 def _axis_sequences() -> tuple[str, ...]:
@@ -119,19 +143,19 @@ class _EulerConvention:
     Attributes:
         order: axes of the rotations, such as "zyx".
         transposed: whether the rotations are applied in the opposite order.
-        place: index of the rotation whose angle each of the formula's angles is.
+        rotations: index of the rotation whose angle each of the formula's angles is.
         signs: sign of each of the formula's angles.
     """
 
     order: str
     transposed: bool
-    place: tuple[int, ...]
+    rotations: tuple[int, ...]
     signs: tuple[float, ...]
 
     def text(self, angles: Sequence[str]) -> str:
         """Return the product of rotations as text, such as "Rz(psi) Ry(theta) Rx(-phi)"."""
         factors = [""] * 3
-        for name, index, sign in zip(angles, self.place, self.signs, strict=True):
+        for name, index, sign in zip(angles, self.rotations, self.signs, strict=True):
             minus = "-" if sign < 0 else ""
             factors[index] = f"R{self.order[index]}({minus}{name})"
         if self.transposed:
@@ -143,58 +167,57 @@ def _euler_conventions(R: Array) -> Iterator[tuple[_EulerConvention, Array]]:
     """Yield (convention, its angles (k, 3) in rad of the rotations R (k, 3, 3))."""
     for order in ORDERS:
         for transposed in (False, True):
-            places: Iterable[tuple[int, ...]]
+            assignments: Iterable[tuple[int, ...]]
             if transposed:
                 # The same angles, applied in the opposite order: R^T has the opposite signs.
-                values = -spatial.euler_angles(np.swapaxes(R, 1, 2), order)
-                places = ((0, 1, 2), (2, 1, 0))
+                rotation_angles = -spatial.euler_angles(np.swapaxes(R, 1, 2), order)
+                assignments = ((0, 1, 2), (2, 1, 0))
             else:
-                values = spatial.euler_angles(R, order)
-                places = permutations(range(3))
-            for place in places:
+                rotation_angles = spatial.euler_angles(R, order)
+                assignments = permutations(range(3))
+            for rotations in assignments:
                 for signs in product((1.0, -1.0), repeat=3):
-                    yield _EulerConvention(order, transposed, place, signs), values[:, place] * signs
+                    angles = rotation_angles[:, rotations] * signs
+                    yield _EulerConvention(order, transposed, rotations, signs), angles
 
 
-def _euler(judge: Judge) -> Iterator[Convention]:
+def _euler_angles(judge: Judge) -> Iterator[Convention]:
     """Yield a convention if the rows agree with the mechanism for another Euler sequence, or for other signs."""
     reference = judge.reference
-    angles = [name for name, unit in reference.coordinates if unit == "rad"]
-    if len(angles) != 3 or not _read(judge, angles):
+    names = [name for name, unit in reference.coordinates if unit == "rad"]
+    if len(names) != 3 or not _are_inputs(judge, names):
         return
     wrong: list[RowPlace] = []
-    involved: set[str] = set()
+    suspected_equations: set[str] = set()
     for place in judge.failing():
         if judge.step(place.equation).stage == "inverse":
             wrong.append(place)
-            involved.update(suspects(judge, place))
+            suspected_equations.update(suspects(judge, place))
     if not wrong:
         return
-    values_of_angles = [reference.symbols[name] for name in angles]
-    angle_values = np.column_stack(values_of_angles)
-    for convention, values in _euler_conventions(reference.Ts[:, :3, :3]):
+    own_angles = np.column_stack([reference.symbols[name] for name in names])
+    for convention, angles in _euler_conventions(reference.Ts[:, :3, :3]):
         # The sine is also zero for angles that differ by full or half turns: those are the formula's own convention.
-        if np.abs(np.sin(values - angle_values)).max() < _ROUNDING:
+        if np.abs(np.sin(angles - own_angles)).max() < _ROUNDING:
             continue
-        angles_by_name = dict(zip(angles, values.T, strict=True))
-        other_values = reference.with_values(angles_by_name)
+        angles_by_name = dict(zip(names, angles.T, strict=True))
+        other_reference = reference.with_values(angles_by_name)
         # Few equations first: nearly all of the conventions fail there.
-        if not _one_agrees(judge.on(other_values, involved), wrong):
+        if not _one_agrees(judge.on(other_reference, suspected_equations), wrong):
             continue
-        fix = _cured(judge, judge.on(other_values))
-        if fix is None:
+        fixed_rows = _fixed_rows(judge, judge.on(other_reference))
+        if fixed_rows is None:
             continue
-        cured, after = fix
-        text = (
-            f"the rows agree with the angles of R = {convention.text(angles)}, not with the angles "
+        message = (
+            f"the rows agree with the angles of R = {convention.text(names)}, not with the angles "
             "that the formula's own convention gives"
         )
-        yield Convention("euler", text, _names(cured), after)
+        yield fixed_rows.convention("euler", message)
         return
 
 
-def _read(judge: Judge, symbols: Sequence[str]) -> bool:
-    """Return whether an equation reads one of the symbols."""
+def _are_inputs(judge: Judge, symbols: Sequence[str]) -> bool:
+    """Return whether an equation has one of the symbols as an input."""
     inputs: set[str] = set()
     for step in judge.steps:
         inputs.update(step.inputs)
@@ -213,23 +236,23 @@ def _one_agrees(judge: Judge, places: Sequence[RowPlace]) -> bool:
 
 
 def _names(places: Iterable[RowPlace]) -> tuple[str, ...]:
-    names = [place.name for place in places]
-    return tuple(names)
+    """Return the names of rows, equation and symbol."""
+    return tuple(place.name for place in places)
 
 
-def _angles_in(judge: Judge) -> Iterator[Convention]:
+def _input_units(judge: Judge) -> Iterator[Convention]:
     """Yield one convention if the rows agree for angles in degrees, and one if they agree for lengths in mm."""
     in_degrees = "the rows expect angles in degrees, but the angles are given in radians"
     in_mm = "the rows expect lengths in millimetres, but the lengths are given in metres"
     failing_names = {place.name for place in judge.failing()}
-    for kind, units, factor, text in (
+    for kind, units, factor, message in (
         ("angle", ("deg",), 180 / np.pi, in_degrees),
         ("length", ("mm", "m"), 1e3, in_mm),
     ):
         other_judge = judge.on(_scaled(judge, kind, units, factor))
-        cured = _cured_in_unit(judge, other_judge, kind, factor)
-        if cured and len(cured) == len(failing_names):
-            yield Convention("unit", text, _names(cured), max(cured.values()))
+        residuals = _residuals_in_unit(judge, other_judge, kind, factor)
+        if residuals and len(residuals) == len(failing_names):
+            yield Convention("unit", message, _names(residuals), max(residuals.values()))
 
 
 def _scaled(judge: Judge, kind: str, units: Sequence[str], factor: float) -> ReferenceValues:
@@ -250,85 +273,83 @@ def _scaled(judge: Judge, kind: str, units: Sequence[str], factor: float) -> Ref
     return replace(reference, symbols=symbols)
 
 
-def _cured_in_unit(judge: Judge, other_judge: Judge, kind: str, factor: float) -> dict[RowPlace, float]:
+def _residuals_in_unit(judge: Judge, other_judge: Judge, kind: str, factor: float) -> dict[RowPlace, float]:
     """Return {row that is wrong in `judge` and agrees in `other_judge`, which has another unit: its residual}."""
-    residuals: dict[RowKey, Array] = {}
+    other_residuals: dict[RowKey, Array] = {}
     for place, residual in other_judge.residuals.items():
-        residuals.setdefault(place.key, residual)
-    cured: dict[RowPlace, float] = {}
-    for place, r in judge.residuals.items():
-        if place.key not in residuals or worst(r) <= 1 or judge.reference.kinds[place.symbol] == "pose":
+        other_residuals.setdefault(place.key, residual)
+    fixed: dict[RowPlace, float] = {}
+    for place, residual in judge.residuals.items():
+        if place.key not in other_residuals or worst(residual) <= 1 or judge.reference.kinds[place.symbol] == "pose":
             continue
-        residual = residuals[place.key]
-        after = worst(residual)
+        other_residual = other_residuals[place.key]
+        largest = worst(other_residual)
         if judge.reference.kinds[place.symbol] == kind:
             # An output may be in either unit: it must agree in one of them.
-            after = min(after, worst(residual / factor))
-        if after <= 1:
-            cured[place] = after
-    return cured
+            largest = min(largest, worst(other_residual / factor))
+        if largest <= 1:
+            fixed[place] = largest
+    return fixed
 
 
-def _scalars(judge: Judge) -> Iterator[Convention]:
+def _scalar_outputs(judge: Judge) -> Iterator[Convention]:
     """Yield a convention for rows whose value differs from the mechanism's only by a sign, a unit or a zero offset."""
     reference = judge.reference
     values = formula_values(judge)
-    groups: dict[tuple[str, str], list[tuple[RowPlace, float]]] = {}
+    fixed_rows: dict[tuple[str, str], _FixedRows] = {}  # by kind and text of the convention
     for place in judge.failing():
-        true = to_array(reference.symbols[place.symbol], reference.k)
-        is_constant = np.ptp(true) < _ROUNDING  # any value is then a constant value with an offset
-        if place.symbol not in values or true.shape[1] != 1 or is_constant:
+        true_value = to_array(reference.symbols[place.symbol], reference.k)
+        is_constant = np.ptp(true_value) < _ROUNDING  # any value is then a constant value with an offset
+        if place.symbol not in values or true_value.shape[1] != 1 or is_constant:
             continue
-        angle = reference.kinds[place.symbol] == "angle"
-        tolerance = judge.tolerance.angle if angle else judge.tolerance.length
+        is_angle = reference.kinds[place.symbol] == "angle"
+        tolerance = judge.tolerance.angle if is_angle else judge.tolerance.length
         value = np.asarray(values[place.symbol], float)
-        for slope, kind, ratio_text in _NAMED_RATIOS:
-            offset, after = _offset(value, true[:, 0], slope, angle, tolerance)
-            if not after <= 1:  # also for NaN
+        for ratio, kind, ratio_text in _NAMED_RATIOS:
+            offset, residual = _offset(value, true_value[:, 0], ratio, is_angle, tolerance)
+            if not residual <= 1:  # also for NaN
                 continue
             parts: list[str] = []
             if ratio_text:
                 parts.append(ratio_text)
             if abs(offset) > tolerance:
-                parts.append(_offset_text(offset, slope, angle))
+                parts.append(_offset_text(offset, ratio, is_angle))
             if parts:
-                groups.setdefault((kind, " and ".join(parts)), []).append((place, after))
+                key = (kind, " and ".join(parts))
+                before = fixed_rows.get(key, _FixedRows([], 0.0))
+                fixed_rows[key] = _FixedRows([*before.places, place], max(before.residual, residual))
             break
-    for (kind, message), rows in groups.items():
-        places: list[RowPlace] = []
-        largest = 0.0
-        for place, after in rows:
-            places.append(place)
-            largest = max(largest, after)
-        symbols = [place.symbol for place in places]
-        yield Convention(kind, f"{', '.join(symbols)}: {message}", _names(places), largest)
+    for (kind, text), rows in fixed_rows.items():
+        symbols = ", ".join(place.symbol for place in rows.places)
+        yield rows.convention(kind, f"{symbols}: {text}")
 
 
-def _offset_text(offset: float, slope: float, angle: bool) -> str:
+def _offset_text(offset: float, ratio: float, is_angle: bool) -> str:
     """Return what a message says of an offset in m or rad of a value with another sign or unit."""
-    if angle and abs(slope) != 1:  # full turns of 2 pi are lost, and are no full turns of the formula's unit
+    if is_angle and abs(ratio) != 1:  # full turns of 2 pi are lost, and are no full turns of the formula's unit
         return "its zero position differs from the zero position in the mechanism"
     size = f"{offset * 1e3:.6g} mm"
-    if angle:
+    if is_angle:
         size = f"{np.degrees(offset):.6g}°"
     return f"its zero position differs by {size} from the zero position in the mechanism"
 
 
-def _offset(value: Array, true: Array, slope: float, angle: bool, tolerance: float) -> tuple[float, float]:
-    """Return (offset, largest deviation from it / `tolerance`) of values (k,) that are `slope` * `true` + offset.
+def _offset(value: Array, true_value: Array, ratio: float, is_angle: bool, tolerance: float) -> tuple[float, float]:
+    """Return (offset, residual) of values (k,) that should be `ratio` * `true_value` + offset.
 
-    The offset is in m or rad, also if the formula has another unit. `formula_values` gives an angle up to full turns of
-    2 pi, whatever its unit is; therefore differences of angles are compared without full turns.
+    The offset is in m or rad, also if the formula has another unit; the residual is the largest deviation in units of
+    the tolerance. `formula_values` gives an angle up to full turns of 2 pi, whatever its unit is; therefore differences
+    of angles are compared without full turns.
     """
-    difference = value - slope * true  # in the formula's unit
-    if angle:
-        middle = float(np.angle(np.mean(np.exp(1j * difference))))
-        deviations = _within_half_turn(difference - middle)
+    difference = value - ratio * true_value  # in the formula's unit
+    if is_angle:
+        mean = float(np.angle(np.mean(np.exp(1j * difference))))
+        deviations = _within_half_turn(difference - mean)
     else:
-        middle = float(difference.mean())
-        deviations = difference - middle
-    unit = abs(slope)  # one m or rad in the formula's unit
-    return middle / unit, float(np.abs(deviations).max() / unit / tolerance)
+        mean = float(difference.mean())
+        deviations = difference - mean
+    unit = abs(ratio)  # one m or rad in the formula's unit
+    return mean / unit, float(np.abs(deviations).max() / unit / tolerance)
 
 
 def _within_half_turn(angles: Array) -> Array:
@@ -338,12 +359,12 @@ def _within_half_turn(angles: Array) -> Array:
 
 @dataclass(frozen=True)
 class _WrongPoint:
-    """A named point whose rows are wrong: its values (k, 3) in the formula, and in the mechanism."""
+    """A named point whose rows are wrong: its positions (k, 3) in m in the formula, and in the mechanism."""
 
     name: str
     places: list[RowPlace]
-    value: Array
-    true: Array
+    position: Array
+    true_position: Array
 
 
 def _wrong_points(judge: Judge) -> list[_WrongPoint]:
@@ -373,37 +394,33 @@ def _stacked_columns(values: Mapping[str, Value], symbols: Sequence[str], k: int
     return np.hstack(columns)
 
 
-def _axes(judge: Judge) -> Iterator[Convention]:
+def _point_axes(judge: Judge) -> Iterator[Convention]:
     """Yield a convention if the named points agree with the mechanism after axes are permuted, mirrored or scaled."""
     points = _wrong_points(judge)
     if not points:
         return
     names: list[str] = []
     places: list[RowPlace] = []
-    values_of_points: list[Array] = []
-    true_of_points: list[Array] = []
     for point in points:
         names.append(point.name)
         places += point.places
-        values_of_points.append(point.value)
-        true_of_points.append(point.true)
-    value = np.vstack(values_of_points)
-    true = np.vstack(true_of_points)
-    if not np.isfinite(value).all():
+    positions = np.vstack([point.position for point in points])
+    true_positions = np.vstack([point.true_position for point in points])
+    if not np.isfinite(positions).all():
         return
     for permutation in signed_permutations()[1:]:
-        for factor, unit in ((1.0, ""), (1e3, ", in millimetres")):
-            largest = np.abs(value - factor * true @ permutation.T).max()
-            after = float(largest / factor / judge.tolerance.length)
-            if after > 1:
+        for factor, unit_text in ((1.0, ""), (1e3, ", in millimetres")):
+            deviation = np.abs(positions - factor * true_positions @ permutation.T).max()
+            residual = float(deviation / factor / judge.tolerance.length)
+            if residual > 1:
                 continue
             kind = "axes"
             handedness = ""
             if np.linalg.det(permutation) < 0:
                 kind = "handedness"
                 handedness = ": a left-handed frame"
-            text = f"points {', '.join(names)} use other axes{handedness}: {axes_text(permutation)}{unit}"
-            yield Convention(kind, text, _names(places), after)
+            message = f"points {', '.join(names)} use other axes{handedness}: {axes_text(permutation)}{unit_text}"
+            yield Convention(kind, message, _names(places), residual)
             return
 
 
@@ -417,7 +434,7 @@ def signed_permutations() -> list[Array]:
     return matrices
 
 
-def _frames(judge: Judge) -> Iterator[Convention]:
+def _pose_frames(judge: Judge) -> Iterator[Convention]:
     """Yield a convention for each pose that agrees after an inversion, or after constant rotations of base and tool."""
     for place in judge.failing():
         if judge.reference.kinds[place.symbol] != "pose":
@@ -427,52 +444,53 @@ def _frames(judge: Judge) -> Iterator[Convention]:
             continue
         change = _other_frames(judge, judge.reference.symbols[place.symbol].a, T)
         if change is not None:
-            text, after = change
+            text, residual = change
             message = f"{place.symbol} of {place.equation} agrees with the mechanism's pose: {text}"
-            yield Convention("axes", message, (place.name,), after)
+            yield Convention("axes", message, (place.name,), residual)
 
 
-def _other_frames(judge: Judge, true: Array, T: Array) -> tuple[str, float] | None:
+def _other_frames(judge: Judge, true_T: Array, T: Array) -> tuple[str, float] | None:
     """Return (change of a pose T (k, 4, 4) with which it agrees, residual); the change with the shortest text."""
     inverse = T
     if np.linalg.cond(T).max() < _INVERTIBLE:
         inverse = np.linalg.inv(T)
+    true_p = true_T[:, :3, 3]
+    true_R = true_T[:, :3, :3]
     best: tuple[str, float] | None = None
     # Inversion, unit and base axes are tried; what is left must be one rotation of the tool, the same at all poses.
-    for inversion, M in (("", T), ("inverted, ", inverse)):
-        for unit, factor in (("", 1.0), ("its lengths in millimetres, ", 1e-3)):
-            p = M[:, :3, 3] * factor
-            for P in signed_permutations():
-                position = float(np.abs(p @ P.T - true[:, :3, 3]).max() / judge.tolerance.length)
-                if position > 1:
+    for inversion_text, T_tried in (("", T), ("inverted, ", inverse)):
+        for unit_text, factor in (("", 1.0), ("its lengths in millimetres, ", 1e-3)):
+            p = T_tried[:, :3, 3] * factor
+            for R_base in signed_permutations():
+                position_residual = float(np.abs(p @ R_base.T - true_p).max() / judge.tolerance.length)
+                if position_residual > 1:
                     continue
-                R_tool = np.swapaxes(P @ M[:, :3, :3], 1, 2) @ true[:, :3, :3]
-                rotation = float(np.abs(R_tool - R_tool.mean(axis=0)).max() / judge.tolerance.angle)
-                if not rotation <= 1:
+                R_tool = np.swapaxes(R_base @ T_tried[:, :3, :3], 1, 2) @ true_R
+                rotation_residual = float(np.abs(R_tool - R_tool.mean(axis=0)).max() / judge.tolerance.angle)
+                if not rotation_residual <= 1:
                     continue
-                text = f"{inversion}{unit}"
-                if not np.allclose(P, np.eye(3)):
-                    text += f"base axes {axes_text(P)}, "
+                text = f"{inversion_text}{unit_text}"
+                if not np.allclose(R_base, np.eye(3)):
+                    text += f"base axes {axes_text(R_base)}, "
                 if not np.allclose(R_tool[0], np.eye(3)):
                     text += f"tool axes {axes_text(R_tool[0].T)}, "
                 text = text.removesuffix(", ")
                 if best is None or len(text) < len(best[0]):
-                    best = text, max(position, rotation)
+                    best = text, max(position_residual, rotation_residual)
     return best
 
 
-def _dh(judge: Judge) -> Iterator[Convention]:
+def _denavit_hartenberg(judge: Judge) -> Iterator[Convention]:
     """Yield a convention for each helper that makes rows agree if it uses the other Denavit-Hartenberg form."""
     failing = {place.equation for place in judge.failing()}
     for step in judge.steps:
         if step.equation.name not in failing or step.stage == "helper":
             continue
         for helper in judge.helpers(step):
-            for stand_in, message in _other_forms(helper):
-                fix = _with_helper(judge, step, helper, stand_in)
-                if fix is not None:
-                    cured, after = fix
-                    yield Convention("dh", message, _names(cured), after)
+            for other_function, message in _other_forms(helper):
+                fixed_rows = _fixed_by_helper(judge, step, helper, other_function)
+                if fixed_rows is not None:
+                    yield fixed_rows.convention("dh", message)
                     break
 
 
@@ -484,37 +502,51 @@ def _other_forms(helper: Helper) -> Iterator[tuple[Callable[..., Value], str]]:
     if form is not None:
         kind, order = form
         other_form = "standard" if kind == "modified" else "modified"
-        text = f"{name}() multiplies rows in {kind} Denavit-Hartenberg form; the table has the {other_form} form"
-        yield partial(_dh_row, other_form, order), text
+        message = f"{name}() multiplies rows in {kind} Denavit-Hartenberg form; the table has the {other_form} form"
+        yield partial(_dh_row, other_form, order), message
         return
-    swap = "moves first and then rotates, as in modified Denavit-Hartenberg form; the rows agree if it rotates first"
-    yield partial(_swapped, function, False), f"{name}() {swap} (standard form): swap rotation and translation"
-    swap = "rotates first and then moves, as in standard Denavit-Hartenberg form; the rows agree if it moves first"
-    yield partial(_swapped, function, True), f"{name}() {swap} (modified form): swap rotation and translation"
+    swap = "swap rotation and translation"
+    is_modified = "moves first and then rotates, as in modified Denavit-Hartenberg form"
+    message = f"{name}() {is_modified}; the rows agree if it rotates first (standard form): {swap}"
+    yield partial(_swapped, function, False), message
+    is_standard = "rotates first and then moves, as in standard Denavit-Hartenberg form"
+    message = f"{name}() {is_standard}; the rows agree if it moves first (modified form): {swap}"
+    yield partial(_swapped, function, True), message
 
 
-def _with_helper(
-    judge: Judge, step: Step, helper: Helper, stand_in: Callable[..., Value]
-) -> tuple[list[RowPlace], float] | None:
-    """Return the result of `_cured` if a function replaces a helper of an equation."""
+def _fixed_by_helper(
+    judge: Judge, step: Step, helper: Helper, other_function: Callable[..., Value]
+) -> _FixedRows | None:
+    """Return the rows that agree if an equation calls another function instead of a helper; None as `_fixed_rows`."""
     scopes = [step.scope, helper.function.__globals__]
     for called in judge.helpers(step):
         scopes.append(called.function.__globals__)
-    replaced: list[tuple[dict[str, Value], str]] = []
+    with _replaced(helper.function, other_function, scopes):
+        return _fixed_rows(judge, judge.on(judge.reference))
+
+
+@contextmanager
+def _replaced(
+    function: Callable[..., Value], other_function: Callable[..., Value], scopes: Iterable[dict[str, Value]]
+) -> Iterator[None]:
+    """In this context, each name of `function` in the scopes means `other_function`."""
+    names_in_scopes: list[tuple[dict[str, Value], str]] = []
     for scope in scopes:
         for name, value in list(scope.items()):
-            if value is helper.function:
-                replaced.append((scope, name))
-                scope[name] = stand_in
+            if value is function:
+                names_in_scopes.append((scope, name))
+                scope[name] = other_function
     try:
-        return _cured(judge, judge.on(judge.reference))
+        yield
     finally:
-        for scope, name in replaced:
-            scope[name] = helper.function
+        for scope, name in names_in_scopes:
+            scope[name] = function
 
 
-def _swapped(function: Callable[..., Value], back: bool, *values: Value) -> Value:
-    """Return the pose Rot Trans instead of Trans Rot of a function; `back`: Trans Rot instead of Rot Trans.
+def _swapped(function: Callable[..., Value], rotates_first: bool, *values: Value) -> Value:
+    """Return the pose of a function with rotation and translation in the other order.
+
+    `rotates_first`: whether the function returns Rot Trans, which becomes Trans Rot; otherwise, the reverse.
 
     Raises:
         TypeError: the function returns no poses (4, 4).
@@ -525,7 +557,7 @@ def _swapped(function: Callable[..., Value], back: bool, *values: Value) -> Valu
         raise TypeError("no pose")
     T = pose.a.copy()
     R = T[:, :3, :3]
-    if back:
+    if rotates_first:  # the translation of Rot Trans is rotated: R^T rotates it back
         R = np.swapaxes(R, 1, 2)
     T[:, :3, 3] = (R @ T[:, :3, 3:])[..., 0]
     if isinstance(value, Matrix):
@@ -570,9 +602,9 @@ def dh_form(function: Callable[..., Value]) -> tuple[str, tuple[int, ...]] | Non
         return None
     if not isinstance(T, Matrix) or T.shape != (4, 4):
         return None
-    for kind in ("modified", "standard"):
+    for form in ("modified", "standard"):
         for order in permutations(range(4)):
-            row = _dh_row(kind, order, *_DH_PROBE)
+            row = _dh_row(form, order, *_DH_PROBE)
             if np.abs(row.a - T.a).max() < _EXACT_ROW:
-                return kind, order
+                return form, order
     return None
