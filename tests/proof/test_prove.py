@@ -437,7 +437,7 @@ def test_no_zero_among_found_states_is_luck_or_none_by_the_share_at_drawn_states
     residue = np.ones(known, np.uint64)
     signature = RootSignature(residue, np.ones(known, bool))
     number = ExactValue(residue, np.ones(known, bool), np.full(known, 1e-11), Degree(1, roots=frozenset({signature})))
-    claim = judged("a", "it is zero", [number], np.ones(known, bool), {}, [], known, share=share)
+    claim = judged("a", "it is zero", [number], np.ones(known, bool), {}, [], known, other_zero_share=share)
     assert claim.status == "unproved"
     assert claim.different == different
 

@@ -44,11 +44,11 @@ class Attempt:
     Attributes:
         states: the states.
         variants: the chosen variant of each equation.
-        zero_shares: {claim: share of its exact values that are zero at other states}.
+        other_zero_shares: {claim: share of its exact values that are zero at other states}; see `judged`.
         claims: the claims.
         uncovered: bodies that no claim covers.
         uncovered_points: points of the equations that no claim covers.
-        shares: share of the states within reach, of each of the functions of the equations.
+        shares_within_reach: share of the states within reach, of each of the functions of the equations.
         roots: (0 or 1 for the first or the second function of the equations, root, its instruction).
         rootless: whether a constant has no root modulo the prime in use.
         notes: of the function that was repeated last; its operations without an exact form are those of both.
@@ -58,11 +58,11 @@ class Attempt:
 
     states: ProofStates
     variants: Mapping[str, str]
-    zero_shares: Mapping[str, float] = field(default_factory=dict)
+    other_zero_shares: Mapping[str, float] = field(default_factory=dict)
     claims: list[JudgedClaim] = field(default_factory=list)
     uncovered: set[str] = field(default_factory=set)
     uncovered_points: list[str] = field(default_factory=list)
-    shares: list[float] = field(default_factory=list)
+    shares_within_reach: list[float] = field(default_factory=list)
     roots: list[tuple[int, RootSignature, int]] = field(default_factory=list)
     rootless: bool = False
     notes: Notes = field(default_factory=Notes)
@@ -71,14 +71,14 @@ class Attempt:
 
 
 def attempted(
-    states: ProofStates, variants: Mapping[str, str], zero_shares: Mapping[str, float], only_refute: bool = False
+    states: ProofStates, variants: Mapping[str, str], other_zero_shares: Mapping[str, float], only_refute: bool = False
 ) -> Attempt:
     """Return all claims, judged at some states; for the arguments see `Attempt`.
 
     If `only_refute`, the equations are computed with double precision alone, so that nothing is proved; the claims
     about the inverse are left out if one about the forward equations is refuted.
     """
-    attempt = Attempt(states, variants, zero_shares, uncovered_points=list(states.formula.points))
+    attempt = Attempt(states, variants, other_zero_shares, uncovered_points=list(states.formula.points))
     results_of = _evaluated if only_refute else _replayed
     formula = states.formula
     state = list(states.state.values())
@@ -143,7 +143,7 @@ def _replayed(attempt: Attempt, outputs: Outputs, state: Sequence[Value]) -> dic
     results = replay(outputs.function, inputs, attempt.notes)
     attempt.rootless |= attempt.notes.rootless
     function_index = 0
-    if attempt.shares:  # the share of the first function is known when the second one is repeated
+    if attempt.shares_within_reach:  # the share of the first function is known when the second one is repeated
         function_index = 1
     for root_signature, instruction_number in attempt.notes.roots:
         attempt.roots.append((function_index, root_signature, instruction_number))
@@ -180,7 +180,7 @@ def _inside(attempt: Attempt, results: Results) -> Truths:
         node = values.scalar(margin).node
         if node is not None:
             attempt.reach.append(node)
-    attempt.shares.append(float(inside.mean()))
+    attempt.shares_within_reach.append(float(inside.mean()))
     for answers in attempt.notes.conditions:
         attempt.sides.append(answers & inside)
         attempt.sides.append(~answers & inside)
@@ -336,7 +336,6 @@ def _claim(
     reasons += dict.fromkeys(states.exact.drawing.unrecognised)
     reasons += dict.fromkeys(attempt.notes.inexact)
     reasons = reasons[:_NAMED_REASONS]
-    share = attempt.zero_shares.get(name)
     claim = judged(
         name,
         sentence,
@@ -346,6 +345,6 @@ def _claim(
         reasons=reasons,
         drawn_states=states.drawn_states,
         sides=attempt.sides,
-        share=share,
+        other_zero_share=attempt.other_zero_shares.get(name),
     )
     attempt.claims.append(replace(claim, reach=tuple(attempt.reach)))

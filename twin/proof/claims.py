@@ -96,7 +96,7 @@ class JudgedClaim:
     fractions: Mapping[str, str] = field(default_factory=dict)
 
     @property
-    def share(self) -> float:
+    def zero_share(self) -> float:
         """Share of the exact values that are zero; it is not all of them if roots have other signs."""
         if not self.known:
             return 0.0
@@ -112,7 +112,7 @@ def judged(
     reasons: Sequence[str],
     drawn_states: int,
     sides: Sequence[Truths] = (),
-    share: float | None = None,
+    other_zero_share: float | None = None,
 ) -> JudgedClaim:
     """Return the verdict on a claim.
 
@@ -125,7 +125,8 @@ def judged(
         reasons: texts of what has no exact form, for a claim that is not proved.
         drawn_states: number of states that were drawn; those without roots may have been left out.
         sides: the states (k,) with each answer of each condition: with roots, zeros must be among them as often.
-        share: share of the exact values that are zero at other states, if it is known; None: that at these.
+        other_zero_share: share of the exact values that are zero at other states of the claim, for the chance of a
+            zero at these; None: the share at these states.
     """
     at_states = _Numbers.of(numbers, inside)
     sizes = at_states.largest.copy()
@@ -146,7 +147,7 @@ def judged(
         degree=at_states.degree,
         root_count=len(at_states.roots),
         # with roots, an exact value may be not zero only because a root has its other sign in the field
-        misses_zeros=has_roots and _misses_zeros(is_zero, at_states.known, sides, share),
+        misses_zeros=has_roots and _misses_zeros(is_zero, at_states.known, sides, other_zero_share),
     )
     status, reason = evidence.verdict(reasons)
     witness: dict[str, float] = {}
@@ -349,18 +350,24 @@ class _Numbers:
         return tuple(nodes)
 
 
-def _misses_zeros(zero: Truths, known: Truths, sides: Sequence[Truths], share: float | None) -> bool:
+def _misses_zeros(zero: Truths, known: Truths, sides: Sequence[Truths], other_zero_share: float | None) -> bool:
     """Return whether no zeros are on one side of a condition, although chance would have put one there.
 
-    `share` is the share of exact values that are zero by the signs of roots; None: that of `zero` (k,) in `known` (k,).
+    Args:
+        zero: the states (k,) where the exact values are zero.
+        known: the states (k,) with exact values.
+        sides: the states (k,) with each answer of each condition.
+        other_zero_share: share of exact values that are zero by the signs of roots, as found at other states; None:
+            the share of `zero` in `known`.
     """
-    if share is None:
+    zero_share = other_zero_share
+    if zero_share is None:
         if not zero.any():
             return False
-        share = float(zero.sum() / known.sum())
+        zero_share = float(zero.sum() / known.sum())
     for side in (known, *sides):
         count = int((known & side).sum())
-        chance = (1 - share) ** count  # of no zero among so many states
+        chance = (1 - zero_share) ** count  # of no zero among so many states
         if not (zero & side).any() and chance < _CHANCE:
             return True
     return False

@@ -72,7 +72,7 @@ def proof_of(attempt: Attempt, states: int) -> Proof:
     return Proof(
         claims=tuple(attempt.claims),
         states=states,
-        inside=min(attempt.shares),
+        inside=min(attempt.shares_within_reach),
         branches=None,
         drawn=tuple(proof_states.drawn),
         fixed=tuple(name for name in angles(proof_states.formula) if name not in proof_states.drawn),

@@ -266,7 +266,7 @@ class _ProofRun:
         formulas: bool = False,
         root_groups: Sequence[RootGroup] = (),
         near: Mapping[str, Array] | None = None,
-        zero_shares: Mapping[str, float] = {},
+        other_zero_shares: Mapping[str, float] = {},
     ) -> _JudgedAttempt:
         """Return one attempt and its proof, with the next prime if a constant has no root modulo the first one.
 
@@ -276,7 +276,7 @@ class _ProofRun:
             formulas: whether what is not zero is computed as a polynomial.
             root_groups: if given, only states are judged where all roots of one of these groups exist.
             near: {random number: values (k,) near which it is drawn}; None: anywhere in its range.
-            zero_shares: {claim: share of its exact values that are zero at other states}.
+            other_zero_shares: {claim: share of its exact values that are zero at other states}.
         """
         prover = self.prover
         while True:
@@ -287,7 +287,7 @@ class _ProofRun:
                     states = random_states(prover.formula, prover.robot, count, prover.seed, drawn, formulas, near)
                 if root_groups:
                     states = with_roots(states, self.variants, root_groups)
-                attempt = attempted(states, self.variants, zero_shares)
+                attempt = attempted(states, self.variants, other_zero_shares)
             if not attempt.rootless or len(self.primes) == 1:
                 return _JudgedAttempt(proof_of(attempt, count), attempt)
             self.primes.pop(0)
@@ -341,11 +341,11 @@ class _ProofRun:
         count = len(next(iter(near.values())))
         if not count:
             return proof
-        shares = {}
+        zero_shares = {}
         for claim in proof.claims:
             if claim.status == "proved" and claim.roots:
-                shares[claim.name] = claim.share
-        other_states = self._attempt(proof.drawn, count, near=near, zero_shares=shares).proof
+                zero_shares[claim.name] = claim.zero_share
+        other_states = self._attempt(proof.drawn, count, near=near, other_zero_shares=zero_shares).proof
         return combined_proof.demote_contradicted(proof, other_states)
 
 
