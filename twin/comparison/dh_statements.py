@@ -58,7 +58,7 @@ class CellStatement:
         """Return the side with another value of this parameter, in the unit of the table; None if it has no such row.
 
         `values` has this one value. A change of the row moves its joint and all that follows it by a motion in the base
-        frame: T_before_joint moves what the part before the joint places, T_after_joint what the whole row places.
+        frame: `W_joint` moves what the part before the joint places, `W_link` what the whole row places.
         """
         entry = side.frames.get(self.row.link)
         if entry is None:
@@ -69,19 +69,19 @@ class CellStatement:
         new_before, new_after = self._parts(changed)
         T_joint = self._joint_motion(side)
         T_base_parent = T_base_link @ spatial.inverse(before @ T_joint @ after)
-        T_before_joint = T_base_parent @ new_before @ spatial.inverse(T_base_parent @ before)
-        T_after_joint = T_base_parent @ new_before @ T_joint @ new_after @ spatial.inverse(T_base_link)
+        W_joint = T_base_parent @ new_before @ spatial.inverse(T_base_parent @ before)
+        W_link = T_base_parent @ new_before @ T_joint @ new_after @ spatial.inverse(T_base_link)
         axes = []
         for axis in side.axes:
             if axis.name in self.row.joints_below:
-                axis = _moved(axis, T_after_joint)
+                axis = _moved(axis, W_link)
             elif axis.name == self.row.joint:
-                axis = _moved(axis, T_before_joint)
+                axis = _moved(axis, W_joint)
             axes.append(axis)
         frames = {}
         for name, (group, T) in side.frames.items():
             if name in self.row.frames_below:
-                T = T_after_joint @ T
+                T = W_link @ T
             frames[name] = (group, T)
         return replace(side, axes=tuple(axes), frames=frames)
 
