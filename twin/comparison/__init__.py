@@ -30,7 +30,7 @@ The two sides and how they are mapped onto each other:
     tool_motion       the tool at the rows, with changed signs, zeros and places of joints
     row_fit           base frame, tool frame and changes that fit the rows
     row_noise         whether what remains is noise
-    row_changes       the fewest changes with which only noise remains
+    fewest_changes    the fewest changes with which only noise remains
 
 What differs:
 

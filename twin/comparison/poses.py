@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin.comparison.row_changes import RowChanges
+from twin.comparison.fewest_changes import fewest_changes
 from twin.comparison.row_columns import joint_values, require_common_range, without_followers
 from twin.comparison.row_fit import LEVER, RowFit, RowState, frames_of
 from twin.comparison.row_noise import RowNoise
@@ -137,15 +137,17 @@ def _compared(
     distances = np.linalg.norm(shifts, axis=1)
     angles = np.linalg.norm(turns, axis=1)
     worst = int(np.argmax(distances + LEVER * angles))
-    saturated = noise.saturated(frames_alone)
-    # where the rows show their noise, the frames have just been fitted once more, with its weight of angles
+    saturated: RowState | None = None
+    saturation = noise.saturated(frames_alone)
+    if saturation is not None:
+        # where the rows show their noise, the frames are fitted once more, with its weight of angles
+        noise, frames_alone, saturated = saturation
     base, tool = frames_of(frames_alone.x)
     deviations = noise.deviations(saturated)
     agrees = noise.agrees(frames_alone, saturated)
     explained = None
     if not agrees and saturated is not None and isinstance(motion, ChainMotion):
-        search = RowChanges(fit, noise, motion)
-        explained, saturated = search.searched(frames_alone, saturated)
+        explained, saturated = fewest_changes(noise, motion, frames_alone, saturated)
         deviations = noise.deviations(saturated)
     pose_fit = PoseFit(
         rows=len(rows.q),

@@ -81,7 +81,8 @@ class RowFit:
         lever: length in m by which an angle in rad counts as much as a distance.
     """
 
-    def __init__(self, rows: PoseRows, motion: FixedMotion | ChainMotion) -> None:
+    def __init__(self, rows: PoseRows, motion: FixedMotion | ChainMotion, lever: float | None = None) -> None:
+        """Take the lever in m; None: the ratio of both kinds of noise that the rows state, or else `LEVER`."""
         self.rows = rows
         self.motion = motion
         length, angle = rows.noise
@@ -90,6 +91,8 @@ class RowFit:
         # stated noise weighs both kinds of numbers: each then has a standard deviation of 1
         if length is not None and angle is not None:
             self.lever = length / angle
+        if lever is not None:
+            self.lever = lever
 
     def parts(self, x: Array, signs: Array, changes: Sequence[JointChange]) -> tuple[Array, Array]:
         """Return the shifts (k, 3) in m and rotation vectors (k, 3) in rad from the computed to the stated poses."""

@@ -7,6 +7,7 @@ estimated from the same rows, an F distribution. A remainder is noise unless its
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import chdtr, chdtrc, fdtrc
@@ -35,11 +36,25 @@ _MUCH_LESS = 0.5
 """Ratio of two standard deviations from which the smaller one belongs to other signs, not to chance."""
 
 
+class Saturation(NamedTuple):
+    """What a fit with every joint free says about the noise of rows.
+
+    Attributes:
+        noise: the noise, with a fit whose lever is that of both states.
+        state: the fit without the further unknowns.
+        saturated: the fit with every joint free.
+    """
+
+    noise: RowNoise
+    state: RowState
+    saturated: RowState
+
+
 class RowNoise:
     """The noise of rows of poses, and what is more than noise.
 
     Attributes:
-        fit: the rows and their fit. An estimate of the noise sets its lever.
+        fit: the rows and their fit.
         tolerance: largest distance in m that is no difference.
         stated: whether the table states the noise; else it is estimated from the rows.
     """
@@ -72,11 +87,11 @@ class RowNoise:
 
     # -- estimate -------------------------------------------------------------------------------------
 
-    def saturated(self, state: RowState) -> RowState | None:
+    def saturated(self, state: RowState) -> Saturation | None:
         """Return the fit with every joint free, with each kind of remainder in units of its own noise.
 
-        None without a chain, or with too few rows. If the rows show their noise, the lever is set to the ratio of its
-        two kinds, and the remainder of `state` is brought to the same units.
+        None without a chain, or with too few rows. If the rows show their noise, the lever is the ratio of its two
+        kinds, and `state` is fitted once more with it.
         """
         motion = self.fit.motion
         if not isinstance(motion, ChainMotion):
@@ -90,36 +105,37 @@ class RowNoise:
         if self.freedoms(saturated) < _FREEDOMS:
             return None
         if self.stated or self.fit.rows.computed or not self.fit.rows.rotations:
-            return saturated
+            return Saturation(self, state, saturated)
         sigma, sigma_angle = self._deviation(saturated)
-        if sigma > 0 and sigma_angle > 0:
-            self.fit.lever = sigma / sigma_angle
-            saturated = self.fit.solved(saturated.signs, saturated.changes, saturated.x)
-            refitted = self.fit.solved(state.signs, state.changes, state.x)
-            state.x = refitted.x
-            state.r = refitted.r
-            state.J = refitted.J
-        return saturated
+        if sigma == 0 or sigma_angle == 0:
+            return Saturation(self, state, saturated)
+        fit = RowFit(self.fit.rows, motion, sigma / sigma_angle)
+        saturated = fit.solved(saturated.signs, saturated.changes, saturated.x)
+        refitted = fit.solved(state.signs, state.changes, state.x)
+        return Saturation(RowNoise(fit, self.tolerance), refitted, saturated)
 
-    def least_noisy(self, states: Sequence[RowState], saturated: RowState) -> RowState:
-        """Return the fit with every joint free and the least noise, among sets of signs that leave less than the first.
+    def least_noisy(self, states: Sequence[RowState], saturated: RowState) -> tuple[RowNoise, RowState]:
+        """Return (noise, fit with every joint free) of the least noise, among signs that leave less than the first.
 
-        With a wrong sign, no places of joints leave only noise: it would be estimated far too large.
+        `states` are fits of the frames alone, one for each set of signs; `saturated` belongs to the first. With a wrong
+        sign, no places of joints leave only noise: it would be estimated far too large.
         """
         first = states[0]
+        best_noise = self
         best = saturated
         least, _ = self._deviation(saturated)
         for state in states[1:]:
             if state.sse >= first.sse:
                 continue
-            lever = self.fit.lever
-            candidate = self.saturated(state)
-            if candidate is not None and self._deviation(candidate)[0] < _MUCH_LESS * least:
-                best = candidate
-                least, _ = self._deviation(candidate)
-            else:
-                self.fit.lever = lever
-        return best
+            candidate = best_noise.saturated(state)
+            if candidate is None:
+                continue
+            deviation, _ = self._deviation(candidate.saturated)
+            if deviation < _MUCH_LESS * least:
+                best_noise = candidate.noise
+                best = candidate.saturated
+                least = deviation
+        return best_noise, best
 
     def deviations(self, saturated: RowState | None) -> tuple[float, float] | None:
         """Return the noise in m and rad that the table states, or else that the rows show; None without an estimate."""

@@ -1,7 +1,16 @@
-"""The fewest signs, zeros and places of joints with which a robot has the poses of rows.
+"""The fewest signs, zeros and places of joints with which a robot has the tool poses of rows.
 
-Numbers of changes are tried from one upward. For each, a linear estimate of the remainder chooses the sets of changes
-that are fitted; the first fit that leaves only noise is the answer.
+A row has joint values q and a measured tool pose T_row. The fit is T_row = X T(q) Y, with the base frame X and the tool
+frame Y of whoever measured, and these changes of the robot's joints:
+
+    sign       the joint turns or slides the other way: a flip
+    zero       its value is another one at the same posture: one number in m or rad
+    place      its line is elsewhere on its parent link: six numbers
+
+The remainder is what a fit leaves of the rows. The saturated fit has the places of all joints free: what it leaves is
+only noise, or a wrong sign. Numbers of changes, flips included, are tried from one upward. For each, a linear estimate
+of the remainder chooses the sets of zeros and places that are fitted. The first fit that leaves only noise is the
+answer.
 """
 
 from __future__ import annotations
@@ -11,19 +20,23 @@ from itertools import combinations
 
 import numpy as np
 
-from twin.comparison.row_fit import RowFit, RowState
+from twin.comparison.row_fit import RowState
 from twin.comparison.row_noise import RowNoise
 from twin.comparison.tool_motion import FRAME_UNKNOWNS, ChainMotion, JointChange
 from twin.core.spatial import Array
 
-_FLIPS = 2
+_MOST_FLIPS = 2
 """Maximum number of joints that turn the other way."""
 
-_CHANGES = 3
+_MOST_CHANGES = 3
 """Maximum number of zeros and places of joints that are changed together."""
 
-_TRIED = 6
-"""Number of the most promising sets of signs, and of changes, that are fitted."""
+_FITTED_SIGNS = 6
+"""Number of the most promising sets of signs that are fitted."""
+
+_FITTED_SINGLE = 6
+_FITTED_SETS = 3
+"""Number of the most promising single changes that are fitted for each set of signs, and of sets of several."""
 
 _DAMPING = 1e-12
 """Damping of the linear estimate, relative to the sum of squares of the derivatives: frames may be open in part."""
@@ -32,49 +45,54 @@ _NO_DEVIATION = 1e-15
 """Standard deviation in m or rad that stands for 0 in a quotient."""
 
 
-class RowChanges:
-    """The search of the fewest changes of a chain.
+def fewest_changes(
+    noise: RowNoise, motion: ChainMotion, frames_alone: RowState, saturated: RowState
+) -> tuple[RowState | None, RowState]:
+    """Return (the fit with the fewest changes or None, the saturated fit with which its remainder is compared).
 
     Args:
-        fit: the rows and their fit.
-        noise: what is more than noise.
-        motion: the chain, as in `fit`.
+        noise: what is more than noise, with the fit of the rows.
+        motion: the chain of that fit.
+        frames_alone: the fit of base and tool frame without changes.
+        saturated: the saturated fit without flips.
     """
+    search = _FewestChanges(noise, motion)
+    if noise.accepts(saturated, saturated):
+        # the fits of flips take long: one change without a flip needs none of them, as nothing can be fewer
+        explained = search.explained([frames_alone], saturated, most=1)
+        if explained is not None:
+            return explained, saturated
+    starts = search.sign_states(frames_alone)
+    noise, saturated = noise.least_noisy(starts, saturated)
+    if not noise.accepts(saturated, saturated):
+        return None, saturated  # what remains with every joint free is no noise: fewer changes leave more
+    # the noise may have another lever than that with which the starts were fitted
+    refitted = []
+    for state in starts:
+        refitted.append(noise.fit.solved(state.signs, (), state.x))
+    search = _FewestChanges(noise, motion)
+    return search.explained(refitted, saturated, most=_MOST_FLIPS + _MOST_CHANGES), saturated
 
-    def __init__(self, fit: RowFit, noise: RowNoise, motion: ChainMotion) -> None:
-        self._fit = fit
+
+class _FewestChanges:
+    """The search with the lever of one estimate of the noise; the arguments are those of `fewest_changes`."""
+
+    def __init__(self, noise: RowNoise, motion: ChainMotion) -> None:
         self._noise = noise
+        self._fit = noise.fit
         self._motion = motion
 
-    def searched(self, frames_alone: RowState, saturated: RowState) -> tuple[RowState | None, RowState]:
-        """Return (the fit with the fewest changes or None, the fit with every joint free).
+    def explained(self, starts: Sequence[RowState], saturated: RowState, *, most: int) -> RowState | None:
+        """Return the fit with the fewest changes, flips included, that leaves only noise; None if `most` do not.
 
-        Args:
-            frames_alone: the fit of base and tool frame without changes.
-            saturated: the fit with every joint free, without changed signs.
+        `starts` are fits of the frames alone, one for each set of signs.
         """
-        if self._noise.accepts(saturated, saturated):
-            explained = self._explained([frames_alone], saturated)
-            if explained is not None:
-                return explained, saturated
-        starts = self._sign_states(frames_alone)
-        saturated = self._noise.least_noisy(starts, saturated)
-        if not self._noise.accepts(saturated, saturated):
-            return None, saturated  # what remains with every joint free is no noise: fewer changes leave more
-        # the estimate of the noise may have changed the unit of angles
-        refitted = []
-        for state in starts:
-            refitted.append(self._fit.solved(state.signs, (), state.x))
-        return self._explained(refitted, saturated), saturated
-
-    def _explained(self, starts: Sequence[RowState], saturated: RowState) -> RowState | None:
-        """Return the fit with the fewest changes that leaves only noise; None if there is none."""
         possible = self._possible_changes()
-        for cost in range(1, _FLIPS + _CHANGES + 1):
+        for cost in range(1, most + 1):
             for state in starts:
                 flips = int((state.signs < 0).sum())
                 size = cost - flips
-                if not 0 <= size <= _CHANGES:
+                if not 0 <= size <= _MOST_CHANGES:
                     continue
                 for candidate in self._promising(state, possible, size):
                     if self._noise.accepts(candidate, saturated):
@@ -90,12 +108,12 @@ class RowChanges:
             changes.append(JointChange("place", joint))
         return changes
 
-    def _sign_states(self, frames_alone: RowState) -> list[RowState]:
+    def sign_states(self, frames_alone: RowState) -> list[RowState]:
         """Return fits of the frames alone with the most promising sets of signs, first that without changes."""
         count = self._motion.count
         ranked: list[tuple[float, Array, Array]] = []
         driven = np.flatnonzero(self._motion.has_values)
-        for flips in range(1, _FLIPS + 1):
+        for flips in range(1, _MOST_FLIPS + 1):
             for chosen in combinations(driven, flips):
                 signs = np.ones(count)
                 signs[list(chosen)] = -1.0
@@ -105,7 +123,7 @@ class RowChanges:
                 ranked.append((cost, signs, x))
         ranked.sort(key=lambda entry: entry[0])
         states = [frames_alone]
-        for _, signs, x in ranked[:_TRIED]:
+        for _, signs, x in ranked[:_FITTED_SIGNS]:
             states.append(self._fit.solved(signs, (), x))
         return states
 
@@ -123,17 +141,17 @@ class RowChanges:
             if len(joints) < size:
                 continue
             derivatives_of_set = []
-            values = 0
+            value_count = 0
             for change in chosen:
                 derivatives_of_set.append(derivatives[change])
-                values += change.size
+                value_count += change.size
             remainder = _linear_remainder(state, derivatives_of_set)
-            estimates.append((remainder, values, chosen))
+            estimates.append((remainder, value_count, chosen))
         estimates.sort(key=lambda entry: entry[0])
-        most = _TRIED if size == 1 else _TRIED // 2
+        most = _FITTED_SINGLE if size == 1 else _FITTED_SETS
         # a place has six values, a zero one: of similar remainders the zero is the smaller change
-        for _, values, chosen in sorted(estimates[:most], key=lambda entry: entry[1]):
-            x = np.concatenate([state.x, np.zeros(values)])
+        for _, value_count, chosen in sorted(estimates[:most], key=lambda entry: entry[1]):
+            x = np.concatenate([state.x, np.zeros(value_count)])
             yield self._fit.solved(state.signs, chosen, x)
 
     def _derivatives(self, state: RowState, change: JointChange) -> Array:
