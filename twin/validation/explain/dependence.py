@@ -2,19 +2,21 @@
 
 If a row has its unknown on the right side (q1 = ... q2 - q1 ...), an edit can make the row trivial: q1 = q1, or a copy
 of another row. Such a row always agrees, and so does a row with a zero factor. Residuals at the mechanism's poses do
-not reveal these edits. Therefore, one symbol at a time is perturbed, and the change of the residuals is observed.
+not reveal these edits. Therefore, one symbol at a time is perturbed, and the change of the residuals is observed. What
+copies other rows is found by `determined_unknowns`.
 """
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
 from twin.core.spatial import Array
 from twin.formula.scalar import Value
 from twin.validation.explain.candidate import Candidate, edited_residuals
+from twin.validation.explain.determined_unknowns import DeterminedUnknowns
 from twin.validation.explain.equation_steps import RowKey, Step
 from twin.validation.explain.function_source import Edit, Source
 from twin.validation.explain.rebuilt_functions import Matrix
@@ -27,18 +29,6 @@ _PERTURBATION = 1e-3
 _ROUNDING = 1e-9
 """Largest change of a residual that counts as rounding, relative to the larger of the residual and the tolerance."""
 
-_STEP = 1e-5
-"""Step (m, rad) of numeric derivatives with respect to the unknowns of an implicit equation."""
-
-_NO_DIRECTION = 1e-8
-"""Relative singular value below which gradients of several rows count as parallel."""
-
-_MOST_POSES = 0.5
-"""Part of the poses at which a row must determine its unknown; at single poses, gradients may be parallel."""
-
-_PARALLEL = 1e-6
-"""Minimum size of the component of a row's unit gradient outside the span of the other rows' gradients."""
-
 
 class Dependence:
     """Dependence of the rows of a formula on symbols, at the mechanism's poses and at other values."""
@@ -49,18 +39,22 @@ class Dependence:
         self.bases = (judge, perturbed_judge)
         self._perturbed: dict[tuple[int, str, frozenset[str], str], Judge] = {}
         """Judges with one symbol perturbed, by index of the base, equation, judged equations, and symbol."""
-        self._stepped: dict[tuple[str, str, int], Judge] = {}
-        """Judges with one unknown moved by a step, by equation, symbol and sign of the step."""
+        self._unknowns = DeterminedUnknowns(judge)
         self._symbol = {place.key: place.symbol for place in judge.residuals}
         self._symbols_read: dict[tuple[str, RowKey], set[str]] = {}
         """Symbols on which an unedited row depends, by equation in which the edits are, and row."""
 
     def judge_dependence(self, candidate: Candidate, rows: Collection[RowKey]) -> None:
-        """Set `is_trivial` and `dropped` of a candidate that repairs `rows`; see `Candidate`."""
+        """Set `is_trivial` and `dropped` of a candidate that repairs `rows`; see `Candidate`.
+
+        For example, the two edits of `q1 = Z - l_2 * sin(q2)` to `q1 = q1 - 0 * sin(q2)` agree at every pose. The
+        residual of the row depended on Z, l_2 and q2, and depends on no symbol after the edits: it is trivial, and all
+        three are dropped. Where an edited row does not determine its unknown, `dropped` stays as it is.
+        """
         if not rows:
             return
         for row in rows:
-            if not (self._returns_own(candidate, row) or self.determined(candidate, row)):
+            if not (self._returns_own(candidate, row) or self._unknowns.determines(candidate, row)):
                 candidate.is_trivial = True
                 return
         after = self._symbols_of(candidate.step, candidate.edits, rows)
@@ -164,92 +158,9 @@ class Dependence:
             values = {**base.step(step.equation.name).computed, **base.reference.symbols}
             if symbol not in values:
                 return None
-            values[symbol] = _perturbed(values[symbol], base.reference.k)
+            values[symbol] = _with_perturbation(values[symbol], base.reference.k)
             self._perturbed[key] = base.on(base.reference.with_values(values), equations)
         return self._perturbed[key]
-
-    # -- unknowns of implicit rows ---------------------------------------------------------------------------
-
-    def determined(self, candidate: Candidate, row: RowKey) -> bool:
-        """Return whether an edited row still determines its unknown, together with the other rows of the equation.
-
-        Only an equation that uses its own outputs can fail this check. The gradient of each row (right side minus left
-        side) with respect to these outputs is computed at the mechanism's poses. The gradient of the edited row must
-        not be in the span of the other gradients.
-        """
-        step = self.judge.step(row[0])
-        unknowns = _own_unknowns(step, candidate.edits)
-        if not unknowns:
-            return True
-        kinds: dict[RowKey, str] = {}
-        is_scalar = False
-        for place, residual in self.judge.residuals.items():
-            if place.equation == row[0]:
-                kinds[place.key] = self.judge.reference.kinds[place.symbol]
-            if place.key == row:
-                is_scalar = residual.shape[1] == 1
-        if not is_scalar:
-            return True
-        gradients = self._gradients(candidate, row[0], unknowns, kinds)
-        if gradients is None:
-            return False
-        own_gradient = gradients.pop(row)
-        has_value = np.isfinite(own_gradient).all(axis=1)
-        if not has_value.any():
-            return False
-        outside = own_gradient
-        if gradients:
-            unit_gradients: list[Array] = []
-            for gradient in gradients.values():
-                unit_gradients.append(_unit(gradient))
-            A = np.stack(unit_gradients, axis=1)  # (k, rows, unknowns)
-            # pinv(A) A is the orthogonal projection on the span of the rows of A, the other gradients.
-            span = np.linalg.pinv(A, rcond=_NO_DIRECTION) @ A
-            inside = (own_gradient[:, None, :] @ span)[:, 0]
-            outside = own_gradient - inside
-        is_outside = np.linalg.norm(outside, axis=1) > _PARALLEL
-        share = np.mean(is_outside[has_value])
-        return float(share) > _MOST_POSES
-
-    def _gradients(
-        self, candidate: Candidate, equation: str, unknowns: Sequence[str], kinds: Mapping[RowKey, str]
-    ) -> dict[RowKey, Array] | None:
-        """Return {row: gradient (k, unknowns) of right minus left side in SI}, NaN for vectors; None after an error."""
-        tolerance = self.judge.tolerance
-        slopes: dict[RowKey, list[Array]] = {}
-        for name in unknowns:
-            above = self._sides(candidate, equation, name, 1)
-            below = self._sides(candidate, equation, name, -1)
-            if above is None or below is None:
-                return None
-            for row, kind in kinds.items():
-                unit = tolerance.angle if kind == "angle" else tolerance.length
-                # Residuals are in units of the tolerance; the gradient is in SI, as the components are compared.
-                slope = (above[row] - below[row]) * (unit / (2 * _STEP))
-                column = np.full(len(slope), np.nan)
-                if slope.shape[1] == 1:
-                    column = slope[:, 0]
-                slopes.setdefault(row, []).append(column)
-        gradients: dict[RowKey, Array] = {}
-        for row, columns in slopes.items():
-            gradients[row] = np.stack(columns, axis=1)
-        return gradients
-
-    def _sides(self, candidate: Candidate, equation: str, name: str, sign: int) -> dict[RowKey, Array] | None:
-        """Return the residuals of an edited equation with one symbol moved by a step; None after an error."""
-        key = (equation, name, sign)
-        if key not in self._stepped:
-            values = {**self.judge.step(equation).computed, **self.judge.reference.symbols}
-            values[name] = values[name] + sign * _STEP
-            self._stepped[key] = self.judge.on(self.judge.reference.with_values(values), {equation})
-        judge = self._stepped[key]
-        unedited = edited_residuals(judge, equation, ()) or {}
-        if candidate.step.equation.name != equation:
-            return unedited
-        changed = edited_residuals(judge, equation, candidate.edits)
-        if changed is None:
-            return None
-        return {**unedited, **changed}
 
 
 def equations_from(judge: Judge, step: Step) -> list[str]:
@@ -261,32 +172,7 @@ def equations_from(judge: Judge, step: Step) -> list[str]:
     return names
 
 
-def _own_unknowns(step: Step, edits: Sequence[Edit]) -> list[str]:
-    """Return the compared outputs of an equation that it also uses: its arguments, and those that edits add to them."""
-    added_arguments: set[str] = set()
-    for edit in edits:
-        if edit.define and not edit.define[1]:
-            added_arguments.add(edit.define[0])
-    arguments: list[str] = []
-    added: list[str] = []
-    for name in step.equation.outputs:
-        if name not in step.known_outputs:
-            continue
-        if name in step.inputs:
-            arguments.append(name)
-        elif name in added_arguments:
-            added.append(name)
-    return arguments + added
-
-
-def _unit(gradient: Array) -> Array:
-    """Return the unit vectors of gradients (k, n); zero where they are not finite."""
-    length = np.linalg.norm(gradient, axis=1, keepdims=True)
-    unit = gradient / np.maximum(length, _PARALLEL)
-    return np.where(np.isfinite(unit).all(axis=1, keepdims=True), unit, 0.0)
-
-
-def _perturbed(x: Value, k: int) -> Value:
+def _with_perturbation(x: Value, k: int) -> Value:
     """Return a value with a perturbation of alternating sign, so that opposite effects do not cancel."""
     sign = np.where(np.arange(k) % 2, -1.0, 1.0)
     added = _PERTURBATION / 10  # so that also a zero is changed

@@ -14,8 +14,7 @@ from typing import TypeGuard
 
 from twin.validation.explain.function_source import Edit, Source, Statement
 from twin.validation.explain.name_pool import NamePool
-from twin.validation.explain.parentheses import other_parentheses
-from twin.validation.explain.tokens import parents_of
+from twin.validation.explain.tokens import other_parentheses, parents_of
 
 _FUNCTIONS = (
     ("sin", "cos", "tan"),

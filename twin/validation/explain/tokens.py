@@ -1,4 +1,4 @@
-"""Find tokens and syntax nodes in a text, and replace parts of a text."""
+"""Find tokens and syntax nodes in a text, replace parts of a text, and change its parentheses."""
 
 from __future__ import annotations
 
@@ -6,7 +6,14 @@ import ast
 import contextlib
 import io
 import tokenize
+from collections.abc import Iterator, Sequence
 from typing import AnyStr, NamedTuple
+
+_LONGEST_MOVE = 48
+"""Maximum number of tokens by which a parenthesis is moved."""
+
+_LONGEST_PAIR = _LONGEST_MOVE // 2
+"""Maximum number of tokens in a pair of parentheses that is added."""
 
 
 class Token(NamedTuple):
@@ -85,3 +92,105 @@ def cut(text: str, parts: list[tuple[int, int, str]]) -> str:
     for start, end, new in reversed(parts):  # from the end, so that earlier positions stay as they are
         text = text[:start] + new + text[end:]
     return text
+
+
+def other_parentheses(text: str) -> Iterator[tuple[int, int, str]]:
+    """Yield (start, end, new text) of the changes of a text that give it other parentheses and another meaning."""
+    known_shapes = {shape(text)}
+    for new in _parenthesised(text):
+        new_shape = shape(new)
+        # Parentheses that change nothing are no edit, and many of them come to the same.
+        if not new_shape or new_shape in known_shapes:
+            continue
+        known_shapes.add(new_shape)
+        before, after = _changed_part(text, new)
+        yield before, len(text) - after, new[before : len(new) - after]
+
+
+def _changed_part(text: str, new: str) -> tuple[int, int]:
+    """Return the numbers of equal characters before and after what differs between two texts, in whole names."""
+    shorter = min(len(text), len(new))
+    before = 0
+    while before < shorter and text[before] == new[before]:
+        before += 1
+    if before == shorter:
+        before = 0
+    after = 0
+    while after < shorter - before and text[-1 - after] == new[-1 - after]:
+        after += 1
+    if after == shorter - before:
+        after = 0
+    while before and (text[before - 1].isalnum() or text[before - 1] == "_"):
+        before -= 1
+    return before, after
+
+
+def _parenthesised(text: str) -> Iterator[str]:
+    """Yield a text with one pair of parentheses less, with one end of a pair elsewhere, or with one pair more."""
+    tokens = tokens_of(text)
+    for opening, closing in _pairs(tokens):
+        is_of_call = opening > 0 and tokens[opening - 1].kind == tokenize.NAME
+        if not is_of_call:
+            yield cut(text, [_removed(tokens[opening]), _removed(tokens[closing])])
+        yield from _with_closing_elsewhere(text, tokens, opening, closing)
+        if not is_of_call:  # the parenthesis after a function's name stays there
+            yield from _with_opening_elsewhere(text, tokens, opening, closing)
+    yield from _with_new_pair(text, tokens)
+
+
+def _pairs(tokens: Sequence[Token]) -> list[tuple[int, int]]:
+    """Return the indices of the opening and the closing token of each pair of parentheses, inner pairs first."""
+    open_tokens: list[int] = []
+    pairs: list[tuple[int, int]] = []
+    for i, token in enumerate(tokens):
+        if token.kind != tokenize.OP:
+            continue
+        if token.text == "(":
+            open_tokens.append(i)
+        elif token.text == ")" and open_tokens:
+            pairs.append((open_tokens.pop(), i))
+    return pairs
+
+
+def _removed(token: Token) -> tuple[int, int, str]:
+    """Return the part of a text that removes a token; see `cut`."""
+    return token.start, token.end, ""
+
+
+def _with_closing_elsewhere(text: str, tokens: Sequence[Token], opening: int, closing: int) -> Iterator[str]:
+    """Yield a text with the closing end of a pair after another operand or parenthesis."""
+    for i, token in enumerate(tokens):
+        # After the token before it, the end would stand where it is now.
+        is_same_place = i in (closing, closing - 1)
+        if abs(i - closing) > _LONGEST_MOVE or i <= opening or is_same_place:
+            continue
+        if token.is_operand or token.text == ")":
+            inserted = (token.end, token.end, ")")
+            yield cut(text, sorted([_removed(tokens[closing]), inserted]))
+
+
+def _with_opening_elsewhere(text: str, tokens: Sequence[Token], opening: int, closing: int) -> Iterator[str]:
+    """Yield a text with the opening end of a pair before another operand, parenthesis or sign."""
+    for i, token in enumerate(tokens):
+        if abs(i - opening) > _LONGEST_MOVE or i >= closing or i == opening:
+            continue
+        if token.is_operand or token.text in ("(", "-"):
+            inserted = (token.start, token.start, "(")
+            yield cut(text, sorted([_removed(tokens[opening]), inserted]))
+
+
+def _with_new_pair(text: str, tokens: Sequence[Token]) -> Iterator[str]:
+    """Yield a text with one pair of parentheses more, around some operands."""
+    firsts: list[int] = []
+    lasts: list[int] = []
+    for i, token in enumerate(tokens):
+        if token.is_operand or token.text == "(":
+            firsts.append(i)
+        if token.is_operand or token.text in (")", "]"):
+            lasts.append(i)
+    for i in firsts:
+        start = tokens[i].start
+        for j in lasts:
+            if i < j <= i + _LONGEST_PAIR:
+                end = tokens[j].end
+                yield cut(text, [(start, start, "("), (end, end, ")")])
