@@ -24,8 +24,8 @@ import twin
 from made import own_robot
 from twin import api
 from twin.cli import main, option_values, scenes, show
+from twin.cli.command_line import after_imports
 from twin.cli.commands import HELP, doctor
-from twin.cli.interrupt import after_imports
 from twin.cli.parser import Command, parser
 from twin.core import assets
 

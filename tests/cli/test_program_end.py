@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from twin.cli import command_line
-from twin.cli.interrupt import after_imports
+from twin.cli.command_line import after_imports
 from twin.cli.parser import HELP, Command
 from twin.core.errors import TwinError
 from twin.core.jobs import Call

@@ -21,9 +21,8 @@ from twin.formula.evaluator import attach
 from twin.simulation import proxy
 from twin.simulation.condition import randomised
 from twin.simulation.controllers import passive
-from twin.simulation.controllers.grasp_pulse import GraspPulse
 from twin.simulation.controllers.hand_force import ForceParameters
-from twin.simulation.controllers.haptics import HapticHand
+from twin.simulation.controllers.haptics import GraspPulse, HapticHand
 from twin.simulation.controllers.passive import needed_damping, require_passive
 from twin.simulation.local_plane import COUNT, WIDTH, LocalPlane, rows
 

@@ -12,8 +12,8 @@ from twin.model.task import ConsoleTask
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS
 from twin.simulation.devices.hand import minimum_jerk
 from twin.simulation.session import measures, movement
+from twin.simulation.tasks.target.play import touched
 from twin.simulation.tasks.target.task import KIND, Target, Targets
-from twin.simulation.tasks.target.touch import touched
 from twin.simulation.world import Recording
 
 DT = 5e-3

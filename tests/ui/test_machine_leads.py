@@ -14,7 +14,7 @@ from twin.simulation.machine.machine_link import Address
 from twin.simulation.machine.machine_server import HOST
 from twin.ui.headset.client_messages import PostureMessage, RefusedError, UndoMessage
 from twin.ui.headset.live_robot import LiveRobot
-from twin.ui.session import reconnection
+from twin.ui.session import driven_machine
 
 
 class Still:
@@ -54,10 +54,10 @@ def test_postures_and_undo_are_refused_where_a_machine_leads_and_undo_keeps_its_
 
 
 def test_a_machine_that_answers_again_is_connected_again(monkeypatch):
-    monkeypatch.setattr(reconnection, "_PAUSE", 0.01)
+    monkeypatch.setattr(driven_machine, "_PAUSE", 0.01)
     with socket.socket() as states:
         states.bind((HOST, 0))  # nobody listens yet: connections are refused
-        again = reconnection.Reconnection(Address(HOST, 9, states.getsockname()[1]), 6)
+        again = driven_machine.Reconnection(Address(HOST, 9, states.getsockname()[1]), 6)
         assert again.take() is None
         states.listen()
         end = time.monotonic() + 60

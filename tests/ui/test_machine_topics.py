@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from twin.simulation.machine.levels import Level
-from twin.ui.headset.ros.machine_topics import MachineTopics
+from twin.ui.headset.ros.machine_bridge import MachineTopics
 
 
 class Master:

@@ -20,8 +20,7 @@ from twin.core.units import DEG
 from twin.planning.phase_path import build
 from twin.planning.protocol import load_protocol
 from twin.planning.protocol.course import angles_of, rotation
-from twin.ui.viewer.robot_file_edits import RecordedSession, append_phase, save_posture
-from twin.ui.viewer.toml_edits import rewrite
+from twin.ui.viewer.robot_file_edits import RecordedSession, append_phase, rewrite, save_posture
 
 ROOT = Path(__file__).parents[2]
 PROTOCOLS = sorted(ROOT.glob("trajectories/*/*.toml"))

@@ -28,7 +28,7 @@ from twin.simulation.machine.machine_server import HOST, Server
 from twin.ui.access.rules import AccessRules
 from twin.ui.headset.ros import machine_bridge
 from twin.ui.headset.ros.bridge import RosBridge
-from twin.ui.headset.ros.machine_topics import MachineTopics
+from twin.ui.headset.ros.machine_bridge import MachineTopics
 
 pytestmark = pytest.mark.slow
 

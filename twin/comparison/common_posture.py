@@ -28,9 +28,7 @@ def in_common_posture(problem: Problem) -> tuple[RobotSide, RobotSide] | None:
         if displacement is None:
             return None
         motion = moves[axis.parent]
-        point = motion[:3, :3] @ axis.point + motion[:3, 3]
-        direction = motion[:3, :3] @ axis.direction
-        axes.append(replace(axis, point=point, direction=direction, drawn=axis.drawn + displacement))
+        axes.append(replace(axis.moved_by(motion), drawn=axis.drawn + displacement))
     frames: dict[str, tuple[int, Array]] = {}
     for name, (group, frame) in problem.first.frames.items():
         frames[name] = (group, moves[group] @ frame)

@@ -74,9 +74,9 @@ class CellStatement:
         axes = []
         for axis in side.axes:
             if axis.name in self.row.joints_below:
-                axis = _moved(axis, W_link)
+                axis = axis.moved_by(W_link)
             elif axis.name == self.row.joint:
-                axis = _moved(axis, W_joint)
+                axis = axis.moved_by(W_joint)
             axes.append(axis)
         frames = {}
         for name, (group, T) in side.frames.items():
@@ -121,12 +121,6 @@ class CellStatement:
                 step = spatial.pose(spatial.exp_so3(vector))
             parts[part] = parts[part] @ step
         return parts[0], parts[1]
-
-
-def _moved(axis: Axis, motion: Array) -> Axis:
-    """Return a joint whose line is moved by a motion (4, 4) in base."""
-    point = motion[:3, :3] @ axis.point + motion[:3, 3]
-    return replace(axis, point=point, direction=motion[:3, :3] @ axis.direction)
 
 
 def cells(side: RobotSide) -> list[CellStatement]:

@@ -295,6 +295,17 @@ def placed(shift: Array, turn: Array) -> str:
     return " and ".join(parts) or "nothing"
 
 
+def placed_by(T: Array) -> str:
+    """Return a motion (4, 4) as text."""
+    return placed(T[:3, 3], spatial.log_so3(T[:3, :3]))
+
+
+def moved_frame(kind: str, text: str, T: Array) -> ComparedItem:
+    """Return the convention of a frame that is moved by T (4, 4)."""
+    shift = float(np.linalg.norm(T[:3, 3]))
+    return ComparedItem(kind, "", text, shift=shift, turn=float(spatial.rotation_angle(T[:3, :3])))
+
+
 def _direction(unit: Array) -> str:
     """Return a unit vector (3,) as text: the name of an axis, or its components."""
     for i, name in enumerate("xyz"):

@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from twin.comparison.fit import ANGLE_PER_LENGTH
-from twin.comparison.items import ComparedItem, placed
+from twin.comparison.items import ComparedItem, moved_frame, placed_by
 from twin.comparison.mimic import MimicError
 from twin.comparison.properties import KINDS, Properties, PropertyRow, is_same_limit
 from twin.comparison.side import UNLIMITED
-from twin.core import spatial
 from twin.core.quantity import moved
-from twin.core.spatial import Array
 
 _Limits = tuple[float, float] | None
 """Range of a joint in m or rad; None if a side states nothing, as in `side.Axis`."""
@@ -19,11 +17,11 @@ _Limits = tuple[float, float] | None
 
 def mimic_conventions(mimic: MimicError, tolerance: float) -> tuple[ComparedItem, ...]:
     """Return the frames that differ by more than a distance in m, or its angle."""
-    text = f"the base frame of {mimic.linkage} is moved by {_motion(mimic.base)} in that of {mimic.coupled}"
-    candidates = [_item("base frame", text, mimic.base)]
+    text = f"the base frame of {mimic.linkage} is moved by {placed_by(mimic.base)} in that of {mimic.coupled}"
+    candidates = [moved_frame("base frame", text, mimic.base)]
     if mimic.tool is not None:
-        text = f"the tool frame of {mimic.coupled} is moved by {_motion(mimic.tool)} in that of {mimic.linkage}"
-        candidates.append(_item("tool frame", text, mimic.tool))
+        text = f"the tool frame of {mimic.coupled} is moved by {placed_by(mimic.tool)} in that of {mimic.linkage}"
+        candidates.append(moved_frame("tool frame", text, mimic.tool))
     items = []
     for item in candidates:
         if item.shift > tolerance or item.turn > ANGLE_PER_LENGTH * tolerance:
@@ -56,14 +54,3 @@ def _interval(limits: _Limits) -> str:
     if not np.isfinite(limits).any():
         return "no limits"
     return f"{moved(limits[0], True)} .. {moved(limits[1], True)}"
-
-
-def _motion(T: Array) -> str:
-    """Return a motion (4, 4) as text."""
-    return placed(T[:3, 3], spatial.log_so3(T[:3, :3]))
-
-
-def _item(kind: str, text: str, T: Array) -> ComparedItem:
-    """Return the convention of a frame that is moved by T (4, 4)."""
-    shift = float(np.linalg.norm(T[:3, 3]))
-    return ComparedItem(kind, "", text, shift=shift, turn=float(spatial.rotation_angle(T[:3, :3])))

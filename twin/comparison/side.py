@@ -76,6 +76,11 @@ class Axis:
         """Whether the coordinate is an angle."""
         return self.kind != "prismatic"
 
+    def moved_by(self, motion: Array) -> Axis:
+        """Return the joint with its line moved by a motion (4, 4) in base."""
+        point = motion[:3, :3] @ self.point + motion[:3, 3]
+        return replace(self, point=point, direction=motion[:3, :3] @ self.direction)
+
 
 @dataclass(frozen=True)
 class JointGroup:

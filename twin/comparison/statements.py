@@ -63,7 +63,7 @@ class NumberStatement:
         for axis in side.axes:
             names = _stated_names(axis)
             if names <= self.joints:
-                axis = _moved_axis(axis, motion)
+                axis = axis.moved_by(motion)
             elif not names.isdisjoint(self.joints):
                 return None  # it parts hinges that stand for a ball
             axes.append(axis)
@@ -201,12 +201,6 @@ def _product(angles: Array, sequence: str) -> Array:
 def _stated_names(axis: Axis) -> set[str]:
     """Return the plain names of the joints that the file states for a joint: its parts, or itself."""
     return set(axis.parts) or {plain(axis.name)}
-
-
-def _moved_axis(axis: Axis, W: Array) -> Axis:
-    """Return a joint whose line is moved by W (4, 4)."""
-    point = W[:3, :3] @ axis.point + W[:3, 3]
-    return replace(axis, point=point, direction=W[:3, :3] @ axis.direction)
 
 
 def _frame(side: RobotSide, link: str) -> Array | None:

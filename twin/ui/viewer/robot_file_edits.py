@@ -6,17 +6,25 @@ unchanged.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import shutil
+import tomllib
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tomlkit
 from pydantic import TypeAdapter, ValidationError
+from tomlkit.container import OutOfOrderTableProxy
+from tomlkit.exceptions import TOMLKitError
+from tomlkit.items import Table, Whitespace
 
 from twin.cad import description as descriptions
 from twin.cad import references
 from twin.core import spatial
-from twin.core.errors import TwinError, unknown
+from twin.core.assets import atomic_folder
+from twin.core.errors import DescriptionError, OutputError, TwinError, unknown
+from twin.core.json_types import JsonObject
 from twin.core.spatial import Array
 from twin.core.units import DEG, MM, SI
 from twin.planning import phase_path as paths
@@ -34,7 +42,6 @@ from twin.planning.protocol import (
 from twin.planning.protocol.course import angles_of
 from twin.schema import Identifier, error_at
 from twin.ui.session.recorded_session import RecordedSession as RecordedSession
-from twin.ui.viewer.toml_edits import rewrite
 
 _DIGITS = {"mm": 6, "deg": 8}
 """Number of decimals of values in mm and in deg; the resolution is 1 nm, for angles 1 nm at a radius of 5 m."""
@@ -180,3 +187,92 @@ def _in_file_units(
 def _rounded(value: Any, unit: str) -> Any:
     """Return a number or list of numbers, rounded for the file, without negative zeros."""
     return (np.round(value, _DIGITS[unit]) + 0.0).tolist()
+
+
+Entry = tuple[str, str | None, JsonObject]
+"""(Table, key, values) of an entry to add. The values become the table `table.key` or, if the key is None, the last
+element of the list `table`."""
+
+
+def rewrite(path: Path, entries: list[Entry], check: Callable[[Path], None]) -> None:
+    """Write entries into a TOML file, if the new text passes a check.
+
+    `check` is called with the path of a file of the same name that contains the new text. It raises `TwinError` if the
+    text is invalid.
+
+    Raises:
+        TwinError: `check` raised it.
+        DescriptionError: the entries cannot be added in the layout of the file.
+        OutputError: the file cannot be written.
+    """
+    target = path.resolve()
+    text = target.read_bytes().decode("utf-8")
+    expected = tomllib.loads(text)
+    try:
+        document: Any = tomlkit.parse(text)
+        for table, key, values in entries:
+            if key is None:
+                expected[table].append(values)
+                _append(document, table, None, values)
+            else:
+                expected.setdefault(table, {})[key] = values
+                _append(document, table, key, values)
+        new = tomlkit.dumps(document)
+        if "\r\n" in text:
+            new = new.replace("\r\n", "\n").replace("\n", "\r\n")
+        same = tomllib.loads(new) == expected
+    except (TOMLKitError, ValueError, TypeError, AttributeError) as error:
+        raise _layout(path, entries) from error
+    if not same:
+        raise _layout(path, entries)
+    try:
+        with atomic_folder(target.parent) as work:
+            fresh = work / target.name
+            fresh.write_bytes(new.encode())
+            shutil.copymode(target, fresh)
+            try:
+                check(fresh)
+            except TwinError as error:
+                reason = str(error).replace(str(fresh), str(path))
+                raise type(error)(f"{reason} (in the new text; the file is unchanged)") from error
+    except OutputError as error:
+        why = getattr(error.__cause__, "strerror", None) or error
+        text = (
+            f"{path}: cannot be written: {why}. Copy the robot's folders to a writable place, and load the robot from "
+            "there."
+        )
+        raise OutputError(text) from error
+
+
+def _append(document: Any, table: str, key: str | None, values: JsonObject) -> None:
+    """Append values to the list `table` or, with a key, set the values in `table.key`; existing values are replaced."""
+    parent: Any = document.get(table)
+    if key is not None and parent is not None and key in parent:
+        parent[key].update(values)
+        return
+    if parent is None:
+        document[table] = parent = tomlkit.table(is_super_table=True)
+    fresh: Any = tomlkit.table()
+    fresh.update(values)
+    before = list(parent if key is None else parent.values())
+    if before and isinstance(before[-1], Table) and not isinstance(parent, OutOfOrderTableProxy):
+        # Comments after a blank line below the last table belong to the next table; insert the new table before them.
+        body = before[-1].value.body
+        end = max((n + 1 for n, (k, _) in enumerate(body) if k is not None), default=0)
+        end = next((n for n in range(end, len(body)) if isinstance(body[n][1], Whitespace)), len(body))
+        below = [item for _, item in body[end:]]
+        del body[end:]
+        before[-1].add(tomlkit.nl())
+        for item in below:
+            fresh.append(None, item)
+    if key is None:
+        document[table].append(fresh)
+    else:
+        parent[key] = fresh
+
+
+def _layout(path: Path, entries: list[Entry]) -> DescriptionError:
+    names = ", ".join(f"[{table}.{key}]" if key else f"[[{table}]]" for table, key, _ in entries)
+    return DescriptionError(
+        f"{path}: cannot add {names} in this layout: write the existing tables of this kind with such headers, too"
+    )

@@ -25,7 +25,7 @@ from twin.exchange.formats.mjcf.audit.declared_fields import further_declaration
 from twin.exchange.formats.mjcf.audit.model_checks import balance_at_keyframe, check_limits, check_model
 from twin.exchange.formats.mjcf.audit.mujoco_file import MujocoFile, read_mujoco
 from twin.exchange.formats.mjcf.audit.physics import compiled_physics
-from twin.exchange.formats.mjcf.audit.surface_colors import surface_colors
+from twin.exchange.formats.mjcf.audit.shapes import surface_colors
 from twin.exchange.formats.mjcf.audit.track_poses import play_track
 
 
