@@ -245,11 +245,8 @@ def test_the_nearer_of_two_triangles_is_seen_and_a_mesh_behind_the_lens_is_not(g
 
 @pytest.mark.slow
 def test_a_simulated_surgeon_aligns_the_endoscope_with_both_hands(performed):
-    a, start, end = (
-        performed.outcome.aligned,
-        performed.run.recording["ecm.at"][0],
-        performed.run.recording["ecm.at"][-1],
-    )
+    at = performed.run.recording["ecm.at"]
+    a, start, end = performed.outcome.aligned, at[0], at[-1]
     assert performed.verdict == "agree"
     assert abs(a.angle) < 0.2 * DEG
     assert abs(a.seen) < 0.2 * DEG
