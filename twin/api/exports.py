@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -174,27 +175,39 @@ def audit(
         >>> twin.audit("hibou", "hibou").verdict
         'agree'
     """
+    from twin.api.reference_export import ReferenceExport
     from twin.exchange.audit import SCENE
     from twin.exchange.audit import audit as audit_
     from twin.exchange.audit.certificate import is_certificate
 
     def states() -> SampledStates:
         progress("draw joint states", 0.0)
+        assert expected is not None
         return _states(expected)
 
     path = Path(path)
     if is_certificate(path):
         return _audited_certificate(path, robot, progress)
-    if robot is None:
-        return audit_(path, progress=progress, xacro=xacro)
-    if (path / SCENE).is_file():
+    if robot is not None and (path / SCENE).is_file():
         raise TwinError(
             f"{path} is an exported scene: omit the robot, or give the folder of one of the scene's robots instead"
         )
-    robot = loaded(robot)
-    expected = robot.weighed().mechanism  # exported files have masses, which are compared too
-    truth = _truth(robot, path, progress, xacro)
-    return audit_(path, truth=truth, mechanism=expected, states=states, progress=progress, xacro=xacro)
+    truth: dict[str, tuple[Array, dict[str, Array]]] = {}
+    expected: Mechanism | None = None
+    if robot is not None:
+        robot = loaded(robot)
+        expected = robot.weighed().mechanism  # exported files have masses, which are compared too
+        truth = _truth(robot, path, progress, xacro)
+    with TemporaryDirectory() as folder:
+        return audit_(
+            path,
+            truth=truth,
+            mechanism=expected,
+            states=None if expected is None else states,
+            reference=ReferenceExport(path, robot, Path(folder), progress),
+            progress=progress,
+            xacro=xacro,
+        )
 
 
 def _audited_certificate(path: Path, robot: Robot | str | Path | None, progress: Progress) -> AuditReport:
@@ -235,6 +248,7 @@ def _truth(
 
     The result is empty if the files have no clips, like a URDF.
     """
+    from twin.api.reference_export import protocol_of_clip
     from twin.exchange.audit import key_times
     from twin.reference import ReferenceModel
 
@@ -247,15 +261,10 @@ def _truth(
     protocol_names = robot.files.protocols()
     poses: dict[str, tuple[Array, dict[str, Array]]] = {}
     for clip, times in clips.items():
-        name_of_clip = clip.removesuffix("_ar")  # USDZ files for AR are <robot>_<clip>_ar.usdz
-        matching_names = []
-        for name in protocol_names:
-            if clip == name or name_of_clip.endswith(f"_{name}"):
-                matching_names.append(name)
-        if not matching_names:
+        name = protocol_of_clip(clip, list(protocol_names))
+        if name is None:
             continue
-        # the name of one protocol can be the end of another's
-        protocol = robot.protocol(max(matching_names, key=len))
+        protocol = robot.protocol(name)
         trajectory = plan(robot, protocol, progress)
         inside = np.clip(times, 0.0, trajectory.duration)  # the time of the last key is rounded
         model = ReferenceModel(robot.bound(protocol).mechanism)

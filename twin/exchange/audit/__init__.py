@@ -27,6 +27,7 @@ pose_mistakes         a common mistake that explains a difference
 
 What lies beside the files:
 bundle_claims         statements in README.txt and files: errors between keys, assumed numbers; readme_numbers
+reference_export      every field with a new export of the robot
 proof_hashes          the hashes of proof.json; proof_statements: the rest, in proof_form, proof_origin, repeated_checks
 
 Scenes and certificates:
@@ -61,7 +62,7 @@ from twin.exchange.audit.file_comparison import (
     references,
 )
 from twin.exchange.audit.file_content import Content, check_names
-from twin.exchange.audit.file_statements import compare_stated
+from twin.exchange.audit.file_statements import ROBOT, compare_stated
 from twin.exchange.audit.folder_files import SCENE, FolderFiles, find_files
 from twin.exchange.audit.mechanism_data import FilePhysics
 from twin.exchange.audit.parameter_claims import compare_parameters
@@ -71,6 +72,7 @@ from twin.exchange.audit.plausibility import check_sense
 from twin.exchange.audit.proof_hashes import check_proof
 from twin.exchange.audit.proof_statements import check_statements
 from twin.exchange.audit.reader_context import Context
+from twin.exchange.audit.reference_export import ExportStatement, compare_with_reference
 from twin.exchange.audit.report import MECHANISM, AuditReport, Check, Ledger, ReadError, finished, guarded
 from twin.exchange.audit.rest_poses import compare_joints
 from twin.exchange.audit.sampled_states import CLIP, SampledStates
@@ -82,7 +84,7 @@ from twin.exchange.xacro import XacroSettings
 if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism
 
-__all__ = ["SCENE", "AuditReport", "Check", "SampledStates", "audit", "key_times"]
+__all__ = ["SCENE", "AuditReport", "Check", "ExportStatement", "SampledStates", "audit", "key_times"]
 
 Truth = Mapping[str, tuple[np.ndarray, Mapping[str, np.ndarray]]]
 """Expected motions: {clip name: (times (k,) in s, {link name: poses T_world_link (k, 4, 4)})}."""
@@ -97,6 +99,7 @@ def audit(
     truth: Truth | None = None,
     mechanism: Mechanism | None = None,
     states: Callable[[], SampledStates] | None = None,
+    reference: Callable[[ExportStatement], Path | None] | None = None,
     progress: Progress | None = None,
     xacro: XacroSettings | None = None,
 ) -> AuditReport:
@@ -110,6 +113,8 @@ def audit(
         mechanism: the expected mechanism; masses, joints, drives and frames in the files are compared with it. None:
             the files are compared only with each other. Not used for a scene.
         states: returns states of `mechanism` over its whole range; called if a file has no motion.
+        reference: returns the folder of a new export of the robot or the scene that the files state, which every field
+            of the files is compared with; None if there is none. It is called with what the files state.
         progress: see `Progress`.
         xacro: how the xacros among the files are expanded.
 
@@ -134,7 +139,30 @@ def audit(
         if states is not None:
             sampled = cache(states)  # they are computed at most once, and only if a file needs them
         contents, ledgers = _audited(path, truth or {}, mechanism, sampled, report_progress, xacro_settings)
+    if reference is not None:
+        folder = reference(_export_statement(contents))
+        if folder is not None:
+            report_progress("compare with a new export", 0.95)
+            unreadable = {ledger.file for ledger in ledgers if not ledger.is_readable}
+            ledgers += compare_with_reference(path, folder, unreadable)
     return finished(str(path), [content.as_facts() for content in contents], ledgers)
+
+
+def _export_statement(contents: Sequence[Content]) -> ExportStatement:
+    """Return what files state of the export that wrote them."""
+    robots = set()
+    key_counts: dict[str, set[int]] = {}
+    for content in contents:
+        if content.stated.get(ROBOT):
+            robots.add(str(content.stated[ROBOT]))
+        for clip in content.clips:
+            if clip.name != CLIP:
+                key_counts.setdefault(clip.name, set()).add(len(clip.times))
+    return ExportStatement(
+        robots=frozenset(robots),
+        model_hashes=frozenset(content.model_hash for content in contents if content.model_hash),
+        key_counts={name: frozenset(counts) for name, counts in key_counts.items()},
+    )
 
 
 def _silent(label: str, fraction: float) -> None:

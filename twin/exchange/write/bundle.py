@@ -29,6 +29,7 @@ from twin.exchange.write.clip import Clip, ClipAccuracy, InterpolationErrors, mo
 from twin.exchange.write.order import Order, Progress
 
 PROOF = "proof.json"
+README = "README.txt"
 
 
 _BUDGET = Kind(
@@ -184,15 +185,7 @@ def write_bundle(
     if not order.clips:
         _require_more_than_motions(order, formats)
     with assets.atomic_folder(folder, replacing=_written_before(folder)) as work:
-        findings = list(order.findings)
-        written: dict[str, set[str]] = {}
-        for i, name in enumerate(formats):
-            progress(f"write {name}", i / len(formats))
-            before = _tree(work)
-            findings += write_format(name, order, work)
-            written[name] = _tree(work) - before
-        # The README states the findings of the writers; those of the audit, which reads it, come after it.
-        (work / "README.txt").write_text(readme.text(order, formats, findings), encoding="utf-8")
+        findings, written = write_files(order, work, formats, progress)
         progress("audit", 0.0)
         truth: dict[str, tuple[Array, Mapping[str, Array]]] = {}
         for scene in order.scenes:
@@ -209,6 +202,26 @@ def write_bundle(
         (work / PROOF).write_text(_lines(proof), encoding="utf-8")
         files = sorted([*files, Path(PROOF)])
     return Bundle(folder, tuple(formats), tuple(files), order, tuple(findings), tuple(checks))
+
+
+def write_files(
+    order: Order, folder: Path, formats: Sequence[str], progress: Progress
+) -> tuple[list[Finding], dict[str, set[str]]]:
+    """Write the files of all formats and README.txt into a folder, without an audit and proof.json.
+
+    Returns:
+        The findings of the order and of the writers, and {format: paths of its files, relative to the folder}.
+    """
+    findings = list(order.findings)
+    written: dict[str, set[str]] = {}
+    for i, name in enumerate(formats):
+        progress(f"write {name}", i / len(formats))
+        before = _tree(folder)
+        findings += write_format(name, order, folder)
+        written[name] = _tree(folder) - before
+    # The README states the findings of the writers; those of the audit, which reads it, come after it.
+    (folder / README).write_text(readme.text(order, formats, findings), encoding="utf-8")
+    return findings, written
 
 
 def _require_more_than_motions(order: Order, formats: Sequence[str]) -> None:

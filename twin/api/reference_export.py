@@ -1,0 +1,124 @@
+"""Export a robot again, so that an audit can compare the files of an export with what twin writes for the robot."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from twin.api.protocol_plan import plan
+from twin.api.robot import Progress, Robot, load, names
+from twin.core.errors import TwinError
+from twin.core.version import __version__
+from twin.exchange.audit import ExportStatement
+from twin.exchange.audit.folder_files import find_files
+from twin.exchange.formats import export_formats
+from twin.exchange.write.bundle import PROOF, README, write_files
+from twin.exchange.write.clip import model_hash
+from twin.exchange.write.order import order
+
+_QUICK_LOOKS = "*_ar.usdz"
+"""Pattern of the files of AR Quick Look: an export of chosen protocols has one for each, another one has a single one."""
+
+
+class ReferenceExport:
+    """Makes the new export of the robot that the files of an export state, or of a given robot."""
+
+    def __init__(self, path: Path, robot: Robot | None, folder: Path, progress: Progress) -> None:
+        """Keep what is needed; nothing is written before the call.
+
+        Args:
+            path: the audited folder or file.
+            robot: the robot; None: the built-in robot that the files state.
+            folder: an empty folder for the new export.
+            progress: see `twin.api.Progress`.
+        """
+        self.path = path
+        self.robot = robot
+        self.folder = folder
+        self.progress = progress
+
+    def __call__(self, statement: ExportStatement) -> Path | None:
+        """Return the folder of the new export; None if the files are not an export of the robot by this version.
+
+        The files are one if they state the hash of the robot's mechanism. So a robot of the same name with other numbers
+        is never compared field by field, but only by its mechanism.
+        """
+        robot = self.robot or _built_in(statement)
+        if robot is None or robot.files is None or not _is_of_this_version(self.path):
+            return None
+        robot = robot.weighed()
+        hashes = statement.model_hashes
+        if hashes and model_hash(robot.mechanism) not in hashes:
+            return None
+        chosen = protocols_of_clips(statement.key_counts, list(robot.files.protocols()))
+        if chosen is None:
+            return None
+        protocols: Sequence[str] | None = chosen
+        quick_look_count = len(list(self.path.glob(_QUICK_LOOKS)))
+        if len(chosen) == len(robot.files.protocols()) and quick_look_count < 2:
+            protocols = None
+        try:
+            ordered = order(robot, None, protocols, None, plan, self.progress)
+        except TwinError:  # the other checks of the audit tell why
+            return None
+        for clip in ordered.clips:
+            counts = statement.key_counts.get(clip.name)
+            if counts is not None and len(clip.times) not in counts:
+                return None  # it was made with another budget of errors, and so with other keys
+        write_files(ordered, self.folder, self._formats(), self.progress)
+        return self.folder
+
+    def _formats(self) -> list[str]:
+        """Return the names of the formats of the audited files, in the order of an export."""
+        audited = find_files(self.path).files
+        return [format.name for format in export_formats() if format.name in audited]
+
+
+def _built_in(statement: ExportStatement) -> Robot | None:
+    """Return the built-in robot that most files state; None if there is none, or none states the mechanism."""
+    if not statement.model_hashes:
+        return None
+    for name in sorted(statement.robots):
+        if name in names():
+            return load(name)
+    return None
+
+
+def protocols_of_clips(clips: Iterable[str], protocols: Sequence[str]) -> list[str] | None:
+    """Return the names of the protocols that clips play, in the order of `protocols`; None if a clip plays no protocol."""
+    played = set()
+    for clip in clips:
+        protocol = protocol_of_clip(clip, protocols)
+        if protocol is None:
+            return None
+        played.add(protocol)
+    return [name for name in protocols if name in played]
+
+
+def protocol_of_clip(clip: str, protocols: Sequence[str]) -> str | None:
+    """Return the name of the protocol that a clip plays; None if there is none.
+
+    The name of a clip is that of its protocol. A clip without a name has that of its file: <robot>_<protocol>, with "_ar"
+    behind it in files for AR.
+    """
+    name_of_clip = clip.removesuffix("_ar")
+    matching_names = []
+    for name in protocols:
+        if clip == name or name_of_clip.endswith(f"_{name}"):
+            matching_names.append(name)
+    if not matching_names:
+        return None
+    # the name of one protocol can be the end of another's
+    return max(matching_names, key=len)
+
+
+def _is_of_this_version(path: Path) -> bool:
+    """Return whether README.txt or proof.json state that this version of twin wrote the files, or neither is there."""
+    folder = path if path.is_dir() else path.parent
+    versions = set()
+    for name in (README, PROOF):
+        file = folder / name
+        if file.is_file():
+            versions.update(re.findall(r"\btwin (\d+\.\d+\.\d+)", file.read_text("utf-8", errors="replace")))
+    return not versions or __version__ in versions

@@ -1,0 +1,15 @@
+"""Compare an export, field by field, with a new export of the robot that its files state.
+
+The other checks of an audit know what a file means, and judge it by a mechanism or by another file. This one knows the
+syntaxes only, and finds each place where a file is not what twin writes, whatever the place means. It says nothing of
+whether twin writes what is right, which the other checks do. The caller makes the new export: an audit imports no writer.
+
+entries         the content of a file as a tree, in one form for all syntaxes
+difference      where two trees differ
+*_entries       read a file of a syntax: json, xml, text (also tables and meshes), usd, gltf
+folders         compare the files of two folders
+"""
+
+from twin.exchange.audit.reference_export.folders import ExportStatement, compare_with_reference
+
+__all__ = ["ExportStatement", "compare_with_reference"]

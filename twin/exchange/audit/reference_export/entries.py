@@ -1,0 +1,97 @@
+"""The content of a file as a tree of entries, in one form for all syntaxes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+FEW = 8
+"""Up to this count, all numbers of a list are quoted in messages."""
+
+_LONGEST_QUOTE = 80
+"""Number of characters from which a quoted text is cut."""
+
+
+@dataclass
+class Entry:
+    """An element of XML, an object of JSON, a specification of USD, a line of text.
+
+    Attributes:
+        kind: what it is, as messages call it, such as "joint".
+        name: its name among the entries of the same kind beside it; "" if it has none.
+        values: {key: value}, each a text, a truth value, None, an array of numbers (of any shape), or a tuple of texts.
+        entries: the entries inside it. The order of those of one kind is part of the content.
+        number: position among the entries of the same kind, from 1, for messages about entries without a name.
+    """
+
+    kind: str
+    name: str = ""
+    values: dict[str, Any] = field(default_factory=dict)
+    entries: list[Entry] = field(default_factory=list)
+    number: int = 0
+
+    @property
+    def label(self) -> str:
+        """The entry as messages call it: "joint 'q1'", "geom 3"."""
+        if self.name:
+            return f"{self.kind} '{self.name}'"
+        if self.number:
+            return f"{self.kind} {self.number}"
+        return self.kind
+
+    def count(self) -> int:
+        """Return the number of entries: this one and all inside."""
+        count = 1
+        for entry in self.entries:
+            count += entry.count()
+        return count
+
+    def fingerprint(self) -> str:
+        """Return a text that is the same for entries that messages could not tell apart."""
+        parts = [self.kind, self.name]
+        for key in sorted(self.values):
+            parts.append(f"{key}={quoted(self.values[key])}")
+        for entry in self.entries:
+            parts.append(entry.fingerprint())
+        return "\n".join(parts)
+
+
+def numbered(entries: Sequence[Entry]) -> list[Entry]:
+    """Return entries after setting their `number`, and making names unique: the second "a" becomes "a, number 2"."""
+    counts: dict[tuple[str, str], int] = {}
+    positions: dict[str, int] = {}
+    for entry in entries:
+        positions[entry.kind] = positions.get(entry.kind, 0) + 1
+        entry.number = positions[entry.kind]
+        if entry.name:
+            key = (entry.kind, entry.name)
+            counts[key] = counts.get(key, 0) + 1
+            if counts[key] > 1:
+                entry.name = f"{entry.name}, number {counts[key]}"
+    return list(entries)
+
+
+def quoted(value: Any) -> str:
+    """Return a value as messages quote it."""
+    if isinstance(value, np.ndarray):
+        numbers = value.ravel()
+        if value.size == 1:
+            return f"{numbers[0]:.9g}"
+        if value.size <= FEW:
+            return "(" + ", ".join(f"{number:.9g}" for number in numbers) + ")"
+        return f"{shape(value)}, {numbers[0]:.9g} and so on"
+    if isinstance(value, tuple):
+        value = ", ".join(map(str, value))
+    if not isinstance(value, str):
+        return str(value)
+    if len(value) > _LONGEST_QUOTE:
+        value = f"{value[: _LONGEST_QUOTE - 1]}…"
+    return f"'{value}'"
+
+
+def shape(array: np.ndarray) -> str:
+    """Return the shape of an array of numbers as text: "3 x 4 numbers"."""
+    return f"{' x '.join(map(str, array.shape))} numbers"

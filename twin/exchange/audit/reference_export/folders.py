@@ -1,0 +1,122 @@
+"""Compare the files of an audited folder with those of a new export."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from twin.exchange.audit.reference_export.difference import Difference, differences
+from twin.exchange.audit.reference_export.entries import Entry
+from twin.exchange.audit.reference_export.gltf_entries import read_gltf_entries
+from twin.exchange.audit.reference_export.json_entries import read_json
+from twin.exchange.audit.reference_export.text_entries import read_bytes, read_lines, read_mesh, read_table
+from twin.exchange.audit.reference_export.usd_entries import read_layer, read_package
+from twin.exchange.audit.reference_export.xml_entries import COMMENT, read_xml
+from twin.exchange.audit.report import Ledger, guarded
+
+READERS: Mapping[str, Callable[[Path], Entry]] = {
+    ".json": read_json,
+    ".asmdef": read_json,
+    ".urdf": read_xml,
+    ".xml": read_xml,
+    ".csv": read_table,
+    ".obj": read_mesh,
+    ".usda": read_layer,
+    ".usdc": read_layer,
+    ".usdz": read_package,
+    ".glb": read_gltf_entries,
+    ".cs": read_lines,
+    ".md": read_lines,
+    ".meta": read_lines,
+    ".txt": read_lines,
+    ".yaml": read_lines,
+}
+"""{suffix of a file: function that reads its entries}; files of all other kinds are compared byte by byte."""
+
+_REWRITTEN_KINDS = 4
+_REWRITTEN_SHARE = 0.1
+"""Another program has written a file anew if at least so many kinds of entries are missing or added, and the number of
+differences is at least this fraction of the number of entries."""
+
+_NEW_EXPORT = "a new export"
+_ADVICE = "write it as in a new export; or, if the robot is to be so, change the robot and export again"
+
+
+@dataclass(frozen=True)
+class ExportStatement:
+    """What the files of an export state of their origin.
+
+    Attributes:
+        robots: names of the robots that the files state.
+        model_hashes: hashes of the mechanism that the files state.
+        key_counts: {name of a motion: numbers of its keys in the files}.
+    """
+
+    robots: frozenset[str]
+    model_hashes: frozenset[str]
+    key_counts: Mapping[str, frozenset[int]]
+
+
+def compare_with_reference(path: Path, reference: Path, unreadable: Collection[str]) -> Iterator[Ledger]:
+    """Yield a ledger for each file that the new export also has, with its differences.
+
+    Args:
+        path: the audited folder or file.
+        reference: folder of the new export.
+        unreadable: names of files, as reports show them, that the audit could not read.
+    """
+    for file, reference_file in _file_pairs(path, reference):
+        name = file.name
+        if file != path:
+            name = file.relative_to(path).as_posix()
+        if name in unreadable:
+            continue
+        ledger = Ledger(name, "twin.exchange.audit reference_export", "1", code="export")
+        found: list[Difference] | None = []
+        if file.read_bytes() != reference_file.read_bytes():
+            found = guarded(partial(_differences_of_files, reference_file), file, ledger)
+        if found is not None:
+            ledger.row("fields that differ from a new export", float(len(found)), "1", 0.0, against=_NEW_EXPORT)
+        for difference in found or ():
+            text = f"{difference.text}."
+            ledger.wrong(f"export.{difference.form}", text, difference.place, suggestion=_ADVICE)
+        yield ledger
+
+
+def _file_pairs(path: Path, reference: Path) -> Iterator[tuple[Path, Path]]:
+    """Yield (audited file, its counterpart in the reference): in a folder of the same name, a single file by suffix."""
+    if path.is_file():
+        candidates = sorted(reference.rglob(f"*{path.suffix}"))
+        same_names = [file for file in candidates if file.name == path.name]
+        for file in (same_names or candidates)[:1]:
+            yield path, file
+        return
+    for reference_file in sorted(reference.rglob("*")):
+        file = path / reference_file.relative_to(reference)
+        if reference_file.is_file() and file.is_file():
+            yield file, reference_file
+
+
+def _differences_of_files(reference_file: Path, file: Path, ledger: Ledger) -> list[Difference]:
+    """Return the differences of a file; none, but a note in the ledger, if another program has written it anew."""
+    read = READERS.get(file.suffix.lower(), read_bytes)
+    reference = read(reference_file)
+    found = []
+    patterns = set()
+    for difference in differences(reference, read(file)):
+        is_comment = difference.pattern.endswith(f"/{COMMENT}")
+        if is_comment and difference.form in ("missing", "order"):
+            continue  # programs that save again may leave out comments
+        found.append(difference)
+        if difference.form in ("missing", "extra"):
+            patterns.add((difference.form, difference.pattern))
+    if len(patterns) >= _REWRITTEN_KINDS and len(found) >= _REWRITTEN_SHARE * reference.count():
+        text = (
+            f"the file is not structured as twin writes it ({len(patterns)} kinds of entries are missing or added): its "
+            "fields are not compared with those of a new export."
+        )
+        ledger.add("export.rewritten", "info", text)
+        return []
+    return found

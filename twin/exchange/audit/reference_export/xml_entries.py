@@ -1,0 +1,68 @@
+"""Read XML as entries."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from twin.exchange.audit.reference_export.entries import Entry, numbered
+
+COMMENT = "comment"
+"""Kind of the entries of comments."""
+
+
+def read_xml(path: Path) -> Entry:
+    """Return the elements of an XML file with their attributes, and its comments.
+
+    Raises:
+        ET.ParseError: the file is not XML.
+    """
+    # The audit has parsed the file before, and refuses one that declares entities.
+    parser = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))
+    root = ET.fromstring(path.read_bytes(), parser)
+    return _entry(root, path.resolve().parent)
+
+
+def _entry(element: ET.Element, folder: Path) -> Entry:
+    entry = Entry(str(element.tag), element.get("name", ""))
+    for key, value in element.attrib.items():
+        if key == "filename":
+            entry.values[key] = _relative(value, folder)
+        elif key != "name":
+            entry.values[key] = _plain(value)
+    text = " ".join((element.text or "").split())
+    if text:
+        entry.values["text"] = _plain(text)
+    for child in element:
+        if child.tag is ET.Comment:
+            # The text is the name: programs that save again may leave out comments, but never change one.
+            entry.entries.append(Entry(COMMENT, " ".join((child.text or "").split())))
+        elif isinstance(child.tag, str):
+            entry.entries.append(_entry(child, folder))
+    entry.entries = numbered(entry.entries)
+    return entry
+
+
+def _relative(name: str, folder: Path) -> str:
+    """Return the name of a file in a folder as relative to the folder: some programs make all names absolute."""
+    file = Path(name.removeprefix("file://"))
+    if file.is_absolute() and file.is_relative_to(folder):
+        return file.relative_to(folder).as_posix()
+    return name
+
+
+def _plain(text: str) -> Any:
+    """Return a text as an array if it is a list of numbers."""
+    words = text.split()
+    if not words:
+        return ""
+    numbers = []
+    for word in words:
+        try:
+            numbers.append(float(word))
+        except ValueError:
+            return " ".join(words)
+    return np.array(numbers)
