@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+
+import numpy as np
 
 from twin.api.protocol_plan import plan
 from twin.api.robot import Progress, Robot, load, names
 from twin.core.errors import TwinError
+from twin.core.spatial import Array
 from twin.core.version import __version__
 from twin.exchange.audit import ExportStatement
 from twin.exchange.audit.folder_files import find_files
 from twin.exchange.formats import export_formats
 from twin.exchange.write.bundle import PROOF, README, write_files
-from twin.exchange.write.clip import model_hash
+from twin.exchange.write.clip import home_poses, model_hash
 from twin.exchange.write.order import order
 
 _QUICK_LOOKS = "*_ar.usdz"
-"""Pattern of the files of AR Quick Look: an export of chosen protocols has one for each, another one has a single one."""
+"""Pattern of the files of AR Quick Look: an export of chosen protocols has one for each, another one only one."""
+
+_AT_HOME = 1e-5
+"""Maximum difference of two matrices of the pose of a link at rest, in m or without a unit."""
 
 
 class ReferenceExport:
@@ -41,23 +47,25 @@ class ReferenceExport:
     def __call__(self, statement: ExportStatement) -> Path | None:
         """Return the folder of the new export; None if the files are not an export of the robot by this version.
 
-        The files are one if they state the hash of the robot's mechanism. So a robot of the same name with other numbers
-        is never compared field by field, but only by its mechanism.
+        The files are one if they state the hash of the robot's mechanism and have its rest pose. So a robot of the same
+        name with other numbers is never compared field by field, nor is a robot of a scene, which rests elsewhere.
         """
         robot = self.robot or _built_in(statement)
         if robot is None or robot.files is None or not _is_of_this_version(self.path):
             return None
+        own_protocols = list(robot.files.protocols())
         robot = robot.weighed()
         hashes = statement.model_hashes
         if hashes and model_hash(robot.mechanism) not in hashes:
             return None
-        chosen = protocols_of_clips(statement.key_counts, list(robot.files.protocols()))
-        if chosen is None:
+        if statement.rests and not _one_rests_at(home_poses(robot.mechanism), statement.rests):
             return None
-        protocols: Sequence[str] | None = chosen
+        protocols: Sequence[str] | None = protocols_of_clips(statement.key_counts, own_protocols)
+        if protocols is None:
+            return None
         quick_look_count = len(list(self.path.glob(_QUICK_LOOKS)))
-        if len(chosen) == len(robot.files.protocols()) and quick_look_count < 2:
-            protocols = None
+        if len(protocols) == len(own_protocols) and quick_look_count < 2:
+            protocols = None  # all protocols, but not each by its name
         try:
             ordered = order(robot, None, protocols, None, plan, self.progress)
         except TwinError:  # the other checks of the audit tell why
@@ -85,8 +93,19 @@ def _built_in(statement: ExportStatement) -> Robot | None:
     return None
 
 
+def _one_rests_at(home: Mapping[str, Array], rests: Iterable[Mapping[str, Array]]) -> bool:
+    """Return whether one of several rest poses has the links at home."""
+    for rest in rests:
+        distances = [0.0]
+        for link in home.keys() & rest.keys():
+            distances.append(float(np.abs(home[link] - rest[link]).max()))
+        if max(distances) < _AT_HOME:
+            return True
+    return False
+
+
 def protocols_of_clips(clips: Iterable[str], protocols: Sequence[str]) -> list[str] | None:
-    """Return the names of the protocols that clips play, in the order of `protocols`; None if a clip plays no protocol."""
+    """Return the names of the protocols that clips play, in the order of `protocols`; None if a clip plays none."""
     played = set()
     for clip in clips:
         protocol = protocol_of_clip(clip, protocols)
@@ -99,8 +118,8 @@ def protocols_of_clips(clips: Iterable[str], protocols: Sequence[str]) -> list[s
 def protocol_of_clip(clip: str, protocols: Sequence[str]) -> str | None:
     """Return the name of the protocol that a clip plays; None if there is none.
 
-    The name of a clip is that of its protocol. A clip without a name has that of its file: <robot>_<protocol>, with "_ar"
-    behind it in files for AR.
+    The name of a clip is that of its protocol. A clip without a name has that of its file: <robot>_<protocol>, or
+    <robot>_<protocol>_ar.
     """
     name_of_clip = clip.removesuffix("_ar")
     matching_names = []

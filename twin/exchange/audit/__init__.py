@@ -161,6 +161,7 @@ def _export_statement(contents: Sequence[Content]) -> ExportStatement:
     return ExportStatement(
         robots=frozenset(robots),
         model_hashes=frozenset(content.model_hash for content in contents if content.model_hash),
+        rests=tuple(content.rest for content in contents if content.rest),
         key_counts={name: frozenset(counts) for name, counts in key_counts.items()},
     )
 

@@ -2,7 +2,8 @@
 
 The other checks of an audit know what a file means, and judge it by a mechanism or by another file. This one knows the
 syntaxes only, and finds each place where a file is not what twin writes, whatever the place means. It says nothing of
-whether twin writes what is right, which the other checks do. The caller makes the new export: an audit imports no writer.
+whether what twin writes is right, which the other checks do. The caller makes the new export: no audit imports a
+writer.
 
 entries         the content of a file as a tree, in one form for all syntaxes
 difference      where two trees differ

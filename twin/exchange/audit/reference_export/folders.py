@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from twin.exchange.audit.poses import Array
 from twin.exchange.audit.reference_export.difference import Difference, differences
 from twin.exchange.audit.reference_export.entries import Entry
 from twin.exchange.audit.reference_export.gltf_entries import read_gltf_entries
@@ -51,11 +52,13 @@ class ExportStatement:
     Attributes:
         robots: names of the robots that the files state.
         model_hashes: hashes of the mechanism that the files state.
+        rests: {link: T_world_link (4, 4) at rest} of each file that has a rest pose.
         key_counts: {name of a motion: numbers of its keys in the files}.
     """
 
     robots: frozenset[str]
     model_hashes: frozenset[str]
+    rests: tuple[Mapping[str, Array], ...]
     key_counts: Mapping[str, frozenset[int]]
 
 
@@ -114,7 +117,7 @@ def _differences_of_files(reference_file: Path, file: Path, ledger: Ledger) -> l
             patterns.add((difference.form, difference.pattern))
     if len(patterns) >= _REWRITTEN_KINDS and len(found) >= _REWRITTEN_SHARE * reference.count():
         text = (
-            f"the file is not structured as twin writes it ({len(patterns)} kinds of entries are missing or added): its "
+            f"the file is not structured as twin writes it: {len(patterns)} kinds of entries are missing or added. Its "
             "fields are not compared with those of a new export."
         )
         ledger.add("export.rewritten", "info", text)

@@ -1,6 +1,6 @@
 """Read glTF as entries, with the numbers of accessors where an index refers to them.
 
-Programs that save again number accessors, meshes and materials anew, and leave out or write out what glTF defines as the
+Programs that save again number accessors, meshes and materials anew, and leave out or write out what glTF defines as
 default: neither changes the entries.
 """
 
