@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -10,10 +11,13 @@ import numpy as np
 
 from twin.api.protocol_plan import plan
 from twin.api.robot import Progress, Robot, load, names
+from twin.api.scene_export import export_scene
+from twin.api.scene_loading import load_scene
+from twin.core import assets
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.core.version import __version__
-from twin.exchange.audit import ExportStatement
+from twin.exchange.audit import SCENE, ExportStatement
 from twin.exchange.audit.folder_files import find_files
 from twin.exchange.formats import export_formats
 from twin.exchange.write.bundle import PROOF, README, write_files
@@ -50,8 +54,12 @@ class ReferenceExport:
         The files are one if they state the hash of the robot's mechanism and have its rest pose. So a robot of the same
         name with other numbers is never compared field by field, nor is a robot of a scene, which rests elsewhere.
         """
+        if not _is_of_this_version(self.path):
+            return None
+        if (self.path / SCENE).is_file():
+            return self._scene(statement)
         robot = self.robot or _built_in(statement)
-        if robot is None or robot.files is None or not _is_of_this_version(self.path):
+        if robot is None or robot.files is None:
             return None
         own_protocols = list(robot.files.protocols())
         robot = robot.weighed()
@@ -77,9 +85,30 @@ class ReferenceExport:
         write_files(ordered, self.folder, self._formats(), self.progress)
         return self.folder
 
+    def _scene(self, statement: ExportStatement) -> Path | None:
+        """Return the folder of a new export of a built-in scene."""
+        name = json.loads((self.path / SCENE).read_text("utf-8"))["scene"]
+        if name not in assets.scenes():
+            return None
+        scene = load_scene(name)
+        for place in scene.places:
+            if model_hash(load(place.robot).weighed().mechanism) not in statement.model_hashes:
+                return None
+        bundles = export_scene(scene.file, self.folder, self._formats(), progress=self.progress).bundles
+        for bundle in bundles.values():
+            for clip in bundle.order.clips:
+                if len(clip.times) not in statement.key_counts.get(clip.name, ()):
+                    return None
+        return self.folder
+
     def _formats(self) -> list[str]:
         """Return the names of the formats of the audited files, in the order of an export."""
-        audited = find_files(self.path).files
+        audited: set[str] = set()
+        folders = [self.path]
+        if (self.path / SCENE).is_file():
+            folders = [file.parent for file in self.path.glob(f"*/{README}")]
+        for folder in folders:
+            audited.update(find_files(folder).files)
         return [format.name for format in export_formats() if format.name in audited]
 
 
@@ -133,11 +162,10 @@ def protocol_of_clip(clip: str, protocols: Sequence[str]) -> str | None:
 
 
 def _is_of_this_version(path: Path) -> bool:
-    """Return whether README.txt or proof.json state that this version of twin wrote the files, or neither is there."""
+    """Return whether a README.txt or proof.json states this version of twin, or none states a version."""
     folder = path if path.is_dir() else path.parent
     versions = set()
     for name in (README, PROOF):
-        file = folder / name
-        if file.is_file():
+        for file in (*folder.glob(name), *folder.glob(f"*/{name}")):
             versions.update(re.findall(r"\btwin (\d+\.\d+\.\d+)", file.read_text("utf-8", errors="replace")))
     return not versions or __version__ in versions

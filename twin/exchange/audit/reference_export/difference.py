@@ -5,17 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from difflib import SequenceMatcher
+from os.path import commonprefix
 from typing import Any
 
 import numpy as np
 
-from twin.exchange.audit.reference_export.entries import FEW, Entry, quoted, shape
+from twin.exchange.audit.reference_export.entries import FEW, LONGEST_QUOTE, Entry, quoted, shape
 
 _RELATIVE = 1e-6
 """Relative difference of two numbers that only rounding explains: single precision keeps seven digits."""
 
 _OF_LARGEST = 1e-7
 """Difference of two numbers that only rounding explains, as a fraction of the largest number of the same list."""
+
+_CONTEXT = 20
+"""Number of characters that are quoted before the first that differs."""
 
 _REFERENCE = "a new export"
 
@@ -133,7 +137,21 @@ def _change(expected: Any, found: Any) -> str:
             return f"has {shape(found)}; in {_REFERENCE} it has {shape(expected)}"
     elif type(expected) is type(found) and expected == found:
         return ""
+    elif isinstance(expected, str) and isinstance(found, str):
+        return _change_of_text(expected, found)
     return f"is {quoted(found)}; in {_REFERENCE} it is {quoted(expected)}"
+
+
+def _change_of_text(expected: str, found: str) -> str:
+    """Return how a text differs from the expected one, as text; of long texts, the part from which they differ."""
+    common = len(commonprefix([expected, found]))
+    start = max(common - _CONTEXT, 0)
+    if max(len(expected), len(found)) <= LONGEST_QUOTE:
+        start = 0
+    dots = ""
+    if start:
+        dots = "…"
+    return f"is {quoted(dots + found[start:])}; in {_REFERENCE} it is {quoted(dots + expected[start:])}"
 
 
 def _change_of_numbers(expected: np.ndarray, found: np.ndarray) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 FEW = 8
 """Up to this count, all numbers of a list are quoted in messages."""
 
-_LONGEST_QUOTE = 80
+LONGEST_QUOTE = 80
 """Number of characters from which a quoted text is cut."""
 
 
@@ -87,8 +87,8 @@ def quoted(value: Any) -> str:
         value = ", ".join(map(str, value))
     if not isinstance(value, str):
         return str(value)
-    if len(value) > _LONGEST_QUOTE:
-        value = f"{value[: _LONGEST_QUOTE - 1]}…"
+    if len(value) > LONGEST_QUOTE:
+        value = f"{value[: LONGEST_QUOTE - 1]}…"
     return f"'{value}'"
 
 

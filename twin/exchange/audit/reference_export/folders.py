@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from twin.core import format
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.reference_export.difference import Difference, differences
 from twin.exchange.audit.reference_export.entries import Entry
@@ -41,6 +42,7 @@ _REWRITTEN_SHARE = 0.1
 """Another program has written a file anew if at least so many kinds of entries are missing or added, and the number of
 differences is at least this fraction of the number of entries."""
 
+_TOOL = "twin.exchange.audit reference_export"
 _NEW_EXPORT = "a new export"
 _ADVICE = "write it as in a new export; or, if the robot is to be so, change the robot and export again"
 
@@ -63,29 +65,37 @@ class ExportStatement:
 
 
 def compare_with_reference(path: Path, reference: Path, unreadable: Collection[str]) -> Iterator[Ledger]:
-    """Yield a ledger for each file that the new export also has, with its differences.
+    """Yield a ledger for each file that differs from that of the new export, and one for all files.
 
     Args:
         path: the audited folder or file.
         reference: folder of the new export.
         unreadable: names of files, as reports show them, that the audit could not read.
     """
+    file_count = 0
+    difference_count = 0
     for file, reference_file in _file_pairs(path, reference):
         name = file.name
         if file != path:
             name = file.relative_to(path).as_posix()
         if name in unreadable:
             continue
-        ledger = Ledger(name, "twin.exchange.audit reference_export", "1", code="export")
-        found: list[Difference] | None = []
-        if file.read_bytes() != reference_file.read_bytes():
-            found = guarded(partial(_differences_of_files, reference_file), file, ledger)
-        if found is not None:
-            ledger.row("fields that differ from a new export", float(len(found)), "1", 0.0, against=_NEW_EXPORT)
-        for difference in found or ():
+        file_count += 1
+        if file.read_bytes() == reference_file.read_bytes():
+            continue
+        ledger = Ledger(name, _TOOL, "1", code="export")
+        found = guarded(partial(_differences_of_files, reference_file), file, ledger) or []
+        for difference in found:
             text = f"{difference.text}."
             ledger.wrong(f"export.{difference.form}", text, difference.place, suggestion=_ADVICE)
+        difference_count += len(found)
         yield ledger
+    ledger_of_all = Ledger(format.count(file_count, "file"), _TOOL, "1")
+    if file_count:
+        ledger_of_all.row(
+            "fields that differ from a new export", float(difference_count), "1", 0.0, against=_NEW_EXPORT
+        )
+    yield ledger_of_all
 
 
 def _file_pairs(path: Path, reference: Path) -> Iterator[tuple[Path, Path]]:
