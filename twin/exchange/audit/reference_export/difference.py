@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from difflib import SequenceMatcher
-from os.path import commonprefix
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,9 @@ _RELATIVE = 1e-6
 
 _OF_LARGEST = 1e-7
 """Difference of two numbers that only rounding explains, as a fraction of the largest number of the same list."""
+
+_SMALLEST = 1e-15
+"""Difference of two numbers that only rounding explains, in any unit: a sum that should be zero."""
 
 _CONTEXT = 20
 """Number of characters that are quoted before the first that differs."""
@@ -144,10 +146,12 @@ def _change(expected: Any, found: Any) -> str:
 
 def _change_of_text(expected: str, found: str) -> str:
     """Return how a text differs from the expected one, as text; of long texts, the part from which they differ."""
-    common = len(commonprefix([expected, found]))
-    start = max(common - _CONTEXT, 0)
-    if max(len(expected), len(found)) <= LONGEST_QUOTE:
-        start = 0
+    start = 0
+    if max(len(expected), len(found)) > LONGEST_QUOTE:
+        common = 0
+        while expected[: common + 1] == found[: common + 1]:
+            common += 1
+        start = max(common - _CONTEXT, 0)
     dots = ""
     if start:
         dots = "…"
@@ -160,7 +164,7 @@ def _change_of_numbers(expected: np.ndarray, found: np.ndarray) -> str:
     largest = np.abs(expected[are_finite]).max(initial=0.0)
     with np.errstate(invalid="ignore"):
         deviation = np.where(are_finite, np.abs(found - expected), np.inf)
-        tolerance = _RELATIVE * np.abs(expected) + _OF_LARGEST * largest
+        tolerance = _RELATIVE * np.abs(expected) + _OF_LARGEST * largest + _SMALLEST
     are_same = (expected == found) | (np.isnan(expected) & np.isnan(found))
     are_wrong = ~are_same & ~(are_finite & (deviation <= tolerance))
     count = int(are_wrong.sum())
