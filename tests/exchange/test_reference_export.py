@@ -195,11 +195,11 @@ def with_an_offset(stage: Usd.Stage) -> None:
 @pytest.mark.parametrize(
     ("change", "place", "text"),
     [
-        (deactivated, "prim 'arm', prim 'hand'", "'active' is False"),
-        (one_key_moved, "prim 'arm', attribute 'xformOp:rotateZ'", "differs in 1 of 12 numbers, most at [5]"),
-        (one_point_moved, "prim 'arm', prim 'hand', attribute 'points'", "differs in 1 of 9 numbers"),
-        (other_target, "prim 'arm', relationship 'body'", "'targets' is '/arm'; in a new export it is '/arm/hand'"),
-        (other_unit, "prim 'arm'", "'customData:mass:unit' is 'g'; in a new export it is 'kg'"),
+        (deactivated, "Xform 'arm', Mesh 'hand'", "'active' is False"),
+        (one_key_moved, "Xform 'arm', attribute 'xformOp:rotateZ'", "differs in 1 of 12 numbers, most at [5]"),
+        (one_point_moved, "Xform 'arm', Mesh 'hand', attribute 'points'", "differs in 1 of 9 numbers"),
+        (other_target, "Xform 'arm', relationship 'body'", "'targets' is '/arm'; in a new export it is '/arm/hand'"),
+        (other_unit, "Xform 'arm'", "'customData:mass:unit' is 'g'; in a new export it is 'kg'"),
         (other_default_prim, "", "'defaultPrim' is missing"),
         (with_an_offset, "", "'subLayerOffsets' is (10, 1)"),
     ],
@@ -280,6 +280,23 @@ def test_a_change_in_text_is_named(name, text, new, words, tmp_path):
     assert words in first.findings[0].message
     assert of_all.checks[0].worst == 1.0
     assert of_all.checks[0].verdict == "disagree"
+
+
+@pytest.mark.parametrize(("name", "severity"), [("r.urdf", "warning"), ("r.xml", "disagreement")])
+def test_another_order_is_wrong_only_where_it_says_something(name, severity, tmp_path):
+    for folder, names in (("reference", "ab"), ("audited", "ba")):
+        (tmp_path / folder).mkdir()
+        joints = "".join(f"<joint name='{joint}'/>" for joint in names)
+        (tmp_path / folder / name).write_text(f"<m>{joints}</m>")
+    (first, _) = ledgers(tmp_path / "audited", tmp_path / "reference")
+    assert [(f.code, f.severity) for f in first.findings] == [("export.order", severity)]
+
+
+def test_scenery_may_be_added(tmp_path):
+    for folder, added in (("reference", ""), ("audited", "<camera name='c'/><light/><geom type='plane'/>")):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "r.xml").write_text(f"<m><geom type='box'/>{added}</m>")
+    assert not [f for ledger in ledgers(tmp_path / "audited", tmp_path / "reference") for f in ledger.findings]
 
 
 def test_a_file_that_another_program_has_structured_anew_is_not_compared(tmp_path):

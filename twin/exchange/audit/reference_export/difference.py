@@ -39,12 +39,14 @@ class Difference:
         pattern: kinds of the entries around it, and the key: what another program writes in its own way has few
             patterns and many places.
         text: the difference in words.
+        entry: the entry that is missing or added; None if it is a value, or something else differs.
     """
 
     form: str
     place: str
     pattern: str
     text: str
+    entry: Entry | None = None
 
 
 def differences(reference: Entry, found: Entry, place: Sequence[str] = (), pattern: str = "") -> Iterator[Difference]:
@@ -82,9 +84,11 @@ def _of_kind(
     where = ", ".join(place)
     for expected, found in _matched(expected_entries, found_entries):
         if found is None and expected is not None:
-            yield Difference("missing", where, pattern, f"{expected.label} is missing, which {_REFERENCE} has")
+            yield Difference(
+                "missing", where, pattern, f"{expected.label} is missing, which {_REFERENCE} has", expected
+            )
         elif expected is None and found is not None:
-            yield Difference("extra", where, pattern, f"{found.label} is not in {_REFERENCE}")
+            yield Difference("extra", where, pattern, f"{found.label} is not in {_REFERENCE}", found)
         elif expected is not None and found is not None:
             yield from differences(expected, found, (*place, found.label), pattern)
     found_names = {entry.name for entry in found_entries}

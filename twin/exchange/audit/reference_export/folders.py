@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from twin.core import format
+from twin.core.findings import Severity
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.reference_export.difference import Difference, differences
 from twin.exchange.audit.reference_export.entries import Entry
@@ -36,6 +37,12 @@ READERS: Mapping[str, Callable[[Path], Entry]] = {
     ".yaml": read_lines,
 }
 """{suffix of a file: function that reads its entries}; files of all other kinds are compared byte by byte."""
+
+_UNORDERED = frozenset((".urdf", ".glb", ".usda", ".usdc", ".usdz"))
+"""Suffixes of files whose entries are found by name: another order is only worth a warning."""
+
+_SCENERY = frozenset(("camera", "light", "sensor", "Camera"))
+"""Kinds of entries that a user adds around a robot without changing it."""
 
 _REWRITTEN_KINDS = 4
 _REWRITTEN_SHARE = 0.1
@@ -86,8 +93,11 @@ def compare_with_reference(path: Path, reference: Path, unreadable: Collection[s
         ledger = Ledger(name, _TOOL, "1", code="export")
         found = guarded(partial(_differences_of_files, reference_file), file, ledger) or []
         for difference in found:
+            severity: Severity = "disagreement"
+            if difference.form == "order" and file.suffix.lower() in _UNORDERED:
+                severity = "warning"
             text = f"{difference.text}."
-            ledger.wrong(f"export.{difference.form}", text, difference.place, suggestion=_ADVICE)
+            ledger.add(f"export.{difference.form}", severity, text, difference.place, suggestion=_ADVICE)
         difference_count += len(found)
         yield ledger
     ledger_of_all = Ledger(format.count(file_count, "file"), _TOOL, "1")
@@ -122,6 +132,8 @@ def _differences_of_files(reference_file: Path, file: Path, ledger: Ledger) -> l
         is_comment = difference.pattern.endswith(f"/{COMMENT}")
         if is_comment and difference.form in ("missing", "order"):
             continue  # programs that save again may leave out comments
+        if difference.form == "extra" and difference.entry is not None and _is_scenery(difference.entry):
+            continue
         found.append(difference)
         if difference.form in ("missing", "extra"):
             patterns.add((difference.form, difference.pattern))
@@ -133,3 +145,9 @@ def _differences_of_files(reference_file: Path, file: Path, ledger: Ledger) -> l
         ledger.add("export.rewritten", "info", text)
         return []
     return found
+
+
+def _is_scenery(entry: Entry) -> bool:
+    """Return whether an added entry is a camera, a light, a sensor or a floor, which the robot does not have."""
+    is_floor = entry.kind == "geom" and entry.values.get("type") == "plane"
+    return entry.kind in _SCENERY or entry.kind.endswith("Light") or is_floor

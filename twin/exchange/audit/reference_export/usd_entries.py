@@ -55,7 +55,7 @@ def read_package(path: Path) -> Entry:
 
 
 def _prim_entry(layer: Sdf.Layer, prim: Sdf.PrimSpec, name: str) -> Entry:
-    entry = Entry("prim", name, _fields(prim))
+    entry = Entry(prim.typeName or "prim", name, _fields(prim))
     for attribute in prim.attributes:
         entry.entries.append(_attribute_entry(layer, attribute))
     for relationship in prim.relationships:
