@@ -75,6 +75,8 @@ def differences(reference: Entry, found: Entry, place: Sequence[str] = (), patte
         expected_entries = [entry for entry in reference.entries if entry.kind == kind]
         found_entries = [entry for entry in found.entries if entry.kind == kind]
         yield from _of_kind(expected_entries, found_entries, place, f"{pattern}/{kind}")
+        if reference.is_ordered:
+            yield from _order(expected_entries, found_entries, where, f"{pattern}/{kind}")
 
 
 def _of_kind(
@@ -91,6 +93,12 @@ def _of_kind(
             yield Difference("extra", where, pattern, f"{found.label} is not in {_REFERENCE}", found)
         elif expected is not None and found is not None:
             yield from differences(expected, found, (*place, found.label), pattern)
+
+
+def _order(
+    expected_entries: Sequence[Entry], found_entries: Sequence[Entry], where: str, pattern: str
+) -> Iterator[Difference]:
+    """Yield a difference if the named entries that both have are in another order."""
     found_names = {entry.name for entry in found_entries}
     expected_names = [entry.name for entry in expected_entries if entry.name and entry.name in found_names]
     common_names = set(expected_names)
@@ -99,7 +107,7 @@ def _of_kind(
         if entry.name != expected_name:
             text = f"{entry.label} stands where {_REFERENCE} has '{expected_name}'"
             yield Difference("order", where, pattern, text)
-            break
+            return
 
 
 def _matched(expected: Sequence[Entry], found: Sequence[Entry]) -> list[Pair]:

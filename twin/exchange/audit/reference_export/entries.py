@@ -23,7 +23,9 @@ class Entry:
         kind: what it is, as messages call it, such as "joint".
         name: its name among the entries of the same kind beside it; "" if it has none.
         values: {key: value}, each a text, a truth value, None, an array of numbers (of any shape), or a tuple of texts.
-        entries: the entries inside it. The order of those of one kind is part of the content.
+        entries: the entries inside it.
+        is_ordered: whether the order of named entries inside it says something; those without a name are told apart by
+            their order only.
         number: position among the entries of the same kind, from 1, for messages about entries without a name.
     """
 
@@ -31,6 +33,7 @@ class Entry:
     name: str = ""
     values: dict[str, Any] = field(default_factory=dict)
     entries: list[Entry] = field(default_factory=list)
+    is_ordered: bool = False
     number: int = 0
 
     @property

@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 
 from twin.core import format
-from twin.core.findings import Severity
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.reference_export.difference import Difference, differences
 from twin.exchange.audit.reference_export.entries import Entry
@@ -37,9 +36,6 @@ READERS: Mapping[str, Callable[[Path], Entry]] = {
     ".yaml": read_lines,
 }
 """{suffix of a file: function that reads its entries}; files of all other kinds are compared byte by byte."""
-
-_UNORDERED = frozenset((".urdf", ".glb", ".usda", ".usdc", ".usdz"))
-"""Suffixes of files whose entries are found by name: another order is only worth a warning."""
 
 _SCENERY = frozenset(("camera", "light", "sensor", "Camera"))
 """Kinds of entries that a user adds around a robot without changing it."""
@@ -93,11 +89,8 @@ def compare_with_reference(path: Path, reference: Path, unreadable: Collection[s
         ledger = Ledger(name, _TOOL, "1", code="export")
         found = guarded(partial(_differences_of_files, reference_file), file, ledger) or []
         for difference in found:
-            severity: Severity = "disagreement"
-            if difference.form == "order" and file.suffix.lower() in _UNORDERED:
-                severity = "warning"
             text = f"{difference.text}."
-            ledger.add(f"export.{difference.form}", severity, text, difference.place, suggestion=_ADVICE)
+            ledger.wrong(f"export.{difference.form}", text, difference.place, suggestion=_ADVICE)
         difference_count += len(found)
         yield ledger
     ledger_of_all = Ledger(format.count(file_count, "file"), _TOOL, "1")

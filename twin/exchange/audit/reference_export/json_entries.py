@@ -22,7 +22,7 @@ def read_json(path: Path) -> Entry:
 
 def entry_of(kind: str, name: str, content: Any) -> Entry:
     """Return parsed JSON as an entry: objects, and lists of objects, become entries inside it, all else values."""
-    entry = Entry(kind, name)
+    entry = Entry(kind, name, is_ordered=True)
     if not isinstance(content, dict):
         content = {"content": content}
     for key, value in content.items():

@@ -23,11 +23,12 @@ def read_xml(path: Path) -> Entry:
     # The audit has parsed the file before, and refuses one that declares entities.
     parser = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))
     root = ET.fromstring(path.read_bytes(), parser)
-    return _entry(root, path.resolve().parent)
+    # In MJCF, the order of joints and actuators is that of the numbers that a program sets.
+    return _entry(root, path.resolve().parent, root.tag == "mujoco")
 
 
-def _entry(element: ET.Element, folder: Path) -> Entry:
-    entry = Entry(str(element.tag), element.get("name", ""))
+def _entry(element: ET.Element, folder: Path, is_ordered: bool) -> Entry:
+    entry = Entry(str(element.tag), element.get("name", ""), is_ordered=is_ordered)
     for key, value in element.attrib.items():
         if key == "filename":
             entry.values[key] = _relative(value, folder)
@@ -41,7 +42,7 @@ def _entry(element: ET.Element, folder: Path) -> Entry:
             # The text is the name: programs that save again may leave out comments, but never change one.
             entry.entries.append(Entry(COMMENT, " ".join((child.text or "").split())))
         elif isinstance(child.tag, str):
-            entry.entries.append(_entry(child, folder))
+            entry.entries.append(_entry(child, folder, is_ordered))
     entry.entries = numbered(entry.entries)
     return entry
 
