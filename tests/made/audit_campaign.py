@@ -136,7 +136,7 @@ def of_robot(name: str) -> Arguments:
     """Return what makes the arguments of an audit with the mechanism of a robot, by its name or folder."""
 
     def make(folder: Path) -> dict[str, Any]:
-        make = import_module("twin.api.exports")
+        make = import_module("twin.api.export_audit")
         robot = twin.load(name)
         expected = robot.weighed().mechanism
         states = make._states(expected)

@@ -15,8 +15,9 @@ from unittest import mock
 import numpy as np
 
 import twin
-import twin.api.exports
+import twin.api.export_audit
 import twin.exchange.audit as audits
+from twin.api.reference_export import ReferenceExport
 from twin.core.foreign import admit as admission
 from twin.core.foreign.admit import admit_together
 from twin.exchange.audit.file_content import Content
@@ -43,13 +44,19 @@ class ReadOnce:
         self._own = {_identity(file) for file in good.rglob("*") if file.is_file()}
 
     def audit(self, folder: Path, robot: str | None) -> AuditReport:
-        """Return what `twin.audit` returns for a copy of the export."""
-        with mock.patch.object(audits, "_read", self._read_folder):
+        """Return what `twin.audit` returns for a copy of the export, without the comparison with a new export.
+
+        That one finds every change by itself, and would hide what the other checks do not find.
+        """
+        with (
+            mock.patch.object(audits, "_read", self._read_folder),
+            mock.patch.object(ReferenceExport, "__call__", return_value=None),
+        ):
             if robot is None:
                 return twin.audit(folder)
             with (
-                mock.patch.object(twin.api.exports, "_truth", _truth_once),
-                mock.patch.object(twin.api.exports, "_states", _states_once),
+                mock.patch.object(twin.api.export_audit, "_truth", _truth_once),
+                mock.patch.object(twin.api.export_audit, "_states", _states_once),
             ):
                 return twin.audit(folder, _loaded_once(robot))
 
@@ -108,9 +115,9 @@ def _planned_once(robot: Any, protocol: str) -> Any:
     return _PLAN(robot, robot.protocol(protocol))
 
 
-_PLAN = twin.api.exports.plan
-_STATES = twin.api.exports._states
-_TRUTH = twin.api.exports._truth
+_PLAN = twin.api.export_audit.plan
+_STATES = twin.api.export_audit._states
+_TRUTH = twin.api.export_audit._truth
 _drawn: dict[str, Any] = {}
 _truths: dict[tuple[Any, ...], Any] = {}
 
@@ -127,7 +134,7 @@ def _truth_once(robot: Any, path: Path, progress: Any, xacro: Any) -> Any:
     times = audits.key_times(path, xacro)
     key = (robot.name, *((clip, instants.tobytes()) for clip, instants in times.items()))
     if key not in _truths:
-        with mock.patch.object(twin.api.exports, "plan", lambda r, p, _: _planned_once(r, p.name)):
+        with mock.patch.object(twin.api.export_audit, "plan", lambda r, p, _: _planned_once(r, p.name)):
             _truths[key] = _TRUTH(robot, path, progress, xacro)
     return _truths[key]
 

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
         validate as validate,
         validate_samples as validate_samples,
     )
+    from twin.api.export_audit import audit as audit
     from twin.api.exports import (
-        audit as audit,
         build as build,
         export as export,
     )
@@ -64,7 +64,8 @@ _NAMES_BY_MODULE = {
     "comparison": ("compare",),
     "control": ("track",),
     "equation_checks": ("explain", "strokes", "validate", "validate_samples"),
-    "exports": ("audit", "build", "export"),
+    "export_audit": ("audit",),
+    "exports": ("build", "export"),
     "facts": ("SCENE_COMMANDS", "info", "info_of_scene", "listing"),
     "mass_check": ("masses",),
     "multi_robot_plan": ("plan_together",),

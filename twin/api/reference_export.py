@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
+from twin.api.clip_protocols import protocols_of_clips
 from twin.api.protocol_plan import plan
-from twin.api.robot import Progress, Robot, load, names
-from twin.api.scene_export import export_scene
-from twin.api.scene_loading import load_scene
-from twin.core import assets
+from twin.api.robot import Progress, Robot
+from twin.api.robot_loading import load, names
 from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.core.version import __version__
@@ -57,7 +56,9 @@ class ReferenceExport:
         if not _is_of_this_version(self.path):
             return None
         if (self.path / SCENE).is_file():
-            return self._scene(statement)
+            # Loaded by name: only a scene needs the simulation of its organs.
+            export_again = import_module("twin.api.scene_reference_export").export_scene_again
+            return export_again(self.path, statement, self.folder, self._formats(), self.progress)
         robot = self.robot or _built_in(statement)
         if robot is None or robot.files is None:
             return None
@@ -83,22 +84,6 @@ class ReferenceExport:
             if counts is not None and len(clip.times) not in counts:
                 return None  # it was made with another budget of errors, and so with other keys
         write_files(ordered, self.folder, self._formats(), self.progress)
-        return self.folder
-
-    def _scene(self, statement: ExportStatement) -> Path | None:
-        """Return the folder of a new export of a built-in scene."""
-        name = json.loads((self.path / SCENE).read_text("utf-8"))["scene"]
-        if name not in assets.scenes():
-            return None
-        scene = load_scene(name)
-        for place in scene.places:
-            if model_hash(load(place.robot).weighed().mechanism) not in statement.model_hashes:
-                return None
-        bundles = export_scene(scene.file, self.folder, self._formats(), progress=self.progress).bundles
-        for bundle in bundles.values():
-            for clip in bundle.order.clips:
-                if len(clip.times) not in statement.key_counts.get(clip.name, ()):
-                    return None
         return self.folder
 
     def _formats(self) -> list[str]:
@@ -131,34 +116,6 @@ def _one_rests_at(home: Mapping[str, Array], rests: Iterable[Mapping[str, Array]
         if max(distances) < _AT_HOME:
             return True
     return False
-
-
-def protocols_of_clips(clips: Iterable[str], protocols: Sequence[str]) -> list[str] | None:
-    """Return the names of the protocols that clips play, in the order of `protocols`; None if a clip plays none."""
-    played = set()
-    for clip in clips:
-        protocol = protocol_of_clip(clip, protocols)
-        if protocol is None:
-            return None
-        played.add(protocol)
-    return [name for name in protocols if name in played]
-
-
-def protocol_of_clip(clip: str, protocols: Sequence[str]) -> str | None:
-    """Return the name of the protocol that a clip plays; None if there is none.
-
-    The name of a clip is that of its protocol. A clip without a name has that of its file: <robot>_<protocol>, or
-    <robot>_<protocol>_ar.
-    """
-    name_of_clip = clip.removesuffix("_ar")
-    matching_names = []
-    for name in protocols:
-        if clip == name or name_of_clip.endswith(f"_{name}"):
-            matching_names.append(name)
-    if not matching_names:
-        return None
-    # the name of one protocol can be the end of another's
-    return max(matching_names, key=len)
 
 
 def _is_of_this_version(path: Path) -> bool:

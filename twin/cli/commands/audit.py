@@ -26,7 +26,7 @@ def arguments(command: Command) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Audit a file or folder and print the results; the exit code is 1 for a fault, 2 for an unreadable file."""
-    from twin.api.exports import audit
+    from twin.api.export_audit import audit
     from twin.cli import show
     from twin.exchange.xacro import settings
 

@@ -40,10 +40,13 @@ READERS: Mapping[str, Callable[[Path], Entry]] = {
 _SCENERY = frozenset(("camera", "light", "sensor", "Camera"))
 """Kinds of entries that a user adds around a robot without changing it."""
 
-_REWRITTEN_KINDS = 4
-_REWRITTEN_SHARE = 0.1
-"""Another program has written a file anew if at least so many kinds of entries are missing or added, and the number of
-differences is at least this fraction of the number of entries."""
+_OTHER_KINDS = 4
+_OTHER_SHARE = 0.1
+"""A file is not structured as twin writes it if at least so many kinds of entries are missing or added, and the number
+of differences is at least this fraction of the number of entries."""
+
+_RENAMED_SHARE = 0.3
+"""Nor is it if this fraction of the entries is missing or added: names are others."""
 
 _TOOL = "twin.exchange.audit reference_export"
 _NEW_EXPORT = "a new export"
@@ -121,6 +124,7 @@ def _differences_of_files(reference_file: Path, file: Path, ledger: Ledger) -> l
     reference = read(reference_file)
     found = []
     patterns = set()
+    unmatched_count = 0
     for difference in differences(reference, read(file)):
         is_comment = difference.pattern.endswith(f"/{COMMENT}")
         if is_comment and difference.form in ("missing", "order"):
@@ -130,7 +134,10 @@ def _differences_of_files(reference_file: Path, file: Path, ledger: Ledger) -> l
         found.append(difference)
         if difference.form in ("missing", "extra"):
             patterns.add((difference.form, difference.pattern))
-    if len(patterns) >= _REWRITTEN_KINDS and len(found) >= _REWRITTEN_SHARE * reference.count():
+            unmatched_count += 1
+    entry_count = reference.count()
+    has_other_kinds = len(patterns) >= _OTHER_KINDS and len(found) >= _OTHER_SHARE * entry_count
+    if has_other_kinds or unmatched_count > max(_RENAMED_SHARE * entry_count, _OTHER_KINDS):
         text = (
             f"the file is not structured as twin writes it: {len(patterns)} kinds of entries are missing or added. Its "
             "fields are not compared with those of a new export."
