@@ -46,7 +46,7 @@ def read_package(path: Path) -> Entry:
         for number, name in enumerate(package.namelist()):
             file = Path(folder) / f"{number}{Path(name).suffix}"
             file.write_bytes(package.read(name))
-            if file.suffix in (".usd", ".usda", ".usdc"):
+            if Sdf.FileFormat.FindByExtension(str(file)) is not None:
                 content = read_layer(file)
             else:
                 content = read_bytes(file)
