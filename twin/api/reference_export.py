@@ -59,6 +59,9 @@ class ReferenceExport:
             # Loaded by name: only a scene needs the simulation of its organs.
             export_again = import_module("twin.api.scene_reference_export").export_scene_again
             return export_again(self.path, statement, self.folder, self._formats(), self.progress)
+        for folder in (self.path.parent, self.path.parent.parent):
+            if (folder / SCENE).is_file():
+                return None  # robots of a scene have the rest pose and the motion that the scene gives them
         robot = self.robot or _built_in(statement)
         if robot is None or robot.files is None:
             return None
@@ -67,7 +70,7 @@ class ReferenceExport:
         hashes = statement.model_hashes
         if hashes and model_hash(robot.mechanism) not in hashes:
             return None
-        if statement.rests and not _one_rests_at(home_poses(robot.mechanism), statement.rests):
+        if hashes and statement.rests and not _one_rests_at(home_poses(robot.mechanism), statement.rests):
             return None
         protocols: Sequence[str] | None = protocols_of_clips(statement.key_counts, own_protocols)
         if protocols is None:
