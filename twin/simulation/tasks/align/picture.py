@@ -5,8 +5,8 @@ is not farther away. The rasteriser needs no graphics driver, and draws the same
 code with the projection in `projected_side`.
 
 The camera's z is along the view, its x and y are along columns and rows of the picture. A corner of a triangle in the
-picture is (column, row, inverse depth): position in pixels from the upper left, and 1 / z in 1/m. Inverse depth is linear
-over a triangle in the picture, which depth is not; it is larger where a surface is nearer.
+picture is (column, row, inverse depth): position in pixels from the upper left, and 1 / z in 1/m. Inverse depth is
+linear over a triangle in the picture, which depth is not; it is larger where a surface is nearer.
 """
 
 from __future__ import annotations
