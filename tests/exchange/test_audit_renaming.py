@@ -45,7 +45,7 @@ PHYSICS = {
 
 NO_PHYSICS_NAMES = {
     *("fully_listed", "gravity", "medium", "self_collision", "tool", "couples_pairs", "all_motors", "opening", "robot"),
-    *("further", "contact", "programs", "complete"),
+    *("motion_declarations", "contact_declarations", "program_settings", "complete"),
 }
 """Its other fields; what is declared beside all else is text of the file."""
 

@@ -4,9 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from twin.exchange.audit.new_names import with_new_keys
 from twin.exchange.audit.poses import Array
+
+
+class JointDynamics(NamedTuple):
+    """What resists the motion of a joint by itself, without a drive; all zero for a joint that moves freely.
+
+    Attributes:
+        stiffness: of its springs, in N/m or N m/rad.
+        damping: of its dampers, in N s/m or N m s/rad.
+        friction: dry friction in N or N m.
+        inertia: of its rotors, in kg or kg m2.
+    """
+
+    stiffness: float = 0.0
+    damping: float = 0.0
+    friction: float = 0.0
+    inertia: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -20,8 +37,7 @@ class FileDrive:
         damping: damping of the position drive in N s/m or N m s/rad.
         effort: maximum effort in N or N m.
         speed: maximum speed in m/s or rad/s.
-        passive: (stiffness, damping, friction, inertia) of springs, dampers, dry friction and rotors at the joint
-            itself, in SI units.
+        joint_dynamics: springs, dampers, dry friction and rotors at the joint itself.
         law: "force" if the drive's gains give a force, "acceleration" if they give an acceleration.
         breaks: force in N at which the joint breaks; infinite if it never breaks.
         cone: half angles in rad of the cone of a ball joint, about the two directions across its axis; infinite without
@@ -40,7 +56,7 @@ class FileDrive:
     damping: float | None = None
     effort: float | None = None
     speed: float | None = None
-    passive: tuple[float, float, float, float] | None = None
+    joint_dynamics: JointDynamics | None = None
     law: str | None = None
     breaks: float | None = None
     cone: tuple[float, float] | None = None
@@ -49,10 +65,6 @@ class FileDrive:
     control: tuple[float, float] | None = None
     acceleration: float | None = None
     jerk: float | None = None
-
-
-FREE_JOINT = (0.0, 0.0, 0.0, 0.0)
-"""`FileDrive.passive` of a joint without spring, damper, friction and rotor."""
 
 
 @dataclass(frozen=True)

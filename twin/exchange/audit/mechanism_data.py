@@ -11,9 +11,11 @@ from twin.exchange.audit.joint_merging import joints_of, merged_joints
 from twin.exchange.audit.new_names import renamed, with_new_keys
 from twin.exchange.audit.poses import Array
 
-_HELPER = 1e-4
-"""Largest mass of a link that a format needs only to split a joint or to close a loop, as a part of the mass of all."""
+VACUUM = (0.0, 0.0, 0.0, 0.0, 0.0)
+"""`FilePhysics.medium` where nothing slows the robot down."""
 
+_HELPER_SHARE = 1e-4
+"""Largest mass of a link that a format needs only to split a joint or to close a loop, as a part of the mass of all."""
 
 TOOL = "(tool)"
 """Name of the tool frame for all formats, because tracks do not state its name."""
@@ -32,10 +34,6 @@ class FileMass:
     mass: float
     center: Array | None = None
     inertia: Array | None = None
-
-
-EMPTY = (0.0, 0.0, 0.0, 0.0, 0.0)
-"""`FilePhysics.medium` where nothing slows the robot down."""
 
 
 @dataclass(frozen=True)
@@ -96,10 +94,11 @@ class FilePhysics:
         home_posture: the coordinates of the posture "home" in a table of a file without other postures; None without.
         home: {joint: coordinate in m or rad} of the assembled pose that a file names home, also of passive joints; None
             if not stated. The posture "home" may be another pose.
-        further: {object: {field: value as text}} of what a file declares of the motion beside all of the above, with
-            another value than where nothing is written; {} without such declarations, None if not known.
-        contact: the same for contacts and look.
-        programs: the same for what a single program reads, such as the calibration of a joint, or gravity in Gazebo.
+        motion_declarations: {object: {field: value as text}} of what a file declares of the motion beside all of the
+            above, with another value than where nothing is written; {} without such declarations, None if not known.
+        contact_declarations: the same for contacts and look.
+        program_settings: the same for what a single program reads, such as the calibration of a joint, or gravity in
+            Gazebo.
         complete: whether `joints` contains all joints, each with its links; without this, a missing joint is not found.
     """
 
@@ -130,9 +129,9 @@ class FilePhysics:
     postures: Mapping[str, Mapping[str, float]] | None = None
     home_posture: Mapping[str, float] | None = None
     home: Mapping[str, float] | None = None
-    further: Mapping[str, Mapping[str, str]] | None = None
-    contact: Mapping[str, Mapping[str, str]] | None = None
-    programs: Mapping[str, Mapping[str, str]] | None = None
+    motion_declarations: Mapping[str, Mapping[str, str]] | None = None
+    contact_declarations: Mapping[str, Mapping[str, str]] | None = None
+    program_settings: Mapping[str, Mapping[str, str]] | None = None
     complete: bool = False
 
     def rename(self, links: Mapping[str, str], joints: Mapping[str, str]) -> None:
@@ -235,7 +234,7 @@ class FilePhysics:
             total_mass += mass.mass
         end_joints: dict[str, FileJoint] = {}
         for link, mass in self.masses.items():
-            if link in known_links or not mass.mass > _HELPER * total_mass:
+            if link in known_links or not mass.mass > _HELPER_SHARE * total_mass:
                 continue
             joints = joints_of(link, self.joints)
             if len(joints) == 1:

@@ -167,17 +167,17 @@ def _state_all(views: Sequence[View], contents: Sequence[Content]) -> None:
             view.values.setdefault((subject, name), False)
 
 
-_FURTHER = {
-    "further declarations": "further",
-    "declarations of contact or look": "contact",
-    "settings of single programs": "programs",
+_DECLARATIONS = {
+    "further declarations": "motion_declarations",
+    "declarations of contact or look": "contact_declarations",
+    "settings of single programs": "program_settings",
 }
 """Quantities of what formats declare beside all others, with the attributes of `FilePhysics`."""
 
 
 def _state_absent_declarations(views: Sequence[View]) -> None:
     """State further declarations as text; files that could hold some and do not state "nothing"."""
-    for quantity, attribute in _FURTHER.items():
+    for quantity, attribute in _DECLARATIONS.items():
         subjects: set[str] = set()
         for view in views:
             subjects |= set(getattr(view.physics, attribute) or ())
@@ -663,14 +663,14 @@ def _state_joint(view: View, name: str, joint: FileJoint, canonical: FileJoint, 
     if joint.kind in _SINGLE:
         drive = joint.drive
         if joint.tied:  # a tie is between points, and has no coordinate of its own
-            drive = replace(drive, limits=None, soft=None, passive=None, control=None)
+            drive = replace(drive, limits=None, soft=None, joint_dynamics=None, control=None)
         values = {
             "limits": drive.limits,
             "soft limits": drive.soft,
             "range of control": drive.control,
             "driven": drive.driven,
             "reduction": _reduction(view.physics, joint),
-            "passive": drive.passive,
+            "passive": drive.joint_dynamics,
             "law": drive.law,
             "breaks": drive.breaks,
             "stiffness": drive.stiffness,

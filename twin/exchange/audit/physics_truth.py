@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from twin.exchange.audit import poses
-from twin.exchange.audit.file_drives import FREE_JOINT, FileDrive, FileMotor, drive_of_motors
+from twin.exchange.audit.file_drives import FileDrive, FileMotor, JointDynamics, drive_of_motors
 from twin.exchange.audit.file_joints import FileJoint
-from twin.exchange.audit.mechanism_data import EMPTY, FileFrame, FileMass, FilePhysics
+from twin.exchange.audit.mechanism_data import VACUUM, FileFrame, FileMass, FilePhysics
 from twin.exchange.audit.motion_lines import motion_lines
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def mechanism_physics(mechanism: Mechanism) -> FilePhysics:
         points=points,
         fully_listed=frozenset({"frame", "point"}),
         gravity=np.array(mechanism.gravity),
-        medium=EMPTY,
+        medium=VACUUM,
         fixed_to_world=frozenset({mechanism.base}),
         tool=mechanism.tool,
         trocars=frozenset(mechanism.trocars),
@@ -63,8 +63,8 @@ def mechanism_physics(mechanism: Mechanism) -> FilePhysics:
         opening=0.0,
         robot=mechanism.name,
         postures=mechanism.postures,
-        further={},
-        programs={},
+        motion_declarations={},
+        program_settings={},
         weight_shares=dict.fromkeys(links, 0.0),
         complete=True,
     )
@@ -134,7 +134,7 @@ def _drive(mechanism: Mechanism, name: str, motors: Mapping[str, FileMotor]) -> 
         damping,
         effort,
         joint.max_speed,
-        FREE_JOINT,
+        JointDynamics(),
         "force",
         np.inf,
         soft=joint.soft_limits or joint.limits or (-np.inf, np.inf),

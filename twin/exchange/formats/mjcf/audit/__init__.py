@@ -74,7 +74,7 @@ def content_of(file: MujocoFile, ledger: Ledger) -> Content:
     content.shapes = file.shapes
     content.colors, content.finishes = surface_colors(model)
     physics = compiled_physics(model, file.bodies)
-    physics.further, physics.contact = further_declarations(file.spec)
+    physics.motion_declarations, physics.contact_declarations = further_declarations(file.spec)
     physics.collides = _colliding(model)
     physics.robot = _robot_name(file.spec)
     physics.home = home_coordinates(file.path.read_text("utf-8", errors="replace"), model)

@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 
 from twin.exchange.audit import poses
-from twin.exchange.audit.file_drives import FileDrive, FileMotor, drive_of_motors
+from twin.exchange.audit.file_drives import FileDrive, FileMotor, JointDynamics, drive_of_motors
 from twin.exchange.audit.file_joints import FileJoint
-from twin.exchange.audit.mechanism_data import EMPTY, FileFrame, FileMass, FilePhysics
+from twin.exchange.audit.mechanism_data import VACUUM, FileFrame, FileMass, FilePhysics
 from twin.exchange.audit.motion_lines import JointLine
 from twin.exchange.audit.poses import Array
 
@@ -43,7 +43,7 @@ def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> FilePhysi
     """
     gravity = np.zeros(3) if model.opt.disableflags & _NO_GRAVITY else np.array(model.opt.gravity)
     physics = FilePhysics(tuple(bodies), complete=True, gravity=gravity, couplings=_couplings(model))
-    physics.medium = EMPTY
+    physics.medium = VACUUM
     if model.opt.density or model.opt.viscosity:  # without them, wind has no effect
         physics.medium = (model.opt.density, model.opt.viscosity, *model.opt.wind.tolist())
     physics.motors = _motors(model)
@@ -282,18 +282,18 @@ def _drives(model: mujoco.MjModel, motors: dict[str, FileMotor]) -> list[FileDri
             limits = (low + margin, high - margin)
         dof = model.jnt_dofadr[joint]
         # np.max, because stiffness and damping may be polynomials
-        passive = (
-            float(np.max(model.jnt_stiffness[joint])),
-            float(np.max(model.dof_damping[dof])),
-            float(np.max(model.dof_frictionloss[dof])),
-            float(np.max(model.dof_armature[dof])),
+        joint_dynamics = JointDynamics(
+            stiffness=float(np.max(model.jnt_stiffness[joint])),
+            damping=float(np.max(model.dof_damping[dof])),
+            friction=float(np.max(model.dof_frictionloss[dof])),
+            inertia=float(np.max(model.dof_armature[dof])),
         )
         actuator = actuator_of_joint.get(joint)
         if actuator is None:
             gains = drive_of_motors(motors, model.joint(joint).name)
             stiffness, damping = gains or (None, None)
             drive = FileDrive(limits, gains is not None, stiffness, damping)
-            drives.append(replace(drive, passive=passive, breaks=np.inf))
+            drives.append(replace(drive, joint_dynamics=joint_dynamics, breaks=np.inf))
             continue
         gear = float(model.actuator_gear[actuator, 0])
         stiffness = -float(model.actuator_biasprm[actuator, 1]) * gear**2
@@ -305,7 +305,7 @@ def _drives(model: mujoco.MjModel, motors: dict[str, FileMotor]) -> list[FileDri
             # The limit is switched off by forcelimited="false", or missing although others of the file are limited.
             effort = np.inf
         drive = FileDrive(limits, True, stiffness, damping, effort, control=_control(model, actuator, joint, limits))
-        drives.append(replace(drive, passive=passive, law=_law(model, actuator), breaks=np.inf))
+        drives.append(replace(drive, joint_dynamics=joint_dynamics, law=_law(model, actuator), breaks=np.inf))
     return drives
 
 

@@ -20,7 +20,7 @@ from twin.exchange.audit.chain_poses import ChainStep, chain_end, solve_chain
 from twin.exchange.audit.colors import Palette, Rgba, linear
 from twin.exchange.audit.comment_statements import assumed_masses, partly_shown
 from twin.exchange.audit.file_content import Content, FileClip, LinkShape
-from twin.exchange.audit.file_drives import FileDrive, FileMotor
+from twin.exchange.audit.file_drives import FileDrive, FileMotor, JointDynamics
 from twin.exchange.audit.file_joints import FileJoint
 from twin.exchange.audit.mechanism_data import FileMass, FilePhysics
 from twin.exchange.audit.mesh_files import mesh_path, named_mesh, placed_shape
@@ -145,7 +145,7 @@ class Urdf:
         self.content.physics.partly_shown = partly_shown(path) | _partly_read(root)
         self.content.physics.motors = _motors(root)
         self.content.physics.reductions = _reductions(root, driven)
-        self.content.physics.programs = program_settings(root)
+        self.content.physics.program_settings = program_settings(root)
         _check_transmissions(root, joints, ledger)
         self._check_home(closure_file.name)
         if closure_file.is_file():
@@ -636,9 +636,17 @@ def _tree_physics(
             is_driven = joint.name in driven if driven else None
             effort = _known_bound(joint.effort)
             speed = _known_bound(joint.speed)
-            passive = (0.0, joint.damping, joint.friction, 0.0)
+            joint_dynamics = JointDynamics(damping=joint.damping, friction=joint.friction)
             control = limits if is_driven else None
-            drive = FileDrive(limits, is_driven, None, None, effort, speed, passive, soft=joint.soft, control=control)
+            drive = FileDrive(
+                limits=limits,
+                driven=is_driven,
+                effort=effort,
+                speed=speed,
+                joint_dynamics=joint_dynamics,
+                soft=joint.soft,
+                control=control,
+            )
         physics.joints.append(FileJoint((joint.name,), joint.parent, joint.child, T_parent_joint, motions, drive))
     return physics
 

@@ -9,9 +9,9 @@ import numpy as np
 from pxr import Usd, UsdGeom, UsdPhysics
 
 from twin.exchange.audit import poses
-from twin.exchange.audit.file_drives import FREE_JOINT, FileDrive, FileMotor
+from twin.exchange.audit.file_drives import FileDrive, FileMotor, JointDynamics
 from twin.exchange.audit.file_joints import FileJoint
-from twin.exchange.audit.mechanism_data import EMPTY, FileFrame, FileMass, FilePhysics
+from twin.exchange.audit.mechanism_data import VACUUM, FileFrame, FileMass, FilePhysics
 from twin.exchange.audit.motion_lines import motion_lines
 from twin.exchange.audit.poses import Array
 from twin.exchange.formats.usd.audit.declared import further_declarations, is_ours
@@ -28,7 +28,7 @@ def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: s
     for body in bodies:
         names[str(body.GetPath())] = body.GetName()
     physics = FilePhysics(tuple(names.values()), complete=True, couplings=_couplings(stage, meters), opening=0.0)
-    physics.medium = EMPTY
+    physics.medium = VACUUM
     for prim in stage.Traverse():
         collides = prim.GetAttribute("physxArticulation:enabledSelfCollisions")
         if collides and collides.HasAuthoredValue():
@@ -39,8 +39,8 @@ def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: s
         physics.all_motors = is_ours(stage)
         if physics.all_motors:
             physics.robot = robot.GetName()
-            physics.further, physics.contact = further_declarations(stage)
-            physics.programs = {}
+            physics.motion_declarations, physics.contact_declarations = further_declarations(stage)
+            physics.program_settings = {}
             physics.postures = _postures(robot)
             physics.fully_listed = frozenset({"frame", "point"})
         _add_tool(physics, robot)
@@ -328,7 +328,7 @@ def _completed(drive: FileDrive, is_at_joint: bool) -> FileDrive:
     `is_at_joint`: whether the drive is at the joint itself; motors behind a transmission have speeds and efforts of
     their own.
     """
-    drive = replace(drive, passive=FREE_JOINT)
+    drive = replace(drive, joint_dynamics=JointDynamics())
     if drive.soft is None:
         drive = replace(drive, soft=drive.limits)
     if not drive.driven:
