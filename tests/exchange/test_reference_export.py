@@ -111,13 +111,13 @@ URDF = """<robot name="r"><!-- r.urdf: a comment -->
 @pytest.mark.parametrize(
     ("old", "new", "place", "text"),
     [
-        ('upper="1.5"', 'upper="1.6"', "joint 'j', limit 1", "'upper' is 1.6; in a new export it is 1.5"),
-        (' upper="1.5"', "", "joint 'j', limit 1", "'upper' is missing; in a new export it is 1.5"),
+        ('upper="1.5"', 'upper="1.6"', "joint 'j', limit", "'upper' is 1.6; in a new export it is 1.5"),
+        (' upper="1.5"', "", "joint 'j', limit", "'upper' is missing; in a new export it is 1.5"),
         ('type="revolute"', 'type="revolute" axis="x"', "joint 'j'", "'axis' is 'x'; a new export does not have it"),
         ('<link name="b"/>', "", "", "link 'b' is missing, which a new export has"),
         ('<link name="b"/>', '<link name="b"/><link name="c"/>', "", "link 'c' is not in a new export"),
         ('<visual><origin xyz="0 0 0.1"/></visual>', "", "link 'a'", "visual 1 is missing, which a new export has"),
-        ('xyz="0 0 0.2"', 'xyz="0 0 0.3"', "link 'a', visual 2, origin 1", "is (0, 0, 0.3); in a new export"),
+        ('xyz="0 0 0.2"', 'xyz="0 0 0.3"', "link 'a', visual 2, origin", "is (0, 0, 0.3); in a new export"),
         ("a comment", "another comment", "", "comment 'r.urdf: another comment' is not in a new export"),
     ],
 )
@@ -334,7 +334,7 @@ def test_an_untouched_export_is_equal_to_a_new_one(hibou, robot):
 
 SEEDS = {
     "hibou.urdf": ('<material name="', '<material name="x', "material 'x"),
-    "hibou.xml": ('iterations="100"', 'iterations="10"', "option 1"),
+    "hibou.xml": ('iterations="100"', 'iterations="10"', "option"),
     "hibou.yaml": ("closed_loop", "closed_loops", "line 2"),
     "tracks/cavity.csv": ("# rate: ", "# rate: 1", "'rate'"),
     "usd/hibou_sim.usda": ("gravityMagnitude = 9.8", "gravityMagnitude = 9.7", "gravityMagnitude"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -26,7 +27,8 @@ class Entry:
         entries: the entries inside it.
         is_ordered: whether the order of named entries inside it says something; those without a name are told apart by
             their order only.
-        number: position among the entries of the same kind, from 1, for messages about entries without a name.
+        number: position among the entries of the same kind, from 1, for messages about entries without a name; 0 if it
+            is the only one.
     """
 
     kind: str
@@ -63,17 +65,19 @@ class Entry:
 
 
 def numbered(entries: Sequence[Entry]) -> list[Entry]:
-    """Return entries after setting their `number`, and making names unique: the second "a" becomes "a, number 2"."""
-    counts: dict[tuple[str, str], int] = {}
-    positions: dict[str, int] = {}
+    """Return entries after numbering those of one kind, and making names unique: the second "a" is "a, number 2"."""
+    kind_counts = Counter(entry.kind for entry in entries)
+    positions: Counter[str] = Counter()
+    name_counts: Counter[tuple[str, str]] = Counter()
     for entry in entries:
-        positions[entry.kind] = positions.get(entry.kind, 0) + 1
-        entry.number = positions[entry.kind]
+        if kind_counts[entry.kind] > 1:
+            positions[entry.kind] += 1
+            entry.number = positions[entry.kind]
         if entry.name:
             key = (entry.kind, entry.name)
-            counts[key] = counts.get(key, 0) + 1
-            if counts[key] > 1:
-                entry.name = f"{entry.name}, number {counts[key]}"
+            name_counts[key] += 1
+            if name_counts[key] > 1:
+                entry.name = f"{entry.name}, number {name_counts[key]}"
     return list(entries)
 
 
