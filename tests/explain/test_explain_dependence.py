@@ -13,7 +13,8 @@ import pytest
 from made import explain_seeds as seeds
 from made.lanes import nightly
 from twin.core.errors import TwinError
-from twin.validation.explain import rebuilt_functions
+from twin.validation.explain import determined_unknowns, rebuilt_functions
+from twin.validation.explain.candidate import Candidate, edited_residuals
 from twin.validation.explain.function_source import Edit
 from twin.validation.explain.rebuilt_functions import Matrix
 from twin.validation.explain.repair_search import RepairSearch
@@ -71,6 +72,28 @@ def test_a_row_that_says_nothing_is_no_cure(row, changes, sils):
     assert c.scores[k] <= 1
     assert c.is_trivial
     assert not c.may_be_proposed
+
+
+@pytest.mark.parametrize("lost", ["q1", "q2"])
+def test_a_row_without_residual_beside_the_poses_has_no_gradient(lost, sils, monkeypatch):
+    """An equation may be evaluated at the poses and fail beside them: only the row itself must have a gradient."""
+    formula, reference = sils
+    search = RepairSearch(Judge(formula, None, reference))
+    keys = {}
+    for place in search.judge.residuals:
+        if place.equation == "eq2":
+            keys.setdefault(place.symbol, place.key)
+    change = [edit(search, "q1", "q2", "q1")]
+    candidate = Candidate(search.judge.step("eq2"), change, {}, {}, False)
+
+    def residuals(judge, equation, edits):
+        rows = edited_residuals(judge, equation, edits)
+        rows.pop(keys[lost], None)
+        return rows
+
+    monkeypatch.setattr(determined_unknowns, "edited_residuals", residuals)
+    unknowns = determined_unknowns.DeterminedUnknowns(search.judge)
+    assert unknowns.determines(candidate, keys["q1"]) is (lost != "q1")
 
 
 @pytest.mark.nightly

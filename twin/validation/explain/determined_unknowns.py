@@ -87,7 +87,10 @@ class DeterminedUnknowns:
     def _gradients(
         self, candidate: Candidate, equation: str, unknowns: Sequence[str], kinds: Mapping[RowKey, str]
     ) -> dict[RowKey, Array] | None:
-        """Return {row: gradient (k, unknowns) of right minus left side in SI}, NaN for vectors; None after an error."""
+        """Return {row: gradient (k, unknowns) of right minus left side in SI}; None after an error.
+
+        The gradient is NaN for vectors, and for rows that have no residual after a step.
+        """
         tolerance = self.judge.tolerance
         slopes: dict[RowKey, list[Array]] = {}
         for name in unknowns:
@@ -97,11 +100,10 @@ class DeterminedUnknowns:
                 return None
             for row, kind in kinds.items():
                 unit = tolerance.angle if kind == "angle" else tolerance.length
-                # Residuals are in units of the tolerance; the gradient is in SI, as the components are compared.
-                slope = (above[row] - below[row]) * (unit / (2 * _STEP))
-                column = np.full(len(slope), np.nan)
-                if slope.shape[1] == 1:
-                    column = slope[:, 0]
+                column = np.full(self.judge.reference.k, np.nan)
+                if row in above and row in below and above[row].shape[1] == 1:
+                    # Residuals are in units of the tolerance; the gradient is in SI, as the components are compared.
+                    column = (above[row] - below[row])[:, 0] * (unit / (2 * _STEP))
                 slopes.setdefault(row, []).append(column)
         gradients: dict[RowKey, Array] = {}
         for row, columns in slopes.items():
