@@ -42,5 +42,20 @@ def test_names_of_arguments_and_attributes_are_in_the_canonical_text(first, seco
     assert canonical_text(first) == canonical_text(first)
 
 
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ("x[1:]", "x[:1]"),
+        ("x[:1]", "x[::1]"),
+        ("x[1:, 0]", "x[:1, 0]"),
+        ("lambda a, b: 1", "lambda a, *b: 1"),
+        ("{a: b, **c}", "{**a, b: c}"),
+        ("f(x, *y)", "f(x, y)"),
+    ],
+)
+def test_the_place_of_an_absent_part_is_in_the_canonical_text(first, second):
+    assert canonical_text(first) != canonical_text(second)
+
+
 def test_operands_of_sums_and_products_have_no_order():
     assert canonical_text("a*b + c - d") == canonical_text("-d + c + b*a")

@@ -46,7 +46,7 @@ def search():
     out.worst_before = {A: 9.0, B: 9.0}
     out._runs_at_one_sample = lambda c: True
     out.functions = EditedFunctions(judge, judge)
-    out.functions.perturbed = lambda c, rows: None
+    out.functions.perturbed_residuals = lambda c, rows: None
     out.functions.text = lambda c: str(starts(c))
     out.choice.states._evaluated = lambda change: out.states[tuple(e.start for e in change)]
     return out

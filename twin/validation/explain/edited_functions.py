@@ -1,7 +1,7 @@
 """Group exact edits by the function that results: different edits may be readings of one repair.
 
 Two edited functions are the same if their statements have the same canonical text, with sorted operands of sums and
-products, or if their rows have the same residuals at values that no mechanism has.
+products, or if the residuals of each row, at values that no mechanism has, differ by a constant factor only.
 """
 
 from __future__ import annotations
@@ -21,8 +21,7 @@ from twin.validation.explain.function_source import Edit, Source, Statement
 from twin.validation.explain.row_deviations import Judge
 
 _SAME_RESIDUALS = 1e-7
-"""Relative difference of residuals, also at perturbed values, below which two edited rows count as the same
-function."""
+"""Relative difference of residuals, apart from a factor, below which two edited rows count as the same function."""
 
 _ZERO = 1e-3
 """Residual, in units of the tolerance, below which a row agrees but for rounding, which is about 1e-6 of them."""
@@ -33,7 +32,8 @@ class _SameFunction:
     """Candidates that result in one function.
 
     Attributes:
-        residuals: residuals (k, entries) by row, at perturbed values; None if a row has no value there.
+        residuals: residuals (k, entries) by row, at perturbed values; None if a row has no value there. Those of the
+            first member: those of others may have another factor.
         members: the candidates, one for each text.
         texts: their canonical texts.
     """
@@ -55,7 +55,7 @@ class EditedFunctions:
         """Group exact candidates by the resulting function; keep one candidate per different canonical text."""
         groups: list[_SameFunction] = []
         for candidate in exact:
-            residuals = self.perturbed(candidate, rows)
+            residuals = self.perturbed_residuals(candidate, rows)
             text = self.text(candidate)
             group = _group_of(groups, text, residuals)
             if group is None:
@@ -91,9 +91,12 @@ class EditedFunctions:
                 return helper.source
         raise LookupError(edit.function)
 
-    def perturbed(self, c: Candidate, rows: list[RowKey]) -> dict[RowKey, Array] | None:
-        """Return a candidate's residuals at perturbed values, to compare functions; None if a row has only NaN."""
-        deviations = edited_residuals(self.perturbed_judge, c.step.equation.name, c.edits)
+    def perturbed_residuals(self, candidate: Candidate, rows: list[RowKey]) -> dict[RowKey, Array] | None:
+        """Return a candidate's residuals (k, entries) at perturbed values, by row, to compare functions.
+
+        Return None if the edits cannot be evaluated there, or if a row has only NaN.
+        """
+        deviations = edited_residuals(self.perturbed_judge, candidate.step.equation.name, candidate.edits)
         if not deviations:
             return None
         of_rows: dict[RowKey, Array] = {}
@@ -108,7 +111,7 @@ class EditedFunctions:
 def _group_of(
     groups: Sequence[_SameFunction], text: str, residuals: dict[RowKey, Array] | None
 ) -> _SameFunction | None:
-    """Return the group with the same canonical text, or else with the same residuals."""
+    """Return the group with the same canonical text, or else with the same residuals but for a factor."""
     for group in groups:
         if text in group.texts:
             return group
@@ -185,16 +188,20 @@ def _sorted(node: ast.AST) -> str:
         return node.id
     if isinstance(node, ast.Constant):
         return repr(node.value)
-    parts: list[str] = []
-    for child in ast.iter_child_nodes(node):
-        if not isinstance(child, ast.expr_context):  # whether a name is read or assigned does not matter
-            parts.append(_sorted(child))
-    name = ""
-    if isinstance(node, ast.Attribute):
-        name = node.attr
-    elif isinstance(node, ast.keyword | ast.arg):  # of a call, or of a lambda
-        name = node.arg or ""  # None for "**arguments"
-    return f"{type(node).__name__}{name}({', '.join(parts)})"
+    fields: list[str] = []
+    for _, value in ast.iter_fields(node):
+        if not isinstance(value, ast.expr_context):  # whether a name is read or assigned does not matter
+            fields.append(_field_text(value))
+    return f"{type(node).__name__}({', '.join(fields)})"
+
+
+def _field_text(value: object) -> str:
+    """Return the canonical text of a field of a node: a node, a list of fields, a name, or None for an absent part."""
+    if isinstance(value, ast.AST):
+        return _sorted(value)
+    if isinstance(value, list):
+        return f"[{', '.join(map(_field_text, value))}]"
+    return repr(value)
 
 
 def _sum(node: ast.AST, sign: str) -> list[str]:
