@@ -26,7 +26,7 @@ from twin.planning import phase_path as paths
 from twin.planning.protocol import load_protocol
 from twin.simulation.scene_play import Actor as Playing
 from twin.simulation.scene_play import _port, trocars_of
-from twin.ui.headset.state_entries import trocar_entries
+from twin.ui.headset.state_document import trocar_entries
 from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.patient import patient_of
 from twin.ui.session.readings import read

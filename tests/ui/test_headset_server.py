@@ -1122,7 +1122,7 @@ def test_trocars_that_a_changed_design_does_not_fit_fail_the_plan_by_name(playba
     page = SimpleNamespace(
         _planner=SimpleNamespace(answer=playback, close=lambda: None),
         _protocols={playback.protocol: "table2"},
-        _track=before,
+        _streamed=before,
         _failed="",
         _failure=told.append,
         _worker=SimpleNamespace(ask=lambda _, job, done: done(job())),
@@ -1132,4 +1132,4 @@ def test_trocars_that_a_changed_design_does_not_fit_fail_the_plan_by_name(playba
     live_robot.LiveRobot._take_plan(page)
     assert page._failed == "the loops cannot be closed"
     assert told == [f"{playback.protocol}: the loops cannot be closed"]
-    assert page._track is before
+    assert page._streamed is before

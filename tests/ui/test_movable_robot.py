@@ -25,7 +25,7 @@ from twin.core import spatial
 from twin.core.errors import KinematicsError, MechanismError, TwinError
 from twin.core.units import MM
 from twin.model.joint_distance import kinematic_distances, with_distance
-from twin.ui.headset.state_entries import reading_entries
+from twin.ui.headset.state_document import reading_entries
 from twin.ui.session.display_meshes import CREASE, behind, creased, looks
 from twin.ui.session.movable_robot import MovableRobot, MoveResult
 from twin.ui.session.readings import read

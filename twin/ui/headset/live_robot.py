@@ -34,17 +34,12 @@ from twin.ui.headset.client_messages import (
     VariantMessage,
     WorkspaceMessage,
 )
+from twin.ui.headset.displayed_state import DisplayedState
 from twin.ui.headset.ghost import Ghost
 from twin.ui.headset.reachable_points import ReachablePoints
 from twin.ui.headset.solver_thread import SolverThread
-from twin.ui.headset.state_entries import (
-    DisplayedState,
-    StreamedPlayback,
-    ghost_to_tool_distance,
-    path_document,
-    reading_entries,
-    trocar_entries,
-)
+from twin.ui.headset.state_document import reading_entries, trocar_entries
+from twin.ui.headset.streamed_playback import StreamedPlayback, path_document
 from twin.ui.session import readings
 from twin.ui.session.driven_machine import DrivenMachine
 from twin.ui.session.movable_robot import UNDOS, MovableRobot, MoveResult, start_of
@@ -113,7 +108,7 @@ class LiveRobot:
         self._before: list[Array] = []  # joint values at the begin of each grab, the newest last
         self._protocols = protocols_of(robot, protocol)
         self._planner: Planner | None = None
-        self._track: StreamedPlayback | None = None
+        self._streamed: StreamedPlayback | None = None
         self._sample: int | None = None
         self._wanted = ""
         self._reading: RobotReading | None = None
@@ -214,14 +209,14 @@ class LiveRobot:
     @property
     def duration(self) -> float:
         """Duration of the protocol in s; 0 without a protocol."""
-        if self._track is None:
+        if self._streamed is None:
             return 0.0
-        return self._track.playback.duration
+        return self._streamed.playback.duration
 
     @property
     def why_not(self) -> str:
         """Reason why there is no protocol to play; "" if there is a protocol."""
-        if self._track is not None:
+        if self._streamed is not None:
             return ""
         if self._planner is not None:
             return "the protocol is being planned"
@@ -244,9 +239,9 @@ class LiveRobot:
     @property
     def clip_time(self) -> float:
         """Protocol time in s of the displayed sample; if no sample is displayed, the clock's time."""
-        if self._track is None or self._sample is None:
+        if self._streamed is None or self._sample is None:
             return self.clock.time
-        return float(self._track.playback.t[self._sample])
+        return float(self._streamed.playback.t[self._sample])
 
     @property
     def flags(self) -> int:
@@ -329,28 +324,28 @@ class LiveRobot:
     def _grab(self, client: str, message: GrabMessage) -> None:
         hold = hold_of(client, message, self.movable)
         self._before = [*self._before[1 - UNDOS :], np.array(self._shown.q, float)]
-        self._leave_track()
+        self._leave_protocol()
         if hold.target != "tool":
             self._worker.ask("prepare", self.movable.solver.prepare, lambda _: None)
         self._hold = hold
         if self._machine is not None:
             self._machine.grabbed()
 
-    def _leave_track(self) -> None:
+    def _leave_protocol(self) -> None:
         """Stop playing, and set the robot to the present pose of the protocol."""
         self.clock.playing = False
         self._wish = None
         self._worker.drop("look", "move")
-        if self._track is None or self._sample is None:
+        if self._streamed is None or self._sample is None:
             return
         # the job runs later, when these attributes may have changed
-        track = self._track
+        streamed = self._streamed
         k = self._sample
         movable = self.movable
         self._sample = None
 
         def job() -> None:
-            movable.show(movable.model.state(track.playback.x[k]), track.playback.Ts_base_tool[k])
+            movable.show(movable.model.state(streamed.playback.x[k]), streamed.playback.Ts_base_tool[k])
 
         self._worker.ask("settle", job, lambda _: None)
 
@@ -377,7 +372,7 @@ class LiveRobot:
         if name not in self.movable.postures:
             raise RefusedError("unknown", unknown("posture", name, self.movable.postures))
         self._require_no_machine("a posture")
-        self._leave_track()
+        self._leave_protocol()
         self._move(lambda: self.movable.go_to_posture(name))
 
     def _undo(self) -> None:
@@ -389,7 +384,7 @@ class LiveRobot:
         if not self._before:
             raise RefusedError("refused", f"nothing to undo: {self.called} has not been moved by a grab")
         q = self._before.pop()
-        self._leave_track()
+        self._leave_protocol()
         self._move(lambda: self.movable.move_joints(q))
 
     def _variant(self, name: str | None) -> None:
@@ -410,7 +405,7 @@ class LiveRobot:
         if index is not None and index >= len(self._distances):
             text = f"there is no distance {index}: {self.called} has {len(self._distances)}, counted from 0"
             raise RefusedError("unknown", text)
-        self._leave_track()
+        self._leave_protocol()
 
         def job() -> DisplayedState:
             reason = self._distances.change(index, message.value)
@@ -459,11 +454,7 @@ class LiveRobot:
 
     def _show(self, shown: DisplayedState) -> None:
         """Display a state, with each quaternion's sign chosen for continuity with the previously displayed state."""
-        last = self._shown
-        ghost = shown.ghost
-        if ghost is not None and last.ghost is not None:
-            ghost = wire.near_signs(ghost[None], last.ghost[None])[0]
-        self._shown = DisplayedState(wire.near_signs(shown.poses, last.poses), shown.q, ghost, shown.reason)
+        self._shown = shown.continued_from(self._shown)
 
     def _again(self) -> None:
         """Display the present state again, because the ghost has changed."""
@@ -474,36 +465,36 @@ class LiveRobot:
 
     def stand(self) -> None:
         """Display the sample of the protocol at the clock's time."""
-        track = self._track
-        if track is None:
+        streamed = self._streamed
+        if streamed is None:
             return
         self.opening = False
-        k = int(np.clip(round(self.clock.time * RATE), 0, len(track.playback.t) - 1))
+        k = int(np.clip(round(self.clock.time * RATE), 0, len(streamed.playback.t) - 1))
         self._wish = None
         self._worker.drop("move")
         if self.movable.edited:  # the stored link poses are those of the robot as it was loaded
             self._sample = None
-            playback = track.playback
+            playback = streamed.playback
             self._move(lambda: self.movable.follow_sample(playback.x[k], playback.Ts_base_tool[k]))
             return
         self._sample = k
-        self._show(DisplayedState(track.poses[k], track.playback.q[k], self._ghost.at(k)))
+        self._show(DisplayedState(streamed.poses[k], streamed.playback.q[k], self._ghost.at(k)))
 
     def _look(self) -> None:
         if self._worker.waits("look"):
             return
         # the job runs later, when these attributes may have changed
-        track = self._track
+        streamed = self._streamed
         sample = self._sample
         time = self.clock.time
         movable = self.movable
 
         def job() -> RobotReading:
-            if track is None:
+            if streamed is None:
                 return readings.read(movable)
             if sample is not None:
-                movable.show(movable.model.state(track.playback.x[sample]), track.playback.Ts_base_tool[sample])
-            return readings.read(movable, rcm_at(track.playback, time))
+                movable.show(movable.model.state(streamed.playback.x[sample]), streamed.playback.Ts_base_tool[sample])
+            return readings.read(movable, rcm_at(streamed.playback, time))
 
         def done(reading: RobotReading) -> None:
             self._reading = reading
@@ -562,20 +553,20 @@ class LiveRobot:
             self._ghost.follow(playback)
             return StreamedPlayback(playback, poses)
 
-        def done(track: StreamedPlayback | TwinError) -> None:
-            if isinstance(track, TwinError):
-                self._failed = str(track)
-                self._failure(f"{playback.protocol}: {track}")
+        def done(streamed: StreamedPlayback | TwinError) -> None:
+            if isinstance(streamed, TwinError):
+                self._failed = str(streamed)
+                self._failure(f"{playback.protocol}: {streamed}")
                 return
-            self._track = track
-            self.send(path_document(track))
+            self._streamed = streamed
+            self.send(path_document(streamed))
             self.planned()
 
         self._worker.ask("plan", job, done)
 
     def welcome(self) -> list[JsonObject]:
         """Return the documents for a new client: tip path and workspace."""
-        return [path_document(self._track), *self._reach.sent]
+        return [path_document(self._streamed), *self._reach.sent]
 
     def state(self) -> JsonObject:
         """Return the robot's part of the document `state`."""
@@ -583,14 +574,14 @@ class LiveRobot:
         protocol = None
         phases: list[list[Any]] = []
         phase = None
-        if self._track is not None:
-            playback = self._track.playback
+        if self._streamed is not None:
+            playback = self._streamed.playback
             protocol = playback.protocol
             phases = [list(phase) for phase in playback.phases]
             if self._sample is not None:
                 phase = playback.phase(self.clip_time)
         shown = self._shown
-        distance_to_ghost = ghost_to_tool_distance(shown, self.links, self.description["tool"])
+        distance_to_ghost = shown.ghost_to_tool_distance(self.links, self.description["tool"])
         trocars = trocar_entries(self.movable, playback, self.clock.time)
         return {
             "time": self.clip_time,
