@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from textwrap import fill
 from typing import TYPE_CHECKING
 
@@ -24,10 +25,27 @@ if TYPE_CHECKING:
 _TICKS = 25
 """Length in ticks of the window for the running mean of the effort."""
 
+_NEAR_LIMIT = 60.0
+"""Effort in % of its limit above which the limits are drawn: with smaller efforts, they would compress the curves."""
+
+_NEAR_TIP_LIMIT = 0.4
+"""Tip error as a part of the paper's, above which the paper's is drawn."""
+
+_PANELS = ((0.74, 2.3), (0.18, 1.9), (0.78, 1.9))
+"""(space above, height) in inches of the panels: tip errors, efforts, tip error over mismatch."""
+
+_FOOT = 0.5
+_LEFT = 0.86
+_LEGENDS = 1.75
+"""Spaces in inches below the last panel, at the left of all panels, and at their right, where the legends are."""
+
+_LABEL_DISTANCE = 0.66
+"""Distance in inches of the labels of y axes from the axes."""
+
 
 @styled()
 def figure(result: Tracking) -> Figure:
-    """Return a figure with three panels: tip errors of all runs, efforts in the worst run, tip error over mismatch.
+    """Return a figure with three panels: tip errors of all runs, efforts in the worst one, tip error over mismatch.
 
     The mismatch is the error in % of all masses and inertias in the controller's model. The third panel is omitted if
     there are no runs at several mismatches.
@@ -36,23 +54,18 @@ def figure(result: Tracking) -> Figure:
     w = worst.conditions.w
     title = f"{result.robot}, {result.protocol}: computed torque control, Kp = w², Kv = 2 w, w = {w:g} rad/s"
 
-    # in inches: (space above, height) of each panel
-    panels = [(0.74, 2.3), (0.18, 1.9)]
-    if result.curves:
-        panels.append((0.78, 1.9))
-    foot = 0.5
+    panels = _PANELS if result.curves else _PANELS[:2]
     total = 0.0
     for above, tall in panels:
         total += above + tall
-    total += foot
+    total += _FOOT
     drawing = sheet(title, total)
-    label_x = 0.86
-    wide = WIDTH - label_x - 1.75
+    wide = WIDTH - _LEFT - _LEGENDS
     axes = []
     bottom = 0.0
     for above, tall in panels:
         bottom += above + tall
-        axes.append(drawing.add_axes((label_x / WIDTH, 1 - bottom / total, wide / WIDTH, tall / total)))
+        axes.append(drawing.add_axes((_LEFT / WIDTH, 1 - bottom / total, wide / WIDTH, tall / total)))
     _errors(axes[0], result.runs)
     _efforts(axes[1], result, worst)
     for ax in axes[:2]:
@@ -65,13 +78,13 @@ def figure(result: Tracking) -> Figure:
         _curves(axes[2], result.curves)
     for ax in axes:
         ax.tick_params(length=2.5)
-        ax.yaxis.set_label_coords(-0.66 / wide, 0.5)
+        ax.yaxis.set_label_coords(-_LABEL_DISTANCE / wide, 0.5)
     return drawing
 
 
 def _errors(ax: Axes, runs: Mapping[str, Run]) -> None:
     """Draw the tip error of each run over time."""
-    for (name, run), color in zip(runs.items(), (INK, *PALETTE), strict=False):
+    for (name, run), color in zip(runs.items(), cycle((INK, *PALETTE)), strict=False):
         t, error = thin(run.t, run.tip_error / UM)
         largest = quantity(run.tip_max, "m", 3)
         ax.plot(t, error, color=color, lw=1.1, label=f"{name}\nlargest {largest}")
@@ -81,32 +94,38 @@ def _errors(ax: Axes, runs: Mapping[str, Run]) -> None:
 
 
 def _efforts(ax: Axes, result: Tracking, run: Run) -> None:
-    """Draw the running mean of the efforts and, in pale colours, the efforts at every tick, with encoder noise."""
-    largest = 0.0
+    """Draw the running mean of the efforts and, in pale colours, the efforts at every tick, with encoder noise.
+
+    The efforts are in percent of the motor's limit or, without one, of its peak in all runs.
+    """
+    largest_of_limit = 0.0
+    references = set()
     for i, row in enumerate(result.efforts):
-        full_scale = row.limit or row.peak or 1.0  # without a stated limit, percent of the peak
+        full_scale = row.limit or row.peak or 1.0
         reference = "limit" if row.limit else "peak"
+        references.add(reference)
         percent = 100 * run.effort[:, i] / full_scale
         color = PALETTE[i % len(PALETTE)]
         t, y = thin(run.t, percent)
         ax.plot(t, y, color=color, lw=0.5, alpha=0.3)
         t, y = thin(run.t, _mean(percent))
         ax.plot(t, y, color=color, lw=1.1, label=f"{row.joint}, {reference} {full_scale:g} {row.unit}")
-        largest = max(largest, np.abs(percent).max())
-    if largest > 60:  # else the limits would compress the curves
+        if row.limit:
+            largest_of_limit = max(largest_of_limit, np.abs(percent).max())
+    if largest_of_limit > _NEAR_LIMIT:
         for side in (-100, 100):
             limit_line(ax, side, "limit")
     ax.axhline(0, color=INK, lw=0.5, alpha=0.4)
     ax.annotate(f"{result.worst}; pale: value of every tick", (0.006, 0.03), xycoords="axes fraction", fontsize=8.5)
     ax.margins(y=0.12)
-    ax.set_ylabel("effort, % of limit")
+    ax.set_ylabel(f"effort, % of {' or '.join(sorted(references))}")
     legend_beside(ax)
 
 
 def _curves(ax: Axes, curves: Mapping[str, Sequence[Run]]) -> None:
     """Draw the largest and the RMS tip error of each series of runs over the error of the model."""
     worst = 0.0
-    for (name, runs), color in zip(curves.items(), PALETTE, strict=False):
+    for (name, runs), color in zip(curves.items(), cycle(PALETTE), strict=False):
         mismatch = np.zeros(len(runs))
         largest = np.zeros(len(runs))
         rms = np.zeros(len(runs))
@@ -125,9 +144,9 @@ def _curves(ax: Axes, curves: Mapping[str, Sequence[Run]]) -> None:
 
 
 def _up_to(ax: Axes, largest: float) -> None:
-    """Set the y axis from 0 to above `largest` (m); if `largest` exceeds 0.4 mm, at least to above the paper's 1 mm."""
+    """Set the y axis from 0 to above `largest` (m); if this is near the paper's 1 mm, at least to above 1 mm."""
     top = max(largest, 1e-9)
-    if largest > 0.4 * TIP_LIMIT:
+    if largest > _NEAR_TIP_LIMIT * TIP_LIMIT:
         limit_line(ax, TIP_LIMIT / UM, "1 mm, as the paper reports")
         top = max(largest, TIP_LIMIT)
     ax.set_ylim(0, 1.16 * top / UM)
