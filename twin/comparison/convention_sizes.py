@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from twin.comparison.evidence import LIMIT
-from twin.comparison.fit import Problem, Unknowns
+from twin.comparison.fit import Problem
 from twin.comparison.side import ONE_COORDINATE
+from twin.comparison.unknowns import Unknowns
 
 
 def moved_zeros(problem: Problem, unknowns: Unknowns) -> list[int]:

@@ -9,11 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from twin.comparison.dh_statements import CellStatement
-from twin.comparison.fit import Problem, Unknowns, values_of
+from twin.comparison.fit import Problem
 from twin.comparison.frames import gaps, gaps_of, leaf_gaps
 from twin.comparison.matching import Matching
 from twin.comparison.side import RobotSide
 from twin.comparison.statements import NumberStatement, PlaceStatement
+from twin.comparison.unknowns import Unknowns, values_of
 from twin.core.spatial import Array
 
 Statement = NumberStatement | PlaceStatement | CellStatement

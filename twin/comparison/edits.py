@@ -16,7 +16,7 @@ from twin.comparison.dh_statements import CellStatement
 from twin.comparison.edit_case import EditCase, Statement
 from twin.comparison.file_numbers import FileNumber
 from twin.comparison.file_statements import statements
-from twin.comparison.fit import FitSolution, Problem, Unknowns
+from twin.comparison.fit import FitSolution, Problem
 from twin.comparison.frames import leaf_gaps
 from twin.comparison.items import ComparedItem, NumberEdit
 from twin.comparison.matching import Matching
@@ -25,6 +25,7 @@ from twin.comparison.rereading import EditGoal
 from twin.comparison.side import RobotSide, plain
 from twin.comparison.solved_value import solved_values
 from twin.comparison.statements import NumberStatement, places
+from twin.comparison.unknowns import Unknowns
 from twin.core.spatial import Array
 
 _MOST = 6
@@ -183,13 +184,12 @@ def _without(problem: Problem, unknowns: Unknowns, item: ComparedItem) -> Unknow
         signs[joint] = 1.0
         return replace(unknowns, signs=signs)
     assert unknowns.deviations is not None
-    of_item = (joint, problem.turned_axis(joint))
     rows = []
     still_deviating = []
-    for k, deviating in enumerate(unknowns.deviating):
-        if deviating not in of_item:
+    for k, deviation in enumerate(unknowns.deviating):
+        if deviation.joint != joint:
             rows.append(k)
-            still_deviating.append(deviating)
+            still_deviating.append(deviation)
     return replace(unknowns, deviating=tuple(still_deviating), deviations=unknowns.deviations[rows])
 
 

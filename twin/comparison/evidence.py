@@ -13,10 +13,11 @@ from typing import Literal
 
 import numpy as np
 
-from twin.comparison.fit import Problem, Unknowns, values_of
+from twin.comparison.fit import Problem
 from twin.comparison.frames import FrameGap, leaf_gaps
 from twin.comparison.side import ONE_COORDINATE
 from twin.comparison.tool_lines import may_agree
+from twin.comparison.unknowns import BASE_VALUES, Deviation, Unknowns, values_of, zero_column
 from twin.core import spatial
 from twin.core.spatial import Array
 
@@ -71,7 +72,7 @@ class StatedEvidence:
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
-        self._possible_tools: dict[tuple[int, tuple[float, ...], tuple[int, ...]], bool] = {}
+        self._possible_tools: dict[tuple[int, tuple[float, ...], tuple[Deviation, ...]], bool] = {}
 
     @cached_property
     def frames(self) -> tuple[FrameGap, ...]:
@@ -146,7 +147,9 @@ class StatedEvidence:
                 groups.append(group)
         return groups
 
-    def residuals(self, pieces: Sequence[Evidence], signs: Array, values: Array, deviating: Sequence[int]) -> Array:
+    def residuals(
+        self, pieces: Sequence[Evidence], signs: Array, values: Array, deviating: Sequence[Deviation]
+    ) -> Array:
         """Return (k, rows) of pieces of evidence in m and rad for `values` (k, unknowns)."""
         _, _, motions = self.problem.motions(signs, values, deviating)
         return self.residuals_of(pieces, signs, values, motions)
@@ -162,13 +165,13 @@ class StatedEvidence:
         """Return (k, rows) of one piece of evidence, see `residuals_of`."""
         index = evidence.index
         if evidence.kind == "base":
-            return values[:, :6]
+            return values[:, :BASE_VALUES]
         if evidence.kind == "zero":
-            return self._distance(index, values[:, 6 + index])[:, None]
+            return self._distance(index, values[:, zero_column(index)])[:, None]
         if evidence.kind == "limits":
             zero = self.limit_zero(index, signs)
             assert zero is not None
-            return self._distance(index, values[:, 6 + index] - zero)[:, None]
+            return self._distance(index, values[:, zero_column(index)] - zero)[:, None]
         if evidence.kind == "tool":
             frame_rows = []
             for gap in self._frames_on(index):
@@ -253,7 +256,7 @@ class StatedEvidence:
     def row_count(self, evidence: Evidence) -> int:
         """Return the number of rows of a piece of evidence in `residuals`."""
         if evidence.kind == "base":
-            return 6
+            return BASE_VALUES
         if evidence.kind == "tool":
             return 12 * len(self._frames_on(evidence.index))
         if evidence.kind == "inertia":
@@ -283,13 +286,13 @@ class StatedEvidence:
     def fixed_values(self, evidence: Evidence, signs: Array) -> dict[int, float]:
         """Return {index of an unknown: value} that a piece of evidence states; {} for one that is a condition."""
         if evidence.kind == "base":
-            return dict.fromkeys(range(6), 0.0)
+            return dict.fromkeys(range(BASE_VALUES), 0.0)
         if evidence.kind == "zero":
-            return {6 + evidence.index: 0.0}
+            return {zero_column(evidence.index): 0.0}
         if evidence.kind == "limits":
             zero = self.limit_zero(evidence.index, signs)
             assert zero is not None
-            return {6 + evidence.index: zero}
+            return {zero_column(evidence.index): zero}
         return {}
 
 
@@ -298,5 +301,5 @@ def turning_columns(problem: Problem) -> list[int]:
     columns = [0, 1, 2]
     for i in problem.signed:
         if problem.kinds[i] in ONE_COORDINATE and problem.axes[i].is_angle:
-            columns.append(6 + i)
+            columns.append(zero_column(i))
     return columns

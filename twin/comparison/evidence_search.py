@@ -17,15 +17,13 @@ from twin.comparison.fit import (
     STEP,
     FitSolution,
     Problem,
-    Unknowns,
     open_directions,
-    values_of,
     with_steps,
-    with_values,
 )
 from twin.comparison.fit_starts import solve
 from twin.comparison.invariants import NeighbourLines
 from twin.comparison.smallest_deviations import NEAR
+from twin.comparison.unknowns import BASE_VALUES, Deviation, Unknowns, free_values, values_of, with_values, zero_column
 from twin.core.spatial import Array
 
 _FITS = 160
@@ -54,7 +52,7 @@ _LARGEST_TURN = 1e-3
 class _SignChoice:
     """Signs of the first joints of the order, and the zeros that they need."""
 
-    deviating: tuple[int, ...]
+    deviating: tuple[Deviation, ...]
     signs: tuple[float, ...]
     zeros: frozenset[int]
 
@@ -111,7 +109,7 @@ class EvidenceSearch:
         self._pushed += 1
         heapq.heappush(self._heap, (bound, self._pushed, choice))
 
-    def run(self, sets: Sequence[tuple[int, ...]]) -> list[FitSolution]:
+    def run(self, sets: Sequence[tuple[Deviation, ...]]) -> list[FitSolution]:
         """Return the solutions with the lowest cost for these sets of deviating joints."""
         for deviating in sets:
             self._push(0.0, _SignChoice(deviating, (), frozenset()))
@@ -176,7 +174,7 @@ class EvidenceSearch:
         solution = solve(self.problem, signs, choice.deviating)
         if not self.problem.holds(solution.gap):
             return
-        free = self.problem.free(choice.deviating)
+        free = free_values(self.problem.count, choice.deviating)
         fitted = self._rounded(_FitChoice(solution, free, (), frozenset()))
         self._push(self._bound(fitted), fitted)
 
@@ -184,9 +182,9 @@ class EvidenceSearch:
         """Return the choice with a base and zeros that are only inaccuracies set to zero, as far as the lines agree."""
         problem = self.problem
         values = values_of(choice.solution.unknowns)
-        conventions = [list(range(6))]  # columns of the base, then of each zero
+        conventions = [list(range(BASE_VALUES))]  # columns of the base, then of each zero
         for i in range(problem.count):
-            conventions.append([6 + i])
+            conventions.append([zero_column(i)])
         for columns in conventions:
             size = np.abs(values[columns]).max()
             if size == 0.0 or size > NEAR * problem.tolerance:

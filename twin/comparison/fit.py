@@ -11,7 +11,7 @@ Here are the residuals of given signs and deviating joints, and the Gauss-Newton
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import NamedTuple, cast
 
@@ -20,6 +20,16 @@ from scipy import linalg
 
 from twin.comparison.matching import Matching
 from twin.comparison.side import ONE_COORDINATE, TURNING, Axis, RobotSide
+from twin.comparison.unknowns import (
+    BASE_VALUES,
+    Deviation,
+    Unknowns,
+    convention_count,
+    free_values,
+    values_of,
+    with_values,
+    zero_columns,
+)
 from twin.core import spatial
 from twin.core.spatial import Array, Index
 
@@ -65,31 +75,6 @@ _ENDED = 1e-9
 
 _ROUNDING = 1e-20
 """Sum of squares in m and rad below which a small gain of a step is only rounding, and ends nothing."""
-
-
-@dataclass(frozen=True)
-class Unknowns:
-    """Signs and values of a fit.
-
-    Attributes:
-        signs: (joints,) 1 or -1 for each joint of the second side.
-        base: (6,) rotation vector in rad and shift in m of the base transform X.
-        zeros: (joints,) by how much the zero of each joint of the first side differs, see `Problem.shifted`.
-        deviating: joints whose place on their parent link changes; `Problem.turned_axis` is the number of a joint whose
-            axis alone is turned, while all links stay.
-        deviations: (deviating, 6) their rotation vectors in rad and shifts in m, in the frame of the joint.
-    """
-
-    signs: Array
-    base: Array
-    zeros: Array
-    deviating: tuple[int, ...] = ()
-    deviations: Array | None = None
-
-    @property
-    def flips(self) -> tuple[int, ...]:
-        """Indices of the joints that turn the other way."""
-        return tuple(np.flatnonzero(self.signs < 0).tolist())
 
 
 @dataclass(frozen=True)
@@ -209,7 +194,7 @@ class Problem:
 
     # -- residuals ------------------------------------------------------------------------------------
 
-    def motions(self, signs: Array, values: Array, deviating: Sequence[int]) -> tuple[Array, Array, Array]:
+    def motions(self, signs: Array, values: Array, deviating: Sequence[Deviation]) -> tuple[Array, Array, Array]:
         """Return (parents, children, groups): the motions of the bodies of the first side for `values` (k, unknowns).
 
         `parents` and `children` (k, joints, 4, 4) map what is on the parent and on the child of each joint;
@@ -221,19 +206,21 @@ class Problem:
         groups[:] = base[:, None]
         parents = np.zeros((count, self.count, 4, 4))
         children = np.zeros((count, self.count, 4, 4))
-        places = dict(zip(deviating, range(len(deviating)), strict=True))
+        placed: dict[int, Array] = {}
+        turned: dict[int, Array] = {}
+        for k, deviation in enumerate(deviating):
+            of_kind = turned if deviation.axis_only else placed
+            of_kind[deviation.joint] = deviations[:, k]
         for i in self.order:
             axis = self.axes[i]
             parent = groups[:, axis.parent]
             step = steps[:, i]
-            if i in places:
-                parent = parent @ deviations[:, places[i]]
-            turned = self.turned_axis(i)
-            if turned in places:
+            if i in placed:
+                parent = parent @ placed[i]
+            if i in turned:
                 # the axis is turned about its point, and the links behind the joint stay: turned back after its motion
-                turn = deviations[:, places[turned]]
-                parent = parent @ turn
-                step = step @ spatial.inverse(turn)
+                parent = parent @ turned[i]
+                step = step @ spatial.inverse(turned[i])
             parents[:, i] = parent
             if axis.closing:
                 children[:, i] = groups[:, axis.child]
@@ -242,17 +229,16 @@ class Problem:
             groups[:, axis.child] = children[:, i]
         return parents, children, groups
 
-    def _steps(self, signs: Array, values: Array, deviating: Sequence[int]) -> tuple[Array, Array, Array]:
+    def _steps(self, signs: Array, values: Array, deviating: Sequence[Deviation]) -> tuple[Array, Array, Array]:
         """Return (base, joints, deviations) for `values` (k, unknowns).
 
         `base` (k, 4, 4) is the base transform, `joints` (k, joints, 4, 4) the motions about or along the lines,
         `deviations` (k, deviating, 4, 4) those of the deviating joints on their parent links. All their rotations are
         computed by one call: a call takes longer than a rotation.
         """
-        displacements = self.displacements(signs, values[:, 6 : 6 + self.count])
-        # the number of a joint whose axis alone is turned is that of the joint plus `count`
-        joints = [joint % self.count for joint in deviating]
-        in_frame = values[:, 6 + self.count :].reshape(len(values), len(joints), 2, 3)
+        displacements = self.displacements(signs, values[:, zero_columns(self.count)])
+        joints = [deviation.joint for deviation in deviating]
+        in_frame = values[:, convention_count(self.count) :].reshape(len(values), len(joints), 2, 3)
         placed = in_frame
         if joints:
             placed = in_frame @ np.swapaxes(self.frames[joints], 1, 2)
@@ -262,7 +248,7 @@ class Problem:
         R_deviations = R[:, 1 + self.count :]
         points = self.points[joints]
         shifts = points - np.squeeze(R_deviations @ points[..., None], -1) + placed[:, :, 1]
-        base = spatial.pose(R[:, 0], values[:, 3:6])
+        base = spatial.pose(R[:, 0], values[:, 3:BASE_VALUES])
         return base, joint_motions, spatial.pose(R_deviations, shifts)
 
     def steps(self, displacements: Array) -> Array:
@@ -278,24 +264,6 @@ class Problem:
         p = self.points - np.squeeze(R @ self.points[..., None], -1)
         p = p + (displacements * self._sliding)[..., None] * self.directions
         return spatial.pose(R, p)
-
-    def turned_axis(self, joint: int) -> int:
-        """Return the number in `Unknowns.deviating` of a joint whose axis alone is turned."""
-        return self.count + joint
-
-    def free(self, deviating: Sequence[int]) -> Array:
-        """Return which values (unknowns,) may change: all but the shifts of axes that are only turned."""
-        free = np.ones(6 + self.count + 6 * len(deviating), bool)
-        for k, joint in enumerate(deviating):
-            if joint >= self.count:
-                start = 6 + self.count + 6 * k
-                free[start + 3 : start + 6] = False
-        return free
-
-    def residuals(self, signs: Array, values: Array, deviating: Sequence[int]) -> Array:
-        """Return the residuals (k, rows) in m and rad for `values` (k, unknowns)."""
-        parents, children, _ = self.motions(signs, values, deviating)
-        return self.rows(signs, parents, children)
 
     def rows(self, signs: Array, parents: Array, children: Array) -> Array:
         """Return the residuals (k, rows) in m and rad for motions (k, joints, 4, 4) as in `motions`."""
@@ -392,7 +360,7 @@ class Problem:
 
         Args:
             unknowns: values to begin with.
-            free: (unknowns,) which values may change. None: see `free`.
+            free: (unknowns,) which values may change. None: see `free_values`.
             further_residuals: a function of values (k, unknowns), and of the motions (k, groups, 4, 4) of the groups of
                 bodies with these values, that returns (k, rows) of further residuals in m and rad.
         """
@@ -406,7 +374,7 @@ class Problem:
 
         x = values_of(unknowns)
         if free is None:
-            free = self.free(unknowns.deviating)
+            free = free_values(self.count, unknowns.deviating)
         columns = np.flatnonzero(free)
         r = residuals(x[None])[0]
         damping = 0.0
@@ -535,18 +503,3 @@ def _tree(joints: tuple[_JointEnds, ...]) -> tuple[list[int], list[list[int]]]:
                 on_child.append(k)
         below.append(on_child)
     return order, below
-
-
-def values_of(unknowns: Unknowns) -> Array:
-    """Return the values (unknowns,) of a fit: base, zeros, deviations."""
-    parts = [unknowns.base, unknowns.zeros]
-    if unknowns.deviations is not None:
-        parts.append(unknowns.deviations.ravel())
-    return np.concatenate(parts)
-
-
-def with_values(unknowns: Unknowns, x: Array) -> Unknowns:
-    """Return unknowns with other values (unknowns,), see `values_of`."""
-    count = len(unknowns.zeros)
-    deviations = x[6 + count :].reshape(-1, 6)
-    return replace(unknowns, base=x[:6], zeros=x[6 : 6 + count], deviations=deviations)

@@ -9,8 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twin.comparison.fit import FitSolution, Problem, Unknowns, cross
+from twin.comparison.fit import FitSolution, Problem, cross
 from twin.comparison.side import ONE_COORDINATE, TURNING
+from twin.comparison.unknowns import Deviation, Unknowns
 from twin.core import spatial
 from twin.core.spatial import Array
 
@@ -24,7 +25,7 @@ _SAME_LINE = 1e-6
 """Sine of an angle, or distance in m, below which two lines are parallel, or the same."""
 
 
-def solve(problem: Problem, signs: Array, deviating: tuple[int, ...] = ()) -> FitSolution:
+def solve(problem: Problem, signs: Array, deviating: tuple[Deviation, ...] = ()) -> FitSolution:
     """Return the best fit with these signs (joints,) and deviating joints, from two starts."""
     best: FitSolution | None = None
     # the base as it is comes first: descriptions of one robot mostly have the same one
@@ -41,7 +42,7 @@ def solve(problem: Problem, signs: Array, deviating: tuple[int, ...] = ()) -> Fi
     return best
 
 
-def _start(problem: Problem, signs: Array, deviating: tuple[int, ...], aligned: bool) -> Unknowns | None:
+def _start(problem: Problem, signs: Array, deviating: tuple[Deviation, ...], aligned: bool) -> Unknowns | None:
     """Return start values: the base as it is or aligned with the first lines, then each joint from its children."""
     X = np.eye(4)
     if aligned:
@@ -58,10 +59,11 @@ def _start(problem: Problem, signs: Array, deviating: tuple[int, ...], aligned: 
         if axis.closing:  # the joints of the tree already place both of its links
             continue
         parent = groups[axis.parent]
-        if i in deviating:
+        place = Deviation(i)
+        if place in deviating:
             parent, values = _placed_on_target(problem, i, parent, signs)
-            deviations[deviating.index(i)] = values
-        turned_axis = problem.turned_axis(i)
+            deviations[deviating.index(place)] = values
+        turned_axis = Deviation(i, axis_only=True)
         if turned_axis in deviating:
             _, values = _placed_on_target(problem, i, parent, signs)
             deviations[deviating.index(turned_axis), :3] = values[:3]
@@ -73,22 +75,22 @@ def _start(problem: Problem, signs: Array, deviating: tuple[int, ...], aligned: 
     return Unknowns(signs, base, problem.zeros(signs, displacements), deviating, deviations)
 
 
-def _deviates(problem: Problem, joint: int, deviating: Sequence[int]) -> bool:
+def _deviates(joint: int, deviating: Sequence[Deviation]) -> bool:
     """Return whether the place or the axis of a joint deviates."""
-    return joint in deviating or problem.turned_axis(joint) in deviating
+    return any(deviation.joint == joint for deviation in deviating)
 
 
-def _aligned_base(problem: Problem, signs: Array, deviating: tuple[int, ...]) -> Array | None:
+def _aligned_base(problem: Problem, signs: Array, deviating: tuple[Deviation, ...]) -> Array | None:
     """Return the base transform (4, 4) that maps the lines of the first two joints in a chain to their targets.
 
     None if no two joints determine it.
     """
     for i in problem.order:
         axis = problem.axes[i]
-        if _deviates(problem, i, deviating) or axis.kind == "spherical":
+        if _deviates(i, deviating) or axis.kind == "spherical":
             continue
         for k in (*problem.below[i], *problem.order):
-            if k == i or _deviates(problem, k, deviating):
+            if k == i or _deviates(k, deviating):
                 continue
             if problem.axes[k].parent not in (0, axis.child):
                 continue
@@ -131,7 +133,7 @@ def _placed_on_target(problem: Problem, joint: int, parent: Array, signs: Array)
 
 
 def _displacement(
-    problem: Problem, joint: int, parent: Array, signs: Array, deviating: tuple[int, ...], neutral: float
+    problem: Problem, joint: int, parent: Array, signs: Array, deviating: tuple[Deviation, ...], neutral: float
 ) -> float:
     """Return the displacement of joint i in m or rad that best puts the lines of the joints on its child in place.
 
@@ -146,7 +148,7 @@ def _displacement(
         # a joint with a free place says nothing about where the joint above it stands
         children = []
         for k in below:
-            if not _deviates(problem, k, deviating):
+            if not _deviates(k, deviating):
                 children.append(k)
         if kind == "prismatic":
             displacement = _slide(problem, parent, axis, children)

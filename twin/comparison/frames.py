@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.comparison.fit import Problem, Unknowns, values_of
+from twin.comparison.fit import Problem
+from twin.comparison.unknowns import Unknowns, values_of
 from twin.core import spatial
 from twin.core.spatial import Array
 

@@ -16,6 +16,7 @@ import numpy as np
 from twin.comparison.fit import Problem
 from twin.comparison.frames import carriers
 from twin.comparison.side import TURNING
+from twin.comparison.unknowns import Deviation
 from twin.core.spatial import Array
 
 _SIGNS = (1.0, -1.0)
@@ -140,14 +141,14 @@ class Contradiction:
     """A difference of consecutive joint lines that no convention removes, and what removes it.
 
     Attributes:
-        alone: what may deviate, as in `Unknowns.deviating`, each of which is enough.
+        alone: what may deviate, each of which is enough.
         together: axes of which one is not enough, but two are.
     """
 
-    alone: frozenset[int]
-    together: frozenset[int] = frozenset()
+    alone: frozenset[Deviation]
+    together: frozenset[Deviation] = frozenset()
 
-    def is_explained(self, deviating: Collection[int]) -> bool:
+    def is_explained(self, deviating: Collection[Deviation]) -> bool:
         """Return whether a set of deviating joints may remove the difference."""
         if not self.alone.isdisjoint(deviating):
             return True
@@ -160,42 +161,29 @@ class NeighbourLines:
 
     Attributes:
         different: {joint: joint before it} where the distance or the angle of the two differs.
-        turned: {joint: those axes of the two, as in `Unknowns.deviating`, one of which is enough to remove this}.
+        turned: {joint: those axes of the two, one of which is enough to remove this}.
         products: {(joint before, joint): product of their signs, 1 or -1}, where the pair determines it.
         between: joints with a joint before and behind them.
-        count: number of joints.
     """
 
     different: dict[int, int]
-    turned: dict[int, frozenset[int]]
+    turned: dict[int, frozenset[Deviation]]
     products: dict[tuple[int, int], float]
     between: tuple[JointNeighbours, ...]
-    count: int
 
-    def _of_pair(self, before: int, joint: int) -> frozenset[int]:
-        """Return what changes the distance or the angle of two consecutive lines, as in `Unknowns.deviating`."""
-        return frozenset({joint, self.count + before, self.count + joint})
-
-    def _of_three(self, rule: JointNeighbours) -> frozenset[int]:
-        """Return what changes a joint with those before and behind it, as in `Unknowns.deviating`."""
-        changing = {rule.joint, rule.behind}
-        for joint in (rule.before, rule.joint, rule.behind):
-            changing.add(self.count + joint)  # its axis alone is turned
-        return frozenset(changing)
-
-    def allows(self, signs: Array, deviating: tuple[int, ...]) -> bool:
+    def allows(self, signs: Array, deviating: tuple[Deviation, ...]) -> bool:
         """Return whether a set of signs is possible if these joints deviate."""
         for (i, k), product in self.products.items():
-            if self._of_pair(i, k).isdisjoint(deviating) and signs[i] * signs[k] != product:
+            if _of_pair(i, k).isdisjoint(deviating) and signs[i] * signs[k] != product:
                 return False
         for rule in self.between:
-            if not self._of_three(rule).isdisjoint(deviating):
+            if not _of_three(rule).isdisjoint(deviating):
                 continue
             if not rule.is_possible((signs[rule.before], signs[rule.joint], signs[rule.behind])):
                 return False
         return True
 
-    def zeros(self, signs: Mapping[int, float], last: int, deviating: tuple[int, ...]) -> set[int] | None:
+    def zeros(self, signs: Mapping[int, float], last: int, deviating: tuple[Deviation, ...]) -> set[int] | None:
         """Return the zeros that the joints up to `last` need; None if the signs are impossible.
 
         Args:
@@ -204,13 +192,13 @@ class NeighbourLines:
             deviating: as in `Unknowns`.
         """
         for (i, k), product in self.products.items():
-            if k != last or not self._of_pair(i, k).isdisjoint(deviating):
+            if k != last or not _of_pair(i, k).isdisjoint(deviating):
                 continue
             if signs[i] * signs[k] != product:
                 return None
         needed = set()
         for rule in self.between:
-            if rule.behind != last or not self._of_three(rule).isdisjoint(deviating):
+            if rule.behind != last or not _of_three(rule).isdisjoint(deviating):
                 continue
             signs_of_three = (signs[rule.before], signs[rule.joint], signs[rule.behind])
             if not rule.is_possible(signs_of_three):
@@ -222,10 +210,23 @@ class NeighbourLines:
     def contradictions(self) -> Iterator[Contradiction]:
         """Yield the differences that some joint must remove."""
         for k, i in self.different.items():
-            yield Contradiction(self.turned[k] | {k}, self._of_pair(i, k) - {k})
+            yield Contradiction(self.turned[k] | {Deviation(k)}, _of_pair(i, k) - {Deviation(k)})
         for rule in self.between:
             if not rule.is_possible_with_any():
-                yield Contradiction(self._of_three(rule))
+                yield Contradiction(_of_three(rule))
+
+
+def _of_pair(before: int, joint: int) -> frozenset[Deviation]:
+    """Return what changes the distance or the angle of two consecutive lines."""
+    return frozenset({Deviation(joint), Deviation(before, axis_only=True), Deviation(joint, axis_only=True)})
+
+
+def _of_three(rule: JointNeighbours) -> frozenset[Deviation]:
+    """Return what changes a joint with those before and behind it."""
+    changing = {Deviation(rule.joint), Deviation(rule.behind)}
+    for joint in (rule.before, rule.joint, rule.behind):
+        changing.add(Deviation(joint, axis_only=True))
+    return frozenset(changing)
 
 
 def neighbour_lines(problem: Problem) -> NeighbourLines:
@@ -256,7 +257,7 @@ def neighbour_lines(problem: Problem) -> NeighbourLines:
             rule = _between(problem, before, i, k)
             if rule is not None:
                 between.append(rule)
-    return NeighbourLines(different, turned, products, tuple(between), problem.count)
+    return NeighbourLines(different, turned, products, tuple(between))
 
 
 def _between(problem: Problem, before: int, joint: int, behind: int) -> JointNeighbours | None:
@@ -344,8 +345,8 @@ def _invariants(points: Array, directions: Array, i: int, k: int) -> tuple[float
 
 def _turned_alone(
     problem: Problem, i: int, k: int, target: tuple[float, float, float], *, turning: bool
-) -> frozenset[int]:
-    """Return the axes, as in `Unknowns.deviating`, one of which gives two lines the distance of their targets.
+) -> frozenset[Deviation]:
+    """Return the axes, one of which gives two lines the distance of their targets.
 
     An axis is turned about its point, whose distance from the other line stays: the distance of the lines can be any
     up to this one, and of parallel lines it is this one.
@@ -356,7 +357,7 @@ def _turned_alone(
     axes = set()
     for joint, other in ((i, k), (k, i)):
         if not turning:
-            axes.add(problem.turned_axis(joint))
+            axes.add(Deviation(joint, axis_only=True))
             continue
         between = problem.points[joint] - problem.points[other]
         largest = float(np.linalg.norm(np.cross(between, problem.directions[other])))
@@ -368,7 +369,7 @@ def _turned_alone(
         distance = abs(target[2])
         if distance > largest + limit or (parallel and distance < largest - limit):
             continue
-        axes.add(problem.turned_axis(joint))
+        axes.add(Deviation(joint, axis_only=True))
     return frozenset(axes)
 
 

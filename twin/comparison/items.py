@@ -8,9 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from twin.comparison.convention_sizes import is_base_moved, moved_zeros, zero_of
-from twin.comparison.fit import FitSolution, Problem, Unknowns
+from twin.comparison.fit import FitSolution, Problem
 from twin.comparison.frames import FrameGap, carriers, gaps
 from twin.comparison.matching import Matching
+from twin.comparison.unknowns import Unknowns
 from twin.core import spatial
 from twin.core.json_types import JsonObject
 from twin.core.quantity import deg, mm, moved
@@ -236,10 +237,9 @@ def _tools(problem: Problem, unknowns: Unknowns) -> list[ComparedItem]:
 def _links(problem: Problem, unknowns: Unknowns) -> list[ComparedItem]:
     """Return an item for each deviating joint: its place on its parent link, or its axis alone."""
     items_of_links = []
-    for k, deviating in enumerate(unknowns.deviating):
+    for k, deviation in enumerate(unknowns.deviating):
         assert unknowns.deviations is not None
-        # an axis that alone is turned has the number of its joint plus `count`
-        i = deviating % problem.count
+        i = deviation.joint
         values = unknowns.deviations[k]
         axis = problem.axes[i]
         second = problem.second.axes[i]
@@ -247,7 +247,7 @@ def _links(problem: Problem, unknowns: Unknowns) -> list[ComparedItem]:
         shift = problem.frames[i] @ values[3:]
         link = problem.second.groups[second.parent].bodies[-1]
         text = f"the place of joint '{second.name}' on link '{link}' differs by {placed(shift, turn)}"
-        if deviating >= problem.count:
+        if deviation.axis_only:
             text = f"the axis of joint '{second.name}' on link '{link}' is turned by {placed(shift, turn)}"
         before = carriers(problem).get(axis.parent)
         if before is not None:

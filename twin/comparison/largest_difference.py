@@ -9,11 +9,12 @@ import numpy as np
 
 from twin.comparison.coupled_motion import followed_of
 from twin.comparison.file_numbers import numbers
-from twin.comparison.fit import FitSolution, Problem, Unknowns, values_of
+from twin.comparison.fit import FitSolution, Problem
 from twin.comparison.frames import FrameGap, leaf_gaps
 from twin.comparison.paths import short
 from twin.comparison.properties import mapped_limits
 from twin.comparison.side import ONE_COORDINATE, Axis, RobotSide, plain
+from twin.comparison.unknowns import Unknowns, values_of, zero_columns
 from twin.core import spatial
 from twin.core.errors import TwinError
 from twin.core.json_types import JsonObject
@@ -176,7 +177,7 @@ def _difference_of(problem: Problem, unknowns: Unknowns, tool: FrameGap, states:
     T_tool = T_first @ spatial.inverse(tool.T)
     # the zeros are the only unknowns of `motions` that move joints: each state is a change of them
     values = np.repeat(values_of(unknowns)[None], len(states), axis=0)
-    values[:, 6 : 6 + problem.count] += unknowns.signs * (states - problem.target_drawn)
+    values[:, zero_columns(problem.count)] += unknowns.signs * (states - problem.target_drawn)
     _, _, motions = problem.motions(unknowns.signs, values, ())
     first = motions[:, group] @ T_tool
     tree = []

@@ -11,9 +11,10 @@ import numpy as np
 from twin.comparison.convention_sizes import zero_of
 from twin.comparison.coupled_motion import RATIO, CoupledFollower, constraints, followed
 from twin.comparison.evidence import CENTRE, LIMIT, RELATIVE
-from twin.comparison.fit import FitSolution, Problem, values_of
+from twin.comparison.fit import FitSolution, Problem
 from twin.comparison.items import NumberEdit
 from twin.comparison.side import ONE_COORDINATE, UNLIMITED, Axis, RobotSide
+from twin.comparison.unknowns import values_of
 from twin.core import format
 from twin.core.json_types import JsonObject
 from twin.core.quantity import moved

@@ -10,11 +10,12 @@ import numpy as np
 
 from twin.comparison.evidence import CONVENTION, StatedEvidence, turning_columns
 from twin.comparison.evidence_search import NODES_WITH_MANY, SAME_COST, EvidenceSearch, cost
-from twin.comparison.fit import FitSolution, Problem, Unknowns, values_of
+from twin.comparison.fit import FitSolution, Problem
 from twin.comparison.fit_starts import solve
 from twin.comparison.frames import gaps
 from twin.comparison.invariants import Contradiction, NeighbourLines, neighbour_lines
 from twin.comparison.smallest_deviations import NEAR, smallest_deviations, with_few_numbers, with_short_turns
+from twin.comparison.unknowns import Deviation, Unknowns, values_of
 from twin.core.spatial import Array
 
 _FLIPS = 3
@@ -56,7 +57,7 @@ def conventions(problem: Problem) -> list[FitSolution]:
     largest_cost = cost(evidence, likeliest) - _DEVIATION
     if largest_cost < 0.0 or not _contradicts(evidence, likeliest):
         return by_conventions
-    sets = [(place,) for place in _places(problem)]
+    sets = [(place,) for place in _places_and_axes(problem)]
     by_one_joint = EvidenceSearch(problem, neighbours, largest_cost - 2 * SAME_COST).run(sets)
     return _explained(problem, by_one_joint) or by_conventions
 
@@ -67,12 +68,17 @@ def _contradicts(stated: StatedEvidence, unknowns: Unknowns) -> bool:
     return any(evidence.weight > CONVENTION for evidence in violated)
 
 
-def _places(problem: Problem) -> list[int]:
+def _places(problem: Problem) -> list[Deviation]:
+    """Return the place of each joint."""
+    return [Deviation(joint) for joint in range(problem.count)]
+
+
+def _places_and_axes(problem: Problem) -> list[Deviation]:
     """Return what may deviate: the place of each joint, and the axis alone of each joint that has one."""
-    places = list(range(problem.count))
+    places = _places(problem)
     for i in problem.signed:
         if not problem.axes[i].closing:
-            places.append(problem.turned_axis(i))
+            places.append(Deviation(i, axis_only=True))
     return places
 
 
@@ -87,9 +93,9 @@ def deviations(problem: Problem) -> list[FitSolution]:
         # without contradictions, nothing excludes any of the many sets: each would be fitted
         if size == _SETS and not contradictions:
             break
-        places = list(range(problem.count))
+        places = _places(problem)
         if size < _SETS:
-            places = _places(problem)
+            places = _places_and_axes(problem)
         sets = []
         for chosen in combinations(places, size):
             if _explains(chosen, contradictions):
@@ -100,7 +106,7 @@ def deviations(problem: Problem) -> list[FitSolution]:
     return _added_one_by_one(problem, neighbours)
 
 
-def _explains(deviating: Collection[int], contradictions: Sequence[Contradiction]) -> bool:
+def _explains(deviating: Collection[Deviation], contradictions: Sequence[Contradiction]) -> bool:
     """Return whether a set of deviating joints may remove all contradictions."""
     return all(contradiction.is_explained(deviating) for contradiction in contradictions)
 
@@ -170,7 +176,7 @@ def _changed_numbers(solution: FitSolution) -> float:
 
 def _added_one_by_one(problem: Problem, neighbours: NeighbourLines) -> list[FitSolution]:
     """Return solutions whose deviating joints are added one by one, each that lowers the gap most."""
-    deviating = tuple(sorted(neighbours.different))
+    deviating = tuple(Deviation(joint) for joint in sorted(neighbours.different))
     signs = np.ones(problem.count)
     for candidate_signs in _sign_sets(problem, _FLIPS):
         if neighbours.allows(candidate_signs, deviating):
@@ -179,10 +185,10 @@ def _added_one_by_one(problem: Problem, neighbours: NeighbourLines) -> list[FitS
     for _ in range(min(_DEVIATING, problem.count)):
         # greedily: all sets of so many joints would be far too many
         best: FitSolution | None = None
-        for joint in range(problem.count):
-            if joint in deviating:
+        for place in _places(problem):
+            if place in deviating:
                 continue
-            solution = solve(problem, signs, tuple(sorted((*deviating, joint))))
+            solution = solve(problem, signs, tuple(sorted((*deviating, place))))
             if best is None or solution.gap.size < best.gap.size:
                 best = solution
         if best is None:
@@ -195,13 +201,13 @@ def _added_one_by_one(problem: Problem, neighbours: NeighbourLines) -> list[FitS
     return []
 
 
-def _needed(problem: Problem, signs: Array, deviating: tuple[int, ...]) -> tuple[int, ...]:
+def _needed(problem: Problem, signs: Array, deviating: tuple[Deviation, ...]) -> tuple[Deviation, ...]:
     """Return the deviating joints without those that a later choice has made needless."""
     needed = list(deviating)
-    for joint in deviating:
-        fewer = tuple([kept_joint for kept_joint in needed if kept_joint != joint])
+    for deviation in deviating:
+        fewer = tuple([kept for kept in needed if kept != deviation])
         if fewer and problem.holds(solve(problem, signs, fewer).gap):
-            needed.remove(joint)
+            needed.remove(deviation)
     return tuple(needed)
 
 

@@ -16,13 +16,11 @@ from twin.comparison.fit import (
     STEP,
     FitSolution,
     Problem,
-    Unknowns,
     open_directions,
-    values_of,
     with_steps,
-    with_values,
 )
 from twin.comparison.frames import leaf_gaps
+from twin.comparison.unknowns import Unknowns, convention_count, deviation_columns, free_values, values_of, with_values
 from twin.core import spatial
 from twin.core.spatial import Array
 
@@ -43,8 +41,8 @@ def smallest_deviations(problem: Problem, solution: FitSolution) -> FitSolution:
     """
     best = replace(solution, unknowns=with_short_turns(solution.unknowns))
     unknowns = best.unknowns
-    free = problem.free(unknowns.deviating)
-    free[: 6 + problem.count] = False  # base and zeros stay as found
+    free = free_values(problem.count, unknowns.deviating)
+    free[: convention_count(problem.count)] = False  # base and zeros stay as found
     columns = np.flatnonzero(free)
     stated = StatedEvidence(problem)
     of_bodies = []
@@ -87,8 +85,8 @@ def with_few_numbers(problem: Problem, solution: FitSolution) -> FitSolution:
     """Return the solution with as few changed numbers of its deviations as possible, with the conventions as found."""
     unknowns = solution.unknowns
     tools = [gap.T for gap in leaf_gaps(problem, unknowns)]
-    free = problem.free(unknowns.deviating)
-    free[: 6 + problem.count] = False
+    free = free_values(problem.count, unknowns.deviating)
+    free[: convention_count(problem.count)] = False
     best = solution
     for columns in _columns_of_deviations(problem, unknowns):
         if not free[columns].any():
@@ -107,10 +105,11 @@ def with_few_numbers(problem: Problem, solution: FitSolution) -> FitSolution:
 def _columns_of_deviations(problem: Problem, unknowns: Unknowns) -> Iterator[list[int]]:
     """Yield the unknowns that are held at zero together: of each joint its turn, its shift, then each number."""
     for k in range(len(unknowns.deviating)):
-        start = 6 + problem.count + 6 * k
-        yield [start, start + 1, start + 2]
-        yield [start + 3, start + 4, start + 5]
-        for column in range(start, start + 6):
+        place = deviation_columns(problem.count, k)
+        columns = list(range(place.start, place.stop))
+        yield columns[:3]
+        yield columns[3:]
+        for column in columns:
             yield [column]
 
 
