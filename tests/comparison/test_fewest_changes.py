@@ -83,6 +83,7 @@ def test_a_zero_is_the_only_change():
     assert explained.signs.tolist() == [1, 1, 1, 1]
 
 
+@pytest.mark.slow
 def test_a_sign_and_a_zero_are_found_together():
     explained = searched(rows(signs=(1, 1, -1, 1), zeros=(0, 0.04, 0, 0)))
     assert explained.signs.tolist() == [1, 1, -1, 1]
@@ -98,6 +99,7 @@ def test_of_a_place_only_the_numbers_that_differ_are_kept():
     assert np.count_nonzero(changed) < 6
 
 
+@pytest.mark.slow
 def test_a_flip_is_one_change_although_turned_places_explain_it_too():
     """Half a turn of a joint's place, and half a turn back behind it, move like the other sign."""
     explained = searched(rows(signs=(1, 1, -1, 1)))
