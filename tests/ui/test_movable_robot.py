@@ -31,8 +31,8 @@ from twin.ui.session.movable_robot import MovableRobot, MoveResult
 from twin.ui.session.readings import read
 from twin.ui.session.timeline import Clock, Playback, protocols_of
 from twin.ui.viewer import readout
+from twin.ui.viewer.curves_panel import LEAST_SPAN, curves
 from twin.ui.viewer.design_panel import SHOWN_POINTS, point_step, refusal_html, residual_html
-from twin.ui.viewer.panels import LEAST_SPAN, curves
 
 ROBOTS = one_of_a_kind()
 

@@ -330,7 +330,7 @@ def nonsense(front):
     """Yield messages that no page of ours sends."""
     name, box = element(front, "curve")._impl.uuid, element(front, "loop")._impl.uuid
     button = element(front, "▶ Play")._impl.uuid
-    slider = front.panels._joint[0]._impl.uuid
+    slider = front.panels.move.sliders[0]._impl.uuid
     upload = element(front, "Load a session")._impl.uuid
     yield "text"
     yield b""
@@ -550,8 +550,8 @@ def test_a_session_is_loaded_and_the_longest_one_fits(front, tmp_path):
 
     asyncio.run(go())
     front.step()
-    assert front.panels.record.session is not None
-    assert len(front.panels.record.session.moments) == 3
+    assert front.panels.move.record.session is not None
+    assert len(front.panels.move.record.session.moments) == 3
 
 
 def test_an_upload_is_one_at_a_time_in_order_and_no_larger_than_it_said(front):

@@ -17,9 +17,9 @@ from twin.core.units import MM
 from twin.ui.session.movable_robot import MovableRobot
 from twin.ui.session.timeline import Clock, Playback, prepare
 from twin.ui.viewer import view_export
+from twin.ui.viewer.curves_panel import curves, plotted_samples
 from twin.ui.viewer.front import ShownRobot
 from twin.ui.viewer.page import open_page
-from twin.ui.viewer.panels import curves, plotted_samples
 from twin.ui.viewer.server import serve
 
 
@@ -64,17 +64,17 @@ def test_a_wish_that_fails_is_told_and_the_loop_goes_on(two, monkeypatch, caplog
 
 
 def test_another_robot_becomes_active(two):
-    assert len(two.panels._joint) == 5
+    assert len(two.panels.move.sliders) == 5
     ticks = len(two.after_frame)
     two.set_active("lapbot")
     two.step()
     assert two.active.name == "lapbot"
-    assert len(two.panels._joint) == 6
+    assert len(two.panels.move.sliders) == 6
     assert len(two.after_frame) == ticks  # what watched the other one is gone
-    assert list(two.panels._protocol.options) == list(twin.load("lapbot").files.protocols())
+    assert list(two.panels.play._protocol.options) == list(twin.load("lapbot").files.protocols())
     assert not two.planning, "a list that is shown loads no protocol"
     two.set_active("hibou")
-    assert list(two.panels._protocol.options) == list(twin.load("hibou").files.protocols())
+    assert list(two.panels.play._protocol.options) == list(twin.load("hibou").files.protocols())
 
 
 def test_trocars_that_a_changed_design_does_not_fit_fail_the_plan_and_not_the_page(two, monkeypatch):
@@ -128,9 +128,9 @@ def test_a_protocol_is_prepared_elsewhere_and_played(two):
 def test_a_protocol_in_a_folder_is_among_those_of_the_page():
     robot = twin.load("raven_left")
     with front_of(robot, protocol="around/dome") as front:
-        chosen, options = front.panels._protocol.value, front.panels._protocol.options
+        chosen, options = front.panels.play._protocol.value, front.panels.play._protocol.options
         assert (chosen, options) == ("dome", ("about_port", "reach", "dome"))
-        assert front.panels._chosen() == "around/dome"
+        assert front.panels.play.chosen_protocol == "around/dome"
 
 
 @pytest.mark.parametrize("visible", [True, False])
@@ -203,15 +203,15 @@ def test_without_a_registered_rcm_the_page_shows_a_text_and_no_curve(two):
     playback = prepare(robot.name, None)
     try:
         robot.playback = replace(playback, rcm_error=np.full(len(playback.t), np.nan))
-        panels = two.panels
-        panels._what.value = "RCM error"
-        panels._draw_curves(force=True)
-        assert panels._plot is None
-        assert panels._legend.content == "no RCM is registered in this protocol"
+        panel = two.panels.curves
+        panel._chosen.value = "RCM error"
+        panel.draw(force=True)
+        assert panel._plot is None
+        assert panel._legend.content == "no RCM is registered in this protocol"
         robot.playback = playback
-        panels._draw_curves()
-        assert panels._plot is not None
-        assert "shaft to RCM" in panels._legend.content
+        panel.draw()
+        assert panel._plot is not None
+        assert "shaft to RCM" in panel._legend.content
     finally:
         robot.playback = planned
 
@@ -235,7 +235,7 @@ def test_a_bare_stage_is_shown_without_equations():
     with front_of(twin.load(stage)) as front:
         front.step()
         assert front.active.movable.kin is None
-        assert front.panels._run.disabled
+        assert front.panels.play._play_button.disabled
         front.ask("joint", lambda: front.active.movable.move_joint(0, front.active.movable.assembly.q[0] + 0.02))
         front.step()
         assert front.active.movable.last_move.good

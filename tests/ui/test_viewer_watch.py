@@ -86,7 +86,7 @@ def test_another_build_has_its_own_protocols_and_no_playback_of_the_build_before
     front, folder, _ = watched
     a = front.active
     trajectories = folder / "trajectories"
-    name = next(iter(front.panels._protocols[a.name]))
+    name = next(iter(front.panels.play._protocols[a.name]))
     shutil.move(trajectories / f"{name}.toml", trajectories / "renamed.toml")
     a.protocol = name
     a.playback = SimpleNamespace(t=[0.0])
@@ -96,10 +96,10 @@ def test_another_build_has_its_own_protocols_and_no_playback_of_the_build_before
     front.load = lambda a, protocol: loaded.append(protocol)
 
     note = front.replace(a, a.movable)
-    assert "renamed" in front.panels._protocol.options
-    assert name not in front.panels._protocol.options
+    assert "renamed" in front.panels.play._protocol.options
+    assert name not in front.panels.play._protocol.options
     assert a.playback is None
-    assert front.panels._run.disabled
+    assert front.panels.play._play_button.disabled
     assert f"protocol {name} has gone" in note
     assert loaded == [None]
     nodes = front.nodes[a.name]

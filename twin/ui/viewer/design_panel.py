@@ -178,7 +178,7 @@ class DesignPanel:
                         f"{distance.joint} to {distance.other} = {value / MM:g} mm: {error}"
                     ) from error
                 self.front.rebuilt(robot)
-                self.front.panels.ghost(True)  # the ghost shows the unedited mechanism
+                self.front.panels.show_ghost(True)  # the ghost shows the unedited mechanism
 
             self._queue(apply)
 
@@ -187,7 +187,7 @@ class DesignPanel:
                 movable.redesign(movable.robot.mechanism)
                 choose()
                 self.front.rebuilt(robot)
-                self.front.panels.ghost(False)
+                self.front.panels.show_ghost(False)
 
             self._queue(apply)
 

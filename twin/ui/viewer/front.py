@@ -100,13 +100,12 @@ class SceneryInterface(Protocol):
 
 
 class PanelsInterface(Protocol):
-    """Interface through which `Front` uses the controls and displays; implemented by `panels.Panels`.
+    """Interface through which `Front` uses the controls and displays; implemented by `panels.Panels`."""
 
-    Attributes:
-        why: why the last planning of a protocol failed; "" if none has failed.
-    """
-
-    why: str
+    @property
+    def why(self) -> str:
+        """Why the last planning of a protocol failed; "" if none has failed."""
+        ...
 
     def rebuild(self) -> None:
         """Rebuild the panels for another active robot, or for another build of the active robot."""
@@ -114,28 +113,28 @@ class PanelsInterface(Protocol):
     def show(self, reading: readings.RobotReading) -> None:
         """Show the readings of the active robot, the time, and the curves."""
 
-    def equations_shown(self) -> bool:
+    def shows_equation_points(self) -> bool:
         """Return whether the user has chosen to show the named points that the equations compute."""
         ...
 
-    def exaggeration(self) -> float:
+    def error_magnification(self) -> float:
         """Return the factor by which differences between points of equations and mechanism are drawn larger."""
         ...
 
-    def ghost(self, visible: bool) -> None:
+    def show_ghost(self, visible: bool) -> None:
         """Show or hide the ghost, and set its checkbox."""
 
     def ghost_poses(self, robot: ShownRobot) -> dict[str, Array] | None:
         """Return the link poses T_base_body (4, 4) of a robot's ghost, by body; None if they cannot be computed."""
 
-    def preparing(self, robot: ShownRobot, protocol: str | None) -> None:
+    def show_planning(self, robot: ShownRobot, protocol: str | None) -> None:
         """Show that a protocol of a robot is being planned; None: its default protocol."""
 
-    def failed(self, robot: ShownRobot, error: str) -> None:
+    def show_failure(self, robot: ShownRobot, error: str) -> None:
         """Show why the protocol of a robot cannot be played."""
 
-    def ready(self, robot: ShownRobot) -> None:
-        """Show the timeline of the planned protocol of a robot."""
+    def show_planned(self, robot: ShownRobot) -> None:
+        """Show timeline and curves of the planned protocol of a robot."""
 
     def close(self) -> None:
         """End the processes of the panels."""
@@ -279,8 +278,10 @@ class Front(ViewerPage):
         """Compute and show the readings of the active robot."""
         robot = self.active
         reading = readings.read(robot.movable, rcm_at(robot.playback, self.clock.time))
-        shown_points = reading.points if self.panels.equations_shown() else {}
-        self.nodes[robot.name].equations(shown_points, reading.actual, reading.agrees, self.panels.exaggeration())
+        shown_points = reading.points if self.panels.shows_equation_points() else {}
+        self.nodes[robot.name].equations(
+            shown_points, reading.actual, reading.agrees, self.panels.error_magnification()
+        )
         self.panels.show(reading)
         self.scenery.update()
         publish(self.server, self.state())
@@ -370,7 +371,7 @@ class Front(ViewerPage):
                 return
             files = ", ".join(change.files)
             if change.movable is None:
-                self.panels.failed(robot, f"{files}: {change.error} The robot before this change stays.")
+                self.panels.show_failure(robot, f"{files}: {change.error} The robot before this change stays.")
                 self.say(f"{files}: {change.error}", bad=True)
                 return
             note = self.replace(robot, change.movable)
@@ -466,7 +467,7 @@ class Front(ViewerPage):
             self._plans.pop(robot.name).close()
         robot.playback = None
         self._plans[robot.name] = Planner(robot.source, protocol)
-        self.panels.preparing(robot, protocol)
+        self.panels.show_planning(robot, protocol)
 
     @property
     def planning(self) -> bool:
@@ -480,18 +481,18 @@ class Front(ViewerPage):
             self._plans.pop(name).close()
             robot = self._robot(name)
             if not isinstance(planner.answer, Playback):
-                self.panels.failed(robot, str(planner.answer))
+                self.panels.show_failure(robot, str(planner.answer))
                 continue
             if robot.movable.robot.files is not None:
                 try:
                     self._bind(robot, planner.protocol)
                 except TwinError as error:
-                    self.panels.failed(robot, str(error))
+                    self.panels.show_failure(robot, str(error))
                     continue
             robot.playback = planner.answer
             robot.protocol = planner.protocol
             self.clock.duration = self._longest_motion()
-            self.panels.ready(robot)
+            self.panels.show_planned(robot)
             self.scenery.protocol_changed()
             self._seek_linked()
             if robot.name in self._staying:
