@@ -54,11 +54,11 @@ from twin.ui.headset.pose_packing import PosePacker
 from twin.ui.headset.ros.bridge import RosBridge
 from twin.ui.headset.ros.hands import ROS
 from twin.ui.headset.ros.topics import ConsoleTopics
-from twin.ui.headset.scene_frame import pack_scene
+from twin.ui.headset.scene_frame import HEARTBEAT, pack_scene
 from twin.ui.session.exercise import NO_TASK, Exercise
 from twin.ui.session.live_console import HeldError, LiveConsole
 from twin.ui.session.loaded_scene import LoadedScene
-from twin.ui.session.timeline import HEARTBEAT, RATE
+from twin.ui.session.timeline import RATE
 
 REPORT = "/report-{}.html"
 """URL path of the report of an attempt at a task; {} is the number of the attempt."""

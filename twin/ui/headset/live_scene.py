@@ -22,9 +22,9 @@ from twin.ui.headset.client_messages import (
 )
 from twin.ui.headset.deformable_packets import Bends
 from twin.ui.headset.live_robot import LiveRobot
-from twin.ui.headset.scene_frame import pack_scene
+from twin.ui.headset.scene_frame import HEARTBEAT, pack_scene
 from twin.ui.session.deformable_feed import Feed
-from twin.ui.session.timeline import HEARTBEAT, RATE, Clock
+from twin.ui.session.timeline import RATE, Clock
 
 
 class LiveScene:

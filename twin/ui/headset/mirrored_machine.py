@@ -13,9 +13,8 @@ from twin.ui.headset import stream_frames as wire
 from twin.ui.headset.client_messages import ClientMessage, RefusedError, ReleaseMessage
 from twin.ui.headset.console_stream import DEVIATIONS
 from twin.ui.headset.pose_packing import PosePacker
-from twin.ui.headset.scene_frame import pack_scene
+from twin.ui.headset.scene_frame import HEARTBEAT, pack_scene
 from twin.ui.session.mirror import Mirror
-from twin.ui.session.timeline import HEARTBEAT
 
 
 class MirroredMachine:

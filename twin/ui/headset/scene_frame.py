@@ -25,6 +25,9 @@ VERTICES = 1 << 16
 LEVELS = 65535
 """Number of quantisation steps along an edge of the bounding box."""
 
+HEARTBEAT = 6
+"""Number of ticks, of 1 / `timeline.RATE` s, after which a stream sends a frame even if nothing has moved."""
+
 _HEADER = struct.Struct("<IIddHHI")
 _BOX = struct.Struct("<I3f3f")
 

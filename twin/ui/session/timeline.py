@@ -1,4 +1,4 @@
-"""The protocols of a robot, one of them planned for playback, and its clock; independent of viewer and headset."""
+"""The protocols of a robot, one of them planned for playback, and the clock of a playback, for viewer and headset."""
 
 from __future__ import annotations
 
@@ -16,18 +16,21 @@ if TYPE_CHECKING:
     from twin.api import Robot
 
 RATE = 60.0
-"""Samples per second of a playback."""
-
-HEARTBEAT = 6
-"""Number of ticks since the last frame after which a stream sends a frame even if nothing has moved."""
+"""Samples per second of a playback, and ticks per second of streams, recordings and replays."""
 
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 4.0)
-"""Available playback speeds."""
+"""Available playback speeds, relative to real time; `web/src/sheet.ts` of the headset's page has the same."""
+
+_SAME_TIME = 1e-9
+"""Time in s from the end of a motion below which a sample is the end itself, but for rounding."""
 
 
 @dataclass(frozen=True)
 class Playback:
     """A planned protocol, solved with the mechanism at `RATE` samples per second.
+
+    Configurations, joint values and tool poses are interpolated between the samples of the plan. Speeds, accelerations,
+    tip, shaft, RCM and depth are those of the plan's next sample.
 
     Attributes:
         protocol, title: name and title of the protocol.
@@ -107,11 +110,10 @@ def prepare(robot: str, protocol: str | None) -> Playback:
     loaded = api.load(robot)
     chosen = loaded.protocol(protocol)
     trajectory = api.plan(loaded, chosen)
-    # The last sample is the end of the motion, also if the duration is no whole number of samples.
-    t = np.append(np.arange(0.0, trajectory.duration, 1 / RATE), trajectory.duration)
+    t = _sample_times(trajectory.duration)
     model = loaded.bound(chosen).reference()
     next_sample = np.searchsorted(trajectory.t, t)
-    # between two samples of the plan, the later one counts; the end of the motion is the last sample
+    # of what is not interpolated, the plan's next sample counts; the end of the motion is the last one
     sample = np.clip(next_sample, 0, len(trajectory.t) - 1)
     frames = trajectory.Ts_base_frame[sample]
     axis = trajectory.shaft_axis / np.linalg.norm(trajectory.shaft_axis)
@@ -131,6 +133,12 @@ def prepare(robot: str, protocol: str | None) -> Playback:
         depth=trajectory.depth[sample],
         phases=tuple((phase.name, phase.t0, phase.t1) for phase in trajectory.phases),
     )
+
+
+def _sample_times(duration: float) -> Array:
+    """Return the times (k,) in s of a playback: multiples of 1 / `RATE`, and the end of the motion."""
+    times = np.arange(0.0, duration, 1 / RATE)
+    return np.append(times[times < duration - _SAME_TIME], duration)
 
 
 class Planner:
