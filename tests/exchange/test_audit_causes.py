@@ -19,9 +19,9 @@ from twin.exchange.audit.bundle_claims import check_claims, check_readme
 from twin.exchange.audit.file_comparison import Reference, compare_clips
 from twin.exchange.audit.file_content import Content, FileClip
 from twin.exchange.audit.file_joints import FileJoint
-from twin.exchange.audit.mechanism_data import FilePhysics
+from twin.exchange.audit.mechanism_comparison import compare_mechanisms
+from twin.exchange.audit.mechanism_data import FileMechanism
 from twin.exchange.audit.motion_lines import motion_lines
-from twin.exchange.audit.physics_comparison import compare_physics
 from twin.exchange.audit.poses import about, pose
 from twin.exchange.audit.report import Ledger, ReadError
 from twin.exchange.audit.scene_folder import audit_scene
@@ -35,7 +35,7 @@ from twin.exchange.formats.unity.audit.shipped_files import PACKAGE
 from twin.exchange.formats.urdf.audit import Urdf
 from twin.exchange.formats.usd.audit import _check_cones
 from twin.exchange.formats.usd.audit.declared import _check_range
-from twin.exchange.formats.usd.audit.physics import stage_physics
+from twin.exchange.formats.usd.audit.mechanism import stage_mechanism
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,7 @@ def test_the_joint_is_named_at_which_a_deviation_begins(form, expected):
     off = np.tile(pose(p=[0, 0, 0.001]), (3, 1, 1))
     far = np.tile(pose(p=[0, 0, 0.1]), (3, 1, 1))
     wrong = FileClip("swing", times, right | {"hand": off, "tip": far})
-    content = Content(Ledger(f"a.{form}"), form, clips=[wrong], physics=FilePhysics(tuple(right), joints=joints))
+    content = Content(Ledger(f"a.{form}"), form, clips=[wrong], mechanism=FileMechanism(tuple(right), joints=joints))
     track = Content(Ledger("t.json"), "tracks", clips=[FileClip("swing", times, right)])
     compare_clips([track, content], {"swing": Reference(track.clips[0], "t.json")})
     found = [f for f in content.ledger.found if f.code == "compare.pose"]
@@ -92,9 +92,9 @@ def test_coordinates_at_home_are_compared_by_joint(joint, off):
     home = {"q1": 0.2, "passive": -0.4}
     contents = []
     for form, stated in (("mjcf", home), ("urdf", home | {joint: home[joint] + off})):
-        physics = FilePhysics(("base", "arm"), home=stated)
-        contents.append(Content(Ledger(f"a.{form}"), form, physics=physics))
-    compare_physics(contents)
+        mechanism = FileMechanism(("base", "arm"), home=stated)
+        contents.append(Content(Ledger(f"a.{form}"), form, mechanism=mechanism))
+    compare_mechanisms(contents)
     found = [f for content in contents for f in content.ledger.found]
     assert [f.code for f in found] == (["physics.home"] if off else [])
     assert not off or f"joint '{joint}': coordinate at home" in found[0].message
@@ -102,21 +102,21 @@ def test_coordinates_at_home_are_compared_by_joint(joint, off):
 
 def test_the_table_of_home_in_a_class_is_the_posture_of_the_stage():
     contents = []
-    for form, physics in (
-        ("usda", FilePhysics(("base",), postures={"home": {"q1": 0.55}, "aside": {"q1": 0.0}})),
-        ("unity", FilePhysics(("base",), home_posture={"q1": 0.5})),
+    for form, mechanism in (
+        ("usda", FileMechanism(("base",), postures={"home": {"q1": 0.55}, "aside": {"q1": 0.0}})),
+        ("unity", FileMechanism(("base",), home_posture={"q1": 0.5})),
     ):
-        contents.append(Content(Ledger(f"a.{form}"), form, physics=physics))
-    compare_physics(contents)
+        contents.append(Content(Ledger(f"a.{form}"), form, mechanism=mechanism))
+    compare_mechanisms(contents)
     assert {f.code for content in contents for f in content.ledger.found} == {"physics.home_coordinates"}
 
 
 def test_couplings_of_other_numbers_of_joints_are_compared():
     contents = []
     for form, ratios in (("usda", {"q1": 1.0, "q2": 1.0, "q3": 1.0}), ("mjcf", {"q1": 1.0, "q2": 1.0})):
-        physics = FilePhysics(("base",), couplings={"belt": (ratios, 0.0)})
-        contents.append(Content(Ledger(f"a.{form}"), form, physics=physics))
-    compare_physics(contents)
+        mechanism = FileMechanism(("base",), couplings={"belt": (ratios, 0.0)})
+        contents.append(Content(Ledger(f"a.{form}"), form, mechanism=mechanism))
+    compare_mechanisms(contents)
     assert "physics.links" in {f.code for content in contents for f in content.ledger.found}
 
 
@@ -201,7 +201,7 @@ def test_a_cone_is_that_of_a_parameter_of_several_balls():
         ball.CreateBody1Rel().SetTargets([bodies[1].GetPath()])
         ball.GetPrim().CreateAttribute("twin:cone", Sdf.ValueTypeNames.Double).Set(cone)
     ledger = Ledger("arm.usda")
-    _check_cones(stage, stage_physics(stage, bodies, 1.0, "Z"), ledger)
+    _check_cones(stage, stage_mechanism(stage, bodies, 1.0, "Z"), ledger)
     assert [f.where for f in ledger.found] == ["arm.usda: s2"]
 
 
@@ -427,9 +427,9 @@ def test_only_a_urdf_without_a_closure_yaml_cannot_hold_a_coupling_of_three_join
     file.write_text('<robot name="arm"><link name="base"/></robot>')
     if yaml:
         (tmp_path / "arm.yaml").write_text(yaml)
-    physics = Urdf(file, Ledger("arm.urdf")).content.physics
-    assert physics is not None
-    assert physics.couples_pairs is excused
+    mechanism = Urdf(file, Ledger("arm.urdf")).content.mechanism
+    assert mechanism is not None
+    assert mechanism.couples_pairs is excused
 
 
 @pytest.mark.parametrize(("sublayers", "hidden"), [(("robot", "motion"), True), (("motion", "robot"), False)])

@@ -17,7 +17,7 @@ from twin.core.provenance import Parameter
 from twin.exchange.audit import audit
 from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.file_drives import FileMotor
-from twin.exchange.audit.mechanism_data import FilePhysics
+from twin.exchange.audit.mechanism_data import FileMechanism
 from twin.exchange.audit.parameter_claims import PARAMETERS, compare_assumed, compare_parameters
 from twin.exchange.audit.reader_context import Context
 from twin.exchange.audit.readme_numbers import check_numbers
@@ -362,7 +362,7 @@ CABLES = "- arm.urdf: URDF cannot hold the matrix of transmission cables (q1 = {
 )
 def test_numbers_in_the_sentences_of_a_readme_are_compared(lines, codes):
     motors = {"m1": FileMotor({"q1": 4.0}), "m2": FileMotor({"q1": 1.0, "q2": 0.5})}
-    stage = Content(Ledger("arm.usda"), "usda", physics=FilePhysics(motors=motors, all_motors=True))
+    stage = Content(Ledger("arm.usda"), "usda", mechanism=FileMechanism(motors=motors, all_motors=True))
     ledger = Ledger("README.txt")
     check_numbers("\n".join(lines), [stage], ledger)
     assert [f.code for f in ledger.found] == codes

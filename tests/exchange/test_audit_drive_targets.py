@@ -14,7 +14,7 @@ from made.lanes import robots
 from twin.core import assets
 from twin.exchange.audit.file_drives import FileDrive
 from twin.exchange.audit.file_joints import FileJoint
-from twin.exchange.audit.mechanism_data import FileMass, FilePhysics
+from twin.exchange.audit.mechanism_data import FileMass, FileMechanism
 from twin.exchange.audit.motion_lines import JointLine
 from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.usd.audit import read_usd
@@ -111,9 +111,9 @@ def notes(joints: list[FileJoint], held: frozenset[str], target: float) -> list[
     used = {joint.child for joint in joints}
     masses = {"a": FileMass(1.0, np.zeros(3)), "b": FileMass(2.0, np.zeros(3))}
     links = ("base", *sorted(used))
-    physics = FilePhysics(links, masses, joints=joints, fixed_to_world=held, gravity=GRAVITY, all_motors=True)
+    mechanism = FileMechanism(links, masses, joints=joints, fixed_to_world=held, gravity=GRAVITY, all_motors=True)
     ledger = Ledger("made.usda")
-    check_drive_targets(stage, dict.fromkeys(physics.links, np.eye(4)), physics, 1.0, ledger, moving=False)
+    check_drive_targets(stage, dict.fromkeys(mechanism.links, np.eye(4)), mechanism, 1.0, ledger, moving=False)
     return [(finding.severity, finding.message) for finding in ledger.found]
 
 

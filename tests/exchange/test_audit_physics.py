@@ -14,9 +14,9 @@ from twin.exchange.audit.colors import color_difference, linear
 from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.file_drives import FileDrive
 from twin.exchange.audit.file_joints import FileJoint
-from twin.exchange.audit.mechanism_data import FilePhysics
+from twin.exchange.audit.mechanism_comparison import compare_mechanisms
+from twin.exchange.audit.mechanism_data import FileMechanism
 from twin.exchange.audit.motion_lines import motion_lines
-from twin.exchange.audit.physics_comparison import compare_physics
 from twin.exchange.audit.poses import about, inverse, pose
 from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.mjcf.write import write_mjcf
@@ -129,7 +129,7 @@ def test_three_turns_over_small_links_are_a_ball():
         parts.append(FileJoint((name,), inner, f"small{i}", place, motion_lines("revolute", place, i)))
         inner = f"small{i}"
     parts.append(FileJoint(("b_body",), inner, "hand", inverse(back)))
-    (ball,) = FilePhysics(joints=parts).joints_between({"arm", "hand"})
+    (ball,) = FileMechanism(joints=parts).joints_between({"arm", "hand"})
     assert ball.kind == "spherical"
     for link, place in (("arm", T), ("hand", back)):
         end = ball.end(link)
@@ -160,7 +160,7 @@ def test_a_slide_on_a_carrier_that_is_welded_is_a_slide():
         FileJoint(("s",), "base", "carrier", T, motion_lines("prismatic", T)),
         FileJoint(("s_0",), "carrier", "block", pose(p=[0, 0, 0.2])),
     ]
-    (slide,) = FilePhysics(joints=parts).joints_between({"base", "block"})
+    (slide,) = FileMechanism(joints=parts).joints_between({"base", "block"})
     assert (slide.kind, slide.parent, slide.child, slide.names) == ("prismatic", "base", "block", ("s", "s_0"))
 
 
@@ -169,8 +169,8 @@ def test_two_tied_points_are_a_pin_and_one_is_a_ball():
         return FileJoint((name,), "a", "b", tied=((np.array([0, 0, z]), np.array([1, 0, z])),))
 
     one, two = tie("p_0", 0.0), tie("p_1", 0.05)
-    assert [j.kind for j in FilePhysics(joints=[one, two]).joints_between({"a", "b"})] == ["revolute"]
-    assert [j.kind for j in FilePhysics(joints=[one]).joints_between({"a", "b"})] == ["spherical"]
+    assert [j.kind for j in FileMechanism(joints=[one, two]).joints_between({"a", "b"})] == ["revolute"]
+    assert [j.kind for j in FileMechanism(joints=[one]).joints_between({"a", "b"})] == ["spherical"]
 
 
 @pytest.mark.parametrize(
@@ -201,9 +201,9 @@ def test_a_table_may_hold_a_ball_as_three_numbers(order):
     said = {"tracks": [FileJoint((f"b_{a}",), "", "", stated_kind="revolute") for a in "xyz"]}
     contents = []
     for kind in order:
-        physics = FilePhysics(("arm", "hand"), joints=said.get(kind, [ball]), complete=kind != "tracks")
-        contents.append(Content(Ledger(f"file.{kind}"), kind, declared=("arm", "hand"), physics=physics))
-    compare_physics(contents)
+        mechanism = FileMechanism(("arm", "hand"), joints=said.get(kind, [ball]), complete=kind != "tracks")
+        contents.append(Content(Ledger(f"file.{kind}"), kind, declared=("arm", "hand"), mechanism=mechanism))
+    compare_mechanisms(contents)
     assert not [f for c in contents for f in c.ledger.findings]
 
 
@@ -212,9 +212,9 @@ def test_a_table_may_hold_a_ball_of_a_scene_that_tells_no_kinds():
     table = [FileJoint((n,), "", "", stated_kind="revolute") for n in ("b_x", "b_y", "b_z", "other")]
     contents = []
     for kind, said in (("tracks", table), ("glb", [FileJoint(("b",), "", "hand")])):
-        physics = FilePhysics(("arm", "hand"), joints=said)
-        contents.append(Content(Ledger(f"file.{kind}"), kind, declared=("arm", "hand"), physics=physics))
-    compare_physics(contents)
+        mechanism = FileMechanism(("arm", "hand"), joints=said)
+        contents.append(Content(Ledger(f"file.{kind}"), kind, declared=("arm", "hand"), mechanism=mechanism))
+    compare_mechanisms(contents)
     assert [f.where for c in contents for f in c.ledger.findings] == ["file.glb: joint 'other'"]
 
 
@@ -226,9 +226,9 @@ def test_rounding_of_a_sum_that_is_zero_is_no_difference(other, codes):
     ledgers = [Ledger("a.usda"), Ledger("b.xml")]
     contents = []
     for ledger, form, total in zip(ledgers, ("usda", "mjcf"), (0.0, other), strict=True):
-        said = FilePhysics(links=("base", "arm"), couplings={"belt": ({"q1": 1.0, "q2": 1.0}, total)})
-        contents.append(Content(ledger, form, physics=said))
-    compare_physics(contents, None)
+        said = FileMechanism(links=("base", "arm"), couplings={"belt": ({"q1": 1.0, "q2": 1.0}, total)})
+        contents.append(Content(ledger, form, mechanism=said))
+    compare_mechanisms(contents, None)
     assert {f.code for ledger in ledgers for f in ledger.findings} == codes
 
 

@@ -12,7 +12,7 @@ import pytest
 from twin.exchange.audit.file_content import Content, FileClip, LinkShape
 from twin.exchange.audit.file_drives import FileMotor
 from twin.exchange.audit.file_joints import FileJoint
-from twin.exchange.audit.mechanism_data import FileFrame, FileMass, FilePhysics
+from twin.exchange.audit.mechanism_data import FileFrame, FileMass, FileMechanism
 from twin.exchange.audit.report import Ledger
 
 LINKS = {"old link": "link", "old base": "base"}
@@ -21,7 +21,7 @@ JOINTS = {"old joint": "joint"}
 POSE = np.eye(4)
 SHAPE = LinkShape(np.zeros(3), np.ones(3), 1.0, True, True, np.zeros((0, 3)), np.zeros((0, 3), int), 6.0)
 
-PHYSICS = {
+MECHANISM = {
     "links": ("old base", "old link"),
     "masses": {"old link": FileMass(1.0)},
     "shown": {"old link": True},
@@ -41,9 +41,9 @@ PHYSICS = {
     "home_posture": {"old joint": 0.1},
     "home": {"old joint": 0.1},
 }
-"""Fields of `FilePhysics` with names of links and joints."""
+"""Fields of `FileMechanism` with names of links and joints."""
 
-NO_PHYSICS_NAMES = {
+NO_MECHANISM_NAMES = {
     *("fully_listed", "gravity", "medium", "self_collision", "tool", "couples_pairs", "all_motors", "opening", "robot"),
     *("motion_declarations", "contact_declarations", "program_settings", "complete"),
 }
@@ -56,7 +56,7 @@ CONTENT = {
     "shapes": {"old link": SHAPE},
     "colors": {"old link": {(1.0, 0.0, 0.0, 1.0): 1.0}},
     "finishes": {"old link": {(0.5, 0.5, 0.0, 1.0): 1.0}},
-    "physics": FilePhysics(**PHYSICS),
+    "mechanism": FileMechanism(**MECHANISM),
 }
 """Fields of `Content` with names of links and joints."""
 
@@ -79,7 +79,7 @@ def names_in(value: Any) -> set[str]:
 
 @pytest.mark.parametrize(
     ("kind", "named", "others"),
-    [(FilePhysics, PHYSICS, NO_PHYSICS_NAMES), (Content, CONTENT, NO_CONTENT_NAMES)],
+    [(FileMechanism, MECHANISM, NO_MECHANISM_NAMES), (Content, CONTENT, NO_CONTENT_NAMES)],
 )
 def test_every_field_says_whether_it_has_names(kind, named, others):
     assert named.keys() | others == {field.name for field in fields(kind)}
@@ -94,4 +94,4 @@ def test_links_and_joints_get_their_new_names_everywhere():
     for name, old_names in before.items():
         expected = {LINKS.get(text, JOINTS.get(text, text)) for text in old_names}
         assert names_in(getattr(content, name)) == expected
-    assert not {text for text in names_in(content.physics) if text.startswith("old ")}
+    assert not {text for text in names_in(content.mechanism) if text.startswith("old ")}

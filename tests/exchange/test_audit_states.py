@@ -10,7 +10,7 @@ import pytest
 from twin.exchange.audit import poses
 from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.file_joints import FileJoint
-from twin.exchange.audit.mechanism_data import FilePhysics
+from twin.exchange.audit.mechanism_data import FileMechanism
 from twin.exchange.audit.motion_lines import JointLine
 from twin.exchange.audit.report import Ledger
 from twin.exchange.audit.rest_poses import compare_joints
@@ -33,7 +33,7 @@ CHAINS = {
 
 def at_rest(joint, T):
     """Return the findings of a file whose child is at T (4, 4) from its parent, against a joint."""
-    truth = FilePhysics(links=("base", "link"), joints=[joint])
+    truth = FileMechanism(links=("base", "link"), joints=[joint])
     content = Content(Ledger("robot.glb", "test", "1"), "glb", rest={"base": np.eye(4), "link": T})
     compare_joints(content, truth)
     assert content.ledger.checks
@@ -67,7 +67,7 @@ def arm(prefix, T_second):
     lines = (JointLine("turn", T_second[:3, 3], X),)
     second = FileJoint(("q2",), f"{prefix} 1", f"{prefix} 2", T_second, lines)
     links = tuple(f"{prefix} {i}" for i in range(3))
-    return FilePhysics(links=links, joints=[first, second])
+    return FileMechanism(links=links, joints=[first, second])
 
 
 @pytest.mark.parametrize("is_number", [True, False])
@@ -84,12 +84,12 @@ def test_a_joint_line_that_is_no_number_agrees_with_no_joint(is_number):
     T_file = T_second.copy()
     if not is_number:
         T_file[0, 3] = np.nan
-    content = Content(Ledger("robot.urdf", "test", "1"), "urdf", physics=arm("link", T_file))
+    content = Content(Ledger("robot.urdf", "test", "1"), "urdf", mechanism=arm("link", T_file))
     compare_states(content, truth, states)
     codes = [finding.code for finding in content.ledger.findings]
     if is_number:
         assert codes == ["states.names"]
-        assert content.physics.links == truth.links
+        assert content.mechanism.links == truth.links
     else:
         assert codes == ["states.joints"]
         assert "is not finite" in content.ledger.findings[0].message

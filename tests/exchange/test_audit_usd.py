@@ -276,7 +276,7 @@ def test_layers_in_an_archive_are_a_warning(good, tmp_path):
 # -------------------------------------------------------------------------------------- stages of other people
 
 
-def foreign(path: Path, up: str = "Y", meters: float = 0.01, physics: bool = False) -> Path:
+def foreign(path: Path, up: str = "Y", meters: float = 0.01, mechanism: bool = False) -> Path:
     """Write a spinning cube as another program would: centimetres, y up, 24 frames a second."""
     stage = Usd.Stage.CreateNew(str(path))
     UsdGeom.SetStageUpAxis(stage, up)
@@ -292,7 +292,7 @@ def foreign(path: Path, up: str = "Y", meters: float = 0.01, physics: bool = Fal
         move.Set(Gf.Vec3d(100, 50, 0), code)
         turn.Set(30.0 * (code - 1) / 12, code)
     UsdGeom.Cube.Define(stage, "/world/cube/body")
-    if physics:
+    if mechanism:
         UsdPhysics.RigidBodyAPI.Apply(cube.GetPrim())
     stage.GetRootLayer().Save()
     return path
@@ -317,7 +317,7 @@ def test_a_foreign_stage_is_audited_without_names_to_compare(tmp_path):
     assert report.verdict in ("agree", "disagree")
     assert not [f for f in report.findings if f.severity == "error"]
     assert not [f for f in report.findings if f.code == "stage.up_axis" and f.severity != "info"]
-    assert audit(foreign(tmp_path / "y.usda", physics=True)).verdict == "disagree"  # a body without a mass
+    assert audit(foreign(tmp_path / "y.usda", mechanism=True)).verdict == "disagree"  # a body without a mass
 
 
 def test_a_joint_without_bodies_is_no_malformed_file(tmp_path):

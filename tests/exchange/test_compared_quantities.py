@@ -7,21 +7,21 @@ import pytest
 
 from twin.exchange.audit.compared_quantities import QUANTITIES, difference_text
 from twin.exchange.audit.file_content import Content
-from twin.exchange.audit.mechanism_data import FileFrame, FileMass, FilePhysics
-from twin.exchange.audit.physics_comparison import compare_physics
+from twin.exchange.audit.mechanism_comparison import compare_mechanisms
+from twin.exchange.audit.mechanism_data import FileFrame, FileMass, FileMechanism
 from twin.exchange.audit.poses import about, pose
 from twin.exchange.audit.report import Ledger
 
 
-def findings(right: FilePhysics, own: FilePhysics) -> list:
+def findings(right: FileMechanism, own: FileMechanism) -> list:
     """Return the findings on b.xml, which states `own`, with the mechanism `right`."""
     right.links = own.links = ("base", "arm")
     ledger = Ledger("b.xml")
-    compare_physics([Content(ledger, "mjcf", physics=own)], right)
+    compare_mechanisms([Content(ledger, "mjcf", mechanism=own)], right)
     return ledger.findings
 
 
-def message(right: FilePhysics, own: FilePhysics) -> str:
+def message(right: FileMechanism, own: FileMechanism) -> str:
     (finding,) = findings(right, own)
     return finding.message
 
@@ -31,8 +31,8 @@ def message(right: FilePhysics, own: FilePhysics) -> str:
     [(0.1, 0.0, "5.73 deg"), (0.0, 0.01, "10 mm"), (0.1, 0.01, "10 mm and 5.73 deg"), (1e-6, 0.01, "10 mm")],
 )
 def test_a_turned_frame_is_told_in_degrees(angle, shift, told):
-    right = FilePhysics(frames={"tip": FileFrame("arm", pose())})
-    own = FilePhysics(frames={"tip": FileFrame("arm", pose(about([0, 0, 1], angle), [shift, 0, 0]))})
+    right = FileMechanism(frames={"tip": FileFrame("arm", pose())})
+    own = FileMechanism(frames={"tip": FileFrame("arm", pose(about([0, 0, 1], angle), [shift, 0, 0]))})
     assert message(right, own) == (f"frame 'tip': pose of the frame on its link differs by {told} from the mechanism.")
 
 
@@ -44,14 +44,14 @@ def test_a_turned_frame_is_told_in_degrees(angle, shift, told):
     ],
 )
 def test_the_small_moment_of_a_slender_link_is_told_by_its_own_size(moments, told):
-    def physics(diagonal):
-        return FilePhysics(masses={"arm": FileMass(1.0, np.zeros(3), np.diag(diagonal))})
+    def mechanism(diagonal):
+        return FileMechanism(masses={"arm": FileMass(1.0, np.zeros(3), np.diag(diagonal))})
 
-    assert message(physics((1.0, 1.0, 1e-4)), physics(moments)) == f"link 'arm': {told}."
+    assert message(mechanism((1.0, 1.0, 1e-4)), mechanism(moments)) == f"link 'arm': {told}."
 
 
 def test_an_opening_may_be_an_angle():
-    text = message(FilePhysics(opening=0.0), FilePhysics(opening=0.002))
+    text = message(FileMechanism(opening=0.0), FileMechanism(opening=0.002))
     assert "open by 0.002 m or rad" in text
     assert "mm" not in text
 

@@ -13,11 +13,11 @@ from made.loops import ALONG_X, mechanism
 from twin.core import spatial
 from twin.core.errors import SourceError
 from twin.exchange.audit.file_content import Content
-from twin.exchange.audit.physics_comparison import compare_physics, solved
-from twin.exchange.audit.physics_truth import mechanism_physics
+from twin.exchange.audit.mechanism_comparison import compare_mechanisms, solved
+from twin.exchange.audit.mechanism_truth import mechanism_truth
 from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.urdf.write import write_urdf
-from twin.exchange.formats.usd.audit.physics import stage_physics
+from twin.exchange.formats.usd.audit.mechanism import stage_mechanism
 from twin.exchange.formats.usd.write import write_usd
 from twin.exchange.read import read
 from twin.model.joint import Joint
@@ -92,8 +92,8 @@ def opened(path):
     return stage
 
 
-def physics(stage):
-    return stage_physics(stage, [p for p in stage.Traverse() if p.HasAPI(UsdPhysics.RigidBodyAPI)], 1.0, "Z")
+def mechanism_on(stage):
+    return stage_mechanism(stage, [p for p in stage.Traverse() if p.HasAPI(UsdPhysics.RigidBodyAPI)], 1.0, "Z")
 
 
 def held_by(stage, joint):
@@ -118,7 +118,7 @@ def held_by(stage, joint):
 def test_a_stage_holds_couplings_as_mimic_joints_or_else_as_tendons(tmp_path, m, held):
     stage = opened(staged(m, tmp_path))
     assert {n: held_by(stage, n) for n in held} == held
-    truth, found = (solved(p.couplings or {}) for p in (mechanism_physics(m), physics(stage)))
+    truth, found = (solved(p.couplings or {}) for p in (mechanism_truth(m), mechanism_on(stage)))
     assert truth.keys() == found.keys()
     for joint, (ratios, total) in truth.items():
         assert found[joint] == (pytest.approx(ratios, abs=1e-6), pytest.approx(total, abs=1e-6))
@@ -153,7 +153,7 @@ def test_the_audit_finds_a_mimic_joint_that_follows_otherwise_or_no_more(tmp_pat
     stage, ledger = opened(staged(m, tmp_path)), Ledger("m.usda")
     if edit:
         edit(stage)
-    compare_physics([Content(ledger, "usda", physics=physics(stage))], mechanism_physics(m))
+    compare_mechanisms([Content(ledger, "usda", mechanism=mechanism_on(stage))], mechanism_truth(m))
     assert {f.code for f in ledger.findings if "coupling" in f.where} == codes, ledger.findings
 
 

@@ -17,7 +17,7 @@ interpolation_error   estimate the error between keys
 
 Files with each other and with the mechanism:
 file_comparison       the pose of every link at every key
-physics_comparison    joints, drives, masses, frames, surfaces, colours; physics_truth: those of the mechanism
+mechanism_comparison  joints, drives, masses, frames, surfaces, colours; mechanism_truth: those of the robot
 compared_quantities   rule and message of each quantity; value_differences: how far two values are apart
 file_statements       names, titles and rates that files state about themselves; parameter_claims: their parameters
 state_comparison      files without motion at sampled_states; chain_poses: of chains of joints
@@ -64,10 +64,10 @@ from twin.exchange.audit.file_comparison import (
 from twin.exchange.audit.file_content import Content, check_names
 from twin.exchange.audit.file_statements import ROBOT, compare_stated
 from twin.exchange.audit.folder_files import SCENE, FolderFiles, find_files
-from twin.exchange.audit.mechanism_data import FilePhysics
+from twin.exchange.audit.mechanism_comparison import compare_mechanisms
+from twin.exchange.audit.mechanism_data import FileMechanism
+from twin.exchange.audit.mechanism_truth import mechanism_truth
 from twin.exchange.audit.parameter_claims import compare_parameters
-from twin.exchange.audit.physics_comparison import compare_physics
-from twin.exchange.audit.physics_truth import mechanism_physics
 from twin.exchange.audit.plausibility import check_sense
 from twin.exchange.audit.proof_hashes import check_proof
 from twin.exchange.audit.proof_statements import check_statements
@@ -196,9 +196,9 @@ def _audited(
             check_sense(content, _gravity(contents, content, mechanism))
         report_progress("compare", 0.9)
         refs = references(contents, truth)
-        expected: FilePhysics | None = None
+        expected: FileMechanism | None = None
         if mechanism is not None:
-            expected = mechanism_physics(mechanism)
+            expected = mechanism_truth(mechanism)
         if states is not None and _has_sampled_states(contents):
             refs[CLIP] = Reference(states().clip(), MECHANISM)
         compare_clips(contents, refs)
@@ -215,8 +215,8 @@ def _audited(
         for content in contents:
             if content.file not in files_with_other_names:
                 contents_with_same_names.append(content)
-        compare_physics(contents_with_same_names, expected)
-        compare_physics(contents_with_other_names)
+        compare_mechanisms(contents_with_same_names, expected)
+        compare_mechanisms(contents_with_other_names)
         if expected is not None:
             _check_placed(contents, expected)
         _compare_statements(contents, mechanism)
@@ -300,7 +300,7 @@ def _has_sampled_states(contents: Sequence[Content]) -> bool:
 
 
 def _compare_still(
-    contents: Sequence[Content], expected: FilePhysics, states: Callable[[], SampledStates] | None
+    contents: Sequence[Content], expected: FileMechanism, states: Callable[[], SampledStates] | None
 ) -> list[Content]:
     """Compare what is still with the mechanism; return the files whose links have other names in the end.
 
@@ -311,13 +311,13 @@ def _compare_still(
         compare_joints(content, expected)
         if content.clips:
             continue
-        physics = content.physics
+        mechanism = content.mechanism
         link_names = set(content.rest)
-        if physics is not None:
-            link_names |= set(physics.links)
+        if mechanism is not None:
+            link_names |= set(mechanism.links)
         if states is not None and not same_names(link_names, expected.links):
             compare_states(content, expected, states())
-            if physics is not None and not same_names(physics.links, expected.links):
+            if mechanism is not None and not same_names(mechanism.links, expected.links):
                 contents_with_other_names.append(content)
     return contents_with_other_names
 
@@ -329,15 +329,15 @@ def _compare_joints_between(contents: Sequence[Content]) -> None:
         if content.declared is None or first_pose_of(content):
             continue
         for other in contents:
-            physics = other.physics
-            if physics is None or other.format == content.format or not physics.complete or not physics.joints:
+            mechanism = other.mechanism
+            if mechanism is None or other.format == content.format or not mechanism.complete or not mechanism.joints:
                 continue
-            if all(joint.T is not None for joint in physics.joints):
-                compare_joints(content, physics, other.file)
+            if all(joint.T is not None for joint in mechanism.joints):
+                compare_joints(content, mechanism, other.file)
                 break
 
 
-def _check_placed(contents: Sequence[Content], expected: FilePhysics) -> None:
+def _check_placed(contents: Sequence[Content], expected: FileMechanism) -> None:
     """Report files whose geometry could not be compared with the mechanism: their agreement would be empty."""
     if all(joint.kind == "free" for joint in expected.joints):  # every pose of every body is possible
         return
@@ -378,8 +378,8 @@ def _gravity(contents: Sequence[Content], content: Content, mechanism: Mechanism
     if mechanism is not None:
         gravities.append(np.array(mechanism.gravity))
     for other in contents:
-        if other.format != content.format and other.physics is not None and other.physics.gravity is not None:
-            gravities.append(other.physics.gravity)
+        if other.format != content.format and other.mechanism is not None and other.mechanism.gravity is not None:
+            gravities.append(other.mechanism.gravity)
     return gravities
 
 

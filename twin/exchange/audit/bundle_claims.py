@@ -16,7 +16,7 @@ from twin.exchange.audit.file_content import Content, LinkShape
 from twin.exchange.audit.file_joints import FileJoint
 from twin.exchange.audit.file_statements import ROBOT
 from twin.exchange.audit.interpolation_error import errors_at_every_second_key
-from twin.exchange.audit.mechanism_data import FilePhysics
+from twin.exchange.audit.mechanism_data import FileMechanism
 from twin.exchange.audit.named_parts import has_all_names, named_parts
 from twin.exchange.audit.parameter_claims import compare_assumed
 from twin.exchange.audit.proof_form import is_number
@@ -96,25 +96,25 @@ def _playing(contents: Iterable[Content]) -> dict[str, Content]:
 def _placed_joints(contents: Sequence[Content]) -> list[FileJoint]:
     """Return the joints of the first file that states where all are, without those that move with the protocol."""
     for content in contents:
-        physics = content.physics
-        if physics is None or not _places(physics):
+        mechanism = content.mechanism
+        if mechanism is None or not _places(mechanism):
             continue
-        world_links = physics.fixed_to_world or frozenset()
+        world_links = mechanism.fixed_to_world or frozenset()
         joints = []
-        for joint in physics.joints:
+        for joint in mechanism.joints:
             # Joints on the world, such as trocars, may have a different position in each motion.
             on_world = joint.tied and world_links & {joint.parent, joint.child}
-            if not on_world and not physics.trocars & set(joint.names):
+            if not on_world and not mechanism.trocars & set(joint.names):
                 joints.append(joint)
         return joints
     return []
 
 
-def _places(physics: FilePhysics) -> bool:
+def _places(mechanism: FileMechanism) -> bool:
     """Return whether a file states all joints, and where they are."""
-    if not physics.complete:
+    if not mechanism.complete:
         return False
-    return any(joint.T is not None or joint.tied for joint in physics.joints)
+    return any(joint.T is not None or joint.tied for joint in mechanism.joints)
 
 
 def _check_between(content: Content, shapes: Mapping[str, LinkShape], joints: Sequence[FileJoint]) -> None:
@@ -243,13 +243,13 @@ def _check_moved_frames(contents: Sequence[Content], tracks: Sequence[Content]) 
     nor frames when they save, or remove all nodes without a mesh.
     """
     for content in contents:
-        if not (kind_holds(content.format, Holds.ALL_MOTIONS) and ROBOT in content.stated and content.physics):
+        if not (kind_holds(content.format, Holds.ALL_MOTIONS) and ROBOT in content.stated and content.mechanism):
             continue
-        if not content.physics.frames:
+        if not content.mechanism.frames:
             continue
         for track in tracks:
             frame = track.extra["data"].get("moved_frame")
-            if track.is_track and isinstance(frame, str) and frame and frame not in content.physics.frames:
+            if track.is_track and isinstance(frame, str) and frame and frame not in content.mechanism.frames:
                 text = f"the file has no frame '{frame}', which the motion of {track.file} moves."
                 content.ledger.wrong("claims.moved_frame", text, frame, suggestion="export the file again")
                 break

@@ -1,6 +1,6 @@
 """The quantities by which files are compared, of links, joints, frames and motors: differences, tolerances, texts.
 
-A new quantity is one entry of `QUANTITIES`, and one call of `View.state` in `physics_comparison`.
+A new quantity is one entry of `QUANTITIES`, and one call of `View.state` in `mechanism_comparison`.
 """
 
 from __future__ import annotations
@@ -274,7 +274,7 @@ QUANTITIES: Mapping[str, ComparisonRule] = {
         words="metallic and roughness",
         message=_share_of_surface("another metallic or roughness"),
     ),
-    # Of the world, as `FilePhysics` states them; "held" is the tuple of `FilePhysics.immobile_links`.
+    # Of the world, as `FileMechanism` states them; "held" is the tuple of `FileMechanism.immobile_links`.
     "gravity": ComparisonRule(differences.distance, 1e-3, "m/s2"),
     "medium": ComparisonRule(differences.largest_difference, 1e-9, "(kg/m3, Pa s, wind in m/s)"),
     "collisions of its own links": _same(),
@@ -286,7 +286,7 @@ QUANTITIES: Mapping[str, ComparisonRule] = {
     "opening": ComparisonRule(
         differences.distance, 1e-7, _RANGE, words="opening of the loops if 1 g pulls at them", message=_opening
     ),
-    # Further ones of joints, links and motors, as `FileDrive`, `FilePhysics` and `FileMotor` state them.
+    # Further ones of joints, links and motors, as `FileDrive`, `FileMechanism` and `FileMotor` state them.
     "passive": ComparisonRule(differences.largest_difference, 1e-9, words=_JOINT_ITSELF),
     "law": _same("quantity that the gains of the drive give"),
     "breaks": _number("N", "force at which the joint breaks"),

@@ -305,10 +305,10 @@ def _beginnings(content: Content, wrong: Collection[str], compared: Collection[s
 
     Only poses that are computed from joints have such links: each link carries the deviations of those before it.
     """
-    if content.physics is None or not kind_holds(content.format, Holds.JOINT_TREE):
+    if content.mechanism is None or not kind_holds(content.format, Holds.JOINT_TREE):
         return {}
     above: dict[str, FileJoint] = {}
-    for joint in content.physics.joints:
+    for joint in content.mechanism.joints:
         if joint.parent and joint.names and not joint.tied:  # ties close loops
             above.setdefault(joint.child, joint)
     beginnings: dict[str, str] = {}

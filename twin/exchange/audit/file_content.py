@@ -13,7 +13,7 @@ import numpy as np
 
 from twin.core.json_types import JsonObject
 from twin.exchange.audit.colors import Rgba
-from twin.exchange.audit.mechanism_data import FilePhysics
+from twin.exchange.audit.mechanism_data import FileMechanism
 from twin.exchange.audit.new_names import renamed, with_new_keys
 from twin.exchange.audit.poses import Array, angle
 from twin.exchange.audit.report import Ledger, Measured
@@ -120,7 +120,7 @@ class Content:
         shapes: {link: shape of its meshes}.
         colors: {link: {colour (linear rgba): fraction of the link's area}}.
         finishes: the same for (metallic, roughness, 0, 1); empty if the format has none.
-        physics: masses, joints and frames in the file; None: the file has no such data.
+        mechanism: masses, joints and frames in the file; None: the file has no such data.
         model_hash: hash of the source mechanism, as stated in the file; "" if not stated.
         stated: what the file states about itself, such as "robot" or "rate of clip 'a'"; other files must state the
             same.
@@ -137,7 +137,7 @@ class Content:
     shapes: dict[str, LinkShape] = field(default_factory=dict)
     colors: dict[str, dict[Rgba, float]] = field(default_factory=dict)
     finishes: dict[str, dict[Rgba, float]] = field(default_factory=dict)
-    physics: FilePhysics | None = None
+    mechanism: FileMechanism | None = None
     model_hash: str = ""
     stated: JsonObject = field(default_factory=dict)
     facts: JsonObject = field(default_factory=dict)
@@ -154,8 +154,8 @@ class Content:
         self.shapes = with_new_keys(self.shapes, links)
         self.colors = with_new_keys(self.colors, links)
         self.finishes = with_new_keys(self.finishes, links)
-        if self.physics is not None:
-            self.physics.rename(links, joints)
+        if self.mechanism is not None:
+            self.mechanism.rename(links, joints)
 
     @property
     def file(self) -> str:
@@ -386,8 +386,8 @@ def largest(poses: Array, others: Array) -> Deviation:
 def check_names(content: Content) -> None:
     """Report unusable names of links and joints: empty, with line breaks, or with spaces at the start or end."""
     joints = []
-    if content.physics is not None:
-        for joint in content.physics.joints:
+    if content.mechanism is not None:
+        for joint in content.mechanism.joints:
             joints += joint.names
     _check_names_of(content, "link", content.declared or ())
     _check_names_of(content, "joint", joints)

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from twin.exchange.audit.file_joints import FileJoint
-from twin.exchange.audit.mechanism_data import FilePhysics
+from twin.exchange.audit.mechanism_data import FileMechanism
 
 _MAX_ASSIGNMENTS = 64
 """Maximum number of assignments of a file's joints to those of the mechanism that are compared."""
@@ -18,13 +18,13 @@ ONE_COORDINATE = ("revolute", "prismatic")
 """Kinds of joints with one coordinate."""
 
 
-def joint_assignments(physics: FilePhysics, truth: FilePhysics) -> list[dict[str, str]]:
+def joint_assignments(mechanism: FileMechanism, truth: FileMechanism) -> list[dict[str, str]]:
     """Return assignments {joint of the file: joint of the mechanism}: the one by names, else those by structure.
 
     The assignment by names may lack joints; those by structure, at most `_MAX_ASSIGNMENTS`, have all `single_joints` of
     the file. Return [] if neither names nor structure fit.
     """
-    file_joints = single_joints(physics)
+    file_joints = single_joints(mechanism)
     mechanism_joints = single_joints(truth)
     shared = {}
     for name, joint in file_joints.items():
@@ -34,7 +34,7 @@ def joint_assignments(physics: FilePhysics, truth: FilePhysics) -> list[dict[str
     if len(shared) >= 2 and 2 * len(shared) >= len(file_joints):
         return [shared]
     assignments: list[dict[str, str]] = []
-    for steps, assignment in enumerate(_by_structure(physics, truth)):
+    for steps, assignment in enumerate(_by_structure(mechanism, truth)):
         if assignment:
             assignments.append(assignment)
         # Symmetric robots have many assignments by structure: a search of all could take forever.
@@ -43,22 +43,22 @@ def joint_assignments(physics: FilePhysics, truth: FilePhysics) -> list[dict[str
     return assignments
 
 
-def single_joints(physics: FilePhysics) -> dict[str, FileJoint]:
+def single_joints(mechanism: FileMechanism) -> dict[str, FileJoint]:
     """Return {name: joint} of the joints with one coordinate, which all formats state by one name."""
     singles = {}
-    for joint in physics.joints:
+    for joint in mechanism.joints:
         if joint.kind in ONE_COORDINATE and len(joint.names) == 1 and joint.T is not None:
             singles[joint.names[0]] = joint
     return singles
 
 
-def rigid_parts(physics: FilePhysics) -> dict[str, str]:
+def rigid_parts(mechanism: FileMechanism) -> dict[str, str]:
     """Return {link: name of its rigid part}; fixed joints connect the links of a part."""
-    part_of_link = dict(zip(physics.links, physics.links, strict=True))
-    for joint in physics.joints:
+    part_of_link = dict(zip(mechanism.links, mechanism.links, strict=True))
+    for joint in mechanism.joints:
         part_of_link.setdefault(joint.parent, joint.parent)
         part_of_link.setdefault(joint.child, joint.child)
-    for joint in physics.joints:
+    for joint in mechanism.joints:
         if joint.kind == "fixed" and joint.parent and joint.child:
             kept_part = part_of_link[joint.parent]
             joined_part = part_of_link[joint.child]
@@ -68,22 +68,22 @@ def rigid_parts(physics: FilePhysics) -> dict[str, str]:
     return part_of_link
 
 
-def base_link(physics: FilePhysics) -> str:
+def base_link(mechanism: FileMechanism) -> str:
     """Return the link from which the joints lead outwards: the first that is held, else the first that is no child.
 
     Without such links, this is the first link; without links, "".
     """
-    held_links = physics.fixed_to_world or ()
-    for link in physics.links:
+    held_links = mechanism.fixed_to_world or ()
+    for link in mechanism.links:
         if link in held_links:
             return link
-    children = {joint.child for joint in physics.joints}
-    for joint in physics.joints:
+    children = {joint.child for joint in mechanism.joints}
+    for joint in mechanism.joints:
         if joint.parent and joint.parent not in children:
             return joint.parent
-    if not physics.links:
+    if not mechanism.links:
         return ""
-    return physics.links[0]
+    return mechanism.links[0]
 
 
 @dataclass(frozen=True)
@@ -96,12 +96,12 @@ class _Edge:
     far: str
 
 
-def _by_structure(physics: FilePhysics, truth: FilePhysics) -> Iterator[dict[str, str]]:
+def _by_structure(mechanism: FileMechanism, truth: FileMechanism) -> Iterator[dict[str, str]]:
     """Yield the assignments by structure, each complete; {} for a step of the search without a result."""
-    file_parts = rigid_parts(physics)
+    file_parts = rigid_parts(mechanism)
     mechanism_parts = rigid_parts(truth)
-    start = file_parts.get(base_link(physics), "")
-    edges = _outwards(physics, file_parts, start)
+    start = file_parts.get(base_link(mechanism), "")
+    edges = _outwards(mechanism, file_parts, start)
     singles = single_joints(truth)
     if not edges or len(edges) != len(set(file_parts.values())) - 1:
         return
@@ -129,11 +129,11 @@ def _by_structure(physics: FilePhysics, truth: FilePhysics) -> Iterator[dict[str
     yield from search(0, {start: mechanism_parts.get(base_link(truth), "")}, {})
 
 
-def _outwards(physics: FilePhysics, part_of_link: Mapping[str, str], start: str) -> list[_Edge]:
+def _outwards(mechanism: FileMechanism, part_of_link: Mapping[str, str], start: str) -> list[_Edge]:
     """Return the joints of a tree from the part `start` outwards: each after the one that leads to its near part."""
     reached = {start}
     edges = []
-    singles = single_joints(physics)
+    singles = single_joints(mechanism)
     has_grown = True
     while has_grown:
         has_grown = False

@@ -13,7 +13,7 @@ import numpy as np
 
 from twin.exchange.audit.file_joints import FileJoint
 from twin.exchange.audit.joint_assignment import ONE_COORDINATE, base_link, rigid_parts, single_joints
-from twin.exchange.audit.mechanism_data import FilePhysics
+from twin.exchange.audit.mechanism_data import FileMechanism
 from twin.exchange.audit.motion_lines import JointLine
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import MECHANISM, quantity
@@ -86,17 +86,17 @@ def _length(value: float) -> str:
 
 
 def pair_differences(
-    physics: FilePhysics, truth: FilePhysics, states: SampledStates, assignment: Mapping[str, str], signed: bool
+    mechanism: FileMechanism, truth: FileMechanism, states: SampledStates, assignment: Mapping[str, str], signed: bool
 ) -> list[JointPair]:
     """Return the differences of all pairs of assigned joints; [] if fewer than two can be placed.
 
     `signed` is whether the directions of the axes count: a file can have parent and child of a joint exchanged.
     """
-    file_joints = single_joints(physics)
+    file_joints = single_joints(mechanism)
     mechanism_joints = single_joints(truth)
     values = joint_values(states, assignment)
-    links = place_links(physics, values, states.count)
-    part_of_link = rigid_parts(physics)
+    links = place_links(mechanism, values, states.count)
+    part_of_link = rigid_parts(mechanism)
     names: list[str] = []
     file_lines: dict[str, tuple[Array, Array]] = {}
     mechanism_lines: dict[str, tuple[Array, Array]] = {}
@@ -186,14 +186,14 @@ def _angles_and_distances(first: tuple[Array, Array], second: tuple[Array, Array
     return cosine, distances
 
 
-def place_links(physics: FilePhysics, values: Mapping[str, Array], count: int) -> dict[str, Array]:
+def place_links(mechanism: FileMechanism, values: Mapping[str, Array], count: int) -> dict[str, Array]:
     """Return {link: T_base_link (k, 4, 4)} of the links that joints with known values (k,) connect with the base."""
-    base = base_link(physics)
+    base = base_link(mechanism)
     placed = {base: np.broadcast_to(np.eye(4), (count, 4, 4))}
     has_grown = True
     while has_grown:
         has_grown = False
-        for joint in physics.joints:
+        for joint in mechanism.joints:
             if joint.T is None:
                 continue
             # A file may lead from the base outwards by the child of a joint.

@@ -12,7 +12,7 @@ from twin.exchange.audit.new_names import renamed, with_new_keys
 from twin.exchange.audit.poses import Array
 
 VACUUM = (0.0, 0.0, 0.0, 0.0, 0.0)
-"""`FilePhysics.medium` where nothing slows the robot down."""
+"""`FileMechanism.medium` where nothing slows the robot down."""
 
 _HELPER_SHARE = 1e-4
 """Largest mass of a link that a format needs only to split a joint or to close a loop, as a part of the mass of all."""
@@ -57,7 +57,7 @@ def _with_renamed_links(frames: Mapping[str, FileFrame], links: Mapping[str, str
 
 
 @dataclass
-class FilePhysics:
+class FileMechanism:
     """Mechanism data of a file.
 
     Attributes:
@@ -69,6 +69,7 @@ class FilePhysics:
         assumed: links whose mass is unknown: the file states an assumed mass, because the format requires a mass.
         partly_shown: links whose shapes do not show the whole link, as the file states or because they are for display
             only or not all read: their masses are not judged by them.
+        joints: joints, with the parts into which a format divides a joint one by one.
         frames: {name: named frame}.
         points: {name: named point}, as frames with the axes of the link. A frame may have the name of a point.
         fully_listed: "frame", "point": those of which `frames` or `points` contains all that the robot has.
@@ -151,8 +152,8 @@ class FilePhysics:
         self.trocars = frozenset(renamed(self.trocars, joints))
         if self.couplings is not None:
             couplings: dict[str, tuple[Mapping[str, float], float]] = {}
-            for name, (row, total) in self.couplings.items():
-                couplings[name] = (with_new_keys(row, joints), total)
+            for name, (factors, constant) in self.couplings.items():
+                couplings[name] = (with_new_keys(factors, joints), constant)
             self.couplings = couplings
         if self.motors is not None:
             motors = {}
@@ -181,17 +182,17 @@ class FilePhysics:
         """
         if self.fixed_to_world is None:
             return None
-        fixed = []
+        fixed_pairs = []
         for joint in self.joints_between({WORLD, *known_links}):
             if joint.kind == "fixed":
-                fixed.append({joint.parent, joint.child})
+                fixed_pairs.append({joint.parent, joint.child})
         immobile_links = {WORLD, *self.fixed_to_world}
         has_grown = True
         while has_grown:
             has_grown = False
-            for ends in fixed:
-                if ends & immobile_links and not ends <= immobile_links:
-                    immobile_links |= ends
+            for pair in fixed_pairs:
+                if pair & immobile_links and not pair <= immobile_links:
+                    immobile_links |= pair
                     has_grown = True
         return frozenset(immobile_links & set(known_links)) - {WORLD}
 
@@ -207,7 +208,7 @@ class FilePhysics:
         addition.
         """
         added: list[FileJoint] = []
-        for joint in self._of_heavy_ends(known_links).values():
+        for joint in self._heavy_end_joints(known_links).values():
             if joint.names and joint.kind not in ("", "fixed"):
                 added.append(joint)
         return added
@@ -222,12 +223,12 @@ class FilePhysics:
             for link in self.links:
                 if link not in known_links and not joints_of(link, self.joints):
                     loads.append(link)
-        for link, joint in self._of_heavy_ends(known_links).items():
+        for link, joint in self._heavy_end_joints(known_links).items():
             if joint.kind == "fixed":
                 loads.append(link)
         return loads
 
-    def _of_heavy_ends(self, known_links: Collection[str]) -> dict[str, FileJoint]:
+    def _heavy_end_joints(self, known_links: Collection[str]) -> dict[str, FileJoint]:
         """Return {link: its joint} of the unknown links that are heavier than a helper and have one joint."""
         total_mass = 0.0
         for mass in self.masses.values():

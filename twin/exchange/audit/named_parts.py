@@ -17,15 +17,17 @@ def named_parts(contents: Sequence[Content]) -> set[str]:
         for clip in content.clips:
             names.add(clip.name)
             names.update(clip.joints)
-        physics = content.physics
-        if physics is None:
+        mechanism = content.mechanism
+        if mechanism is None:
             continue
-        names.update(physics.links, physics.frames, physics.points, physics.motors or (), physics.postures or ())
-        for joint in physics.joints:
+        names.update(
+            mechanism.links, mechanism.frames, mechanism.points, mechanism.motors or (), mechanism.postures or ()
+        )
+        for joint in mechanism.joints:
             names.update(joint.names)
     return names
 
 
 def has_all_names(contents: Sequence[Content]) -> bool:
     """Return whether a file is there that names all parts of a mechanism, as a USD stage does."""
-    return any(content.physics is not None and kind_holds(content.format, Holds.ALL_NAMES) for content in contents)
+    return any(content.mechanism is not None and kind_holds(content.format, Holds.ALL_NAMES) for content in contents)

@@ -54,23 +54,23 @@ def check_sense(content: Content, gravity: Sequence[np.ndarray] = ()) -> None:
     `gravity` are the values (3,) in m/s2 of the mechanism and of files in other formats. Gravity that does not point
     down is wrong only if none of them is the same: some robots are meant for a slope, or drawn with another axis up.
     """
-    physics = content.physics
+    mechanism = content.mechanism
     ledger = content.ledger
-    if physics is None:
+    if mechanism is None:
         return
     before = len(ledger.found)
-    for link, mass in physics.masses.items():
+    for link, mass in mechanism.masses.items():
         _check_mass(ledger, link, mass)
-        has_known_mass = np.isfinite(mass.mass) and mass.mass > 0 and link not in physics.assumed
+        has_known_mass = np.isfinite(mass.mass) and mass.mass > 0 and link not in mechanism.assumed
         if has_known_mass and link in content.shapes:
-            _check_extent(ledger, link, mass, content.shapes[link], link not in physics.partly_shown)
-    for joint in physics.joints:
+            _check_extent(ledger, link, mass, content.shapes[link], link not in mechanism.partly_shown)
+    for joint in mechanism.joints:
         if joint.names:
             _check_drive(ledger, joint.names[-1], joint.drive)
-    if physics.gravity is not None:
-        is_stated_elsewhere = any(np.linalg.norm(physics.gravity - other) < SAME_GRAVITY for other in gravity)
-        _check_gravity(ledger, physics.gravity, is_stated_elsewhere)
-    if physics.masses or physics.joints:
+    if mechanism.gravity is not None:
+        is_stated_elsewhere = any(np.linalg.norm(mechanism.gravity - other) < SAME_GRAVITY for other in gravity)
+        _check_gravity(ledger, mechanism.gravity, is_stated_elsewhere)
+    if mechanism.masses or mechanism.joints:
         wrong = []
         for finding in ledger.found[before:]:
             if finding.severity != "info":

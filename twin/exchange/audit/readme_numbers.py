@@ -34,8 +34,8 @@ def check_numbers(text: str, contents: Sequence[Content], ledger: Ledger) -> Non
     _check_budgets(text, ledger)
     motors: dict[str, FileMotor] = {}
     for content in contents:
-        if content.physics is not None and content.physics.all_motors:
-            motors = dict(content.physics.motors or {})
+        if content.mechanism is not None and content.mechanism.all_motors:
+            motors = dict(content.mechanism.motors or {})
             break
     for row in _MATRIX.finditer(text):
         _check_matrix(row["name"], row["equations"], motors, ledger)

@@ -10,7 +10,7 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.file_joints import FileJoint
 from twin.exchange.audit.joint_lines import ANGLE_TOL, LINE_TOL, or_infinite
-from twin.exchange.audit.mechanism_data import FilePhysics
+from twin.exchange.audit.mechanism_data import FileMechanism
 from twin.exchange.audit.motion_lines import JointLine, meeting_point
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import MECHANISM, ROTATION_TOL, quantity
@@ -22,7 +22,7 @@ _REST_TOL = 2e-5
 """Maximum distance in m of two links at rest from the positions that their joint allows; see `usd.GAP_TOL`."""
 
 
-def compare_joints(content: Content, truth: FilePhysics, source: str = MECHANISM) -> None:
+def compare_joints(content: Content, truth: FileMechanism, source: str = MECHANISM) -> None:
     """Compare the poses of a file at rest with the joints of the mechanism, which hold at any joint values.
 
     `truth` may also be that of another file, `source`, in which all joints have places.

@@ -18,7 +18,7 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.file_content import Content, largest
 from twin.exchange.audit.joint_assignment import base_link, joint_assignments
 from twin.exchange.audit.joint_lines import ANGLE_TOL, LINE_TOL, JointPair, joint_values, pair_differences, place_links
-from twin.exchange.audit.mechanism_data import FilePhysics
+from twin.exchange.audit.mechanism_data import FileMechanism
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import MECHANISM, POSITION_TOL, ROTATION_TOL, um
 from twin.exchange.audit.sampled_states import SampledStates
@@ -30,21 +30,21 @@ def same_names(names: Collection[str], links: Collection[str]) -> bool:
     return 2 * shared >= min(len(set(names)), len(links))
 
 
-def compare_states(content: Content, truth: FilePhysics, states: SampledStates) -> None:
+def compare_states(content: Content, truth: FileMechanism, states: SampledStates) -> None:
     """Compare the joints of a file, whose links have other names than the mechanism, at the sampled states.
 
     Differences are reported in the file's ledger. If no assignment of the joints is possible, nothing is reported.
     """
-    physics = content.physics
-    if physics is None:
+    mechanism = content.mechanism
+    if mechanism is None:
         return
-    assignments = joint_assignments(physics, truth)
+    assignments = joint_assignments(mechanism, truth)
     by_name = False
     if len(assignments) == 1:
         by_name = list(assignments[0].keys()) == list(assignments[0].values())
     compared: list[tuple[float, list[JointPair], dict[str, str]]] = []
     for assignment in assignments:
-        pairs = pair_differences(physics, truth, states, assignment, by_name)
+        pairs = pair_differences(mechanism, truth, states, assignment, by_name)
         if pairs:
             worst_pair = max(pairs, key=lambda p: p.share)
             compared.append((worst_pair.share, pairs, assignment))
@@ -87,14 +87,14 @@ def compare_states(content: Content, truth: FilePhysics, states: SampledStates) 
     ledger.add("audit.not_compared", "error", text, first.first, suggestion=advice)
 
 
-def _take_names(content: Content, assignment: Mapping[str, str], truth: FilePhysics, states: SampledStates) -> None:
+def _take_names(content: Content, assignment: Mapping[str, str], truth: FileMechanism, states: SampledStates) -> None:
     """Give links and joints of a file the names of the mechanism, if their frames are those of the mechanism.
 
     Otherwise, state in the file's ledger that masses, shapes and limits are not compared.
     """
-    physics = content.physics
-    assert physics is not None
-    links = place_links(physics, joint_values(states, assignment), states.count)
+    mechanism = content.mechanism
+    assert mechanism is not None
+    links = place_links(mechanism, joint_values(states, assignment), states.count)
     bodies = _bodies_of_links(links, truth, states)
     if len(bodies) < len(truth.links):
         lacking = []
@@ -114,16 +114,16 @@ def _take_names(content: Content, assignment: Mapping[str, str], truth: FilePhys
     for joint in truth.joints:
         joint_of_ends[frozenset((joint.parent, joint.child))] = joint.names[0]
     joints = dict(assignment)
-    for joint in physics.joints:
+    for joint in mechanism.joints:
         ends = frozenset((bodies.get(joint.parent, ""), bodies.get(joint.child, "")))
         if len(joint.names) == 1 and not joint.tied and ends in joint_of_ends:
             joints.setdefault(joint.names[0], joint_of_ends[ends])
     content.rename(bodies, joints)
     # The joints of links without a body have no counterpart by name: in a URDF, two such links join the ends of a loop.
     named = {"", *truth.links}
-    for i, joint in enumerate(physics.joints):
+    for i, joint in enumerate(mechanism.joints):
         if not {joint.parent, joint.child} <= named:
-            physics.joints[i] = replace(joint, names=())
+            mechanism.joints[i] = replace(joint, names=())
     renamed_links = []
     for link, body in bodies.items():
         if link != body:
@@ -132,7 +132,7 @@ def _take_names(content: Content, assignment: Mapping[str, str], truth: FilePhys
     content.ledger.add("states.names", "info", text)
 
 
-def _bodies_of_links(links: Mapping[str, Array], truth: FilePhysics, states: SampledStates) -> dict[str, str]:
+def _bodies_of_links(links: Mapping[str, Array], truth: FileMechanism, states: SampledStates) -> dict[str, str]:
     """Return {link: body of the mechanism with the same frame at all states}."""
     from_base = poses.inverse(states.links[base_link(truth)])
     bodies: dict[str, str] = {}

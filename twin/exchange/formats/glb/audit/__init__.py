@@ -10,7 +10,7 @@ from twin.exchange.audit import poses
 from twin.exchange.audit.file_content import Content, check_poses
 from twin.exchange.audit.file_joints import FileJoint
 from twin.exchange.audit.file_statements import ROBOT
-from twin.exchange.audit.mechanism_data import FileFrame, FileMass, FilePhysics
+from twin.exchange.audit.mechanism_data import FileFrame, FileMass, FileMechanism
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.reader_context import Context
 from twin.exchange.audit.report import Ledger
@@ -82,7 +82,7 @@ def read_gltf(path: Path, ledger: Ledger) -> Content:
     check_normals(file)
     content.shapes, content.colors, content.finishes = read_link_shapes(file, nodes, rest_poses)
     if links:
-        content.physics = _physics(nodes, rest_poses, ledger)
+        content.mechanism = _mechanism(nodes, rest_poses, ledger)
     _add_count_rows(ledger)
     return content
 
@@ -122,10 +122,10 @@ def _check_clip_names(content: Content) -> None:
             return  # one finding is enough
 
 
-def _physics(nodes: list[Node], world_poses: list[Array], ledger: Ledger) -> FilePhysics:
+def _mechanism(nodes: list[Node], world_poses: list[Array], ledger: Ledger) -> FileMechanism:
     """Return the mechanism data of the nodes and their `extras`: masses, names of joints, poses of frames, meshes."""
-    physics = FilePhysics(tuple(node.name for node in nodes if node.is_link))
-    has_mesh = dict.fromkeys(physics.links, False)
+    mechanism = FileMechanism(tuple(node.name for node in nodes if node.is_link))
+    has_mesh = dict.fromkeys(mechanism.links, False)
     for node in nodes:
         extras = node.extras
         owner = link_above(nodes, node)
@@ -133,14 +133,14 @@ def _physics(nodes: list[Node], world_poses: list[Array], ledger: Ledger) -> Fil
             has_mesh[owner.name] = True
         if node.is_link:
             if extras.get("whole") is False:
-                physics.partly_shown |= {node.name}
+                mechanism.partly_shown |= {node.name}
             if isinstance(extras.get("mass"), int | float):
-                physics.masses[node.name] = FileMass(float(extras["mass"]))
+                mechanism.masses[node.name] = FileMass(float(extras["mass"]))
             joints = extras.get("joints")
             if isinstance(joints, list):
                 repeated: set[str] = set()
                 for name in joints:
-                    physics.joints.append(FileJoint((str(name),), "", node.name))
+                    mechanism.joints.append(FileJoint((str(name),), "", node.name))
                     if joints.count(name) > 1:
                         repeated.add(str(name))
                 if repeated:
@@ -149,9 +149,9 @@ def _physics(nodes: list[Node], world_poses: list[Array], ledger: Ledger) -> Fil
         elif isinstance(extras.get("frame"), str) and owner is not None:
             T_world_link, _ = poses.split(world_poses[owner.index][0])
             T_world_frame, _ = poses.split(world_poses[node.index][0])
-            physics.frames[extras["frame"]] = FileFrame(owner.name, poses.inverse(T_world_link) @ T_world_frame)
-    physics.shown = has_mesh
-    return physics
+            mechanism.frames[extras["frame"]] = FileFrame(owner.name, poses.inverse(T_world_link) @ T_world_frame)
+    mechanism.shown = has_mesh
+    return mechanism
 
 
 def read(path: Path, ledger: Ledger, context: Context) -> Content:

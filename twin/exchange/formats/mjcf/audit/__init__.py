@@ -1,7 +1,7 @@
 """Audit an MJCF file: MuJoCo reads it, its content is compared with other files, and what it says is checked.
 
 mujoco_file     read the file: specification and compiled model
-shapes, surface_colors, physics, declared_fields    what the file contains, in the form of all formats
+shapes, surface_colors, mechanism, declared_fields    what the file contains, in the form of all formats
 track_poses     the poses of its bodies along a track
 model_checks, claims    faults that one file shows by itself
 """
@@ -22,9 +22,9 @@ from twin.exchange.audit.reader_context import Context, played
 from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.mjcf.audit.claims import check_claims, counts_from_home, home_coordinates
 from twin.exchange.formats.mjcf.audit.declared_fields import further_declarations
+from twin.exchange.formats.mjcf.audit.mechanism import compiled_mechanism
 from twin.exchange.formats.mjcf.audit.model_checks import balance_at_keyframe, check_limits, check_model
 from twin.exchange.formats.mjcf.audit.mujoco_file import MujocoFile, read_mujoco
-from twin.exchange.formats.mjcf.audit.physics import compiled_physics
 from twin.exchange.formats.mjcf.audit.shapes import surface_colors
 from twin.exchange.formats.mjcf.audit.track_poses import play_track
 
@@ -73,14 +73,14 @@ def content_of(file: MujocoFile, ledger: Ledger) -> Content:
     content.rest = _rest_poses(file)
     content.shapes = file.shapes
     content.colors, content.finishes = surface_colors(model)
-    physics = compiled_physics(model, file.bodies)
-    physics.motion_declarations, physics.contact_declarations = further_declarations(file.spec)
-    physics.collides = _colliding(model)
-    physics.robot = _robot_name(file.spec)
-    physics.home = home_coordinates(file.path.read_text("utf-8", errors="replace"), model)
-    physics.assumed = assumed_masses(file.path)
-    physics.partly_shown = partly_shown(file.path) | _partly_read(model)
-    content.physics = physics
+    mechanism = compiled_mechanism(model, file.bodies)
+    mechanism.motion_declarations, mechanism.contact_declarations = further_declarations(file.spec)
+    mechanism.collides = _colliding(model)
+    mechanism.robot = _robot_name(file.spec)
+    mechanism.home = home_coordinates(file.path.read_text("utf-8", errors="replace"), model)
+    mechanism.assumed = assumed_masses(file.path)
+    mechanism.partly_shown = partly_shown(file.path) | _partly_read(model)
+    content.mechanism = mechanism
     return content
 
 
@@ -90,7 +90,7 @@ def check_file(file: MujocoFile, content: Content, ledger: Ledger) -> None:
     check_model(file.model, ledger, counts_from_home(text))
     # The controls at home hold the weights that the robot states. The weight of a mass that the file only assumes is
     # not among them, so that nothing can be said about controls that hold the robot.
-    is_weighed = content.physics is None or not content.physics.assumed
+    is_weighed = content.mechanism is None or not content.mechanism.assumed
     check_claims(text, file.model, balance_at_keyframe(file.model), is_weighed, ledger)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured, quantity
 from twin.exchange.formats.mjcf.audit.claims import Balance
-from twin.exchange.formats.mjcf.audit.physics import BALL, HINGE, SLIDE
+from twin.exchange.formats.mjcf.audit.mechanism import BALL, HINGE, SLIDE
 
 ROUNDING_TOL = 1e-5
 """Maximum relative difference of limits or gains that counts as a rounding error: MuJoCo saves six digits."""

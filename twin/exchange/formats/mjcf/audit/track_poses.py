@@ -13,8 +13,8 @@ from twin.exchange.audit.file_content import FileClip
 from twin.exchange.audit.file_joints import WORLD
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, um
+from twin.exchange.formats.mjcf.audit.mechanism import BALL, FREE, HINGE, SLIDE
 from twin.exchange.formats.mjcf.audit.model_checks import gap_of, opening
-from twin.exchange.formats.mjcf.audit.physics import BALL, FREE, HINGE, SLIDE
 
 LOOP_TOL = 1e-6
 """Maximum residual of an equality constraint at the joint values of a track, in m or (rotation of a weld) in rad."""

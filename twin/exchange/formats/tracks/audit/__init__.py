@@ -23,7 +23,7 @@ from twin.exchange.audit.file_content import Content, FileClip, check_poses, che
 from twin.exchange.audit.file_drives import FileDrive
 from twin.exchange.audit.file_joints import FileJoint
 from twin.exchange.audit.file_statements import ROBOT
-from twin.exchange.audit.mechanism_data import TOOL, FileFrame, FilePhysics
+from twin.exchange.audit.mechanism_data import TOOL, FileFrame, FileMechanism
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.reader_context import Context
 from twin.exchange.audit.report import Ledger, Measured, ReadError
@@ -190,7 +190,7 @@ def _content(data: JsonObject, kind: str, ledger: Ledger) -> Content:
     units = data.get("length_unit", "?")
     content.facts = {"units": units, **_frame_facts(data), "protocol": name}
     _state_facts(content, data, name)
-    content.physics = _physics(data, links, joints, ledger)
+    content.mechanism = _mechanism(data, links, joints, ledger)
     short_entries = dict(data)
     # The clip has the long lists; left here, they would be compared as entries of the header.
     for key in ("poses", "positions", "times"):
@@ -387,7 +387,7 @@ def _report_violation(
     ledger.wrong("tracks.limits", text, joint, size=size, when=moment, suggestion=advice)
 
 
-def _physics(data: JsonObject, links: list[str], joints: list[str], ledger: Ledger) -> FilePhysics:
+def _mechanism(data: JsonObject, links: list[str], joints: list[str], ledger: Ledger) -> FileMechanism:
     """Return the mechanism data of a track; entries that are missing or too short are skipped.
 
     A pose of the tool that is not finite is reported, because it is read only here.
@@ -395,7 +395,7 @@ def _physics(data: JsonObject, links: list[str], joints: list[str], ledger: Ledg
     Raises:
         ReadError: limits or poses of frames are no flat lists of numbers.
     """
-    physics = FilePhysics(tuple(links))
+    mechanism = FileMechanism(tuple(links))
     kinds = data.get("joint_types", [])
     active = data.get("joint_active", [])
     lower = flat_numbers(data, "joint_lower").tolist()
@@ -408,20 +408,20 @@ def _physics(data: JsonObject, links: list[str], joints: list[str], ledger: Ledg
             limits = (low, high)
         driven = bool(active[number]) if number < len(active) else None
         kind = str(kinds[number]) if number < len(kinds) else ""
-        physics.joints.append(FileJoint((name,), "", "", drive=FileDrive(limits, driven), stated_kind=kind))
+        mechanism.joints.append(FileJoint((name,), "", "", drive=FileDrive(limits, driven), stated_kind=kind))
     names = data.get("frame_names", [])
     owners = data.get("frame_links", [])
     sevens = entry_numbers(data, "frames_local")
     if len(names) == len(owners) and sevens.size == 7 * len(names):
         for name, link, seven in zip(names, owners, sevens.reshape(-1, 7), strict=True):
-            physics.frames[str(name)] = FileFrame(str(link), poses.from_seven(seven))
+            mechanism.frames[str(name)] = FileFrame(str(link), poses.from_seven(seven))
         if names:
-            physics.fully_listed = frozenset({"frame"})
+            mechanism.fully_listed = frozenset({"frame"})
     tool = entry_numbers(data, "tool_frame")
     report_not_finite(tool, "tool_frame", ledger)
     if tool.shape == (7,):
-        physics.frames[TOOL] = FileFrame(str(data.get("tool_link", "")), poses.from_seven(tool))
-    return physics
+        mechanism.frames[TOOL] = FileFrame(str(data.get("tool_link", "")), poses.from_seven(tool))
+    return mechanism
 
 
 def read(path: Path, ledger: Ledger, context: Context) -> Content | None:

@@ -18,7 +18,7 @@ from twin.exchange.audit.file_content import Content
 from twin.exchange.audit.file_drives import FileDrive
 from twin.exchange.audit.file_joints import FileJoint
 from twin.exchange.audit.file_statements import ROBOT
-from twin.exchange.audit.mechanism_data import TOOL, FileFrame, FileMass, FilePhysics
+from twin.exchange.audit.mechanism_data import TOOL, FileFrame, FileMass, FileMechanism
 from twin.exchange.audit.motion_lines import motion_lines
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger
@@ -219,12 +219,12 @@ def _content(text: str, ledger: Ledger) -> Content:
     for link, mass in zip(links, _numbers(tables["linkMasses"]), strict=True):
         if mass:  # 0: unknown
             masses[link] = FileMass(float(mass))
-    content.physics = FilePhysics(links, masses, joints=joints, frames=frames, complete=True)
+    content.mechanism = FileMechanism(links, masses, joints=joints, frames=frames, complete=True)
     content.facts = {"units": "m", "up_axis": "Z", "handedness": "right"}
     # The checks below pair entries by their numbers, which a table of another size would shift.
     if _check_sizes(tables, ledger):
         home = _numbers(tables["homeJoints"]).tolist()
-        content.physics.home_posture = dict(zip(_words(tables["joints"]), home, strict=True))
+        content.mechanism.home_posture = dict(zip(_words(tables["joints"]), home, strict=True))
         _check_angles(tables, ledger)
         _check_tree(tables, links, ledger)
         _check_bounds(tables, ledger)

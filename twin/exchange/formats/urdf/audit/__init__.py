@@ -22,7 +22,7 @@ from twin.exchange.audit.comment_statements import assumed_masses, partly_shown
 from twin.exchange.audit.file_content import Content, FileClip, LinkShape
 from twin.exchange.audit.file_drives import FileDrive, FileMotor, JointDynamics
 from twin.exchange.audit.file_joints import FileJoint
-from twin.exchange.audit.mechanism_data import FileMass, FilePhysics
+from twin.exchange.audit.mechanism_data import FileMass, FileMechanism
 from twin.exchange.audit.mesh_files import mesh_path, named_mesh, placed_shape
 from twin.exchange.audit.meshes import joined
 from twin.exchange.audit.motion_lines import JointLine, motion_lines, unit
@@ -139,13 +139,13 @@ class Urdf:
         closure_file = path.with_suffix(".yaml")
         self.closures = self._read_closures(closure_file, joints, driven)
         self._check_order(closure_file.name, _driven_in_order(root))
-        self.content.physics = self._physics(masses, driven, closure_file.is_file())
-        self.content.physics.robot = root.get("name", "")
-        self.content.physics.assumed = assumed_masses(path)
-        self.content.physics.partly_shown = partly_shown(path) | _partly_read(root)
-        self.content.physics.motors = _motors(root)
-        self.content.physics.reductions = _reductions(root, driven)
-        self.content.physics.program_settings = program_settings(root)
+        self.content.mechanism = self._mechanism(masses, driven, closure_file.is_file())
+        self.content.mechanism.robot = root.get("name", "")
+        self.content.mechanism.assumed = assumed_masses(path)
+        self.content.mechanism.partly_shown = partly_shown(path) | _partly_read(root)
+        self.content.mechanism.motors = _motors(root)
+        self.content.mechanism.reductions = _reductions(root, driven)
+        self.content.mechanism.program_settings = program_settings(root)
         _check_transmissions(root, joints, ledger)
         self._check_home(closure_file.name)
         if closure_file.is_file():
@@ -195,19 +195,19 @@ class Urdf:
         )
         self._ledger.wrong("urdf.driven_order", text, order[start], suggestion="export the URDF and its YAML together")
 
-    def _physics(self, masses: dict[str, FileMass], driven: Collection[str], has_closure_file: bool) -> FilePhysics:
+    def _mechanism(self, masses: dict[str, FileMass], driven: Collection[str], has_closure_file: bool) -> FileMechanism:
         loop_ends: set[str] = set()
         for first, second, _ in self.closures.pairs:
             loop_ends.update((first, second))
         # The ends of loops are frames, unless they have a shape: they are no links of the mechanism.
         bodies = [link for link in self.links if link not in loop_ends or link in self.content.shapes]
-        physics = _tree_physics(bodies, masses, self.above.values(), driven)
+        mechanism = _tree_mechanism(bodies, masses, self.above.values(), driven)
         shown: dict[str, bool] = {}
         for link in bodies:
             shown[link] = self._has_visual[link]
-        physics.shown = shown
-        physics.collides = dict.fromkeys(self._links_with_collision & set(bodies), True)
-        physics.joints += self.closures.joints()
+        mechanism.shown = shown
+        mechanism.collides = dict.fromkeys(self._links_with_collision & set(bodies), True)
+        mechanism.joints += self.closures.joints()
         couplings: dict[str, tuple[Mapping[str, float], float]] = {}
         for joint in self.above.values():
             if joint.mimic is not None:
@@ -215,10 +215,10 @@ class Urdf:
                 couplings[f"{joint.name}_mimic"] = ({joint.name: 1.0, leader: -multiplier}, offset)
         if self.closures.couplings is not None:
             couplings |= dict(self.closures.couplings)
-        physics.couplings = couplings
-        physics.home = self.closures.home or None
-        physics.couples_pairs = not has_closure_file  # a mimic couples two joints; the YAML any number
-        return physics
+        mechanism.couplings = couplings
+        mechanism.home = self.closures.home or None
+        mechanism.couples_pairs = not has_closure_file  # a mimic couples two joints; the YAML any number
+        return mechanism
 
     def _check_home(self, name: str) -> None:
         """Report loops that are open, and joints outside their limits, at `home` of the closure YAML `name`."""
@@ -262,7 +262,7 @@ class Urdf:
 
     def _is_part(self, link: str) -> bool:
         """Return whether a link has a shape, or more mass than the 1 mg that stands for none."""
-        masses = {} if self.content.physics is None else self.content.physics.masses
+        masses = {} if self.content.mechanism is None else self.content.mechanism.masses
         return link in self.content.shapes or (link in masses and masses[link].mass > _NO_MASS)
 
     def _link_pose(self, link: str, values: Mapping[str, float]) -> Array:
@@ -614,11 +614,11 @@ def _names(parent: ET.Element, tag: str) -> list[str]:
     return [str(element.get("name")) for element in parent.findall(tag)]
 
 
-def _tree_physics(
+def _tree_mechanism(
     links: Iterable[str], masses: dict[str, FileMass], joints: Iterable[UrdfJoint], driven: Collection[str]
-) -> FilePhysics:
+) -> FileMechanism:
     """Return links, masses and joints of the tree; `driven` is empty if the file does not state what is driven."""
-    physics = FilePhysics(tuple(links), masses)
+    mechanism = FileMechanism(tuple(links), masses)
     for joint in joints:
         kind = joint.link.kind
         T_parent_joint = joint.link.fixed
@@ -647,8 +647,8 @@ def _tree_physics(
                 soft=joint.soft,
                 control=control,
             )
-        physics.joints.append(FileJoint((joint.name,), joint.parent, joint.child, T_parent_joint, motions, drive))
-    return physics
+        mechanism.joints.append(FileJoint((joint.name,), joint.parent, joint.child, T_parent_joint, motions, drive))
+    return mechanism
 
 
 def _known_bound(bound: float | None) -> float | None:

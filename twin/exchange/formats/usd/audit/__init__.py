@@ -21,10 +21,10 @@ from twin.core.json_types import JsonObject
 from twin.exchange.audit import poses
 from twin.exchange.audit.colors import Palette, Rgba
 from twin.exchange.audit.file_content import Content, FileClip, LinkShape, check_poses
-from twin.exchange.audit.mechanism_data import FilePhysics
+from twin.exchange.audit.mechanism_comparison import solved
+from twin.exchange.audit.mechanism_data import FileMechanism
 from twin.exchange.audit.meshes import check_mesh, joined
 from twin.exchange.audit.parameter_claims import PARAMETERS
-from twin.exchange.audit.physics_comparison import solved
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.reader_context import Context
 from twin.exchange.audit.report import Ledger, Measured, ReadError, quantity, um
@@ -34,7 +34,7 @@ from twin.exchange.formats.usd.audit.drive_targets import check_drive_targets
 from twin.exchange.formats.usd.audit.header import trouble
 from twin.exchange.formats.usd.audit.joint_gaps import joint_gaps, joint_values
 from twin.exchange.formats.usd.audit.layers import check_default_prim, missing_physics
-from twin.exchange.formats.usd.audit.physics import stage_physics
+from twin.exchange.formats.usd.audit.mechanism import stage_mechanism
 
 _CONE_TOL = 1e-5
 """Difference in rad of two equal half angles of a cone: the schema has them in degrees, in single precision."""
@@ -93,18 +93,18 @@ def _read(stage: Usd.Stage, path: Path, ledger: Ledger) -> Content:
         _check_colliders(prims, ledger)
         shown_paths = {prim.GetPath() for prim in displayed.values()}
         content.shapes, content.colors, content.finishes = _shapes(prims, shown_paths, world, ledger)
-        content.physics = stage_physics(stage, bodies, world.meters, world.up)
+        content.mechanism = stage_mechanism(stage, bodies, world.meters, world.up)
         hidden: dict[str, bool] = {}
         for name, prim in displayed.items():
             if name not in content.shapes and not _has_shape(prim, shown_paths):
                 hidden[name] = False
-        content.physics.shown = hidden
-        content.physics.collides = _colliding(prims, shown_paths)
-        if content.physics.all_motors:
-            check_declared(stage, content.physics, codes, ledger)
-        _check_cones(stage, content.physics, ledger)
-        _check_couplings(stage, content.physics, ledger)
-        check_drive_targets(stage, content.rest, content.physics, world.meters, ledger, moving=len(codes) > 0)
+        content.mechanism.shown = hidden
+        content.mechanism.collides = _colliding(prims, shown_paths)
+        if content.mechanism.all_motors:
+            check_declared(stage, content.mechanism, codes, ledger)
+        _check_cones(stage, content.mechanism, ledger)
+        _check_couplings(stage, content.mechanism, ledger)
+        check_drive_targets(stage, content.rest, content.mechanism, world.meters, ledger, moving=len(codes) > 0)
     else:
         content.shapes, content.colors, content.finishes = _shapes(prims, None, world, ledger)
         missing = missing_physics(stage)
@@ -260,7 +260,7 @@ def _assumed(stage: Usd.Stage) -> dict[str, str]:
     return reasons
 
 
-def _check_cones(stage: Usd.Stage, physics: FilePhysics, ledger: Ledger) -> None:
+def _check_cones(stage: Usd.Stage, mechanism: FileMechanism, ledger: Ledger) -> None:
     """Compare the cones of ball joints with the parameters "<joint>,<joint> cone" that the stage itself lists."""
     listed: dict[str, float] = {}
     for parameter, row in _custom_data(stage, "twin:parameters").items():
@@ -268,7 +268,7 @@ def _check_cones(stage: Usd.Stage, physics: FilePhysics, ledger: Ledger) -> None
         if field == "cone" and "value" in row:
             for joint_name in joints.split(","):
                 listed[joint_name] = float(row["value"])
-    for joint in physics.joints:
+    for joint in mechanism.joints:
         name = " ".join(joint.names)
         if name not in listed or joint.drive.cone is None:
             continue
@@ -288,12 +288,12 @@ def _custom_data(stage: Usd.Stage, key: str) -> JsonObject:
     return root.GetCustomDataByKey(key) or {}
 
 
-def _check_couplings(stage: Usd.Stage, physics: FilePhysics, ledger: Ledger) -> None:
+def _check_couplings(stage: Usd.Stage, mechanism: FileMechanism, ledger: Ledger) -> None:
     """Compare the couplings that the stage lists for twin with those that it states for physics engines."""
     listed: dict[str, tuple[dict[str, float], float]] = {}
     for name, coupling in _custom_data(stage, "twin:couplings").items():
         listed[name] = (dict(coupling["ratios"]), float(coupling["total"]))
-    stated = physics.couplings or {}
+    stated = mechanism.couplings or {}
     if len(listed) != len(stated):  # engines cannot hold every coupling
         return
     for_engines = solved(stated)

@@ -16,7 +16,7 @@ from pxr import Gf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdShade
 from twin.core.provenance import EARLIER
 from twin.core.units import SI
 from twin.exchange.audit.file_drives import FileDrive
-from twin.exchange.audit.mechanism_data import FilePhysics
+from twin.exchange.audit.mechanism_data import FileMechanism
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured
 
@@ -147,25 +147,25 @@ def _fallback(prim: Usd.Prim, name: str) -> Any:
     return attribute_definition.GetFallbackValue()
 
 
-def check_declared(stage: Usd.Stage, physics: FilePhysics, codes: Array, ledger: Ledger) -> None:
+def check_declared(stage: Usd.Stage, mechanism: FileMechanism, codes: Array, ledger: Ledger) -> None:
     """Report declarations of a stage of this project that contradict each other, or are missing.
 
     Args:
         stage: the stage.
-        physics: the mechanism data of the stage.
+        mechanism: the mechanism data of the stage.
         codes: time codes (k,) of its samples.
         ledger: receives the findings.
     """
     root = stage.GetDefaultPrim()
-    _check_marks(root, physics, _frames(stage), ledger)
+    _check_marks(root, mechanism, _frames(stage), ledger)
     _check_parameters(root, ledger)
-    _check_listed(root, physics, ledger)
+    _check_listed(root, mechanism, ledger)
     _check_schemas(stage, ledger)
     _check_joints(stage, ledger)
     _check_ends(stage, ledger)
     _check_resets(stage, ledger)
     _check_sampled(stage, ledger)
-    _check_sample_times(stage, physics.links, ledger)
+    _check_sample_times(stage, mechanism.links, ledger)
     _check_changing(stage, ledger)
     _check_scene(stage, ledger)
     _check_colliders(stage, ledger)
@@ -185,18 +185,18 @@ def _frames(stage: Usd.Stage) -> set[str]:
     return names
 
 
-def _check_marks(root: Usd.Prim, physics: FilePhysics, frames: set[str], ledger: Ledger) -> None:
+def _check_marks(root: Usd.Prim, mechanism: FileMechanism, frames: set[str], ledger: Ledger) -> None:
     """Report names of base and tool that are missing, or of nothing in the stage."""
     base = str(root.GetAttribute("twin:base").Get() or "")
-    if base not in physics.links:
+    if base not in mechanism.links:
         text = "twin:base is missing."
         if base:
             text = f"twin:base is '{base}', which is no link of the stage."
         ledger.wrong("usd.mark", text, "twin:base", suggestion="export the stage again")
-    if physics.tool not in frames:
+    if mechanism.tool not in frames:
         text = "twin:tool is missing."
-        if physics.tool:
-            text = f"twin:tool is '{physics.tool}', which is no frame of the stage."
+        if mechanism.tool:
+            text = f"twin:tool is '{mechanism.tool}', which is no frame of the stage."
         ledger.wrong("usd.mark", text, "twin:tool", suggestion="export the stage again")
     physx = root.GetAttribute("physxArticulation:enabledSelfCollisions").Get()
     newton = root.GetAttribute("newton:selfCollisionEnabled").Get()
@@ -253,10 +253,10 @@ _LISTED: Mapping[str, Callable[[FileDrive], Any]] = {
 """Fields of the parameters "<joint>,<joint> <field>", with what they are of a joint."""
 
 
-def _check_listed(root: Usd.Prim, physics: FilePhysics, ledger: Ledger) -> None:
+def _check_listed(root: Usd.Prim, mechanism: FileMechanism, ledger: Ledger) -> None:
     """Compare the limits and drives of joints with the parameters that the stage itself lists of them."""
     drives = {}
-    for joint in physics.joints:
+    for joint in mechanism.joints:
         if joint.names:
             drives[joint.names[0]] = joint.drive
     for name, row in (root.GetCustomDataByKey("twin:parameters") or {}).items():

@@ -17,7 +17,7 @@ from pxr import Usd, UsdPhysics
 from twin.core import format
 from twin.exchange.audit import poses
 from twin.exchange.audit.file_joints import WORLD, FileJoint
-from twin.exchange.audit.mechanism_data import FilePhysics
+from twin.exchange.audit.mechanism_data import FileMechanism
 from twin.exchange.audit.motion_lines import JointLine
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import Ledger, Measured
@@ -55,7 +55,7 @@ class _Target:
 def check_drive_targets(
     stage: Usd.Stage,
     rest_poses: Mapping[str, Array],
-    physics: FilePhysics,
+    mechanism: FileMechanism,
     meters: float,
     ledger: Ledger,
     *,
@@ -66,27 +66,27 @@ def check_drive_targets(
     Args:
         stage: the stage.
         rest_poses: {body: T_world_body (4, 4)} of the authored pose, in m, z up.
-        physics: the mechanism data of the stage.
+        mechanism: the mechanism data of the stage.
         meters: unit of length of the stage in m.
         ledger: receives the findings.
         moving: whether the stage has a motion: it may begin elsewhere than its targets, which are those of the robot.
     """
-    if not physics.all_motors:  # no stage of this project: its targets may mean anything
+    if not mechanism.all_motors:  # no stage of this project: its targets may mean anything
         return
     targets = _targets(stage, meters)
     if not targets:
         return
-    gravity = physics.gravity
+    gravity = mechanism.gravity
     if gravity is None:  # the layers of a robot have no physics scene
         stated = stage.GetDefaultPrim().GetAttribute("twin:gravity").Get()
         gravity = np.array(stated or _EARTH, float)
     efforts: dict[str, float] | None = None
     if not moving:
         try:
-            efforts = _efforts(rest_poses, physics, gravity)
+            efforts = _efforts(rest_poses, mechanism, gravity)
         except _UndeterminedError as reason:
             _not_checked("targets of the drives", f"{reason}", "", ledger)
-    for joint in physics.joints:
+    for joint in mechanism.joints:
         name = joint.names[0]
         target = targets.get(name)
         if target is None:
@@ -200,7 +200,7 @@ def _placed(link: str, rest_poses: Mapping[str, Array]) -> Array | None:
 # -- statics ------------------------------------------------------------------------------------------
 
 
-def _efforts(rest_poses: Mapping[str, Array], physics: FilePhysics, gravity: Array) -> dict[str, float]:
+def _efforts(rest_poses: Mapping[str, Array], mechanism: FileMechanism, gravity: Array) -> dict[str, float]:
     """Return {driven joint: effort in N or N m} that holds the robot at the authored pose.
 
     `gravity` (3,) is in m/s2, in the world with z up.
@@ -208,25 +208,25 @@ def _efforts(rest_poses: Mapping[str, Array], physics: FilePhysics, gravity: Arr
     Raises:
         _UndeterminedError: no link is held, or no or several sets of efforts hold the robot.
     """
-    if not physics.fixed_to_world:
+    if not mechanism.fixed_to_world:
         raise _UndeterminedError("no joint holds a link of the robot in the world")
     columns: dict[str, int] = {}
-    for link in physics.links:
-        if link not in physics.fixed_to_world:
+    for link in mechanism.links:
+        if link not in mechanism.fixed_to_world:
             columns[link] = 6 * len(columns)
-    joints = [joint for joint in physics.joints if joint.parent in rest_poses or joint.child in rest_poses]
+    joints = [joint for joint in mechanism.joints if joint.parent in rest_poses or joint.child in rest_poses]
     rates: dict[str, int] = {}
     count = 6 * len(columns)
     for joint in joints:
         rates[joint.names[0]] = count
         count += len(joint.motions)
-    allowed = _allowed(joints, columns, rates, count, rest_poses, physics)
+    allowed = _allowed(joints, columns, rates, count, rest_poses, mechanism)
     power = np.zeros(count)
     for link, column in columns.items():
-        mass = physics.masses.get(link)
+        mass = mechanism.masses.get(link)
         if mass is None or mass.center is None:
             continue
-        share = 1.0 - (physics.weight_shares or {}).get(link, 0.0)
+        share = 1.0 - (mechanism.weight_shares or {}).get(link, 0.0)
         force = share * mass.mass * gravity
         center = rest_poses[link][:3, :3] @ mass.center + rest_poses[link][:3, 3]
         power[column : column + 3] = np.cross(center, force)
@@ -262,7 +262,7 @@ def _allowed(
     rates: Mapping[str, int],
     count: int,
     rest_poses: Mapping[str, Array],
-    physics: FilePhysics,
+    mechanism: FileMechanism,
 ) -> Array:
     """Return velocities (count, freedoms) that joints and couplings allow.
 
@@ -280,7 +280,7 @@ def _allowed(
             for k, line in enumerate(joint.motions):
                 row[:, rates[joint.names[0]] + k] = -_screw(line.transformed(T_parent))
         rows.append(row)
-    for ratios, _ in (physics.couplings or {}).values():
+    for ratios, _ in (mechanism.couplings or {}).values():
         row = np.zeros((1, count))
         for name, ratio in ratios.items():
             if name in rates:

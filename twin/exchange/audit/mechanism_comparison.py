@@ -19,7 +19,7 @@ from twin.exchange.audit.colors import Rgba
 from twin.exchange.audit.compared_quantities import NOTHING, QUANTITIES, ComparisonRule, difference_text, words_of
 from twin.exchange.audit.file_content import Content, LinkShape
 from twin.exchange.audit.file_joints import WORLD, FileJoint
-from twin.exchange.audit.mechanism_data import TOOL, FilePhysics
+from twin.exchange.audit.mechanism_data import TOOL, FileMechanism
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.report import MECHANISM, Ledger, Measured
 from twin.exchange.format import Holds
@@ -51,7 +51,7 @@ class View:
         file: name of the file as reports show it.
         format: format of the file; "truth" for the given mechanism.
         ledger: receives the findings on the file; None for the given mechanism.
-        physics: mechanism data of the file.
+        mechanism: mechanism data of the file.
         shapes: {link: shape of its meshes}.
         colors: {link: {colour (linear rgba): fraction of the link's area}}.
         finishes: the same for metallic and roughness, see `Content`.
@@ -61,7 +61,7 @@ class View:
     file: str
     format: str
     ledger: Ledger | None
-    physics: FilePhysics
+    mechanism: FileMechanism
     shapes: Mapping[str, LinkShape] = field(default_factory=dict)
     colors: Mapping[str, Mapping[Rgba, float]] = field(default_factory=dict)
     finishes: Mapping[str, Mapping[Rgba, float]] = field(default_factory=dict)
@@ -88,20 +88,20 @@ class View:
                 self.values[subject, name] = value
 
 
-def compare_physics(contents: Sequence[Content], truth: FilePhysics | None = None) -> None:
+def compare_mechanisms(contents: Sequence[Content], truth: FileMechanism | None = None) -> None:
     """Compare links, joints, frames and gravity of all files, and report differences in each file's ledger.
 
     `truth` contains the data of the expected mechanism. If it is None, the files are compared only with each other.
     """
     views = []
     for content in contents:
-        if content.physics is not None or content.shapes:
-            physics = content.physics or FilePhysics()
+        if content.mechanism is not None or content.shapes:
+            mechanism = content.mechanism or FileMechanism()
             view = View(
                 content.file,
                 content.format,
                 content.ledger,
-                physics,
+                mechanism,
                 content.shapes,
                 content.colors,
                 content.finishes,
@@ -145,12 +145,12 @@ def _state_all(views: Sequence[View], contents: Sequence[Content]) -> None:
         for content in contents:
             if content.file == view.file:
                 declared = content.declared or ()
-                view.physics.links = tuple(dict.fromkeys((*declared, *view.physics.links)))
+                view.mechanism.links = tuple(dict.fromkeys((*declared, *view.mechanism.links)))
     known_links = _known_links(views)
     canonical = _canonical(views, known_links)
     trocars = set()
     for view in views:
-        trocars |= view.physics.trocars
+        trocars |= view.mechanism.trocars
     for view in views:
         _state(view, canonical, known_links, trocars, views)
         if view.holds(Holds.JOINT_TREE) and _is_for_one_motion(view, views):
@@ -158,11 +158,11 @@ def _state_all(views: Sequence[View], contents: Sequence[Content]) -> None:
     _state_absent_declarations(views)
     keys = _keys(views)
     for view in views:
-        listed = _listed_kinds(view.physics)
+        listed = _listed_kinds(view.mechanism)
         for subject, name in keys:
             if name != "existence" or not subject.startswith(listed):
                 continue
-            if view.physics.couples_pairs and _couples_more_than_two(subject, views):
+            if view.mechanism.couples_pairs and _couples_more_than_two(subject, views):
                 continue
             view.values.setdefault((subject, name), False)
 
@@ -172,7 +172,7 @@ _DECLARATIONS = {
     "declarations of contact or look": "contact_declarations",
     "settings of single programs": "program_settings",
 }
-"""Quantities of what formats declare beside all others, with the attributes of `FilePhysics`."""
+"""Quantities of what formats declare beside all others, with the attributes of `FileMechanism`."""
 
 
 def _state_absent_declarations(views: Sequence[View]) -> None:
@@ -180,9 +180,9 @@ def _state_absent_declarations(views: Sequence[View]) -> None:
     for quantity, attribute in _DECLARATIONS.items():
         subjects: set[str] = set()
         for view in views:
-            subjects |= set(getattr(view.physics, attribute) or ())
+            subjects |= set(getattr(view.mechanism, attribute) or ())
         for view in views:
-            declared = getattr(view.physics, attribute)
+            declared = getattr(view.mechanism, attribute)
             if declared is None:
                 continue
             for subject in sorted(subjects):
@@ -214,25 +214,25 @@ def _forget_held_places(view: View) -> None:
 
     A file for a single motion has other trocar positions; its `play` checks whether the loops close.
     """
-    physics = view.physics
-    fixed_links = physics.fixed_to_world
+    mechanism = view.mechanism
+    fixed_links = mechanism.fixed_to_world
     if not fixed_links:  # links that no joint moves
-        children = {joint.child for joint in physics.joints}
-        fixed_links = set(physics.links) - children
+        children = {joint.child for joint in mechanism.joints}
+        fixed_links = set(mechanism.links) - children
     endings = tuple(f" on '{link}'" for link in fixed_links)
     for subject, name in list(view.values):
         if name == "place" and subject.endswith(endings):
             del view.values[subject, name]
 
 
-def _listed_kinds(physics: FilePhysics) -> tuple[str, ...]:
+def _listed_kinds(mechanism: FileMechanism) -> tuple[str, ...]:
     """Return the first words of the subjects of which a file states all that the robot has."""
-    kinds = list(physics.fully_listed)
-    if physics.complete:
+    kinds = list(mechanism.fully_listed)
+    if mechanism.complete:
         kinds += ["joint", "body"]
-        if physics.all_motors:
+        if mechanism.all_motors:
             kinds.append("motor")
-    if physics.couplings is not None:
+    if mechanism.couplings is not None:
         kinds.append("coupling")
     return tuple(kinds)
 
@@ -250,13 +250,13 @@ def _check_transmissions(views: Sequence[View]) -> None:
     A single file that is compared with the mechanism receives a warning, because URDFs of others often have none.
     """
     for view in views:
-        if not view.holds(Holds.TRANSMISSIONS) or view.physics.reductions is not None or view.ledger is None:
+        if not view.holds(Holds.TRANSMISSIONS) or view.mechanism.reductions is not None or view.ledger is None:
             continue
         others = []
         for other in views:
             if other is not view:
                 others.append(other)
-        driven = _driven(view.physics.joints, others)
+        driven = _driven(view.mechanism.joints, others)
         if driven:
             sources = _file_names(others)
             names = ", ".join(sorted(driven))
@@ -293,14 +293,14 @@ def _known_links(views: Sequence[View]) -> set[str]:
     links: set[str] = set()
     exact_views: list[View] = []
     for view in views:
-        links.update(view.physics.links)
-        if view.physics.links and (view.is_mechanism or view.holds(Holds.LINKS)):
+        links.update(view.mechanism.links)
+        if view.mechanism.links and (view.is_mechanism or view.holds(Holds.LINKS)):
             exact_views.append(view)
     if exact_views:
-        return set(min(exact_views, key=_source_rank).physics.links)
+        return set(min(exact_views, key=_source_rank).mechanism.links)
     stating = []
     for view in views:
-        if view.physics.links:
+        if view.mechanism.links:
             stating.append(view)
     proper_links = set()
     for link in links:
@@ -314,17 +314,17 @@ def _is_auxiliary(link: str, views: Sequence[View]) -> bool:
 
     A link at the end of a chain is none: with it, its joint would be left out.
     """
-    if all(link in view.physics.links for view in views):
+    if all(link in view.mechanism.links for view in views):
         return False
     for view in views:
         joint_count = 0
-        for joint in view.physics.joints:
+        for joint in view.mechanism.joints:
             joint_count += link in (joint.parent, joint.child)
-        if link in view.physics.links and joint_count < 2:
+        if link in view.mechanism.links and joint_count < 2:
             return False
-        mass = view.physics.masses.get(link)
+        mass = view.mechanism.masses.get(link)
         has_weight = mass is not None and mass.mass > _LIGHT
-        if link in view.shapes or view.physics.shown.get(link) or has_weight:
+        if link in view.shapes or view.mechanism.shown.get(link) or has_weight:
             return False
     return True
 
@@ -342,7 +342,7 @@ def _canonical(views: Sequence[View], known_links: set[str]) -> dict[str, FileJo
     prefixes, coordinates = _names_of_coordinates(views, known_links)
     # Files with a tree of joints come last, because they may divide joints.
     for view in sorted(views, key=lambda v: v.holds(Holds.JOINT_TREE)):
-        for joint in view.physics.joints_between(known_links):
+        for joint in view.mechanism.joints_between(known_links):
             ends = {joint.parent, joint.child}
             if not ends <= known_links | {""} or not joint.names or _matching_name(joint, canonical, view):
                 continue
@@ -362,7 +362,7 @@ def _names_of_coordinates(views: Sequence[View], known_links: set[str]) -> tuple
     for view in views:
         if view.holds(Holds.COORDINATES):
             continue
-        for joint in view.physics.joints_between(known_links):
+        for joint in view.mechanism.joints_between(known_links):
             if not joint.names:
                 continue
             stem = _stem(joint)
@@ -407,7 +407,7 @@ def _matching_name(joint: FileJoint, canonical: Mapping[str, FileJoint], view: V
     if not joint.parent:
         return ""
     ends = {joint.parent, joint.child}
-    names_in_file = _joint_and_part_names(view.physics.joints)
+    names_in_file = _joint_and_part_names(view.mechanism.joints)
     candidates = []
     for name, candidate in canonical.items():
         if {candidate.parent, candidate.child} == ends and name not in names_in_file:
@@ -447,48 +447,48 @@ def _are_parts(joint: FileJoint, name: str) -> bool:
 def _state(
     view: View, canonical: Mapping[str, FileJoint], known_links: set[str], trocars: set[str], views: Sequence[View]
 ) -> None:
-    physics = view.physics
-    immobile_links = physics.immobile_links(known_links)
+    mechanism = view.mechanism
+    immobile_links = mechanism.immobile_links(known_links)
     _state_links(view, known_links, immobile_links)
     _state_joints(view, canonical, known_links, trocars)
-    frames = dict(physics.frames)
-    if physics.tool in frames:
-        frames.setdefault(TOOL, frames[physics.tool])
+    frames = dict(mechanism.frames)
+    if mechanism.tool in frames:
+        frames.setdefault(TOOL, frames[mechanism.tool])
     for name, frame in frames.items():
         if name == TOOL:
             view.state("the tool frame", {"link": frame.link, "frame pose": frame.T})
         else:
             view.state(f"frame '{name}'", {"existence": True, "link": frame.link, "frame pose": frame.T})
-    for name, point in physics.points.items():
+    for name, point in mechanism.points.items():
         view.state(f"point '{name}'", {"existence": True, "link": point.link, "point": point.T[:3, 3]})
-    if physics.robot and not _is_for_one_motion(view, views):
-        view.state("the robot", {"robot": physics.robot})
-    for name, coordinates in (physics.postures or {}).items():
+    if mechanism.robot and not _is_for_one_motion(view, views):
+        view.state("the robot", {"robot": mechanism.robot})
+    for name, coordinates in (mechanism.postures or {}).items():
         view.state(f"posture '{name}'", {"coordinates": coordinates})
-    home_posture = physics.home_posture or (physics.postures or {}).get("home")
+    home_posture = mechanism.home_posture or (mechanism.postures or {}).get("home")
     if home_posture and not view.is_mechanism:
         view.state("posture 'home'", {"home coordinates": home_posture})
     if not _is_for_one_motion(view, views):  # with other trocars, home is another pose
-        for name, coordinate in (physics.home or {}).items():
+        for name, coordinate in (mechanism.home or {}).items():
             view.state(f"joint '{name}'", {"home": coordinate})
-    if physics.postures is not None and physics.tool:
-        view.state("the robot", {"name of the tool": physics.tool})
+    if mechanism.postures is not None and mechanism.tool:
+        view.state("the robot", {"name of the tool": mechanism.tool})
     world = {
-        "gravity": physics.gravity,
-        "medium": physics.medium,
-        "collisions of its own links": physics.self_collision,
+        "gravity": mechanism.gravity,
+        "medium": mechanism.medium,
+        "collisions of its own links": mechanism.self_collision,
     }
     view.state("the world", world)
     if immobile_links is not None:
         view.state("the world", {"held": tuple(sorted(immobile_links))})
-    view.state("the loops", {"opening": physics.opening})
-    for name, (ratios, total) in solved(physics.couplings or {}).items():
+    view.state("the loops", {"opening": mechanism.opening})
+    for name, (ratios, total) in solved(mechanism.couplings or {}).items():
         joints = tuple(sorted(ratios))
         numbers = np.array([ratios[joint] for joint in joints])
         view.state(f"coupling of '{name}'", {"existence": True, "links": joints, "ratios": numbers, "sum": total})
-    for name, motor in (physics.motors or {}).items():
+    for name, motor in (mechanism.motors or {}).items():
         subject = f"motor '{name}'"
-        if physics.all_motors:
+        if mechanism.all_motors:
             view.state(subject, {"existence": True})
         values = {
             "row": motor.row,
@@ -506,10 +506,10 @@ def _state(
 
 def _state_joints(view: View, canonical: Mapping[str, FileJoint], known_links: set[str], trocars: set[str]) -> None:
     """State the joints between known links, and which of the reference joints a file lacks."""
-    physics = view.physics
+    mechanism = view.mechanism
     matched_names = set()
     nameless = 0
-    for joint in physics.joints_between(known_links):
+    for joint in mechanism.joints_between(known_links):
         ends = {joint.parent, joint.child}
         if not ends <= known_links | {""}:
             continue
@@ -530,9 +530,9 @@ def _state_joints(view: View, canonical: Mapping[str, FileJoint], known_links: s
         matched_names.update(names_only)
         for name in names_only:
             view.state(f"joint '{name}'", {"existence": True})
-    for link in physics.load_links(known_links):
+    for link in mechanism.load_links(known_links):
         view.state(f"body '{link}'", {"existence": True})
-    for joint in physics.added_joints(known_links):
+    for joint in mechanism.added_joints(known_links):
         view.state(f"joint '{_stem(joint)}'", {"existence": True})
     for name, joint in canonical.items():
         bare = joint.kind == "fixed" and not joint.parent
@@ -542,11 +542,11 @@ def _state_joints(view: View, canonical: Mapping[str, FileJoint], known_links: s
 
 def _would_list(view: View, joint: FileJoint) -> bool:
     """Return whether a file would contain a joint if it belonged to the robot."""
-    if view.physics.complete:
+    if view.mechanism.complete:
         return True
     if view.holds(Holds.COORDINATES) and is_leading_kind(view.format) and joint.kind in _SINGLE:
         return True
-    return view.holds(Holds.ALL_MOTIONS) and bool(view.physics.joints)
+    return view.holds(Holds.ALL_MOTIONS) and bool(view.mechanism.joints)
 
 
 def solved(couplings: Mapping[str, tuple[Mapping[str, float], float]]) -> dict[str, tuple[dict[str, float], float]]:
@@ -596,11 +596,11 @@ def solved(couplings: Mapping[str, tuple[Mapping[str, float], float]]) -> dict[s
 
 def _state_links(view: View, known_links: set[str], immobile_links: frozenset[str] | None) -> None:
     """State shapes, colours and masses of the known links; `immobile_links` are those that cannot move."""
-    physics = view.physics
-    for link in dict.fromkeys((*physics.shown, *view.shapes)):
+    mechanism = view.mechanism
+    for link in dict.fromkeys((*mechanism.shown, *view.shapes)):
         if link in known_links:
-            view.state(f"link '{link}'", {"shown": physics.shown.get(link, True)})
-    for link, collides in physics.collides.items():
+            view.state(f"link '{link}'", {"shown": mechanism.shown.get(link, True)})
+    for link, collides in mechanism.collides.items():
         if link in known_links:
             view.state(f"link '{link}'", {"collides": collides})
     for link, shape in view.shapes.items():
@@ -615,16 +615,16 @@ def _state_links(view: View, known_links: set[str], immobile_links: frozenset[st
     for link, shares in view.finishes.items():
         if link in known_links:
             view.state(f"link '{link}'", {"finish": shares})
-    for link, share in (physics.weight_shares or {}).items():
+    for link, share in (mechanism.weight_shares or {}).items():
         if link in known_links:
             view.state(f"link '{link}'", {"weightless": share})
-    for link, mass in physics.masses.items():
+    for link, mass in mechanism.masses.items():
         if link in known_links:
-            if link not in physics.assumed:
+            if link not in mechanism.assumed:
                 view.state(f"link '{link}'", {"weighed": True})
             view.state(f"link '{link}'", {"mass": mass.mass, "mass centre": mass.center, "inertia": mass.inertia})
-    if view.holds(Holds.MASSES) and physics.masses:
-        weightless = (known_links & set(physics.links)) - set(physics.masses) - {WORLD}
+    if view.holds(Holds.MASSES) and mechanism.masses:
+        weightless = (known_links & set(mechanism.links)) - set(mechanism.masses) - {WORLD}
         if immobile_links is not None:  # the mass of a link that cannot move has no influence
             weightless -= immobile_links
         for link in sorted(weightless):
@@ -669,7 +669,7 @@ def _state_joint(view: View, name: str, joint: FileJoint, canonical: FileJoint, 
             "soft limits": drive.soft,
             "range of control": drive.control,
             "driven": drive.driven,
-            "reduction": _reduction(view.physics, joint),
+            "reduction": _reduction(view.mechanism, joint),
             "passive": drive.joint_dynamics,
             "law": drive.law,
             "breaks": drive.breaks,
@@ -725,18 +725,18 @@ def _state_line(view: View, subject: str, joint: FileJoint, end: tuple[Array, Ar
         view.state(subject, {"axis": (direction, not joint.tied)})
 
 
-def _reduction(physics: FilePhysics, joint: FileJoint) -> float | None:
+def _reduction(mechanism: FileMechanism, joint: FileJoint) -> float | None:
     """Return motor coordinate / joint coordinate of a joint with a motor of its own; None if it is not stated.
 
     In files with all motors, driven joints without one have the drive at the joint, which is a reduction of 1.
     """
     name = joint.names[0] if len(joint.names) == 1 else ""
-    if physics.reductions is not None:
-        return physics.reductions.get(name)
-    if not physics.all_motors or physics.motors is None or not joint.drive.driven:
+    if mechanism.reductions is not None:
+        return mechanism.reductions.get(name)
+    if not mechanism.all_motors or mechanism.motors is None or not joint.drive.driven:
         return None
     rows = []
-    for motor in physics.motors.values():
+    for motor in mechanism.motors.values():
         if motor.row and name in motor.row:
             rows.append(motor.row)
     if not rows:
@@ -788,6 +788,7 @@ def _compare_values(
         if np.isfinite(difference):
             value = difference
         size = Measured(value, rule.tolerance, rule.unit_of_difference)
+        # "physics", as before in results that other programs read
         code = f"physics.{name.replace(' ', '_')}"
         view.ledger.add(code, rule.severity, text, subject, suggestion=advice, size=size)
 

@@ -11,14 +11,14 @@ from pxr import Usd, UsdGeom, UsdPhysics
 from twin.exchange.audit import poses
 from twin.exchange.audit.file_drives import FileDrive, FileMotor, JointDynamics
 from twin.exchange.audit.file_joints import FileJoint
-from twin.exchange.audit.mechanism_data import VACUUM, FileFrame, FileMass, FilePhysics
+from twin.exchange.audit.mechanism_data import VACUUM, FileFrame, FileMass, FileMechanism
 from twin.exchange.audit.motion_lines import motion_lines
 from twin.exchange.audit.poses import Array
 from twin.exchange.formats.usd.audit.declared import further_declarations, is_ours
 from twin.exchange.formats.usd.audit.joint_gaps import AXES, SIX, is_locked, is_stated, joint_ends
 
 
-def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: str) -> FilePhysics:
+def stage_mechanism(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: str) -> FileMechanism:
     """Return the mechanism data of a stage, in m, kg and rad.
 
     `bodies` are the rigid bodies of the stage; `meters` is the stage's unit of length in m, and `up` its up axis, "Y"
@@ -27,23 +27,23 @@ def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: s
     names = {}
     for body in bodies:
         names[str(body.GetPath())] = body.GetName()
-    physics = FilePhysics(tuple(names.values()), complete=True, couplings=_couplings(stage, meters), opening=0.0)
-    physics.medium = VACUUM
+    mechanism = FileMechanism(tuple(names.values()), complete=True, couplings=_couplings(stage, meters), opening=0.0)
+    mechanism.medium = VACUUM
     for prim in stage.Traverse():
         collides = prim.GetAttribute("physxArticulation:enabledSelfCollisions")
         if collides and collides.HasAuthoredValue():
-            physics.self_collision = bool(collides.Get()) or bool(physics.self_collision)
+            mechanism.self_collision = bool(collides.Get()) or bool(mechanism.self_collision)
     robot = stage.GetDefaultPrim()
     if robot:
-        physics.motors = _motors(robot)
-        physics.all_motors = is_ours(stage)
-        if physics.all_motors:
-            physics.robot = robot.GetName()
-            physics.motion_declarations, physics.contact_declarations = further_declarations(stage)
-            physics.program_settings = {}
-            physics.postures = _postures(robot)
-            physics.fully_listed = frozenset({"frame", "point"})
-        _add_tool(physics, robot)
+        mechanism.motors = _motors(robot)
+        mechanism.all_motors = is_ours(stage)
+        if mechanism.all_motors:
+            mechanism.robot = robot.GetName()
+            mechanism.motion_declarations, mechanism.contact_declarations = further_declarations(stage)
+            mechanism.program_settings = {}
+            mechanism.postures = _postures(robot)
+            mechanism.fully_listed = frozenset({"frame", "point"})
+        _add_tool(mechanism, robot)
     kilograms = float(UsdPhysics.GetStageKilogramsPerUnit(stage))
     paths = set(names)
     fixed_to_world: set[str] = set()
@@ -52,41 +52,41 @@ def stage_physics(stage: Usd.Stage, bodies: list[Usd.Prim], meters: float, up: s
         name = prim.GetName()
         mass = _mass(prim, meters, kilograms)
         if mass is not None:
-            physics.masses[name] = mass
+            mechanism.masses[name] = mass
         if not _shows_all(prim, paths):
-            physics.partly_shown |= {name}
+            mechanism.partly_shown |= {name}
         weightless = prim.GetAttribute("physxRigidBody:disableGravity").Get()
         weight_shares[name] = float(bool(weightless))
         # Physics does not move a kinematic body, as if it were fixed to the world.
         if UsdPhysics.RigidBodyAPI(prim).GetKinematicEnabledAttr().Get():
             fixed_to_world.add(name)
-    physics.weight_shares = weight_shares
+    mechanism.weight_shares = weight_shares
     links = set(names.values())
     behind: set[str] = set()  # joints behind transmissions, whose motors have the efforts
-    for motor in (physics.motors or {}).values():
+    for motor in (mechanism.motors or {}).values():
         behind |= set(motor.row or ())
     for prim in stage.Traverse():
         if prim.IsA(UsdPhysics.Joint) and is_stated(prim):
             joint = _joint(prim, names, meters, kilograms)
             if joint is None:
                 continue
-            if physics.all_motors and joint.kind in ("revolute", "prismatic"):
+            if mechanism.all_motors and joint.kind in ("revolute", "prismatic"):
                 joint = replace(joint, drive=_completed(joint.drive, prim.GetName() not in behind))
             parent_moves = joint.parent in links
             child_moves = joint.child in links
             if joint.kind == "fixed" and parent_moves != child_moves:
                 fixed_to_world.add(joint.child if child_moves else joint.parent)
-            physics.joints.append(joint)
+            mechanism.joints.append(joint)
         elif prim.IsA(UsdPhysics.Scene):
-            physics.gravity = _gravity(UsdPhysics.Scene(prim), meters, up)
-    physics.fixed_to_world = frozenset(fixed_to_world)
+            mechanism.gravity = _gravity(UsdPhysics.Scene(prim), meters, up)
+    mechanism.fixed_to_world = frozenset(fixed_to_world)
     cache = UsdGeom.XformCache()
     for body in bodies:
         for prim in Usd.PrimRange(body):
             kind = prim.GetAttribute("twin:kind").Get()
             if kind in ("frame", "point"):
-                _add_mark(physics, prim, kind, paths, cache, meters)
-    return physics
+                _add_mark(mechanism, prim, kind, paths, cache, meters)
+    return mechanism
 
 
 def _postures(robot: Usd.Prim) -> dict[str, dict[str, float]]:
@@ -99,17 +99,17 @@ def _postures(robot: Usd.Prim) -> dict[str, dict[str, float]]:
     return postures
 
 
-def _add_tool(physics: FilePhysics, robot: Usd.Prim) -> None:
+def _add_tool(mechanism: FileMechanism, robot: Usd.Prim) -> None:
     """Add the tool and the trocars that the prim of the robot states."""
-    physics.tool = str(robot.GetAttribute("twin:tool").Get() or "")
+    mechanism.tool = str(robot.GetAttribute("twin:tool").Get() or "")
     trocars = {str(robot.GetAttribute("twin:trocar").Get() or "")}
     for trocar in robot.GetAttribute("twin:trocars").Get() or ():
         trocars.add(str(trocar))
-    physics.trocars = frozenset(trocars) - {""}
+    mechanism.trocars = frozenset(trocars) - {""}
 
 
 def _add_mark(
-    physics: FilePhysics, prim: Usd.Prim, kind: str, bodies: set[str], cache: UsdGeom.XformCache, meters: float
+    mechanism: FileMechanism, prim: Usd.Prim, kind: str, bodies: set[str], cache: UsdGeom.XformCache, meters: float
 ) -> None:
     """Add a named frame or point, with its pose on the body above it. `bodies` are the prim paths of all bodies."""
     body = prim.GetParent()
@@ -123,9 +123,9 @@ def _add_mark(
     name = str(prim.GetAttribute("twin:name").Get() or prim.GetName())
     if kind == "point":
         T_body_point = poses.pose(None, T_body_mark[:3, 3])
-        physics.points[name] = FileFrame(body.GetName(), T_body_point)
+        mechanism.points[name] = FileFrame(body.GetName(), T_body_point)
     else:
-        physics.frames[name] = FileFrame(body.GetName(), T_body_mark)
+        mechanism.frames[name] = FileFrame(body.GetName(), T_body_mark)
 
 
 def _shows_all(body: Usd.Prim, bodies: set[str]) -> bool:

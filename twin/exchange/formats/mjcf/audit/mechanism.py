@@ -11,7 +11,7 @@ import numpy as np
 from twin.exchange.audit import poses
 from twin.exchange.audit.file_drives import FileDrive, FileMotor, JointDynamics, drive_of_motors
 from twin.exchange.audit.file_joints import FileJoint
-from twin.exchange.audit.mechanism_data import VACUUM, FileFrame, FileMass, FilePhysics
+from twin.exchange.audit.mechanism_data import VACUUM, FileFrame, FileMass, FileMechanism
 from twin.exchange.audit.motion_lines import JointLine
 from twin.exchange.audit.poses import Array
 
@@ -36,19 +36,19 @@ _CONNECT, _WELD, _COUPLE, _TENDON = range(4)
 """Numbers of MuJoCo's equality constraints (enumeration mjtEq): connect, weld, joint, tendon."""
 
 
-def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> FilePhysics:
+def compiled_mechanism(model: mujoco.MjModel, bodies: dict[str, int]) -> FileMechanism:
     """Return the mechanism data of a compiled model.
 
     `bodies` maps link names to MuJoCo's body numbers; the world may be one of the links.
     """
     gravity = np.zeros(3) if model.opt.disableflags & _NO_GRAVITY else np.array(model.opt.gravity)
-    physics = FilePhysics(tuple(bodies), complete=True, gravity=gravity, couplings=_couplings(model))
-    physics.medium = VACUUM
+    mechanism = FileMechanism(tuple(bodies), complete=True, gravity=gravity, couplings=_couplings(model))
+    mechanism.medium = VACUUM
     if model.opt.density or model.opt.viscosity:  # without them, wind has no effect
-        physics.medium = (model.opt.density, model.opt.viscosity, *model.opt.wind.tolist())
-    physics.motors = _motors(model)
-    physics.all_motors = True
-    physics.self_collision = _self_collision(model)
+        mechanism.medium = (model.opt.density, model.opt.viscosity, *model.opt.wind.tolist())
+    mechanism.motors = _motors(model)
+    mechanism.all_motors = True
+    mechanism.self_collision = _self_collision(model)
     fixed_links: set[str] = set()
     weight_shares: dict[str, float] = {}
     shown: dict[str, bool] = {}
@@ -60,20 +60,20 @@ def compiled_physics(model: mujoco.MjModel, bodies: dict[str, int]) -> FilePhysi
         if body and (model.body_mass[body] or model.body_weldid[body]):
             R = poses.rotation(model.body_iquat[body][[1, 2, 3, 0]])
             inertia = R @ np.diag(model.body_inertia[body]) @ R.T
-            physics.masses[name] = FileMass(float(model.body_mass[body]), model.body_ipos[body].copy(), inertia)
+            mechanism.masses[name] = FileMass(float(model.body_mass[body]), model.body_ipos[body].copy(), inertia)
         if body == 0 or (model.body_parentid[body] == 0 and not model.body_jntnum[body]):
             fixed_links.add(name)
-    physics.weight_shares = weight_shares
-    physics.shown = shown
+    mechanism.weight_shares = weight_shares
+    mechanism.shown = shown
     names = [model.body(number).name for number in range(model.nbody)]
-    drives = _drives(model, physics.motors)
+    drives = _drives(model, mechanism.motors)
     for body in range(1, model.nbody):
-        physics.joints.append(_tree_joint(model, body, names, drives))
-    physics.fixed_to_world = frozenset(fixed_links)
-    physics.joints += _loop_joints(model, names)
-    _read_sites(model, names, physics)
-    physics.opening = _opening_under_load(model)
-    return physics
+        mechanism.joints.append(_tree_joint(model, body, names, drives))
+    mechanism.fixed_to_world = frozenset(fixed_links)
+    mechanism.joints += _loop_joints(model, names)
+    _read_sites(model, names, mechanism)
+    mechanism.opening = _opening_under_load(model)
+    return mechanism
 
 
 def _self_collision(model: mujoco.MjModel) -> bool:
@@ -112,8 +112,8 @@ def _tree_joint(model: mujoco.MjModel, body: int, names: list[str], drives: list
     return FileJoint(_nonempty(labels), parent, names[body], T, tuple(motions), drive)
 
 
-def _read_sites(model: mujoco.MjModel, names: list[str], physics: FilePhysics) -> None:
-    """Add the named frames and points of the sites to `physics`; sites that equality constraints join are neither."""
+def _read_sites(model: mujoco.MjModel, names: list[str], mechanism: FileMechanism) -> None:
+    """Add the named frames and points of the sites to `mechanism`; sites that equality constraints join are neither."""
     loop_sites: set[int] = set()
     for equality in range(model.neq):
         if _is_between_sites(model, equality):
@@ -125,12 +125,12 @@ def _read_sites(model: mujoco.MjModel, names: list[str], physics: FilePhysics) -
         T = _pose(model.site_pos[site], model.site_quat[site])
         body = names[model.site_bodyid[site]]
         if label.startswith(POINT):
-            physics.points[label.removeprefix(POINT)] = FileFrame(body, poses.pose(None, T[:3, 3]))
-            physics.fully_listed |= {"point"}
+            mechanism.points[label.removeprefix(POINT)] = FileFrame(body, poses.pose(None, T[:3, 3]))
+            mechanism.fully_listed |= {"point"}
             continue
-        physics.frames[label.removeprefix(MARK)] = FileFrame(body, T)
+        mechanism.frames[label.removeprefix(MARK)] = FileFrame(body, T)
         if label.startswith(MARK):
-            physics.fully_listed |= {"frame"}
+            mechanism.fully_listed |= {"frame"}
 
 
 def _opening_under_load(model: mujoco.MjModel) -> float | None:

@@ -10,14 +10,14 @@ import numpy as np
 from twin.exchange.audit import poses
 from twin.exchange.audit.file_drives import FileDrive, FileMotor, JointDynamics, drive_of_motors
 from twin.exchange.audit.file_joints import FileJoint
-from twin.exchange.audit.mechanism_data import VACUUM, FileFrame, FileMass, FilePhysics
+from twin.exchange.audit.mechanism_data import VACUUM, FileFrame, FileMass, FileMechanism
 from twin.exchange.audit.motion_lines import motion_lines
 
 if TYPE_CHECKING:
     from twin.model.mechanism import Mechanism
 
 
-def mechanism_physics(mechanism: Mechanism) -> FilePhysics:
+def mechanism_truth(mechanism: Mechanism) -> FileMechanism:
     """Return a mechanism in the common form of mechanism data; its loops need not be closed."""
     masses = {}
     shown = {}
@@ -43,7 +43,7 @@ def mechanism_physics(mechanism: Mechanism) -> FilePhysics:
     for link, has_mesh in shown.items():
         if has_mesh:
             collides[link] = True  # every exported mesh does
-    return FilePhysics(
+    return FileMechanism(
         tuple(links),
         masses,
         shown=shown,
