@@ -13,7 +13,8 @@ from scipy.optimize import brentq
 from made.moved_side import moved
 from twin.api import comparison
 from twin.comparison.file_numbers import why_not_edited
-from twin.comparison.fit import Problem
+from twin.comparison.fit_problem import FitProblem
+from twin.comparison.line_gaps import line_gap
 from twin.comparison.matching import match
 from twin.comparison.pair import compare_pair
 from twin.comparison.side import Axis, JointGroup, RobotSide
@@ -82,8 +83,8 @@ def test_a_line_without_a_positive_end_does_not_agree_with_one_across_it() -> No
         return RobotSide("hinge", "hinge", (axis,), groups("base", "arm"), {"base": (0, np.eye(4))})
 
     first, second = hinge(X), hinge(Z)
-    problem = Problem(first, second, match(first, second), TOLERANCE)
-    assert problem.gap(problem.start).angles[0] == pytest.approx(np.pi / 2)
+    problem = FitProblem(first, second, match(first, second), TOLERANCE)
+    assert line_gap(problem, problem.start).angles[0] == pytest.approx(np.pi / 2)
 
 
 def spatial_four_bar(label: str, crank: float, rod: float = 0.29) -> RobotSide:

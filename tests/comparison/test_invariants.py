@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from made import chains
 from twin.comparison.evidence import Evidence, StatedEvidence
-from twin.comparison.fit import Problem
+from twin.comparison.fit_problem import FitProblem
 from twin.comparison.invariants import neighbour_lines
 from twin.comparison.matching import match
 from twin.comparison.mechanism_side import from_mechanism
@@ -28,8 +28,8 @@ def side_of(robot: chains.Chain, file: Path) -> RobotSide:
     return from_mechanism(imported.mechanism, file.name)
 
 
-def problem_of(first: RobotSide, second: RobotSide) -> Problem:
-    return Problem(first, second, match(first, second), TOLERANCE)
+def problem_of(first: RobotSide, second: RobotSide) -> FitProblem:
+    return FitProblem(first, second, match(first, second), TOLERANCE)
 
 
 def with_turned_axis(robot: chains.Chain, i: int, angle: float) -> chains.Chain:
@@ -80,7 +80,7 @@ def test_no_turned_axis_explains_another_distance_of_parallel_axes(tmp_path: Pat
     assert difference.is_explained({Deviation(1, axis_only=True), Deviation(2, axis_only=True)})
 
 
-def may_hold(problem: Problem, flips: tuple[int, ...] = (), deviating: tuple[Deviation, ...] = ()) -> bool:
+def may_hold(problem: FitProblem, flips: tuple[int, ...] = (), deviating: tuple[Deviation, ...] = ()) -> bool:
     signs = np.ones(problem.count)
     signs[list(flips)] = -1.0
     u = Unknowns(signs, np.zeros(6), np.zeros(problem.count), deviating, np.zeros((len(deviating), 6)))

@@ -8,8 +8,11 @@ The two sides and how they are mapped onto each other:
     recut             a robot with loops as a tree that is cut at the same joints as that of the other side
     screws            the joint lines of equations, from their forward function alone
     matching          which joint of one side is which joint of the other
-    fit               conventions (base frame, signs, zeros) and deviating links that map one side onto the other
-    fit_starts        values from which this fit begins
+    unknowns          conventions (base frame, signs, zeros) and deviating links that map one side onto the other
+    fit_problem       the joint lines of both sides, and how the unknowns move those of the first
+    line_gaps         what given unknowns leave between the lines
+    refinement        the steps that make this smallest
+    fit_starts        the fit from start values in closed form
     invariants        what consecutive joint lines have in common, whatever conventions are chosen
     tool_lines        what the frames of a last link and the joint lines before it have in common
     evidence          what the sides state beyond their lines: base, zeros, tools, limits, inertias

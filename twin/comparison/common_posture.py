@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from twin.comparison.fit import Problem
+from twin.comparison.fit_problem import FitProblem
 from twin.comparison.link_motions import LinkMotions
 from twin.comparison.side import ONE_COORDINATE, Axis, JointGroup, RobotSide
 from twin.core import spatial
 from twin.core.spatial import Array
 
 
-def in_common_posture(problem: Problem) -> tuple[RobotSide, RobotSide] | None:
+def in_common_posture(problem: FitProblem) -> tuple[RobotSide, RobotSide] | None:
     """Return both sides, the first in the posture in which the second is drawn; None if its links differ.
 
     The bodies of the first side stay where its base is. The spin of a bar between two balls is not known: neither side
@@ -66,7 +66,7 @@ def _displacement(axis: Axis, moves: Array) -> float | None:
     return float(axis.direction @ spatial.log_so3(R))
 
 
-def _spins(problem: Problem, group: int) -> bool:
+def _spins(problem: FitProblem, group: int) -> bool:
     """Return whether a group is a bar between at most two balls, which can spin about its line."""
     kinds = []
     for axis in problem.axes:

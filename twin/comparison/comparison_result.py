@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from twin.comparison.file_numbers import why_not_edited
-from twin.comparison.fit import ANGLE_PER_LENGTH
+from twin.comparison.fit_problem import ANGLE_PER_LENGTH
 from twin.comparison.items import ComparedItem, NumberEdit
 from twin.comparison.mimic import MimicError
 from twin.comparison.poses import PoseFit

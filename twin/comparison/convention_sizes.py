@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from twin.comparison.evidence import LIMIT
-from twin.comparison.fit import Problem
+from twin.comparison.fit_problem import FitProblem
 from twin.comparison.side import ONE_COORDINATE
 from twin.comparison.unknowns import Unknowns
 
 
-def moved_zeros(problem: Problem, unknowns: Unknowns) -> list[int]:
+def moved_zeros(problem: FitProblem, unknowns: Unknowns) -> list[int]:
     """Return the joints whose zeros differ by more than the tolerance."""
     moved_joints = []
     for joint, axis in enumerate(problem.axes):
@@ -23,7 +23,7 @@ def moved_zeros(problem: Problem, unknowns: Unknowns) -> list[int]:
     return moved_joints
 
 
-def zero_of(problem: Problem, unknowns: Unknowns, joint: int) -> float:
+def zero_of(problem: FitProblem, unknowns: Unknowns, joint: int) -> float:
     """Return by how much the zero of a joint differs in m or rad.
 
     An angle in -pi..pi, or that plus the full turns with which the limits of both sides are the same.
@@ -48,7 +48,7 @@ def zero_of(problem: Problem, unknowns: Unknowns, joint: int) -> float:
     return shift - sign * turns * 2 * np.pi
 
 
-def is_base_moved(problem: Problem, unknowns: Unknowns) -> bool:
+def is_base_moved(problem: FitProblem, unknowns: Unknowns) -> bool:
     """Return whether the base frames differ."""
     turn = float(np.linalg.norm(unknowns.base[:3]))
     shift = float(np.linalg.norm(unknowns.base[3:]))

@@ -16,7 +16,7 @@ from itertools import combinations
 
 import numpy as np
 
-from twin.comparison.fit import Problem
+from twin.comparison.fit_problem import FitProblem
 from twin.comparison.items import ComparedItem, placed
 from twin.comparison.link_motions import JointPlace, LinkMotions, PlaceDifference
 from twin.core.spatial import Array
@@ -34,7 +34,7 @@ _SEEN = 1e-9
 """Shift in m or turn in rad below which a difference is told as none."""
 
 
-def differing_places(problem: Problem) -> list[tuple[PlaceDifference, ...]]:
+def differing_places(problem: FitProblem) -> list[tuple[PlaceDifference, ...]]:
     """Return the explanations with the fewest places of joints that differ; [] if no two places explain all.
 
     Each explanation is a tuple of one or two places. Several explanations are as good: of a bar with two joints,
@@ -48,14 +48,14 @@ def differing_places(problem: Problem) -> list[tuple[PlaceDifference, ...]]:
     return explanations
 
 
-def _is_within_tolerance(problem: Problem, place: PlaceDifference) -> bool:
+def _is_within_tolerance(problem: FitProblem, place: PlaceDifference) -> bool:
     """Return whether a place differs by no more than two lines may that coincide."""
     shift = float(np.linalg.norm(place.shift))
     turn = float(np.linalg.norm(place.turn))
     return shift <= problem.tolerance and turn <= problem.angle_tolerance
 
 
-def _explanations(problem: Problem) -> list[tuple[PlaceDifference, ...]]:
+def _explanations(problem: FitProblem) -> list[tuple[PlaceDifference, ...]]:
     """Return the explanations by one place; else by one joint on both links; else by two places of two joints."""
     links = LinkMotions(problem)
     start = links.together()
@@ -126,7 +126,7 @@ def _suspects(links: LinkMotions, start: Array) -> list[int]:
     return np.argsort(-worst, kind="stable").tolist()
 
 
-def place_items(problem: Problem, places: Sequence[PlaceDifference]) -> list[ComparedItem]:
+def place_items(problem: FitProblem, places: Sequence[PlaceDifference]) -> list[ComparedItem]:
     """Return the differences as items."""
     items = []
     for place in places:

@@ -9,8 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from twin.comparison.dh_statements import CellStatement
-from twin.comparison.fit import Problem
+from twin.comparison.fit_problem import FitProblem
 from twin.comparison.frames import gaps, gaps_of, leaf_gaps
+from twin.comparison.line_gaps import line_gap, line_residuals, lines_coincide
 from twin.comparison.matching import Matching
 from twin.comparison.side import RobotSide
 from twin.comparison.statements import NumberStatement, PlaceStatement
@@ -32,7 +33,7 @@ class EditCase:
         moved_tools: joints whose leaf frames differ by other conventions.
     """
 
-    problem: Problem
+    problem: FitProblem
     matching: Matching
     unknowns: Unknowns
     edited: int
@@ -45,8 +46,8 @@ class EditCase:
 
     @cached_property
     def differing_joints(self) -> frozenset[int]:
-        """The joints whose lines are apart, as in `Problem.axes`."""
-        gap = self.problem.gap(self.unknowns)
+        """The joints whose lines are apart, as in `FitProblem.axes`."""
+        gap = line_gap(self.problem, self.unknowns)
         is_apart = (gap.distances > self.problem.tolerance) | (gap.angles > self.problem.angle_tolerance)
         return frozenset(np.flatnonzero(is_apart).tolist())
 
@@ -64,18 +65,18 @@ class EditCase:
             pending += set(self.problem.below[joint]) - reached
         return self.differing_joints <= reached
 
-    def with_side(self, side: RobotSide) -> Problem:
+    def with_side(self, side: RobotSide) -> FitProblem:
         """Return the pair with another side instead of the edited one."""
         sides = [self.problem.first, self.problem.second]
         sides[self.edited] = side
-        return Problem(sides[0], sides[1], self.matching, self.problem.tolerance)
+        return FitProblem(sides[0], sides[1], self.matching, self.problem.tolerance)
 
     def residual(self, side: RobotSide) -> Array:
         """Return what remains of lines, and of leaf frames except those on the joints `moved_tools`, in m and rad."""
         problem = self.with_side(side)
         unknowns = self.unknowns
         parents, children, groups = problem.motions(unknowns.signs, values_of(unknowns)[None], unknowns.deviating)
-        parts = [problem.rows(unknowns.signs, parents, children)[0]]
+        parts = [line_residuals(problem, unknowns.signs, parents, children)[0]]
         for gap in gaps_of(problem, groups, inner=False):
             if gap.joint not in self.moved_tools:
                 parts.append((gap.T - np.eye(4))[:3].ravel())
@@ -84,7 +85,7 @@ class EditCase:
     def agrees(self, side: RobotSide) -> bool:
         """Return whether all lines coincide, and all leaf frames except those on the joints `moved_tools`."""
         problem = self.with_side(side)
-        if not problem.holds(problem.gap(self.unknowns)):
+        if not lines_coincide(problem, line_gap(problem, self.unknowns)):
             return False
         for gap in leaf_gaps(problem, self.unknowns):
             if gap.joint not in self.moved_tools and gap.differs(problem):

@@ -16,9 +16,10 @@ from twin.comparison.dh_statements import CellStatement
 from twin.comparison.edit_case import EditCase, Statement
 from twin.comparison.file_numbers import FileNumber
 from twin.comparison.file_statements import statements
-from twin.comparison.fit import FitSolution, Problem
+from twin.comparison.fit_problem import FitProblem
 from twin.comparison.frames import leaf_gaps
 from twin.comparison.items import ComparedItem, NumberEdit
+from twin.comparison.line_gaps import FitSolution
 from twin.comparison.matching import Matching
 from twin.comparison.paths import short
 from twin.comparison.rereading import EditGoal
@@ -36,7 +37,7 @@ _SAME_VALUE = 1e-12
 
 
 def with_edits(
-    problem: Problem, matching: Matching, solution: FitSolution, items: Sequence[ComparedItem]
+    problem: FitProblem, matching: Matching, solution: FitSolution, items: Sequence[ComparedItem]
 ) -> list[ComparedItem]:
     """Return the items, each with the edits of either side that remove it; for robots with loops, without edits."""
     if problem.first.looped:
@@ -83,7 +84,7 @@ def _edits_of_item(
 
 
 def _common_edits(
-    problem: Problem,
+    problem: FitProblem,
     matching: Matching,
     items: Sequence[ComparedItem],
     statements_of_sides: Sequence[Sequence[NumberStatement | CellStatement]],
@@ -166,7 +167,7 @@ def _names(case: EditCase, item: ComparedItem) -> set[str]:
     return set(map(plain, names))
 
 
-def _without(problem: Problem, unknowns: Unknowns, item: ComparedItem) -> Unknowns | None:
+def _without(problem: FitProblem, unknowns: Unknowns, item: ComparedItem) -> Unknowns | None:
     """Return the unknowns without the change of an item; None if no number of a file is that change."""
     if item.kind == "base frame":
         return replace(unknowns, base=np.zeros(6))

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from twin.comparison.fit import Problem
+from twin.comparison.fit_problem import FitProblem
 from twin.comparison.frames import FrameGap, leaf_gaps
 from twin.comparison.side import ONE_COORDINATE
 from twin.comparison.tool_lines import may_agree
@@ -70,7 +70,7 @@ class StatedEvidence:
         problem: the two sides.
     """
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: FitProblem) -> None:
         self.problem = problem
         self._possible_tools: dict[tuple[int, tuple[float, ...], tuple[Deviation, ...]], bool] = {}
 
@@ -296,7 +296,7 @@ class StatedEvidence:
         return {}
 
 
-def turning_columns(problem: Problem) -> list[int]:
+def turning_columns(problem: FitProblem) -> list[int]:
     """Return the indices of the unknowns that turn: rotation of the base, zeros of joints that turn."""
     columns = [0, 1, 2]
     for i in problem.signed:

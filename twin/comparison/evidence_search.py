@@ -13,15 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin.comparison.evidence import CONVENTION, Evidence, StatedEvidence, turning_columns
-from twin.comparison.fit import (
-    STEP,
-    FitSolution,
-    Problem,
-    open_directions,
-    with_steps,
-)
+from twin.comparison.fit_problem import FitProblem
 from twin.comparison.fit_starts import solve
 from twin.comparison.invariants import NeighbourLines
+from twin.comparison.line_gaps import FitSolution, line_residuals, lines_coincide
+from twin.comparison.refinement import STEP, open_directions, refine, with_steps
 from twin.comparison.smallest_deviations import NEAR
 from twin.comparison.unknowns import BASE_VALUES, Deviation, Unknowns, free_values, values_of, with_values, zero_column
 from twin.core.spatial import Array
@@ -87,7 +83,7 @@ class EvidenceSearch:
     """
 
     def __init__(
-        self, problem: Problem, neighbours: NeighbourLines, largest_cost: float, most_choices: int = _NODES
+        self, problem: FitProblem, neighbours: NeighbourLines, largest_cost: float, most_choices: int = _NODES
     ) -> None:
         self.problem = problem
         self.neighbours = neighbours
@@ -172,7 +168,7 @@ class EvidenceSearch:
         signs = np.ones(self.problem.count)
         signs[self.problem.order] = choice.signs
         solution = solve(self.problem, signs, choice.deviating)
-        if not self.problem.holds(solution.gap):
+        if not lines_coincide(self.problem, solution.gap):
             return
         free = free_values(self.problem.count, choice.deviating)
         fitted = self._rounded(_FitChoice(solution, free, (), frozenset()))
@@ -193,8 +189,8 @@ class EvidenceSearch:
             values_tried[columns] = 0.0
             free = choice.free.copy()
             free[columns] = False
-            refined = problem.refine(with_values(choice.solution.unknowns, values_tried), free)
-            if problem.holds(refined.gap):
+            refined = refine(problem, with_values(choice.solution.unknowns, values_tried), free)
+            if lines_coincide(problem, refined.gap):
                 # the values may still change later: other evidence may need it
                 choice = replace(choice, solution=refined)
         return choice
@@ -208,7 +204,7 @@ class EvidenceSearch:
         x = values_of(unknowns)
         stepped = with_steps(x, columns)
         parents, children, groups = self.problem.motions(unknowns.signs, stepped, unknowns.deviating)
-        lines = self.problem.rows(unknowns.signs, parents, children)
+        lines = line_residuals(self.problem, unknowns.signs, parents, children)
         evidence = self.stated.residuals_of([*choice.conditions, *pieces], unknowns.signs, stepped, groups)
         rows = np.concatenate([lines, evidence], axis=1)
         return (rows[:-1] - rows[-1]).T / STEP
@@ -304,7 +300,7 @@ class EvidenceSearch:
             for column, value in stated.items():
                 start[column] = value
             refined = self._refined(with_values(unknowns, start), free, conditions)
-            if problem.holds(refined.gap) and not self.stated.violated(must_hold, refined.unknowns):
+            if lines_coincide(problem, refined.gap) and not self.stated.violated(must_hold, refined.unknowns):
                 return _FitChoice(refined, free, conditions, choice.used_evidence | {evidence})
         return None
 
@@ -335,12 +331,12 @@ class EvidenceSearch:
     def _refined(self, unknowns: Unknowns, free: Array, conditions: Sequence[Evidence]) -> FitSolution:
         """Return the fit of the free values (unknowns,) of lines and conditions."""
         if not conditions:
-            return self.problem.refine(unknowns, free)
+            return refine(self.problem, unknowns, free)
 
         def residuals_of_conditions(values: Array, groups: Array) -> Array:
             return self.stated.residuals_of(conditions, unknowns.signs, values, groups)
 
-        return self.problem.refine(unknowns, free, residuals_of_conditions)
+        return refine(self.problem, unknowns, free, residuals_of_conditions)
 
 
 def _is_open(J: Array) -> bool:

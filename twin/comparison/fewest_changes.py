@@ -35,8 +35,10 @@ _FITTED_SIGNS = 6
 """Number of the most promising sets of signs that are fitted."""
 
 _FITTED_SINGLE = 6
+"""Number of the most promising single changes that are fitted for each set of signs."""
+
 _FITTED_SETS = 3
-"""Number of the most promising single changes that are fitted for each set of signs, and of sets of several."""
+"""The same for sets of several changes."""
 
 _DAMPING = 1e-12
 """Damping of the linear estimate, relative to the sum of squares of the derivatives: frames may be open in part."""

@@ -9,7 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twin.comparison.fit import FitSolution, Problem, cross
+from twin.comparison.fit_problem import FitProblem, cross
+from twin.comparison.line_gaps import FitSolution, lines_coincide
+from twin.comparison.refinement import refine
 from twin.comparison.side import ONE_COORDINATE, TURNING
 from twin.comparison.unknowns import Deviation, Unknowns
 from twin.core import spatial
@@ -25,24 +27,24 @@ _SAME_LINE = 1e-6
 """Sine of an angle, or distance in m, below which two lines are parallel, or the same."""
 
 
-def solve(problem: Problem, signs: Array, deviating: tuple[Deviation, ...] = ()) -> FitSolution:
+def solve(problem: FitProblem, signs: Array, deviating: tuple[Deviation, ...] = ()) -> FitSolution:
     """Return the best fit with these signs (joints,) and deviating joints, from two starts."""
     best: FitSolution | None = None
     # the base as it is comes first: descriptions of one robot mostly have the same one
     for aligned in (False, True):
-        if aligned and best is not None and problem.holds(best.gap):
+        if aligned and best is not None and lines_coincide(problem, best.gap):
             break
         start = _start(problem, signs, deviating, aligned)
         if start is None:
             continue
-        solution = problem.refine(start)
+        solution = refine(problem, start)
         if best is None or solution.gap.size < best.gap.size:
             best = solution
     assert best is not None
     return best
 
 
-def _start(problem: Problem, signs: Array, deviating: tuple[Deviation, ...], aligned: bool) -> Unknowns | None:
+def _start(problem: FitProblem, signs: Array, deviating: tuple[Deviation, ...], aligned: bool) -> Unknowns | None:
     """Return start values: the base as it is or aligned with the first lines, then each joint from its children."""
     X = np.eye(4)
     if aligned:
@@ -70,9 +72,9 @@ def _start(problem: Problem, signs: Array, deviating: tuple[Deviation, ...], ali
             groups[axis.child] = parent  # the axis alone is turned: the links behind it stay
             continue
         displacements[i] = _displacement(problem, i, parent, signs, deviating, float(neutral[i]))
-        groups[axis.child] = parent @ problem.steps(displacements)[i]
+        groups[axis.child] = parent @ problem.joint_motions(displacements)[i]
     base = np.concatenate([spatial.log_so3(X[:3, :3]), X[:3, 3]])
-    return Unknowns(signs, base, problem.zeros(signs, displacements), deviating, deviations)
+    return Unknowns(signs, base, problem.zeros_of(signs, displacements), deviating, deviations)
 
 
 def _deviates(joint: int, deviating: Sequence[Deviation]) -> bool:
@@ -80,7 +82,7 @@ def _deviates(joint: int, deviating: Sequence[Deviation]) -> bool:
     return any(deviation.joint == joint for deviation in deviating)
 
 
-def _aligned_base(problem: Problem, signs: Array, deviating: tuple[Deviation, ...]) -> Array | None:
+def _aligned_base(problem: FitProblem, signs: Array, deviating: tuple[Deviation, ...]) -> Array | None:
     """Return the base transform (4, 4) that maps the lines of the first two joints in a chain to their targets.
 
     None if no two joints determine it.
@@ -107,7 +109,7 @@ def _aligned_base(problem: Problem, signs: Array, deviating: tuple[Deviation, ..
     return None
 
 
-def _placed_on_target(problem: Problem, joint: int, parent: Array, signs: Array) -> tuple[Array, Array]:
+def _placed_on_target(problem: FitProblem, joint: int, parent: Array, signs: Array) -> tuple[Array, Array]:
     """Return (motion of the parent with the deviation, deviation (6,)) that puts line i on its target."""
     kind = problem.kinds[joint]
     point, direction = problem.line(parent, joint, signs)
@@ -133,7 +135,7 @@ def _placed_on_target(problem: Problem, joint: int, parent: Array, signs: Array)
 
 
 def _displacement(
-    problem: Problem, joint: int, parent: Array, signs: Array, deviating: tuple[Deviation, ...], neutral: float
+    problem: FitProblem, joint: int, parent: Array, signs: Array, deviating: tuple[Deviation, ...], neutral: float
 ) -> float:
     """Return the displacement of joint i in m or rad that best puts the lines of the joints on its child in place.
 
@@ -164,7 +166,9 @@ def _displacement(
     return neutral
 
 
-def _angle(problem: Problem, joint: int, T: Array, axis: Array, children: Sequence[int], signs: Array) -> float | None:
+def _angle(
+    problem: FitProblem, joint: int, T: Array, axis: Array, children: Sequence[int], signs: Array
+) -> float | None:
     """Return the angle about `axis` that brings the lines of the children nearest to their targets, or None."""
     centre = T[:3, :3] @ problem.points[joint] + T[:3, 3]
     # cost of the angle: constant - cosine_part cos - sine_part sin, for directions, and for moments about the axis
@@ -191,7 +195,7 @@ def _angle(problem: Problem, joint: int, T: Array, axis: Array, children: Sequen
     return float(np.arctan2(sine_part, cosine_part))
 
 
-def _slide(problem: Problem, T: Array, axis: Array, children: Sequence[int]) -> float | None:
+def _slide(problem: FitProblem, T: Array, axis: Array, children: Sequence[int]) -> float | None:
     """Return the displacement along `axis` that brings the lines of the children nearest to their targets, or None."""
     # cost of the displacement s: square_part s^2 - 2 linear_part s + constant
     square_part = 0.0

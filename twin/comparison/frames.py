@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.comparison.fit import Problem
+from twin.comparison.fit_problem import FitProblem
 from twin.comparison.unknowns import Unknowns, values_of
 from twin.core import spatial
 from twin.core.spatial import Array
@@ -33,19 +33,19 @@ class FrameGap:
     T: Array
     T_base_second: Array
 
-    def differs(self, problem: Problem) -> bool:
+    def differs(self, problem: FitProblem) -> bool:
         """Return whether the frames differ by more than the tolerance."""
         shift = float(np.linalg.norm(self.T[:3, 3]))
         turn = float(spatial.rotation_angle(self.T[:3, :3]))
         return shift > problem.tolerance or turn > problem.angle_tolerance
 
 
-def leaf_gaps(problem: Problem, unknowns: Unknowns) -> list[FrameGap]:
+def leaf_gaps(problem: FitProblem, unknowns: Unknowns) -> list[FrameGap]:
     """Return those of `gaps` that are on leaf links."""
     return gaps(problem, unknowns, inner=False)
 
 
-def gaps(problem: Problem, unknowns: Unknowns, *, inner: bool = True) -> list[FrameGap]:
+def gaps(problem: FitProblem, unknowns: Unknowns, *, inner: bool = True) -> list[FrameGap]:
     """Return the gaps of all frames and bodies with the same name in both sides, and of the two tools.
 
     Without `inner`, only of those on leaf links.
@@ -54,7 +54,7 @@ def gaps(problem: Problem, unknowns: Unknowns, *, inner: bool = True) -> list[Fr
     return gaps_of(problem, motions, inner=inner)
 
 
-def gaps_of(problem: Problem, motions: Array, *, inner: bool = True) -> list[FrameGap]:
+def gaps_of(problem: FitProblem, motions: Array, *, inner: bool = True) -> list[FrameGap]:
     """Return the same for the motions (1, groups, 4, 4) of the groups of bodies."""
     carrier = carriers(problem)
     carrier[0] = BASE
@@ -85,7 +85,7 @@ def gaps_of(problem: Problem, motions: Array, *, inner: bool = True) -> list[Fra
     return gaps
 
 
-def carriers(problem: Problem) -> dict[int, int]:
+def carriers(problem: FitProblem) -> dict[int, int]:
     """Return {group of the first side: joint that carries it}."""
     carrier = {}
     for i, axis in enumerate(problem.axes):
@@ -94,7 +94,7 @@ def carriers(problem: Problem) -> dict[int, int]:
     return carrier
 
 
-def _tools(problem: Problem, motions: Array, carrier: dict[int, int]) -> FrameGap | None:
+def _tools(problem: FitProblem, motions: Array, carrier: dict[int, int]) -> FrameGap | None:
     """Return the gap of the two tool frames, whatever their names are; None if they are not on the same joint."""
     first = problem.first.frames.get(problem.first.tool)
     second = problem.second.frames.get(problem.second.tool)
@@ -107,7 +107,7 @@ def _tools(problem: Problem, motions: Array, carrier: dict[int, int]) -> FrameGa
 
 
 def _gap(
-    problem: Problem, motions: Array, name: str, joint: int, first: tuple[int, Array], second: tuple[int, Array]
+    problem: FitProblem, motions: Array, name: str, joint: int, first: tuple[int, Array], second: tuple[int, Array]
 ) -> FrameGap:
     """Return the gap of a frame; `first` and `second` are its group and T_base_frame (4, 4) in each side."""
     group, T_first = first
@@ -116,6 +116,6 @@ def _gap(
     return FrameGap(name, joint, _on_leaf(problem, joint), T, second[1])
 
 
-def _on_leaf(problem: Problem, joint: int) -> bool:
+def _on_leaf(problem: FitProblem, joint: int) -> bool:
     """Return whether a joint carries a link on which no further joint is."""
     return joint != BASE and not problem.below[joint]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.comparison.fit import Problem
+from twin.comparison.fit_problem import FitProblem
 from twin.comparison.frames import carriers
 from twin.comparison.side import TURNING
 from twin.comparison.unknowns import Deviation
@@ -229,7 +229,7 @@ def _of_three(rule: JointNeighbours) -> frozenset[Deviation]:
     return frozenset(changing)
 
 
-def neighbour_lines(problem: Problem) -> NeighbourLines:
+def neighbour_lines(problem: FitProblem) -> NeighbourLines:
     """Compare all pairs of consecutive joints of the tree."""
     carrier = carriers(problem)
     different = {}
@@ -260,7 +260,7 @@ def neighbour_lines(problem: Problem) -> NeighbourLines:
     return NeighbourLines(different, turned, products, tuple(between))
 
 
-def _between(problem: Problem, before: int, joint: int, behind: int) -> JointNeighbours | None:
+def _between(problem: FitProblem, before: int, joint: int, behind: int) -> JointNeighbours | None:
     """Return what three consecutive joints say; None if the normals at the joint in the middle have no direction."""
     if problem.kinds[joint] not in ("revolute", "prismatic"):
         return None
@@ -344,7 +344,7 @@ def _invariants(points: Array, directions: Array, i: int, k: int) -> tuple[float
 
 
 def _turned_alone(
-    problem: Problem, i: int, k: int, target: tuple[float, float, float], *, turning: bool
+    problem: FitProblem, i: int, k: int, target: tuple[float, float, float], *, turning: bool
 ) -> frozenset[Deviation]:
     """Return the axes, one of which gives two lines the distance of their targets.
 
@@ -374,7 +374,7 @@ def _turned_alone(
 
 
 def _product(
-    problem: Problem, first: tuple[float, float, float], second: tuple[float, float, float], turning: bool
+    problem: FitProblem, first: tuple[float, float, float], second: tuple[float, float, float], turning: bool
 ) -> float | None:
     """Return the product of the signs of two joints, None if both are possible, or 0 if neither is."""
     possible = []

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from twin.comparison.convention_sizes import is_base_moved, moved_zeros, zero_of
-from twin.comparison.fit import FitSolution, Problem
+from twin.comparison.fit_problem import FitProblem
 from twin.comparison.frames import FrameGap, carriers, gaps
+from twin.comparison.line_gaps import FitSolution
 from twin.comparison.matching import Matching
 from twin.comparison.unknowns import Unknowns
 from twin.core import spatial
@@ -114,7 +115,7 @@ class ComparedItem:
         }
 
 
-def items(problem: Problem, matching: Matching, solution: FitSolution) -> list[ComparedItem]:
+def items(problem: FitProblem, matching: Matching, solution: FitSolution) -> list[ComparedItem]:
     """Return the conventions and the differences of a solution, differences last."""
     unknowns = solution.unknowns
     items_of_solution = _names(problem, matching)
@@ -125,7 +126,7 @@ def items(problem: Problem, matching: Matching, solution: FitSolution) -> list[C
     return items_of_solution
 
 
-def _names(problem: Problem, matching: Matching) -> list[ComparedItem]:
+def _names(problem: FitProblem, matching: Matching) -> list[ComparedItem]:
     """Return an item for each pair of joints with other names, one for another order, and those of `_drives`."""
     items_of_names = []
     for first, second in matching.renamed:
@@ -151,7 +152,7 @@ def _names(problem: Problem, matching: Matching) -> list[ComparedItem]:
     return items_of_names
 
 
-def _drives(problem: Problem) -> list[ComparedItem]:
+def _drives(problem: FitProblem) -> list[ComparedItem]:
     """Return an item for each joint that one side drives as several joints, while no motor of the other drives it."""
     items_of_drives = []
     for i, axis in enumerate(problem.axes):
@@ -170,7 +171,7 @@ def _drives(problem: Problem) -> list[ComparedItem]:
     return items_of_drives
 
 
-def _base(problem: Problem, unknowns: Unknowns) -> list[ComparedItem]:
+def _base(problem: FitProblem, unknowns: Unknowns) -> list[ComparedItem]:
     """Return the moved base frame as an item in a list; [] if it is not moved."""
     if not is_base_moved(problem, unknowns):
         return []
@@ -184,7 +185,7 @@ def _base(problem: Problem, unknowns: Unknowns) -> list[ComparedItem]:
     return [ComparedItem("base frame", "", text, link, length, float(np.linalg.norm(turn)))]
 
 
-def _joints(problem: Problem, unknowns: Unknowns) -> list[ComparedItem]:
+def _joints(problem: FitProblem, unknowns: Unknowns) -> list[ComparedItem]:
     """Return an item for each joint with another sign, then for each with another zero."""
     items_of_joints = []
     for i in unknowns.flips:
@@ -208,7 +209,7 @@ def _joints(problem: Problem, unknowns: Unknowns) -> list[ComparedItem]:
     return items_of_joints
 
 
-def _tools(problem: Problem, unknowns: Unknowns) -> list[ComparedItem]:
+def _tools(problem: FitProblem, unknowns: Unknowns) -> list[ComparedItem]:
     """Return an item for each leaf link whose frames are moved; the size is that of the first frame."""
     moved_frames: dict[int, list[FrameGap]] = {}
     for gap in gaps(problem, unknowns):
@@ -234,7 +235,7 @@ def _tools(problem: Problem, unknowns: Unknowns) -> list[ComparedItem]:
     return items_of_tools
 
 
-def _links(problem: Problem, unknowns: Unknowns) -> list[ComparedItem]:
+def _links(problem: FitProblem, unknowns: Unknowns) -> list[ComparedItem]:
     """Return an item for each deviating joint: its place on its parent link, or its axis alone."""
     items_of_links = []
     for k, deviation in enumerate(unknowns.deviating):
@@ -257,7 +258,7 @@ def _links(problem: Problem, unknowns: Unknowns) -> list[ComparedItem]:
     return items_of_links
 
 
-def _between(problem: Problem, i: int, k: int) -> str:
+def _between(problem: FitProblem, i: int, k: int) -> str:
     """Return the distance and the angle of the lines of two joints of one link in both sides."""
     name = problem.second.axes[i].name
     parts = []

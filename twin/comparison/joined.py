@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin.comparison.fit import ANGLE_PER_LENGTH
+from twin.comparison.fit_problem import ANGLE_PER_LENGTH
 from twin.comparison.side import Axis, JointGroup, RobotSide, common_beginning, plain
 from twin.core.errors import TwinError
 from twin.core.spatial import Array

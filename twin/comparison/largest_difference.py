@@ -9,8 +9,9 @@ import numpy as np
 
 from twin.comparison.coupled_motion import followed_of
 from twin.comparison.file_numbers import numbers
-from twin.comparison.fit import FitSolution, Problem
+from twin.comparison.fit_problem import FitProblem
 from twin.comparison.frames import FrameGap, leaf_gaps
+from twin.comparison.line_gaps import FitSolution
 from twin.comparison.paths import short
 from twin.comparison.properties import mapped_limits
 from twin.comparison.side import ONE_COORDINATE, Axis, RobotSide, plain
@@ -72,7 +73,7 @@ class ToolDifference:
         }
 
 
-def common_range(problem: Problem, solution: FitSolution) -> Array:
+def common_range(problem: FitProblem, solution: FitSolution) -> Array:
     """Return the common range (joints, 2) of the joints in m or rad, as values of the second side.
 
     Raises:
@@ -137,7 +138,7 @@ def _stated_at(side: RobotSide, axis: Axis) -> str:
     return side.label
 
 
-def largest_difference(problem: Problem, solution: FitSolution) -> ToolDifference | None:
+def largest_difference(problem: FitProblem, solution: FitSolution) -> ToolDifference | None:
     """Return the largest difference of the tool frames without the deviations of the solution; None without a tool."""
     tools = leaf_gaps(problem, solution.unknowns)
     if not tools:
@@ -156,7 +157,7 @@ def largest_difference(problem: Problem, solution: FitSolution) -> ToolDifferenc
     return largest
 
 
-def _states(problem: Problem, ranges: Array) -> Array:
+def _states(problem: FitProblem, ranges: Array) -> Array:
     """Return states (k, joints) of the second side in ranges (joints, 2) that its couplings allow."""
     rng = np.random.default_rng(_SEED)
     states = rng.uniform(ranges[:, 0], ranges[:, 1], (_SAMPLES, problem.count))
@@ -169,7 +170,7 @@ def _states(problem: Problem, ranges: Array) -> Array:
     return states
 
 
-def _difference_of(problem: Problem, unknowns: Unknowns, tool: FrameGap, states: Array) -> ToolDifference:
+def _difference_of(problem: FitProblem, unknowns: Unknowns, tool: FrameGap, states: Array) -> ToolDifference:
     """Return the largest difference of a tool at states (k, joints) of the second side, without deviations."""
     group, T_first = problem.first.frames.get(tool.name, problem.first.frames[problem.first.tool])
     group_of_second, T_second = problem.second.frames[tool.name]

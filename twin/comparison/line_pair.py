@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from twin.comparison.common_posture import in_common_posture
 from twin.comparison.differing_places import differing_places, place_items
 from twin.comparison.edits import with_edits
-from twin.comparison.fit import ANGLE_PER_LENGTH, FitSolution, Problem
+from twin.comparison.fit_problem import ANGLE_PER_LENGTH, FitProblem
 from twin.comparison.items import ComparedItem, items
 from twin.comparison.joined import joined
 from twin.comparison.largest_difference import largest_difference
+from twin.comparison.line_gaps import FitSolution
 from twin.comparison.link_motions import PlaceDifference
 from twin.comparison.loop_edits import loop_edits
 from twin.comparison.loop_gaps import differing_gaps, open_loops
@@ -42,7 +43,7 @@ def compare_lines(first: RobotSide, second: RobotSide, tolerance: float) -> Side
         if mimic is None:
             raise
         return _of_mimic(first, second, mimic, tolerance)
-    problem = Problem(remembering(first), remembering(second), matching, tolerance)
+    problem = FitProblem(remembering(first), remembering(second), matching, tolerance)
     opened = differing_gaps(as_read, problem)
     if opened:
         return SidePair(first, second, "disagree", opened, (), None, None, problem, None)
@@ -51,7 +52,7 @@ def compare_lines(first: RobotSide, second: RobotSide, tolerance: float) -> Side
         # balls and bars between them have no coordinate that leads from one posture to another
         in_posture = in_common_posture(problem)
         if in_posture is not None:
-            problem = Problem(*in_posture, matching, tolerance)
+            problem = FitProblem(*in_posture, matching, tolerance)
             solutions = conventions(problem)
     if not solutions and first.looped:
         explanations = differing_places(problem)
@@ -80,7 +81,7 @@ def _of_mimic(first: RobotSide, second: RobotSide, mimic: MimicError, tolerance:
 
 
 def _of_links(
-    sides: tuple[RobotSide, RobotSide], problem: Problem, explanations: Sequence[Sequence[PlaceDifference]]
+    sides: tuple[RobotSide, RobotSide], problem: FitProblem, explanations: Sequence[Sequence[PlaceDifference]]
 ) -> SidePair:
     """Return the comparison of robots with loops of which some joints have other places on their links.
 
@@ -101,7 +102,7 @@ def _texts(of_items: Sequence[ComparedItem]) -> tuple[str, ...]:
 
 
 def _of_solutions(
-    first: RobotSide, second: RobotSide, problem: Problem, matching: Matching, solutions: Sequence[FitSolution]
+    first: RobotSide, second: RobotSide, problem: FitProblem, matching: Matching, solutions: Sequence[FitSolution]
 ) -> SidePair:
     """Return the comparison by equally likely solutions, of which the first is told."""
     best = solutions[0]

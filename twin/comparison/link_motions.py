@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from twin.comparison.fit import Problem
+from twin.comparison.fit_problem import FitProblem
 from twin.comparison.side import ONE_COORDINATE, TURNING
 from twin.core import spatial
 from twin.core.spatial import Array
@@ -42,7 +42,7 @@ class PlaceDifference:
     """By how much the place of a joint on its parent, its child, or both differs.
 
     Attributes:
-        joint: number of the joint, as in `Problem.axes`.
+        joint: number of the joint, as in `FitProblem.axes`.
         where: the link or links.
         shift: (3,) in m.
         turn: (3,) in rad.
@@ -57,7 +57,7 @@ class PlaceDifference:
 class LinkMotions:
     """The motions of the links of the first side onto those of the second."""
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: FitProblem) -> None:
         self.problem = problem
         self.groups = len(problem.first.groups)
         self.places: list[JointPlace] = []

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twin.comparison.fit import Problem
+from twin.comparison.fit_problem import FitProblem
 from twin.comparison.items import NumberEdit
 from twin.comparison.joined import joined
 from twin.comparison.link_motions import LinkMotions, PlaceDifference
@@ -30,7 +30,7 @@ _MOST = 4
 
 
 def loop_edits(
-    sides: tuple[RobotSide, RobotSide], problem: Problem, explanations: Sequence[Sequence[PlaceDifference]]
+    sides: tuple[RobotSide, RobotSide], problem: FitProblem, explanations: Sequence[Sequence[PlaceDifference]]
 ) -> list[NumberEdit]:
     """Return edits of one attribute of either side, each of which makes all links of both sides agree.
 
@@ -57,7 +57,7 @@ def loop_edits(
     return edits
 
 
-def closing_edits(sides: tuple[RobotSide, RobotSide], problem: Problem, joint: int) -> list[NumberEdit]:
+def closing_edits(sides: tuple[RobotSide, RobotSide], problem: FitProblem, joint: int) -> list[NumberEdit]:
     """Return edits of one attribute that close a loop which only one side leaves open, and make all links agree.
 
     `sides` are the sides as they were read, and `joint` closes the loop.
@@ -97,7 +97,7 @@ def closing_edits(sides: tuple[RobotSide, RobotSide], problem: Problem, joint: i
     return edits
 
 
-def _is_open(problem: Problem, axis: Axis) -> bool:
+def _is_open(problem: FitProblem, axis: Axis) -> bool:
     """Return whether a joint that closes a loop is open by more than the tolerance in m or rad."""
     distance, angle = axis.opened
     return distance > problem.tolerance or angle > problem.angle_tolerance
@@ -119,7 +119,7 @@ def _goal(sides: tuple[RobotSide, RobotSide], edited: int, tolerance: float) -> 
         sides_with_edit[edited] = side
         first = joined(sides_with_edit[0], sides_with_edit[1], tolerance)
         second = recut(joined(sides_with_edit[1], sides_with_edit[0], tolerance), first)
-        links = LinkMotions(Problem(first, second, match(first, second), tolerance))
+        links = LinkMotions(FitProblem(first, second, match(first, second), tolerance))
         return links, links.together()
 
     def residual(side: RobotSide) -> Array:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from twin.comparison.fit import ANGLE_PER_LENGTH, Problem
+from twin.comparison.fit_problem import ANGLE_PER_LENGTH, FitProblem
 from twin.comparison.items import ComparedItem
 from twin.comparison.loop_edits import closing_edits
 from twin.comparison.side import Axis, RobotSide
 from twin.core.quantity import deg, mm
 
 
-def differing_gaps(sides: tuple[RobotSide, RobotSide], problem: Problem) -> tuple[ComparedItem, ...]:
+def differing_gaps(sides: tuple[RobotSide, RobotSide], problem: FitProblem) -> tuple[ComparedItem, ...]:
     """Return a difference for each joint that closes its loop on one side, and leaves it open on the other.
 
     `sides` are the sides as they were read.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from twin.comparison.fit import ANGLE_PER_LENGTH
+from twin.comparison.fit_problem import ANGLE_PER_LENGTH
 from twin.comparison.items import ComparedItem, moved_frame, placed_by
 from twin.comparison.mimic import MimicError
 from twin.comparison.properties import KINDS, Properties, PropertyRow, is_same_limit

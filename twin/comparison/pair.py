@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from twin.comparison.fit import ANGLE_PER_LENGTH
+from twin.comparison.fit_problem import ANGLE_PER_LENGTH
 from twin.comparison.items import ComparedItem, moved_frame, placed_by
 from twin.comparison.largest_difference import ToolDifference
 from twin.comparison.line_pair import compare_lines

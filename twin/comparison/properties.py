@@ -11,8 +11,9 @@ import numpy as np
 from twin.comparison.convention_sizes import zero_of
 from twin.comparison.coupled_motion import RATIO, CoupledFollower, constraints, followed
 from twin.comparison.evidence import CENTRE, LIMIT, RELATIVE
-from twin.comparison.fit import FitSolution, Problem
+from twin.comparison.fit_problem import FitProblem
 from twin.comparison.items import NumberEdit
+from twin.comparison.line_gaps import FitSolution
 from twin.comparison.side import ONE_COORDINATE, UNLIMITED, Axis, RobotSide
 from twin.comparison.unknowns import values_of
 from twin.core import format
@@ -87,7 +88,7 @@ class Properties:
         return "not stated"
 
 
-def compare(problem: Problem, solution: FitSolution) -> Properties:
+def compare(problem: FitProblem, solution: FitSolution) -> Properties:
     """Compare the properties of two sides after the conventions of a solution."""
     return _PropertyComparison(problem, solution).result()
 
@@ -95,7 +96,7 @@ def compare(problem: Problem, solution: FitSolution) -> Properties:
 class _PropertyComparison:
     """The rows that differ, and how many values were compared, as they are collected."""
 
-    def __init__(self, problem: Problem, solution: FitSolution) -> None:
+    def __init__(self, problem: FitProblem, solution: FitSolution) -> None:
         self.problem = problem
         self.solution = solution
         self.rows: list[PropertyRow] = []
@@ -239,7 +240,7 @@ class _PropertyComparison:
 # -- differences as numbers ---------------------------------------------------------------------------
 
 
-def difference(problem: Problem, solution: FitSolution, kind: str, index: int) -> Array:
+def difference(problem: FitProblem, solution: FitSolution, kind: str, index: int) -> Array:
     """Return what differs in a row of some kind, as numbers in SI units; `index` as in `PropertyRow`.
 
     (0,) if a side does not state the value.
@@ -264,7 +265,7 @@ def _difference_of_numbers(first: float | None, second: float | None) -> Array:
     return np.array([first - second])
 
 
-def _difference_of_limits(problem: Problem, solution: FitSolution, joint: int) -> Array:
+def _difference_of_limits(problem: FitProblem, solution: FitSolution, joint: int) -> Array:
     """Return the differences (2,) of both ends of a range in m or rad."""
     mapped = mapped_limits(problem, solution, joint)
     limits = problem.second.axes[joint].limits
@@ -277,7 +278,7 @@ def _difference_of_limits(problem: Problem, solution: FitSolution, joint: int) -
     return differences
 
 
-def _difference_of_bodies(problem: Problem, solution: FitSolution, kind: str, group: int) -> Array:
+def _difference_of_bodies(problem: FitProblem, solution: FitSolution, kind: str, group: int) -> Array:
     """Return the difference of mass (1,) in kg, centre (3,) in m or tensor (9,) in kg m2 of a group of bodies."""
     # an edit may have left no joint that carries the group
     partner = _partners(problem).get(group, 0)
@@ -293,7 +294,7 @@ def _difference_of_bodies(problem: Problem, solution: FitSolution, kind: str, gr
     return (first_moved.I_com - second.I_com).ravel()
 
 
-def _difference_of_couplings(problem: Problem, solution: FitSolution, joint: int) -> Array:
+def _difference_of_couplings(problem: FitProblem, solution: FitSolution, joint: int) -> Array:
     """Return the differences (joints + 1,) of the ratios with which a joint follows, then of its offset."""
     coupled = _coupled(problem, solution)
     first = coupled.first.get(joint)
@@ -306,7 +307,7 @@ def _difference_of_couplings(problem: Problem, solution: FitSolution, joint: int
 # -- both sides in the terms of the second ------------------------------------------------------------
 
 
-def mapped_limits(problem: Problem, solution: FitSolution, joint: int) -> tuple[float, float] | None:
+def mapped_limits(problem: FitProblem, solution: FitSolution, joint: int) -> tuple[float, float] | None:
     """Return the limits of the first side as values of the second in m or rad, or None."""
     limits = problem.axes[joint].limits
     if limits is None:
@@ -317,7 +318,7 @@ def mapped_limits(problem: Problem, solution: FitSolution, joint: int) -> tuple[
     return low, high
 
 
-def _partners(problem: Problem) -> dict[int, int]:
+def _partners(problem: FitProblem) -> dict[int, int]:
     """Return {group of the first side: group of the second side}."""
     partners = {0: 0}
     for i, axis in enumerate(problem.axes):
@@ -326,7 +327,7 @@ def _partners(problem: Problem) -> dict[int, int]:
     return partners
 
 
-def _body_motions(problem: Problem, solution: FitSolution) -> Array:
+def _body_motions(problem: FitProblem, solution: FitSolution) -> Array:
     """Return the motions (groups, 4, 4) of the bodies of the first side onto those of the second."""
     unknowns = solution.unknowns
     _, _, motions = problem.motions(unknowns.signs, values_of(unknowns)[None], unknowns.deviating)
@@ -341,7 +342,7 @@ class _CoupledSides(NamedTuple):
     order: list[int]
 
 
-def _coupled(problem: Problem, solution: FitSolution) -> _CoupledSides:
+def _coupled(problem: FitProblem, solution: FitSolution) -> _CoupledSides:
     """Return the followers of both sides, so that the same joints follow in both where the couplings allow it."""
     unknowns = solution.unknowns
     zeros = np.zeros(problem.count)
@@ -363,7 +364,7 @@ def _followers(side: RobotSide) -> set[str]:
     return {coupling.follower for coupling in side.couplings}
 
 
-def _follower_order(problem: Problem) -> list[int]:
+def _follower_order(problem: FitProblem) -> list[int]:
     """Return the joints: those that follow in the second side, then those that follow in the first, then all others."""
     first_followers = _followers(problem.first)
     second_followers = _followers(problem.second)
@@ -475,7 +476,7 @@ def _tensor(tensor: Array, digits: int) -> str:
     return f"{', '.join(entries)} kg m2 in the base"
 
 
-def _coupling(problem: Problem, joint: int, follower: CoupledFollower | None, digits: int) -> str:
+def _coupling(problem: FitProblem, joint: int, follower: CoupledFollower | None, digits: int) -> str:
     """Return how joint i follows others as a sum, with the names of the second side."""
     if follower is None:
         return "moves freely"

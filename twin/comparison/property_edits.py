@@ -7,9 +7,10 @@ from dataclasses import replace
 
 from twin.comparison import rereading
 from twin.comparison.evidence import CENTRE, LIMIT, RELATIVE
-from twin.comparison.fit import FitSolution, Problem
+from twin.comparison.fit_problem import FitProblem
 from twin.comparison.frames import gaps
 from twin.comparison.items import NumberEdit
+from twin.comparison.line_gaps import FitSolution, line_gap
 from twin.comparison.matching import Matching
 from twin.comparison.paths import short
 from twin.comparison.properties import OF_BODIES, Properties, PropertyRow, compare, difference
@@ -28,7 +29,7 @@ _SMALLEST_SCALE = 1e-9
 
 
 def with_property_edits(
-    problem: Problem, matching: Matching, solution: FitSolution, properties: Properties
+    problem: FitProblem, matching: Matching, solution: FitSolution, properties: Properties
 ) -> Properties:
     """Return the properties, each row that disagrees with the edits of either side.
 
@@ -62,7 +63,7 @@ def _disagreeing(properties: Properties) -> set[_RowKey]:
 class _PropertyEdits:
     """The search of edits for one row after another; the edits of a row may remove later ones as well."""
 
-    def __init__(self, problem: Problem, matching: Matching, solution: FitSolution, properties: Properties) -> None:
+    def __init__(self, problem: FitProblem, matching: Matching, solution: FitSolution, properties: Properties) -> None:
         self._problem = problem
         self._matching = matching
         self._solution = solution
@@ -114,11 +115,11 @@ class _PropertyEdits:
                 with_mass += 1
         return with_mass > 1
 
-    def _paired(self, side: RobotSide, edited: int) -> Problem:
+    def _paired(self, side: RobotSide, edited: int) -> FitProblem:
         """Return the pair with another side instead of the edited one, 0 for the first."""
         sides = [self._problem.first, self._problem.second]
         sides[edited] = side
-        return Problem(sides[0], sides[1], self._matching, self._problem.tolerance)
+        return FitProblem(sides[0], sides[1], self._matching, self._problem.tolerance)
 
     def _goal(self, row: PropertyRow, edited: int) -> EditGoal:
         """Return what an edit must achieve: this row agrees, and no other row than before disagrees."""
@@ -136,8 +137,8 @@ class _PropertyEdits:
                 return False
             pair = self._paired(side, edited)
             # the lines are as they were: also those that differ, beside this row
-            before = self._paired(unedited, edited).gap(solution.unknowns)
-            after = pair.gap(solution.unknowns)
+            before = line_gap(self._paired(unedited, edited), solution.unknowns)
+            after = line_gap(pair, solution.unknowns)
             if after.distances.max() > before.distances.max() + pair.tolerance:
                 return False
             if after.angles.max() > before.angles.max() + pair.angle_tolerance:
@@ -169,7 +170,7 @@ def _inaccuracy(kind: str, start: Array) -> float:
     return RELATIVE * max(float(abs(start).max()), _SMALLEST_SCALE)
 
 
-def _names(problem: Problem, row: PropertyRow, edited: int) -> set[str]:
+def _names(problem: FitProblem, row: PropertyRow, edited: int) -> set[str]:
     """Return the plain names of the joint or the bodies of a row in one side."""
     side = (problem.first, problem.second)[edited]
     axes = (problem.axes, problem.second.axes)[edited]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.comparison.fit import ANGLE_PER_LENGTH
+from twin.comparison.fit_problem import ANGLE_PER_LENGTH
 from twin.comparison.side import PoseRows
 from twin.comparison.tool_motion import FRAME_UNKNOWNS, ChainMotion, FixedMotion, JointChange, columns_of
 from twin.core import spatial

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import chdtr, chdtrc, fdtrc
 
-from twin.comparison.fit import ANGLE_PER_LENGTH
+from twin.comparison.fit_problem import ANGLE_PER_LENGTH
 from twin.comparison.row_fit import RowFit, RowState
 from twin.comparison.tool_motion import ChainMotion, JointChange
 from twin.core.spatial import Array

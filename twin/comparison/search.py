@@ -10,10 +10,11 @@ import numpy as np
 
 from twin.comparison.evidence import CONVENTION, StatedEvidence, turning_columns
 from twin.comparison.evidence_search import NODES_WITH_MANY, SAME_COST, EvidenceSearch, cost
-from twin.comparison.fit import FitSolution, Problem
+from twin.comparison.fit_problem import FitProblem
 from twin.comparison.fit_starts import solve
 from twin.comparison.frames import gaps
 from twin.comparison.invariants import Contradiction, NeighbourLines, neighbour_lines
+from twin.comparison.line_gaps import FitSolution, lines_coincide
 from twin.comparison.smallest_deviations import NEAR, smallest_deviations, with_few_numbers, with_short_turns
 from twin.comparison.unknowns import Deviation, Unknowns, values_of
 from twin.core.spatial import Array
@@ -40,7 +41,7 @@ _UNCHANGED = 1e-9
 """Size of a deviation in m or rad below which it changes no number."""
 
 
-def conventions(problem: Problem) -> list[FitSolution]:
+def conventions(problem: FitProblem) -> list[FitSolution]:
     """Return the likeliest solutions, all with as many changes; [] if no conventions explain the difference.
 
     Conventions explain all differences where they can. Only where they leave limits or inertias different that one
@@ -68,12 +69,12 @@ def _contradicts(stated: StatedEvidence, unknowns: Unknowns) -> bool:
     return any(evidence.weight > CONVENTION for evidence in violated)
 
 
-def _places(problem: Problem) -> list[Deviation]:
+def _places(problem: FitProblem) -> list[Deviation]:
     """Return the place of each joint."""
     return [Deviation(joint) for joint in range(problem.count)]
 
 
-def _places_and_axes(problem: Problem) -> list[Deviation]:
+def _places_and_axes(problem: FitProblem) -> list[Deviation]:
     """Return what may deviate: the place of each joint, and the axis alone of each joint that has one."""
     places = _places(problem)
     for i in problem.signed:
@@ -82,7 +83,7 @@ def _places_and_axes(problem: Problem) -> list[Deviation]:
     return places
 
 
-def deviations(problem: Problem) -> list[FitSolution]:
+def deviations(problem: FitProblem) -> list[FitSolution]:
     """Return all solutions with the fewest deviating joints, those with the fewest conventions first.
 
     The result is empty if no `_DEVIATING` joints explain the difference.
@@ -111,7 +112,7 @@ def _explains(deviating: Collection[Deviation], contradictions: Sequence[Contrad
     return all(contradiction.is_explained(deviating) for contradiction in contradictions)
 
 
-def _ordered(problem: Problem, solutions: Sequence[FitSolution]) -> list[FitSolution]:
+def _ordered(problem: FitProblem, solutions: Sequence[FitSolution]) -> list[FitSolution]:
     """Return different solutions, those with most frames of inner links equal and the fewest changed numbers first."""
     different: list[FitSolution] = []
     for candidate in solutions:
@@ -131,7 +132,7 @@ def _ordered(problem: Problem, solutions: Sequence[FitSolution]) -> list[FitSolu
     return [different[k] for k in cheapest_first]
 
 
-def _explained(problem: Problem, solutions: Sequence[FitSolution]) -> list[FitSolution]:
+def _explained(problem: FitProblem, solutions: Sequence[FitSolution]) -> list[FitSolution]:
     """Return the solutions with few changed numbers; of those with the same conventions and joints, the first."""
     different: list[FitSolution] = []
     for solution in solutions:
@@ -145,7 +146,7 @@ def _explained(problem: Problem, solutions: Sequence[FitSolution]) -> list[FitSo
     return _ordered(problem, simplified)
 
 
-def _is_one_of(problem: Problem, unknowns: Unknowns, known: Sequence[Unknowns]) -> bool:
+def _is_one_of(problem: FitProblem, unknowns: Unknowns, known: Sequence[Unknowns]) -> bool:
     """Return whether a solution differs from one of some others only by inaccuracies."""
     return any(_is_same(problem, unknowns, other_unknowns) for other_unknowns in known)
 
@@ -156,7 +157,7 @@ def _undeviated(solution: FitSolution) -> Unknowns:
     return replace(unknowns, deviations=np.zeros((len(unknowns.deviating), 6)))
 
 
-def _is_same(problem: Problem, unknowns: Unknowns, other_unknowns: Unknowns) -> bool:
+def _is_same(problem: FitProblem, unknowns: Unknowns, other_unknowns: Unknowns) -> bool:
     """Return whether two solutions differ only by inaccuracies."""
     if unknowns.deviating != other_unknowns.deviating or np.any(unknowns.signs != other_unknowns.signs):
         return False
@@ -174,7 +175,7 @@ def _changed_numbers(solution: FitSolution) -> float:
     return float(np.count_nonzero(np.abs(deviations) > _UNCHANGED))
 
 
-def _added_one_by_one(problem: Problem, neighbours: NeighbourLines) -> list[FitSolution]:
+def _added_one_by_one(problem: FitProblem, neighbours: NeighbourLines) -> list[FitSolution]:
     """Return solutions whose deviating joints are added one by one, each that lowers the gap most."""
     deviating = tuple(Deviation(joint) for joint in sorted(neighbours.different))
     signs = np.ones(problem.count)
@@ -194,24 +195,24 @@ def _added_one_by_one(problem: Problem, neighbours: NeighbourLines) -> list[FitS
         if best is None:
             return []
         deviating = best.unknowns.deviating
-        if problem.holds(best.gap):
+        if lines_coincide(problem, best.gap):
             needed = _needed(problem, signs, deviating)
             solutions = EvidenceSearch(problem, neighbours, _FLIPS, NODES_WITH_MANY).run([needed])
             return _explained(problem, solutions)
     return []
 
 
-def _needed(problem: Problem, signs: Array, deviating: tuple[Deviation, ...]) -> tuple[Deviation, ...]:
+def _needed(problem: FitProblem, signs: Array, deviating: tuple[Deviation, ...]) -> tuple[Deviation, ...]:
     """Return the deviating joints without those that a later choice has made needless."""
     needed = list(deviating)
     for deviation in deviating:
         fewer = tuple([kept for kept in needed if kept != deviation])
-        if fewer and problem.holds(solve(problem, signs, fewer).gap):
+        if fewer and lines_coincide(problem, solve(problem, signs, fewer).gap):
             needed.remove(deviation)
     return tuple(needed)
 
 
-def _sign_sets(problem: Problem, most: int) -> Iterator[Array]:
+def _sign_sets(problem: FitProblem, most: int) -> Iterator[Array]:
     """Yield signs (joints,), fewest changes first, up to `most` changes."""
     for flips in range(min(most, len(problem.signed)) + 1):
         for chosen in combinations(problem.signed, flips):

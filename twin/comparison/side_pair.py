@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from twin.comparison.fit import FitSolution, Problem
+from twin.comparison.fit_problem import FitProblem
 from twin.comparison.items import ComparedItem
 from twin.comparison.largest_difference import ToolDifference
+from twin.comparison.line_gaps import FitSolution
 from twin.comparison.mimic import MimicError
 from twin.comparison.poses import PoseFit
 from twin.comparison.properties import KINDS, Properties, PropertyRow
@@ -43,7 +44,7 @@ class SidePair:
     ties: tuple[tuple[str, ...], ...]
     properties: Properties | None
     worst: ToolDifference | None
-    problem: Problem | None = field(repr=False)
+    problem: FitProblem | None = field(repr=False)
     solution: FitSolution | None = field(repr=False)
     poses: PoseFit | None = None
     mimic: MimicError | None = None

@@ -12,14 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from twin.comparison.evidence import StatedEvidence
-from twin.comparison.fit import (
-    STEP,
-    FitSolution,
-    Problem,
-    open_directions,
-    with_steps,
-)
+from twin.comparison.fit_problem import FitProblem
 from twin.comparison.frames import leaf_gaps
+from twin.comparison.line_gaps import FitSolution, line_residuals, lines_coincide
+from twin.comparison.refinement import STEP, open_directions, refine, with_steps
 from twin.comparison.unknowns import Unknowns, convention_count, deviation_columns, free_values, values_of, with_values
 from twin.core import spatial
 from twin.core.spatial import Array
@@ -34,7 +30,7 @@ _SMALL_TURN = 0.5
 """Largest change of a value in rad or m in one of these steps."""
 
 
-def smallest_deviations(problem: Problem, solution: FitSolution) -> FitSolution:
+def smallest_deviations(problem: FitProblem, solution: FitSolution) -> FitSolution:
     """Return the solution with the smallest deviations: lines and frames that agree may leave them open in part.
 
     Conventions, and all evidence of tools and inertias that agrees, stay as found.
@@ -63,7 +59,7 @@ def smallest_deviations(problem: Problem, solution: FitSolution) -> FitSolution:
         x = values_of(best.unknowns)
         stepped = with_steps(x, columns)
         parents, children, groups = problem.motions(unknowns.signs, stepped, unknowns.deviating)
-        lines = problem.rows(unknowns.signs, parents, children)
+        lines = line_residuals(problem, unknowns.signs, parents, children)
         rows = np.concatenate([lines, residuals_of_agreeing(stepped, groups)], axis=1)
         undetermined = open_directions((rows[:-1] - rows[-1]).T / STEP)
         # the part of the deviations that neither lines nor evidence determine
@@ -73,15 +69,15 @@ def smallest_deviations(problem: Problem, solution: FitSolution) -> FitSolution:
         x_tried = x.copy()
         # only a small turn keeps the directions
         x_tried[columns] -= excess * min(1.0, _SMALL_TURN / float(np.abs(excess).max()))
-        refined = problem.refine(with_values(unknowns, x_tried), free, residuals_of_agreeing)
+        refined = refine(problem, with_values(unknowns, x_tried), free, residuals_of_agreeing)
         smaller = np.linalg.norm(values_of(refined.unknowns)[columns]) < np.linalg.norm(x[columns])
-        if not smaller or not problem.holds(refined.gap) or stated.violated(agreeing, refined.unknowns):
+        if not smaller or not lines_coincide(problem, refined.gap) or stated.violated(agreeing, refined.unknowns):
             break
         best = refined
     return best
 
 
-def with_few_numbers(problem: Problem, solution: FitSolution) -> FitSolution:
+def with_few_numbers(problem: FitProblem, solution: FitSolution) -> FitSolution:
     """Return the solution with as few changed numbers of its deviations as possible, with the conventions as found."""
     unknowns = solution.unknowns
     tools = [gap.T for gap in leaf_gaps(problem, unknowns)]
@@ -95,14 +91,14 @@ def with_few_numbers(problem: Problem, solution: FitSolution) -> FitSolution:
         values[columns] = 0.0
         fewer_free = free.copy()
         fewer_free[columns] = False
-        refined = problem.refine(with_values(best.unknowns, values), fewer_free)
-        if problem.holds(refined.gap) and _tools_stay(problem, refined.unknowns, tools):
+        refined = refine(problem, with_values(best.unknowns, values), fewer_free)
+        if lines_coincide(problem, refined.gap) and _tools_stay(problem, refined.unknowns, tools):
             best = refined
             free = fewer_free
     return best
 
 
-def _columns_of_deviations(problem: Problem, unknowns: Unknowns) -> Iterator[list[int]]:
+def _columns_of_deviations(problem: FitProblem, unknowns: Unknowns) -> Iterator[list[int]]:
     """Yield the unknowns that are held at zero together: of each joint its turn, its shift, then each number."""
     for k in range(len(unknowns.deviating)):
         place = deviation_columns(problem.count, k)
@@ -113,7 +109,7 @@ def _columns_of_deviations(problem: Problem, unknowns: Unknowns) -> Iterator[lis
             yield [column]
 
 
-def _tools_stay(problem: Problem, unknowns: Unknowns, before: Sequence[Array]) -> bool:
+def _tools_stay(problem: FitProblem, unknowns: Unknowns, before: Sequence[Array]) -> bool:
     """Return whether the frames of leaf links that were equal are still equal."""
     leaves = leaf_gaps(problem, unknowns)
     for gap, T in zip(leaves, before, strict=True):

@@ -11,7 +11,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from twin.comparison.fit import Problem
+from twin.comparison.fit_problem import FitProblem
 from twin.comparison.frames import carriers
 from twin.comparison.invariants import FOOT, SLACK, STEEP, common_normal
 from twin.comparison.side import ONE_COORDINATE, TURNING
@@ -21,7 +21,7 @@ from twin.core.spatial import Array
 
 
 def may_agree(
-    problem: Problem, joint: int, Ts_first: Array, Ts_second: Array, signs: Array, deviating: Collection[Deviation]
+    problem: FitProblem, joint: int, Ts_first: Array, Ts_second: Array, signs: Array, deviating: Collection[Deviation]
 ) -> bool:
     """Return whether some base frame and zeros may make the frames of a link equal in both sides, and all lines.
 
@@ -37,7 +37,7 @@ def may_agree(
     return True
 
 
-def _same_link(problem: Problem, Ts_first: Array, Ts_second: Array) -> bool:
+def _same_link(problem: FitProblem, Ts_first: Array, Ts_second: Array) -> bool:
     """Return whether the frames have the same places in the first of them."""
     in_first = spatial.inverse(Ts_first[0]) @ Ts_first
     in_second = spatial.inverse(Ts_second[0]) @ Ts_second
@@ -51,7 +51,7 @@ def _same_link(problem: Problem, Ts_first: Array, Ts_second: Array) -> bool:
 
 
 def _on_line(
-    problem: Problem, joint: int, T_first: Array, T_second: Array, signs: Array, deviating: Collection[Deviation]
+    problem: FitProblem, joint: int, T_first: Array, T_second: Array, signs: Array, deviating: Collection[Deviation]
 ) -> bool:
     """Return whether a frame may be equal in both sides, as seen from the line of its joint and the line before."""
     if problem.kinds[joint] not in ONE_COORDINATE or not problem.directed[joint]:
@@ -79,7 +79,12 @@ def _in_tool(T_base_tool: Array, point: Array, direction: Array) -> tuple[Array,
 
 
 def _feet_agree(
-    problem: Problem, joint: int, tool_first: Array, tool_second: Array, sign: float, deviating: Collection[Deviation]
+    problem: FitProblem,
+    joint: int,
+    tool_first: Array,
+    tool_second: Array,
+    sign: float,
+    deviating: Collection[Deviation],
 ) -> bool:
     """Return whether both tools are equally far along the line from the foot of the normal to the line before."""
     before = carriers(problem).get(problem.axes[joint].parent)
