@@ -22,7 +22,7 @@ from twin.ui.session import readings, timeline
 from twin.ui.session.deformable_feed import Feed
 from twin.ui.session.file_watch import RobotFileWatch
 from twin.ui.session.movable_robot import MovableRobot, MoveResult, start_of
-from twin.ui.session.posture_link import link_of, read_link
+from twin.ui.session.posture_text import posture_text, read_posture
 from twin.ui.session.timeline import Clock, Planner, Playback
 from twin.ui.session.trocars import rcm_at
 from twin.ui.viewer.field_nodes import FieldNodes
@@ -309,17 +309,17 @@ class Front(ViewerPage):
             },
             "time_s": t,
             "scale": robot.scale,
-            "link": link_of(robot.movable.joints, q, t),
+            "link": posture_text(robot.movable.joints, q, t),
         }
 
     def follow_link(self, text: str) -> None:
-        """Move the active robot to the posture and time of a link, see `posture_link`.
+        """Move the active robot to the posture and time of a link, see `posture_text`.
 
         Raises:
             TwinError: the link has another form, or the posture cannot be reached.
         """
         robot = self.active
-        q, t = read_link(text, robot.movable.joints)
+        q, t = read_posture(text, robot.movable.joints)
         self.clock.playing = False
         if robot.playback is None:
             self._staying.add(robot.name)  # a plan that is ready later does not move the robot

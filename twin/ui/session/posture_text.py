@@ -1,4 +1,4 @@
-"""A posture and a time as text, for the address of a page: "q=308,502.5,265&t=3.2"."""
+"""A posture and a time as text, for the address of a page: "q=308,502.5,265&t=3.200"."""
 
 from __future__ import annotations
 
@@ -17,14 +17,18 @@ LONGEST = 200
 """Maximum number of characters: a page sends no longer text."""
 
 
-def link_of(joints: Sequence[Joint], q: Array, t: float | None) -> str:
-    """Return joint values q (n,) in rad or m as degrees and millimetres, with a time t in s; None: no time."""
-    # fewer digits of a robot with so many joints that its link would be too long
+def posture_text(joints: Sequence[Joint], q: Array, t: float | None) -> str:
+    """Return joint values q (n,) in rad or m as degrees and millimetres, with a time t in s; None: no time.
+
+    Numbers have six decimals, or three or one if the text would be longer than `LONGEST`. Return "" if even one decimal
+    is too many.
+    """
     for digits in (6, 3, 1):
         numbers = []
         for joint, value in zip(joints, q, strict=True):
             unit = DEG if joint.is_angle else MM
-            numbers.append(f"{round(float(value) / unit, digits) + 0.0:.12g}")
+            rounded = round(float(value) / unit, digits) + 0.0  # -0.0 + 0.0 is 0.0, without a sign
+            numbers.append(f"{rounded:.12g}")
         text = "q=" + ",".join(numbers)
         if t is not None:
             text += f"&t={t:.3f}"
@@ -33,8 +37,10 @@ def link_of(joints: Sequence[Joint], q: Array, t: float | None) -> str:
     return ""
 
 
-def read_link(text: str, joints: Sequence[Joint]) -> tuple[Array, float | None]:
-    """Return joint values (n,) in rad or m, and the time in s (None: no time), of a text as `link_of` writes it.
+def read_posture(text: str, joints: Sequence[Joint]) -> tuple[Array, float | None]:
+    """Return joint values (n,) in rad or m, and the time in s (None: no time), of a text as `posture_text` writes it.
+
+    A "#" before the text is left out; a negative time is read as 0.
 
     Raises:
         TwinError: the text has another form, another number of joints, or a number that is not finite.
