@@ -16,7 +16,7 @@ class RosProcess:
     """Process with the server for ROS clients; it ends with `close`, or with this program."""
 
     def __init__(self, robot: str, server: Server, listens: tuple[str, int], tell: Callable[[str], None]) -> None:
-        """Start the process; `tell` is called with the address when the server listens (see `listen`).
+        """Start the process, which says its address when it listens (see `relay`).
 
         Args:
             robot: name or folder of the robot.
@@ -31,15 +31,17 @@ class RosProcess:
 
         # in a separate process: clients that send much would delay the ticks of the machine
         host, requested_port = listens
-        port, url = ros_port_and_url(host, requested_port, False)
+        port, url = ros_port_and_url(host, requested_port, secure=False)
         if not is_local(host):
             tell("rosbridge is open to the network, without TLS: others in the network can read and change messages")
         self._tell = tell
         address = Address(HOST, server.port, server.state_port)
-        self._process = Apart(machine_bridge.run, str(robot), address, host, port, url)
+        self._process = Apart(machine_bridge.run, robot, address, host, port, url)
 
-    def listen(self) -> bool:
-        """Print what the process says; return False: the machine goes on.
+    def relay(self) -> bool:
+        """Print the lines that the process has said so far; return False, because they do not end the machine.
+
+        It is called as `ends` of `Server.run`, 20 times per second, and does not wait.
 
         Raises:
             TwinError: the process cannot serve the machine, or has ended.

@@ -88,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
             from twin.cli.machine_ros import RosProcess
 
             ros_process = RosProcess(args.robot, server, args.ros, tell)
-            ends = ros_process.listen
+            ends = ros_process.relay
         server.run(duration, tell, ends)
     except KeyboardInterrupt:
         tell("stopped")
