@@ -117,7 +117,7 @@ class Robot:
             cad = self.source.weighed
         else:
             cad = self.source.cad
-        mechanism = self._placed(self.given_mechanism or cad.mechanism)
+        mechanism = self._with_trocars(self.given_mechanism or cad.mechanism)
         return replace(cad, mechanism=mechanism)
 
     @cached_property
@@ -126,9 +126,9 @@ class Robot:
         if self.source.path is None:
             return self.cad.mechanism
         if self.given_mechanism is not None:
-            return self._placed(self.given_mechanism)
+            return self._with_trocars(self.given_mechanism)
         mechanism, _ = self.source.opened
-        return self._placed(mechanism)
+        return self._with_trocars(mechanism)
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -155,7 +155,8 @@ class Robot:
         _, note = self.source.opened
         return note
 
-    def _placed(self, mechanism: Mechanism) -> Mechanism:
+    def _with_trocars(self, mechanism: Mechanism) -> Mechanism:
+        """Return a mechanism with the trocars that this robot has elsewhere than its source."""
         if not self.trocars:
             return mechanism
         return mechanism.with_trocars(self.trocars)
@@ -241,7 +242,7 @@ class Robot:
         return LoopSolver(self.mechanism)
 
     @cached_property
-    def _by_mechanism(self) -> Any:
+    def _mechanism_kinematics(self) -> Any:
         """A `twin.api.mechanism_kinematics.MechanismKinematics`; by name, as robots with equations do not need it."""
         module = import_module("twin.api.mechanism_kinematics")
         return module.MechanismKinematics(self.loops, self.reference())
@@ -276,8 +277,8 @@ class Robot:
         with _computing_on(device):
             if variant is None and not self.has_equations:
                 if T.ndim == 2:
-                    return self._by_mechanism.inverse(T, seed)
-                return self._by_mechanism.inverse_of_all(T, seed)
+                    return self._mechanism_kinematics.inverse(T, seed)
+                return self._mechanism_kinematics.inverse_of_all(T, seed)
             kin = self.kinematics(variant)
             if T.ndim == 2:
                 return kin.inverse(T, seed)
@@ -311,8 +312,8 @@ class Robot:
         with _computing_on(device):
             if variant is None and not self.has_equations:
                 if q.ndim == 1:
-                    return self._by_mechanism.forward(q, seed)
-                return self._by_mechanism.forward_many(q, seed)
+                    return self._mechanism_kinematics.forward(q, seed)
+                return self._mechanism_kinematics.forward_many(q, seed)
             kin = self.kinematics(variant)
             if q.ndim == 1:
                 return kin.forward(q, seed)
@@ -334,7 +335,7 @@ class Robot:
             (6, 6)
         """
         if not self.has_equations:
-            return self._by_mechanism.jacobian(np.asarray(q, float), seed)
+            return self._mechanism_kinematics.jacobian(np.asarray(q, float), seed)
         kin = self._kinematics
         T = kin.forward(np.asarray(q, float), seed)
         return kin.jacobian(T, q)
@@ -433,8 +434,7 @@ class Robot:
     def bound(self, protocol: Protocol) -> Robot:
         """Return the robot with its trocars at the positions that the protocol states; without any, the same robot.
 
-        The equations have parameters trocar_x, trocar_y, trocar_z for a single trocar; with several trocars, they have
-        parameters trocar_NAME_x, ... for each trocar.
+        Mechanism and equations get the same positions.
 
         Raises:
             TwinError: the mechanism has no such trocar.
@@ -443,11 +443,7 @@ class Robot:
         places = protocol.places_of(trocars)
         if not places:
             return self
-        coordinates: dict[str, float] = {}
-        for name, place in places.items():
-            prefix = "trocar" if len(trocars) == 1 else f"trocar_{name}"
-            for axis, value in zip("xyz", place, strict=True):
-                coordinates[f"{prefix}_{axis}"] = float(value)
+        coordinates = _trocar_parameters(trocars, places)
         return replace(self, parameters={**self.parameters, **coordinates}, trocars={**self.trocars, **places})
 
     def with_parameters(self, values: Mapping[str, float]) -> Robot:
@@ -512,6 +508,20 @@ class Robot:
             if name in vars(self):
                 vars(weighed)[name] = vars(self)[name]
         return weighed
+
+
+def _trocar_parameters(trocars: Sequence[str], places: Mapping[str, Array]) -> dict[str, float]:
+    """Return the parameters of equations, in m, for {trocar: position (3,) in base}.
+
+    They are trocar_x, trocar_y, trocar_z for the only trocar of a mechanism, trocar_NAME_x, ... if there are several.
+    `trocars` are the names of all trocars of the mechanism.
+    """
+    coordinates: dict[str, float] = {}
+    for name, place in places.items():
+        prefix = "trocar" if len(trocars) == 1 else f"trocar_{name}"
+        for axis, value in zip("xyz", place, strict=True):
+            coordinates[f"{prefix}_{axis}"] = float(value)
+    return coordinates
 
 
 def _computing_on(device: Choice | None) -> contextlib.AbstractContextManager[object]:
