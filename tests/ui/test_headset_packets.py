@@ -404,6 +404,7 @@ def test_a_port_that_is_taken_is_told(running, capsys):
         (["davinci", "--mqtt", ":1883"], "has no host"),
         (["davinci", "--mqtt", "localhost:x"], "x is not a port"),
         (["davinci", "--mqtt", "localhost:0"], "port 0 is not the port of a broker"),
+        (["davinci", "--mqtt", "::1"], "give an address of IPv6 in brackets, as [::1]"),
         (["davinci", "--mqtt-topic", "a"], "--mqtt-topic requires --mqtt"),
         (["davinci", "--mqtt", "localhost", "--mqtt-topic", "a/#"], "--mqtt-topic 'a/#' is not a valid topic"),
         (["sils", "--packets", "9870"], "--packets requires a scene with a console, such as davinci; sils is a robot"),

@@ -1,14 +1,16 @@
-"""Goals of ROS clients are taken only in the frame and for the joint of their topic; addresses for ROS clients."""
+"""Goals of ROS clients are taken only in the frame and for the joint of their topic; addresses for ROS and MQTT."""
 
 from __future__ import annotations
 
 import errno
 import socket
+from argparse import ArgumentTypeError
 
 import numpy as np
 import pytest
 
 from made.ros_client import stamped
+from twin.cli.commands.serve import _broker
 from twin.cli.parser import host_and_port
 from twin.cli.server_address import ros_port_and_url
 from twin.core.errors import DeviceError, TwinError
@@ -49,6 +51,15 @@ def test_addresses_for_ros_clients_can_be_opened():
     assert url.startswith("ws://")
     assert "0.0.0.0" not in url  # no address of a computer
     assert host_and_port("[::1]:9090") == ("::1", 9090)
+
+
+def test_a_broker_may_have_an_address_of_ipv6():
+    assert _broker("[::1]") == ("::1", 1883)
+    assert _broker("[::1]:1884") == ("::1", 1884)
+    assert _broker("localhost:1884") == ("localhost", 1884)
+    for text in ("::1", "::1:1884", "[::1]:1884:1", "[::1", "[::1]1884", "[]", ":1884"):
+        with pytest.raises(ArgumentTypeError):
+            _broker(text)
 
 
 def test_an_address_that_cannot_be_opened_is_refused_with_the_cause(monkeypatch):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 
 from twin.cli.parser import Command, host_and_port, port_number
 
@@ -60,8 +61,15 @@ def arguments(command: Command) -> None:
 
 
 def _broker(text: str) -> tuple[str, int]:
-    """Convert HOST[:PORT] to host and port; default 1883, the port of MQTT."""
-    host, _, port = text.partition(":")
+    """Convert HOST[:PORT] to host and port; default 1883, the port of MQTT. An address of IPv6 is in brackets."""
+    in_brackets = re.fullmatch(r"\[(.*)\](?::(.*))?", text)
+    if in_brackets is not None:
+        host = in_brackets[1]
+        port = in_brackets[2] or ""
+    else:
+        host, _, port = text.partition(":")
+    if ":" in port:
+        raise argparse.ArgumentTypeError(f"{text}: give an address of IPv6 in brackets, as [::1] or [::1]:1883")
     if not host:
         raise argparse.ArgumentTypeError(f"{text} has no host: give HOST or HOST:PORT")
     number = port_number(port or "1883")

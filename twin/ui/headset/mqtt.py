@@ -84,7 +84,7 @@ class ScaleTopic:
                 "without / or space at the ends"
             )
         self._mqtt = require("aiomqtt", "--mqtt")
-        self.broker = f"{host}:{port}"
+        self.broker = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
         self.topic = topic
         self.connected = False
         self.problem: str | None = None
