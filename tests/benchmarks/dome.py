@@ -17,6 +17,7 @@ from obstacles import length, problem
 from plans import Judge, obstacles
 
 import twin
+from made.planned_motion import follow
 from twin.core.units import MM
 from twin.planning.fmt import FmtSearch
 from twin.planning.obstacle_avoidance import searched
@@ -25,7 +26,6 @@ from twin.reference import inertia
 from twin.simulation.dynamics.arm import arm
 from twin.simulation.machine import settings
 from twin.simulation.machine.motor_plant import MotorPlant, Physics
-from twin.simulation.machine.planned_motion import follow
 
 SPEED, ACCELERATION = np.array([0.8, 0.8, 0.06, 0.8, 0.8, 0.8, 0.8]), np.array([2.4, 2.4, 0.24, 2.4, 2.4, 2.4, 2.4])
 

@@ -15,14 +15,22 @@ from websockets.exceptions import ConnectionClosed
 from twin.ui.access.responses import File
 from twin.ui.access.rules import AccessRules
 from twin.ui.headset import served_content
+from twin.ui.headset import stream_frames as wire
 from twin.ui.headset.recording import StreamRecording
-from twin.ui.headset.scene_frame import unpack_any
+from twin.ui.headset.scene_frame import MAGIC, SceneFrame, unpack_scene
 from twin.ui.headset.server import StreamServer
 
 PAGE = {
     "/": File(b"<html>a page for the test</html>" * 40, "text/html; charset=utf-8"),
     "/app.js": File(b"let a = 1;", "text/javascript; charset=utf-8"),
 }
+
+
+def unpack_any(data: bytes) -> wire.RobotFrame | SceneFrame:
+    """Return the frame of a robot or of a scene in a binary message."""
+    if data[:4] == MAGIC.to_bytes(4, "little"):
+        return unpack_scene(data)
+    return wire.unpack(data)
 
 
 class Planned:

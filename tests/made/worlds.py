@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import twin
+from made.field import Field
 from made.loops import two_links
 from twin.core import spatial
 from twin.core.units import DEG, MM
@@ -23,7 +24,6 @@ from twin.simulation import scene_play, trial
 from twin.simulation.controllers.teleoperation import Clutch, Gains, Teleoperation
 from twin.simulation.devices.hand import Goal, ScriptedHand
 from twin.simulation.limits import JointLimits
-from twin.simulation.plants.field import Field
 from twin.simulation.plants.kinematic import Kinematic
 from twin.simulation.world import Block, Hazard, Placed, World
 

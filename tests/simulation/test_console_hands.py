@@ -19,7 +19,7 @@ from twin.simulation.controllers.console_equations import READINGS, console
 from twin.simulation.controllers.jaw import Jaw
 from twin.simulation.controllers.pedals import CAMERA, FREE, TOOLS, Pedals
 from twin.simulation.controllers.reaching import PoseToJoints
-from twin.simulation.controllers.tool_following import SCALE, FollowingControl, HandPace, HandToPose, Start
+from twin.simulation.controllers.tool_following import SCALE, FollowingControl, HandPace, HandToPose, is_held
 from twin.simulation.devices.recorded import Recorded
 from twin.simulation.hazards.fault import Fault
 from twin.simulation.limits import JointLimits
@@ -87,7 +87,7 @@ def test_truth_table_of_the_start(grip, roll, begins, apart):
         rolled = spatial.pose(hand[:3, :3] @ spatial.rotation_z(part * roll * DEG), hand[:3, 3])
         law.step(rolled, part * grip * DEG, TOOL, T, 0.5)
     assert law.follows == (begins and apart < 5)
-    assert Start().shown(grip * DEG, roll * DEG + 1e-12) == begins
+    assert is_held(grip * DEG, roll * DEG + 1e-12) == begins
 
 
 def test_a_hand_that_nobody_holds_never_begins():

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import twin
+from made.planned_motion import follow
 from twin.cli import main
 from twin.core.errors import DescriptionError, MechanismError
 from twin.core.units import DEG
@@ -22,7 +23,6 @@ from twin.simulation.machine.arithmetic import Arithmetic
 from twin.simulation.machine.equations_of_motion import motion
 from twin.simulation.machine.gravity_compensation import compensation, holding
 from twin.simulation.machine.motor_plant import TICK, MotorPlant, Physics
-from twin.simulation.machine.planned_motion import follow
 from twin.simulation.machine.servo import Servo
 
 DATA = tomllib.loads((Path(__file__).parents[1] / "data/raven.toml").read_text())

@@ -17,7 +17,7 @@ from twin.simulation.tasks.procedure.procedure_surgeon import ProcedureSurgeon
 from twin.simulation.world import World, signal_kinds
 
 ROOT = Path(__file__).parents[2] / "twin"
-KINDS = signal_kinds.signal_kinds()
+KINDS = [value for value in vars(signal_kinds).values() if isinstance(value, signal_kinds.SignalKind)]
 
 
 def of_signal(name: str) -> list[signal_kinds.SignalKind]:

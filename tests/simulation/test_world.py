@@ -15,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from made import worlds
+from made.field import Field
 from made.loops import two_links
 from twin.core.errors import WorldError
 from twin.core.units import MM
@@ -22,7 +23,6 @@ from twin.reference import ReferenceModel
 from twin.simulation.devices.recorded import Recorded
 from twin.simulation.hazards.fault import Fault
 from twin.simulation.limits import JointLimits
-from twin.simulation.plants.field import Field
 from twin.simulation.plants.kinematic import Kinematic
 from twin.simulation.world import Block, Placed, Recording, World, read_recording
 

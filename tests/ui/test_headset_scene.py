@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 import twin
 from made.cloth import Cloth
-from made.streaming import Planned, http, joined, serving
+from made.streaming import Planned, http, joined, serving, unpack_any
 from twin.cad.build import read_mechanism
 from twin.cli import scenes
 from twin.core import spatial
@@ -28,7 +28,7 @@ from twin.simulation.frame import WorldFrame
 from twin.ui.headset import live_robot, scene_frame, served_content
 from twin.ui.headset import stream_frames as wire
 from twin.ui.headset.replay import Replay
-from twin.ui.headset.scene_frame import pack_field, pack_scene, unpack_any, unpack_scene
+from twin.ui.headset.scene_frame import pack_field, pack_scene, unpack_scene
 from twin.ui.headset.server_files import page_files
 from twin.ui.session.deformable_feed import vertices_of
 from twin.ui.session.loaded_scene import LoadedScene

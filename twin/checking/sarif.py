@@ -16,7 +16,7 @@ _FINGERPRINT = "twinCheck/v1"
 """Key of our fingerprints among the partial fingerprints of a result."""
 
 
-def sarif(findings: Sequence[CheckFinding], prefix: str = "", command: str = "twin check") -> JsonObject:
+def sarif(findings: Sequence[CheckFinding], prefix: str = "") -> JsonObject:
     """Return the findings as one run; known findings are unchanged in comparison with the baseline.
 
     `prefix` is the path of the checked folder in its repository, as "robots/": files have paths in the repository.
@@ -41,7 +41,7 @@ def sarif(findings: Sequence[CheckFinding], prefix: str = "", command: str = "tw
     driver: JsonObject = {"name": "twin check", "version": __version__, "rules": rules}
     run: JsonObject = {
         "tool": {"driver": driver},
-        "invocations": [{"executionSuccessful": is_complete, "commandLine": command}],
+        "invocations": [{"executionSuccessful": is_complete, "commandLine": "twin check"}],
         "columnKind": "unicodeCodePoints",
         "results": results,
     }

@@ -79,8 +79,8 @@ class Gpu(Protocol):
 class CudaGpu:
     """A GPU by NVIDIA's driver."""
 
-    def __init__(self, driver: Any, number: int = 0) -> None:
-        """Open a GPU; `driver` is the module `cuda.bindings.driver`.
+    def __init__(self, driver: Any) -> None:
+        """Open the first GPU; `driver` is the module `cuda.bindings.driver`.
 
         Raises:
             GpuError: there is no such GPU, or the driver refuses.
@@ -90,7 +90,7 @@ class CudaGpu:
         self._loaded: OrderedDict[tuple[str, str], tuple[Any, Any]] = OrderedDict()  # module and function
         self._pinned: dict[int, Any] = {}
         self._do("start", driver.cuInit, 0)
-        device = self._do(f"find GPU {number}", driver.cuDeviceGet, number)
+        device = self._do("find GPU 0", driver.cuDeviceGet, 0)
         major = driver.CUdevice_attribute.CU_DEVICE_ATTRIBUTE_COMPUTE_CAPABILITY_MAJOR
         generation = self._do("tell the generation of the GPU", driver.cuDeviceGetAttribute, major, device)
         if generation < OLDEST:

@@ -128,7 +128,7 @@ def expand(path: Path, xacro_settings: XacroSettings) -> Expanded:
         TwinError: the package `xacro` is not installed.
     """
     check_size(path, "xacro")
-    require_consent(path, "the Python expressions of the xacro", "a URDF that `xacro` has made needs no code")
+    require_consent(path)
     require("xacro", f"{path}: this is a xacro; it")
     with tempfile.TemporaryDirectory(prefix="twin-xacro-") as folder:
         request = Path(folder) / "request.json"

@@ -128,11 +128,11 @@ def exact_number(value: float) -> ExactNumber | None:
     return recognised(value, _ROUNDING * max(1.0, abs(value)))
 
 
-def recognised(value: float, tolerance: float, denominators: int = _DENOMINATORS) -> ExactNumber | None:
+def recognised(value: float, tolerance: float) -> ExactNumber | None:
     """Return the fraction, or the fraction multiplied by a root, within a tolerance of a value; None: there is none."""
     for radicand in (1, *ROOTS):
         quotient = value / math.sqrt(radicand)
-        fraction = Fraction(quotient).limit_denominator(denominators)
+        fraction = Fraction(quotient).limit_denominator(_DENOMINATORS)
         if abs(float(fraction) - quotient) <= tolerance:
             return exact(fraction, radicand)
     return None

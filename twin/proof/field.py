@@ -61,11 +61,6 @@ def negative(a: Residues) -> Residues:
     return (np.uint64(prime()) - a) * (a != 0)
 
 
-def subtract(a: Residues, b: Residues) -> Residues:
-    """Return a - b."""
-    return add(a, negative(b))
-
-
 def multiply(a: Residues, b: Residues) -> Residues:
     """Return a b."""
     modulus = prime()

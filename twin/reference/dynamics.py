@@ -56,7 +56,6 @@ class Dynamics:
     def __init__(
         self,
         mechanism: Mechanism | ReferenceModel,
-        gravity: ArrayLike | None = None,
         *,
         rotor: ArrayLike = 0.0,
         friction: ArrayLike = 0.0,
@@ -65,7 +64,6 @@ class Dynamics:
 
         Args:
             mechanism: the mechanism, or its independent model.
-            gravity: (3,) gravitational acceleration in base, m/s2; None: that of the mechanism.
             rotor: (n,) rotor inertia at the joints in kg m2 or kg, in addition to the rotors of the actuators.
             friction: (n,) viscous friction at the joints, N m s/rad or N s/m.
 
@@ -74,13 +72,11 @@ class Dynamics:
         """
         if not isinstance(mechanism, ReferenceModel):
             mechanism = ReferenceModel(mechanism)
-        if gravity is None:
-            gravity = mechanism.mechanism.gravity
         self.model = mechanism
         self.mechanism = m = mechanism.mechanism
         self._tree = mechanism.tree
         self._pin = pin.Model(self._tree.model)
-        self._pin.gravity.linear = np.asarray(gravity, float)
+        self._pin.gravity.linear = np.asarray(m.gravity, float)
         self._data = self._pin.createData()
         self._active_places = self._tree.active_places
         nv = self._pin.nv
@@ -181,10 +177,6 @@ class Dynamics:
         qdd = np.asarray(qdd, float)
         efforts = self._newton_euler(self._determined(at), qd, qdd)
         return efforts + self.rotor @ qdd + self.friction * qd
-
-    def motor_efforts(self, at: State, qd: ArrayLike, qdd: ArrayLike) -> Array:
-        """Return the motor efforts (n,), in the order of `mechanism.motor_names`, for qdd (n,); see `inverse`."""
-        return self.mechanism.motor_efforts(self.inverse(at, qd, qdd))
 
     def forward(self, at: State, qd: ArrayLike, efforts: ArrayLike) -> Array:
         """Return the joint accelerations (n,) caused by joint efforts (n,) at a state and rates qd (n,)."""

@@ -188,7 +188,6 @@ class ReferenceModel:
     def run_poses(
         self,
         Ts_base_tool: Array,
-        seed: Assembly | None = None,
         progress: Progress | None = None,
         near: Array | None = None,
     ) -> SolvedSamples:
@@ -206,10 +205,10 @@ class ReferenceModel:
             raise MechanismError(f"the tool poses, of shape {Ts.shape}, are not rigid (k, 4, 4) poses")
         unique = not (self.redundant or self.mechanism.auxiliary)
         if near is None or unique:
-            states = solved_along(self._continuation, Ts, self._start(seed), progress)
+            states = solved_along(self._continuation, Ts, self._home, progress)
             return self._closed(self.collect(states), Ts)
         # `near` selects the solutions: its states are solved first, and the tool moves from them to its targets
-        states = solved_along(self._continuation, np.asarray(near, float), self._start(seed), progress)
+        states = solved_along(self._continuation, np.asarray(near, float), self._home, progress)
         samples = np.arange(len(Ts))
         for block in np.array_split(samples, max(1, len(Ts) // BLOCK)):
             states[block], _ = self._continuation.move(states[block], Ts[block])

@@ -16,18 +16,6 @@ from twin.core import spatial
 from twin.core.spatial import Array
 
 
-def matrix(T: ArrayLike) -> Gf.Matrix4d:
-    """Return the Gf matrix (row vectors) of a pose or affine matrix T (4, 4) (column vectors).
-
-    Raises:
-        ValueError: T is not (4, 4).
-    """
-    T = np.asarray(T, float)
-    if T.shape != (4, 4):
-        raise ValueError(f"T must have shape (4, 4), not {T.shape}")
-    return Gf.Matrix4d(*T.T.ravel().tolist())
-
-
 def affine(M: Gf.Matrix4d) -> Array:
     """Return the affine matrix (4, 4) (column vectors) of a Gf matrix, including scale and shear."""
     return np.array(M, float).T.copy()

@@ -27,15 +27,13 @@ _SMALLEST = 10 * DEG  # rotation
 _LARGEST = 40 * DEG  # rotation
 
 
-def measure(
-    console: JudgedConsole, displacements: int, resolution: float, seed: int = 0
-) -> tuple[JsonMapping, list[float]]:
+def measure(console: JudgedConsole, displacements: int, resolution: float) -> tuple[JsonMapping, list[float]]:
     """Simulate the accuracy test; return (plain data, standard deviation of the error along each axis in mm).
 
     `displacements` is the number of displacements along each axis, `resolution` in m is the resolution of the pen's
     position. The motion scale is 1.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     axis = np.tile(np.repeat(np.eye(3), displacements, axis=0), (_REPEATS, 1))
     start = rng.uniform(-_REACH, _REACH, axis.shape)
     signs = rng.choice([-1, 1], (len(axis), 1))
@@ -60,16 +58,14 @@ def measure(
     return data, std.tolist()
 
 
-def measure_angles(
-    console: JudgedConsole, rotations: int, resolution: float, seed: int = 0
-) -> tuple[JsonMapping, list[float]]:
+def measure_angles(console: JudgedConsole, rotations: int, resolution: float) -> tuple[JsonMapping, list[float]]:
     """Simulate the test with rotations; return (plain data, standard deviation of the error about x, y, z in degrees).
 
     The pen hangs in a gimbal of three angles, read with a resolution. The error is the tool's rotation without the
     pen's, both in {H}, as ZYX Euler angles, as in the console's paper. `rotations` is the number of rotations about
     each axis, `resolution` in rad is the resolution of each gimbal angle.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     axis = np.tile(np.repeat(np.eye(3), rotations, axis=0), (_REPEATS, 1))
     start = rng.uniform(-_TILT, _TILT, axis.shape)
     signs = rng.choice([-1, 1], (len(axis), 1))

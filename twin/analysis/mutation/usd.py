@@ -70,11 +70,11 @@ def _multiplied(path: str, factor: float) -> NamedEdit:
     return f"{path} times {factor:.4g}", _value_edit(path, lambda x: factor * x)
 
 
-def _connecting_joints(stage: Usd.Stage, kind: type = UsdPhysics.Joint) -> list[Usd.Prim]:
-    """Return all joints of type `kind` that connect two bodies, except fixed joints."""
+def _connecting_joints(stage: Usd.Stage) -> list[Usd.Prim]:
+    """Return all joints that connect two bodies, except fixed joints."""
     joints = []
     for prim in stage.Traverse():
-        if not prim.IsA(kind) or prim.IsA(UsdPhysics.FixedJoint):
+        if not prim.IsA(UsdPhysics.Joint) or prim.IsA(UsdPhysics.FixedJoint):
             continue
         if prim.GetName() in ("root_joint", "world"):
             continue

@@ -12,22 +12,23 @@ NO_CODE = "TWIN_NO_CODE"
 """Environment variable; if it is set, no Python code of a robot folder or of a xacro is run, not even in child
 processes."""
 
+_CODE = "the Python expressions of the xacro"
+
 _said: set[Path] = set()
 
 
-def require_consent(path: Path, what: str, other_way: str) -> None:
-    """State on stderr, once for each file, that `what` in a file runs.
+def require_consent(path: Path) -> None:
+    """State on stderr, once for each file, that the Python expressions of a xacro run.
 
     Raises:
-        CodeRefusedError: the environment variable TWIN_NO_CODE is set. The message ends with `other_way`, what can be
-            done without running the code.
+        CodeRefusedError: the environment variable TWIN_NO_CODE is set.
     """
     if os.environ.get(NO_CODE):
         raise CodeRefusedError(
-            f"{path}: reading this file runs {what}, which --no-code (or {NO_CODE} in the environment) forbids. "
-            f"Inspect the file, then omit --no-code or {NO_CODE}; {other_way}."
+            f"{path}: reading this file runs {_CODE}, which --no-code (or {NO_CODE} in the environment) forbids. "
+            f"Inspect the file, then omit --no-code or {NO_CODE}; a URDF that `xacro` has made needs no code."
         )
     resolved = path.resolve()
     if resolved not in _said:
         _said.add(resolved)
-        logging.getLogger(__name__).info("running %s in %s", what, path)
+        logging.getLogger(__name__).info("running %s in %s", _CODE, path)

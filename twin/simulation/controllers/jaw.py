@@ -8,28 +8,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.simulation.world import Block, Signals
 from twin.simulation.world.signal_kinds import HAND_GRIP, ROBOT_FOLLOWS, ROBOT_JAW
 
+TRAVEL = 60 * DEG
+"""Travel of the gripper in rad that moves the jaw from its lower to its upper angle."""
 
-@dataclass(frozen=True)
-class GripParameters:
-    """Parameters of a jaw's motion by a gripper, in rad and rad/s.
+_FAST = 720 * DEG
+_SLOW = 36 * DEG
+"""Largest rates of the jaw in rad/s, in normal use and after use of the clutch."""
 
-    Attributes:
-        travel: travel of the gripper that moves the jaw from its lower to its upper angle.
-        fast, slow: largest rates of the jaw: `fast` in normal use, `slow` after use of the clutch.
-        near: difference between jaw and gripper below which the slow rate ends.
-    """
-
-    travel: float = 60 * DEG
-    fast: float = 720 * DEG
-    slow: float = 36 * DEG
-    near: float = 2 * DEG
+_NEAR = 2 * DEG
+"""Difference between jaw and gripper in rad below which the slow rate ends."""
 
 
 class Jaw:
@@ -41,13 +34,12 @@ class Jaw:
             as closed.
     """
 
-    def __init__(self, lower: float, upper: float, angle: float, dt: float, grip: GripParameters | None = None) -> None:
+    def __init__(self, lower: float, upper: float, angle: float, dt: float) -> None:
         """Start at the jaw angle `angle`; the lower limit is `lower`, and an open gripper means `upper`, all in rad."""
         self.lower = lower
         self.upper = upper
         self.angle = angle
         self.dt = dt
-        self.grip = grip or GripParameters()
         self.closed = math.inf
         self._slow = True
         self._has_followed = False
@@ -60,11 +52,11 @@ class Jaw:
             self._slow = True
             return self.angle
         self._has_followed = True
-        target = max(self.lower, self.lower + (grip - self.closed) * (self.upper - self.lower) / self.grip.travel)
+        target = max(self.lower, self.lower + (grip - self.closed) * (self.upper - self.lower) / TRAVEL)
         difference = target - self.angle
-        if abs(difference) < self.grip.near:
+        if abs(difference) < _NEAR:
             self._slow = False
-        rate = self.grip.slow if self._slow else self.grip.fast
+        rate = _SLOW if self._slow else _FAST
         largest_step = rate * self.dt
         if abs(difference) <= largest_step:
             self.angle = target

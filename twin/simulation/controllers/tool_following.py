@@ -44,28 +44,23 @@ SCALE = (0.05, 1.0)
 """Smallest and largest motion scale."""
 
 
-@dataclass(frozen=True)
-class Start:
-    """Condition that must be met before a hand moves the tool.
+_ATTITUDE = 5 * DEG
+"""Largest angle in rad between hand and tool at the first start."""
 
-    Attributes:
-        attitude, again: largest angle in rad between hand and tool: `attitude` at the first start, `again` when the
-            hand starts again after the clutch.
-        grip, roll: smallest gripper travel in rad, and smallest rotation of the handle about its axis in rad. Either
-            motion shows that a person holds the handle.
-        together: smaller motions of gripper and handle also suffice if their sum exceeds `together` times the sum of
-            `grip` and `roll`.
-    """
+_ATTITUDE_AGAIN = 2 * DEG
+"""The same when the hand starts again after the clutch."""
 
-    attitude: float = 5 * DEG
-    again: float = 2 * DEG
-    grip: float = 40 * DEG
-    roll: float = 4 * DEG
-    together: float = 0.8
+_GRIP = 40 * DEG
+_ROLL = 4 * DEG
+"""Gripper travel and rotation of the handle about its axis in rad; either shows that a person holds the handle."""
 
-    def shown(self, grip: float, roll: float) -> bool:
-        """Return whether gripper travel and handle roll, both in rad, show that a person holds the handle."""
-        return grip >= self.grip or roll >= self.roll or grip + roll > self.together * (self.grip + self.roll)
+_TOGETHER = 0.8
+"""Smaller motions also suffice if their sum exceeds this part of the sum of `_GRIP` and `_ROLL`."""
+
+
+def is_held(grip: float, roll: float) -> bool:
+    """Return whether gripper travel and handle roll, both in rad, show that a person holds the handle."""
+    return grip >= _GRIP or roll >= _ROLL or grip + roll > _TOGETHER * (_GRIP + _ROLL)
 
 
 class FollowingControl:
@@ -84,7 +79,6 @@ class FollowingControl:
         dt: float,
         *,
         aligns: bool = False,
-        start: Start | None = None,
         pace: HandPace | None = None,
         laws: Console | None = None,
     ) -> None:
@@ -95,13 +89,11 @@ class FollowingControl:
             dt: duration of one tick in s.
             aligns: whether motors of the device align the handle with the tool; the tool then follows only after the
                 alignment.
-            start: the start condition; None: the defaults.
             pace: maximum speeds and thresholds of jumps; None: the defaults.
             laws: equations of the console; None: the correct reading.
         """
         self.goal = np.array(tool, float)
         self.aligns = aligns
-        self.start = start or Start()
         self.started = False
         self.follows = False
         self.jumps = 0
@@ -158,12 +150,12 @@ class FollowingControl:
         if self.aligns:
             angle = float(spatial.rotation_angle(T[:3, :3] @ hand[:3, :3] @ tool[:3, :3].T))
         if self.started:
-            return angle < self.start.again
+            return angle < _ATTITUDE_AGAIN
         if self._travel is None:
             self._travel = _Travel(hand[:3, :3].copy(), grip)
         else:
             self._travel.add(hand[:3, :3], grip)
-        return angle < self.start.attitude and self.start.shown(self._travel.grip, self._travel.roll)
+        return angle < _ATTITUDE and is_held(self._travel.grip, self._travel.roll)
 
 
 class _Travel:

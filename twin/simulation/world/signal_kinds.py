@@ -165,12 +165,3 @@ VESSEL_NODES = SignalKind("vessel", "nodes", ("n", 3), "m", "nodes of the vessel
 VESSEL_CUT = SignalKind("vessel", "cut", ("n",), "1", "flags: the segment is cut away")
 VESSEL_SEEN = SignalKind("vessel", "seen", (), "1", "fraction of the vessel that the camera sees")
 DEFORMABLE_VERTICES = SignalKind("deformable", "vertices", ("n", 3), "m", "vertices in the frame of the body")
-
-
-def signal_kinds() -> tuple[SignalKind, ...]:
-    """Return all kinds, in the order of this file."""
-    kinds = []
-    for value in globals().values():
-        if isinstance(value, SignalKind):
-            kinds.append(value)
-    return tuple(kinds)

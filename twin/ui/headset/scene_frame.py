@@ -115,14 +115,3 @@ def unpack_scene(data: bytes) -> SceneFrame:
     if at != len(data):
         raise TwinError(f"frame of a scene: {len(data)} bytes; its parts need {at}")
     return SceneFrame(seq, server_time, time, flags, tuple(parts), tuple(bends))
-
-
-def unpack_any(data: bytes) -> wire.RobotFrame | SceneFrame:
-    """Return the frame of a robot or of a scene in a binary message.
-
-    Raises:
-        TwinError: the message is not a valid frame of a robot or of a scene.
-    """
-    if data[:4] == MAGIC.to_bytes(4, "little"):
-        return unpack_scene(data)
-    return wire.unpack(data)

@@ -16,7 +16,7 @@ from twin.core.spatial import Array
 from twin.core.units import DEG
 from twin.simulation.console_scene import HANDS, drag
 from twin.simulation.controllers import camera
-from twin.simulation.controllers.jaw import GripParameters
+from twin.simulation.controllers.jaw import TRAVEL
 from twin.simulation.controllers.tool_following import SCALE
 from twin.simulation.devices.received_hands import HandState
 from twin.ui.session.live_console import HeldError, LiveConsole
@@ -203,7 +203,7 @@ class Pens:
         self.use(client)
         pen = self.pens[hand]
         pen.used = True
-        pen.grip = GripParameters().travel * float(np.clip(part, 0, 1))
+        pen.grip = TRAVEL * float(np.clip(part, 0, 1))
 
     def aim(self, client: str, coordinate: int, value: float) -> None:
         """Move one coordinate of the camera by both hands; the other coordinates do not change.

@@ -141,7 +141,6 @@ class DhRow:
         name: name of the joint; "" if the table has only numbers.
         kind: "revolute", "prismatic" or "fixed".
         values: {parameter: its constant part}, of a, alpha, d, theta, r, b, beta, gamma, as the convention needs.
-        parallel: whether the row is one of Hayati, with beta.
         limits: (lower, upper) in m or rad, or None.
     """
 
@@ -149,7 +148,6 @@ class DhRow:
     name: str
     kind: str
     values: dict[str, CellQuantity]
-    parallel: bool
     limits: tuple[float, float] | None
 
 
@@ -519,7 +517,7 @@ class _Reader:
             values[coordinate] = CellQuantity(
                 constant.value + offset.value, constant.stated_value + offset.stated_value, constant.unit
             )
-        return DhRow(row.line, self._name(row), kind, values, parallel, self._limits(row, kind))
+        return DhRow(row.line, self._name(row), kind, values, self._limits(row, kind))
 
     def _check_tree(self, row: TableRow, convention: str) -> None:
         if convention != "khalil" or "antecedent" not in self.columns:

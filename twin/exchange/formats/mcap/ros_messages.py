@@ -47,12 +47,11 @@ def pose_stamped(t: float, frame: str, T: Array) -> JsonObject:
     return {"header": header(t, frame), "pose": pose}
 
 
-def joint_state(t: float, names: Sequence[str], q: Array, speeds: Array | None = None) -> JsonObject:
-    """Return sensor_msgs/JointState of joint values q (n,) in rad or m; speeds (n,) in rad/s or m/s, None: unknown."""
+def joint_state(t: float, names: Sequence[str], q: Array) -> JsonObject:
+    """Return sensor_msgs/JointState of joint values q (n,) in rad or m, without speeds."""
     # sensor_msgs/JointState: the array of what is not known is left empty; zeros would be a claim.
-    velocity = [] if speeds is None else np.asarray(speeds, float).tolist()
     position = np.asarray(q, float).tolist()
-    return {"header": header(t), "name": list(names), "position": position, "velocity": velocity, "effort": []}
+    return {"header": header(t), "name": list(names), "position": position, "velocity": [], "effort": []}
 
 
 def wrench_stamped(t: float, frame: str, force: Array) -> JsonObject:
