@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator, Sequence
 
-from twin.validation.explain.tokens import line_starts
+from twin.validation.explain.tokens import is_operation, line_starts
 from twin.validation.explain.tokens import span as span_of
 
 Span = tuple[int, int]
@@ -151,7 +151,7 @@ def _without_parentheses(text: bytes, node: ast.expr, starts: list[int]) -> Iter
 
 def _leading_minus(node: ast.expr) -> ast.UnaryOp | None:
     """Return the minus sign at the beginning of a product, or None."""
-    while isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult | ast.Div | ast.MatMult):
+    while is_operation(node, ast.Mult, ast.Div, ast.MatMult):
         node = node.left
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
         return node

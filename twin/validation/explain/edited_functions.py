@@ -19,6 +19,7 @@ from twin.validation.explain.candidate import Candidate, edited_residuals
 from twin.validation.explain.equation_steps import RowKey
 from twin.validation.explain.function_source import Edit, Source, Statement
 from twin.validation.explain.row_deviations import Judge
+from twin.validation.explain.tokens import is_operation, is_sum
 
 _SAME_RESIDUALS = 1e-7
 """Relative difference of residuals, apart from a factor, below which two edited rows count as the same function."""
@@ -164,12 +165,8 @@ def canonical(source: Source, statement: Statement, edits: Sequence[Edit]) -> st
     return "; ".join(parts)
 
 
-def _is_sum(node: ast.AST) -> TypeGuard[ast.BinOp]:
-    return isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub)
-
-
 def _is_product(node: ast.AST) -> TypeGuard[ast.BinOp]:
-    return isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult | ast.Div)
+    return is_operation(node, ast.Mult, ast.Div)
 
 
 def _is_minus(node: ast.AST) -> TypeGuard[ast.UnaryOp]:
@@ -178,7 +175,7 @@ def _is_minus(node: ast.AST) -> TypeGuard[ast.UnaryOp]:
 
 def _sorted(node: ast.AST) -> str:
     """Return the canonical text of a syntax node; it is no Python, and only equal to that of the same formula."""
-    if _is_sum(node) or _is_minus(node):
+    if is_sum(node) or _is_minus(node):
         terms = sorted(_sum(node, "+"))
         return f"({' '.join(terms)})"
     if _is_product(node):
@@ -207,7 +204,7 @@ def _field_text(value: object) -> str:
 def _sum(node: ast.AST, sign: str) -> list[str]:
     """Return the terms of a sum, each with its sign."""
     opposite = "-" if sign == "+" else "+"
-    if _is_sum(node):
+    if is_sum(node):
         right = sign if isinstance(node.op, ast.Add) else opposite
         return _sum(node.left, sign) + _sum(node.right, right)
     if _is_minus(node):

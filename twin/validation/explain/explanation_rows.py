@@ -15,6 +15,7 @@ from twin.validation.explain.candidate import Candidate, GroupResult
 from twin.validation.explain.equation_steps import RowKey, RowPlace
 from twin.validation.explain.explanation_data import WrongRow
 from twin.validation.explain.row_deviations import Judge
+from twin.validation.explain.tokens import is_sum
 
 _LONGEST_ROW = 400
 """Maximum length of the text of a row; a longer one ends with an ellipsis."""
@@ -186,10 +187,6 @@ def _meaning(judge: Judge, symbol: str) -> str:
     return symbol
 
 
-def _is_sum(node: ast.AST) -> bool:
-    return isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub)
-
-
 def _changed_term(candidate: Candidate) -> str:
     """Return the summand that an edit changes in a row, with sign; "" if the edit changes no summand."""
     source = candidate.step.source
@@ -197,12 +194,12 @@ def _changed_term(candidate: Candidate) -> str:
     if edit.function != source.name:
         return ""
     for node in ast.walk(source.statements[edit.statement].node):
-        if not isinstance(node, ast.BinOp) or not _is_sum(node):
+        if not is_sum(node):
             continue
         sign_of_right = "+" if isinstance(node.op, ast.Add) else "-"
         for operand, sign in ((node.left, "+"), (node.right, sign_of_right)):
             start, end = source.span(operand)
             # A sum as an operand is split further.
-            if edit.is_within((start, end)) and not _is_sum(operand):
+            if edit.is_within((start, end)) and not is_sum(operand):
                 return f"{sign} {source.text(start, end)}"
     return ""

@@ -30,7 +30,7 @@ from twin.validation.explain.rebuilt_functions import Matrix, unguarded
 from twin.validation.explain.row_deviations import Judge, Residuals, entries_of, trial_residuals
 from twin.validation.explain.swivel import fitted
 from twin.validation.explain.term_texts import Atom, Products, at_poses, equal, factors, roots, sums, terms
-from twin.validation.explain.tokens import parents_of
+from twin.validation.explain.tokens import is_operation, is_sum, parents_of
 from twin.validation.explain.vector_texts import VECTOR, vector_atoms, vector_texts
 
 _SHIFT_NAME = "_required_"
@@ -339,7 +339,7 @@ def _patterns(source: Source, expression: ast.expr, atoms: Sequence[Atom]) -> li
     terms_of_sums: dict[tuple[str, ...], list[Atom]] = {}
     for statement in source.statements:
         for node in ast.walk(statement.node):
-            if not _is_sum(node):
+            if not is_sum(node):
                 continue
             texts = sorted(atoms_by_text.keys() & set(_summand_texts(node)))
             if len(texts) > 1:  # single terms are tried anyway
@@ -352,13 +352,9 @@ def _summand_texts(node: ast.expr) -> list[str]:
     return list(map(ast.unparse, _summands(node)))
 
 
-def _is_sum(node: ast.AST | None) -> TypeGuard[ast.BinOp]:
-    return isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub)
-
-
 def _summands(node: ast.expr) -> Iterator[ast.expr]:
     """Yield the terms of a sum without their signs."""
-    if _is_sum(node):
+    if is_sum(node):
         yield from _summands(node.left)
         yield from _summands(node.right)
     else:
@@ -409,7 +405,7 @@ def written(
         is_root = equal(required, np.sqrt(x))
     if is_root:
         yield edit(f"{root}({text})", "missing")
-    if not _is_sum(parent):  # a term of the sum is found at the sum
+    if not is_sum(parent):  # a term of the sum is found at the sum
         for sign, term in terms(added, atoms):
             yield edit(f"{text} {sign} {term}", "missing")
         for signed_terms in sums(added, _patterns(source, node, atoms)):
@@ -417,7 +413,7 @@ def written(
         for sign, sign_value in (("+", 1.0), ("-", -1.0)):
             for term in roots(sign_value * added, atoms, root):
                 yield edit(f"{text} {sign} {term}", "missing")
-    in_product_already = isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Mult)
+    in_product_already = is_operation(parent, ast.Mult)
     if in_product_already or not np.isfinite(ratio).all():
         return
     for factor in factors(ratio, atoms):
@@ -462,7 +458,7 @@ def _shift_of_part(shift: Shift, values: Array, required: Array) -> Flat:
 
 def is_square(node: ast.AST) -> TypeGuard[ast.BinOp]:
     """Return whether a syntax node is the square of an expression."""
-    return isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow) and ast.unparse(node.right) == "2"
+    return is_operation(node, ast.Pow) and ast.unparse(node.right) == "2"
 
 
 def in_square(

@@ -10,11 +10,10 @@ import ast
 import re
 from collections.abc import Container, Iterator
 from itertools import pairwise
-from typing import TypeGuard
 
 from twin.validation.explain.function_source import Edit, Source, Statement
 from twin.validation.explain.name_pool import NamePool
-from twin.validation.explain.tokens import other_parentheses, parents_of
+from twin.validation.explain.tokens import is_operation, is_sum, other_parentheses, parents_of
 
 _FUNCTIONS = (
     ("sin", "cos", "tan"),
@@ -101,11 +100,6 @@ class _Writer:
         return name, ""
 
 
-def _is_operation(node: ast.AST | None, *operators: type[ast.operator]) -> TypeGuard[ast.BinOp]:
-    """Return whether a node is an operation of two operands with one of some operators."""
-    return isinstance(node, ast.BinOp) and isinstance(node.op, operators)
-
-
 def _expressions(root: ast.AST) -> Iterator[ast.expr]:
     """Yield the expressions of a statement that are read, not assigned."""
     for node in ast.walk(root):
@@ -159,7 +153,7 @@ def _calls(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
             yield from _other_attributes(writer, node)
         if isinstance(node, ast.Call):
             yield from _other_calls(writer, node)
-        if _is_operation(node, ast.MatMult):
+        if is_operation(node, ast.MatMult):
             yield writer.replace(node, f"{writer.text(node.right)} @ {writer.text(node.left)}", "order")
             for side in (node.left, node.right):
                 if getattr(side, "attr", "") != "T":
@@ -207,7 +201,7 @@ def _quotients(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
         quotient = node.args[0]
         if function.rpartition(".")[2] not in ("atan", "arctan"):
             continue
-        if _is_operation(quotient, ast.Div):
+        if is_operation(quotient, ast.Div):
             new = f"{function}2({writer.text(quotient.left)}, {writer.text(quotient.right)})"
             yield writer.replace(node, new, "function")
 
@@ -242,9 +236,9 @@ def _negated(writer: _Writer, node: ast.expr) -> Edit:
     """Return the edit that changes the sign of an operand, written as an author would write it."""
     parent = writer.parent(node)
     start, _ = writer.source.span(node)
-    if _is_operation(node, *_SUM):
+    if is_sum(node):
         return writer.replace(node, f"-({writer.text(node)})", "sign")
-    if _is_operation(parent, ast.Add) and _is_plain(parent.right):  # b - a, not -a + b
+    if is_operation(parent, ast.Add) and _is_plain(parent.right):  # b - a, not -a + b
         return writer.replace(parent, f"{writer.text(parent.right)} - {writer.text(node)}", "sign")
     if isinstance(node, ast.BinOp):
         return writer.replace(node, f"-{writer.text(node)}", "sign")
@@ -288,7 +282,7 @@ def _numbers(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
         for text in ("(pi / 2)", "(2 * pi)", "0"):
             yield writer.replace(node, text, "number")
         parent = writer.parent(node)
-        if _is_operation(parent, ast.Div):
+        if is_operation(parent, ast.Div):
             yield writer.replace(parent, "pi", "number")
             yield writer.replace(parent, "0", "number")
 
@@ -303,7 +297,7 @@ def _other_numbers(writer: _Writer, node: ast.Constant, number: float) -> Iterat
         for i in range(_MOST_INDICES):
             yield writer.replace(node, str(i), "index")
         return
-    if _is_operation(parent, ast.Pow) and parent.right is node:
+    if is_operation(parent, ast.Pow) and parent.right is node:
         yield writer.replace(parent, writer.text(parent.left), "exponent")
         for i in (1, 2, 3, 4):
             yield writer.replace(node, str(i), "exponent")
@@ -334,10 +328,10 @@ def _sides(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
 def _terms(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
     """Yield edits that remove a term or factor, or add a square, a root or a term."""
     for node in _expressions(root):
-        if _is_operation(node, ast.Add, ast.Sub, ast.Mult, ast.Div, ast.MatMult):
+        if is_operation(node, ast.Add, ast.Sub, ast.Mult, ast.Div, ast.MatMult):
             yield from _without_operand(writer, node)
         end_of_base = _end_of_base(writer, node)
-        if end_of_base is not None and not _is_operation(writer.parent(node), ast.Pow):
+        if end_of_base is not None and not is_operation(writer.parent(node), ast.Pow):
             yield writer.inserted(end_of_base, "**2", "exponent")
         if _is_whole(writer, node):
             _, end = writer.source.span(node)
@@ -390,7 +384,7 @@ def _end_of_base(writer: _Writer, node: ast.expr) -> int | None:
         if has_slice:  # several entries have no square
             return None
         return end
-    if _is_operation(node, *_SUM):
+    if is_sum(node):
         enclosed = writer.source.text(start - 1, start) == "(" and writer.source.text(end, end + 1) == ")"
         if enclosed:
             return end + 1
@@ -414,31 +408,31 @@ def _roots(writer: _Writer, node: ast.expr) -> Iterator[Edit]:
 
 
 def _has_square(node: ast.AST) -> bool:
-    return any(_is_operation(part, ast.Pow) for part in ast.walk(node))
+    return any(is_operation(part, ast.Pow) for part in ast.walk(node))
 
 
 def _is_multiplied(writer: _Writer, node: ast.AST) -> bool:
     """Return whether a node is what a matrix is multiplied by."""
     parent = writer.parent(node)
-    return _is_operation(parent, ast.MatMult) and parent.right is node
+    return is_operation(parent, ast.MatMult) and parent.right is node
 
 
 def _is_inner_sum(writer: _Writer, node: ast.AST) -> bool:
     """Return whether a node is a sum in parentheses inside a sum or product."""
     parent = writer.parent(node)
-    if not (_is_operation(node, *_SUM) and isinstance(parent, ast.BinOp)):
+    if not (is_sum(node) and isinstance(parent, ast.BinOp)):
         return False
-    return not (_is_operation(parent, *_SUM, ast.Pow) and parent.left is node)
+    return not (is_operation(parent, *_SUM, ast.Pow) and parent.left is node)
 
 
 def _factors(writer: _Writer, root: ast.AST) -> Iterator[Edit]:
     """Yield edits that add a factor to a term of a sum, or to a whole expression without a sum."""
     names = sorted(writer.pool.names | set(writer.pool.aliases))
     for node in _expressions(root):
-        if not (_is_operation(writer.parent(node), *_SUM) or _is_whole(writer, node)):
+        if not (is_operation(writer.parent(node), *_SUM) or _is_whole(writer, node)):
             continue
         # a factor before a sum would belong to its first term, which is a node of its own
-        if isinstance(node, ast.Tuple | ast.UnaryOp) or _is_operation(node, *_SUM):
+        if isinstance(node, ast.Tuple | ast.UnaryOp) or is_sum(node):
             continue
         start, _ = writer.source.span(node)
         for name in names:

@@ -30,7 +30,7 @@ from twin.validation.explain.operand_pairs import Evaluated, form, operand_pairs
 from twin.validation.explain.plain_values import copied
 from twin.validation.explain.rebuilt_functions import unguarded
 from twin.validation.explain.row_deviations import Judge
-from twin.validation.explain.tokens import names_in
+from twin.validation.explain.tokens import is_sum, names_in
 
 _MOST_PAIRS = 100_000
 """Maximum number of pairs in one evaluation."""
@@ -264,7 +264,7 @@ class StatementPairs:
                     yield site.insertion(end, f" + {text}")
                     yield site.insertion(end, f" - {text}")
             # a factor before a sum would belong to its first term, which is a node of its own
-            if (is_whole or _is_sum(parent)) and not _is_sum(node):
+            if (is_whole or is_sum(parent)) and not is_sum(node):
                 for text in scalars:
                     yield site.insertion(start, f"{text} * ")
 
@@ -549,10 +549,6 @@ def _edits_of_other_kinds(pair: tuple[Edit, Edit]) -> int:
     return (first.kind not in TOKENS) + (second.kind not in TOKENS)
 
 
-def _is_sum(node: ast.AST | None) -> bool:
-    return isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub)
-
-
 def _is_result(node: ast.AST | None) -> bool:
     """Return whether a statement assigns or returns a value."""
     return isinstance(node, ast.Assign | ast.Return)
@@ -562,9 +558,9 @@ def inner_terms(site: Site) -> Iterator[Edit]:
     """Yield edits that add a name or its square to a sum inside another expression of a statement."""
     names = sorted(site.pool.names & site.pool.arguments)
     for node, parent in site.parents.items():
-        if not _is_sum(node):
+        if not is_sum(node):
             continue
-        if not isinstance(parent, ast.BinOp) or _is_sum(parent):
+        if not isinstance(parent, ast.BinOp) or is_sum(parent):
             continue
         _, end = site.source.span(node)
         for name in names:

@@ -20,6 +20,7 @@ from twin.validation.explain.function_source import Edit
 from twin.validation.explain.inverse_operations import inverse
 from twin.validation.explain.required_values import in_square, is_square, scalar_atoms, written
 from twin.validation.explain.term_texts import Atom, Products, at_poses, factors, in_product, terms
+from twin.validation.explain.tokens import is_operation, is_sum
 
 _MOST_WRITTEN = 12
 """Maximum number of edits that give one part its required values by a short formula."""
@@ -214,14 +215,14 @@ def _inner_parts(
 def _takes_term(expression: Expression, part: ast.expr) -> bool:
     """Return whether a term can be put after a part; the terms of a sum are put after the sum."""
     parent = expression.site.parents.get(part)
-    if isinstance(part, ast.BinOp) and isinstance(part.op, ast.Add | ast.Sub):
-        return not (isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Add | ast.Sub))
+    if is_sum(part):
+        return not is_sum(parent)
     return not isinstance(parent, ast.BinOp | ast.UnaryOp)
 
 
 def _takes_factor(expression: Expression, part: ast.expr) -> bool:
     """Return whether a factor can be put before a part."""
     parent = expression.site.parents.get(part)
-    if isinstance(part, ast.UnaryOp) or (isinstance(part, ast.BinOp) and isinstance(part.op, ast.Add | ast.Sub)):
+    if isinstance(part, ast.UnaryOp) or is_sum(part):
         return False
-    return not (isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Mult | ast.Div | ast.Pow))
+    return not is_operation(parent, ast.Mult, ast.Div, ast.Pow)

@@ -7,7 +7,7 @@ import contextlib
 import io
 import tokenize
 from collections.abc import Iterator, Sequence
-from typing import AnyStr, NamedTuple
+from typing import AnyStr, NamedTuple, TypeGuard
 
 _LONGEST_MOVE = 48
 """Maximum number of tokens by which a parenthesis is moved."""
@@ -43,6 +43,16 @@ def span(node: ast.AST, starts: list[int]) -> tuple[int, int]:
     start = starts[node.lineno - 1] + node.col_offset  # type: ignore[attr-defined]
     end = starts[node.end_lineno - 1] + node.end_col_offset  # type: ignore[attr-defined]
     return start, end
+
+
+def is_operation(node: ast.AST | None, *operators: type[ast.operator]) -> TypeGuard[ast.BinOp]:
+    """Return whether a node is an operation of two operands with one of some operators."""
+    return isinstance(node, ast.BinOp) and isinstance(node.op, operators)
+
+
+def is_sum(node: ast.AST | None) -> TypeGuard[ast.BinOp]:
+    """Return whether a node is a sum or a difference."""
+    return is_operation(node, ast.Add, ast.Sub)
 
 
 def parents_of(root: ast.AST) -> dict[ast.AST, ast.AST]:
