@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from pxr import Gf, Sdf, Usd, UsdGeom
 
 import twin
+from twin.api.clip_protocols import protocols_of_clips
 from twin.api.scene_export import export_scene
 from twin.exchange.audit.reference_export.difference import Difference, differences
 from twin.exchange.audit.reference_export.folders import READERS, compare_with_reference
@@ -354,6 +355,19 @@ def test_every_seed_is_named_without_the_robot(hibou, tmp_path):
     findings = of_fields(twin.audit(folder))
     for file, (_, _, place) in SEEDS.items():
         assert [text for text in findings if text.startswith(file) and place in text], (file, findings)
+
+
+@pytest.mark.parametrize(
+    ("clips", "expected"),
+    [
+        (["table2", "r_table2", "r_ar"], ["table2"]),
+        (["table2", "low", "r_sim"], ["low", "table2"]),
+        (["table2", "own"], None),
+        ([], []),
+    ],
+)
+def test_the_protocols_of_clips(clips, expected):
+    assert protocols_of_clips(clips, ["low", "table2"], "r") == expected
 
 
 @pytest.mark.slow

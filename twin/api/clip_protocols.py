@@ -5,17 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 
-def protocols_of_clips(clips: Iterable[str], protocols: Sequence[str]) -> list[str] | None:
+def protocols_of_clips(clips: Iterable[str], protocols: Sequence[str], robot: str) -> list[str] | None:
     """Return the names of the protocols that clips play, in the order of `protocols`; None if a clip plays none.
 
-    The clip of the first file for AR, <robot>_ar, says nothing of its protocol, which another file also plays.
+    A clip with the name of a file, <robot>_<…>, is passed over if it plays none: that of the first file for AR, <robot>_ar,
+    whose protocol another file also plays, or a stage that should be at rest.
     """
     played = set()
     for clip in clips:
         protocol = protocol_of_clip(clip, protocols)
         if protocol is not None:
             played.add(protocol)
-        elif not clip.endswith("_ar"):
+        elif not clip.startswith(f"{robot}_"):
             return None
     return [name for name in protocols if name in played]
 

@@ -72,7 +72,7 @@ class ReferenceExport:
             return None
         if hashes and statement.rests and not _one_rests_at(home_poses(robot.mechanism), statement.rests):
             return None
-        protocols: Sequence[str] | None = protocols_of_clips(statement.key_counts, own_protocols)
+        protocols: Sequence[str] | None = protocols_of_clips(statement.key_counts, own_protocols, robot.name)
         if protocols is None:
             return None
         quick_look_count = len(list(self.path.glob(_QUICK_LOOKS)))
