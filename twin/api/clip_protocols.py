@@ -8,8 +8,8 @@ from collections.abc import Iterable, Sequence
 def protocols_of_clips(clips: Iterable[str], protocols: Sequence[str], robot: str) -> list[str] | None:
     """Return the names of the protocols that clips play, in the order of `protocols`; None if a clip plays none.
 
-    A clip with the name of a file, <robot>_<…>, is passed over if it plays none: that of the first file for AR, <robot>_ar
-    (another file plays its protocol too), or that of a stage which should be at rest.
+    A clip that has the name of its file, <robot>_<name>, is passed over if it plays none: that of the first file for AR
+    (<robot>_ar; another file plays its protocol too), or that of a stage which should be at rest.
     """
     played = set()
     for clip in clips:
