@@ -25,9 +25,9 @@ from twin.exchange.audit.motion_lines import motion_lines
 from twin.exchange.audit.poses import about, pose
 from twin.exchange.audit.report import Ledger, ReadError
 from twin.exchange.audit.scene_folder import audit_scene
+from twin.exchange.formats.mjcf.audit import read_mujoco
 from twin.exchange.formats.mjcf.audit.claims import counts_from_home
 from twin.exchange.formats.mjcf.audit.model_checks import check_model
-from twin.exchange.formats.mjcf.audit.mujoco_file import read_mujoco
 from twin.exchange.formats.tracks.audit import read_csv
 from twin.exchange.formats.unity.audit import check_package
 from twin.exchange.formats.unity.audit.kinematics import ROBOTS, read_classes

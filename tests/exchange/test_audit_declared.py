@@ -22,7 +22,7 @@ from twin.exchange.audit.parameter_claims import PARAMETERS, compare_assumed, co
 from twin.exchange.audit.reader_context import Context
 from twin.exchange.audit.readme_numbers import check_numbers
 from twin.exchange.audit.report import Ledger
-from twin.exchange.formats.mjcf.audit.mujoco_file import read_mujoco
+from twin.exchange.formats.mjcf.audit import read_mujoco
 from twin.exchange.formats.unity.audit import check_package
 from twin.exchange.formats.unity.audit import read as read_unity
 from twin.exchange.formats.unity.audit.shipped_files import PACKAGE

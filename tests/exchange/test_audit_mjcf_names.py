@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from twin.exchange.audit.report import Ledger
+from twin.exchange.formats.mjcf.audit import read_mujoco
 from twin.exchange.formats.mjcf.audit.model_checks import check_model
-from twin.exchange.formats.mjcf.audit.mujoco_file import read_mujoco
 
 GEOM = '<geom type="mesh" mesh="tip" contype="1" conaffinity="1"/>'
 

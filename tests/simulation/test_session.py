@@ -30,7 +30,7 @@ from twin.simulation.devices.surgeon_hands import Eye, Habits, Seat
 from twin.simulation.session import session_file, session_run
 from twin.simulation.session.session_file import CHUNK, SessionWriter, read_session
 from twin.simulation.setup import Setup
-from twin.simulation.tasks.target.surgeon import ScriptedSurgeon
+from twin.simulation.tasks.target.play import ScriptedSurgeon
 from twin.simulation.world import Signals
 from twin.ui.headset.console_stream import ConsoleStream
 from twin.ui.session.exercise import Exercise

@@ -14,7 +14,7 @@ from twin.simulation import console_scene
 from twin.simulation.controllers.tool_grip import HALF, GripToTool
 from twin.simulation.devices.received_hands import HandState
 from twin.simulation.setup import Setup
-from twin.simulation.tasks.procedure.procedure_guide import ProcedureGuide
+from twin.simulation.tasks.procedure.play import ProcedureGuide
 from twin.simulation.world import Block, World
 from twin.ui.session.exercise import Exercise
 from twin.ui.session.live_console import LiveConsole

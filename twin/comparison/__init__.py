@@ -26,7 +26,6 @@ The two sides and how they are mapped onto each other:
     mimic             a linkage with loops against linear couplings that replace its loops
     hinge_matching    which hinge of the linkage is which of the other side
     linkage_motion    the linkage with closed loops along the stroke of its driver
-    mimic_statements  base frame, tool frame and limits of both
     tool_path         which joints lie between base and tool, and which beside
     poses             rows of joint values and tool poses against a robot
     row_columns       which column of rows is which joint
@@ -58,8 +57,7 @@ Which number to edit:
 
     openings, loop_gaps       by how much loops are open where they are drawn, as differences
     line_pair         one comparison of two sides by their joint lines
-    pose_pair         one comparison of a side with poses: measured ones, or those of equations
-    pair              the choice between the two
+    pair              one comparison of two sides: by joint lines or, where one has only poses, by poses
     side_pair         what such a comparison has found
     comparison_result verdict, findings, text and data of all pairs
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from twin.comparison.common_posture import in_common_posture
 from twin.comparison.differing_places import differing_places, place_items
 from twin.comparison.edits import with_edits
 from twin.comparison.fit_problem import ANGLE_PER_LENGTH, FitProblem
-from twin.comparison.items import ComparedItem, items
+from twin.comparison.items import ComparedItem, items, moved_frame, placed_by
 from twin.comparison.joined import joined
 from twin.comparison.largest_difference import largest_difference
 from twin.comparison.line_gaps import FitSolution
@@ -17,15 +19,15 @@ from twin.comparison.loop_edits import loop_edits
 from twin.comparison.loop_gaps import differing_gaps, open_loops
 from twin.comparison.matching import Matching, match
 from twin.comparison.mimic import MimicError, mimic_error
-from twin.comparison.mimic_statements import mimic_conventions, mimic_properties
-from twin.comparison.properties import compare
+from twin.comparison.properties import KINDS, Properties, PropertyRow, compare, is_same_limit
 from twin.comparison.property_edits import with_property_edits
 from twin.comparison.recut import recut
 from twin.comparison.rereading import remembering
 from twin.comparison.search import conventions, deviations
-from twin.comparison.side import RobotSide
+from twin.comparison.side import UNLIMITED, RobotSide
 from twin.comparison.side_pair import Kinematics, SidePair
 from twin.core.errors import TwinError
+from twin.core.quantity import moved
 
 _TIES = 4
 """Maximum number of other explanations that are told."""
@@ -132,3 +134,48 @@ def _of_solutions(
         problem=problem,
         solution=best,
     )
+
+
+_Limits = tuple[float, float] | None
+"""Range of a joint in m or rad; None if a side states nothing, as in `side.Axis`."""
+
+
+def mimic_conventions(mimic: MimicError, tolerance: float) -> tuple[ComparedItem, ...]:
+    """Return the frames that differ by more than a distance in m, or its angle."""
+    text = f"the base frame of {mimic.linkage} is moved by {placed_by(mimic.base)} in that of {mimic.coupled}"
+    candidates = [moved_frame("base frame", text, mimic.base)]
+    if mimic.tool is not None:
+        text = f"the tool frame of {mimic.coupled} is moved by {placed_by(mimic.tool)} in that of {mimic.linkage}"
+        candidates.append(moved_frame("tool frame", text, mimic.tool))
+    items = []
+    for item in candidates:
+        if item.shift > tolerance or item.turn > ANGLE_PER_LENGTH * tolerance:
+            items.append(item)
+    return tuple(items)
+
+
+def mimic_properties(mimic: MimicError, linkage_first: bool) -> Properties:
+    """Return the comparison of the limits of the driven joint, the only property that is compared."""
+    first, second = mimic.limits
+    if not linkage_first:
+        first, second = second, first
+    compared = dict.fromkeys(KINDS, 0)
+    texts = (_interval(first), _interval(second))
+    if first is None or second is None:
+        # a file that states no limits, and one that states that there are none, say the same
+        if (first or UNLIMITED) == (second or UNLIMITED):
+            return Properties((), compared)
+        return Properties((PropertyRow("limits", mimic.leader, *texts, False),), compared)
+    compared["limits"] = 1
+    if is_same_limit(first[0], second[0]) and is_same_limit(first[1], second[1]):
+        return Properties((), compared)
+    return Properties((PropertyRow("limits", mimic.leader, *texts, True),), compared)
+
+
+def _interval(limits: _Limits) -> str:
+    """Return the range of a hinge as text."""
+    if limits is None:
+        return "-"
+    if not np.isfinite(limits).any():
+        return "no limits"
+    return f"{moved(limits[0], True)} .. {moved(limits[1], True)}"

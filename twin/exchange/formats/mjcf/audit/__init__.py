@@ -1,7 +1,8 @@
-"""Audit an MJCF file: MuJoCo reads it, its content is compared with other files, and what it says is checked.
+"""Audit an MJCF file: its content is compared with other files, and what it says is checked.
 
-mujoco_file     read the file: specification and compiled model
-shapes, surface_colors, mechanism, declared_fields    what the file contains, in the form of all formats
+MuJoCo reads the file, as a specification that can be searched, and as a compiled model.
+
+shapes, mechanism, declared_fields    what the file contains, in the form of all formats
 track_poses     the poses of its bodies along a track
 model_checks, claims    faults that one file shows by itself
 """
@@ -9,23 +10,25 @@ model_checks, claims    faults that one file shows by itself
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import mujoco
 
 from twin.core.foreign.admit import admit
 from twin.exchange.audit import poses
 from twin.exchange.audit.comment_statements import assumed_masses, partly_shown
-from twin.exchange.audit.file_content import Content, FileClip
+from twin.exchange.audit.file_content import Content, FileClip, LinkShape
 from twin.exchange.audit.poses import Array
 from twin.exchange.audit.reader_context import Context, played
-from twin.exchange.audit.report import Ledger
+from twin.exchange.audit.report import Ledger, ReadError
+from twin.exchange.audit.xml_root import parse_xml
 from twin.exchange.formats.mjcf.audit.claims import check_claims, counts_from_home, home_coordinates
 from twin.exchange.formats.mjcf.audit.declared_fields import further_declarations
 from twin.exchange.formats.mjcf.audit.mechanism import compiled_mechanism
 from twin.exchange.formats.mjcf.audit.model_checks import balance_at_keyframe, check_limits, check_model
-from twin.exchange.formats.mjcf.audit.mujoco_file import MujocoFile, read_mujoco
-from twin.exchange.formats.mjcf.audit.shapes import surface_colors
+from twin.exchange.formats.mjcf.audit.shapes import link_shapes, surface_colors
 from twin.exchange.formats.mjcf.audit.track_poses import play_track
 
 
@@ -131,3 +134,57 @@ def _partly_read(model: mujoco.MjModel) -> frozenset[str]:
         if not collides or not has_only_meshes:
             names.add(model.body(body).name)
     return frozenset(names)
+
+
+@dataclass(frozen=True)
+class MujocoFile:
+    """An MJCF file that MuJoCo accepts.
+
+    Attributes:
+        path: the file.
+        spec: what the file declares, after default classes.
+        model: what MuJoCo compiles of it, without contacts.
+        bodies: {name of a link: MuJoCo's number of its body}; the world is among them if it is the robot's base.
+        shapes: {body: shape of its meshes in the body's frame}.
+    """
+
+    path: Path
+    spec: mujoco.MjSpec
+    model: mujoco.MjModel
+    bodies: dict[str, int]
+    shapes: dict[str, LinkShape]
+
+
+def read_mujoco(path: Path, ledger: Ledger) -> MujocoFile:
+    """Return an MJCF file as MuJoCo reads it; `ledger` gets the faults of its mesh files.
+
+    Raises:
+        ReadError: the file is no MJCF, or MuJoCo rejects it.
+    """
+    root = parse_xml(path)
+    if root.tag != "mujoco":
+        raise ReadError(f"the root element is <{root.tag}>, expected <mujoco>")
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+        shapes = link_shapes(spec, path, ledger)
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except (ValueError, mujoco.FatalError) as error:
+        raise ReadError(f"MuJoCo rejects the file: {str(error).strip()[:200]}") from error
+    # The audit puts links where a track has them, also where they touch: contacts would only take time.
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    return MujocoFile(path, spec, model, _links(model, root), shapes)
+
+
+def _links(model: mujoco.MjModel, root: ET.Element) -> dict[str, int]:
+    """Return {name: number} of the bodies that are links of the robot."""
+    first = 0 if _is_world_the_base(root) else 1
+    links: dict[str, int] = {}
+    for i in range(first, model.nbody):
+        if model.body(i).name:
+            links[model.body(i).name] = i
+    return links
+
+
+def _is_world_the_base(root: ET.Element) -> bool:
+    """Return whether the world is the base of the robot: a joint connects a top-level body to the world."""
+    return any(world.find("body/joint") is not None for world in root.iter("worldbody"))
