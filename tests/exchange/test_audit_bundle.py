@@ -15,7 +15,6 @@ import twin.exchange.audit
 from made import bundle as base
 from twin.core.version import __version__
 from twin.exchange.audit import audit
-from twin.exchange.audit.bundle_claims import check_proof_clips
 from twin.exchange.audit.file_comparison import Reference, _check_missing, _check_silent
 from twin.exchange.audit.file_content import Content, FileClip
 from twin.exchange.audit.poses import about, pose
@@ -24,6 +23,7 @@ from twin.exchange.audit.proof_statements import check_statements
 from twin.exchange.audit.repeated_checks import _EXPORT_CODES, _repeats
 from twin.exchange.audit.report import Ledger
 from twin.exchange.audit.sampled_states import CLIP
+from twin.exchange.audit.track_claims import check_proof_clips
 from twin.exchange.formats.tracks.audit.rcm import check_rcm
 
 
@@ -646,13 +646,3 @@ def test_a_warning_on_a_file_excuses_no_other_file(proven):
         check_statements(check_proof(file, ledger), folder, contents, checks, ledger)
         told[place] = any("none of its findings does" in finding.message for finding in ledger.found)
     assert told == {"bars.glb2: link 'crank'": True, "bars.glb: link 'crank'": False, "bars.glb": False}
-
-
-@pytest.mark.parametrize("end", ["\n\nWhat has not been tested\n", "\n", ""])
-def test_findings_at_the_end_of_a_readme_are_compared(end, proven, tmp_path):
-    _, contents, checks = proven
-    (tmp_path / "README.txt").write_text(f"Findings of the export\n{'-' * 22}\n- the mass of crank is unknown{end}")
-    base.write_proof(tmp_path)
-    ledger = Ledger("proof.json")
-    check_statements(check_proof(tmp_path / "proof.json", ledger), tmp_path, contents, checks, ledger)
-    assert any("README.txt has the finding 'the mass of crank is unknown'" in f.message for f in ledger.found)

@@ -13,9 +13,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdPhysics, UsdShade
 
 from made import bundle as base
 from twin.core.findings import Finding
-from twin.core.version import __version__
 from twin.exchange.audit import audit
-from twin.exchange.audit.bundle_claims import check_claims, check_readme
 from twin.exchange.audit.file_comparison import Reference, compare_clips
 from twin.exchange.audit.file_content import Content, FileClip
 from twin.exchange.audit.file_joints import FileJoint
@@ -25,6 +23,7 @@ from twin.exchange.audit.motion_lines import motion_lines
 from twin.exchange.audit.poses import about, pose
 from twin.exchange.audit.report import Ledger, ReadError
 from twin.exchange.audit.scene_folder import audit_scene
+from twin.exchange.audit.track_claims import check_claims
 from twin.exchange.formats.mjcf.audit import read_mujoco
 from twin.exchange.formats.mjcf.audit.claims import counts_from_home
 from twin.exchange.formats.mjcf.audit.model_checks import check_model
@@ -238,7 +237,6 @@ def audited_scene(
     protocol: str = "swing",
     x: float = 0.5,
     R: np.ndarray | None = None,
-    unit: str = "m",
     filtered: int = 2,
     hand_x: float = 0.0,
 ) -> list[Finding]:
@@ -248,11 +246,6 @@ def audited_scene(
     base_pose = pose(R, [x, 0, 0]).tolist()
     robot = {"name": "arm", "folder": "arm", "protocol": protocol, "T_world_base": base_pose}
     (folder / "scene.json").write_text(json.dumps({"robots": [robot]}))
-    lines = (
-        "A scene\n\nOne folder for each robot, with its own README.txt and proof.json:\n  arm.\n"
-        f"Each file contains one robot with its motion, in its base frame, z up, in {unit}.\n"
-    )
-    (folder / "README.txt").write_text(lines)
     stage = Usd.Stage.CreateNew(str(folder / "usd/scene.usda"))
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.z)
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
@@ -285,7 +278,6 @@ def audited_scene(
         ({}, set()),
         ({"protocol": "circle"}, {"scene.protocol", "scene.link"}),
         ({"x": 0.51}, {"scene.base", "scene.link"}),
-        ({"unit": "mm"}, {"scene.readme"}),
         ({"filtered": 1}, {"scene.filter"}),
     ],
 )
@@ -329,7 +321,7 @@ def test_a_robot_that_is_named_as_the_group_of_objects_is_refused(tmp_path):
     assert "a robot is named 'objects'" in ledger.found[0].message
 
 
-# --------------------------------------------------------------------------------- tables, names of files, README.txt
+# --------------------------------------------------------------------------------------------- tables, names of files
 
 
 @pytest.mark.parametrize(
@@ -370,28 +362,6 @@ def test_tracks_with_the_names_of_each_other_are_told(protocols, wrong):
     for track in tracks:
         told += [finding.where for finding in track.ledger.found if finding.code == "claims.protocol"]
     assert told == [f"{file}: protocol" for file in wrong]
-
-
-@pytest.mark.parametrize(
-    ("motion", "finding"), [("far", "the cones of port"), ("near", "the cones of port"), ("far", "")]
-)
-def test_a_readme_is_compared_with_the_names_and_comments_of_its_files(motion, finding, tmp_path):
-    """The trocars of a file are those of the motion in its name; a finding in a comment is in the README too."""
-    (tmp_path / "arm_far.xml").write_text("<mujoco><!-- arm.xml: the format cannot hold the cones of port --></mujoco>")
-    (tmp_path / "arm.xml").write_text("<mujoco/>")
-    findings = f"- arm.xml: the format cannot hold {finding}\n" if finding else "- none\n"
-    text = (
-        f"arm: an arm\n===========\n\nWritten by twin {__version__} from: a test\n\nWhat is where\n-------------\n"
-        f"arm_far.xml  the same with the trocars of {motion}\n\nFindings of the export\n"
-        f"----------------------\n{findings}"
-    )
-    (tmp_path / "README.txt").write_text(text)
-    ledger = Ledger("README.txt")
-    check_readme([Content(Ledger("arm_far.xml"), "mjcf")], ["arm_far.xml"], tmp_path / "README.txt", ledger)
-    told = [f.message for f in ledger.found if "the trocars of" in f.message]
-    assert len(told) == (motion != "far")
-    lacking = [f.message for f in ledger.found if "lacks a finding" in f.message]
-    assert len(lacking) == (not finding)
 
 
 # --------------------------------------------------------------------------------------- controls, couplings, sublayers

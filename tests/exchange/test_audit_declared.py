@@ -16,11 +16,8 @@ from made.bundle import grave, write_good
 from twin.core.provenance import Parameter
 from twin.exchange.audit import audit
 from twin.exchange.audit.file_content import Content
-from twin.exchange.audit.file_drives import FileMotor
-from twin.exchange.audit.mechanism_data import FileMechanism
-from twin.exchange.audit.parameter_claims import PARAMETERS, compare_assumed, compare_parameters
+from twin.exchange.audit.parameter_claims import PARAMETERS, compare_parameters
 from twin.exchange.audit.reader_context import Context
-from twin.exchange.audit.readme_numbers import check_numbers
 from twin.exchange.audit.report import Ledger
 from twin.exchange.formats.mjcf.audit import read_mujoco
 from twin.exchange.formats.unity.audit import check_package
@@ -320,8 +317,9 @@ def told(content: Content) -> list[str]:
 )
 def test_parameters_of_a_stage_are_those_that_other_files_and_the_robot_assume(change, field):
     stage = Content(Ledger("arm.usda"), "usda", stated={"robot": "arm"}, extra={PARAMETERS: {"reach": LENGTH | change}})
-    compare_assumed(["reach = 330 mm: not printed: see the table", "speed = 2 m/s: unhurried"], "README.txt", [stage])
-    compare_parameters([stage], "arm", [Parameter("reach", 0.33, "mm", 330.0, "ASSUMED", "not printed")])
+    assumed = ["reach = 330 mm: not printed: see the table", "speed = 2 m/s: unhurried"]
+    track = Content(Ledger("swing.json"), "tracks", extra={"data": {"assumed": assumed}})
+    compare_parameters([stage, track], "arm", [Parameter("reach", 0.33, "mm", 330.0, "ASSUMED", "not printed")])
     compare_parameters([stage], "leg", [Parameter("reach", 0.9, "mm", 900.0, "CITED", "another robot")])
     assert len(told(stage)) == (2 if field else 0)
     assert all(field in message for message in told(stage))
@@ -342,27 +340,3 @@ def test_a_package_beside_the_tracks_of_a_robot_has_its_class_or_a_reason(tmp_pa
     assert not lacks_class(Context())
     (tmp_path / "README.txt").write_text("arm: an arm")
     assert not lacks_class(Context(tracks=[track]))
-
-
-MOTION = (
-    "- {}: A motion; 9 s, 9 keys at 9 Hz. It is at most {} um off at any point and 0.02 degrees; joints open by at "
-    "most 6 um (budget: {} um, 0.05 degrees, 100 um)."
-)
-CABLES = "- arm.urdf: URDF cannot hold the matrix of transmission cables (q1 = {} m1; q2 = -0.5 m1 + 2 m2), only names"
-
-
-@pytest.mark.parametrize(
-    ("lines", "codes"),
-    [
-        ([MOTION.format("a", 67.9, 100), MOTION.format("b", 84.9, 100), CABLES.format(0.25)], []),
-        ([MOTION.format("a", 67.9, 50)], ["readme.budget"]),
-        ([MOTION.format("a", 67.9, 100), MOTION.format("b", 84.9, 200)], ["readme.budget"]),
-        ([CABLES.format(0.26)], ["readme.transmission"]),
-    ],
-)
-def test_numbers_in_the_sentences_of_a_readme_are_compared(lines, codes):
-    motors = {"m1": FileMotor({"q1": 4.0}), "m2": FileMotor({"q1": 1.0, "q2": 0.5})}
-    stage = Content(Ledger("arm.usda"), "usda", mechanism=FileMechanism(motors=motors, all_motors=True))
-    ledger = Ledger("README.txt")
-    check_numbers("\n".join(lines), [stage], ledger)
-    assert [f.code for f in ledger.found] == codes

@@ -28,7 +28,6 @@ def unity(**more: object) -> str:
     [
         ({"proof.json": proof("a\0b")}, "file.malformed"),
         ({"proof.json": proof(LONG)}, "file.unreadable"),
-        ({"proof.json": proof(), "README.txt": f"What is where\n-------------\n{LONG}  a file\n"}, "file.unreadable"),
         ({"u/package.json": unity(samples=None)}, "file.malformed"),
         ({"u/package.json": unity(samples=[{"path": LONG}])}, "file.unreadable"),
         ({"u/package.json": unity(), "u/a.asmdef": '{"name": "a", "references": 5}'}, "file.malformed"),

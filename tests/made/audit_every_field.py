@@ -503,14 +503,6 @@ def _other_number(found: str) -> str:
     return found[:i] + str((int(found[i]) + 1) % 10) + found[i + 1 :]
 
 
-README = {
-    "number": r"(?<![\w.])-?\d+(\.\d+)?(?![\w.]*\w)",
-    "line": r"\n- [^\n]+",
-    "name": r"\b[a-z][a-z0-9]*_[a-z0-9_]+\b",
-    "file": r"\b\w+\.(json|usda|glb|urdf|xml|usdz)\b",
-    "unit": r"\b(um|mm|degrees|Hz|kg/m3|s)\b",
-}
-
 SCRIPT = {
     "number": r"(?<![\w.])\d+\.\d+(e-?\d+)?|(?<=[ \[(])\d+(?=[\]),; ])",
     "sign": r"(?<=[ (])-(?=[\w(])",
@@ -522,11 +514,6 @@ SCRIPT = {
     "statement": r"\n +\w[^\n{}]*;",
     "comment": r"//[^\n]*",
 }
-
-
-def readme_changes(folder: Path, rng: random.Random, per: int) -> list[Change]:
-    text = (folder / "README.txt").read_text("utf-8")
-    return list(_text_changes("readme", "README.txt", text, rng, README, 4 * per, "README|."))
 
 
 def unity_changes(folder: Path, rng: random.Random, per: int) -> list[Change]:
@@ -573,9 +560,9 @@ def file_changes(folder: Path, rng: random.Random, per: int) -> list[Change]:
     changes = []
     for path in sorted(p for p in folder.rglob("*") if p.is_file()):
         file = path.relative_to(folder).as_posix()
-        if file.startswith(("unity/", "meshes/")) or file == "proof.json" or path.suffix in (".xml", ".urdf", ".yaml"):
+        if file.startswith(("unity/", "meshes/")) or path.suffix in (".xml", ".urdf", ".yaml"):
             continue
-        if path.suffix.startswith(".usd"):
+        if path.suffix.startswith(".usd") or file in ("proof.json", "README.txt"):
             continue
         said = f"{re.escape(path.stem)}|{re.escape(path.name)}"
         changes.append(Change("files", path.suffix, "removed", file, _removed(file), said))
@@ -596,7 +583,6 @@ PARTS: dict[str, Callable[[Path, random.Random, int], list[Change]]] = {
     "glb": glb_changes,
     "tracks": track_changes,
     "csv": csv_changes,
-    "readme": readme_changes,
     "unity": unity_changes,
     "proof": proof_changes,
     "schema": schema_changes,
@@ -613,7 +599,6 @@ HARMLESS: tuple[tuple[str, str, str], ...] = (
     (r"glb", r"animations\.\[\]\.extras: gone", "other programs save no extras; the tracks state the same"),
     (r"glb", r"mesh NORMAL: (a number moved|two rows exchanged|a row repeated)", "a shade of one point differs"),
     (r"glb", r"nodes\.\[\]\.extras\.joints: reversed", "the names of a link's joints have no order"),
-    (r"files", r"\.txt: removed", "an export without README.txt has the same robot"),
     (
         r"proof",
         r"(inputs|files|checks|findings|clips): (two entries exchanged|reversed)",

@@ -70,9 +70,9 @@ def table(name: str, says: str) -> Callable[[Callable[[list[str], int], list[str
     return add
 
 
-def package(name: str, says: str, part: str = "unity") -> Callable[[Callable[[Path], bool | None]], None]:
+def package(name: str, says: str) -> Callable[[Callable[[Path], bool | None]], None]:
     def add(edit: Callable[[Path], bool | None]) -> None:
-        FRESH.append((part, name, edit, "unity" if part == "unity" else "README.txt", says))
+        FRESH.append(("unity", name, edit, "unity", says))
 
     return add
 
@@ -507,7 +507,7 @@ def _(lines, first):
     return [*head, lines[first], *rows]
 
 
-# ----------------------------------------------------------------------------------------------------- Unity, README
+# ------------------------------------------------------------------------------------------------------------ Unity
 
 
 def class_file(folder: Path) -> Path:
@@ -635,23 +635,6 @@ def _(folder):
     data = json.loads(path.read_text("utf-8"))
     data["point_gltfast"], data["point_urdf"] = data["point_urdf"], data["point_gltfast"]
     written(path, json.dumps(data))
-
-
-@package("README of another robot", "README|robot|name", "readme")
-def _(folder):
-    path = folder / "README.txt"
-    text = path.read_text("utf-8")
-    name = text.split(":", 1)[0]
-    written(path, text.replace(f"{name}: ", "other: ", 1))
-
-
-@package("README: duration and keys of a motion", "duration|keys|motion", "readme")
-def _(folder):
-    path = folder / "README.txt"
-    text = path.read_text("utf-8")
-    new = re.sub(r"; ([\d.]+) s, (\d+) keys", lambda m: f"; {float(m[1]) + 1:.3f} s, {int(m[2]) + 10} keys", text)
-    written(path, new)
-    return new != text
 
 
 EXPORTS: list[Path] = []

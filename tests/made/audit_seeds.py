@@ -878,7 +878,7 @@ def track(change):
 
 
 def track_seed(kind: str, change, says: str) -> None:
-    SEEDS.append(Seed(f"tracks: {kind}", track(change), r"tracks/|README", says))
+    SEEDS.append(Seed(f"tracks: {kind}", track(change), "tracks/", says))
 
 
 def at(key: str, i: int, new):
@@ -1263,7 +1263,7 @@ for kind, change, says in (
     SEEDS.append(Seed(f"OBJ: {kind}", obj(change), r"\.urdf|\.xml", says))
 
 
-# ------------------------------------------------------------------------------------- README.txt and Unity
+# ------------------------------------------------------------------------------------------------------- Unity
 
 
 def text(file: str, pattern: str, new: str, count: int = 1, flags: re.RegexFlag = re.NOFLAG):
@@ -1283,27 +1283,6 @@ def text(file: str, pattern: str, new: str, count: int = 1, flags: re.RegexFlag 
 
     return edit
 
-
-for kind, pattern, new in (
-    ("millimetres", "- Metres, kilograms", "- Millimetres, kilograms"),
-    ("grams", "Metres, kilograms", "Metres, grams"),
-    ("y up", "own world is z up", "own world is y up"),
-    ("left-handed", "z up, right-handed", "z up, left-handed"),
-    ("turn of the root", "-90 degrees", "+90 degrees"),
-    ("order of quaternions", "Quaternions are x y z w", "Quaternions are w x y z"),
-    ("importer's quaternion", r"the quaternion \(x,\s+-y", "the quaternion (x, y"),
-    ("ROS", r"\(-y, z, x\)", "(y, z, x)"),
-    ("keys", r"(\d)(\d+) keys at", r"\g<1>9\g<2> keys at"),
-    ("duration", r"; (\d+)\.(\d+) s,", r"; \g<1>5.\g<2> s,"),
-    ("error between keys", r"at most\s+[\d.]+ um off", "at most 1.0 um off"),
-    ("opening of joints", r"open\s+by\s+at\s+most\s+[\d.]+", "open by at most 0.3"),
-    ("file that is not there", r"tracks/(\w+)\.json", r"tracks/\g<1>2.json"),
-    ("motion", r"\n- (\w+): (.*?) s,", r"\n- \g<1>x: \g<2> s,"),
-    ("assumption", r"\n- density (\w+) = (\d)", r"\n- density \g<1> = 9\g<2>"),
-    ("left-out part of another robot", r"(hold the \w+ \w+ of )\w+", r"\g<1>another"),
-    ("use left out", r"\n- Unity: add[\s\S]*?(?=\n- )", ""),
-):
-    SEEDS.append(Seed(f"README: {kind}", text("README.txt", pattern, new), "README", "."))
 
 FRAMES = "unity/Runtime/Frames.cs"
 for kind, pattern, new in (
@@ -1388,16 +1367,13 @@ def slim(folder: Path, name: str) -> None:
     proof.json is always deleted, because its hashes reveal every change, without the cause.
     """
     (folder / "proof.json").unlink(missing_ok=True)
-    if name.startswith("README"):
-        return
     if name.startswith(("Frames", "golden")):
         for path in folder.iterdir():
             if path.name != "unity":
                 shutil.rmtree(path) if path.is_dir() else path.unlink()
         return
     shutil.rmtree(folder / "unity", ignore_errors=True)
-    if name != "tracks: title":
-        (folder / "README.txt").unlink(missing_ok=True)
+    (folder / "README.txt").unlink(missing_ok=True)
     if not name.startswith("usdz"):
         for file in folder.glob("*.usdz"):
             file.unlink()

@@ -21,12 +21,12 @@ mechanism_comparison  joints, drives, masses, frames, surfaces, colours; mechani
 compared_quantities   rule and message of each quantity; value_differences: how far two values are apart
 file_statements       names, titles and rates that files state about themselves; parameter_claims: their parameters
 state_comparison      files without motion at sampled_states; chain_poses: of chains of joints
+track_claims          errors between keys, headers, assumed numbers and frames that tracks state
 joint_assignment      which joint of a file is which of the mechanism; joint_lines: how they lie to each other
 rest_poses            the poses of a file at rest with the joints of the mechanism
 pose_mistakes         a common mistake that explains a difference
 
 What lies beside the files:
-bundle_claims         statements in README.txt and files: errors between keys, assumed numbers; readme_numbers
 reference_export      every field with a new export of the robot
 proof_hashes          the hashes of proof.json; proof_statements: the rest, in proof_form, proof_origin, repeated_checks
 
@@ -51,7 +51,6 @@ import numpy as np
 from twin.core.foreign.admit import admit_together
 from twin.core.foreign.budget import check_size
 from twin.core.json_types import JsonMapping
-from twin.exchange.audit.bundle_claims import check_claims, check_proof_clips, check_readme
 from twin.exchange.audit.file_comparison import (
     Reference,
     compare_clips,
@@ -77,6 +76,7 @@ from twin.exchange.audit.report import MECHANISM, AuditReport, Check, Ledger, Re
 from twin.exchange.audit.rest_poses import compare_joints
 from twin.exchange.audit.sampled_states import CLIP, SampledStates
 from twin.exchange.audit.state_comparison import compare_states, same_names
+from twin.exchange.audit.track_claims import check_claims, check_proof_clips
 from twin.exchange.format import Format, Holds
 from twin.exchange.formats import audit_formats, is_leading_kind
 from twin.exchange.xacro import XacroSettings
@@ -220,19 +220,9 @@ def _audited(
         if expected is not None:
             _check_placed(contents, expected)
         _compare_statements(contents, mechanism)
-        _check_readmes(folder_files, contents, ledgers)
         proven_hash = _check_proofs(folder_files, contents, ledgers)
         compare_hashes(contents, proven_hash)
     return contents, ledgers
-
-
-def _check_readmes(folder_files: FolderFiles, contents: Sequence[Content], ledgers: list[Ledger]) -> None:
-    """Compare each README.txt with the files that were read; its ledger is added to `ledgers`."""
-    files_read = {ledger.file for ledger in ledgers}
-    for file in folder_files.readmes:
-        ledger = Ledger(folder_files.name(file), "twin.exchange.audit readme", "1")
-        ledgers.append(ledger)
-        guarded(partial(check_readme, contents, files_read), file, ledger)
 
 
 def _check_proofs(folder_files: FolderFiles, contents: Sequence[Content], ledgers: list[Ledger]) -> str:

@@ -28,14 +28,13 @@ class FolderFiles:
     Attributes:
         root: the audited folder, or the folder of the audited file.
         files: {name of a format: its files, or the folders that are audited as one}, in the order of reading.
-        proofs, readmes: the files proof.json and README.txt.
+        proofs: the files proof.json.
         unrecognised: (file, file of the same name that is read, title of their format): only the first is of no format.
     """
 
     root: Path
     files: dict[str, list[Path]] = field(default_factory=dict)
     proofs: list[Path] = field(default_factory=list)
-    readmes: list[Path] = field(default_factory=list)
     unrecognised: list[tuple[Path, Path, str]] = field(default_factory=list)
 
     @property
@@ -140,9 +139,6 @@ def _group_by_format(folder_files: FolderFiles, files: Sequence[Path], is_single
     by_format: dict[str, list[tuple[int, Path]]] = {}
     unmatched: list[Path] = []
     for file in files:
-        if file.name == "README.txt" and not is_single:
-            folder_files.readmes.append(file)
-            continue
         if file.name == "proof.json":
             folder_files.proofs.append(file)
             continue

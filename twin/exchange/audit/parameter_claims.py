@@ -48,7 +48,7 @@ def compare_parameters(contents: Sequence[Content], robot: str, parameters: Iter
             continue
         lines = content.extra.get("data", {}).get("assumed")
         if isinstance(lines, list):
-            compare_assumed(map(str, lines), content.file, stages)
+            _compare_assumed(map(str, lines), content.file, stages)
             break  # the lists of all tracks begin with the same numbers of the robot
     expected: dict[str, Mapping[str, Any]] = {}
     for parameter in parameters:
@@ -60,7 +60,7 @@ def compare_parameters(contents: Sequence[Content], robot: str, parameters: Iter
                     _compare(name, row, expected[name], MECHANISM, stage.ledger, _EXACT)
 
 
-def compare_assumed(lines: Iterable[str], source: str, stages: Iterable[Content]) -> None:
+def _compare_assumed(lines: Iterable[str], source: str, stages: Iterable[Content]) -> None:
     """Compare assumed numbers, "name = value unit: reason" in the file `source`, with the parameters of stages.
 
     Lines about numbers that a stage does not list, such as those of protocols, are not compared.

@@ -33,7 +33,7 @@ _CLIP_NUMBERS = ("rate", "keys", "duration_s", "between_position_m", "between_ro
 """Entries that each clip has, with numbers."""
 
 
-def check_origin(proof: JsonMapping, folder: Path, contents: Sequence[Content], ledger: Ledger) -> None:
+def check_origin(proof: JsonMapping, contents: Sequence[Content], ledger: Ledger) -> None:
     """Compare the robot, the hash of its model and the version of twin with those that the files state."""
     robot = proof["robot"]
     names: dict[str, str] = {}
@@ -58,20 +58,8 @@ def check_origin(proof: JsonMapping, folder: Path, contents: Sequence[Content], 
         text = f"proof.json is of the model {stated[:23]}…, {file} of {real[:23]}…."
         ledger.wrong("proof.model_hash", text, "model_hash")
     made_by = proof["made_by"]
-    written = re.search(r"^Written by (twin \S+) from:", readme_text(folder), re.MULTILINE)
     if not _MADE_BY.fullmatch(made_by):
         ledger.wrong("proof.made_by", f"made_by '{made_by[:80]}' is not 'twin' with its version.", "made_by")
-    elif written is not None and written[1] != made_by:
-        text = f"proof.json was made by {made_by}, README.txt by {written[1]}: they are of two exports."
-        ledger.wrong("proof.made_by", text, "made_by", suggestion="export again")
-
-
-def readme_text(folder: Path) -> str:
-    """Return the text of README.txt in a folder; "" if there is none that can be read."""
-    try:
-        return (folder / "README.txt").read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError):
-        return ""
 
 
 def check_inputs(rows: Sequence[JsonMapping], folder: Path, ledger: Ledger) -> None:

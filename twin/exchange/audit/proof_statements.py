@@ -5,7 +5,6 @@ A proof.json is the record of an export, with its files and checks; proofs by `t
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -19,7 +18,6 @@ from twin.exchange.audit.proof_origin import (
     check_inputs,
     check_origin,
     check_protocols,
-    readme_text,
 )
 from twin.exchange.audit.repeated_checks import check_export_findings, check_places, check_repeated
 from twin.exchange.audit.report import Check, Ledger
@@ -39,7 +37,7 @@ def check_statements(
     before = len(ledger.found)
     if not check_kinds(proof, ledger):
         return
-    check_origin(proof, folder, contents, ledger)
+    check_origin(proof, contents, ledger)
     check_inputs(proof["inputs"], folder, ledger)
     check_protocols(proof["inputs"], proof["clips"], ledger)
     check_clips(proof["clips"], contents, ledger)
@@ -54,7 +52,6 @@ def check_statements(
         check_places(proof, contents, audit_checks, ledger)
         check_export_findings(proof["findings"], ledger)
     _check_verdict(proof, ledger)
-    _check_readme_findings(proof["findings"], folder, ledger)
     wrong = 0
     for finding in ledger.found[before:]:
         wrong += finding.severity != "info"
@@ -91,23 +88,3 @@ def _is_warning_on(finding: JsonMapping, file: str) -> bool:
     # The next character tells robot.usd from robot.usda.
     is_on_file = where == file or where.startswith((f"{file}: ", f"{file}/"))
     return finding.get("severity") == "warning" and is_on_file
-
-
-def _unwrapped(text: str) -> str:
-    """Return a text with single spaces: README.txt wraps lines."""
-    return " ".join(text.split())
-
-
-def _check_readme_findings(rows: Sequence[JsonMapping], folder: Path, ledger: Ledger) -> None:
-    """Report findings of the export in README.txt that proof.json does not have; it has those of the audit besides."""
-    section = re.search(r"^Findings of the export\n-+\n(.*?)(?:\n\n|\Z)", readme_text(folder), re.MULTILINE | re.DOTALL)
-    if section is None:
-        return
-    messages = set()
-    for row in rows:
-        messages.add(_unwrapped(str(row.get("message"))))
-    for entry in re.split(r"^- ", section[1], flags=re.MULTILINE)[1:]:
-        message = _unwrapped(entry)
-        if message not in messages and message != "nothing":
-            text = f"README.txt has the finding '{message[:100]}', which proof.json does not have."
-            ledger.wrong("proof.finding", text, "findings")

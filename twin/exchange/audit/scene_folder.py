@@ -1,11 +1,10 @@
-"""Audit the folder of an exported scene: scene.json, README.txt, the folder of each robot, and the scene's stages."""
+"""Audit the folder of an exported scene: scene.json, the folder of each robot, and the scene's stages."""
 
 from __future__ import annotations
 
 import json
 import os
-import re
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,12 +21,6 @@ from twin.exchange.audit.report import Ledger
 from twin.exchange.audit.scene_stage import SceneMotion, audit_stage
 from twin.exchange.format import Holds
 from twin.exchange.formats import kind_holds
-
-_CONVENTION = re.compile(r"in its base frame, (?P<axis>\w) up, in (?P<unit>\w+)\.")
-"""Sentence of README.txt with up axis and unit of the robots' files."""
-
-_ROBOT_LIST = re.compile(r"One folder for each robot[^\n]*\n +(?P<names>[\w, ]+)\.\n")
-"""Sentence of README.txt with the names of the robots."""
 
 _OBJECTS = "objects"
 """Name of the prim of a scene's stages that contains the movable objects, beside those of the robots."""
@@ -72,8 +65,6 @@ def audit_scene(folder: Path, audited: Callable[[Path], Audited]) -> Audited:
             _prefix(robot_ledger, robot.name)
         ledgers += robot_ledgers
     ledger.row("robots", float(len(motions)), "found")
-    if not ledger.found:  # else robots are missing, which is reported
-        _check_readme(folder / "README.txt", motions, ledger)
     if motions:
         objects = _objects(data, ledger)
         if objects and _OBJECTS in motions:
@@ -157,28 +148,6 @@ def _check_protocol(robot: _RobotEntry, contents: Sequence[Content], ledger: Led
 def _is_motion_of(motion: str, protocol: str) -> bool:
     """Return whether a motion in a robot's files is named as a protocol, with or without the name of the robot."""
     return motion == protocol or motion.endswith(f"_{protocol}")
-
-
-def _check_readme(file: Path, robots: Collection[str], ledger: Ledger) -> None:
-    """Report what the README.txt of a scene of twin states otherwise than its files: unit, up axis, robots."""
-    if not file.is_file():
-        return
-    check_size(file, "text")
-    text = file.read_text(encoding="utf-8", errors="replace")
-    where = file.name
-    convention = _CONVENTION.search(text)
-    if convention is None:
-        return
-    if convention["axis"] != "z" or convention["unit"] != "m":
-        stated = f"{convention['axis']} up, in {convention['unit']}"
-        message = f"{where} states that the robots' files are {stated}; they are z up, in m."
-        ledger.wrong("scene.readme", message, where, suggestion="export the scene again")
-    listed = _ROBOT_LIST.search(text)
-    names = set(listed["names"].split(", ")) if listed else set()
-    if robots and names != set(robots):
-        differing = ", ".join(sorted(names ^ set(robots)))
-        message = f"{where} and {SCENE} do not name the same robots: {differing}."
-        ledger.wrong("scene.readme", message, where, suggestion="export the scene again")
 
 
 def _is_pose(T: Array) -> bool:

@@ -219,7 +219,7 @@ def write_files(
         before = _tree(folder)
         findings += write_format(name, order, folder)
         written[name] = _tree(folder) - before
-    # The README states the findings of the writers; those of the audit, which reads it, come after it.
+    # The README states the findings of the writers; the audit comes after it.
     (folder / README).write_text(readme.text(order, formats, findings), encoding="utf-8")
     return findings, written
 

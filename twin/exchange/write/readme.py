@@ -8,11 +8,30 @@ from collections.abc import Iterator, Sequence
 from twin.core.findings import Finding
 from twin.core.units import DEG, UM
 from twin.core.version import __version__
-from twin.exchange.conventions import CONVENTIONS, UNTRIED
 from twin.exchange.formats import format_named, formats_with_use
 from twin.exchange.write.order import Order
 
 _WIDTH = 100
+
+_CONVENTIONS = (
+    "- Metres, kilograms, seconds, radians. UsdPhysics angles are degrees, as the format requires.",
+    "- The robot's own world is z up, right-handed; it is the frame of the base. Link poses in every file and in the "
+    "stream of `twin serve` are poses in that world.",
+    "- GLB and USDZ are y up: their root node rotates the robot by -90 degrees about x. Links below the root keep "
+    "their z-up poses, so that a pose of the tracks can be assigned to a node unchanged.",
+    "- Quaternions are x y z w (USD: w x y z); their signs do not change from key to key.",
+    "- Unity is left-handed. A glTF importer mirrors x: (x, y, z) becomes (-x, y, z), the quaternion (x, -y, -z, w). "
+    "ROS importers use (-y, z, x) and (-y, z, x, -w). The player of the Unity package supports both conventions.",
+    "- Names of links, joints and frames are the same in every file.",
+)
+"""Lines on units, frames and orders of numbers."""
+
+_UNTRIED = (
+    "- These files have not been shown on a physical headset, an iPhone or a graphics card.",
+    "- The Unity editor has not run the Unity package: its C# was compiled and tested against a stub of UnityEngine. "
+    "The package has a self-test to be run in the editor.",
+)
+"""Lines on what has not been tested."""
 
 
 def text(order: Order, formats: Sequence[str], findings: Sequence[Finding]) -> str:
@@ -28,11 +47,11 @@ def text(order: Order, formats: Sequence[str], findings: Sequence[Finding]) -> s
         messages.append(f"- {finding.message}")
     for title, body in (
         ("What is where", list(_files(order, formats))),
-        ("Conventions", CONVENTIONS),
+        ("Conventions", _CONVENTIONS),
         ("Motions", list(_motions(order))),
         ("How to use it", uses),
         ("Findings of the export", messages or ["- nothing"]),
-        ("What has not been tested", UNTRIED),
+        ("What has not been tested", _UNTRIED),
         ("Assumed: numbers that are not published", list(_assumed(order))),
     ):
         lines += [title, "-" * len(title), *_wrapped(body), ""]
