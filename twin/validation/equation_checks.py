@@ -36,8 +36,9 @@ from twin.validation.result import Residual, RowKind, headline
 COARSE = 10
 """Joints, points, speeds and stage are compared at every tenth sample (coarse samples), tool and loops at all."""
 
-_TURNING = 10
-"""Rate in rad/s that counts like a rate of 1 m/s: a point at 0.1 m from the axis, the size of a tool, moves so fast."""
+_RADIANS_PER_METRE = 10
+"""Rotation in rad that counts like a translation of 1 m: it moves a point at 0.1 m from the axis, the size of a tool,
+so far."""
 
 _NOT_RIGID = Kind("points.not_rigid", "disagreement", word="")
 _FORWARD = Kind("tool.forward", "disagreement", word="tolerance")
@@ -57,7 +58,7 @@ def compare(
     If `kin` has only forward equations and the path was computed with the mechanism, the joint values of the trajectory
     also drive the mechanism, and the forward equations are compared with it.
     """
-    comparison = EquationsComparison(coarse=_coarse_rows(trajectory))
+    comparison = EquationsComparison(coarse=_coarse_indices(trajectory))
     # The inverse of these equations is judged. A path that followed the mechanism needs no numeric inverse.
     inverse = None
     if kin is not None and (kin.closed_inverse or not trajectory.followed):
@@ -111,7 +112,7 @@ def compare(
     return comparison
 
 
-def _coarse_rows(trajectory: Trajectory) -> Index:
+def _coarse_indices(trajectory: Trajectory) -> Index:
     """Return the indices of the coarse samples, in increasing order."""
     count = len(trajectory.t)
     every_tenth = range(0, count, COARSE)
@@ -141,9 +142,9 @@ def _note_unsolved(kin: Kinematics, q: Array, comparison: EquationsComparison, c
 
 
 def _posed(
-    model: ReferenceModel, trajectory: Trajectory, rows: Index, q: Array | None, progress: Progress
+    model: ReferenceModel, trajectory: Trajectory, indices: Index, q: Array | None, progress: Progress
 ) -> SolvedSamples:
-    """Return the states of the mechanism at the tool poses of the samples with the indices `rows`.
+    """Return the states of the mechanism at the tool poses of the samples with the given indices.
 
     `q` (k, n) are start values of the solver: joint values near the solution, at all k samples of the trajectory. None:
     the joint values of the trajectory.
@@ -153,11 +154,11 @@ def _posed(
         progress("mechanism at the tool poses", fraction)
 
     if q is None and trajectory.followed:  # the poses were computed by driving the mechanism with these joint values
-        return model.run(trajectory.q[rows], progress=report)
+        return model.run(trajectory.q[indices], progress=report)
     start_values = trajectory.q
     if q is not None:
         start_values = q
-    return model.run_poses(trajectory.Ts_base_tool[rows], progress=report, near=start_values[rows])
+    return model.run_poses(trajectory.Ts_base_tool[indices], progress=report, near=start_values[indices])
 
 
 def tool_rates(trajectory: Trajectory) -> tuple[Array, Array]:
@@ -251,15 +252,15 @@ def _check_distance(
     """Check that two points of a body, each as (name, positions (k, 3)), keep their distance."""
     name_a, p_a = a
     name_b, p_b = b
-    length = np.linalg.norm(p_a - p_b, axis=1)
-    true = np.linalg.norm(compared.posed.points[name_a] - compared.posed.points[name_b], axis=1)
+    distance = np.linalg.norm(p_a - p_b, axis=1)
+    cad_distance = np.linalg.norm(compared.posed.points[name_a] - compared.posed.points[name_b], axis=1)
 
-    lengths = [f"start {length[0] / MM:.3f}"]
+    distances = [f"start {distance[0] / MM:.3f}"]
     for phase in compared.clock.phases:
         end = int(np.argmin(np.abs(compared.coarse.t - phase.t1)))
-        lengths.append(f"{phase.name} {length[end] / MM:.3f}")
+        distances.append(f"{phase.name} {distance[end] / MM:.3f}")
     facts = compared.comparison.facts.setdefault("distances by the equations, mm (start, end of each phase)", {})
-    facts[f"{name_a}-{name_b} (CAD {true[0] / MM:.3f})"] = ", ".join(lengths)
+    facts[f"{name_a}-{name_b} (CAD {cad_distance[0] / MM:.3f})"] = ", ".join(distances)
 
     reason = blamed.row
     cause = blamed.cause
@@ -267,8 +268,8 @@ def _check_distance(
         if name in blamed.points:
             reason = name
             cause = blamed.points[name]
-    error = length - true
-    worst = length[np.argmax(np.abs(error))]
+    error = distance - cad_distance
+    worst = distance[np.argmax(np.abs(error))]
     limit = compared.tolerances.position
     note = f"distance on '{body}'"
     residual = row(
@@ -283,8 +284,8 @@ def _check_distance(
         note=note,
     )
     what = (
-        f"the equations put {name_a} and {name_b} {mm(length[0])} apart at the start and {mm(worst)} in the worst "
-        f"case; in the CAD both are on '{body}', {mm(true[0])} apart"
+        f"the equations put {name_a} and {name_b} {mm(distance[0])} apart at the start and {mm(worst)} in the worst "
+        f"case; in the CAD both are on '{body}', {mm(cad_distance[0])} apart"
     )
     compared.comparison.judge(residual, _NOT_RIGID, what, f"{name_a}, {name_b}", cause=cause)
 
@@ -295,10 +296,12 @@ def _check_joints(compared: ComparedSamples, kin: Kinematics, q: Array, wrong_po
     The equations are also evaluated at the CAD's points. If the result agrees with the mechanism, only their inputs are
     wrong: `wrong_point`, the wrong row of the points, is then the cause.
     """
-    true = compared.posed.q
-    from_cad_points = _from_cad_points(compared, kin)
-    if from_cad_points is not None:
-        from_cad_points = _without_turns(compared, kin, from_cad_points)
+    mechanism_q = compared.posed.q
+    q_at_cad_points = _q_at_cad_points(compared, kin)
+    if q_at_cad_points is not None:
+        q_at_cad_points = _without_turns(compared, kin, q_at_cad_points)
+        if wrong_point:
+            _note_q_at_cad_points(compared, kin, q_at_cad_points)
     wrong: list[Residual] = []
     causes: dict[str, str] = {}
     for i, joint in enumerate(kin.joints):
@@ -309,14 +312,14 @@ def _check_joints(compared: ComparedSamples, kin: Kinematics, q: Array, wrong_po
         if kin.revolute[i]:
             unit = "rad"
             limit = compared.tolerances.rotation
-        turns = _full_turns(compared, joint, q[:, i], true[:, i])
-        error = q[:, i] - true[:, i] - 2 * np.pi * turns
+        turns = _full_turns(compared, joint, q[:, i], mechanism_q[:, i])
+        error = q[:, i] - mechanism_q[:, i] - 2 * np.pi * turns
         compared.comparison.series[f"residual_driven.{joint}"] = np.abs(error)
         wrong_input = ""
-        if from_cad_points is not None:
+        if q_at_cad_points is not None:
             # right from right points: then the equation of the joint is right, and its points are wrong
-            error_from_cad = float(np.abs(from_cad_points[:, i] - true[:, i]).max())
-            if error_from_cad <= limit:
+            error_at_cad_points = float(np.abs(q_at_cad_points[:, i] - mechanism_q[:, i]).max())
+            if error_at_cad_points <= limit:
                 wrong_input = wrong_point.row
         equation = equation_of(kin, joint)
         if wrong_input:
@@ -342,25 +345,28 @@ def _check_joints(compared: ComparedSamples, kin: Kinematics, q: Array, wrong_po
             causes[joint] = cause
         elif turns:
             _note_turns(compared, joint, by, turns, cause)
-    if from_cad_points is not None and wrong_point:
-        difference = float(np.abs(from_cad_points - true).max())
-        facts = compared.comparison.facts.setdefault("equations by themselves", {})
-        facts[equation_of(kin, kin.joints)] = (
-            "computed from the CAD's points, the joint values differ from those of the mechanism by at most "
-            f"{text(difference, 'm')}"
-        )
     if not wrong:
         return Blame()
     worst = headline(wrong).name
     return Blame(worst, causes[worst])
 
 
+def _note_q_at_cad_points(compared: ComparedSamples, kin: Kinematics, q: Array) -> None:
+    """State how far joint values q (k, n), which the equations give at the CAD's points, are from the mechanism's."""
+    difference = float(np.abs(q - compared.posed.q).max())
+    facts = compared.comparison.facts.setdefault("equations by themselves", {})
+    facts[equation_of(kin, kin.joints)] = (
+        "computed from the CAD's points, the joint values differ from those of the mechanism by at most "
+        f"{text(difference, 'm')}"
+    )
+
+
 def _without_turns(compared: ComparedSamples, kin: Kinematics, q: Array) -> Array:
     """Return joint values q (k, n) without the full turns by which they exceed the mechanism's, see `_full_turns`."""
-    true = compared.posed.q
+    mechanism_q = compared.posed.q
     turns = np.zeros(len(kin.joints))
     for i, joint in enumerate(kin.joints):
-        turns[i] = _full_turns(compared, joint, q[:, i], true[:, i])
+        turns[i] = _full_turns(compared, joint, q[:, i], mechanism_q[:, i])
     return q - 2 * np.pi * turns
 
 
@@ -375,11 +381,11 @@ def _note_turns(compared: ComparedSamples, joint: str, by: str, turns: int, caus
     compared.comparison.findings.append(finding("info", "driven.turns", joint, what, suggestion=advice, cause=cause))
 
 
-def _full_turns(compared: ComparedSamples, joint: str, q: Array, true: Array) -> int:
-    """Return the number of full turns by which joint values q (k,) in rad exceed `true` (k,), at all samples.
+def _full_turns(compared: ComparedSamples, joint: str, q: Array, mechanism_q: Array) -> int:
+    """Return the number of full turns by which values q (k,) of a joint in rad exceed the mechanism's, at all samples.
 
-    `true` are the mechanism's values. Full turns change no pose, and are no disagreement if q is within the joint's
-    limits. Return 0 if q exceeds the limits, or if the number of turns differs between samples.
+    `mechanism_q` (k,) are the mechanism's values. Full turns change no pose, and are no disagreement if q is within the
+    joint's limits. Return 0 if q exceeds the limits, or if the number of turns differs between samples.
     """
     described = compared.model.mechanism.joint(joint)
     if not described.is_angle:
@@ -394,13 +400,13 @@ def _full_turns(compared: ComparedSamples, joint: str, q: Array, true: Array) ->
     low, high = described.limits or (-np.inf, np.inf)
     if q.min() < low - ROUNDING or q.max() > high + ROUNDING:
         return 0
-    turns = np.rint((q - true[finite]) / (2 * np.pi))
+    turns = np.rint((q - mechanism_q[finite]) / (2 * np.pi))
     if np.ptp(turns):
         return 0  # a jump by a full turn on the way is a fault: a controller would follow it
     return int(turns[0])
 
 
-def _from_cad_points(compared: ComparedSamples, kin: Kinematics) -> Array | None:
+def _q_at_cad_points(compared: ComparedSamples, kin: Kinematics) -> Array | None:
     """Return the equations' joint values (k, n) computed from the CAD's points; None if a point is missing."""
     if not kin.closed_inverse:
         return None
@@ -435,21 +441,21 @@ def _check_forward(compared: ComparedSamples, kin: Kinematics) -> None:
         compared.comparison.findings.append(disagreement("forward.no_answer", "tool", what, when=when, cause=by))
         return
     limits = (compared.tolerances.position, compared.tolerances.rotation)
-    for r in pose_rows(
+    for residual in pose_rows(
         "A-B", "tool, forward", Ts=compared.posed.Ts_base_tool, others=Ts, limits=limits, clock=compared.coarse, note=by
     ):
         what = f"at the same joint values, the forward equations ({by}) and the mechanism give different tool poses"
-        compared.comparison.judge(r, _FORWARD, what, "tool", cause=by)
+        compared.comparison.judge(residual, _FORWARD, what, "tool", cause=by)
 
 
 def _check_passive(compared: ComparedSamples, kin: Kinematics, blamed: Blame) -> None:
     """Compare the passive joint angles of the equations with the passive joint angles of the mechanism."""
-    true = compared.posed.q_passive
+    mechanism_values = compared.posed.q_passive
     limit = compared.tolerances.rotation
     for name, value in kin.passive_many(Ts=compared.Ts, qs=compared.posed.q).items():
-        if name not in true:
+        if name not in mechanism_values:
             continue
-        error = np.angle(np.exp(1j * (value - true[name])))  # modulo full turns, which change no pose
+        error = np.angle(np.exp(1j * (value - mechanism_values[name])))  # modulo full turns, which change no pose
         residual = row(
             "A-B",
             "passive",
@@ -505,52 +511,39 @@ def _no_assembly(compared: ComparedSamples, kin: Kinematics, error: AssemblyErro
 
 def _check_loops(compared: ComparedSamples, run: SolvedSamples, cause: str = "") -> None:
     """Check that the loops of the driven mechanism close; `cause` names the wrong equation, if known."""
-    balls = {joint.name for joint in compared.model.mechanism.loops if joint.type == "spherical"}
-    for loop_index, loop_name in enumerate(run.loop_names):
-        what = f"loop {loop_name} does not close: its parts do not fit together (least-squares solution)"
-        shift = row(
-            "B",
-            "loop",
-            loop_name,
-            unit="m",
-            differences=run.gaps[:, loop_index, 0],
-            tolerance=compared.tolerances.loop,
-            clock=compared.clock,
-        )
-        compared.comparison.differs(shift, what, cause)
-        if loop_name not in balls:  # a ball turns freely
-            turn = row(
-                "B",
-                "loop",
-                loop_name,
-                unit="rad",
-                differences=run.gaps[:, loop_index, 1],
-                tolerance=compared.tolerances.rotation,
-                clock=compared.clock,
-            )
-            compared.comparison.differs(turn, what, cause)
+    tolerances = compared.tolerances
+    spherical = {joint.name for joint in compared.model.mechanism.loops if joint.type == "spherical"}
+    for loop, name in enumerate(run.loop_names):
+        what = f"loop {name} does not close: its parts do not fit together (least-squares solution)"
+        gap_limits = [("m", tolerances.loop), ("rad", tolerances.rotation)]
+        if name in spherical:  # a ball turns freely: only its centre must fit
+            gap_limits = gap_limits[:1]
+        for component, (unit, limit) in enumerate(gap_limits):  # offset, rotation
+            gaps = run.gaps[:, loop, component]
+            residual = row("B", "loop", name, unit=unit, differences=gaps, tolerance=limit, clock=compared.clock)
+            compared.comparison.differs(residual, what, cause)
 
 
 def _check_rates(compared: ComparedSamples, states: Array) -> None:
     """Compare the tool's planned speed and acceleration with those from the constraint Jacobian of the mechanism."""
     trajectory = compared.trajectory
-    rows = compared.comparison.coarse
-    twist, acceleration = compared.model.rates(states, trajectory.qd[rows], trajectory.qdd[rows])
+    coarse = compared.comparison.coarse
+    twist, acceleration = compared.model.rates(states, trajectory.qd[coarse], trajectory.qdd[coarse])
     compared.comparison.series["v_tool_B"] = twist[:, :3]
     compared.comparison.series["a_tool_B"] = acceleration[:, :3]
     planned_v, planned_a = tool_rates(trajectory)
     # twists are linear first
-    velocity_error = twist[:, :3] - planned_v[rows]
-    turning_error = twist[:, 3:] - trajectory.angular_velocity[rows]
-    acceleration_error = acceleration[:, :3] - planned_a[rows]
-    turning_acceleration_error = acceleration[:, 3:] - trajectory.angular_acceleration[rows]
+    velocity_error = twist[:, :3] - planned_v[coarse]
+    turning_error = twist[:, 3:] - trajectory.angular_velocity[coarse]
+    acceleration_error = acceleration[:, :3] - planned_a[coarse]
+    turning_acceleration_error = acceleration[:, 3:] - trajectory.angular_acceleration[coarse]
     limits = compared.tolerances
     kinds: tuple[tuple[RowKind, str, Array, float], ...] = (
         ("speed", "m/s", velocity_error, limits.speed),
-        ("speed", "rad/s", turning_error, _TURNING * limits.speed),
+        ("speed", "rad/s", turning_error, _RADIANS_PER_METRE * limits.speed),
         ("acceleration", "m/s2", acceleration_error, limits.acceleration),
-        ("acceleration", "rad/s2", turning_acceleration_error, _TURNING * limits.acceleration),
+        ("acceleration", "rad/s2", turning_acceleration_error, _RADIANS_PER_METRE * limits.acceleration),
     )
     for kind, unit, error, limit in kinds:
-        r = row("A-B", kind, "tool", unit=unit, differences=error, tolerance=limit, clock=compared.coarse)
-        compared.comparison.differs(r, f"the tool's planned {kind} differs from its {kind} in the mechanism")
+        residual = row("A-B", kind, "tool", unit=unit, differences=error, tolerance=limit, clock=compared.coarse)
+        compared.comparison.differs(residual, f"the tool's planned {kind} differs from its {kind} in the mechanism")
