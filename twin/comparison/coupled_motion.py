@@ -61,11 +61,7 @@ def followed(ratios: Array, totals: Array, order: Sequence[int]) -> dict[int, Co
         if not len(below) or np.abs(below).max() < RATIO:
             continue
         largest = pivot + int(np.argmax(np.abs(below)))
-        rows[[pivot, largest]] = rows[[largest, pivot]]
-        rows[pivot] /= rows[pivot, column]
-        for other_row in range(len(rows)):
-            if other_row != pivot:
-                rows[other_row] -= rows[other_row, column] * rows[pivot]
+        eliminate(rows, pivot, largest, column)
         pivots.append(column)
     followers = {}
     for row, column in zip(rows, pivots, strict=False):
@@ -75,6 +71,15 @@ def followed(ratios: Array, totals: Array, order: Sequence[int]) -> dict[int, Co
         leading[joint] = 0.0
         followers[joint] = CoupledFollower(leading, float(row[-1]))
     return followers
+
+
+def eliminate(rows: Array, pivot: int, largest: int, column: int) -> None:
+    """Exchange two of the rows (k, n) in place, and subtract `pivot` from the others so that their `column` is 0."""
+    rows[[pivot, largest]] = rows[[largest, pivot]]
+    rows[pivot] /= rows[pivot, column]
+    for other_row in range(len(rows)):
+        if other_row != pivot:
+            rows[other_row] -= rows[other_row, column] * rows[pivot]
 
 
 def followed_of(side: RobotSide) -> dict[int, CoupledFollower]:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twin.comparison.coupled_motion import eliminate
 from twin.comparison.evidence import CONVENTION, Evidence, StatedEvidence, turning_columns
 from twin.comparison.fit_problem import FitProblem
 from twin.comparison.fit_starts import solve
@@ -356,11 +357,7 @@ def _separated(directions: Array) -> Array:
         largest = pivot + int(np.argmax(np.abs(rows[pivot:, column])))
         if abs(rows[largest, column]) < _PIVOT:
             continue
-        rows[[pivot, largest]] = rows[[largest, pivot]]
-        rows[pivot] /= rows[pivot, column]
-        for other_row in range(len(rows)):
-            if other_row != pivot:
-                rows[other_row] -= rows[other_row, column] * rows[pivot]
+        eliminate(rows, pivot, largest, column)
         pivot_columns.append(column)
     return rows
 

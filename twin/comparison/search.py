@@ -179,7 +179,7 @@ def _added_one_by_one(problem: FitProblem, neighbours: NeighbourLines) -> list[F
     """Return solutions whose deviating joints are added one by one, each that lowers the gap most."""
     deviating = tuple(Deviation(joint) for joint in sorted(neighbours.different))
     signs = np.ones(problem.count)
-    for candidate_signs in _sign_sets(problem, _FLIPS):
+    for candidate_signs in _sign_sets(problem):
         if neighbours.allows(candidate_signs, deviating):
             signs = candidate_signs
             break
@@ -212,9 +212,9 @@ def _needed(problem: FitProblem, signs: Array, deviating: tuple[Deviation, ...])
     return tuple(needed)
 
 
-def _sign_sets(problem: FitProblem, most: int) -> Iterator[Array]:
-    """Yield signs (joints,), fewest changes first, up to `most` changes."""
-    for flips in range(min(most, len(problem.signed)) + 1):
+def _sign_sets(problem: FitProblem) -> Iterator[Array]:
+    """Yield signs (joints,), fewest changes first, up to `_FLIPS` changes."""
+    for flips in range(min(_FLIPS, len(problem.signed)) + 1):
         for chosen in combinations(problem.signed, flips):
             signs = np.ones(problem.count)
             signs[list(chosen)] = -1.0

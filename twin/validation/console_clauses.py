@@ -217,8 +217,7 @@ def _regrip(console: JudgedConsole) -> Iterator[Clause]:
         advice="measure increments from the hand pose at re-grip, and transform them by R_T, the rotation of T",
     )
     step = np.array([0, 0, 10 * _MM])
-    shift = console.tool(engaged, gripped, _shifted(gripped, step), T, 1.0)[:3, 3] - engaged[:3, 3]
-    deviation = float(np.linalg.norm(shift - T[:3, :3] @ step))
+    deviation = _way_missed(console, engaged, gripped, step, T)
     yield _position_clause(
         "regrip.way",
         "eq2",
@@ -230,6 +229,12 @@ def _regrip(console: JudgedConsole) -> Iterator[Clause]:
         ),
         advice="p1 = p0 + s R_T (h1 - h0), with h0 the hand position at the re-grip",
     )
+
+
+def _way_missed(console: JudgedConsole, P: Array, W: Array, step: Array, T: Array) -> float:
+    """Return by how far, in m, a tool at P misses the way of a hand that moves from W by `step` (3,) without scale."""
+    shift = console.tool(P, W, _shifted(W, step), T, 1.0)[:3, 3] - P[:3, 3]
+    return float(np.linalg.norm(shift - T[:3, :3] @ step))
 
 
 def _camera_motion(console: JudgedConsole) -> Iterator[Clause]:
@@ -249,8 +254,7 @@ def _camera_motion(console: JudgedConsole) -> Iterator[Clause]:
         advice="express increments of the hand in the current frame of the camera: T must cancel when W1 = W0",
     )
     step = np.array([10 * _MM, 0, 0])
-    shift = console.tool(P_after, W, _shifted(W, step), T_after, 1.0)[:3, 3] - P_after[:3, 3]
-    deviation = float(np.linalg.norm(shift - T_after[:3, :3] @ step))
+    deviation = _way_missed(console, P_after, W, step, T_after)
     yield _position_clause(
         "camera.way",
         "eq2",

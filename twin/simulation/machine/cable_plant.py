@@ -19,12 +19,20 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twin.codegen import Kernel, Stage
+from twin.codegen import Kernel
 from twin.core.errors import MechanismError
 from twin.core.spatial import Array
 from twin.simulation.dynamics.arm import Arm
 from twin.simulation.machine.equations_of_motion import motion
-from twin.simulation.machine.motor_plant import SWEEPS, TICK, MotorPlant, Physics, symmetric_inverse
+from twin.simulation.machine.motor_plant import (
+    SWEEPS,
+    TICK,
+    MotorPlant,
+    Physics,
+    kernel_of_tick,
+    symmetric_inverse,
+    with_coulomb_friction,
+)
 
 
 @dataclass(frozen=True)
@@ -139,13 +147,7 @@ def _kernel(arm: Arm) -> Kernel:
     v = inverse @ ca.vertcat(of_links, of_motors)
     # the friction of a joint that does not act at its link acts at its motor
     limits = ca.vertcat(C_links, ca.fmax(C - C_links, 0))
-    friction = [ca.SX(0)] * (2 * count)
-    for _ in range(SWEEPS):
-        for i in range(2 * count):
-            stopping = friction[i] - v[i] / (h * inverse[i, i])  # effort after which coordinate i is at rest
-            effort = ca.fmax(ca.fmin(stopping, limits[i]), -limits[i])
-            v = v + h * inverse[:, i] * (effort - friction[i])
-            friction[i] = effort
+    v = with_coulomb_friction(v, inverse, limits, SWEEPS)
     q = equations.q + h * v[:count]
     # A link that reaches a hard stop stays there at rest, without rebound.
     inside = ca.fmax(ca.fmin(q, high), low)
@@ -155,9 +157,4 @@ def _kernel(arm: Arm) -> Kernel:
     states = (equations.q, equations.qd, p, pd)
     physics = (equations.factors, rotors, V, C, equations.fall, low, high)
     symbols = ca.vertcat(*states, *physics, K, play, D, C_links)
-    state = ca.SX.sym("state", 4 * count)
-    parameters = ca.SX.sym("parameters", symbols.numel() - 4 * count)
-    new_state = ca.substitute(new_state, symbols, ca.vertcat(state, parameters))
-    step = ca.Function("tick", [state, torques, parameters], [new_state], {"cse": True})
-    sizes = {"state": state.numel(), "torques": count, "parameters": parameters.numel()}
-    return Kernel([Stage(step, tuple(sizes), ("new",))], sizes, ["new"], single=True)
+    return kernel_of_tick(new_state, symbols, 4 * count, torques)

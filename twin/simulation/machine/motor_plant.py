@@ -207,13 +207,7 @@ def tick_kernel(arm: Arm, solver: LoopSolver | None = None) -> Kernel:
     sticks = ca.SX(1)
     for i in range(count):
         sticks = sticks * (ca.fabs(at_rest[i]) <= C[i])
-    friction = [ca.SX(0)] * count
-    for _ in range(SWEEPS if solver is None else LOOP_SWEEPS):
-        for i in range(count):
-            stopping = friction[i] - v[i] / (h * M_inverse[i, i])  # effort after which joint i is at rest
-            effort = ca.fmax(ca.fmin(stopping, C[i]), -C[i])
-            v = v + h * M_inverse[:, i] * (effort - friction[i])
-            friction[i] = effort
+    v = with_coulomb_friction(v, M_inverse, C, SWEEPS if solver is None else LOOP_SWEEPS)
     if solver is not None:
         # The joints of a parallel robot are so strongly coupled that the sweeps alone would let it creep on its brakes.
         v = ca.if_else(sticks, ca.SX.zeros(count), v)
@@ -228,11 +222,28 @@ def tick_kernel(arm: Arm, solver: LoopSolver | None = None) -> Kernel:
     # The kernel has one vector of states and one of parameters, in the order of `Physics.checked`.
     states = (equations.q, equations.qd, equations.states)
     symbols = ca.vertcat(*states, equations.factors, rotors, V, C, equations.fall, low, high)
-    state = ca.SX.sym("state", 2 * count + equations.states.numel())
-    parameters = ca.SX.sym("parameters", symbols.numel() - state.numel())
+    return kernel_of_tick(new_state, symbols, 2 * count + equations.states.numel(), torques)
+
+
+def with_coulomb_friction(v: ca.SX, inverse: ca.SX, limits: ca.SX, sweeps: int) -> ca.SX:
+    """Return the rates v (n,) after Coulomb friction up to `limits` (n,), from the inverse (n, n) of the inertia."""
+    friction = [ca.SX(0)] * v.numel()
+    for _ in range(sweeps):
+        for i in range(v.numel()):
+            stopping = friction[i] - v[i] / (TICK * inverse[i, i])  # effort after which coordinate i is at rest
+            effort = ca.fmax(ca.fmin(stopping, limits[i]), -limits[i])
+            v = v + TICK * inverse[:, i] * (effort - friction[i])
+            friction[i] = effort
+    return v
+
+
+def kernel_of_tick(new_state: ca.SX, symbols: ca.SX, size: int, torques: ca.SX) -> Kernel:
+    """Return the kernel of a new state as a function of `symbols`: `size` symbols of the state, then parameters."""
+    state = ca.SX.sym("state", size)
+    parameters = ca.SX.sym("parameters", symbols.numel() - size)
     new_state = ca.substitute(new_state, symbols, ca.vertcat(state, parameters))
     step = ca.Function("tick", [state, torques, parameters], [new_state], {"cse": True})
-    sizes = {"state": state.numel(), "torques": count, "parameters": parameters.numel()}
+    sizes = {"state": size, "torques": torques.numel(), "parameters": parameters.numel()}
     return Kernel([Stage(step, tuple(sizes), ("new",))], sizes, ["new"], single=True)
 
 

@@ -304,15 +304,12 @@ def _faults(transmission: ET.Element) -> Iterator[str]:
             yield f"has the {tag} '{name}' {names.count(name)} times"
         if not parts and (tag == "joint" or plain == "SimpleTransmission"):
             yield f"has no {tag}"
+        of_actuators = transmission.findall("actuator/hardwareInterface")
         for part in parts:
             yield from _faults_of_part(part)
             # Since ROS Indigo, the interface is that of the joint; earlier files have neither.
-            if tag == "joint" and part.find("hardwareInterface") is None and _interfaces(transmission, "actuator"):
+            if tag == "joint" and part.find("hardwareInterface") is None and of_actuators:
                 yield f"has no hardwareInterface of joint '{part.get('name')}', but one of its actuator"
-
-
-def _interfaces(transmission: ET.Element, tag: str) -> list[ET.Element]:
-    return transmission.findall(f"{tag}/hardwareInterface")
 
 
 def _faults_of_part(part: ET.Element) -> Iterator[str]:
