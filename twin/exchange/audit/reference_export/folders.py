@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -42,11 +42,11 @@ _SCENERY = frozenset(("camera", "light", "sensor", "Camera"))
 
 _OTHER_KINDS = 4
 _OTHER_SHARE = 0.1
-"""A file is not structured as twin writes it if at least so many kinds of entries are missing or added, and the number
-of differences is at least this fraction of the number of entries."""
+"""A file is not structured as twin writes it if at least so many kinds of entries are missing or added and, with all
+inside them, they are at least this fraction of the entries."""
 
 _RENAMED_SHARE = 0.3
-"""Nor is it if this fraction of the entries is missing or added: names are others."""
+"""Nor is it if at least this fraction of the entries is missing, and as many are added: names are others."""
 
 _TOOL = "twin.exchange.audit reference_export"
 _NEW_EXPORT = "a new export"
@@ -119,12 +119,10 @@ def _file_pairs(path: Path, reference: Path) -> Iterator[tuple[Path, Path]]:
 
 
 def _differences_of_files(reference_file: Path, file: Path, ledger: Ledger) -> list[Difference]:
-    """Return the differences of a file; none, but a note in the ledger, if another program has written it anew."""
+    """Return the differences of a file; none, but a note in the ledger, if it is not structured as twin writes it."""
     read = READERS.get(file.suffix.lower(), read_bytes)
     reference = read(reference_file)
     found = []
-    patterns = set()
-    unmatched_count = 0
     for difference in differences(reference, read(file)):
         is_comment = difference.pattern.endswith(f"/{COMMENT}")
         if is_comment and difference.form in ("missing", "order"):
@@ -132,19 +130,32 @@ def _differences_of_files(reference_file: Path, file: Path, ledger: Ledger) -> l
         if difference.form == "extra" and difference.entry is not None and _is_scenery(difference.entry):
             continue
         found.append(difference)
-        if difference.form in ("missing", "extra"):
-            patterns.add((difference.form, difference.pattern))
-            unmatched_count += 1
-    entry_count = reference.count()
-    has_other_kinds = len(patterns) >= _OTHER_KINDS and len(found) >= _OTHER_SHARE * entry_count
-    if has_other_kinds or unmatched_count > max(_RENAMED_SHARE * entry_count, _OTHER_KINDS):
+    kind_count = _count_of_other_kinds(reference, found)
+    if kind_count:
         text = (
-            f"the file is not structured as twin writes it: {len(patterns)} kinds of entries are missing or added. Its "
+            f"the file is not structured as twin writes it: {kind_count} kinds of entries are missing or added. Its "
             "fields are not compared with those of a new export."
         )
         ledger.add("export.rewritten", "info", text)
         return []
     return found
+
+
+def _count_of_other_kinds(reference: Entry, found: Sequence[Difference]) -> int:
+    """Return the number of kinds of entries that are missing or added; 0 if the file is structured as the reference."""
+    patterns = set()
+    entry_counts = {"missing": 0, "extra": 0}
+    for difference in found:
+        if difference.form not in entry_counts:
+            continue
+        patterns.add((difference.form, difference.pattern))
+        entry_counts[difference.form] += 1 if difference.entry is None else difference.entry.count()
+    reference_count = reference.count()
+    has_other_kinds = len(patterns) >= _OTHER_KINDS and sum(entry_counts.values()) >= _OTHER_SHARE * reference_count
+    has_other_names = min(entry_counts.values()) >= _RENAMED_SHARE * reference_count
+    if has_other_kinds or has_other_names:
+        return len(patterns)
+    return 0
 
 
 def _is_scenery(entry: Entry) -> bool:
