@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -56,6 +56,15 @@ class LinkMotion:
         if self.by_plan:
             origin = BY_PLAN
         return f"driven joints: {origin}; other joints: {LOOPS}"
+
+    def on(self, model: Any, trajectory: Trajectory) -> Any:
+        """Return the `Run` of a `ReferenceModel` at the same times, to judge this motion.
+
+        The reference model is solved for the planned poses or, if `by_plan`, for the joint values.
+        """
+        if self.by_plan:
+            return model.run(self.q)
+        return model.run_poses(trajectory.poses(self.times), near=self.q)
 
 
 def link_motion(
