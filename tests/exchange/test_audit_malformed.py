@@ -26,8 +26,6 @@ def unity(**more: object) -> str:
 @pytest.mark.parametrize(
     ("files", "code"),
     [
-        ({"proof.json": proof("a\0b")}, "file.malformed"),
-        ({"proof.json": proof(LONG)}, "file.unreadable"),
         ({"u/package.json": unity(samples=None)}, "file.malformed"),
         ({"u/package.json": unity(samples=[{"path": LONG}])}, "file.unreadable"),
         ({"u/package.json": unity(), "u/a.asmdef": '{"name": "a", "references": 5}'}, "file.malformed"),
@@ -41,6 +39,14 @@ def test_a_malformed_file_of_an_export_is_an_error_in_the_report(files, code, tm
     report = audit(tmp_path)
     assert report.verdict == "unchecked"
     assert code in {f.code for f in report.findings}
+
+
+@pytest.mark.parametrize("name", ["a\0b", LONG])
+def test_a_name_in_a_proof_that_no_file_can_have_is_named(name, tmp_path):
+    (tmp_path / "proof.json").write_text(proof(name))
+    report = audit(tmp_path)
+    assert report.verdict == "disagree"
+    assert "proof.file" in {f.code for f in report.findings}
 
 
 SCENE = {"name": "a", "protocol": "", "T_world_base": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}
