@@ -275,14 +275,16 @@ class Robot:
         """
         T = np.asarray(T_base_tool, float)
         with _computing_on(device):
-            if variant is None and not self.has_equations:
-                if T.ndim == 2:
-                    return self._mechanism_kinematics.inverse(T, seed)
-                return self._mechanism_kinematics.inverse_of_all(T, seed)
-            kin = self.kinematics(variant)
+            kin = self._solver(variant)
             if T.ndim == 2:
                 return kin.inverse(T, seed)
             return kin.inverse_of_all(T, seed)
+
+    def _solver(self, variant: Mapping[str, str] | str | None) -> Any:
+        """Return what computes poses and joint values: the equations or, without them, the mechanism."""
+        if variant is None and not self.has_equations:
+            return self._mechanism_kinematics
+        return self.kinematics(variant)
 
     def forward(
         self,
@@ -310,11 +312,7 @@ class Robot:
         """
         q = np.asarray(q, float)
         with _computing_on(device):
-            if variant is None and not self.has_equations:
-                if q.ndim == 1:
-                    return self._mechanism_kinematics.forward(q, seed)
-                return self._mechanism_kinematics.forward_many(q, seed)
-            kin = self.kinematics(variant)
+            kin = self._solver(variant)
             if q.ndim == 1:
                 return kin.forward(q, seed)
             return kin.forward_many(q, seed)

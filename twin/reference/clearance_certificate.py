@@ -49,8 +49,7 @@ class Stations:
         closing = self.closing
         if closing.linear is not None:
             return closing.placed(q)
-        i = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
-        part = (s - self.s[i]) / (self.s[i + 1] - self.s[i])
+        i, part = _place(self.s, s)
         guess = closing.between(self.X[i], self.X[i + 1], part)
         X, closed = closing.near(guess, q)
         if not closed.all():
@@ -66,10 +65,15 @@ class Stations:
 
     def _travel_until(self, s: Array) -> Array:
         """Return `travel` (k, nv) at s (k,), interpolated between the values of `fine`."""
-        i = np.clip(np.searchsorted(self.fine, s, side="right") - 1, 0, len(self.fine) - 2)
-        part = (s - self.fine[i]) / (self.fine[i + 1] - self.fine[i])
+        i, part = _place(self.fine, s)
         increase = self.travel[i + 1] - self.travel[i]
         return self.travel[i] + part[:, None] * increase
+
+
+def _place(grid: Array, s: Array) -> tuple[np.ndarray, Array]:
+    """Return, for s (k,), the index of the value of a grid before it, and its place from there, 0 to 1."""
+    i = np.clip(np.searchsorted(grid, s, side="right") - 1, 0, len(grid) - 2)
+    return i, (s - grid[i]) / (grid[i + 1] - grid[i])
 
 
 @dataclass(frozen=True)

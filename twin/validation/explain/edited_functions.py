@@ -75,22 +75,9 @@ class EditedFunctions:
         for place in sorted(edits_of_statement):
             edits = edits_of_statement[place]
             _, name, i = place
-            source = self._source(candidate, edits[0])
+            source = self.judge.source_of(candidate.step, edits[0])
             parts.append(f"{name}:{i}:{canonical(source, source.statements[i], edits)}")
         return "; ".join(parts)
-
-    def _source(self, candidate: Candidate, edit: Edit) -> Source:
-        """Return the function in which an edit of a candidate is.
-
-        Raises:
-            LookupError: it is neither the candidate's equation nor a function that this equation calls.
-        """
-        if edit.is_of(candidate.step.source):
-            return candidate.step.source
-        for helper in self.judge.helpers(candidate.step):
-            if edit.is_of(helper.source):
-                return helper.source
-        raise LookupError(edit.function)
 
     def perturbed_residuals(self, candidate: Candidate, rows: list[RowKey]) -> dict[RowKey, Array] | None:
         """Return a candidate's residuals (k, entries) at perturbed values, by row, to compare functions.

@@ -13,7 +13,6 @@ from twin.validation.explain.candidate import CALLS, FORMS, MULTI_TOKEN, OPERATO
 from twin.validation.explain.deadline import Deadline
 from twin.validation.explain.edited_functions import EditedFunctions
 from twin.validation.explain.equation_steps import RowKey
-from twin.validation.explain.function_source import Edit, Source
 from twin.validation.explain.name_pool import pool
 from twin.validation.explain.pair_search import PairSearch
 from twin.validation.explain.position_pairs import PositionPairs
@@ -292,7 +291,7 @@ class RepairSearch(Trials):
         firsts.sort(key=lambda candidate: candidate.rank)
         for candidate in firsts[:_CHANCES]:
             (first,) = candidate.edits
-            source = self._source_of(candidate, first)
+            source = self.judge.source_of(candidate.step, first)
             steps = [candidate.step, *self.callers(source, candidate.step)]
             for statement in source.statements:
                 names = pool(source, statement, set(source.arguments), self.parameters, candidate.step.scope)
@@ -308,19 +307,6 @@ class RepairSearch(Trials):
                     if self.choice.is_general(pair) and self.choice.states.after(pair.edits) is not None:
                         pairs.append(pair)
         return pairs
-
-    def _source_of(self, candidate: Candidate, edit: Edit) -> Source:
-        """Return the function of an edit: the equation of its candidate, or a function that it calls.
-
-        Raises:
-            LookupError: it is neither.
-        """
-        if edit.is_of(candidate.step.source):
-            return candidate.step.source
-        for helper in self.judge.helpers(candidate.step):
-            if edit.is_of(helper.source):
-                return helper.source
-        raise LookupError(edit.function)
 
     def _widest(
         self,

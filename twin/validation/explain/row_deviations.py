@@ -146,6 +146,19 @@ class Judge:
                 return step
         raise KeyError(equation)
 
+    def source_of(self, step: Step, edit: Edit) -> Source:
+        """Return the function of an edit for a row: the row's equation, or a function that it calls.
+
+        Raises:
+            LookupError: it is neither.
+        """
+        if edit.is_of(step.source):
+            return step.source
+        for helper in self.helpers(step):
+            if edit.is_of(helper.source):
+                return helper.source
+        raise LookupError(edit.function)
+
     def helpers(self, step: Step) -> list[Helper]:
         """Return the plain functions, written in formula files, that a step calls."""
         if step.equation.name in self._helpers:
