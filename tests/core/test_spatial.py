@@ -285,3 +285,9 @@ def test_angles_of_every_sequence_turn_back(order, rng):
     assert np.abs(turned(found) - R).max() < 2e-12
     assert (found[::4, 0] == 0).all()
     assert (spatial.euler_angles(R[::4], order, 0.3)[:, 0] == 0.3).all()
+
+
+def test_the_difference_of_two_poses_is_a_distance_and_an_angle():
+    T = spatial.pose(spatial.exp_so3([0.3, -0.2, 0.1]), [1.0, 2.0, 3.0])
+    moved = T @ spatial.pose(spatial.exp_so3([0.0, 0.0, 0.5]), [0.0, 0.3, 0.4])
+    assert spatial.pose_difference(T, moved) == pytest.approx((0.5, 0.5), abs=1e-14)

@@ -145,8 +145,7 @@ class MechanismKinematics:
         text = f"{name}: the mechanism was not found to reach the pose"
         if not isinstance(nearest, Assembly):
             return text
-        shift = np.linalg.norm(nearest.T_base_tool[:3, 3] - T_base_tool[:3, 3])
-        angle = spatial.rotation_angle(nearest.T_base_tool[:3, :3].T @ T_base_tool[:3, :3])
+        shift, angle = spatial.pose_difference(nearest.T_base_tool, T_base_tool)
         freedoms = self._model.freedoms
         text += f": on the way to it, {shift / MM:.3g} mm and {angle / DEG:.3g}° remain"
         if freedoms < _FREEDOMS_OF_A_POSE:

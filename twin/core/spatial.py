@@ -67,6 +67,12 @@ def rotation_angle(R: ArrayLike) -> Array:
     return np.linalg.norm(log_so3(R), axis=-1)
 
 
+def pose_difference(T: Array, T_other: Array) -> tuple[float, float]:
+    """Return the distance in m and the angle in rad between two poses (4, 4)."""
+    shift = float(np.linalg.norm(T[:3, 3] - T_other[:3, 3]))
+    return shift, float(rotation_angle(T[:3, :3].T @ T_other[:3, :3]))
+
+
 def quat_from_matrix_wxyz(R: ArrayLike) -> Array:
     """Return unit quaternions (..., 4), w first and w >= 0, of rotation matrices (..., 3, 3).
 

@@ -230,9 +230,8 @@ def _has_signs(kin: Compiled, T: Array, expected_signs: Array) -> bool:
 
 def _distance(T: Array, T_other: Array, length: float = 1.0) -> float:
     """Return the larger of two differences of poses (4, 4): that of positions, divided by `length`, and the angle."""
-    shift = np.linalg.norm(T[:3, 3] - T_other[:3, 3]) / length
-    angle = spatial.rotation_angle(T[:3, :3].T @ T_other[:3, :3])
-    return float(max(shift, angle))
+    shift, angle = spatial.pose_difference(T, T_other)
+    return max(shift / length, angle)
 
 
 def _q_text(kin: Compiled, q: Array) -> str:

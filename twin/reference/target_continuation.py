@@ -248,9 +248,7 @@ def distance(a: Array, b: Array) -> float:
     """
     if a.ndim == 1:
         return float(np.abs(a - b).max(initial=0.0))
-    turn = float(spatial.rotation_angle(a[:3, :3].T @ b[:3, :3]))
-    shift = float(np.linalg.norm(a[:3, 3] - b[:3, 3]))
-    return max(shift, turn)
+    return max(spatial.pose_difference(a, b))
 
 
 def between(a: Array, b: Array, s: float) -> Array:

@@ -250,8 +250,7 @@ def _vector(v: Array) -> str:
 
 def _place(what: str, where: str, in_cad: Array, on_stage: Array) -> Iterator[Finding]:
     """Yield a finding if a pose (4, 4) differs on the stage; one of position and rotation is enough to be seen."""
-    distance = float(np.linalg.norm(in_cad[:3, 3] - on_stage[:3, 3]))
-    angle = float(spatial.rotation_angle(in_cad[:3, :3].T @ on_stage[:3, :3]))
+    distance, angle = spatial.pose_difference(in_cad, on_stage)
     # a position in single precision has an error relative to its size
     limit = _NEAR + _NEAR * float(np.linalg.norm(in_cad[:3, 3]))
     text = f"{what} is displaced on the stage by {mm(distance)} and {deg(angle)}"

@@ -274,8 +274,7 @@ def _request_errors(requested: Array | None, T: Array) -> list[EquationDeviation
     """Return the distance and the angle from the tool pose T (4, 4) to the requested one; nothing without a request."""
     if requested is None:
         return []
-    distance = float(np.linalg.norm(requested[:3, 3] - T[:3, 3]))
-    angle = float(spatial.rotation_angle(requested[:3, :3].T @ T[:3, :3]))
+    distance, angle = spatial.pose_difference(requested, T)
     return [EquationDeviation(distance, "tool"), EquationDeviation(angle, "tool rotation", True)]
 
 
@@ -317,8 +316,7 @@ def _joint_error(movable: MovableRobot, q_equations: Array, q: Array) -> Equatio
 
 def _pose_error(A: Array, B: Array) -> EquationDeviation:
     """Return the larger of distance in m and angle in rad between two poses (4, 4)."""
-    distance = float(np.linalg.norm(A[:3, 3] - B[:3, 3]))
-    angle = float(spatial.rotation_angle(A[:3, :3].T @ B[:3, :3]))
+    distance, angle = spatial.pose_difference(A, B)
     what = "tool at the equations' joints"
     if angle > distance:
         return EquationDeviation(angle, what, True)
