@@ -17,10 +17,10 @@ from twin.core.errors import ProtocolError, TwinError
 from twin.model.mechanism import Mechanism
 from twin.planning.trajectory import Trajectory
 from twin.proof.motion import motion_prover
-from twin.proof.motion.closure import nodes
 from twin.proof.motion.motion_prover import MotionProof
 from twin.proof.motion.path import TimedPath
 from twin.proof.motion.pieces import first_pieces
+from twin.proof.motion.prediction import nodes
 from twin.proof.motion.quantities import Enclosure, TimeCells, _motor_rows, cells_of
 from twin.proof.motion.series import on_pieces
 from twin.proof.motion.taylor import TaylorModel

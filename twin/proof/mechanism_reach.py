@@ -17,8 +17,9 @@ from twin.core.spatial import Array
 from twin.model.body import Body
 from twin.model.joint import Joint, JointType
 from twin.model.mechanism import Mechanism
-from twin.proof.motion.closure import enclosed, solved
+from twin.proof.motion.closure import enclosed
 from twin.proof.motion.linkage import Linkage, rotation_of, supported
+from twin.proof.motion.prediction import solved
 from twin.proof.motion.taylor import TaylorModel, constant
 from twin.proof.values import Truths
 

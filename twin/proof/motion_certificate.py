@@ -20,7 +20,6 @@ from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.proof.certificate import digest
 from twin.proof.motion import value_groups as groups
-from twin.proof.motion.closure import nodes
 from twin.proof.motion.linkage import ARM, Linkage
 from twin.proof.motion.motion_prover import (
     DRIVEN,
@@ -33,6 +32,7 @@ from twin.proof.motion.motion_prover import (
     PredictedPieces,
 )
 from twin.proof.motion.path import TimedPath, TimedPhase
+from twin.proof.motion.prediction import nodes
 
 SCHEMA = "twin/motion-certificate/1"
 

@@ -16,10 +16,11 @@ from twin.core.errors import TwinError
 from twin.core.spatial import Array
 from twin.model.mechanism import Mechanism
 from twin.proof.motion import value_groups as groups
-from twin.proof.motion.closure import ClosedLinkage, Poses, closed_linkage, connected, nodes
+from twin.proof.motion.closure import ClosedLinkage, closed_linkage, connected
 from twin.proof.motion.linkage import Linkage, supported
 from twin.proof.motion.path import TimedPath
 from twin.proof.motion.pieces import DEEPEST, OVERLAP, Pieces, first_pieces
+from twin.proof.motion.prediction import Poses, nodes
 from twin.proof.motion.quantities import Enclosure, TimeCells, cells_of, enclosures
 from twin.proof.motion.series import on_pieces
 from twin.proof.motion.taylor import joined

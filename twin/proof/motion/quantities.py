@@ -12,10 +12,12 @@ from twin.core.spatial import Array
 from twin.model.joint import Joint
 from twin.model.mechanism import Mechanism
 from twin.proof.motion import value_groups as groups
-from twin.proof.motion.closure import ClosedLinkage, determinant, rates, start_determinant
+from twin.proof.motion.closure import ClosedLinkage
 from twin.proof.motion.linkage import Linkage, PlacedFrame
+from twin.proof.motion.loop_determinant import log_determinant, start_log_determinant
 from twin.proof.motion.path import TimedPath, TimedPhase
 from twin.proof.motion.pieces import Pieces
+from twin.proof.motion.rates import rates
 from twin.proof.motion.taylor import TaylorModel, cross
 from twin.proof.rigid_frame import rigid_frame
 
@@ -275,10 +277,10 @@ def _of_mechanism(
     if linkage.closes:
         gap = closed.gap[cells.piece]
         yield Enclosure(groups.LOOPS, groups.LOOP_GAP, "m", 0.0 * gap, gap, np.inf, smallest=False)
-    log_determinant = determinant(closed)
-    if log_determinant is not None:
-        logs, error = log_determinant
-        lowest_start, highest_start = start_determinant(logs, error)
+    determinant = log_determinant(closed)
+    if determinant is not None:
+        logs, error = determinant
+        lowest_start, highest_start = start_log_determinant(logs, error)
         low, high = cells.of(logs).range()
         error = error[cells.piece]
         ratio_low = low - error - highest_start
