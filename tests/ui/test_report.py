@@ -15,7 +15,8 @@ from twin.core.findings import Finding
 from twin.core.provenance import Parameter
 from twin.ui.report import render_html, write_report
 from twin.ui.report.html import _with_commands, command, key_figures, reason
-from twin.validation.result import Report
+from twin.ui.report.residual_matrix import residual_matrix
+from twin.validation.result import Report, Residual
 
 make_report, PHASES, JOINTS = made.make_report, made.PHASES, made.JOINTS
 NASTY = '<script>alert("x")</script> & $\\frac$'
@@ -217,6 +218,21 @@ def test_pictures_exist_and_show_something(written):
         assert 0.01 < np.mean(np.any(pixels < 230, axis=-1)) < 0.6
         colors = pixels.astype(int) @ (65536, 256, 1)
         assert len(np.unique(colors)) > 20
+
+
+@pytest.mark.parametrize("worst", [math.nan, math.inf])
+def test_values_that_are_not_finite_stay_in_a_long_residual_matrix(disagree, worst):
+    rows = []
+    for number in range(60):
+        rows.append(Residual("A-B", "point", f"p{number}", "m", 1e-12, 1e-12, 1e-6, 0.0, ""))
+    rows.append(Residual("A-B", "point", "broken", "m", worst, worst, 1e-6, 0.0, ""))
+    rows.append(replace(rows[-1], worst=1e-12))
+    figure = residual_matrix(replace(disagree, residuals=tuple(rows)))
+    assert figure is not None
+    names = [text.get_text() for text in figure.axes[0].get_yticklabels()]
+    assert len(names) == 48
+    assert "point broken" in names
+    assert sum(text.get_text().startswith("✗") for text in figure.axes[0].texts) == 1
 
 
 def test_json_round_trip(disagree, written):

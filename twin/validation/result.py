@@ -43,9 +43,9 @@ class Residual:
 
     Attributes:
         pair: the two compared sides. "A-B": equations and CAD mechanism; "B-C": mechanism and USD stage; "B-D":
-            mechanism and baked motion; "B": the mechanism alone (loop gaps, RCM);
-            "A": the equations and other methods for the same task; "P-T": the plan's timing and the
-            timing by a second solver.
+            mechanism and baked motion; "B": the mechanism alone (loop gaps, RCM); "C": the USD stage alone (loop
+            gaps); "A": the equations and other methods for the same task; "P-T": the plan's timing and the timing by a
+            second solver.
         quantity: kind of the compared quantity, such as "point" or "speed".
         name: name of the point, joint, body, loop or phase, or "tool".
         unit: "m", "rad", "m/s", "rad/s", "m/s2" or "rad/s2"; "" for a relative deviation.

@@ -110,7 +110,8 @@ def residual_matrix(report: Report) -> Figure | None:
     figure = Figure(figsize=(WIDTH, total_height))
     wide = 1 - (left_margin + right) / WIDTH
     tall = row_height * len(names) / total_height
-    ax = figure.add_axes((left_margin / WIDTH, 0.42 / total_height, wide, tall))
+    bottom = 0.42  # the legend is below; the rest of `foot` is free above the rows
+    ax = figure.add_axes((left_margin / WIDTH, bottom / total_height, wide, tall))
     for y, name in enumerate(names):
         for x, pair in enumerate(pairs):
             row = table[name].get(pair)
@@ -138,12 +139,16 @@ def residual_matrix(report: Report) -> Figure | None:
 
 
 def _worst_of_cells(residuals: Iterable[Residual]) -> dict[str, dict[str, Residual]]:
-    """Return the largest residual of each cell, by name of the row, then by pair of models."""
+    """Return the largest residual of each cell, by name of the row, then by pair of models; NaN is larger than any."""
+
+    def size(residual: Residual) -> float:
+        return math.inf if math.isnan(residual.worst) else residual.worst
+
     table: dict[str, dict[str, Residual]] = {}
     for residual in residuals:
         cells = table.setdefault(label(residual), {})
         cell = cells.get(residual.pair)
-        if cell is None or residual.worst > cell.worst:
+        if cell is None or size(residual) > size(cell):
             cells[residual.pair] = residual
     return table
 
@@ -185,6 +190,8 @@ def _most_telling(table: dict[str, dict[str, Residual]]) -> list[str]:
             over = decades(row)
             if over is not None:
                 largest = max(largest, over)
+            elif not row.agrees:  # a value that is not finite, or a tolerance of 0
+                largest = math.inf
         return largest
 
     by_ratio = sorted(table, key=worst, reverse=True)
