@@ -9,6 +9,7 @@ import trimesh
 from twin.core.errors import SourceError
 from twin.exchange.formats.sdf.read import read_sdf
 from twin.exchange.formats.urdf.read import read_urdf
+from twin.exchange.read.xml_file import Xml
 
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
 LIMIT = '<limit lower="-1" upper="1" effort="10" velocity="2"/>'
@@ -93,6 +94,20 @@ def test_a_fault_that_does_no_harm_is_a_warning(tmp_path, fault):
     assert {j.name for j in found.mechanism.active} == driven
     assert message in [f.message for f in found.findings if f.severity == "warning"]
     assert not found.mechanism.body("a").meshes
+
+
+def test_what_was_made_from_a_file_is_repaired_not_the_file(tmp_path):
+    file = tmp_path / "robot.urdf.xacro"
+    file.write_text("<robot><foreign:unexpanded/></robot>")
+    xml = Xml(file, "robot", b"<robot><foreign:expanded/></robot>")
+    assert [child.tag for child in xml.root] == ["{undeclared:foreign}expanded"]
+
+
+def test_a_xacro_of_an_sdf_is_not_called_a_urdf(tmp_path):
+    file = tmp_path / "model.sdf"
+    file.write_text('<sdf xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="a" value="1"/></sdf>')
+    with pytest.raises(SourceError, match=r"not a SDF.*`xacro model.sdf > robot.sdf`"):
+        Xml(file, "sdf")
 
 
 def test_a_scale_of_four_numbers_is_read_as_three(tmp_path):

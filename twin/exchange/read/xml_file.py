@@ -36,7 +36,7 @@ class Xml:
             try:
                 self.root = parse_xml(path, data)
             except ElementTree.ParseError as error:
-                repaired, self.repaired = _repaired(read_bytes(path, "XML"))
+                repaired, self.repaired = _repaired(read_bytes(path, "XML") if data is None else data)
                 if not self.repaired:
                     raise error
                 self.root = parse_xml(path, repaired)
@@ -59,9 +59,10 @@ class Xml:
         """Raise `SourceError` if the file is a xacro: without its macros, parts of the robot would be missing."""
         sign = sign_of_xacro(self.root)
         if sign:
+            suffix = "sdf" if self.root.tag == "sdf" else "urdf"
             raise SourceError(
-                f"{self.path}: this is a xacro, not a URDF: it has {sign}. Expand it first, for example with "
-                f"`xacro {self.path.name} > robot.urdf`"
+                f"{self.path}: this is a xacro, not a {suffix.upper()}: it has {sign}. Expand it first, for example "
+                f"with `xacro {self.path.name} > robot.{suffix}`"
             )
 
     def fail(self, where: str, message: str) -> NoReturn:
@@ -121,7 +122,7 @@ class Xml:
         return float(value)
 
     def axis(self, where: str, what: str, text: str | None, default: Sequence[float]) -> Array:
-        """Return a direction (3,) parsed from a text; raise `SourceError` if the direction is a zero vector."""
+        """Return a direction (3,) of any length parsed from a text; raise `SourceError` if the length is 0."""
         axis = self.numbers(where, what, text, 3, default)
         # Exporters write rounding errors such as 1e-17 for zero: normalised, they would be an axis in any direction.
         if not np.abs(axis).max() > 1e-9:
