@@ -171,6 +171,16 @@ def test_the_urdf_says_which_joints_it_leaves_out(case, tmp_path):
         assert mesh.get("scale") == "0.001 0.001 0.001"
 
 
+def test_comments_name_the_files_that_they_speak_of(case, tmp_path):
+    mechanism, _ = case
+    light = replace(mechanism, bodies=tuple(replace(b, inertia=None) for b in mechanism.bodies))
+    for write, suffix in ((write_mjcf, "xml"), (write_urdf, "urdf")):
+        text = write(light, tmp_path, f"{mechanism.name}_clip").read_text()
+        assert f"{mechanism.name}_clip.{suffix}" in text
+        assert f"{mechanism.name}.{suffix}" not in text
+        assert f"{mechanism.name}.yaml" not in text
+
+
 def test_a_mass_that_nobody_knows_is_said(case, tmp_path):
     mechanism, _ = case
     light = replace(mechanism, bodies=tuple(replace(b, inertia=None) for b in mechanism.bodies))

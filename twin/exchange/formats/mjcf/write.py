@@ -88,7 +88,8 @@ def write_mjcf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
     """
     folder.mkdir(parents=True, exist_ok=True)
     write_meshes(mechanism, folder)
-    return write_xml(_Writer(mechanism).root, folder / f"{name or mechanism.name}.xml")
+    path = folder / f"{name or mechanism.name}.xml"
+    return write_xml(_Writer(mechanism, path.name).root, path)
 
 
 def mjcf_text(mechanism: Mechanism) -> str:
@@ -97,12 +98,15 @@ def mjcf_text(mechanism: Mechanism) -> str:
     Raises:
         AssemblyError: the loops of the mechanism cannot be closed.
     """
-    return xml_text(_Writer(mechanism).root)
+    return xml_text(_Writer(mechanism, f"{mechanism.name}.xml").root)
 
 
-def mjcf_findings(mechanism: Mechanism) -> list[Finding]:
-    """Return findings on differences between the MJCF and the mechanism; the MJCF contains the same findings."""
-    file = f"{mechanism.name}.xml"
+def mjcf_findings(mechanism: Mechanism, file: str = "") -> list[Finding]:
+    """Return findings on differences between the MJCF and the mechanism; the MJCF contains the same findings.
+
+    `file` is the name of the MJCF file, by default <robot>.xml.
+    """
+    file = file or f"{mechanism.name}.xml"
     findings = [*unweighed(mechanism, file), *partly_shown(mechanism, file)]
     findings += motors_left_out(mechanism, file, "max_speed")
     # MJCF can limit the rotation angle of a ball joint, but not the cone of its axis.
@@ -111,7 +115,7 @@ def mjcf_findings(mechanism: Mechanism) -> list[Finding]:
 
 
 class _Writer:
-    """Builder of the MJCF document: writes the tree of bodies, and collects the elements of all other sections.
+    """Builder of the MJCF document `file`: writes the tree of bodies, and collects the elements of all other sections.
 
     Attributes:
         spanning: the joints of the tree, and those at which loops are cut.
@@ -122,7 +126,7 @@ class _Writer:
         root: the element <mujoco>.
     """
 
-    def __init__(self, mechanism: Mechanism) -> None:
+    def __init__(self, mechanism: Mechanism, file: str) -> None:
         from twin.reference import ReferenceModel
         from twin.reference.holding_efforts import holding_efforts
 
@@ -135,7 +139,7 @@ class _Writer:
         self.carriers: dict[str, list[Joint]] = {}
         self.qpos: list[float] = []
         self.root = root = ET.Element("mujoco", model=mechanism.name)
-        for finding in mjcf_findings(mechanism):
+        for finding in mjcf_findings(mechanism, file):
             root.append(ET.Comment(f" {finding.message} "))
         ET.SubElement(root, "compiler", angle="radian", autolimits="true")
         root.append(ET.Comment(f" {STEPPING} "))

@@ -76,7 +76,7 @@ def write_urdf(mechanism: Mechanism, folder: Path, name: str = "") -> Path:
         values = _values((*spanning(mechanism).tree, *cut), home)
         driven = [joint.name for joint in mechanism.active]
         write_closures(cut, couplings, driven, values, path.with_suffix(".yaml"))
-    return write_xml(_document(mechanism, home), path)
+    return write_xml(_document(mechanism, home, path.stem), path)
 
 
 def has_closures(mechanism: Mechanism) -> bool:
@@ -84,9 +84,13 @@ def has_closures(mechanism: Mechanism) -> bool:
     return bool(_loop_joints(mechanism) or _couplings_without_mimic(mechanism))
 
 
-def urdf_findings(mechanism: Mechanism) -> list[Finding]:
-    """Return findings on data that URDF cannot hold; the URDF file contains the findings as comments."""
-    file = f"{mechanism.name}.urdf"
+def urdf_findings(mechanism: Mechanism, name: str = "") -> list[Finding]:
+    """Return findings on data that URDF cannot hold; the URDF file contains the findings as comments.
+
+    `name` is the name of the URDF and of its closure YAML without suffix, by default that of the robot.
+    """
+    name = name or mechanism.name
+    file = f"{name}.urdf"
     findings = [*unweighed(mechanism, file), *partly_shown(mechanism, file)]
     findings += motors_left_out(mechanism, file, "limits", "rotor_inertia", "stiffness")
     for transmission in mechanism.transmissions:
@@ -103,17 +107,17 @@ def urdf_findings(mechanism: Mechanism) -> list[Finding]:
         cut_joints.append(f"{joint.name} ({joint.type}, {joint.parent} to {joint.child})")
     if cut_joints:
         text = (
-            f"{file}: URDF cannot close loops; {mechanism.name}.yaml closes them, at {', '.join(cut_joints)}. Programs "
+            f"{file}: URDF cannot close loops; {name}.yaml closes them, at {', '.join(cut_joints)}. Programs "
             "that do not read it have correct link poses only with the values of the passive joints from the tracks"
         )
         findings.append(_LOOPS(", ".join(cut_names), text))
     for coupling in _couplings_without_mimic(mechanism):
         terms = []
-        for name, ratio in zip(coupling.joints, coupling.ratios, strict=True):
-            terms.append(f"{ratio:g} {name}")
+        for joint_name, ratio in zip(coupling.joints, coupling.ratios, strict=True):
+            terms.append(f"{ratio:g} {joint_name}")
         text = (
             f"{file}: URDF cannot hold coupling {coupling.name}: {' + '.join(terms)} = {coupling.total:g}; it is in "
-            f"{mechanism.name}.yaml"
+            f"{name}.yaml"
         )
         findings.append(warning("export.urdf_coupling", coupling.name, text))
     findings += left_out(mechanism, file, "soft_limits", "max_acceleration", "max_jerk", "cone")
@@ -160,9 +164,9 @@ def _values(joints: Iterable[Joint], home: Mapping[str, Array]) -> dict[str, flo
     return values
 
 
-def _document(mechanism: Mechanism, home: Mapping[str, Array]) -> ET.Element:
+def _document(mechanism: Mechanism, home: Mapping[str, Array], name: str) -> ET.Element:
     root = ET.Element("robot", name=mechanism.name)
-    for finding in urdf_findings(mechanism):
+    for finding in urdf_findings(mechanism, name):
         comment = f" {finding.message}. ".replace("--", "-")  # two hyphens would end a comment of XML
         root.append(ET.Comment(comment))
     for material in dict.fromkeys(mechanism.materials.values()):
