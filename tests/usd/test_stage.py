@@ -491,6 +491,16 @@ def test_millimetres_and_y_up_become_metres_and_z_up(tmp_path):
     assert np.allclose(np.diag(inertia.I_com), [0.01, 0.02, 0.03], atol=1e-5)
 
 
+def test_joints_below_a_root_that_hold_bodies_beside_it_are_no_robot(tmp_path):
+    foreign = Foreign(tmp_path / "beside.usda")
+    UsdGeom.Xform.Define(foreign.stage, "/World/robot")
+    for path in ("base", "arm", "robot/prop"):
+        foreign.body(path)
+    foreign.joint(R, "robot/hinge", "base", "arm", axis="Z")
+    with pytest.raises(StageError, match=r"below /World/robot: no joint holds a rigid body"):
+        read_stage(foreign.save(), root="/World/robot")
+
+
 def test_the_base_may_stand_in_body1_or_nowhere(tmp_path):
     swapped = Foreign(tmp_path / "swapped.usda")
     swapped.body("a")

@@ -56,6 +56,8 @@ def select(scene: RawStage, root: str | None, notes: list[Finding]) -> Selection
     if not joints:
         raise NoMechanismError(f"{place}: the stage has no joints, so there is no mechanism")
     robots = _robots(_groups(bodies, joints), joints)
+    if not robots:
+        raise NoMechanismError(f"{place}: no joint holds a rigid body, so there is no mechanism")
     if root and len(robots) > 1 and all(_is_grounded(group, joints) for group in robots):
         # several chains that start at the world form one robot
         connected: list[str] = []
