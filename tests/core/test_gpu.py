@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import casadi as ca
@@ -403,3 +405,15 @@ def test_the_benchmark_can_be_rehearsed(tmp_path):
     found = json.loads((tmp_path / "gpu.json").read_text())
     assert all(row["met"] for row in found["same answers"].values())
     assert set(found["user's work"]) == {"workspace sils", "tolerance sher"}
+
+
+def test_threads_that_call_first_at_once_share_the_lanes(card, monkeypatch):
+    class Slow(gpu_kernel._Lanes):
+        def __init__(self, card):
+            time.sleep(0.05)
+            super().__init__(card)
+
+    monkeypatch.setattr(gpu_kernel, "_Lanes", Slow)
+    with ThreadPoolExecutor(4) as pool:
+        lanes = set(pool.map(gpu_kernel._lanes, [card] * 4))
+    assert len(lanes) == 1

@@ -8,7 +8,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
 
 from twin.codegen.gpu_entry import ENTRY, THREADS, ptx_text, sample_text
 from twin.core import compute_device
@@ -86,10 +85,16 @@ class _Lanes:
         return sum(lane.count for lane in self.lanes)
 
 
-@cache
+_lanes_of: dict[Gpu, _Lanes] = {}
+_lanes_lock = threading.Lock()
+
+
 def _lanes(gpu: Gpu) -> _Lanes:
-    """Return the lanes of a GPU, which all kernels share."""
-    return _Lanes(gpu)
+    """Return the lanes of a GPU, which all kernels share, in all threads."""
+    with _lanes_lock:
+        if gpu not in _lanes_of:
+            _lanes_of[gpu] = _Lanes(gpu)
+        return _lanes_of[gpu]
 
 
 @dataclass(frozen=True)
