@@ -97,6 +97,19 @@ def excess(mechanism, links, q):
     return found[name], name
 
 
+def test_a_cone_of_no_width_has_finite_slacks():
+    mechanism = twin.load("sils").mechanism
+    joints = []
+    for joint in mechanism.joints:
+        cone = None if joint.cone is None else 0.0
+        joints.append(replace(joint, cone=cone))
+    solver = LoopSolver(replace(mechanism, joints=tuple(joints)))
+    check = PassiveCheck(solver)
+    assert "cone" in {limit.kind for limit in check.limits}
+    states = solver.forward_many(solver.q[None]).states
+    assert np.isfinite(check.slacks(solver.q[None], states)).all()
+
+
 # -- SILS ----------------------------------------------------------------------------------------------
 
 L0, L1, L2, LP, LH, LV = (

@@ -32,6 +32,9 @@ Equations and mechanism may differ by errors of the CAD; another assembly mode d
 singularity, where the modes have nearly the same joint values.
 """
 
+_NARROW = 1e-6
+"""Half angle in rad of the narrowest cone whose slack is an angle at the limit: a cone of 0 has a finite slack, too."""
+
 
 @dataclass(frozen=True)
 class PassiveLimit:
@@ -88,7 +91,8 @@ def _slack(equations: LoopEquations, limit: PassiveLimit, stepping: bool) -> ca.
     p1, x1, _, z1 = child_frame
     if limit.kind == "cone":
         cone = float(joint.cone or 0.0)
-        return (ca.dot(z0, z1) - np.cos(cone)) / np.sin(cone)
+        slope = np.sin(max(cone, _NARROW))  # of the cosine, at the limit
+        return (ca.dot(z0, z1) - np.cos(cone)) / slope
     low, high = joint.limits or (-np.inf, np.inf)
     if joint.type == "prismatic":
         shift = ca.dot(z0, p1 - p0)
