@@ -82,6 +82,17 @@ def test_glb_plays_the_vertices(bends):
             assert np.abs(v - truth(bend, t)).max() < LIMIT
 
 
+def test_a_vertex_without_triangle_has_a_normal(bends):
+    bend = bends[1]
+    mesh = replace(bend.mesh, vertices=np.vstack([bend.mesh.vertices, np.zeros(3)]))
+    data = bends_glb("organs", [replace(bend, mesh=mesh, weights=np.vstack([bend.weights, bend.weights[:1]]))])
+    length = struct.unpack_from("<I", data, 12)[0]
+    document = json.loads(data[20 : 20 + length])
+    (primitive,) = document["meshes"][0]["primitives"]
+    normals = accessor(document, data[28 + length :], primitive["attributes"]["NORMAL"])
+    assert np.allclose(np.linalg.norm(normals, axis=1), 1.0)
+
+
 def test_trimesh_reads_the_glb_at_rest(bends, tmp_path):
     import trimesh
 

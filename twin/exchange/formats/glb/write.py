@@ -1,8 +1,8 @@
 """Write <robot>.glb: glTF 2.0 in one file, written without a library so that the file is reproducible byte by byte.
 
 glTF is y up. The root node rotates the robot to y up. Link nodes are children of the root node. Poses of link nodes are
-relative to the robot's base frame (z up), so that link poses from a track or a stream can be assigned to the nodes
-unchanged.
+relative to the robot's base frame (z up), which is the world frame of a mechanism, so that link poses from a track or a
+stream can be assigned to the nodes unchanged.
 """
 
 from __future__ import annotations
@@ -275,8 +275,8 @@ class _Document:
     def bending(self, bend: Bend, shapes: Array) -> int:
         """Add the mesh of a deformable and return the index of the mesh.
 
-        The mesh has a morph target for each of the s shapes in `shapes` (s, n, 3). It has the normals of the
-        deformable at rest, and the vertices in their original order.
+        The mesh has a morph target for each of the s shapes in `shapes` (s, n, 3), displacements of the vertices in m.
+        It has the normals of the deformable at rest, and the vertices in their original order.
         """
         mesh = bend.mesh
         faces = mesh.triangles
@@ -287,7 +287,9 @@ class _Document:
         normals = np.zeros_like(mesh.vertices)
         for corner in range(3):  # `add.at` also adds twice where two triangles share the vertex, unlike `+=`
             np.add.at(normals, faces[:, corner], np.cross(second_corner - first_corner, third_corner - first_corner))
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        sizes = np.linalg.norm(normals, axis=1, keepdims=True)
+        # A vertex without a triangle of some area has no normal; the arbitrary direction z avoids NaN.
+        normals = np.where(sizes > 0, normals / np.where(sizes > 0, sizes, 1.0), [0.0, 0.0, 1.0])
         material = Material(mesh.name, mesh.color_rgba, mesh.finish)
         primitive = self._primitive(mesh.vertices, normals, faces, material, short=False)
         entry: JsonObject = {"name": f"{mesh.name}_mesh", "primitives": [primitive]}
