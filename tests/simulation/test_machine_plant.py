@@ -157,6 +157,9 @@ def test_a_joint_stops_at_its_end(left, made):
         ({"coulomb": np.full(7, -1.0)}, r"Coulomb friction of shoulder is -1"),
         ({"rotors": np.full(7, np.nan)}, r"rotor inertia of shoulder is nan"),
         ({"fall": np.full(3, np.inf)}, r"gravitational acceleration"),
+        ({"stops": np.zeros((2, 3))}, r"hard stops have shape \(2, 3\); they must have shape \(2, 7\)"),
+        ({"stops": np.full((2, 7), np.nan)}, r"hard stops of shoulder are nan and nan"),
+        ({"stops": np.array([np.ones(7), np.zeros(7)])}, r"hard stops of shoulder are 1 and 0"),
     ],
 )
 def test_impossible_physics_is_refused(made, change, message):

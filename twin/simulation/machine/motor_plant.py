@@ -6,8 +6,8 @@ T is the matrix of the transmission (q = T m), J the rotor inertias, V the visco
 tick is one step of the implicit Euler method for the viscous friction, and of the semi-implicit Euler method for the
 other terms. The friction f of a joint is the effort that brings the joint to rest within the tick, but at most the
 Coulomb friction in `Physics.coulomb`; therefore, a joint can stick. The efforts f are computed by three sweeps over the
-joints (projected Gauss-Seidel; J. J. Moreau, Unilateral contact and dry friction in finite freedom dynamics, Springer
-1988).
+joints, with loops by 20 (projected Gauss-Seidel; J. J. Moreau, Unilateral contact and dry friction in finite freedom
+dynamics, Springer 1988).
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ TICK = 1e-3
 SWEEPS = 3
 """Number of sweeps over the joints for the Coulomb friction."""
 
-_LEAST_FACTOR = 1e-3
-"""Smallest factor of a mass: 0 would make the mass matrix singular."""
-
 LOOP_SWEEPS = 20
 """The same for a mechanism with loops, whose joints are strongly coupled."""
+
+_LEAST_FACTOR = 1e-3
+"""Smallest factor of a mass: 0 would make the mass matrix singular."""
 
 
 @dataclass(frozen=True)
@@ -89,8 +89,8 @@ class Physics:
         """Return all parameters as one vector.
 
         Raises:
-            MechanismError: a number is not finite, a mass factor is below 0.001, or a friction or rotor inertia is
-                negative.
+            MechanismError: a number is not finite (hard stops: NaN), a mass factor is below 0.001, a friction or rotor
+                inertia is negative, a shape is wrong, or a minimum of the hard stops is above the maximum.
         """
         active_names = [joint.name for joint in arm.mechanism.active]
         tree_names = [joint.name for joint in arm.mechanism.tree]
@@ -110,6 +110,16 @@ class Physics:
                     raise MechanismError(f"plant: the {what} of {name} is {value:g}; it must be at least {least:g}")
         if not np.isfinite(self.fall).all():
             raise MechanismError(f"plant: the gravitational acceleration is {self.fall}; it must be finite")
+        expected = (2, len(active_names))
+        if np.shape(self.stops) != expected:
+            raise MechanismError(
+                f"plant: the hard stops have shape {np.shape(self.stops)}; they must have shape {expected}"
+            )
+        for name, low, high in zip(active_names, *self.stops, strict=True):
+            if not low <= high:
+                raise MechanismError(
+                    f"plant: the hard stops of {name} are {low:g} and {high:g}; the first must be the lower one"
+                )
         return np.concatenate([self.factors, self.rotors, self.viscous, self.coulomb, self.fall, *self.stops])
 
 
