@@ -106,7 +106,7 @@ def test_what_was_made_from_a_file_is_repaired_not_the_file(tmp_path):
 def test_a_xacro_of_an_sdf_is_not_called_a_urdf(tmp_path):
     file = tmp_path / "model.sdf"
     file.write_text('<sdf xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:property name="a" value="1"/></sdf>')
-    with pytest.raises(SourceError, match=r"not a SDF.*`xacro model.sdf > robot.sdf`"):
+    with pytest.raises(SourceError, match=r"is a xacro.*`xacro model.sdf > expanded_model.sdf`"):
         Xml(file, "sdf")
 
 

@@ -59,10 +59,9 @@ class Xml:
         """Raise `SourceError` if the file is a xacro: without its macros, parts of the robot would be missing."""
         sign = sign_of_xacro(self.root)
         if sign:
-            suffix = "sdf" if self.root.tag == "sdf" else "urdf"
             raise SourceError(
-                f"{self.path}: this is a xacro, not a {suffix.upper()}: it has {sign}. Expand it first, for example "
-                f"with `xacro {self.path.name} > robot.{suffix}`"
+                f"{self.path}: this is a xacro: it has {sign}. Expand it first, for example with "
+                f"`xacro {self.path.name} > expanded_{self.path.name}`"
             )
 
     def fail(self, where: str, message: str) -> NoReturn:
