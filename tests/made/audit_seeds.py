@@ -1010,7 +1010,7 @@ for kind, change, says in (
     ("between_position x 100", times_key("between_position", 100.0), "between"),
     ("one key of one link", one_pose, "link"),
     ("rate", times_key("rate", 2.0), "rate"),
-    ("title", lambda d: d.__setitem__("title", "Another title"), "called"),
+    ("title", lambda d: d.__setitem__("title", "Another title"), "title of clip"),
     ("model hash", lambda d: d.__setitem__("model_hash", "sha256:0123"), "model"),
     ("moved frame unknown", lambda d: d.__setitem__("moved_frame", "nowhere"), "moved_frame"),
     ("shaft axis not a unit vector", lambda d: d.__setitem__("shaft_axis", [1, 1, 0]), "shaft_axis"),
