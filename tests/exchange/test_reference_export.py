@@ -285,6 +285,24 @@ def test_the_order_of_named_elements_is_compared_where_it_says_something(root, e
     assert [f.text for f in told(tmp_path / "r.xml", tmp_path / "s.xml")] == expected
 
 
+def test_xml_that_a_program_rejects_is_compared_and_a_layer_that_cannot_be_read_is_not(tmp_path):
+    for folder, mass in (("reference", "1"), ("audited", "-1")):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "r.xml").write_text(f"<mujoco><body mass='{mass}'/></mujoco>")
+        (tmp_path / folder / "r.usda").write_text(f"#usda 1.0 {mass}")
+    told = list(compare_with_reference(tmp_path / "audited", tmp_path / "reference", {"r.xml", "r.usda"}))
+    assert [ledger.file for ledger in told] == ["r.xml", "1 file"]
+    assert "'mass' is -1" in told[0].findings[0].message
+
+
+def test_entities_are_not_expanded(tmp_path):
+    for folder, text in (("reference", "<m/>"), ("audited", '<!DOCTYPE m [<!ENTITY a "b">]><m>&a;</m>')):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "r.xml").write_text(text)
+    first = ledgers(tmp_path / "audited", tmp_path / "reference")[0]
+    assert [f.severity for f in first.findings] == ["error"]
+
+
 def test_scenery_may_be_added(tmp_path):
     for folder, added in (("reference", ""), ("audited", "<camera name='c'/><light/><geom type='plane'/>")):
         (tmp_path / folder).mkdir()

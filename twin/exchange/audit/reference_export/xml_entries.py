@@ -9,6 +9,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from twin.exchange.audit.reference_export.entries import Entry, numbered
+from twin.exchange.audit.xml_root import parse_xml
 
 COMMENT = "comment"
 """Kind of the entries of comments."""
@@ -18,9 +19,9 @@ def read_xml(path: Path) -> Entry:
     """Return the elements of an XML file with their attributes, and its comments.
 
     Raises:
-        ET.ParseError: the file is not XML.
+        ReadError: the file is not XML, or declares entities, which could expand without limit.
     """
-    # The audit has parsed the file before, and refuses one that declares entities.
+    parse_xml(path)
     parser = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))
     root = ET.fromstring(path.read_bytes(), parser)
     # In MJCF, the order of joints and actuators is that of the numbers that a program sets.
