@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from twin.analysis.error_propagation import Spread as Spread
-    from twin.analysis.search import workspace as workspace
+    from twin.analysis.workspace import workspace as workspace
     from twin.analysis.sweep import sweep as sweep
     from twin.analysis.tolerance import tolerance as tolerance
     from twin.api import (
@@ -94,7 +94,7 @@ _NAMES_BY_MODULE = {
     "twin.api.procedure": ("operate_procedure", "replay_procedure"),
     "twin.api.console_runs": ("operate_console", "replay_session"),
     "twin.analysis.error_propagation": ("Spread",),
-    "twin.analysis.search": ("workspace",),
+    "twin.analysis.workspace": ("workspace",),
     "twin.analysis.sweep": ("sweep",),
     "twin.analysis.tolerance": ("tolerance",),
     "twin.checking.checker": ("check",),

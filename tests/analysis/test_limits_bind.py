@@ -12,8 +12,8 @@ from scipy.stats import qmc
 
 import twin
 from made.lanes import contrasting, robots
-from twin.analysis import joint_samples, search
-from twin.analysis import workspace as reach
+from twin.analysis import grid_workspace as reach
+from twin.analysis import joint_samples, workspace
 from twin.analysis.declared_limits import beyond_limits
 from twin.analysis.pose_grid import PoseGrid
 from twin.core import spatial
@@ -220,7 +220,7 @@ def test_a_pose_alone_is_judged_in_its_own_assembly():
     assert _inside_by_reference(robot, T, q)
     assert robot.passive_check.kept(q[None], T[None])[0]
     grid = PoseGrid(T[:3, 3], 1e-3, (1, 1, 1), T[:3, :3])
-    assert reach.workspace(robot, grid).reached.all()
+    assert reach.over_grid(robot, grid).reached.all()
     margins = robot.passive_check.margins(q[None], T[None])
     for distance, _ in margins.values():
         assert distance[0] > 0
@@ -254,7 +254,7 @@ def test_the_workspace_of_sils_is_that_of_plain_geometry():
     """Pose by pose, and in volume by random positions; without the cones of its ball joints, 7.06 dm³ were stated."""
     robot = twin.load("sils")
     T = reach.centre(robot)
-    found = search.workspace(robot, 600_000)
+    found = workspace.workspace(robot, 600_000)
     p = found.grid.position(np.arange(found.grid.positions))
     assert np.array_equal(found.reached, sils_reaches(p, T[:3, :3], T[:3, 3]))
     low, high = np.array([0, 0.04, 0]), np.array([0.56, 0.68, 0.37])
@@ -279,7 +279,7 @@ def test_every_state_of_a_workspace_keeps_all_limits(name):
     robot = bound(name)
     mechanism = robot.mechanism
     kin = robot.kinematics()
-    found = search.workspace(robot, POSES)
+    found = workspace.workspace(robot, POSES)
     assert found.reached.any()
     if "sampled" in found.facts:
         ranges = joint_samples._ranges(robot)

@@ -24,7 +24,7 @@ import twin
 from made.lanes import contrasting, nightly
 from twin import cli
 from twin.analysis import cluster, design, joint_samples, table
-from twin.analysis import workspace as reach
+from twin.analysis import grid_workspace as reach
 from twin.analysis.error_propagation import ErrorPropagation, Spread
 from twin.analysis.pose_grid import PoseGrid
 from twin.analysis.workspace_result import volume_error
@@ -149,12 +149,12 @@ def test_the_box_holds_all_that_is_reached(robots, name):
     step = float((high - low).max() / 40)
     wide = np.floor((high - low) * 1.4 / step).astype(int) + 1
     grid = PoseGrid(low - 0.2 * (high - low), step, (int(wide[0]), int(wide[1]), int(wide[2])), T[:3, :3])
-    found = reach.workspace(robot, grid)
+    found = reach.over_grid(robot, grid)
     p = grid.position(np.flatnonzero(found.reached))
     assert (p >= low).all()
     assert (p <= high).all()
     finer = PoseGrid(grid.low, step / 2, tuple(2 * int(n) for n in wide), T[:3, :3])  # type: ignore[arg-type]
-    volume = reach.workspace(robot, finer).content()["volume_dm3"]
+    volume = reach.over_grid(robot, finer).content()["volume_dm3"]
     assert found.content()["volume_dm3"] == pytest.approx(volume, rel=0.05)
 
 
@@ -183,7 +183,7 @@ def test_joints_and_poses_reach_the_same_places(robots):
     T = reach.centre(robot)
     low, high = reach.box(robot, T)
     nx, ny, nz = (int(n) for n in np.floor((high - low) / 0.1))
-    by_poses = reach.workspace(robot, PoseGrid(low, 0.1, (nx, ny, nz), T[:3, :3]))
+    by_poses = reach.over_grid(robot, PoseGrid(low, 0.1, (nx, ny, nz), T[:3, :3]))
     p = by_poses.grid.position(np.flatnonzero(by_poses.reached))
     grid = by_joints.grid
     index = np.round((p - grid.low) / grid.step).astype(int)
@@ -629,11 +629,11 @@ def slow(folder: str, number: int) -> int:
 def test_a_cluster_gives_the_same_workspace(robots, two_workers):
     robot = robots["sher"]
     grid = grid_around(robot, (40, 40, 30), 0.003)
-    here = reach.workspace(robot, grid)
+    here = reach.over_grid(robot, grid)
     chunk, reach.CHUNK = reach.CHUNK, 10_000
     try:
         with cluster.cluster(two_workers[0]) as client:
-            there = reach.workspace(robot, grid, client=client, source="sher")
+            there = reach.over_grid(robot, grid, client=client, source="sher")
     finally:
         reach.CHUNK = chunk
     assert here.reached.any()
@@ -705,7 +705,7 @@ def test_workspace_and_sweep_agree_within_the_errors_that_they_state(monkeypatch
     low, high = reach.box(robot, T)
     step = float(np.prod(high - low) / 150_000) ** (1 / 3)
     nx, ny, nz = (int(n) for n in np.floor((high - low) / step) + 1)
-    fine = reach.workspace(robot, PoseGrid(low, step, (nx, ny, nz), T[:3, :3])).content()
+    fine = reach.over_grid(robot, PoseGrid(low, step, (nx, ny, nz), T[:3, :3])).content()
     work = design.design_job(robot, "sils", None, [design.parse_factor(robot, "l_p=120..150mm")], ("volume",))
     coarse = design.evaluate(work, [robot.kinematics().parameters["l_p"]])["volume"]
     apart, stated = abs(coarse - fine["volume_dm3"]), design.grid_error(work) + fine["volume_error_dm3"]

@@ -28,8 +28,8 @@ import numpy as np
 
 import twin
 from twin.analysis.error_propagation import Spread
-from twin.analysis.search import workspace
 from twin.analysis.tolerance import tolerance
+from twin.analysis.workspace import workspace
 from twin.codegen.gpu_entry import ENTRY, THREADS
 from twin.core import assets, gpu
 from twin.core.compute_device import computing_on

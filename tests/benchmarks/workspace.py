@@ -11,7 +11,7 @@ import numpy as np
 from race import Contender, Effort, Fact, Table, race, show
 
 import twin
-from twin.analysis import workspace as reach
+from twin.analysis import grid_workspace as reach
 from twin.analysis.pose_grid import PoseGrid
 from twin.core import processors, spatial
 
@@ -62,7 +62,7 @@ def throughput(effort: Effort) -> Table:
     some = spatial.pose(T[:3, :3], grid.position(np.linspace(0, grid.positions - 1, 5000).astype(int)))
 
     def whole() -> None:
-        reach.workspace(robot, grid)
+        reach.over_grid(robot, grid)
 
     def alone() -> None:
         for numbers in parts:
@@ -73,7 +73,7 @@ def throughput(effort: Effort) -> Table:
             q = kin.inverse_many(some)
             kin.condition_many(some, q)
 
-    found = reach.workspace(robot, grid)
+    found = reach.over_grid(robot, grid)
     at = np.flatnonzero(found.reached)[:: max(1, int(found.reached.sum()) // 500)]
     Ts = spatial.pose(T[:3, :3], grid.position(at))
     error = float(np.abs(1 / kin.condition_many(Ts) - found.values[at, 1]).max())

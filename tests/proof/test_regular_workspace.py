@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import twin
-from twin.analysis import workspace as sampled
+from twin.analysis import grid_workspace as sampled
 from twin.analysis.pose_grid import PoseGrid
 from twin.analysis.proven_workspace import proven_workspace
 from twin.cli import main
@@ -67,7 +67,7 @@ def test_proved_positions_are_assembled_by_the_reference_model_within_limits(sil
 def test_the_sampled_workspace_reaches_all_proved_positions(sils, proven):
     proof = proven.proof
     grid = PoseGrid(CORNERS[0], 0.002, (21, 21, 21), proof.orientation)
-    found = sampled.workspace(sils, grid)
+    found = sampled.over_grid(sils, grid)
     p = grid.position(np.arange(grid.positions))[:, None]
     inside = ((proof.low < p) & (p < proof.high)).all(axis=2).any(axis=1)
     assert inside.sum() > 1000
@@ -197,4 +197,4 @@ def test_four_fifths_of_the_workspace_of_sils_are_proved(sils):
     assert found.proof.volume <= found.sampled + 2 * found.sampled_error
     for p in _positions(found.proof, 24):
         grid = PoseGrid(p, 1e-3, (1, 1, 1), found.proof.orientation)
-        assert sampled.workspace(sils, grid).reached.all()
+        assert sampled.over_grid(sils, grid).reached.all()

@@ -12,8 +12,8 @@ import pytest
 import twin
 from made.lanes import CONTRASTING
 from twin.analysis.error_propagation import Spread
-from twin.analysis.search import workspace
 from twin.analysis.tolerance import tolerance
+from twin.analysis.workspace import workspace
 from twin.api.equation_checks import validate_samples
 from twin.codegen import Kernel
 from twin.codegen.gpu_entry import THREADS

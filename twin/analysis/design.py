@@ -14,8 +14,8 @@ from functools import lru_cache
 import numpy as np
 
 from twin.analysis.error_propagation import ErrorPropagation, Spread
+from twin.analysis.grid_workspace import centre, shared_bounds
 from twin.analysis.pose_grid import PoseGrid
-from twin.analysis.workspace import centre, shared_bounds
 from twin.analysis.workspace_result import volume_error
 from twin.api.robot import Robot
 from twin.api.robot_loading import load
@@ -225,7 +225,7 @@ def design_job(
     Raises:
         TwinError: an objective does not exist, or depends on none of the factors.
     """
-    from twin.analysis.workspace import UnreachedError, box
+    from twin.analysis.grid_workspace import UnreachedError, box
 
     for name in objectives:
         if name not in OBJECTIVES:

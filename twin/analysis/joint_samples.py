@@ -14,8 +14,8 @@ import numpy as np
 
 from twin import robots
 from twin.analysis import measure
+from twin.analysis.grid_workspace import CHUNK, limit_facts, passive_check, shared_bounds
 from twin.analysis.pose_grid import PoseGrid
-from twin.analysis.workspace import CHUNK, limit_facts, passive_check, shared_bounds
 from twin.analysis.workspace_result import Workspace
 from twin.api.robot import Robot
 from twin.core import compute_device

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.analysis import workspace as sampled
+from twin.analysis import grid_workspace as sampled
 from twin.analysis.pose_grid import PoseGrid
 from twin.analysis.workspace_result import volume_error
 from twin.api.robot import Progress, Robot, silent
@@ -305,7 +305,7 @@ def _sampled_volume(robot: Robot, T: Array, low: Array, high: Array, progress: P
     nx, ny, nz = np.maximum(np.round((high - low) / step).astype(int), 1).tolist()
     # each position is the middle of its cell
     grid = PoseGrid(low + 0.5 * (high - low - step * (np.array([nx, ny, nz]) - 1)), step, (nx, ny, nz), T[:3, :3])
-    space = sampled.workspace(robot, grid, progress=progress)
+    space = sampled.over_grid(robot, grid, progress=progress)
     cell = step**3
     reached = space.cube[..., 0] > 0
     return float(cell * reached.sum()), volume_error(reached, cell)

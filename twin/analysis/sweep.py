@@ -12,7 +12,7 @@ import numpy as np
 
 from twin.analysis import design, table
 from twin.analysis.cluster import HERE, DeviceProcesses, cluster, each, require_keys
-from twin.analysis.workspace import limited_passive_joints
+from twin.analysis.grid_workspace import limited_passive_joints
 from twin.api.name_or_path import name_or_path
 from twin.api.robot import Progress, Robot, silent
 from twin.api.robot_loading import loaded

@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
     """Compute the workspace, print its volumes, write a picture and point clouds."""
     from twin import api
     from twin.analysis import cloud
-    from twin.analysis.search import workspace as search
+    from twin.analysis.workspace import workspace as search
     from twin.cli import show
     from twin.cli.option_values import device
     from twin.core import assets
