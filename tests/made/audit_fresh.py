@@ -610,6 +610,7 @@ def _(folder):
 def _(folder):
     shutil.rmtree(folder / "unity/Runtime/Robots")
     (folder / "unity/Runtime/Robots.meta").unlink()
+    (folder / "README.txt").unlink()  # it would say why an export has no class
 
 
 @package("script in UTF-16", "Playhead")
