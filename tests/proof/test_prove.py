@@ -24,8 +24,8 @@ from twin.cli import main
 from twin.core.errors import TwinError
 from twin.formula import equation_values, variant_choice
 from twin.kinematics.compile import compile_formula
-from twin.proof import mechanism
 from twin.proof.claims import judged
+from twin.proof.fit_conditions import is_judged_by_others
 from twin.proof.precise import certainly_not_zero
 from twin.proof.program import ProgramStep
 from twin.proof.prove import prove
@@ -356,11 +356,11 @@ def test_an_error_in_a_box_of_a_result_without_a_claim_is_named(entry, result, w
 def test_a_joint_that_is_in_no_loop_is_not_judged():
     """Whatever the jaw's value is, it contradicts nothing: pose and other joints are the same."""
     robot = twin.load("davinci_psm").mechanism
-    names = [joint.name for joint in robot.joints if not mechanism.judges(robot, joint.name, ())]
+    names = [joint.name for joint in robot.joints if not is_judged_by_others(robot, joint.name, ())]
     assert names == ["jaw_half", "jaw"]
-    assert mechanism.judges(robot, "pin_b2", ())
-    assert not mechanism.judges(robot, "pin_b2", [robot.joint("pin_b2").child])
-    assert not mechanism.judges(robot, "unknown", ())
+    assert is_judged_by_others(robot, "pin_b2", ())
+    assert not is_judged_by_others(robot, "pin_b2", [robot.joint("pin_b2").child])
+    assert not is_judged_by_others(robot, "unknown", ())
 
 
 @pytest.mark.parametrize("turn", [(-1, -1, 1), (1, -1, -1), (-1, 1, -1)])

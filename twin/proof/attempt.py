@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from twin.core.errors import KinematicsError
 from twin.model.body import Point
-from twin.proof import formula_side, mechanism, values
+from twin.proof import formula_side, values
 from twin.proof.claims import JudgedClaim, judged, unclaimed
+from twin.proof.exact_mechanism import ExactMechanism
+from twin.proof.fit_conditions import cannula_conditions, fit_conditions, pose_differences
 from twin.proof.formula_side import Outputs
-from twin.proof.mechanism import ExactMechanism
+from twin.proof.placed_bodies import PlacedBodies, place_bodies, point_in_base
 from twin.proof.program import ProgramStep
 from twin.proof.random_states import ProofStates
 from twin.proof.replay import Notes, RootedStates, replay
@@ -201,7 +203,7 @@ def _claim_joints_fit(
     results: Results,
     joints: Mapping[str, Value],
     inside: Truths,
-) -> mechanism.PlacedBodies:
+) -> PlacedBodies:
     """Claim that all joints fit where the equations put tool and joints; return the placed bodies.
 
     Args:
@@ -215,13 +217,13 @@ def _claim_joints_fit(
     joint_values = dict(joints)
     if "passive" in results:
         joint_values |= zip(attempt.states.formula.passive, results["passive"], strict=True)
-    placed = mechanism.place(exact, joint_values, _matrix(results["pose"]))
+    placed = place_bodies(exact, joint_values, _matrix(results["pose"]))
     uncovered = set(placed.missing)
     for joint in placed.closing:
-        numbers = mechanism.conditions(exact, placed, joint, joint_values.get(joint.name))
+        numbers = fit_conditions(exact, placed, joint, joint_values.get(joint.name))
         sentence = f"joint {joint.name} ({joint.type}) between {joint.parent} and {joint.child} fits"
         _claim(attempt, f"{stage}: joint {joint.name}", sentence, numbers, inside)
-    for body, sentence, numbers in mechanism.slides(exact, placed):
+    for body, sentence, numbers in cannula_conditions(exact, placed):
         _claim(attempt, f"{stage}: {body}", sentence, numbers, inside)
         uncovered.remove(body)
     attempt.uncovered |= uncovered
@@ -247,17 +249,17 @@ def _claim_inverse(attempt: Attempt, results: Results, inside: Truths) -> None:
     # in the order of the formula, as they are listed
     attempt.uncovered_points = [name for name in formula.points if name not in claimed]
     if "again" in results:
-        numbers = list(mechanism.deviations(_matrix(results["again"]), _matrix(results["pose"])))
+        numbers = list(pose_differences(_matrix(results["again"]), _matrix(results["pose"])))
         sentence = "forward equations of the joints of the inverse equations give the pose"
         _claim(attempt, "forward of inverse", sentence, numbers, inside)
 
 
-def _claim_points(attempt: Attempt, placed: mechanism.PlacedBodies, results: Results, inside: Truths) -> set[str]:
+def _claim_points(attempt: Attempt, placed: PlacedBodies, results: Results, inside: Truths) -> set[str]:
     """Claim that points of the equations are where the placed bodies have them; return the names of these points."""
     claimed: set[str] = set()
     for point in attempt.states.robot.points:
         entries = results.get(_POINT + point.name)
-        p_base = mechanism.point_in_base(attempt.states.exact, placed, point)
+        p_base = point_in_base(attempt.states.exact, placed, point)
         if entries is None or p_base is None:
             continue
         claimed.add(point.name)

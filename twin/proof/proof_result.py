@@ -9,10 +9,11 @@ from dataclasses import dataclass
 import casadi as ca
 
 from twin.formula.contract import Formula
-from twin.proof import formula_side, mechanism
+from twin.proof import formula_side
 from twin.proof.attempt import Attempt
 from twin.proof.branch_report import BranchReport
 from twin.proof.claims import JudgedClaim
+from twin.proof.fit_conditions import is_judged_by_others
 from twin.proof.instructions import instructions
 from twin.proof.near_numbers import near_length, near_number
 from twin.proof.random_states import angles
@@ -117,7 +118,7 @@ def _uncovered_values(attempt: Attempt) -> list[str]:
     robot = attempt.states.robot
     names = []
     for joint in formula.passive:
-        if not mechanism.judges(robot, joint, attempt.uncovered):
+        if not is_judged_by_others(robot, joint, attempt.uncovered):
             names.append(f"passive joint {joint}")
     for margin in formula.reach:
         names.append(f"margin {margin}")

@@ -21,7 +21,7 @@ from twin.proof import draws, values
 from twin.proof import form as forms
 from twin.proof.constants import exact_number
 from twin.proof.drawing import Drawing
-from twin.proof.mechanism import ExactMechanism
+from twin.proof.exact_mechanism import ExactMechanism
 from twin.proof.values import Angle, Value
 
 SPREAD_LENGTH = 0.04
