@@ -1,9 +1,20 @@
-"""Search two edits that together repair a row, from the values that expressions must have."""
+"""Search two edits that together repair a row, from the values that expressions must have.
+
+`PairSearch.pairs_for` tries these in order, and ends as soon as a pair repairs the row:
+
+1. equations that return a pose: both edits in one expression, then one edit in each of two expressions;
+2. all equations: an edit in each of two statements (`StatementPairs`);
+3. all equations: the stages of `_stages`, from the kinds with few pairs to those with many.
+
+"Expression" is a largest scalar expression, see `required_pairs`. The time is shared from outside to inside: each step
+takes at most its part of what is left of the time of the step around it, so that what a step leaves goes to the next.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,8 +47,15 @@ _FIRST_PART = 0.6
 _COARSE_POSES = 6
 """Number of poses at which most expressions are rejected."""
 
-_Stage = Callable[[RequiredPairs, Sequence[RowKey], Deadline], Iterator[tuple[Edit, Edit]]]
+_Pairs = Callable[[RequiredPairs, Sequence[RowKey], Deadline], Iterator[tuple[Edit, Edit]]]
 """Yields the pairs of edits of one kind for an equation and its wrong rows, until a deadline."""
+
+
+class _Stage(NamedTuple):
+    """One kind of pairs of edits, and the largest part of the time left that it may take."""
+
+    part: float
+    pairs: _Pairs
 
 
 class PairSearch:
@@ -67,17 +85,17 @@ class PairSearch:
                 searches.append((search, rows))
                 if self._has_pose(search, rows):
                     searches_of_poses.append((search, rows))
-        for stage in (RequiredPairs.in_one, RequiredPairs.in_two):
+        for kind in (RequiredPairs.in_one, RequiredPairs.in_two):
             # A pose rejects nearly all wrong pairs of expressions, so that this takes little time.
             end = until.within(_POSE_PART * until.left)
-            pairs += self._tried_pairs(stage, searches_of_poses, end)
+            pairs += self._tried_pairs(kind, searches_of_poses, end)
             if self.choice.has_repair(row, pairs):
                 return pairs, True
         pairs += self._of_two_statements(until)
         if self.choice.has_repair(row, pairs):
             return pairs, True
-        for share, stage in self._stages(row, singles, shared, until):
-            of_stage = until.within(share * until.left)
+        for stage in self._stages(row, singles, shared, until):
+            of_stage = until.within(stage.part * until.left)
             for m, (search, rows) in enumerate(searches):
                 if until.passed:
                     break
@@ -85,17 +103,17 @@ class PairSearch:
                 if m == len(searches) - 1:
                     part = 1.0
                 end = of_stage.within(part * of_stage.left)
-                pairs += self._tried_pairs(stage, [(search, rows)], end)
+                pairs += self._tried_pairs(stage.pairs, [(search, rows)], end)
                 if self.choice.has_repair(row, pairs):
                     return pairs, True
         return pairs, not until.passed
 
     def _stages(
         self, row: RowKey, singles: Sequence[Candidate], shared: Sequence[Candidate], until: Deadline
-    ) -> list[tuple[float, _Stage]]:
-        """Return the kinds of pairs in the order in which they are tried, each with its largest part of the time left.
+    ) -> list[_Stage]:
+        """Return the kinds of pairs in the order in which they are tried: those with few pairs first.
 
-        Kinds with few pairs come first. The arguments are those of `pairs_for`.
+        The arguments are those of `pairs_for`.
         """
         shared_edits = [candidate.edits[0] for candidate in shared]
         firsts: list[Edit] = []
@@ -113,28 +131,34 @@ class PairSearch:
             return split_firsts[id(search)]
 
         return [
-            (0.2, lambda search, rows, end: search.beside(shared_edits, rows, end, composed=True)),
-            (0.2, lambda search, rows, end: search.beside(search.counterparts, rows, end)),
-            (0.2, lambda search, rows, end: search.required(shared_edits, rows, end)),
-            (0.2, RequiredPairs.in_one),
-            (0.7, RequiredPairs.in_two),
-            (0.3, RequiredPairs.in_one_with_term),
-            (0.2, lambda search, rows, end: search.required(search.counterparts, rows, end)),
-            (0.4, self._in_one_statement),
-            (0.3, lambda search, rows, end: search.beside(outside_and_inside(search)[0], rows, end)),
-            (0.5, lambda search, rows, end: search.beside(outside_and_inside(search)[1], rows, end)),
-            (1.0, lambda search, rows, end: search.required(firsts, rows, end)),
+            # a repair of another row, with an edit or a short formula in an expression beside it
+            _Stage(0.2, lambda search, rows, end: search.beside(shared_edits, rows, end, composed=True)),
+            # what a similar expression has more, with an edit in an expression beside it
+            _Stage(0.2, lambda search, rows, end: search.beside(search.counterparts, rows, end)),
+            # a repair of another row, with any edit from the value that an expression must then have
+            _Stage(0.2, lambda search, rows, end: search.required(shared_edits, rows, end)),
+            # two edits of expressions, whose values follow from the rows; no edit is tried first
+            _Stage(0.2, RequiredPairs.in_one),
+            _Stage(0.7, RequiredPairs.in_two),
+            _Stage(0.3, RequiredPairs.in_one_with_term),
+            _Stage(0.2, lambda search, rows, end: search.required(search.counterparts, rows, end)),
+            _Stage(0.4, self._in_one_statement),
+            # single edits that have a score of the row, as first edits: those outside expressions, ...
+            _Stage(0.3, lambda search, rows, end: search.beside(outside_and_inside(search)[0], rows, end)),
+            # ... those inside, and last, with all the time that is left, all of them with any second edit
+            _Stage(0.5, lambda search, rows, end: search.beside(outside_and_inside(search)[1], rows, end)),
+            _Stage(1.0, lambda search, rows, end: search.required(firsts, rows, end)),
         ]
 
     def _tried_pairs(
-        self, stage: _Stage, searches: Sequence[tuple[RequiredPairs, Sequence[RowKey]]], end: Deadline
+        self, kind: _Pairs, searches: Sequence[tuple[RequiredPairs, Sequence[RowKey]]], end: Deadline
     ) -> list[Candidate]:
-        """Return the candidates for the pairs of edits that a stage of `pairs_for` finds in some equations."""
+        """Return the candidates for the pairs of edits of one kind in some equations."""
         candidates: list[Candidate] = []
         for search, rows in searches:
             if end.passed:
                 break
-            for first, second in stage(search, rows, end):
+            for first, second in kind(search, rows, end):
                 candidate = self._pair(search, first, second)
                 if candidate is not None:
                     candidates.append(candidate)
