@@ -2,7 +2,29 @@
 
 One call handles many items; an item is a pair of shapes in a state. The balls of a shape are in the order of a
 depth-first search. Each ball has the index of the first ball after its own smaller balls. The search therefore requires
-no stack: it continues with the next ball, or skips the smaller balls of a ball.
+no stack: it continues with the next ball, or skips the smaller balls of a ball. `_LookupKernel` writes this loop, whose
+comments are the names of its blocks; `value` is the stored distance at a node, and `way` its distance from the centre:
+
+    for each item:                                                      # item, body
+        low = high = infinity
+        n = first ball
+        while n <= last ball and high >= reject:                        # ball
+            value, way = those of the node nearest to the centre        # opened
+            sure = max(value - way, distance of the centre from the box of the other surface)
+            if sure - radius >= min(low, enough, share * high):         # skipped
+                low = min(low, sure - radius)
+                n = first ball after the smaller balls of n
+                continue
+            high = min(high, value + way + radius + error)              # near
+            if n has no smaller balls, or radius <= fine:               # leaf
+                sure, high = the best of these bounds at the eight nodes around the centre, too
+                low = min(low, sure - radius)
+                n = first ball after the smaller balls of n
+            else:                                                       # inner
+                n = n + 1, the first of the smaller balls of n
+        store 0 if high < reject else max(low, 0), and high             # stored
+
+`tests/reference/test_distance_bounds.py` compares the bounds with distances of surfaces.
 """
 
 from __future__ import annotations
@@ -102,10 +124,10 @@ def _number(value: float) -> ir.Constant:
 
 
 class _LookupKernel:
-    """Writes the kernel: each method but `text` fills one or two blocks of the loop over items and balls.
+    """Writes the kernel of the module's loop; `text` calls the methods that fill its blocks, in order.
 
-    Attributes that a block sets are values of LLVM; later blocks use them. The order of the instructions is the order
-    in which the methods are called.
+    Attributes that a block sets are values of LLVM; later blocks use them. `n`, `low` and `high` are phi nodes: at the
+    begin of `ball` they have no value yet from the blocks that return to it, which `_join_balls` adds.
     """
 
     def __init__(self) -> None:
@@ -113,7 +135,7 @@ class _LookupKernel:
         kind = ir.FunctionType(ir.VoidType(), [_INT, _INT, _POINTER, _POINTER, _POINTER])
         self.function = ir.Function(self.module, kind, "kernel")
         self.begin, self.end, arguments, results, _ = self.function.args
-        names = ("entry", "item", "body", "ball", "opened", "skipped", "leaf", "inner", "stored", "done")
+        names = ("entry", "item", "body", "ball", "opened", "skipped", "near", "leaf", "inner", "stored", "done")
         self.blocks: dict[str, ir.Block] = {}
         for name in names:
             self.blocks[name] = self.function.append_basic_block(name)
@@ -133,7 +155,7 @@ class _LookupKernel:
         self._begin_ball()
         self._bound_ball()
         self._skip_ball()
-        self._open_leaf()
+        self._bound_above()
         self._refine_leaf()
         self._open_inner()
         self._join_balls()
@@ -192,9 +214,9 @@ class _LookupKernel:
         self.error, self.known, self.far = numbers[17:20]
         self.enough = w.at(data["enough"], self.i)
         self.reject = w.at(data["reject"], self.i)
-        self.small = w.at(data["fine"], self.i)
+        self.fine = w.at(data["fine"], self.i)
         # with `fine`, bounds are coarse anyway: a lower bound close to the upper bound is sufficient
-        is_coarse = b.fcmp_ordered(">", self.small, _number(0.0))
+        is_coarse = b.fcmp_ordered(">", self.fine, _number(0.0))
         self.sufficient_share = b.select(is_coarse, _number(_SUFFICIENT_SHARE), _number(1.0))
         b.branch(self.blocks["ball"])
 
@@ -231,7 +253,7 @@ class _LookupKernel:
         for k in range(3):
             length = b.fsub(self.p[k], self.start[k])
             self.steps.append(b.fmul(length, self.cells_per_length))
-        self.value, self.node_distance = self._bound(self._nodes("rint"))
+        self.value, self.way = self._value_and_way(self._nodes("rint"))
         zero = _number(0.0)
         outside = []
         for k in range(3):
@@ -239,11 +261,11 @@ class _LookupKernel:
             above = b.fsub(self.p[k], self.box_high[k])
             outside.append(w.most(w.most(below, above), zero))
         beyond = w.size(outside)
-        self.proven = w.most(b.fsub(self.value, self.node_distance), beyond)
+        self.sure = w.most(b.fsub(self.value, self.way), beyond)
         self.next_ball = b.add(self.n, ir.Constant(_INT, 1))
-        self.low_here = b.fsub(self.proven, self.radius)
+        self.low_here = b.fsub(self.sure, self.radius)
         limit = w.least(w.least(self.low, self.enough), b.fmul(self.high, self.sufficient_share))
-        b.cbranch(b.fcmp_ordered(">=", self.low_here, limit), self.blocks["skipped"], self.blocks["leaf"])
+        b.cbranch(b.fcmp_ordered(">=", self.low_here, limit), self.blocks["skipped"], self.blocks["near"])
 
     def _skip_ball(self) -> None:
         """Skip the smaller balls of a ball that is far enough away."""
@@ -251,37 +273,36 @@ class _LookupKernel:
         self.low_skipped = self.w.least(self.low, self.low_here)
         self.b.branch(self.blocks["ball"])
 
-    def _open_leaf(self) -> None:
-        """Lower the upper bound; refine a ball without smaller balls or with a small radius."""
+    def _bound_above(self) -> None:
+        """Lower the upper bound; the bounds of a ball without smaller balls or with a small radius are refined."""
         b = self.b
-        b.position_at_end(self.blocks["leaf"])
-        self.high_here = self.w.least(self.high, self._upper(self.value, self.node_distance))
-        self.blocks["fine"] = self.function.append_basic_block("fine")
+        b.position_at_end(self.blocks["near"])
+        self.high_here = self.w.least(self.high, self._upper(self.value, self.way))
         is_last = b.icmp_signed("==", self.after, self.next_ball)
-        is_small = b.fcmp_ordered("<=", self.radius, self.small)
-        b.cbranch(b.or_(is_last, is_small), self.blocks["fine"], self.blocks["inner"])
+        is_fine = b.fcmp_ordered("<=", self.radius, self.fine)
+        b.cbranch(b.or_(is_last, is_fine), self.blocks["leaf"], self.blocks["inner"])
 
     def _refine_leaf(self) -> None:
         """Take the best bounds of the eight nodes around the centre of the ball."""
         b = self.b
         w = self.w
-        b.position_at_end(self.blocks["fine"])
+        b.position_at_end(self.blocks["leaf"])
         corners = []
         for x, end_node in zip(self._nodes("floor"), self.ends, strict=True):
             # a cell begins at most one node before the last one
             last_start = b.fsub(end_node, _number(1.0))
             corners.append(w.least(x, last_start))
-        sharp = self.proven
+        sure = self.sure
         over = self.high_here
         for shift in product((0.0, 1.0), repeat=3):
             node = []
             for corner, cells in zip(corners, shift, strict=True):
                 node.append(b.fadd(corner, _number(cells)))
-            value_of_node, distance = self._bound(node)
-            sharp = w.most(sharp, b.fsub(value_of_node, distance))
-            over = w.least(over, self._upper(value_of_node, distance))
-        self.low_fine = w.least(self.low, b.fsub(sharp, self.radius))
-        self.high_fine = w.least(self.high, over)
+            value_of_node, way = self._value_and_way(node)
+            sure = w.most(sure, b.fsub(value_of_node, way))
+            over = w.least(over, self._upper(value_of_node, way))
+        self.low_leaf = w.least(self.low, b.fsub(sure, self.radius))
+        self.high_leaf = w.least(self.high, over)
         b.branch(self.blocks["ball"])
 
     def _open_inner(self) -> None:
@@ -292,16 +313,16 @@ class _LookupKernel:
     def _join_balls(self) -> None:
         """Set the next ball, and the bounds so far, after each of the three ends of `ball`."""
         skipped = self.blocks["skipped"]
-        fine = self.blocks["fine"]
+        leaf = self.blocks["leaf"]
         inner = self.blocks["inner"]
         self.n.add_incoming(self.after, skipped)
-        self.n.add_incoming(self.after, fine)
+        self.n.add_incoming(self.after, leaf)
         self.n.add_incoming(self.next_ball, inner)
         self.low.add_incoming(self.low_skipped, skipped)
-        self.low.add_incoming(self.low_fine, fine)
+        self.low.add_incoming(self.low_leaf, leaf)
         self.low.add_incoming(self.low, inner)
         self.high.add_incoming(self.high, skipped)
-        self.high.add_incoming(self.high_fine, fine)
+        self.high.add_incoming(self.high_leaf, leaf)
         self.high.add_incoming(self.high_here, inner)
 
     def _store(self) -> None:
@@ -319,7 +340,7 @@ class _LookupKernel:
         b.position_at_end(self.blocks["done"])
         b.ret_void()
 
-    def _bound(self, node: list[ir.Value]) -> tuple[ir.Value, ir.Value]:
+    def _value_and_way(self, node: list[ir.Value]) -> tuple[ir.Value, ir.Value]:
         """Return (stored distance at a node, distance of the ball's centre from the node)."""
         b = self.b
         index = [b.fptosi(x, _INT) for x in node]
@@ -333,7 +354,10 @@ class _LookupKernel:
         return value, self.w.size(offsets)
 
     def _nodes(self, rounding: str) -> list[ir.Value]:
-        """Return the coordinates of the node nearest to `steps`, in the grid, rounded by an intrinsic of LLVM."""
+        """Return the coordinates of a node at `steps`, moved into the grid and rounded by an intrinsic of LLVM.
+
+        "rint" gives the nearest node, "floor" the first node of the cell around the centre.
+        """
         rounded = []
         for x, most in zip(self.steps, self.ends, strict=True):
             clipped = self.w.least(self.w.most(x, _number(0.0)), most)

@@ -143,7 +143,7 @@ class PairSearch:
             _Stage(0.3, RequiredPairs.in_one_with_term),
             _Stage(0.2, lambda search, rows, end: search.required(search.counterparts, rows, end)),
             _Stage(0.4, self._in_one_statement),
-            # single edits that have a score of the row, as first edits: those outside expressions, ...
+            # single edits that change the row, as first edits: those outside expressions, ...
             _Stage(0.3, lambda search, rows, end: search.beside(outside_and_inside(search)[0], rows, end)),
             # ... those inside, and last, with all the time that is left, all of them with any second edit
             _Stage(0.5, lambda search, rows, end: search.beside(outside_and_inside(search)[1], rows, end)),
