@@ -295,6 +295,20 @@ def test_xml_that_a_program_rejects_is_compared_and_a_layer_that_cannot_be_read_
     assert "'mass' is -1" in told[0].findings[0].message
 
 
+@pytest.mark.parametrize(("readme", "expected"), [(True, ["tracks/a.csv"]), (False, [])])
+def test_a_file_that_a_whole_export_lacks_is_named(readme, expected, tmp_path):
+    for name in ("README.txt", "proof.json", "a.urdf", "tracks/a.csv"):
+        file = tmp_path / "reference" / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text("<m/>")
+    (tmp_path / "audited").mkdir()
+    shutil.copy(tmp_path / "reference/a.urdf", tmp_path / "audited")
+    if readme:
+        shutil.copy(tmp_path / "reference/README.txt", tmp_path / "audited")
+    told = ledgers(tmp_path / "audited", tmp_path / "reference")
+    assert [ledger.file for ledger in told if ledger.findings] == expected
+
+
 def test_entities_are_not_expanded(tmp_path):
     for folder, text in (("reference", "<m/>"), ("audited", '<!DOCTYPE m [<!ENTITY a "b">]><m>&a;</m>')):
         (tmp_path / folder).mkdir()

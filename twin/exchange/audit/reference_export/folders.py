@@ -54,6 +54,9 @@ _SMALL_SIZE = 1_000_000
 
 _TOOL = "twin.exchange.audit reference_export"
 _NEW_EXPORT = "a new export"
+_EXPORT_AGAIN = "export the files again, together"
+_README = "README.txt"
+_PROOF = "proof.json"
 _ADVICE = "write it as in a new export; or, if the robot is to be so, change the robot and export again"
 
 
@@ -84,7 +87,8 @@ def compare_with_reference(path: Path, reference: Path, unreadable: Collection[s
             what a program rejects in it is often one field.
     """
     file_count = 0
-    difference_count = 0
+    missing = _missing_files(path, reference)
+    difference_count = len(missing)
     for file, reference_file in _file_pairs(path, reference):
         name = file.name
         if file != path:
@@ -103,6 +107,10 @@ def compare_with_reference(path: Path, reference: Path, unreadable: Collection[s
             text = f"{difference.text}."
             ledger.wrong(f"export.{difference.form}", text, difference.place, suggestion=_ADVICE)
         difference_count += len(found)
+        yield ledger
+    for name in missing:
+        ledger = Ledger(name, _TOOL, "1", code="export")
+        ledger.wrong("export.missing", f"the file is missing, which {_NEW_EXPORT} has.", suggestion=_EXPORT_AGAIN)
         yield ledger
     ledger_of_all = Ledger(format.count(file_count, "file"), _TOOL, "1")
     if file_count:
@@ -124,6 +132,18 @@ def _file_pairs(path: Path, reference: Path) -> Iterator[tuple[Path, Path]]:
         file = path / reference_file.relative_to(reference)
         if reference_file.is_file() and file.is_file():
             yield file, reference_file
+
+
+def _missing_files(path: Path, reference: Path) -> list[str]:
+    """Return the files of a new export that an export lacks: a folder with README.txt, not a copy of some files."""
+    missing = []
+    for reference_file in sorted(reference.rglob("*")):
+        relative = reference_file.relative_to(reference)
+        if not reference_file.is_file() or relative.name == _PROOF or (path / relative).exists():
+            continue
+        if any((path / folder / _README).is_file() for folder in relative.parents):
+            missing.append(relative.as_posix())
+    return missing
 
 
 def _differences_of_files(reference_file: Path, file: Path, ledger: Ledger) -> list[Difference]:
