@@ -61,7 +61,7 @@ from twin.exchange.audit.file_comparison import (
     references,
 )
 from twin.exchange.audit.file_content import Content, check_names
-from twin.exchange.audit.file_statements import ROBOT, compare_stated
+from twin.exchange.audit.file_statements import compare_stated
 from twin.exchange.audit.folder_files import SCENE, FolderFiles, find_files
 from twin.exchange.audit.mechanism_comparison import compare_mechanisms
 from twin.exchange.audit.mechanism_data import FileMechanism
@@ -71,7 +71,7 @@ from twin.exchange.audit.plausibility import check_sense
 from twin.exchange.audit.proof_hashes import check_proof
 from twin.exchange.audit.proof_statements import check_statements
 from twin.exchange.audit.reader_context import Context
-from twin.exchange.audit.reference_export import ExportStatement, compare_with_reference
+from twin.exchange.audit.reference_export import ExportStatement, compare_with_reference, export_statement
 from twin.exchange.audit.report import MECHANISM, AuditReport, Check, Ledger, ReadError, finished, guarded
 from twin.exchange.audit.rest_poses import compare_joints
 from twin.exchange.audit.sampled_states import CLIP, SampledStates
@@ -140,31 +140,13 @@ def audit(
             sampled = cache(states)  # they are computed at most once, and only if a file needs them
         contents, ledgers = _audited(path, truth or {}, mechanism, sampled, report_progress, xacro_settings)
     if reference is not None:
-        folder = reference(_export_statement(contents))
+        folder = reference(export_statement(contents))
         if folder is not None:
             report_progress("compare with a new export", 0.95)
             unreadable = {ledger.file for ledger in ledgers if not ledger.is_readable}
             # first, as they name the places of changes, and many other findings only what follows from these
             ledgers = [*compare_with_reference(path, folder, unreadable), *ledgers]
     return finished(str(path), [content.as_facts() for content in contents], ledgers)
-
-
-def _export_statement(contents: Sequence[Content]) -> ExportStatement:
-    """Return what files state of the export that wrote them."""
-    robots = set()
-    key_counts: dict[str, set[int]] = {}
-    for content in contents:
-        if content.stated.get(ROBOT):
-            robots.add(str(content.stated[ROBOT]))
-        for clip in content.clips:
-            if clip.name != CLIP:
-                key_counts.setdefault(clip.name, set()).add(len(clip.times))
-    return ExportStatement(
-        robots=frozenset(robots),
-        model_hashes=frozenset(content.model_hash for content in contents if content.model_hash),
-        rests=tuple(content.rest for content in contents if content.rest),
-        key_counts={name: frozenset(counts) for name, counts in key_counts.items()},
-    )
 
 
 def _silent(label: str, fraction: float) -> None:

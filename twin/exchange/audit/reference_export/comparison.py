@@ -1,14 +1,12 @@
-"""Compare the files of an audited folder with those of a new export."""
+"""Compare an audited file, or the files of an audited folder, with those of a new export."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from twin.core import format
-from twin.exchange.audit.poses import Array
 from twin.exchange.audit.reference_export.difference import Difference, differences
 from twin.exchange.audit.reference_export.entries import Entry
 from twin.exchange.audit.reference_export.gltf_entries import read_gltf_entries
@@ -58,23 +56,6 @@ _EXPORT_AGAIN = "export the files again, together"
 _README = "README.txt"
 _PROOF = "proof.json"
 _ADVICE = "write it as in a new export; or, if the robot is to be so, change the robot and export again"
-
-
-@dataclass(frozen=True)
-class ExportStatement:
-    """What the files of an export state of their origin.
-
-    Attributes:
-        robots: names of the robots that the files state.
-        model_hashes: hashes of the mechanism that the files state.
-        rests: {link: T_world_link (4, 4) at rest} of each file that has a rest pose.
-        key_counts: {name of a motion: numbers of its keys in the files}.
-    """
-
-    robots: frozenset[str]
-    model_hashes: frozenset[str]
-    rests: tuple[Mapping[str, Array], ...]
-    key_counts: Mapping[str, frozenset[int]]
 
 
 def compare_with_reference(path: Path, reference: Path, unreadable: Collection[str]) -> Iterator[Ledger]:
