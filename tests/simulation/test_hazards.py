@@ -23,7 +23,7 @@ from twin.api.hazards import FILE, Share, _require_own, campaign_file, hazards, 
 from twin.api.machine import machine_parts
 from twin.cli import main
 from twin.core.errors import DescriptionError, OutputError, TwinError
-from twin.simulation.hazards.attacked_session import Arena, AttackedSession, Outcome
+from twin.simulation.hazards.attacked_session import AttackedSession, Outcome, SessionRunner
 from twin.simulation.hazards.campaign import FREE, load
 from twin.simulation.hazards.campaign_log import Log
 from twin.simulation.hazards.detection import Adaptive
@@ -46,8 +46,8 @@ def parts():
 
 
 @pytest.fixture(scope="module")
-def arena(parts):
-    return Arena(parts, Adaptive(1e-4, 3.3e-3))
+def runner(parts):
+    return SessionRunner(parts, Adaptive(1e-4, 3.3e-3))
 
 
 @pytest.fixture(scope="module")
@@ -239,8 +239,8 @@ def test_a_log_with_a_line_of_another_session_is_refused(tmp_path, plan, change,
 
 
 @pytest.mark.slow
-def test_a_jump_is_felt_in_the_tick_after_3_mm(arena):
-    found = arena.run(session(("dac", "overwrite", 2500.0, {"target": 0}), length=100))
+def test_a_jump_is_felt_in_the_tick_after_3_mm(runner):
+    found = runner.run(session(("dac", "overwrite", 2500.0, {"target": 0}), length=100))
     assert found.peak > 3
     assert 0 < found.harm < found.beyond <= found.cue <= found.beyond + 2
     assert found.jump is not None
@@ -248,77 +248,77 @@ def test_a_jump_is_felt_in_the_tick_after_3_mm(arena):
     assert 80 < found.beyond < 110  # 92 ms on the motion of the published table
 
 
-def test_a_fault_that_a_check_sees_stops_the_arm_before_harm(arena):
-    found = arena.run(session(("packet", "add", [5000.0, *[0.0] * 8], {}), length=1))
+def test_a_fault_that_a_check_sees_stops_the_arm_before_harm(runner):
+    found = runner.run(session(("packet", "add", [5000.0, *[0.0] * 8], {}), length=1))
     assert found.stop is not None
     assert found.harm is None
     assert "DAC counts (limit 20000)" in found.check
     assert found.noticeable
 
 
-def test_without_a_fault_there_is_no_cue_and_nothing_to_notice(arena):
+def test_without_a_fault_there_is_no_cue_and_nothing_to_notice(runner):
     for mass, friction in ((0.9, 1.3), (1.1, 0.7)):
-        found = arena.run(session(length=100, mass=mass, friction=friction))
+        found = runner.run(session(length=100, mass=mass, friction=friction))
         assert (found.cue, found.beyond, found.stop, found.jump, found.noticeable) == (None,) * 4 + (False,)
         assert 0 < found.peak < 1
         assert 0 < found.ratio < 1
 
 
-def test_an_arm_that_only_stays_behind_has_not_jumped(arena):
+def test_an_arm_that_only_stays_behind_has_not_jumped(runner):
     """Half a second without packets: behind the model on its path, by 3 mm at 6 mm/s, then aside of it."""
-    found = arena.run(session(("wire", "skip", 0.0, {}), length=300))
+    found = runner.run(session(("wire", "skip", 0.0, {}), length=300))
     assert 100 < found.harm < 300
     assert found.jump is None or found.jump >= 300
     assert found.refused == 1  # the first packet after the gap, as released
 
 
-def test_a_failed_read_hides_the_deviation_from_the_cue(arena):
+def test_a_failed_read_hides_the_deviation_from_the_cue(runner):
     """The software keeps its old encoder counts, so true and measured deviation part."""
-    found = arena.run(session(("usb", "overwrite", -19.0, {}), length=400, mass=1.1))
+    found = runner.run(session(("usb", "overwrite", -19.0, {}), length=400, mass=1.1))
     assert found.beyond is not None
     assert found.cue is None or found.cue >= 400
     assert found.seen < 1.5
 
 
 @pytest.mark.slow
-def test_a_trainee_slows_down_and_releases_the_pedal(arena):
+def test_a_trainee_slows_down_and_releases_the_pedal(runner):
     """A fault of half a second that the cue shows: he acts after his reaction time, and the arm follows again."""
     fault = ("packet", "overwrite", [30.0, *[0.0] * 8], {"target": [0]})
-    found = arena.respond(session(fault, length=1500), Reaction(0.3, 0.5, 0.2))
+    found = runner.respond(session(fault, length=1500), Reaction(0.3, 0.5, 0.2))
     assert found.acted == found.noticed + 300
     assert found.responses[:4] == ["slow down", "release pedal", "troubleshoot", "restart"]
-    alone = arena.run(session(fault, length=1500))
+    alone = runner.run(session(fault, length=1500))
     assert found.noticed == pytest.approx(alone.cue, abs=2)
     assert found.response_peak < 0.7 * alone.peak
 
 
 @pytest.mark.slow
-def test_a_trainee_restarts_after_a_stop_and_converts_after_the_second(arena):
+def test_a_trainee_restarts_after_a_stop_and_converts_after_the_second(runner):
     fault = ("packet", "add", [5000.0, *[0.0] * 8], {})
-    found = arena.respond(session(fault, length=1), Reaction(0.3, 0.5, 0.2))
+    found = runner.respond(session(fault, length=1), Reaction(0.3, 0.5, 0.2))
     assert (found.noticed, found.acted) == (pytest.approx(0, abs=4), pytest.approx(500, abs=5))
     assert found.responses == ["release pedal", "troubleshoot", "restart", "report"]
     assert found.works
     assert not found.response_harm
-    again = arena.respond(session(fault, length=9000), Reaction(0.3, 0.5, 0.2))
+    again = runner.respond(session(fault, length=9000), Reaction(0.3, 0.5, 0.2))
     assert again.responses == ["release pedal", "troubleshoot", "restart", "convert", "report"]
     assert not again.works
 
 
-def test_a_fault_in_the_first_packet_has_an_outcome(arena):
-    found = arena.run(session(("dac", "overwrite", 0.0, {"target": 0}), length=2, start=1))
+def test_a_fault_in_the_first_packet_has_an_outcome(runner):
+    found = runner.run(session(("dac", "overwrite", 0.0, {"target": 0}), length=2, start=1))
     assert found.residual == found.ratio == 0.0, "nothing was measured before the fault"
 
 
 @pytest.mark.nightly
-def test_a_trainee_slower_than_a_session_has_no_response(arena):
+def test_a_trainee_slower_than_a_session_has_no_response(runner):
     jump = session(("joints", "add_once", 0.3, {"target": 0}), length=100)
-    assert arena.run(jump).noticeable
-    assert arena.respond(jump, Reaction(30.0, 30.0, 30.0)) is None
+    assert runner.run(jump).noticeable
+    assert runner.respond(jump, Reaction(30.0, 30.0, 30.0)) is None
 
 
-def test_a_trainee_without_an_event_does_nothing(arena):
-    assert arena.respond(session(length=10), Reaction(0.3, 0.5, 0.2)) is None
+def test_a_trainee_without_an_event_does_nothing(runner):
+    assert runner.respond(session(length=10), Reaction(0.3, 0.5, 0.2)) is None
 
 
 def row(index, kind, **more):

@@ -23,7 +23,7 @@ from twin.core.processors import usable
 from twin.core.provenance import Parameter
 
 if TYPE_CHECKING:
-    from twin.simulation.hazards.attacked_session import Arena
+    from twin.simulation.hazards.attacked_session import SessionRunner
     from twin.simulation.hazards.campaign import Campaign
     from twin.simulation.hazards.campaign_log import Log
     from twin.simulation.hazards.summary import Hazards
@@ -257,16 +257,16 @@ def outcomes(share: Share) -> Iterator[JsonObject]:
     """Run the sessions of `share` in a child process; yield the log line of each session as {key: value}."""
     from twin.simulation.hazards.attacked_session import AttackedSession
 
-    plan, arena = _arena(share.robot, share.campaign, share.software)
+    plan, runner = _session_runner(share.robot, share.campaign, share.software)
     for index in share.indices:
         attack = plan.draw(index)
         session = AttackedSession(
             partial(plan.faults, attack), attack.start, attack.length, attack.mass, attack.friction, attack.scale
         )
-        outcome = arena.run(session)
+        outcome = runner.run(session)
         response = None
         if outcome.noticeable and index < plan.table.trained:
-            response = arena.respond(session, plan.reaction(index))
+            response = runner.respond(session, plan.reaction(index))
         response_data = None
         if response is not None:
             response_data = asdict(response)
@@ -274,14 +274,14 @@ def outcomes(share: Share) -> Iterator[JsonObject]:
 
 
 @lru_cache(maxsize=1)
-def _arena(robot: str, campaign: str, software: Software) -> tuple[Campaign, Arena]:
-    """Return the campaign, and the arena that runs its sessions; each process creates both only once."""
-    from twin.simulation.hazards.attacked_session import Arena
+def _session_runner(robot: str, campaign: str, software: Software) -> tuple[Campaign, SessionRunner]:
+    """Return the campaign, and the runner of its sessions; each process creates both only once."""
+    from twin.simulation.hazards.attacked_session import SessionRunner
     from twin.simulation.hazards.campaign import load as load_campaign
 
     parts = software.parts(load(robot))
     plan = load_campaign(Path(campaign), parts.places)
-    return plan, Arena(parts, plan.adaptive)
+    return plan, SessionRunner(parts, plan.adaptive)
 
 
 def trends(robot: Robot, *, software: Software = _AS_FILED, progress: Progress = silent) -> Trends:

@@ -17,23 +17,19 @@ from twin.simulation.controllers.cue import Cue
 from twin.simulation.hazards.detection import Adaptive
 from twin.simulation.hazards.fault import Fault
 from twin.simulation.hazards.packet_hand import Hand
+from twin.simulation.hazards.traced_run import HOMED, SETTLED, Trace, TracedRun, held_at_stop, trace
 from twin.simulation.hazards.trainee import HazardTrainee, Reaction
+from twin.simulation.hazards.unbraked_deviation import UnbrakedDeviation
 from twin.simulation.machine.levels import Level
 from twin.simulation.machine.machine_and_model import MachineAndModel
 from twin.simulation.machine.motor_plant import TICK, Physics
 from twin.simulation.machine.simulated_machine import Machine, Parts
-
-_HOMED = 100
-"""Tick at which the operator presses the pedal; an arm that starts at home completes homing earlier."""
 
 _FOLLOWS = 10
 """Number of the packet from which the arm is expected to be in PEDAL_DN."""
 
 _AFTER = 300
 """Number of packets after the end of a fault during which the consequences of the fault are recorded."""
-
-_SETTLED = 100
-"""Number of ticks after a stop in which the brakes bring the arm to rest; then the outcome no longer changes."""
 
 _ROUND = 2000
 """The run of the model is extended to a multiple of this number of packets, so that few extensions are needed."""
@@ -128,25 +124,8 @@ class Response:
     works: bool
 
 
-@dataclass(frozen=True)
-class Trace:
-    """Record of a run from the first packet on.
-
-    Attributes:
-        q, measured: (k, n) true joint values, and joint values that the encoders measure.
-        levels, read: (k,) run levels of the PLC, and run levels as the software reads them.
-        machine: the machine after the run.
-    """
-
-    q: Array
-    measured: Array
-    levels: Array
-    read: Array
-    machine: Machine
-
-
-class Arena:
-    """Runs sessions of one robot.
+class SessionRunner:
+    """Runs sessions of one robot; keeps one run of the model without a fault for each motion scale.
 
     Attributes:
         cue: the equation of the force on the operator's hand.
@@ -157,57 +136,67 @@ class Arena:
         self._parts = parts
         self._adaptive = adaptive
         self.cue = Cue()
-        self._models: dict[float, tuple[AttackedRun, Trace]] = {}
+        # with the trace of each run: to make it anew for every session would take long
+        self._model_runs: dict[float, tuple[TracedRun, Trace]] = {}
 
     def run(self, session: AttackedSession) -> Outcome:
         """Return the outcome of a session without a response."""
         start = session.start
         packets = start + session.length + _AFTER
         hand = Hand(self._parts.settings, session.scale)
-        record = trace(self._parts, hand, packets, start + _SETTLED, self._physics(session), session.faults())
-        k = len(record.q)
-        model = self._model(session.scale, k)
+        machine = trace(self._parts, hand, packets, start + SETTLED, self._physics(session), session.faults())
+        count = len(machine.q)
+        model = self._model_trace(session.scale, count)
 
-        model_tips = self._tips(model.q[:k])
-        true_tips = self._tips(record.q)
-        deviation = np.linalg.norm(true_tips - held_at_stop(model_tips, record), axis=1) * _MM
-        harmful = deviation > HARM
-        stopped = record.levels == Level.E_STOP
-        harm = _packets_until(harmful, start)
-        stop = _packets_until(stopped, start)
+        model_tips = self._tips(model.q[:count])
+        true_tips = self._tips(machine.q)
+        deviation = np.linalg.norm(true_tips - held_at_stop(model_tips, machine), axis=1) * _MM
+        is_harmful = deviation > HARM
+        is_stopped = machine.levels == Level.E_STOP
+        harm = _packets_until(is_harmful, start)
+        stop = _packets_until(is_stopped, start)
 
-        # What the software of the operator can see: encoders and levels, both with the effects of the fault.
-        measured_model_tips = self._tips(model.measured[:k])
-        measured_tips = self._tips(record.measured)
-        following = (record.read == Level.PEDAL_DN) & (model.read[:k] == Level.PEDAL_DN)
-        distance = np.linalg.norm(measured_model_tips - measured_tips, axis=1) * _MM
-        residual = np.where(following, distance, 0.0)
-        ratio = residual / (self._adaptive.limits(measured_model_tips) * _MM)
-        force = residual > self.cue.tol
-        not_following = record.levels[_FOLLOWS:] != Level.PEDAL_DN
+        residual, ratio = self._seen_by_software(machine, model)
+        is_forced = residual > self.cue.tol
+        is_not_following = machine.levels[_FOLLOWS:] != Level.PEDAL_DN
 
         first = start - 1  # row of the packet `start`, because packet numbers begin at 1
-        end = k
+        end = count
         for event in (harm, stop):
             if event is not None:
                 end = min(end, first + event)
+        after_run = machine.machine
         return Outcome(
             peak=float(deviation.max()),
             harm=harm,
-            jump=_packets_until(_off_path(true_tips, model_tips, harmful), start),
+            jump=_packets_until(_off_path(true_tips, model_tips, is_harmful), start),
             beyond=_packets_until(deviation > self.cue.tol, start),
-            cue=_packets_until(force, start),
+            cue=_packets_until(is_forced, start),
             adaptive=_packets_until(ratio > 1, start),
             stop=stop,
-            check=record.machine.reason if stopped.any() else "",
-            held=record.machine.held,
-            refused=record.machine.receiver.refused,
+            check=after_run.reason if is_stopped.any() else "",
+            held=after_run.held,
+            refused=after_run.receiver.refused,
             residual=float(residual[:first].max(initial=0.0)),
             ratio=float(ratio[:first].max(initial=0.0)),
             seen=float(residual[first:end].max(initial=0.0)),
             seen_ratio=float(ratio[first:end].max(initial=0.0)),
-            noticeable=bool(force.any() or not_following.any()),
+            noticeable=bool(is_forced.any() or is_not_following.any()),
         )
+
+    def _seen_by_software(self, machine: Trace, model: Trace) -> tuple[Array, Array]:
+        """Return what the operator's software sees in k packets: (distance of the tips, its ratio to its limit), (k,).
+
+        It knows encoders and levels, both with the effects of the fault. The distance is in mm, and 0 while one of
+        machine and model does not follow; the limit is the adaptive one.
+        """
+        count = len(machine.q)
+        model_tips = self._tips(model.measured[:count])
+        tips = self._tips(machine.measured)
+        is_following = (machine.read == Level.PEDAL_DN) & (model.read[:count] == Level.PEDAL_DN)
+        distance = np.linalg.norm(model_tips - tips, axis=1) * _MM
+        residual = np.where(is_following, distance, 0.0)
+        return residual, residual / (self._adaptive.limits(model_tips) * _MM)
 
     def respond(self, session: AttackedSession, reaction: Reaction) -> Response | None:
         """Return the trainee's responses in a session.
@@ -218,7 +207,7 @@ class Arena:
         pair = MachineAndModel(machine, self.cue)
         hand = Hand(self._parts.settings, session.scale)
         trainee = HazardTrainee(reaction)
-        deviation = _UnbrakedDeviation(pair, self._parts.kin.forward)
+        deviation = UnbrakedDeviation(pair, self._parts.kin.forward)
         # number of the packet after which the trainee can no longer notice a fault
         last = session.start + session.length + _AFTER
         number = 0
@@ -226,7 +215,7 @@ class Arena:
         pair.start()
         for tick in range(1, round(_LONGEST / TICK)):
             packets = []
-            if tick > _HOMED:
+            if tick > HOMED:
                 number += 1
                 packets = [(hand.packet(number, trainee.pace, trainee.pedal), "trainee")]
             pair.step(tick * TICK, packets)
@@ -241,12 +230,12 @@ class Arena:
                     simulated.stop()
                     simulated.start()
                 deviation.restart()
-            unnoticed = trainee.noticed is None and number >= last
-            if trainee.done or unnoticed:
+            is_unnoticed = trainee.noticed is None and number >= last
+            if trainee.done or is_unnoticed:
                 break
         if trainee.noticed is None or not trainee.responses:
             return None
-        begin = (session.start + _HOMED) * TICK
+        begin = (session.start + HOMED) * TICK
         acted = min(trainee.responses.values())
         responses = sorted(trainee.responses, key=lambda name: trainee.responses[name])
         follows = pair.machine.plc.level == Level.PEDAL_DN
@@ -260,138 +249,25 @@ class Arena:
         )
 
     def _physics(self, session: AttackedSession) -> Physics:
+        """Return the parameters of the machine's plant."""
         return self._parts.plant.physics.changed(session.mass, session.friction)
 
     def _tips(self, q: Array) -> Array:
+        """Return the tips (k, 3) in m, in base, at joint values (k, n)."""
         return self._parts.kin.forward_many(q)[:, :3, 3]
 
-    def _model(self, scale: float, packets: int) -> Trace:
-        """Return the record of the model, which has no faults, with at least the given number of packets."""
-        if scale not in self._models:
-            run = AttackedRun(self._parts, Hand(self._parts.settings, scale))
-            self._models[scale] = run, run.trace
-        run, record = self._models[scale]
-        if len(record.q) < packets:
+    def _model_trace(self, scale: float, packets: int) -> Trace:
+        """Return the trace of the model, which has no faults, with at least the given number of packets."""
+        if scale not in self._model_runs:
+            run = TracedRun(self._parts, Hand(self._parts.settings, scale))
+            self._model_runs[scale] = run, run.trace
+        run, model = self._model_runs[scale]
+        if len(model.q) < packets:
             rounds = math.ceil(packets / _ROUND)
-            run.go(_ROUND * rounds, packets)
-            record = run.trace
-            self._models[scale] = run, record
-        return record
-
-
-class _UnbrakedDeviation:
-    """Largest distance between the true tips of machine and model while the machine is not braked.
-
-    Attributes:
-        peak: the distance in mm.
-    """
-
-    def __init__(self, pair: MachineAndModel, forward: Callable[[Array], Array]) -> None:
-        """Store machine and model; `forward`: T_base_tool (4, 4) of joint values (n,)."""
-        self.peak = 0.0
-        self._pair = pair
-        self._forward = forward
-        # Before the machine has followed once, it counts as braked.
-        self._ticks = _SETTLED  # since the machine followed
-        self._model_tip = np.zeros(3)
-        self._restarted = False
-        # Tip of the machine minus that of the model, when the arm began to follow after a restart.
-        self._offset = np.zeros(3)
-
-    def restart(self) -> None:
-        """Count the machine as braked until it follows again, then from where it is."""
-        self._ticks = _SETTLED
-        self._restarted = True
-
-    def step(self) -> None:
-        """Measure the distance after a tick of machine and model."""
-        tip = self._forward(self._pair.machine.plant.q)[:3, 3]
-        if self._pair.machine.plc.level == Level.PEDAL_DN:
-            self._model_tip = self._forward(self._pair.model.plant.q)[:3, 3]
-            if self._restarted:
-                self._offset = tip - self._model_tip
-            self._restarted = False
-            self._ticks = 0
-        self._ticks += 1
-        if self._ticks <= _SETTLED:
-            distance = float(np.linalg.norm(tip - self._model_tip - self._offset)) * _MM
-            self.peak = max(self.peak, distance)
-
-
-class AttackedRun:
-    """A machine that receives the packets of a hand; `go` continues the run.
-
-    Attributes:
-        machine: the machine.
-    """
-
-    def __init__(self, parts: Parts, hand: Hand, physics: Physics | None = None, faults: Sequence[Fault] = ()) -> None:
-        """Switch the machine on, and let it move to its home posture.
-
-        Args:
-            parts: compiled parts of the machine.
-            hand: creates the packets.
-            physics: parameters of the plant; None: those of the model.
-            faults: faults of the machine.
-        """
-        self.machine = Machine(parts, physics=physics, faults=faults)
-        self._hand = hand
-        self._ticks_stopped = 0
-        self._q: list[Array] = []
-        self._measured: list[Array] = []
-        self._levels: list[Level] = []
-        self._read: list[Level] = []
-        self.machine.step(0.0)
-        self.machine.start()
-        # without packets, until the arm has homed and the operator presses the pedal
-        for tick in range(1, _HOMED + 1):
-            self.machine.step(tick * TICK)
-
-    def go(self, packets: int, settled: int) -> None:
-        """Run until `packets` packets are sent, or after a stop, until the arm rests and `settled` packets are sent."""
-        machine = self.machine
-        for number in range(len(self._q) + 1, packets + 1):
-            packet = self._hand.packet(number)
-            machine.step((_HOMED + number) * TICK, [(packet, "operator")])
-            self._q.append(machine.plant.q)
-            self._measured.append(machine.q)
-            self._levels.append(machine.plc.level)
-            self._read.append(machine.level)
-            if machine.plc.level == Level.E_STOP:
-                self._ticks_stopped += 1
-            else:
-                self._ticks_stopped = 0
-            if self._ticks_stopped > _SETTLED and number >= settled:
-                break
-
-    @property
-    def trace(self) -> Trace:
-        """Record of the run so far."""
-        return Trace(
-            q=np.array(self._q),
-            measured=np.array(self._measured),
-            levels=np.array(self._levels),
-            read=np.array(self._read),
-            machine=self.machine,
-        )
-
-
-def trace(
-    parts: Parts, hand: Hand, packets: int, settled: int, physics: Physics | None = None, faults: Sequence[Fault] = ()
-) -> Trace:
-    """Return the record of a machine that receives packets of a hand; `packets`, `settled`: see `AttackedRun.go`."""
-    run = AttackedRun(parts, hand, physics, faults)
-    run.go(packets, settled)
-    return run.trace
-
-
-def held_at_stop(model_tips: Array, record: Trace) -> Array:
-    """Return tips (k, 3) of the model for comparison with a machine: from its stop on, the model's tip at the stop."""
-    tips = model_tips.copy()
-    stopped = record.levels == Level.E_STOP
-    if stopped.any():
-        tips[stopped] = tips[int(np.argmax(stopped))]
-    return tips
+            run.extend(_ROUND * rounds, packets)
+            model = run.trace
+            self._model_runs[scale] = run, model
+        return model
 
 
 def _off_path(true_tips: Array, path: Array, is_far: np.ndarray) -> np.ndarray:

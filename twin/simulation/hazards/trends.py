@@ -27,10 +27,11 @@ from twin.core.json_types import JsonObject
 from twin.core.result import Part, Result, TextTable
 from twin.core.spatial import Array
 from twin.schema import Identifier, NotNegative, Positive, Sourced, Table, error_at, load_toml
-from twin.simulation.hazards.attacked_session import HARM, Trace, held_at_stop, trace
+from twin.simulation.hazards.attacked_session import HARM
 from twin.simulation.hazards.campaign import SpreadQuantity
 from twin.simulation.hazards.fault import Fault
 from twin.simulation.hazards.packet_hand import Hand, wander
+from twin.simulation.hazards.traced_run import Trace, held_at_stop, trace
 from twin.simulation.machine.arithmetic import Arithmetic
 from twin.simulation.machine.cable_plant import CablePlant, Cables
 from twin.simulation.machine.levels import Level
