@@ -324,6 +324,15 @@ def test_scenery_may_be_added(tmp_path):
     assert not [f for ledger in ledgers(tmp_path / "audited", tmp_path / "reference") for f in ledger.findings]
 
 
+@pytest.mark.parametrize(("name", "count"), [("r.cs", 5), ("r.yaml", 0)])
+def test_a_text_of_something_else_is_named_and_a_yaml_on_other_lines_is_not(name, count, tmp_path):
+    for folder, text in (("reference", "abcdefgh"), ("audited", "ijklmnop")):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / name).write_text("\n".join(text))
+    first = ledgers(tmp_path / "audited", tmp_path / "reference")[0]
+    assert len([f for f in first.findings if f.severity == "disagreement"]) == count
+
+
 def test_a_file_that_another_program_has_structured_anew_is_not_compared(tmp_path):
     for folder in ("reference", "audited"):
         (tmp_path / folder).mkdir()

@@ -143,7 +143,7 @@ def audit(
         folder = reference(export_statement(contents))
         if folder is not None:
             report_progress("compare with a new export", 0.95)
-            unreadable = {ledger.file for ledger in ledgers if not ledger.is_readable}
+            unreadable = {ledger.file for ledger in ledgers if ledger.found} - {content.file for content in contents}
             # first, as they name the places of changes, and many other findings only what follows from these
             ledgers = [*compare_with_reference(path, folder, unreadable), *ledgers]
     return finished(str(path), [content.as_facts() for content in contents], ledgers)

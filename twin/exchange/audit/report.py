@@ -330,11 +330,6 @@ class Ledger:
         self.checks.append(Check(check, *source, number, unit, tolerance, check_verdict, where, when, against))
 
     @property
-    def is_readable(self) -> bool:
-        """Whether the file could be read."""
-        return not any(finding.severity == "error" for finding in self.found)
-
-    @property
     def findings(self) -> list[Finding]:
         """Return the findings, at most `MOST_FINDINGS` with the same code; the last states how many were omitted."""
         findings = list(self.found)

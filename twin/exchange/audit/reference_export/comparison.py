@@ -11,7 +11,7 @@ from twin.exchange.audit.reference_export.difference import Difference, differen
 from twin.exchange.audit.reference_export.entries import Entry
 from twin.exchange.audit.reference_export.gltf_entries import read_gltf_entries
 from twin.exchange.audit.reference_export.json_entries import read_json
-from twin.exchange.audit.reference_export.text_entries import read_bytes, read_lines, read_mesh, read_table
+from twin.exchange.audit.reference_export.text_entries import read_bytes, read_lines, read_mesh, read_table, read_yaml
 from twin.exchange.audit.reference_export.usd_entries import read_layer, read_package
 from twin.exchange.audit.reference_export.xml_entries import COMMENT, read_xml
 from twin.exchange.audit.report import Ledger, guarded
@@ -31,7 +31,7 @@ READERS: Mapping[str, Callable[[Path], Entry]] = {
     ".md": read_lines,
     ".meta": read_lines,
     ".txt": read_lines,
-    ".yaml": read_lines,
+    ".yaml": read_yaml,
 }
 """{suffix of a file: function that reads its entries}; files of all other kinds are compared byte by byte."""
 
@@ -45,6 +45,9 @@ inside them, they are at least this fraction of the entries."""
 
 _RENAMED_SHARE = 0.3
 """Nor is it if at least this fraction of the entries is missing, and as many are added: names are others."""
+
+_OTHER_LINES_SHARE = 0.5
+"""Fraction of the lines of a YAML that differ if another program has written the same content on other lines."""
 
 _LARGEST_RATIO = 20
 _SMALL_SIZE = 1_000_000
@@ -139,32 +142,32 @@ def _differences_of_files(reference_file: Path, file: Path, ledger: Ledger) -> l
         if difference.form == "extra" and difference.entry is not None and _is_scenery(difference.entry):
             continue
         found.append(difference)
-    kind_count = _count_of_other_kinds(reference, found)
-    if kind_count:
+    if _is_structured_otherwise(read, reference, found):
         text = (
-            f"the file is not structured as twin writes it: {kind_count} kinds of entries are missing or added. Its "
-            "fields are not compared with those of a new export."
+            f"the file is not structured as twin writes it: {len(found)} places differ. Its fields are not compared with "
+            "those of a new export."
         )
         ledger.add("export.rewritten", "info", text)
         return []
     return found
 
 
-def _count_of_other_kinds(reference: Entry, found: Sequence[Difference]) -> int:
-    """Return the number of kinds of entries that are missing or added; 0 if the file is structured as the reference."""
+def _is_structured_otherwise(read: Callable[[Path], Entry], reference: Entry, found: Sequence[Difference]) -> bool:
+    """Return whether a file with these differences was written anew by another program, or has other names."""
+    if read is read_lines:
+        return False  # no program saves a text again
+    if read is read_yaml:
+        return len(found) >= _OTHER_LINES_SHARE * reference.count()
     patterns = set()
     entry_counts = {"missing": 0, "extra": 0}
     for difference in found:
-        if difference.form not in entry_counts:
-            continue
-        patterns.add((difference.form, difference.pattern))
-        entry_counts[difference.form] += 1 if difference.entry is None else difference.entry.count()
+        if difference.form in entry_counts:
+            patterns.add((difference.form, difference.pattern))
+            entry_counts[difference.form] += 1 if difference.entry is None else difference.entry.count()
     reference_count = reference.count()
     has_other_kinds = len(patterns) >= _OTHER_KINDS and sum(entry_counts.values()) >= _OTHER_SHARE * reference_count
     has_other_names = min(entry_counts.values()) >= _RENAMED_SHARE * reference_count
-    if has_other_kinds or has_other_names:
-        return len(patterns)
-    return 0
+    return has_other_kinds or has_other_names
 
 
 def _is_scenery(entry: Entry) -> bool:

@@ -22,6 +22,11 @@ def read_lines(path: Path) -> Entry:
     return Entry("file", entries=numbered(entries))
 
 
+def read_yaml(path: Path) -> Entry:
+    """Return the lines of a YAML. Other than those of a text, they may be others with the same content."""
+    return read_lines(path)
+
+
 def read_table(path: Path) -> Entry:
     """Return a CSV with a header "# key: value" a line, as a CSV track has it, and a row of titles above its numbers.
 
