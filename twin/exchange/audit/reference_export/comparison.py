@@ -144,8 +144,8 @@ def _differences_of_files(reference_file: Path, file: Path, ledger: Ledger) -> l
         found.append(difference)
     if _is_structured_otherwise(read, reference, found):
         text = (
-            f"the file is not structured as twin writes it: {len(found)} places differ. Its fields are not compared with "
-            "those of a new export."
+            f"the file is not structured as twin writes it: {len(found)} places differ. Its fields are not compared "
+            "with those of a new export."
         )
         ledger.add("export.rewritten", "info", text)
         return []
