@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 from pathlib import Path
@@ -261,6 +262,14 @@ def test_scripts_of_the_unity_package_are_those_that_twin_ships(tmp_path):
         assert faults(folder) == [f"unity: {script.relative_to(folder).as_posix()}"]
         script.write_bytes(text.replace(b"\n", b"\r\n"))
         assert not faults(folder)
+
+
+def test_another_layout_of_json_in_the_unity_package_is_no_fault(tmp_path):
+    folder = tmp_path / "unity"
+    shutil.copytree(PACKAGE, folder)
+    for file in (*folder.rglob("*.json"), *folder.rglob("*.asmdef")):
+        file.write_text(json.dumps(json.loads(file.read_text("utf-8")), indent=7), "utf-8")
+    assert not faults(folder)
 
 
 def test_points_of_a_mesh_are_moved_turned_and_scaled_as_mujoco_does(tmp_path):

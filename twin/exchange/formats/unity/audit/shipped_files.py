@@ -79,11 +79,12 @@ def _difference(file: Path, shipped: Path) -> str:
         return meta_difference(content, expected)
     if content == expected:
         return ""
-    # An entry says more than a line; where only the layout differs, the line is reported below.
     if shipped.suffix in (".json", ".asmdef"):
-        difference = _entry_difference(content, expected)
-        if difference:
-            return difference
+        data = _parsed(content)
+        expected_data = _parsed(expected)
+        # An entry says more than a line, and the layout of JSON says nothing.
+        if data is not None and expected_data is not None:
+            return _entry_difference(data, expected_data)
     lines = content.split(b"\n")
     expected_lines = expected.split(b"\n")
     for number, (line, expected_line) in enumerate(zip(lines, expected_lines, strict=False), start=1):
@@ -92,15 +93,17 @@ def _difference(file: Path, shipped: Path) -> str:
     return f"has {len(lines)} lines, the file of twin has {len(expected_lines)}"
 
 
-def _entry_difference(content: bytes, expected: bytes) -> str:
-    """Return how the entries of a JSON file differ from those expected; "" if they are equal, or no JSON object."""
+def _parsed(content: bytes) -> JsonMapping | None:
+    """Return the object in a JSON file; None if there is none."""
     try:
         data = json.loads(content.decode("utf-8-sig"))
-        expected_data = json.loads(expected.decode("utf-8-sig"))
     except (ValueError, RecursionError):
-        return ""
-    if not isinstance(data, dict) or not isinstance(expected_data, dict):
-        return ""
+        return None
+    return data if isinstance(data, dict) else None
+
+
+def _entry_difference(data: JsonMapping, expected_data: JsonMapping) -> str:
+    """Return how the entries of a JSON object differ from those expected; "" if they are equal."""
     differing = [key for key in {**expected_data, **data} if data.get(key) != expected_data.get(key)]
     if not differing:
         return ""
