@@ -82,7 +82,7 @@ def _states(
 
 
 def _in_range(value: Fraction, witness_value: float, is_angle: bool, low: float, high: float) -> bool:
-    """Return whether a length, or the angle next to `near` with this tangent of its half, is in its range."""
+    """Return whether a length, or the angle next to `witness_value` with this tangent of its half, is in its range."""
     if not is_angle:
         return low <= value <= high
     # Of the angles with this tangent, one turn apart, that next to the witness counts: a range may exceed a half

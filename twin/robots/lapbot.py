@@ -1,7 +1,7 @@
 """Lapbot: a lift, a horizontal two-link arm, three passive joints, and an instrument with a two-axis wrist.
 
 The paper gives the structure (9 joints: the first is prismatic; 6 are driven and 3 passive; the trocar is between
-joints 7 and 8), but no dimensions. Everything else is ASSUMED, including the table below in Khalil and Kleinfinger's
+joints 7 and 8), but no dimensions. Everything else is ASSUMED, including the rows below in Khalil and Kleinfinger's
 form, and a belt that keeps the azimuth of the passive joints constant: q2 + q3 + q4 = 0. Without the belt, one degree
 of freedom would be undetermined.
 

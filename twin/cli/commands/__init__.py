@@ -6,6 +6,8 @@ that `twin COMMAND --help` is fast. Each file defines:
 - `EXAMPLES`: lines at the end of `twin COMMAND --help`;
 - `arguments(command)`: adds the arguments of the command;
 - `run(args)`: runs the command and returns the exit code.
+
+A key of `HELP` is a command and the name of its file.
 """
 
 HELP = {

@@ -13,7 +13,10 @@ from twin.simulation.world.signal_kinds import ROBOT_PACKET
 
 
 class Outbox(Block):
-    """Stores the packets of all machines until `take` is called; must be the last block of a tick; writes no signal."""
+    """Stores the packets of all machines until `take` is called; writes no signal.
+
+    It must come after the blocks that write the packets of the tick: it stores what these have written.
+    """
 
     def __init__(self, parts: Mapping[str, Parts]) -> None:
         """Create an empty queue for each robot in `parts` (compiled parts); sequence numbers begin at 1."""

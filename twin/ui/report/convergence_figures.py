@@ -27,7 +27,7 @@ _HIGHEST = 10.0
 """Range of the residual axis in m."""
 
 _COLOURS = (FIT, NEAR, UNFIT)
-"""Colours of the outcomes."""
+"""Colours of the `OUTCOMES`, in their order."""
 
 
 def convergence(report: Report) -> Figure | None:
@@ -84,7 +84,11 @@ def _length(value: float) -> str:
 
 
 def _draw(ax: Axes, history: Array, outcome: np.ndarray) -> None:
-    """Draw some of the searches of each outcome; the legend states the numbers of all."""
+    """Draw some of the searches of each outcome; the legend states the numbers of all.
+
+    `history` (searches, steps) has the residual after each step, NaN after the last one; `outcome` (searches,) has the
+    index of each outcome in `OUTCOMES`.
+    """
     for kind in reversed(range(len(OUTCOMES))):  # the solved ones on top
         runs = np.flatnonzero(outcome == kind)
         if not len(runs):
