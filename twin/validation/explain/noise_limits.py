@@ -33,7 +33,7 @@ def limits(noise: Noise, cad: CadModel, judge: Judge, parameters: Mapping[str, f
     """Return the largest differences (k, 1) that noise of the CAD explains, by symbol, in units of the tolerance.
 
     `judge` has states of the mechanism of `cad`. At a state where a symbol has no value with some of the further errors
-    (near the end of reach), its difference is not limited. A symbol without a value in all draws is not in the result.
+    (near the end of reach), its difference is not limited. A symbol that has a value in no draw is not in the result.
     """
     rng = np.random.default_rng(_SEED)
     draws: list[Residuals] = []
