@@ -168,6 +168,81 @@ def test_audit_finds_seeded_faults(bends, tmp_path, fault, code):
     assert {f.code for f in ledger.findings} == {code}
 
 
+def without_samples(mesh):
+    points = mesh.GetPointsAttr()
+    first = points.Get(points.GetTimeSamples()[0])
+    points.Clear()
+    points.Set(first)
+
+
+def with_nan_at(sample):
+    def fault(mesh):
+        points = mesh.GetPointsAttr()
+        code = points.GetTimeSamples()[sample]
+        values = np.array(points.Get(code))
+        values[3, 1] = np.nan
+        points.Set(values, code)
+
+    return fault
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("fault", "code"),
+    [
+        (without_samples, "bend.samples"),
+        (with_nan_at(0), "bend.not_finite"),
+        (with_nan_at(1), "bend.not_finite"),
+        (with_nan_at(-1), "bend.not_finite"),
+    ],
+)
+def test_audit_finds_points_that_cannot_be_compared(bends, tmp_path, fault, code):
+    exported(tmp_path, bends)
+    stage = Usd.Stage.Open(str(tmp_path / "usd/organs.usdc"))
+    fault(UsdGeom.Mesh(stage.GetPrimAtPath(f"/organs/{bends[0].name}")))
+    stage.Save()
+    (ledger,) = audit_deformables(tmp_path)
+    assert [f.code for f in ledger.findings] == [code]
+    assert [c.verdict for c in ledger.checks if "against" in c.check] == ["disagree", "agree"]
+
+
+def test_audit_finds_that_the_layer_of_the_organs_is_missing_if_the_scene_has_usd(bends, tmp_path):
+    (tmp_path / "organs.glb").write_bytes(bends_glb("organs", bends))
+    (ledger,) = audit_deformables(tmp_path)
+    assert [f.code for f in ledger.findings] == ["bend.missing"]
+    assert "disagree" in {c.verdict for c in ledger.checks}
+    (ledger,) = audit_deformables(tmp_path, expects_usd=False)
+    assert not ledger.findings
+    assert len(ledger.checks) == 2
+
+
+def test_audit_finds_that_a_glb_has_no_organs(bends, tmp_path):
+    exported(tmp_path, bends)
+    data = bends_glb("organs", bends)
+    length = struct.unpack_from("<I", data, 12)[0]
+    document = json.loads(data[20 : 20 + length])
+    for node in document["nodes"]:
+        node.pop("mesh", None)
+    text = json.dumps(document, separators=(",", ":")).encode().ljust(length)
+    (tmp_path / "organs.glb").write_bytes(data[:20] + text + data[20 + length :])
+    (ledger,) = audit_deformables(tmp_path, expects_usd=False)
+    assert "bend.missing" in {f.code for f in ledger.findings}
+
+
+def test_audit_refuses_two_meshes_with_one_name(bends, tmp_path):
+    exported(tmp_path, bends)
+    stage = Usd.Stage.Open(str(tmp_path / "usd/organs.usdc"))
+    UsdGeom.Mesh.Define(stage, f"/organs/again/{bends[0].name}")
+    stage.Save()
+    (ledger,) = audit_deformables(tmp_path)
+    assert [f.code for f in ledger.findings] == ["bend.unreadable"]
+    assert "two meshes are named" in ledger.findings[0].message
+    exported(tmp_path, bends)
+    (tmp_path / "organs.glb").write_bytes(bends_glb("organs", [bends[0], bends[0]]))
+    (ledger,) = audit_deformables(tmp_path)
+    assert "bend.unreadable" in {f.code for f in ledger.findings}
+
+
 @pytest.mark.slow
 def test_audit_finds_an_open_surface_and_a_broken_file(bends, tmp_path):
     torn = replace(bends[1], mesh=replace(bends[1].mesh, triangles=bends[1].mesh.triangles[1:]))

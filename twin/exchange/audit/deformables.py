@@ -33,10 +33,11 @@ _TIMES = 16
 """Maximum number of time samples of each mesh, evenly distributed, at which the files are compared."""
 
 
-def audit_deformables(folder: Path) -> list[Ledger]:
+def audit_deformables(folder: Path, expects_usd: bool = True) -> list[Ledger]:
     """Check the deformables of an exported scene; return [ledger], or [] if organs.glb does not exist.
 
-    The ledger contains the checks and the findings.
+    The ledger contains the checks and the findings. If organs.usdc does not exist, this is a finding, unless
+    `expects_usd` is False because the scene was not exported to USD: then only the surfaces in organs.glb are checked.
     """
     glb = folder / GLB
     usd = folder / USD
@@ -53,8 +54,11 @@ def audit_deformables(folder: Path) -> list[Ledger]:
                 raise ValueError(f"{USD}: {fault}")
             admit(usd)
             _compare(glb_meshes, Usd.Stage.Open(str(usd)), ledger)
-        else:
-            ledger.row("vertices against the points in USD", None, "m", TOLERANCE)
+        elif expects_usd:
+            ledger.row("vertices against the points in USD", None, "m", TOLERANCE, fits=False)
+            ledger.wrong("bend.missing", f"{USD} is missing: the motion of the deformables is compared with nothing.")
+        if not glb_meshes.names:
+            ledger.wrong("bend.missing", f"{GLB} has no deformables.")
         for name in glb_meshes.names:
             glb_meshes.vertices(name, 0.0)
             open_edges = _unpaired(glb_meshes.triangles(name))
@@ -81,6 +85,8 @@ class _AnimatedMeshes:
         self._T: dict[str, Array] = {}
         for node in nodes:
             if "mesh" in node.spec:
+                if node.name in self._node:
+                    raise ReadError(f"two meshes are named '{node.name}'", "gltf.names")
                 self._node[node.name] = node.index
                 self._T[node.name] = to_z_up @ world[node.index][0]
         self.names = tuple(self._node)
@@ -126,6 +132,8 @@ def _compare(glb_meshes: _AnimatedMeshes, stage: Usd.Stage, ledger: Ledger) -> N
     usd_meshes = {}
     for prim in stage.Traverse():
         if prim.IsA(UsdGeom.Mesh):
+            if prim.GetName() in usd_meshes:
+                raise ValueError(f"{USD}: two meshes are named '{prim.GetName()}'")
             usd_meshes[prim.GetName()] = UsdGeom.Mesh(prim)
     for name in sorted({*glb_meshes.names} ^ {*usd_meshes}):
         text = f"deformable '{name}' is in only one of the files {GLB} and {USD}."
@@ -133,36 +141,71 @@ def _compare(glb_meshes: _AnimatedMeshes, stage: Usd.Stage, ledger: Ledger) -> N
     for name in glb_meshes.names:
         if name not in usd_meshes:
             continue
-        worst, when = _largest_difference(glb_meshes, name, usd_meshes[name], rate)
-        faces = np.array(usd_meshes[name].GetFaceVertexIndicesAttr().Get()).reshape(-1, 3)
-        if not np.array_equal(faces, glb_meshes.triangles(name)):
-            worst = np.inf
-            when = "triangles"
-        ledger.row(f"vertices of '{name}' against {USD}", worst, "m", TOLERANCE, where=name, when=when)
-        if not worst <= TOLERANCE:
-            if np.isfinite(worst):
-                text = f"the vertices of '{name}' differ by {quantity(worst, 'm')} between {GLB} and {USD}."
-            else:
-                text = f"mesh '{name}' has different vertex counts or triangles in {GLB} and {USD}."
-            ledger.wrong("bend.vertices", text, name, size=Measured(worst, TOLERANCE, "m"), when=when)
+        _compare_mesh(glb_meshes, name, usd_meshes[name], rate, ledger)
+
+
+def _compare_mesh(glb_meshes: _AnimatedMeshes, name: str, mesh: UsdGeom.Mesh, rate: float, ledger: Ledger) -> None:
+    """Compare a mesh in both files; `rate` is the number of time codes of USD per second.
+
+    Points without time samples and points that are not finite are findings of their own: there is nothing to compare.
+    """
+    worst = np.inf
+    when = ""
+    code = "bend.vertices"
+    faces = np.array(mesh.GetFaceVertexIndicesAttr().Get()).reshape(-1, 3)
+    invalid_time = _first_not_finite(mesh, rate)
+    if not mesh.GetPointsAttr().GetTimeSamples():
+        code = "bend.samples"
+        text = f"mesh '{name}' has no time samples of its points in {USD}: its motion is compared with nothing."
+    elif invalid_time is not None:
+        code = "bend.not_finite"
+        when = f"t = {invalid_time:.3f} s"
+        text = f"mesh '{name}' has points that are not finite in {USD}."
+    elif not np.array_equal(faces, glb_meshes.triangles(name)):
+        when = "triangles"
+        text = f"mesh '{name}' has different vertex counts or triangles in {GLB} and {USD}."
+    else:
+        worst, when = _largest_difference(glb_meshes, name, mesh, rate)
+        text = f"the vertices of '{name}' differ by {quantity(worst, 'm')} between {GLB} and {USD}."
+        if np.isnan(worst):
+            code = "bend.not_finite"
+            text = f"mesh '{name}' has vertices that are not finite in {GLB}."
+        elif np.isinf(worst):
+            text = f"mesh '{name}' has different vertex counts or triangles in {GLB} and {USD}."
+    ledger.row(f"vertices of '{name}' against {USD}", worst, "m", TOLERANCE, where=name, when=when)
+    if not worst <= TOLERANCE:
+        ledger.wrong(code, text, name, size=Measured(worst, TOLERANCE, "m"), when=when)
+
+
+def _first_not_finite(mesh: UsdGeom.Mesh, rate: float) -> float | None:
+    """Return the first time in s at which a point of a mesh is not finite, of all time samples; None if all are."""
+    points = mesh.GetPointsAttr()
+    for code in points.GetTimeSamples():
+        if not np.isfinite(np.array(points.Get(code), float)).all():
+            return code / rate
+    return None
 
 
 def _largest_difference(glb_meshes: _AnimatedMeshes, name: str, mesh: UsdGeom.Mesh, rate: float) -> tuple[float, str]:
-    """Return (largest difference of a coordinate in m, time) of a mesh in both files; infinite for other counts."""
+    """Return (largest difference of a coordinate in m, time) of a mesh with time samples in both files.
+
+    The difference is infinite for other vertex counts, and NaN, with its first time, if a vertex in organs.glb is not
+    finite.
+    """
     points = mesh.GetPointsAttr()
     codes = points.GetTimeSamples()
     worst = 0.0
     when = ""
-    if not codes:
-        return worst, when
     for sample in spread(len(codes), _TIMES):
         t = codes[sample] / rate
         expected = np.array(points.Get(codes[sample]), float)
         vertices = glb_meshes.vertices(name, t)
+        if not np.isfinite(vertices).all():
+            return np.nan, f"t = {t:.3f} s"
         difference = np.inf
         if vertices.shape == expected.shape:
             difference = float(np.abs(vertices - expected).max())
-        if not difference <= worst:
+        if difference > worst:
             worst = difference
             when = f"t = {t:.3f} s"
     return worst, when

@@ -75,7 +75,9 @@ def audit_scene(folder: Path, audited: Callable[[Path], Audited]) -> Audited:
             ledger.row("objects", float(len(objects)), "found")
         for stage in sorted((folder / "usd").glob("*.usda")):
             ledgers.append(audit_stage(stage, motions))
-    ledgers += audit_deformables(folder)
+    # scene.json has the checks of the scene's stage if the scene was exported to USD
+    states_usd = isinstance(data, dict) and bool(data.get("checks"))
+    ledgers += audit_deformables(folder, states_usd or (folder / "usd").is_dir())
     return contents, ledgers
 
 
