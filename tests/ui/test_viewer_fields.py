@@ -11,6 +11,7 @@ import twin
 from made.cloth import Cloth
 from twin.simulation.frame import WorldFrame
 from twin.ui.session.movable_robot import MovableRobot
+from twin.ui.viewer.field_nodes import FieldNodes
 from twin.ui.viewer.front import ShownRobot
 from twin.ui.viewer.page import open_page
 from twin.ui.viewer.server import serve
@@ -65,3 +66,25 @@ def test_a_field_follows_the_clock_and_one_that_breaks_is_told_once(front, monke
     front.clock.seek(0.5)
     front.draw()
     assert mesh.visible
+
+
+class Stuck(Cloth):
+    """It fails as soon as it follows a link."""
+
+    touching = {"robot": ("tool",)}  # noqa: RUF012
+
+    def follow(self, links, passed):
+        raise ZeroDivisionError("no depth")
+
+
+def test_an_error_in_following_links_is_told_once():
+    server = serve("test", "127.0.0.1", 0)
+    try:
+        fields = FieldNodes(server, Stuck(n=5, duration=0.1))
+        assert fields.show(0.0) == ""
+        assert fields.follow(lambda _: {"tool": np.eye(4)}, 0.02)
+        assert fields.show(0.0) == "ZeroDivisionError: no depth"
+        assert not fields.follow(lambda _: {"tool": np.eye(4)}, 0.02)
+        assert fields.show(0.0) == ""
+    finally:
+        server.stop()
