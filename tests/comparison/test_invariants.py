@@ -17,7 +17,7 @@ from twin.comparison.matching import match
 from twin.comparison.mechanism_side import from_mechanism
 from twin.comparison.side import RobotSide
 from twin.comparison.tool_lines import may_agree
-from twin.comparison.unknowns import Deviation, Unknowns
+from twin.comparison.unknowns import JointDeviation, Unknowns
 from twin.exchange.read import read
 
 TOLERANCE = 1e-5
@@ -60,9 +60,9 @@ def test_a_turned_axis_explains_its_differences(
         for problem in (problem_of(first, second), problem_of(second, first)):
             found = list(neighbour_lines(problem).contradictions())
             assert found
-            assert all(difference.is_explained({Deviation(i, axis_only=True)}) for difference in found)
+            assert all(difference.is_explained({JointDeviation(i, axis_only=True)}) for difference in found)
             assert all(
-                difference.is_explained({Deviation(i), Deviation(i + 1)})
+                difference.is_explained({JointDeviation(i), JointDeviation(i + 1)})
                 for difference in found
                 if i + 1 < problem.count
             )
@@ -74,13 +74,13 @@ def test_no_turned_axis_explains_another_distance_of_parallel_axes(tmp_path: Pat
     second = side_of(with_longer_link(robot, 2, np.array([0.0005, 0.0, 0.0])), tmp_path / "longer")
     problem = problem_of(first, second)
     (difference,) = neighbour_lines(problem).contradictions()
-    assert difference.is_explained({Deviation(2)})
-    axes = [Deviation(i, axis_only=True) for i in range(problem.count)]
+    assert difference.is_explained({JointDeviation(2)})
+    axes = [JointDeviation(i, axis_only=True) for i in range(problem.count)]
     assert not any(difference.is_explained({axis}) for axis in axes)
-    assert difference.is_explained({Deviation(1, axis_only=True), Deviation(2, axis_only=True)})
+    assert difference.is_explained({JointDeviation(1, axis_only=True), JointDeviation(2, axis_only=True)})
 
 
-def may_hold(problem: FitProblem, flips: tuple[int, ...] = (), deviating: tuple[Deviation, ...] = ()) -> bool:
+def may_hold(problem: FitProblem, flips: tuple[int, ...] = (), deviating: tuple[JointDeviation, ...] = ()) -> bool:
     signs = np.ones(problem.count)
     signs[list(flips)] = -1.0
     u = Unknowns(signs, np.zeros(6), np.zeros(problem.count), deviating, np.zeros((len(deviating), 6)))
@@ -108,8 +108,8 @@ def test_a_tool_elsewhere_on_its_line_is_ruled_out_unless_its_joint_deviates(tmp
         shift[:3, 3] = 0.001 * np.eye(3)[k]
         problem = problem_of(first, side_of(chains.with_tool(robot, shift), tmp_path / f"tool{k}"))
         assert not may_hold(problem)
-        assert may_hold(problem, deviating=(Deviation(5),)) == (told is not None)
-        assert may_hold(problem, deviating=(Deviation(5, axis_only=True),))
+        assert may_hold(problem, deviating=(JointDeviation(5),)) == (told is not None)
+        assert may_hold(problem, deviating=(JointDeviation(5, axis_only=True),))
 
 
 def test_frames_of_one_link_that_lie_elsewhere_in_each_other_are_ruled_out(tmp_path: Path) -> None:
@@ -123,5 +123,5 @@ def test_frames_of_one_link_that_lie_elsewhere_in_each_other_are_ruled_out(tmp_p
     elsewhere[1, 3] += 0.0005
     signs = np.ones(problem.count)
     assert may_agree(problem, 5, np.array([tool, probe]), np.array([tool, probe]), signs, ())
-    for deviating in ((), (Deviation(5),), (Deviation(5, axis_only=True),)):
+    for deviating in ((), (JointDeviation(5),), (JointDeviation(5, axis_only=True),)):
         assert not may_agree(problem, 5, np.array([tool, probe]), np.array([tool, elsewhere]), signs, deviating)

@@ -17,14 +17,14 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 import twin
 from twin.api.clip_protocols import protocols_of_clips
 from twin.api.scene_export import export_scene
-from twin.exchange.audit.reference_export.comparison import READERS, compare_with_reference
-from twin.exchange.audit.reference_export.difference import Difference, differences
+from twin.exchange.audit.reference_export.difference import FieldDifference, differences
+from twin.exchange.audit.reference_export.field_comparison import READERS, compare_with_reference
 from twin.exchange.audit.reference_export.json_entries import entry_of
 from twin.exchange.audit.report import Ledger
 from twin.exchange.write.clip import ClipAccuracy
 
 
-def told(reference: Path, found: Path) -> list[Difference]:
+def told(reference: Path, found: Path) -> list[FieldDifference]:
     read = READERS[found.suffix]
     return list(differences(read(reference), read(found)))
 

@@ -17,7 +17,7 @@ from twin.comparison.fit_problem import FitProblem
 from twin.comparison.frames import FrameGap, leaf_gaps
 from twin.comparison.side import ONE_COORDINATE
 from twin.comparison.tool_lines import may_agree
-from twin.comparison.unknowns import BASE_VALUES, Deviation, Unknowns, values_of, zero_column
+from twin.comparison.unknowns import BASE_VALUES, JointDeviation, Unknowns, values_of, zero_column
 from twin.core import spatial
 from twin.core.spatial import Array
 
@@ -72,7 +72,7 @@ class StatedEvidence:
 
     def __init__(self, problem: FitProblem) -> None:
         self.problem = problem
-        self._possible_tools: dict[tuple[int, tuple[float, ...], tuple[Deviation, ...]], bool] = {}
+        self._possible_tools: dict[tuple[int, tuple[float, ...], tuple[JointDeviation, ...]], bool] = {}
 
     @cached_property
     def frames(self) -> tuple[FrameGap, ...]:
@@ -148,7 +148,7 @@ class StatedEvidence:
         return groups
 
     def residuals(
-        self, pieces: Sequence[Evidence], signs: Array, values: Array, deviating: Sequence[Deviation]
+        self, pieces: Sequence[Evidence], signs: Array, values: Array, deviating: Sequence[JointDeviation]
     ) -> Array:
         """Return (k, rows) of pieces of evidence in m and rad for `values` (k, unknowns)."""
         _, _, motions = self.problem.motions(signs, values, deviating)

@@ -20,7 +20,15 @@ from twin.comparison.invariants import NeighbourLines
 from twin.comparison.line_gaps import FitSolution, line_residuals, lines_coincide
 from twin.comparison.refinement import STEP, open_directions, refine, with_steps
 from twin.comparison.smallest_deviations import NEAR
-from twin.comparison.unknowns import BASE_VALUES, Deviation, Unknowns, free_values, values_of, with_values, zero_column
+from twin.comparison.unknowns import (
+    BASE_VALUES,
+    JointDeviation,
+    Unknowns,
+    free_values,
+    values_of,
+    with_values,
+    zero_column,
+)
 from twin.core.spatial import Array
 
 _FITS = 160
@@ -49,7 +57,7 @@ _LARGEST_TURN = 1e-3
 class _SignChoice:
     """Signs of the first joints of the order, and the zeros that they need."""
 
-    deviating: tuple[Deviation, ...]
+    deviating: tuple[JointDeviation, ...]
     signs: tuple[float, ...]
     zeros: frozenset[int]
 
@@ -106,7 +114,7 @@ class EvidenceSearch:
         self._pushed += 1
         heapq.heappush(self._heap, (bound, self._pushed, choice))
 
-    def run(self, sets: Sequence[tuple[Deviation, ...]]) -> list[FitSolution]:
+    def run(self, sets: Sequence[tuple[JointDeviation, ...]]) -> list[FitSolution]:
         """Return the solutions with the lowest cost for these sets of deviating joints."""
         for deviating in sets:
             self._push(0.0, _SignChoice(deviating, (), frozenset()))

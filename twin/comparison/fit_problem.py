@@ -19,7 +19,7 @@ import numpy as np
 
 from twin.comparison.matching import Matching
 from twin.comparison.side import ONE_COORDINATE, TURNING, Axis, RobotSide
-from twin.comparison.unknowns import BASE_VALUES, Deviation, Unknowns, convention_count, zero_columns
+from twin.comparison.unknowns import BASE_VALUES, JointDeviation, Unknowns, convention_count, zero_columns
 from twin.core import spatial
 from twin.core.spatial import Array
 
@@ -118,7 +118,7 @@ class FitProblem:
         """Return the zeros (joints,) for displacements (joints,), the inverse of `displacements`."""
         return displacements + self.drawn - signs * self.target_drawn
 
-    def motions(self, signs: Array, values: Array, deviating: Sequence[Deviation]) -> tuple[Array, Array, Array]:
+    def motions(self, signs: Array, values: Array, deviating: Sequence[JointDeviation]) -> tuple[Array, Array, Array]:
         """Return (parents, children, groups): the motions of the bodies of the first side for `values` (k, unknowns).
 
         `parents` and `children` (k, joints, 4, 4) map what is on the parent and on the child of each joint;
@@ -153,7 +153,7 @@ class FitProblem:
             groups[:, axis.child] = children[:, i]
         return parents, children, groups
 
-    def _parts(self, signs: Array, values: Array, deviating: Sequence[Deviation]) -> tuple[Array, Array, Array]:
+    def _parts(self, signs: Array, values: Array, deviating: Sequence[JointDeviation]) -> tuple[Array, Array, Array]:
         """Return the motions (base, joints, deviations) of which `motions` consist, for `values` (k, unknowns).
 
         `base` (k, 4, 4) is the base transform, `joints` (k, joints, 4, 4) the motions about or along the lines,

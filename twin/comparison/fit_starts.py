@@ -13,7 +13,7 @@ from twin.comparison.fit_problem import FitProblem, cross
 from twin.comparison.line_gaps import FitSolution, lines_coincide
 from twin.comparison.refinement import refine
 from twin.comparison.side import ONE_COORDINATE, TURNING
-from twin.comparison.unknowns import Deviation, Unknowns
+from twin.comparison.unknowns import JointDeviation, Unknowns
 from twin.core import spatial
 from twin.core.spatial import Array
 
@@ -27,7 +27,7 @@ _SAME_LINE = 1e-6
 """Sine of an angle, or distance in m, below which two lines are parallel, or the same."""
 
 
-def solve(problem: FitProblem, signs: Array, deviating: tuple[Deviation, ...] = ()) -> FitSolution:
+def solve(problem: FitProblem, signs: Array, deviating: tuple[JointDeviation, ...] = ()) -> FitSolution:
     """Return the best fit with these signs (joints,) and deviating joints, from two starts."""
     best: FitSolution | None = None
     # the base as it is comes first: descriptions of one robot mostly have the same one
@@ -44,7 +44,7 @@ def solve(problem: FitProblem, signs: Array, deviating: tuple[Deviation, ...] = 
     return best
 
 
-def _start(problem: FitProblem, signs: Array, deviating: tuple[Deviation, ...], aligned: bool) -> Unknowns | None:
+def _start(problem: FitProblem, signs: Array, deviating: tuple[JointDeviation, ...], aligned: bool) -> Unknowns | None:
     """Return start values: the base as it is or aligned with the first lines, then each joint from its children."""
     X = np.eye(4)
     if aligned:
@@ -61,11 +61,11 @@ def _start(problem: FitProblem, signs: Array, deviating: tuple[Deviation, ...], 
         if axis.closing:  # the joints of the tree already place both of its links
             continue
         parent = groups[axis.parent]
-        place = Deviation(i)
+        place = JointDeviation(i)
         if place in deviating:
             parent, values = _placed_on_target(problem, i, parent, signs)
             deviations[deviating.index(place)] = values
-        turned_axis = Deviation(i, axis_only=True)
+        turned_axis = JointDeviation(i, axis_only=True)
         if turned_axis in deviating:
             _, values = _placed_on_target(problem, i, parent, signs)
             deviations[deviating.index(turned_axis), :3] = values[:3]
@@ -77,12 +77,12 @@ def _start(problem: FitProblem, signs: Array, deviating: tuple[Deviation, ...], 
     return Unknowns(signs, base, problem.zeros_of(signs, displacements), deviating, deviations)
 
 
-def _deviates(joint: int, deviating: Sequence[Deviation]) -> bool:
+def _deviates(joint: int, deviating: Sequence[JointDeviation]) -> bool:
     """Return whether the place or the axis of a joint deviates."""
     return any(deviation.joint == joint for deviation in deviating)
 
 
-def _aligned_base(problem: FitProblem, signs: Array, deviating: tuple[Deviation, ...]) -> Array | None:
+def _aligned_base(problem: FitProblem, signs: Array, deviating: tuple[JointDeviation, ...]) -> Array | None:
     """Return the base transform (4, 4) that maps the lines of the first two joints in a chain to their targets.
 
     None if no two joints determine it.
@@ -135,7 +135,7 @@ def _placed_on_target(problem: FitProblem, joint: int, parent: Array, signs: Arr
 
 
 def _displacement(
-    problem: FitProblem, joint: int, parent: Array, signs: Array, deviating: tuple[Deviation, ...], neutral: float
+    problem: FitProblem, joint: int, parent: Array, signs: Array, deviating: tuple[JointDeviation, ...], neutral: float
 ) -> float:
     """Return the displacement of joint i in m or rad that best puts the lines of the joints on its child in place.
 

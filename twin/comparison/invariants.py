@@ -16,7 +16,7 @@ import numpy as np
 from twin.comparison.fit_problem import FitProblem
 from twin.comparison.frames import carriers
 from twin.comparison.side import TURNING
-from twin.comparison.unknowns import Deviation
+from twin.comparison.unknowns import JointDeviation
 from twin.core.spatial import Array
 
 _SIGNS = (1.0, -1.0)
@@ -145,10 +145,10 @@ class Contradiction:
         together: axes of which one is not enough, but two are.
     """
 
-    alone: frozenset[Deviation]
-    together: frozenset[Deviation] = frozenset()
+    alone: frozenset[JointDeviation]
+    together: frozenset[JointDeviation] = frozenset()
 
-    def is_explained(self, deviating: Collection[Deviation]) -> bool:
+    def is_explained(self, deviating: Collection[JointDeviation]) -> bool:
         """Return whether a set of deviating joints may remove the difference."""
         if not self.alone.isdisjoint(deviating):
             return True
@@ -167,11 +167,11 @@ class NeighbourLines:
     """
 
     different: dict[int, int]
-    turned: dict[int, frozenset[Deviation]]
+    turned: dict[int, frozenset[JointDeviation]]
     products: dict[tuple[int, int], float]
     between: tuple[JointNeighbours, ...]
 
-    def allows(self, signs: Array, deviating: tuple[Deviation, ...]) -> bool:
+    def allows(self, signs: Array, deviating: tuple[JointDeviation, ...]) -> bool:
         """Return whether a set of signs is possible if these joints deviate."""
         for (i, k), product in self.products.items():
             if _of_pair(i, k).isdisjoint(deviating) and signs[i] * signs[k] != product:
@@ -183,7 +183,7 @@ class NeighbourLines:
                 return False
         return True
 
-    def zeros(self, signs: Mapping[int, float], last: int, deviating: tuple[Deviation, ...]) -> set[int] | None:
+    def zeros(self, signs: Mapping[int, float], last: int, deviating: tuple[JointDeviation, ...]) -> set[int] | None:
         """Return the zeros that the joints up to `last` need; None if the signs are impossible.
 
         Args:
@@ -210,22 +210,24 @@ class NeighbourLines:
     def contradictions(self) -> Iterator[Contradiction]:
         """Yield the differences that some joint must remove."""
         for k, i in self.different.items():
-            yield Contradiction(self.turned[k] | {Deviation(k)}, _of_pair(i, k) - {Deviation(k)})
+            yield Contradiction(self.turned[k] | {JointDeviation(k)}, _of_pair(i, k) - {JointDeviation(k)})
         for rule in self.between:
             if not rule.is_possible_with_any():
                 yield Contradiction(_of_three(rule))
 
 
-def _of_pair(before: int, joint: int) -> frozenset[Deviation]:
+def _of_pair(before: int, joint: int) -> frozenset[JointDeviation]:
     """Return what changes the distance or the angle of two consecutive lines."""
-    return frozenset({Deviation(joint), Deviation(before, axis_only=True), Deviation(joint, axis_only=True)})
+    return frozenset(
+        {JointDeviation(joint), JointDeviation(before, axis_only=True), JointDeviation(joint, axis_only=True)}
+    )
 
 
-def _of_three(rule: JointNeighbours) -> frozenset[Deviation]:
+def _of_three(rule: JointNeighbours) -> frozenset[JointDeviation]:
     """Return what changes a joint with those before and behind it."""
-    changing = {Deviation(rule.joint), Deviation(rule.behind)}
+    changing = {JointDeviation(rule.joint), JointDeviation(rule.behind)}
     for joint in (rule.before, rule.joint, rule.behind):
-        changing.add(Deviation(joint, axis_only=True))
+        changing.add(JointDeviation(joint, axis_only=True))
     return frozenset(changing)
 
 
@@ -345,7 +347,7 @@ def _invariants(points: Array, directions: Array, i: int, k: int) -> tuple[float
 
 def _turned_alone(
     problem: FitProblem, i: int, k: int, target: tuple[float, float, float], *, turning: bool
-) -> frozenset[Deviation]:
+) -> frozenset[JointDeviation]:
     """Return the axes, one of which gives two lines the distance of their targets.
 
     An axis is turned about its point, whose distance from the other line stays: the distance of the lines can be any
@@ -357,7 +359,7 @@ def _turned_alone(
     axes = set()
     for joint, other in ((i, k), (k, i)):
         if not turning:
-            axes.add(Deviation(joint, axis_only=True))
+            axes.add(JointDeviation(joint, axis_only=True))
             continue
         between = problem.points[joint] - problem.points[other]
         largest = float(np.linalg.norm(np.cross(between, problem.directions[other])))
@@ -369,7 +371,7 @@ def _turned_alone(
         distance = abs(target[2])
         if distance > largest + limit or (parallel and distance < largest - limit):
             continue
-        axes.add(Deviation(joint, axis_only=True))
+        axes.add(JointDeviation(joint, axis_only=True))
     return frozenset(axes)
 
 

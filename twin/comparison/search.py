@@ -16,7 +16,7 @@ from twin.comparison.frames import gaps
 from twin.comparison.invariants import Contradiction, NeighbourLines, neighbour_lines
 from twin.comparison.line_gaps import FitSolution, lines_coincide
 from twin.comparison.smallest_deviations import NEAR, smallest_deviations, with_few_numbers, with_short_turns
-from twin.comparison.unknowns import Deviation, Unknowns, values_of
+from twin.comparison.unknowns import JointDeviation, Unknowns, values_of
 from twin.core.spatial import Array
 
 _FLIPS = 3
@@ -69,17 +69,17 @@ def _contradicts(stated: StatedEvidence, unknowns: Unknowns) -> bool:
     return any(evidence.weight > CONVENTION for evidence in violated)
 
 
-def _places(problem: FitProblem) -> list[Deviation]:
+def _places(problem: FitProblem) -> list[JointDeviation]:
     """Return the place of each joint."""
-    return [Deviation(joint) for joint in range(problem.count)]
+    return [JointDeviation(joint) for joint in range(problem.count)]
 
 
-def _places_and_axes(problem: FitProblem) -> list[Deviation]:
+def _places_and_axes(problem: FitProblem) -> list[JointDeviation]:
     """Return what may deviate: the place of each joint, and the axis alone of each joint that has one."""
     places = _places(problem)
     for i in problem.signed:
         if not problem.axes[i].closing:
-            places.append(Deviation(i, axis_only=True))
+            places.append(JointDeviation(i, axis_only=True))
     return places
 
 
@@ -107,7 +107,7 @@ def deviations(problem: FitProblem) -> list[FitSolution]:
     return _added_one_by_one(problem, neighbours)
 
 
-def _explains(deviating: Collection[Deviation], contradictions: Sequence[Contradiction]) -> bool:
+def _explains(deviating: Collection[JointDeviation], contradictions: Sequence[Contradiction]) -> bool:
     """Return whether a set of deviating joints may remove all contradictions."""
     return all(contradiction.is_explained(deviating) for contradiction in contradictions)
 
@@ -177,7 +177,7 @@ def _changed_numbers(solution: FitSolution) -> float:
 
 def _added_one_by_one(problem: FitProblem, neighbours: NeighbourLines) -> list[FitSolution]:
     """Return solutions whose deviating joints are added one by one, each that lowers the gap most."""
-    deviating = tuple(Deviation(joint) for joint in sorted(neighbours.different))
+    deviating = tuple(JointDeviation(joint) for joint in sorted(neighbours.different))
     signs = np.ones(problem.count)
     for candidate_signs in _sign_sets(problem):
         if neighbours.allows(candidate_signs, deviating):
@@ -202,7 +202,7 @@ def _added_one_by_one(problem: FitProblem, neighbours: NeighbourLines) -> list[F
     return []
 
 
-def _needed(problem: FitProblem, signs: Array, deviating: tuple[Deviation, ...]) -> tuple[Deviation, ...]:
+def _needed(problem: FitProblem, signs: Array, deviating: tuple[JointDeviation, ...]) -> tuple[JointDeviation, ...]:
     """Return the deviating joints without those that a later choice has made needless."""
     needed = list(deviating)
     for deviation in deviating:

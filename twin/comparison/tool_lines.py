@@ -15,13 +15,18 @@ from twin.comparison.fit_problem import FitProblem
 from twin.comparison.frames import carriers
 from twin.comparison.invariants import FOOT, SLACK, STEEP, common_normal
 from twin.comparison.side import ONE_COORDINATE, TURNING
-from twin.comparison.unknowns import Deviation
+from twin.comparison.unknowns import JointDeviation
 from twin.core import spatial
 from twin.core.spatial import Array
 
 
 def may_agree(
-    problem: FitProblem, joint: int, Ts_first: Array, Ts_second: Array, signs: Array, deviating: Collection[Deviation]
+    problem: FitProblem,
+    joint: int,
+    Ts_first: Array,
+    Ts_second: Array,
+    signs: Array,
+    deviating: Collection[JointDeviation],
 ) -> bool:
     """Return whether some base frame and zeros may make the frames of a link equal in both sides, and all lines.
 
@@ -51,12 +56,17 @@ def _same_link(problem: FitProblem, Ts_first: Array, Ts_second: Array) -> bool:
 
 
 def _on_line(
-    problem: FitProblem, joint: int, T_first: Array, T_second: Array, signs: Array, deviating: Collection[Deviation]
+    problem: FitProblem,
+    joint: int,
+    T_first: Array,
+    T_second: Array,
+    signs: Array,
+    deviating: Collection[JointDeviation],
 ) -> bool:
     """Return whether a frame may be equal in both sides, as seen from the line of its joint and the line before."""
     if problem.kinds[joint] not in ONE_COORDINATE or not problem.directed[joint]:
         return True
-    if Deviation(joint, axis_only=True) in deviating:
+    if JointDeviation(joint, axis_only=True) in deviating:
         return True
     p_first, d_first = _in_tool(T_first, problem.points[joint], signs[joint] * problem.directions[joint])
     p_second, d_second = _in_tool(T_second, problem.target_points[joint], problem.target_directions[joint])
@@ -84,13 +94,13 @@ def _feet_agree(
     tool_first: Array,
     tool_second: Array,
     sign: float,
-    deviating: Collection[Deviation],
+    deviating: Collection[JointDeviation],
 ) -> bool:
     """Return whether both tools are equally far along the line from the foot of the normal to the line before."""
     before = carriers(problem).get(problem.axes[joint].parent)
     if before is None or problem.kinds[before] not in TURNING:
         return True
-    if Deviation(joint) in deviating or Deviation(before, axis_only=True) in deviating:
+    if JointDeviation(joint) in deviating or JointDeviation(before, axis_only=True) in deviating:
         return True
     pair = (before, joint)
     first, sine = common_normal(problem.points, problem.directions, pair, joint, turning=True)

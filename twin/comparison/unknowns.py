@@ -17,7 +17,7 @@ _DEVIATION_VALUES = 6
 """Number of values of each deviation: the same, in the frame of the joint."""
 
 
-class Deviation(NamedTuple):
+class JointDeviation(NamedTuple):
     """What deviates at a joint: its place on its parent link, with all links behind it, or its axis alone.
 
     Attributes:
@@ -45,7 +45,7 @@ class Unknowns:
     signs: Array
     base: Array
     zeros: Array
-    deviating: tuple[Deviation, ...] = ()
+    deviating: tuple[JointDeviation, ...] = ()
     deviations: Array | None = None
 
     @property
@@ -90,7 +90,7 @@ def deviation_columns(joint_count: int, k: int) -> slice:
     return slice(start, start + _DEVIATION_VALUES)
 
 
-def free_values(joint_count: int, deviating: Sequence[Deviation]) -> Array:
+def free_values(joint_count: int, deviating: Sequence[JointDeviation]) -> Array:
     """Return which values (unknowns,) may change: all but the shifts of axes that are only turned."""
     free = np.ones(convention_count(joint_count) + _DEVIATION_VALUES * len(deviating), bool)
     for k, deviation in enumerate(deviating):

@@ -15,10 +15,10 @@ _RELATIVE = 1e-6
 """Relative difference of two numbers that only rounding explains: single precision keeps seven digits."""
 
 _OF_LARGEST = 1e-7
-"""Difference of two numbers that only rounding explains, as a fraction of the largest number of the same list."""
+"""FieldDifference of two numbers that only rounding explains, as a fraction of the largest number of the same list."""
 
 _SMALLEST = 1e-15
-"""Difference of two numbers that only rounding explains, in any unit: a sum that should be zero."""
+"""FieldDifference of two numbers that only rounding explains, in any unit: a sum that should be zero."""
 
 _CONTEXT = 20
 """Number of characters that are quoted before the first that differs."""
@@ -30,7 +30,7 @@ Pair = tuple[Entry | None, Entry | None]
 
 
 @dataclass(frozen=True)
-class Difference:
+class FieldDifference:
     """A place where a file differs from the reference.
 
     Attributes:
@@ -49,7 +49,9 @@ class Difference:
     entry: Entry | None = None
 
 
-def differences(reference: Entry, found: Entry, place: Sequence[str] = (), pattern: str = "") -> Iterator[Difference]:
+def differences(
+    reference: Entry, found: Entry, place: Sequence[str] = (), pattern: str = ""
+) -> Iterator[FieldDifference]:
     """Yield the differences of an entry of a file from that of the reference, and of all entries inside.
 
     Args:
@@ -63,14 +65,14 @@ def differences(reference: Entry, found: Entry, place: Sequence[str] = (), patte
         key_pattern = f"{pattern}@{key}"
         if key not in found.values:
             text = f"'{key}' is missing; in {_REFERENCE} it is {quoted(reference.values[key])}"
-            yield Difference("missing", where, key_pattern, text)
+            yield FieldDifference("missing", where, key_pattern, text)
         elif key not in reference.values:
             text = f"'{key}' is {quoted(found.values[key])}; {_REFERENCE} does not have it"
-            yield Difference("extra", where, key_pattern, text)
+            yield FieldDifference("extra", where, key_pattern, text)
         else:
             change = _change(reference.values[key], found.values[key])
             if change:
-                yield Difference("value", where, key_pattern, f"'{key}' {change}")
+                yield FieldDifference("value", where, key_pattern, f"'{key}' {change}")
     for kind in dict.fromkeys(entry.kind for entry in (*reference.entries, *found.entries)):
         expected_entries = [entry for entry in reference.entries if entry.kind == kind]
         found_entries = [entry for entry in found.entries if entry.kind == kind]
@@ -81,23 +83,23 @@ def differences(reference: Entry, found: Entry, place: Sequence[str] = (), patte
 
 def _of_kind(
     expected_entries: Sequence[Entry], found_entries: Sequence[Entry], place: Sequence[str], pattern: str
-) -> Iterator[Difference]:
+) -> Iterator[FieldDifference]:
     """Yield the differences of the entries of one kind in the same place."""
     where = ", ".join(place)
     for expected, found in _matched(expected_entries, found_entries):
         if found is None and expected is not None:
-            yield Difference(
+            yield FieldDifference(
                 "missing", where, pattern, f"{expected.label} is missing, which {_REFERENCE} has", expected
             )
         elif expected is None and found is not None:
-            yield Difference("extra", where, pattern, f"{found.label} is not in {_REFERENCE}", found)
+            yield FieldDifference("extra", where, pattern, f"{found.label} is not in {_REFERENCE}", found)
         elif expected is not None and found is not None:
             yield from differences(expected, found, (*place, found.label), pattern)
 
 
 def _order(
     expected_entries: Sequence[Entry], found_entries: Sequence[Entry], where: str, pattern: str
-) -> Iterator[Difference]:
+) -> Iterator[FieldDifference]:
     """Yield a difference if the named entries that both have are in another order."""
     found_names = {entry.name for entry in found_entries}
     expected_names = [entry.name for entry in expected_entries if entry.name and entry.name in found_names]
@@ -106,7 +108,7 @@ def _order(
     for expected_name, entry in zip(expected_names, own_order, strict=True):
         if entry.name != expected_name:
             text = f"{entry.label} stands where {_REFERENCE} has '{expected_name}'"
-            yield Difference("order", where, pattern, text)
+            yield FieldDifference("order", where, pattern, text)
             return
 
 

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from twin.core import format
-from twin.exchange.audit.reference_export.difference import Difference, differences
+from twin.exchange.audit.reference_export.difference import FieldDifference, differences
 from twin.exchange.audit.reference_export.entries import Entry
 from twin.exchange.audit.reference_export.gltf_entries import read_gltf_entries
 from twin.exchange.audit.reference_export.json_entries import read_json
@@ -130,7 +130,7 @@ def _missing_files(path: Path, reference: Path) -> list[str]:
     return missing
 
 
-def _differences_of_files(reference_file: Path, file: Path, ledger: Ledger) -> list[Difference]:
+def _differences_of_files(reference_file: Path, file: Path, ledger: Ledger) -> list[FieldDifference]:
     """Return the differences of a file; none, but a note in the ledger, if it is not structured as twin writes it."""
     read = READERS.get(file.suffix.lower(), read_bytes)
     reference = read(reference_file)
@@ -152,7 +152,7 @@ def _differences_of_files(reference_file: Path, file: Path, ledger: Ledger) -> l
     return found
 
 
-def _is_structured_otherwise(read: Callable[[Path], Entry], reference: Entry, found: Sequence[Difference]) -> bool:
+def _is_structured_otherwise(read: Callable[[Path], Entry], reference: Entry, found: Sequence[FieldDifference]) -> bool:
     """Return whether a file with these differences was written anew by another program, or has other names."""
     if read is read_lines:
         return False  # no program saves a text again
