@@ -187,7 +187,7 @@ def test_a_validator_that_is_deaf_misses(bench, monkeypatch):
         "twin.validation.trajectory_checks.retimed", lambda *_: ([], {}, [])
     )  # the second solver of the timing
     monkeypatch.setattr("twin.analysis.mutation.bench.PARTS", frozenset(("protocol", "equations")))
-    monkeypatch.setattr(Bench, "_part_findings", lambda self, fault, *_: iter([self._new(_thin(self, fault))]))
+    monkeypatch.setattr(Bench, "_part_findings", lambda self, fault, *_: iter([self._new_finding(_thin(self, fault))]))
     assert bench.outcome(slow).state == "missed"
 
 

@@ -374,6 +374,14 @@ def test_an_untouched_export_is_equal_to_a_new_one(hibou, robot):
     assert int(check.file.split()[0]) > 100
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("to", "protocols"), [("glb,urdf", ()), ("tracks,usdz", None), ("mjcf", ["cavity"])])
+def test_an_untouched_export_of_some_formats_is_equal_to_a_new_one(to, protocols, tmp_path):
+    twin.export("hibou", to=to, out=tmp_path / "export", protocols=protocols)
+    for robot in (None, "hibou"):
+        assert not of_fields(twin.audit(tmp_path / "export", robot))
+
+
 SEEDS = {
     "hibou.urdf": ('<material name="', '<material name="x', "material 'x"),
     "hibou.xml": ('iterations="100"', 'iterations="10"', "option"),

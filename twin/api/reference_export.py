@@ -87,6 +87,9 @@ class ReferenceExport:
             if counts is not None and len(clip.times) not in counts:
                 return None  # it was made with another budget of errors, and so with other keys
         write_files(ordered, self.folder, self._formats(), self.progress)
+        if not statement.key_counts:
+            # README.txt lists the motions of the export, of which the other files say nothing
+            (self.folder / README).unlink()
         return self.folder
 
     def _formats(self) -> list[str]:
@@ -96,7 +99,9 @@ class ReferenceExport:
         if (self.path / SCENE).is_file():
             folders = [file.parent for file in self.path.glob(f"*/{README}")]
         for folder in folders:
-            audited.update(find_files(folder).files)
+            for name, files in find_files(folder).files.items():
+                if files:
+                    audited.add(name)
         return [format.name for format in export_formats() if format.name in audited]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import copy
 import dataclasses
 import hashlib
 import inspect
@@ -153,4 +154,7 @@ def with_formula(robot: Robot, path: Path) -> Robot:
     assert robot.files is not None
     formula = load_formula(path, robot.name, lambda: robot.mechanism.driven, trial=True)
     files = dataclasses.replace(robot.files, formula=path)
-    return dataclasses.replace(robot, files=files, equations=formula)
+    # A copy keeps the CAD that was read: only the equations are others.
+    source = copy.copy(robot.source)
+    source.files = files
+    return dataclasses.replace(robot, source=source, given_formula=formula)
