@@ -392,6 +392,11 @@ def test_new_trocars_keep_a_changed_design_and_forget_the_last_request():
     assert now == [pytest.approx(length)]
 
 
+def test_texts_in_the_readout_are_escaped_and_no_phases_are_an_empty_bar(sils):
+    assert "a &lt; b" in readout.table(read(sils), "a < b")
+    assert "<span" not in readout.phases([], "")
+
+
 def test_a_coordinate_that_rounds_to_zero_has_no_sign_and_a_small_one_keeps_its_sign():
     shown = [readout._number("x", value, unit) for value in (-0.0005, -0.00004, -0.0) for unit in ("°", "mm")]
     texts = [text.rpartition("</span> ")[2].removesuffix("</span>") for text in shown]

@@ -60,7 +60,7 @@ def table(reading: RobotReading, variants: str = "") -> str:
     numbers = "".join(_number(*coordinate) for coordinate in reading.coordinates)
     rows = [f"<div style='{_GRID};grid-template-rows:repeat({half},auto)'>{numbers}</div>"]
     if variants:
-        rows.append(_line("equations", variants))
+        rows.append(_line("equations", escape(variants)))
     if reading.residual is not None:
         text, color = _agreement(reading, reading.residual)
         rows.append(_line("formula ↔ mechanism", text, color))
@@ -122,7 +122,7 @@ def _nearest_limit(limits: Sequence[JointReading]) -> str | None:
 def _agreement(reading: RobotReading, residual: EquationDeviation) -> tuple[str, str]:
     """Return (HTML text, colour) on the agreement of equations and mechanism."""
     if reading.agrees and not reading.comparable:
-        return reading.incomparable, _WARN
+        return escape(reading.incomparable), _WARN
     text = "DISAGREE"
     color = _BAD
     if reading.agrees:
@@ -166,7 +166,7 @@ _GRID = (
 
 def phases(spans: Sequence[tuple[str, float, float]], now: str) -> str:
     """Return the phases as an HTML bar with segments proportional to their durations; the segment `now` is filled."""
-    total = spans[-1][2] or 1.0
+    total = (spans[-1][2] if spans else 0.0) or 1.0
     cells = ""
     for name, t0, t1 in spans:
         share = 100 * (t1 - t0) / total
