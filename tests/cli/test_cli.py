@@ -458,6 +458,7 @@ def test_doctor_names_what_is_missing(run, monkeypatch):
     assert text.code == 2
     assert re.search(r"toppra +MISSING +needed", text.out)
     assert "missing: toppra. Reinstall twin" in text.out
+    assert "NOT READY: 1 required package is missing" in text.out
     assert run("doctor", "--json").json["missing"] == ["toppra"]
 
 

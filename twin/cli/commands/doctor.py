@@ -104,7 +104,10 @@ def run(args: argparse.Namespace) -> int:
 def _verdict(missing: list[str], rows: list[tuple[str, str, str]]) -> str:
     """Return one line: whether twin can work, and what is limited."""
     if missing:
-        return f"  NOT READY: {len(missing)} required packages are missing"
+        from twin.core.format import count
+
+        verb = "is" if len(missing) == 1 else "are"
+        return f"  NOT READY: {count(len(missing), 'required package')} {verb} missing"
     limits = []
     absent_count = 0
     for _, state, purpose in rows:

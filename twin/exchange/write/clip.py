@@ -359,12 +359,11 @@ def quaternions_xyzw(Ts: Array) -> Array:
 
 
 def slerp(first: Array, second: Array, share: Array) -> Array:
-    """Return quaternions (k, 4), interpolated spherically from a (k, 4) to b (k, 4) at fractions `share` (k,), 0..1."""
-    cosine = np.clip(np.sum(first * second, axis=1), -1.0, 1.0)
+    """Return quaternions (k, 4), interpolated spherically from `first` to `second` (k, 4) at fractions `share` (k,)."""
     # An arc tangent of the chord is accurate for small rotations between keys; an arc cosine is not.
     angle = 2 * np.arctan2(np.linalg.norm(second - first, axis=1), np.linalg.norm(second + first, axis=1))
     sine = np.sin(angle)
-    is_small = (sine < 1e-9) | (np.abs(cosine) > 1 - 1e-18)
+    is_small = sine < 1e-9
     safe = np.where(is_small, 1.0, sine)
     x = np.where(is_small, 1 - share, np.sin((1 - share) * angle) / safe)
     y = np.where(is_small, share, np.sin(share * angle) / safe)
@@ -372,7 +371,7 @@ def slerp(first: Array, second: Array, share: Array) -> Array:
 
 
 def nlerp(first: Array, second: Array, share: Array) -> Array:
-    """Return unit quaternions (k, 4), interpolated by components from a to b (k, 4) at fractions `share` (k,), 0..1."""
+    """Return unit quaternions (k, 4), interpolated by components from `first` to `second` at fractions `share` (k,)."""
     q = first + share[:, None] * (second - first)
     return q / np.linalg.norm(q, axis=1, keepdims=True)
 

@@ -17,6 +17,8 @@ from twin.planning.protocol.phases.positioning import Positioning
 def avoiding(protocol: Protocol, scene: str = "", clearance: float = 0.005, seed: int = 0) -> Protocol:
     """Return the protocol with `free` phases instead of `joints`, `positioning` and `home` phases; waypoints are kept.
 
+    Phases of the type `free` keep their clearance and seed; their scene is `scene`, if it is given.
+
     Args:
         protocol: the protocol.
         scene: name or path of a scene with the robot; "": only the robot's own bodies are avoided.
@@ -25,7 +27,7 @@ def avoiding(protocol: Protocol, scene: str = "", clearance: float = 0.005, seed
 
     Raises:
         ProtocolError: the clearance is not a positive number, the seed is negative, or the protocol has no phase of
-            these three types.
+            these three types and none of the type `free`.
     """
     if not 0 < clearance < float("inf"):
         raise ProtocolError(
