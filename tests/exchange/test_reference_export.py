@@ -276,6 +276,13 @@ def test_a_change_in_text_is_named(name, text, new, words, tmp_path):
     assert of_all.checks[0].verdict == "disagree"
 
 
+@pytest.mark.parametrize(("rpy", "count"), [("-3.14159265 -0 0", 0), ("0 3.14159265 3.14159265", 0), ("3 0 0", 1)])
+def test_other_angles_of_the_same_rotation_are_no_difference(rpy, count, tmp_path):
+    for name, angles in (("r", "3.14159265 0 0"), ("s", rpy)):
+        (tmp_path / f"{name}.urdf").write_text(f"<robot><origin rpy='{angles}'/></robot>")
+    assert len(told(tmp_path / "r.urdf", tmp_path / "s.urdf")) == count
+
+
 @pytest.mark.parametrize(
     ("root", "expected"), [("robot", []), ("mujoco", ["joint 'b' stands where a new export has 'a'"])]
 )

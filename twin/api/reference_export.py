@@ -98,6 +98,13 @@ class ReferenceExport:
         folders = [self.path]
         if (self.path / SCENE).is_file():
             folders = [file.parent for file in self.path.glob(f"*/{README}")]
+            # A robot without motion has no tracks, but the README.txt of its scene names the format.
+            readme = self.path / README
+            if readme.is_file():
+                text = readme.read_text("utf-8", errors="replace")
+                named = re.search(r"^Formats: ([\w, ]+)\.", text, re.MULTILINE)
+                if named is not None:
+                    audited.update(named[1].split(", "))
         for folder in folders:
             for name, files in find_files(folder).files.items():
                 if files:

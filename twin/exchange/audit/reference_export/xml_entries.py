@@ -7,6 +7,7 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from twin.exchange.audit.reference_export.entries import Entry, numbered
 from twin.exchange.audit.xml_root import parse_xml
@@ -33,6 +34,8 @@ def _entry(element: ET.Element, folder: Path, is_ordered: bool) -> Entry:
     for key, value in element.attrib.items():
         if key == "filename":
             entry.values[key] = _relative(value, folder)
+        elif key == "rpy":
+            entry.values["rotation (x y z w)"] = _rotation(value)
         elif key != "name":
             entry.values[key] = _plain(value)
     text = " ".join((element.text or "").split())
@@ -54,6 +57,16 @@ def _relative(name: str, folder: Path) -> str:
     if file.is_absolute() and file.is_relative_to(folder):
         return file.relative_to(folder).as_posix()
     return name
+
+
+def _rotation(text: str) -> Any:
+    """Return the quaternion of roll, pitch and yaw, which other angles can state too; the text if it is not three."""
+    angles = _plain(text)
+    if not isinstance(angles, np.ndarray) or angles.shape != (3,):
+        return text
+    quaternion = Rotation.from_euler("xyz", angles).as_quat()
+    # q and -q are the same rotation
+    return quaternion * np.sign(quaternion[np.argmax(np.abs(quaternion))])
 
 
 def _plain(text: str) -> Any:
