@@ -72,7 +72,7 @@ def test_doctor_ends_with_one_verdict_and_names_ports_and_graphics(capsys, monke
     assert "port 0" in table
     monkeypatch.setattr(doctor, "_installed", lambda name: None if name == "pin" else "1")
     assert main(["doctor"]) == 2
-    assert capsys.readouterr().out.rstrip().splitlines()[-1] == "  NOT READY: 1 required packages are missing"
+    assert capsys.readouterr().out.rstrip().splitlines()[-1] == "  NOT READY: 1 required package is missing"
 
 
 @pytest.mark.parametrize(("said", "found"), [("SwiftShader", "software"), ("", "-"), ("NVIDIA RTX", "yes")])
