@@ -23,9 +23,6 @@ RECORD = Path(__file__).with_name("recorded.json")
 FALL = 0.4
 """How far a ratio (of shortest times, see `Row.best`) may fall below its recorded value."""
 
-FALL_ELSEWHERE = 0.6
-"""The same on a processor other than that of the record: its vectors and caches favour one way or the other."""
-
 PACKAGES = (
     *("numpy", "casadi", "llvmlite", "pin", "mujoco", "scipy", "toppra", "drake", "numba", "mink", "pin-pink", "daqp"),
     *("roboticstoolbox-python", "pybullet", "eaik", "ssik"),
@@ -238,25 +235,32 @@ def watched(results: Results) -> dict[str, Row]:
     return {f"{topic}/{t.name}/{r.name}": r for topic, t in tables for r in t.rows[1:] if r.watched}
 
 
+def record_of_this_processor() -> Path:
+    """Return the record of this processor, whose vectors and caches favour one way or another; else the first one."""
+    own = RECORD.with_name(f"recorded-{here()['processor'].replace(' ', '-')}.json")
+    return own if own.exists() else RECORD
+
+
 def record(results: Results, where: Mapping[str, Any], short: bool) -> None:
     """Keep the ratios of a run; those of topics that did not run stay."""
-    data = json.loads(RECORD.read_text()) if RECORD.exists() else {}
+    file = record_of_this_processor()
+    data = json.loads(file.read_text()) if file.exists() else {}
     form = "short" if short else "full"
     kept = {k: v for k, v in data.get(form, {}).get("ratios", {}).items() if k.split("/")[0] not in results}
     kept |= {key: float(f"{row.best:.3g}") for key, row in watched(results).items()}
     data[form] = {"where": where, "ratios": dict(sorted(kept.items()))}
-    RECORD.write_text(json.dumps(data, indent=1, sort_keys=True, ensure_ascii=False) + "\n")
+    file.write_text(json.dumps(data, indent=1, sort_keys=True, ensure_ascii=False) + "\n")
 
 
 def fallen(results: Results, short: bool) -> dict[str, list[str]]:
     """Return by topic what is worse than the record allows, or less exact than it must be."""
-    data = json.loads(RECORD.read_text())["short" if short else "full"]
+    form = "short" if short else "full"
+    data = json.loads(RECORD.read_text())[form] | json.loads(record_of_this_processor().read_text()).get(form, {})
     out: dict[str, list[str]] = {}
-    fall = FALL if data["where"]["processor"] == here()["processor"] else FALL_ELSEWHERE
     for key, row in watched(results).items():
         before = data["ratios"].get(key)
-        if before is not None and not row.best >= (1 - fall) * before:
-            text = f"{key}: ratio {row.best:.3g}, more than {100 * fall:.0f} % below the recorded {before:.3g} of an "
+        if before is not None and not row.best >= (1 - FALL) * before:
+            text = f"{key}: ratio {row.best:.3g}, more than 40 % below the recorded {before:.3g} of an "
             out.setdefault(key.split("/")[0], []).append(text + data["where"]["processor"])
     for topic, tables in results.items():
         for t in (t for t in tables if not t.exact):
